@@ -591,6 +591,86 @@ def test_row_that_does_not_exist_is_a_clear_error(tmp_path):
             sp.screenshot(motion, tmp_path / "a.png", row=row)
 
 
+# ---------------------------------------------------------------- dragging
+
+
+def eye_at(point: np.ndarray) -> dict[str, list[float]]:
+    """A line of sight through a point of the world."""
+    origin = point + np.array([0.4, -3.0, 0.7])
+    return {"origin": list(origin), "direction": list(point - origin)}
+
+
+def dragged_to(viewer: Viewer, joint: str, point: np.ndarray, goal: np.ndarray) -> dict:
+    question = {"joint": f"/mechanism/{joint}", "point": list(point), **eye_at(goal)}
+    return Page(viewer).ask("drag", **question)
+
+
+@pytest.mark.parametrize(("name", "joint"), [("rssr", "rocker_pin"), ("rssr", "crank_pin"),
+                                             ("four_bar", "crank_pin"), ("slider_crank", "slide")])
+def test_a_link_that_is_dragged_takes_its_driver_along(name, joint):
+    mechanism = sp.load(name)
+    (driver,) = mechanism.drivers
+    motion = sp.sweep(mechanism, driver, np.linspace(0.4, 0.9, 26))
+    j, point = mechanism.joint_id(joint), np.array([0.03, 0.02, 0.01])
+    places = [motion.state(k).data.oMi[j].act(point) for k in range(len(motion))]
+    with live(mechanism, motion.state(0), open_browser=False) as viewer:
+        for goal in places:
+            answer = dragged_to(viewer, joint, point, goal)
+        assert answer["values"][driver] == pytest.approx(np.rad2deg(0.9), abs=1e-4)
+
+
+def test_a_link_at_its_dead_centre_can_be_dragged_away():
+    mechanism = sp.load("rssr")
+    j, point = mechanism.joint_id("rocker_pin"), np.array([0.1, 0.1, 0.0])
+    motion = sp.sweep(mechanism, "crank", np.linspace(0.0, 0.6, 31))
+    dead = sp.dead_centres(sp.sweep(mechanism, "crank", np.linspace(-0.5, 0.5, 61)))
+    start = sp.assemble(mechanism, {"crank": dead[0].value}, motion.state(0))
+    goal = motion.state(30).data.oMi[j].act(point)
+    with live(mechanism, start, open_browser=False) as viewer:
+        before = Page(viewer).ask("ranges")["values"]["crank"]
+        answer = dragged_to(viewer, "rocker_pin", point, goal)
+        assert abs(answer["values"]["crank"] - before) > 10.0
+
+
+def test_several_drivers_bring_a_dragged_link_where_it_is_wanted():
+    mechanism = sp.load("stewart")
+    state = sp.assemble(mechanism)
+    j, point = state.mechanism.model.njoints - 1, np.zeros(3)
+    goal = state.data.oMi[j].act(point) + np.array([0.02, 0.0, 0.03])
+    with live(mechanism, state, open_browser=False) as viewer:
+        dragged_to(viewer, state.mechanism.model.names[j], point, goal)
+        poses = dict(Page(viewer).ask("ranges")["poses"])
+    at, eye = np.array(poses[f"/mechanism/{mechanism.model.names[j]}"][:3]), eye_at(goal)
+    way = np.array(eye["direction"]) / np.linalg.norm(eye["direction"])
+    assert np.linalg.norm(np.cross(at - eye["origin"], way)) < 1e-6
+
+
+def test_a_dragged_link_stops_at_joint_limits_which_have_marks_of_their_own(tmp_path):
+    mechanism = limited_slider(tmp_path)
+    j = mechanism.joint_id("slide")
+    with live(mechanism, open_browser=False) as viewer:
+        at = sp.assemble(mechanism).data.oMi[j].translation
+        for way in np.linspace(0.0, 0.2, 21):
+            answer = dragged_to(viewer, "slide", np.zeros(3), at + way * np.array([1.0, 0.0, 0.0]))
+        assert "beyond limits" not in " ".join(answer["says"])
+        x = dict(answer["poses"])["/mechanism/slide"][0]
+        assert x == pytest.approx(0.38, abs=1e-6)
+        marks = Page(viewer).ask("ranges")["ranges"]["crank"]["marks"]
+        assert [mark["kind"] for mark in marks] == ["joint limit"] * 2
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    ({"joint": "/mechanism/nothing"}, "none that moves"),
+    ({"point": [0.0, 0.0]}, "point has shape"),
+    ({"origin": [0.0, "a", 0.0]}, "origin"),
+    ({"direction": [0.0, 0.0, 0.0]}, "no length"),
+])
+def test_wrong_drag_is_answered_with_what_is_wrong(rssr, change, words):
+    question = {"joint": "/mechanism/crank_pin", "point": [0.0, 0.0, 0.0],
+                "origin": [0.0, -1.0, 0.0], "direction": [0.0, 1.0, 0.0], **change}
+    assert words in Page(rssr).ask("drag", **question)["error"]
+
+
 # ---------------------------------------------------------------- in a browser
 
 READY = "typeof said === 'object' && said.length > 0 && !asking && !viewer.needs_render"
@@ -655,6 +735,18 @@ def picture(browser: Browser) -> np.ndarray:
     return pixels(browser.screenshot())[:height]
 
 
+def where(browser: Browser, link: str) -> tuple[float, float]:
+    """A place of the picture at which a link is seen, away from its edges."""
+    return tuple(browser.evaluate(f"""(() => {{
+      viewer.render();
+      const named = hit => hit && hit.object.userData.solid.name === {link!r};
+      for (let y = 60; y < pane.clientHeight - 40; y += 5)
+        for (let x = 30; x < innerWidth - 120; x += 5)
+          if ([-4, 0, 4].every(d => named(hitAt(x + d, y)) && named(hitAt(x, y + d))))
+            return [x, y];
+    }})()"""))
+
+
 class TestBrowser:
     pytestmark = needs_browser
 
@@ -707,6 +799,64 @@ class TestBrowser:
             browser.wait_until("!asking")
             typed(browser, "10")
             assert "crank = 10.00°" in words(browser) and "beyond limits: slide" in words(browser)
+
+    def test_a_link_follows_the_pointer_and_the_camera_stands_still(self, browser, rssr):
+        browser.open(rssr.url, READY)
+        typed(browser, "40")
+        x, y = where(browser, "crank")
+        browser.call("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
+        assert browser.evaluate("pane.style.cursor") == "grab"
+        browser.evaluate(f"held = pickOf(hitAt({x}, {y})); 1")
+        typed(browser, "70")
+        browser.evaluate("viewer.render(); 1")
+        goal = browser.evaluate("onScreen(inWorld(held))")  # of what was under the pointer at 40
+        typed(browser, "40")
+        camera = browser.evaluate("viewer.camera.position.toArray()")
+        press(browser, "mousePressed", x, y)
+        for place in np.linspace((x, y), goal, 9)[1:]:
+            press(browser, "mouseMoved", *map(float, place))
+            browser.wait_until(READY)
+        press(browser, "mouseReleased", *goal)
+        browser.wait_until(READY)
+        assert browser.evaluate("dials[0].value") == pytest.approx(70.0, abs=1.0)
+        assert browser.evaluate("viewer.camera.position.toArray()") == pytest.approx(camera)
+        assert browser.evaluate("Number(dials[0].number.value)") == pytest.approx(
+            browser.evaluate("dials[0].value"), abs=0.01)
+
+    def test_dragging_the_ground_turns_the_camera(self, browser, rssr):
+        browser.open(rssr.url, READY)
+        value, camera = (browser.evaluate(s) for s in
+                         ("dials[0].value", "viewer.camera.position.toArray()"))
+        x, y = where(browser, "ground")
+        for kind, way in (("mousePressed", 0), ("mouseMoved", 30), ("mouseReleased", 30)):
+            press(browser, kind, x + way, y)
+        browser.wait_until(READY)
+        assert browser.evaluate("viewer.camera.position.toArray()") != pytest.approx(camera)
+        assert browser.evaluate("dials[0].value") == value
+
+    def test_camera_goes_back_where_the_mechanism_leaves_the_picture(self, browser):
+        with opened("slider_crank") as viewer:
+            browser.open(viewer.url, READY)
+            away = "viewer.camera.position.clone().sub(viewer.controls.target).length()"
+            browser.evaluate("viewer.camera.position.multiplyScalar(0.3); 1")
+            near = browser.evaluate(away)
+            typed(browser, "30")
+            assert browser.evaluate(away) > 1.2 * near
+            browser.evaluate("moved = true; viewer.camera.position.multiplyScalar(0.3); 1")
+            near = browser.evaluate(away)
+            typed(browser, "60")
+            assert browser.evaluate(away) == pytest.approx(near)
+            browser.evaluate("view('fit'); 1")
+            assert browser.evaluate(away) > 1.2 * near
+
+    def test_joint_limits_are_marked_in_another_way_than_limit_positions(self, browser, tmp_path):
+        with live(limited_slider(tmp_path), open_browser=False) as viewer:
+            browser.open(viewer.url, READY)
+            marks = "[...dials[0].track.querySelectorAll('b')].map(b => b.className)"
+            assert browser.evaluate(marks) == ["joint-limit", "joint-limit"]
+            browser.evaluate("keep.click(); 1")
+            browser.wait_until("!asking")
+            assert browser.evaluate(marks) == []
 
     def test_error_and_lost_server_are_told(self, browser):
         viewer = opened("rssr")

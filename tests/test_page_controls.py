@@ -350,7 +350,7 @@ def without_webgl(one_browser):
 
 def shot(browser: Browser) -> np.ndarray:
     browser.evaluate("document.body.classList.add('bare'); go(1); 1")
-    browser.wait_until("!viewer.needs_render && !document.getElementById('player').checkVisibility()")
+    browser.wait_until("!viewer.needs_render")
     return pixels(browser.screenshot())[150:]  # below what is written
 
 

@@ -115,7 +115,16 @@ class Drive:
 
     def value(self, name: str) -> float:
         """Return where a driver is [rad or m]."""
-        return float(self.state.q[self._coordinates[name].q])
+        return self.values(self.state)[name]
+
+    def values(self, state: State) -> dict[str, float]:
+        """Return where the drivers of a state are [rad or m]."""
+        return {name: float(state.q[c.q]) for name, c in self._coordinates.items()}
+
+    def others(self) -> list[str]:
+        """Return the coordinates that are held and not moved."""
+        moved = {c.name for c in self._coordinates.values()}
+        return [c.name for c in self._driven if c.name not in moved]
 
     def held(self) -> dict[str, float]:
         """Return the values of all coordinates that are held, those that are moved too."""

@@ -16,17 +16,19 @@ from importlib.resources import files
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State, of_mechanism
-from spatial_pin.checks import checked, names_of
+from spatial_pin.checks import checked, finite_array, names_of
 from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.mobility.modes import assembly_modes
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.view.page.dragging import Grip, pulled
 from spatial_pin.view.page.drive import STOPS, Drive, Reach, Stop
-from spatial_pin.view.page.html import filled, page, parts_of
+from spatial_pin.view.page.html import filled, page, parts_of, script_of
 from spatial_pin.view.page.server import Service, Viewer, open_in_browser
 from spatial_pin.view.scene.film import Film, as_motion, length_words, reading, unit_of_length
 
@@ -88,6 +90,7 @@ class Desk:
     Attributes:
         drive: the mechanism.
         dials: of its drivers.
+        paths: of the joints in the picture, and their numbers.
     """
 
     def __init__(self, drive: Drive, outputs: tuple[str, ...]) -> None:
@@ -100,6 +103,7 @@ class Desk:
         reaches = self.reaches()
         self.dials = {name: _dial(drive, name, reach) for name, reach in reaches.items()}
         self.film = _film(drive, reaches)
+        self.paths = _paths_of_joints(drive.mechanism.model)
         self.says()
 
     def reaches(self) -> dict[str, Reach]:
@@ -129,7 +133,7 @@ class Desk:
         model = self.drive.mechanism.model
         joints = joint_poses(model, self.drive.state.q[None])
         found = list(zip(joint_paths(model)[1:], joints[0, 1:].tolist(), strict=True))
-        return found + [(path, _numbers(track)) for path, track in _springs(self.film, joints)]
+        return found + [(path, _numbers(track)) for path, track in _rods(self.film, joints)]
 
     def values(self) -> dict[str, float]:
         """Return the driver values, each in its dial's unit."""
@@ -159,11 +163,7 @@ class Desk:
             raise UnknownNameError("driver", str(name), self.dials)
         if not isinstance(value, (int, float)):
             raise ValueError(f"{name}: {value!r} is not a number")
-        stop = self.drive.move(dial.name, value * dial.size)
-        if stop is None:
-            return {}
-        said = {"kind": stop.kind, "value": stop.value / dial.size, "text": dial.stop(stop)}
-        return {"stop": said}
+        return _stopped(dial, self.drive.move(dial.name, value * dial.size))
 
     def ranges(self, question: Mapping[str, Any]) -> Answer:
         """Tell how far every slider goes."""
@@ -207,6 +207,37 @@ class Desk:
         return self._modes[1]
 
 
+def _stopped(dial: Dial, stop: Stop | None) -> Answer:
+    """Return what is told of what is in the way."""
+    if stop is None:
+        return {}
+    said = {"kind": stop.kind, "value": stop.value / dial.size, "text": dial.stop(stop)}
+    return {"stop": said}
+
+
+def drag(desk: Desk, question: Mapping[str, Any]) -> Answer:
+    """Move the drivers so that a point of a link comes nearest to the pointer.
+
+    They are moved on their branch, one after the other, and as far as each goes.
+    """
+    joint = desk.paths.get(str(question.get("joint")))
+    if joint is None:
+        raise ValueError(f"joint: {question.get('joint')!r} is none that moves")
+    vectors = [finite_array(question.get(name), (3,), name)
+               for name in ("point", "origin", "direction")]
+    length = float(np.linalg.norm(vectors[2]))
+    if length == 0.0:
+        raise ValueError("direction: it has no length")
+    point, origin, direction = vectors[0], vectors[1], vectors[2] / length
+    grip = Grip(name="grip", weight=1.0, joint=joint, point=point, origin=origin,
+                direction=direction)
+    said: Answer = {}
+    for name, value in pulled(desk.drive, grip).items():
+        if value != desk.drive.value(name):
+            said = _stopped(desk.dials[name], desk.drive.move(name, value)) or said
+    return said
+
+
 def _words(motion: Motion, name: str) -> str:
     """Return an output of a motion of one sample."""
     value, label, unit = motion.output(name)
@@ -219,6 +250,12 @@ def _words(motion: Motion, name: str) -> str:
     return f"{label} = ({numbers}) {word}"
 
 
+def _paths_of_joints(model: pin.Model) -> dict[str, int]:
+    from spatial_pin.view.scene.meshcat_commands import joint_paths
+
+    return {path: j for j, path in enumerate(joint_paths(model)) if j}
+
+
 def _numbers(track: Track) -> list[float]:
     scales = [] if track.scales is None else track.scales[0].tolist()
     return [*track.poses[0].tolist(), *scales]
@@ -229,7 +266,8 @@ def _range(dial: Dial, reach: Reach) -> Answer:
     lower, upper = (end / dial.size for end in reach.ends)
     room = BEYOND_LIMIT * max(upper - lower, 1e-9)
     ends = lower - room * (reach.stops[0] is not None), upper + room * (reach.stops[1] is not None)
-    marks = [{"at": s.value / dial.size, "text": dial.stop(s)} for s in reach.stops if s]
+    marks = [{"at": s.value / dial.size, "text": dial.stop(s), "kind": s.kind}
+             for s in reach.stops if s]
     return {"ends": ends, "marks": marks}
 
 
@@ -257,14 +295,23 @@ def _film(drive: Drive, reaches: Mapping[str, Reach]) -> Film:
     return Film(drive.mechanism, q, still, (), 0.0, (), motion, np.arange(n))
 
 
-def _springs(film: Film, joints: Array) -> list[tuple[str, Track]]:
-    """Return the meshcat path and track of every spring at joint poses (1, n_joints, 7)."""
+def _rods(film: Film, joints: Array) -> list[tuple[str, Track]]:
+    """Return the meshcat path and track of every spring, and of every distance that is held.
+
+    Args:
+        film: of the mechanism.
+        joints: poses of its joints, shape (1, n_joints, 7).
+    """
+    from spatial_pin.view.scene.layers.glyphs import glyphs
     from spatial_pin.view.scene.layers.springs import springs
     from spatial_pin.view.scene.meshcat_commands import item_path, upright
     from spatial_pin.view.scene.stage import Stage
 
     model = film.mechanism.model
-    items = springs(Stage(film, (), joints, upright(model), 1.0)).items
+    stage = Stage(film, (), joints, upright(model), 1.0)
+    items = springs(stage).items
+    if any(closure.type == "distance" for closure in film.mechanism.closures):
+        items += glyphs(stage, through=True).items
     return [(item_path(item, model), item.track) for item in items if item.track is not None]
 
 
@@ -295,15 +342,17 @@ def _page(desk: Desk, token: str, title: str | None, look: Look | None) -> str:
         "modes": bool(desk.drive.mechanism.closures),
         "limits": bool(joint_limits(desk.drive.mechanism)),
         "keeps": desk.drive.keeps_limits,
+        "joints": list(desk.paths),
     }
     data = json.dumps(told, ensure_ascii=False).replace("<", "\\u003c")
     panel = files("spatial_pin.view.page").joinpath("live.html").read_text("utf-8")
+    told_in = {"LIVE": data, "SCRIPT": script_of(["live", "drag"])}
     grid = html.escape(f"ground grid {length_words(drawn.framing.cell)}")
     return filled({
         **parts,
         "NOTES": f"<small>{grid}</small>",
         "CONNECT": "'self'",
-        "EXTRA": re.sub("@LIVE@", lambda _: data, panel),
+        "EXTRA": re.sub("@([A-Z]+)@", lambda found: told_in[found[1]], panel),
     })
 
 
@@ -324,7 +373,8 @@ def live(
 
     The mechanism follows its branch and never leaves it; where branches cross it goes straight on.
     Where a driver cannot go on (a limit, a singular configuration, a joint limit of any joint) the
-    slider stops and the page says so; a switch lets joints pass their limits. The page needs this
+    slider stops and the page says so; a switch lets joints pass their limits. A link that is
+    dragged follows the pointer as far as the drivers can take it. The page needs this
     process: `live(mechanism).wait()` keeps it until Ctrl-C. Only this
     machine, and only the page itself, is answered.
 
@@ -371,11 +421,12 @@ def live(
 
 
 # To let the page ask for something new: a method of Desk from the question to what its answer holds
-# besides poses, values and readings, its line here, and the place in live.html that asks.
+# besides poses, values and readings, its line here, and the place in script/live.js that asks.
 ANSWERS: dict[str, Callable[[Desk, Mapping[str, Any]], Answer]] = {
     "move": Desk.move,
     "ranges": Desk.ranges,
     "home": Desk.home,
     "limits": Desk.limits,
     "mode": Desk.mode,
+    "drag": drag,
 }

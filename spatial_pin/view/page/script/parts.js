@@ -38,9 +38,16 @@ function highlight(name, on) {
   viewer.set_dirty();
 }
 
-function swatch(solid) {
-  const mesh = solid.meshes[0];
-  return mesh ? `#${mesh.material.color.getHexString()}` : "transparent";
+function sizeOf(mesh) {
+  mesh.geometry.computeBoundingBox();
+  const box = mesh.geometry.boundingBox.clone().applyMatrix4(mesh.matrix);
+  return box.max.distanceTo(box.min);
+}
+
+function swatch(link) {  // the colour of the largest solid of a link
+  const meshes = solids.filter(s => s.group === "links" && s.name === link).flatMap(s => s.meshes);
+  const largest = meshes.reduce((one, other) => sizeOf(other) > sizeOf(one) ? other : one);
+  return `#${largest.material.color.getHexString()}`;
 }
 
 function partRow(kind, name, text, colour) {
@@ -57,10 +64,9 @@ function listParts() {
   element(panel, "h2", {textContent: "Shown"});
   const groups = Object.keys(GROUPS).filter(group => solids.some(s => s.group === group));
   for (const group of groups) partRow("group", group, GROUPS[group]);
-  const links = new Map(solids.filter(s => s.group === "links").map(s => [s.name, s]).reverse());
   element(panel, "h2", {textContent: "Links"});
-  for (const [name, solid] of [...links].reverse()) {
-    const row = partRow("link", name, name, swatch(solid));
+  for (const name of new Set(solids.filter(s => s.group === "links").map(s => s.name))) {
+    const row = partRow("link", name, name, swatch(name));
     row.onmouseenter = () => highlight(name, true);
     row.onmouseleave = () => highlight(name, false);
   }
