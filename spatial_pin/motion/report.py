@@ -18,6 +18,7 @@ from spatial_pin.mobility.mobility import Mobility, mobility
 from spatial_pin.motion.dead_centres import dead_centres
 from spatial_pin.motion.motion import Event, Motion
 from spatial_pin.motion.summary import heading, ranges
+from spatial_pin.numerics.tolerances import TOLERANCES
 
 
 @dataclass(frozen=True)
@@ -145,7 +146,7 @@ def assembly_summary(state: State) -> str:
     lines = [f"{mechanism.name}: closed to {state.closure_error:.1e} of "
              f"{mechanism.characteristic_length:.6g} m"]
     for name, c in mechanism.coordinate_table.items():
-        value = state.coordinate(name).value
+        value = shown_value(state, name)
         degrees = f" ({np.degrees(value):.9g}°)" if c.unit == "rad" else ""
         lines.append(f"  {name:{width}}  {value:.15g} {c.unit}{degrees}")
     for name, by in state.released.items():
@@ -156,6 +157,14 @@ def assembly_summary(state: State) -> str:
         lines.append(f"  beyond limits: {name} is {abs(by):.9g} {mechanism.coordinate(name).unit} "
                      f"beyond its {side} joint limit")
     return "\n".join(lines)
+
+
+def shown_value(state: State, name: str) -> float:
+    """Return the value of a coordinate or driver, 0 where it is round-off [rad or m]."""
+    mechanism = state.mechanism
+    value = float(state.coordinate(name).value)
+    size = 1.0 if mechanism.coordinate(name).unit == "rad" else mechanism.characteristic_length
+    return 0.0 if abs(value) <= TOLERANCES.round_off * size else value
 
 
 def motion_summary(motion: Motion) -> str:

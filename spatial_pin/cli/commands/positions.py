@@ -25,7 +25,7 @@ from spatial_pin.cli.options import (
 from spatial_pin.cli.results import SCREEN, finite, tell
 from spatial_pin.cli.tables import read_table, targets_of
 from spatial_pin.inverse_kinematics.targets import CoordinateValue, read_targets
-from spatial_pin.motion.report import assembly_summary
+from spatial_pin.motion.report import assembly_summary, shown_value
 
 
 def _assemble_options(sub: argparse.ArgumentParser) -> None:
@@ -178,8 +178,8 @@ def _reach(options: argparse.Namespace) -> None:
                      limits=options.limits)
     lines = [assembly_summary(found)]
     for name in mechanism.drivers:
-        value, unit = found.coordinate(name).value, mechanism.coordinate(name).unit
-        lines.append(f"  driver {name} = {value:.15g} {unit}")
+        unit = mechanism.coordinate(name).unit
+        lines.append(f"  driver {name} = {shown_value(found, name):.15g} {unit}")
     files = []
     if options.html:
         files.append(sp.export_html(found, options.html, look=look_of(options)))
