@@ -20,15 +20,12 @@ toes = {"toes": pin.Force(np.array([0.0, 0.0, 60 * 9.81]), np.zeros(3))}  # all 
 
 print("pitch roll [deg]   motors [deg]      motors per ankle [rad/rad]   torques [N m]")
 table, names = [], list(ankle.drivers)
+rows = [ankle.coordinate(name).v for name in names]
 for pitch, roll in [(-20, 0), (0, 0), (20, 0), (40, 0), (0, 15), (20, 15), (40, 15), (40, -15)]:
     foot = {"ankle.first": np.radians(pitch), "ankle.second": np.radians(roll)}
     state = sp.reach(ankle, foot)
-    columns = []  # how fast motors turn when the foot pitches, and when it rolls, by 1 rad/s
-    for turning in foot:
-        speeds = {name: float(name == turning) for name in foot}
-        moved = sp.solve_rates(ankle, state, speeds=speeds)
-        columns.append([moved.coordinate(name).rate for name in names])
-    ratios = np.transpose(columns)
+    # how fast motors turn when the foot pitches, and when it rolls, by 1 rad/s
+    ratios = sp.influence(ankle, state, drivers=list(foot)).first[rows]
     torques = sp.inverse_dynamics(ankle, state, external=toes).efforts
     table.append((pitch, roll, state, ratios, torques))
     motors = [np.degrees(state.coordinate(name).value) for name in names]
