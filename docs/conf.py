@@ -20,6 +20,7 @@ extensions = [
     "sphinx.ext.mathjax",
     "sphinx_copybutton",
     "sphinx_design",
+    "citations",
     "public_names",
     "library_pages",
     "still_to_come",

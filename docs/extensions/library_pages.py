@@ -16,7 +16,6 @@ from sphinx.util.docutils import SphinxDirective
 import spatial_pin as sp
 
 FOLDER = "library"
-URDF = "https://wiki.ros.org/urdf/XML"
 
 
 def picture(docs: Path, name: str) -> str:
