@@ -51,7 +51,7 @@ def pattern(message):
 def test_every_entry_has_a_message_a_kind_a_cause_and_a_remedy():
     terms = re.findall(r"^`.*\)$", TEXT, flags=re.MULTILINE)
     assert len(terms) == len(ENTRIES) > 80
-    known = {*KINDS, "SpatialPinWarning", "ValueError", "TypeError", "usage"}
+    known = {*KINDS, "Interrupted", "SpatialPinWarning", "ValueError", "TypeError", "usage"}
     assert {kind for kinds in ENTRIES.values() for kind in kinds} <= known
 
 
@@ -63,7 +63,7 @@ def test_a_message_is_one_of_the_code(message):
 
 def test_every_kind_of_error_is_told():
     told = {kind for kinds in ENTRIES.values() for kind in kinds}
-    assert {*KINDS, "SpatialPinWarning"} - told == set()
+    assert {*KINDS, "Interrupted", "SpatialPinWarning"} - told == set()
 
 
 FOUR_BAR, OPEN = sp.load("four_bar"), sp.load("four_bar", r2=0.25)

@@ -45,28 +45,31 @@ def assemble(
 ) -> State:
     """Close the loops of a mechanism.
 
-    Drivers that are given a value have it exactly. Drivers that are not stand where the guess has
-    them, at neutral if it says nothing of them; but where it says something of other joints and
-    does not close with the drivers at neutral, where the loops take them. What else the guess
-    names is held while the rest is solved first, then released; of the branches in reach the one
-    nearest to the named values is returned. A free base (a floating joint that carries alone all
-    that hangs together with its link) stays where the guess has it.
+    Drivers that are given a value have it exactly. The others stand where the guess has them; a
+    driver that the guess does not name stands at neutral. (Where the guess names other joints
+    only, and the loops do not close with the drivers at neutral, the loops take them along.)
 
-    Only where the loops cannot close so, the drivers that stand are let go, all with the least
-    motion: the sum of squares of how far they go, angles in rad and slides relative to the
-    characteristic length, is the least of the branch. That is mostly a dead centre of theirs: where
-    no driver has a value at all, the guess as a whole is closed instead, so that they can move on.
-    `State.released` tells which have gone how far.
+    The guess decides on the branch. The coordinates that it names are held first, while the rest
+    is solved; then they are released too. Of the branches in reach the one nearest to the named
+    values is returned. A free base (a floating joint that alone carries a whole machine) stays
+    where the guess has it.
+
+    Where the loops cannot close so, the drivers without a value are released, and go as little as
+    possible: the sum of the squares of how far they go is the least of the branch (angles in rad,
+    slides in characteristic lengths). `State.released` tells which have gone how far. Mostly this
+    ends at a dead centre of theirs, from which they could not move on; therefore, where no driver
+    has a value at all, the guess as a whole is closed instead.
 
     Args:
         mechanism: the mechanism.
         drivers: values of drivers or coordinates to hold exactly [rad, m].
-        guess: values by joint or coordinate as in the mechanism file, a State, or q (nq,);
-            default the file's guess, and neutral where nothing is said. Angles so large that
-            their round-off would open the loops are taken to a turn.
-        limits: keep the joint limits of the model.
-        release: let drivers go that were given no value, where the loops cannot close otherwise.
-        free: drivers that do not stand, but go where the loops take them; not among `released`.
+        guess: values by joint or coordinate as in the mechanism file [rad, m], a State, or q
+            (nq,); default the file's guess, and neutral where nothing is said. Whole turns are
+            taken off angles so large that their round-off would open the loops.
+        limits: keep the joint limits of the URDF.
+        release: let drivers without a value move where the loops cannot close otherwise; False
+            raises instead.
+        free: names of drivers that move with the loops from the first; not among `released`.
         gap: largest closure error that redundant equations may keep where the file's numbers are
             rounded [-], default that of `accuracy`; 0 refuses them. A `SpatialPinWarning` tells of
             it once, `State.gap` always.

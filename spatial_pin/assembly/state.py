@@ -61,13 +61,13 @@ class RelativeMotion(NamedTuple):
     Attributes:
         position: of the point from the frame's origin [m].
         base_velocity: of the frame's origin [m/s].
-        transport: omega x position.
-        relative_velocity: of the point as seen in the frame.
+        transport: omega x position [m/s], omega the frame's angular velocity.
+        relative_velocity: of the point as seen in the frame [m/s].
         base: acceleration of the frame's origin [m/s²].
-        tangential: alpha x position.
-        normal: omega x (omega x position).
-        relative: acceleration of the point as seen in the frame.
-        coriolis: 2 omega x relative_velocity.
+        tangential: alpha x position [m/s²], alpha the frame's angular acceleration.
+        normal: omega x (omega x position) [m/s²].
+        relative: acceleration of the point as seen in the frame [m/s²].
+        coriolis: 2 omega x relative_velocity [m/s²].
 
     Example:
         >>> mech = sp.load("inverted_slider_crank")
@@ -127,16 +127,17 @@ class State:
     closure error is known.
 
     Attributes:
-        mechanism: the mechanism; of a rounded file (`gap`) one without the redundant equations
-            that its numbers contradict, which `whole` has: the same all along a motion.
+        mechanism: the mechanism. Where the numbers of its file are rounded (see `gap`), it is one
+            without the redundant equations that these numbers contradict, the same all along a
+            motion; `mechanism.whole` has all equations.
         q: (nq,) configuration as Pinocchio orders it.
-        v, a: (nv,) joint velocities and accelerations.
-        closure_error: largest closure row [-]; lengths relative to the characteristic length,
-            angles in rad.
+        v, a: (nv,) joint velocities and accelerations [rad/s, m/s; rad/s², m/s²].
+        closure_error: largest residual of a constraint equation [-]: lengths relative to the
+            characteristic length, angles in rad.
         angles: relative angle of every screw closure [rad], counting turns.
         branch: label of the assembly mode, from `assembly_modes`.
-        released: how far drivers that were given no value have gone from where the guess has
-            them, as the loops would not close otherwise {driver: displacement [rad or m]}.
+        released: {driver: displacement [rad or m]} of drivers that were given no value, and had to
+            leave where the guess has them, for the loops to close.
         rate_error: estimated round-off of v and a, relative to their size; it grows near a limit
             position of a driver, and near a branch point, up to 1: no digit. NaN until
             `solve_rates`; of a sample of a sweep it is worked out when asked for, of a sample of

@@ -135,16 +135,17 @@ def tolerance(
 ) -> Tolerance:
     """Propagate standard deviations of dimensions to outputs, linearly and by Monte Carlo.
 
-    The file is expanded once with its dimensions traced, and samples are solved together in the
-    kernel: each is closed with the least motion from the state. Those that move a joint by more
-    than 0.25 rad or characteristic lengths, or do not go straight, go again from the nominal
-    dimensions to their own in 4 and then 16 steps. A sample is made and followed by itself, in
-    as many steps of its dimensions as it takes, where that does not do either, or the determinant
-    of the loops has less than a fiftieth of the state's size; so it is on the state's branch, or
-    fails because the branch ends before it, however far it moves. Samples are made one by one
-    where the file decides otherwise at their dimensions (an `if` or `max` that changes over among
-    the samples); all are if the file rounds or prints what follows from a dimension, if the state
-    is all but singular, and for jerks, transmission angles and limits. Results agree to round-off.
+    Dimensions scatter independently of each other, each normally about its nominal value. Every
+    sample is closed on the branch of the state, however far it moves, or counts as failed because
+    the branch ends before it.
+
+    Most samples are solved together in the kernel, with the least motion from the state: the file
+    is expanded once with its dimensions traced. Those that move a joint by more than 0.25 rad or
+    characteristic lengths go again in 4 and then 16 steps of their dimensions. A sample is made
+    from the file and followed by itself where that does not do, where the determinant of the loops
+    has fallen below a fiftieth, or where the file decides otherwise at its dimensions (an `if` or
+    `max`). All are if the file rounds or prints what follows from a dimension, if the state is all
+    but singular, and for jerks, transmission angles and limits. Results agree to round-off.
 
     Args:
         mechanism: a mechanism with a xacro tree.

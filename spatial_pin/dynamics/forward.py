@@ -36,7 +36,7 @@ class Dynamics:
     Reactions are worked out when they are asked for.
 
     Attributes:
-        a: (nv,) joint accelerations.
+        a: (nv,) joint accelerations [rad/s², m/s²].
         error: estimated round-off of `a`, relative to its largest entry: large where a heavy body
             hangs on links too light to push it; 0 where `a` was given.
 

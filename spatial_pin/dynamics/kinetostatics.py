@@ -58,7 +58,7 @@ class Kinetostatics(_Loads, Tabular):
 
     Attributes:
         motion: the motion.
-        a: (N, nv) its accelerations, those of passive freedoms as the forces make them.
+        a: (N, nv) its accelerations [rad/s², m/s²]; those of passive freedoms as forces make them.
         efforts: (N,) by driver or actuated coordinate [N·m about it, N along it].
         power: (N,) of each of them [W]; 0 at rest.
         reactions: (N, 6) by pair, force then moment, as `Dynamics.reactions` [N, N·m].

@@ -176,7 +176,14 @@ class Spring:
 
 @dataclass(frozen=True)
 class Passive:
-    """A passive spin that is resolved: `body` has no absolute spin about the line `axis`.
+    """How the passive spin of a link is resolved: it does not spin about a line.
+
+    That is, its absolute rotation about the line has neither speed nor acceleration.
+
+    Attributes:
+        name: the name in the mechanism file.
+        body: the link.
+        axis: names of two frames; the line goes through their origins.
 
     Example:
         >>> sp.load("rssr").passives

@@ -77,18 +77,19 @@ def assembly_modes(
 ) -> AssemblyModes:
     """Find the closed configurations of a mechanism at given driver values, from random starts.
 
-    Configurations that differ by passive freedoms, whole turns or rods turned about their own
-    lines (a universal joint may be read in two ways) are one mode. Starts go on until the rarest
-    mode has been found twenty times; `missing` estimates how many have not been found. Nothing
-    proves that a finite number of starts has found all; raise `patience` for rare modes. A screw of
-    the tree is sought near its zero: each of its turns may be a mode of its own.
+    Configurations that differ only by passive freedoms, whole turns, rods turned about their own
+    lines, or the two readings of a universal joint are one mode. Starts go on until the rarest mode
+    has been found twenty times; `AssemblyModes.missing` estimates how many have not been found.
+    Nothing proves that a finite number of starts has found all: raise `patience` for rare modes. A
+    screw joint of the tree is looked at near its zero, for each of its turns may be a mode of its
+    own.
 
     Args:
         mechanism: the mechanism.
         drivers: values of drivers or coordinates to hold [rad, m]; drivers that are not named
             stand at the guess, if the loops can be closed there.
         free: drivers that are not to stand at the guess.
-        copies: list every reading of the coordinates, not one for each mode.
+        copies: list all configurations of a mode that differ in coordinates, not one of them.
         limits: leave out modes of which no copy keeps the joint limits.
         patience: go on until so many starts in a row have found nothing new.
         most_starts: stop after so many starts in any case.
@@ -97,11 +98,11 @@ def assembly_modes(
         progress: show a bar on stderr after a second, if that is a terminal.
 
     Returns:
-        The modes sorted by their coordinates, with labels of their own in `State.branch`: the sign
-        of the determinant of the closed loops ("+" or "-"; "" where passive freedoms or missing
-        drivers leave it open; "singular" where the mode can move to first order), numbered if
-        there are several of a sign. Configurations that can really move are no modes; those found
-        beside modes are in `continua`.
+        The modes, sorted by their coordinates. `State.branch` labels each: the sign of the
+        determinant of the closed loops ("+" or "-"), numbered if there are several of a sign; ""
+        where passive freedoms or missing drivers leave it open; "singular" where the mode can move
+        to first order. Configurations that can really move are no modes; those found beside modes
+        are in `AssemblyModes.continua`.
 
     Raises:
         ContinuumError: the mechanism can move with the values held, in its guess or in every

@@ -48,11 +48,11 @@ def follow(
 ) -> Motion:
     """Follow one branch of a mechanism as several drivers go along tables of values.
 
-    The first values are assembled, the rest is followed as `sweep` does, which is its case of one
-    driver without times. Between the samples each driver goes along the cubic spline through its
-    values, two times continuously differentiable ("not-a-knot" at the ends); where `rates` are
-    given, along the polynomials of fifth degree through values, rates, and the derivatives of the
-    cubic spline through the rates.
+    The first values are assembled; the rest is followed as `sweep` does with one driver. Between
+    the samples each driver goes along the cubic spline through its values, which is two times
+    continuously differentiable ("not-a-knot" at its ends). Where `rates` are given, it goes along
+    polynomials of fifth degree through values and rates; their second derivatives at the samples
+    are those of the cubic spline through the rates.
 
     Args:
         mechanism: the mechanism.
@@ -71,8 +71,8 @@ def follow(
         progress: show a bar on stderr after a second, if that is a terminal.
 
     Returns:
-        The Motion, one sample per row of the tables. It has no `driver`; its events have times as
-        values, or numbers of samples, 0 the first, counted with fractions.
+        The Motion, one sample per row of the tables. It has no `driver`. The values of its events
+        are times [s], or without times numbers of samples, from 0, with fractions.
 
     Raises:
         AssemblyError: the first values cannot be assembled.

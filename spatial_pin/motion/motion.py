@@ -140,10 +140,11 @@ class Motion(Tabular):
         driver: (N,) driver values [rad or m]; None where none was swept (a simulation).
         driver_name: the driver, or coordinate, that was swept; empty where none was.
         time: (N,) [s], or None where samples are no history in time.
-        q: (N, nq) configurations; v, a: (N, nv) joint velocities and accelerations.
+        q: (N, nq) configurations as Pinocchio orders them [rad, m, quaternions x, y, z, w].
+        v, a: (N, nv) joint velocities and accelerations [rad, m, per `per`].
         closure_error: (N,) largest residual of a constraint equation, of each sample [-].
         driver_speed: (N,) [rad/s or m/s]; 1 where the driver has no speed.
-        events: limits and singular configurations met.
+        events: limits, singular configurations and the like that were met, in their order.
         angles: (N, n) relative angle of every screw closure [rad], counting turns.
         per: unit of what v and a are derivatives with respect to: "s"; "rad" or "m" of the driver
             where it has no speed; "length" of the arc of a traced curve [rad, characteristic

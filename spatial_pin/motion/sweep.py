@@ -57,8 +57,9 @@ def sweep(
 ) -> Motion:
     """Follow one branch of a mechanism through a list of driver values.
 
-    The first value is assembled, the rest are followed with a Taylor predictor and a Newton
+    The first value is assembled. The rest are followed with a Taylor predictor and a Newton
     corrector; steps are halved where the branch bends, so that it is never left unnoticed.
+    Drivers that are not named stand still where the guess has them.
 
     Args:
         mechanism: the mechanism.
@@ -69,25 +70,24 @@ def sweep(
             and forces of it (`kinetostatics`, `report`) are statics.
         acceleration: likewise [rad/s² or m/s²]; it needs a speed.
         guess: where to assemble, as for `assemble`.
-        hold: values of other drivers or coordinates, a free base then stands still too; or names
-            of what stands still where it is assembled: joints, coordinates, "base" for a free base
-            (a floating joint that carries alone all that hangs together with its link), "springs"
-            for the joints that springs act about, "NAME.rotation" and "NAME.translation" for parts
-            of a floating joint; None: nothing.
-            Drivers not named stand still where the guess has them; those that the loops do not let
-            stand are reported by "released" events.
-        on_limit: "raise", or "stop" to end the motion before a value that cannot be reached,
-            with an event.
-        on_crossing: where branches cross (a change point): "straight" to follow the one that goes
-            straight on, "stop" to end the motion before it, both with an event, or "raise".
+        hold: what else stands still: {name: value} of other drivers or coordinates [rad or m] (a
+            free base then stands still too); or names alone of joints and coordinates, to hold
+            them where they are assembled. "base" is a free base (a floating joint that alone
+            carries a whole machine), "springs" the joints that springs act about, "NAME.rotation"
+            and "NAME.translation" parts of a floating joint. None: nothing. A "released" event
+            tells of drivers that the loops do not let stand.
+        on_limit: where a value cannot be reached: "raise" a LimitError, or "stop", which ends the
+            motion before it, with an event.
+        on_crossing: where branches cross (a change point): "straight" follows the one that goes
+            straight on, "stop" ends the motion before it, both with an event; or "raise".
             Crossings nearer to each other than about 2e-5 rad are one event.
         accuracy: predictor order, corrections and tolerance; default "engineering".
         progress: show a bar on stderr after a second, if that is a terminal.
 
     Returns:
-        The Motion, one sample per value. Joint limits passed are events, exact however far samples
-        are apart; a joint that goes out and back between two samples, with rates of the same sign
-        at both, is missed.
+        The Motion, one sample per value. Joint limits that are passed are events, located exactly
+        however far samples are apart. A joint that goes out and back between two samples, with
+        rates of the same sign at both, is missed.
 
     Raises:
         AssemblyError: the first value cannot be assembled.

@@ -201,14 +201,14 @@ def clearance(
 ) -> Clearance:
     """Return how far links that are not joined stay apart over a motion, and where they touch.
 
-    A link is what its collision shapes are, where the file has any, else what is drawn of it; of a
-    mesh the convex hulls of its connected parts. Links are joined by a joint or closure between
-    them (but a distance, which is a rod), by a coupling, or by a link without a shape.
+    The shape of a link is its collision geometry; without any, its visual geometry. A mesh counts
+    as the convex hulls of its connected parts. Links are joined by a joint or a closure between
+    them (but not by a distance, which is a rod), by a coupling, or by a link without a shape.
 
-    Least distances are searched between the samples too, until what links can travel from sample
-    to sample leaves no nearer place by more than 1/200 of the characteristic length. Places where
-    links begin and cease to touch are located to round-off on configurations with closed loops,
-    where a driver was swept; elsewhere (simulations) on the interpolated motion.
+    Least distances are searched between the samples too: no place is nearer by more than 1/200 of
+    the characteristic length, as far as links can travel from sample to sample. Where a driver was
+    swept, the places at which links begin and cease to touch are located to round-off, with closed
+    loops; elsewhere (simulations) on the interpolated motion.
 
     Args:
         motion: of `sweep`, `trace`, `simulate` and the like; a State is one of one sample.

@@ -33,7 +33,7 @@ class Jerks:
 
     Attributes:
         state: position, velocity and acceleration.
-        j: (nv,) derivative of `state.a`.
+        j: (nv,) derivative of `state.a` [rad/s³, m/s³].
 
     Example:
         >>> mech = sp.load("four_bar")

@@ -202,25 +202,27 @@ def solve_rates(
 ) -> State:
     """Solve velocities and accelerations of all joints of a closed state.
 
-    Passive freedoms follow the mechanism file (no spin about the named line); those that it does
-    not resolve take the joint rates of least norm, velocities and accelerations each for itself: in
-    these freedoms an acceleration is not the derivative of the velocity. Resolve them to know more.
+    A passive freedom, such as the spin of a rod between two balls, follows the mechanism file,
+    which may say that there is no spin about a line. What the file leaves open takes the joint
+    rates of least norm, velocities and accelerations each for itself: along such a freedom the
+    acceleration is not the derivative of the velocity. Resolve it in the file to know more.
 
     Args:
         mechanism: the mechanism.
         state: a closed configuration, from `assemble`.
-        speeds: speed of each driver, coordinate or joint [rad/s, m/s]; drivers left out stand
-            still. A coordinate's is its derivative (`ball.x`: of the rotation vector), and the
-            other coordinates of its joint stand still where the loops leave that open. A joint of
-            several freedoms takes them all as Pinocchio has its velocity: a spherical joint
-            [x, y, z] the angular velocity of the child in the child's axes, a floating one the
-            linear velocity in these axes before that, the others the rates of their coordinates.
+        speeds: by driver, coordinate or joint [rad/s, m/s]; drivers left out stand still. The
+            speed of a coordinate is its derivative (`ball.x`: of the rotation vector); the other
+            coordinates of its joint stand still where the loops leave that open. The name of a
+            joint of several freedoms takes all of them, as Pinocchio has its velocity: of a
+            spherical joint the angular velocity (3,) of the child in the child's axes, of a
+            floating one (6,) the linear velocity in these axes before that, of the others the
+            rates of their coordinates.
         accelerations: likewise [rad/s², m/s²]: second derivatives of coordinates, derivatives of
             the joint's velocity.
-        hold: joints or coordinates that stand still. "base": a free base, a floating joint that
-            carries alone all that hangs together with its link, unless it is given rates;
-            "springs": the joints that springs act about; "NAME.rotation" and "NAME.translation"
-            are parts of a floating joint. None: nothing.
+        hold: names of joints or coordinates that stand still. "base": a free base (a floating
+            joint that alone carries a whole machine), unless it is given rates; "springs": the
+            joints that springs act about; "NAME.rotation" and "NAME.translation": parts of a
+            floating joint. None: nothing.
 
     Returns:
         The State with v and a, and `rate_error`.

@@ -175,6 +175,8 @@ def viewing(mech: sp.Mechanism, motion: sp.Motion) -> None:
 def failing(mech: sp.Mechanism) -> None:
     try:
         sp.sweep(mech, "crank", [0.0, 7.0])
+    except sp.Interrupted as stopped:
+        print(len(stopped.motion))
     except sp.LimitError as error:
         reached: float = error.limit
         print(reached)

@@ -43,7 +43,7 @@ class Derivatives:
     and in velocity; the multipliers are those of `rows` alone, the others being zero.
 
     Attributes:
-        a: (nv,) the accelerations.
+        a: (nv,) the accelerations [rad/s², m/s²].
         a_by_q, a_by_v, a_by_effort: (nv, nv).
         rows: indices of the independent closure equations.
         multipliers: (len(rows),) of these rows.
