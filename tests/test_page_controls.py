@@ -177,6 +177,28 @@ def test_start_and_fit_undo_what_the_user_has_moved(page):
     np.testing.assert_allclose(page.evaluate("viewer.camera.position.toArray()"), first, atol=1e-6)
 
 
+def test_parallel_lines_are_drawn_so_in_a_parallel_view(page):
+    height = "[[1, 0, 0], [0, 0, -1]].map(([x, y, z]) => [y - 0.2, y + 0.2].map(h => onScreen(" \
+             "viewer.camera.parent.localToWorld(new THREE.Vector3(x, h, z)))[1])).map(" \
+             "([a, b]) => a - b)"
+    key(page, "1")
+    page.wait_until("!viewer.needs_render")
+    near, far = page.evaluate(height)
+    assert abs(near / far - 1) > 0.1
+    seen = page.evaluate("extent().length")
+    key(page, "p")
+    page.wait_until("!viewer.needs_render")
+    parallel = page.evaluate(height)
+    assert parallel[0] == pytest.approx(parallel[1], rel=0.03)
+    assert parallel[0] == pytest.approx((near + far) / 2, rel=0.3) and seen
+    shown = pixels(page.screenshot())
+    assert colour_mask(shown, (0.0, 0.447, 0.698)).sum() > 500
+    key(page, "5")
+    key(page, "p")
+    home = page.evaluate("[viewer.camera.position.toArray(), home.toArray()]")
+    np.testing.assert_allclose(*home, rtol=1e-5)
+
+
 # ---------------------------------------------------------------- parts and names
 
 
@@ -193,6 +215,11 @@ def test_list_hides_links_and_groups_and_shows_pairs(page):
     part = np.s_[:, :600]  # beside the list
     assert colour_mask(after[part], orange).sum() < 0.05 * colour_mask(before[part], orange).sum()
     click(page, "#parts label:nth-of-type(6)", 0.9)
+    visible = "[...new Set(solids.filter(s => s.group === 'links' && s.node.visible)" \
+              ".map(s => s.name))]"
+    for expected in (["coupler"], ["ground", "crank", "coupler", "rocker"]):
+        page.evaluate("document.querySelector('#parts label:nth-of-type(7)').ondblclick(); 1")
+        assert page.evaluate(visible) == expected
     assert page.evaluate("solids.filter(s => s.group === 'pairs').every(s => !s.node.visible)")
     click(page, "#parts label:nth-of-type(2)", 0.9)
     assert page.evaluate("solids.filter(s => s.group === 'pairs').every(s => s.node.visible)")

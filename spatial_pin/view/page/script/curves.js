@@ -14,6 +14,7 @@ function panelOf(data) {
     value.style.color = COLOURS[k % COLOURS.length];
     return value;
   });
+  element(caption, "small", {textContent: `over ${film.curves.name}`});
   const svg = drawing(figure, "svg", {role: "img", "aria-label": data.label});
   return {data, svg, values, scale: null};
 }
@@ -62,17 +63,11 @@ function drawAxes({svg, scale}, width) {
   }
 }
 
-function nameAbscissa({svg}, width) {  // in the corner, on a ground that keeps it apart from numbers
-  const at = {x: width - MARGIN.right, y: HEIGHT - MARGIN.bottom - 5, "text-anchor": "end", class: "name"};
-  drawing(svg, "text", at).textContent = film.curves.name;
-}
-
 function drawPanel(panel) {
   const width = panel.svg.clientWidth;
   panel.svg.replaceChildren();
   panel.scale = scaleOf(panel, width);
   drawAxes(panel, width);
-  nameAbscissa(panel, width);
   panel.data.lines.forEach((line, k) => {
     const points = line.values.map((v, row) => v === null ? "" : `${panel.scale.across(film.curves.x[row]).toFixed(1)},${panel.scale.up(v).toFixed(1)}`);
     drawing(panel.svg, "path", {d: `M${points.filter(p => p).join("L")}`, stroke: COLOURS[k % COLOURS.length]});

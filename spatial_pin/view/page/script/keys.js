@@ -14,6 +14,7 @@ const KEYS = {
   4: () => view("iso"),
   5: () => view("first"),
   f: () => view("fit"),
+  p: () => open_("parallel"),
   l: () => open_("parts"),
   m: () => open_("ruler"),
   c: () => open_("curves"),

@@ -53,10 +53,19 @@ function swatch(link) {  // the colour of the largest solid of a link
 function partRow(kind, name, text, colour) {
   const row = element(document.getElementById("parts"), "label", {});
   const box = element(row, "input", {type: "checkbox", checked: !hidden[kind].has(name)});
+  box.dataset[kind] = name;
   box.onchange = () => setShown(kind, name, box.checked);
   if (colour) element(row, "i", {}).style.background = colour;
   element(row, "span", {textContent: text});
   return row;
+}
+
+function showOnly(link) {  // all links if it is the only one shown
+  const others = new Set(solids.filter(s => s.group === "links" && s.name !== link).map(s => s.name));
+  const alone = [...others].every(name => hidden.link.has(name));
+  hidden.link = alone ? new Set() : others;
+  for (const box of document.querySelectorAll("#parts [data-link]")) box.checked = !hidden.link.has(box.dataset.link);
+  showParts();
 }
 
 function listParts() {
@@ -69,6 +78,8 @@ function listParts() {
     const row = partRow("link", name, name, swatch(name));
     row.onmouseenter = () => highlight(name, true);
     row.onmouseleave = () => highlight(name, false);
+    row.title = "double click: this one only, or all";
+    row.ondblclick = () => showOnly(name);
   }
 }
 

@@ -76,7 +76,7 @@ function drawDistance(points, [[x1, y1], [x2, y2]]) {
   const [x, y] = [(x1 + x2) / 2, (y1 + y2) / 2];
   drawing(ruler.svg, "text", {x, y: y - 24}).textContent = lengthWords(metres);
   drawing(ruler.svg, "text", {x, y: y - 8}).textContent =
-    ["x", "y", "z"].map((axis, k) => `${axis} ${lengthWords(round[k], metres)}`).join("  ");
+    ["x", "y", "z"].map((axis, k) => `${axis} ${lengthWords(round[k], metres)}`).join(" · ");
 }
 
 function setRuler(on) {

@@ -1,7 +1,8 @@
-// The buttons that open something: the list of links, the ruler, the curves.
+// The buttons that switch something on: parallel lines, the list of links, the ruler, the curves.
 const OPENED = {
   parts: open => { document.getElementById("parts").hidden = !open; },
   ruler: setRuler,
+  parallel: setParallel,
   curves: open => { drawer.hidden = !open; drawCurves(); },
 };
 

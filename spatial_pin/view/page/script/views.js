@@ -1,9 +1,13 @@
 // The camera. Its own axes have y up, those of the scene z: (x, y, z) of the scene is its (x, z, -y).
 const VIEWS = {front: [0, -1, 0], top: [0, 0, 1], side: [1, 0, 0], iso: [1, -1, 1]};
 const ROOM = 1.15;  // round what is seen, for what is written over it
+const PARALLEL = 2;  // field of view [degrees] at which lines that are parallel are drawn so, to a pixel or two
+const DEEP = 30;  // before and behind what is looked at there is something to be seen, by the size of the scene
+const ORDINARY = {fov: viewer.camera.fov, near: viewer.camera.near};
 let moved = false;  // by the user
 let seenFrom = null;  // unit vector to the camera; null: as at first
 viewer.controls.addEventListener("start", () => { moved = true; });
+viewer.controls.addEventListener("change", keepDepths);
 
 const ofCamera = ([x, y, z]) => new THREE.Vector3(x, z, -y);
 let extent = () => film.extent.map(ofCamera);  // the points that the picture holds
@@ -25,13 +29,32 @@ function fit() {  // after the window has changed; never against the user
   if (moved) return;
   if (seenFrom === null) asAtFirst(); else frameAll(extent(), seenFrom);
   viewer.controls.update();
+  keepDepths();
   viewer.set_dirty();
+}
+
+function setParallel(on) {  // seen from very far, through a long lens
+  const {camera, controls} = viewer;
+  const fov = on ? PARALLEL : ORDINARY.fov;
+  const nearer = Math.tan(camera.fov * Math.PI / 360) / Math.tan(fov * Math.PI / 360);
+  camera.position.sub(controls.target).multiplyScalar(nearer).add(controls.target);
+  camera.fov = fov;
+  fit();
+  viewer.set_dirty();
+}
+
+function keepDepths() {  // near and far too far apart would leave none between
+  const {camera, controls} = viewer;
+  const away = camera.position.distanceTo(controls.target);
+  camera.near = Math.max(ORDINARY.near, away - DEEP);
+  camera.far = away + DEEP;
 }
 
 function asAtFirst() {  // a picture that is narrower than it was made for is seen from further off
   const away = Math.max(1, film.aspect * pane.clientHeight / pane.clientWidth);
+  const lens = Math.tan(ORDINARY.fov * Math.PI / 360) / Math.tan(viewer.camera.fov * Math.PI / 360);
   viewer.controls.target.set(0, 0, 0);
-  viewer.camera.position.copy(home).multiplyScalar(away);
+  viewer.camera.position.copy(home).multiplyScalar(away * lens);
 }
 
 function frameAll(points, towards) {  // all points in the middle of the picture

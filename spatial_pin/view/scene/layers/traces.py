@@ -57,6 +57,7 @@ def traces(stage: Stage, names: tuple[str, ...]) -> Layer:
     for name, path, colour in zip(names, paths, colours, strict=True):
         drawn, title = _solid(path, TUBE * stage.size), f"path of {name}"
         items.append(Item(title, drawn, colour))
-        items.append(Item(f"{title}, behind", drawn, (*colour[:3], BEHIND), through=True))
+        items.append(Item(f"{title}, behind", drawn, (*colour[:3], BEHIND), through=True,
+                          called=title))
     legend = tuple(Entry(c, f"path of {n}") for c, n in zip(colours, names, strict=True))
     return Layer(tuple(items), np.concatenate([np.zeros((0, 3)), *paths]), legend)
