@@ -29,7 +29,7 @@ pitch = np.degrees(lift.coordinate("boom_pin").value + lift.coordinate("bucket_p
 height = 1.85 + lift.frame("bucket_pin").position[:, 2]
 print(f"From {height[0]:.2f} to {height[-1]:.2f} m the bucket is level within "
       f"{np.abs(pitch).max():.2f} degrees.")
-loads = sp.kinetostatics(loader, lift, external=lambda state: {"load": lifting(-3500 * 9.81)})
+loads = sp.kinetostatics(loader, lift, external={"load": lifting(-3500 * 9.81)})
 push = loads.efforts["lift"]
 print(f"With 3.5 t in it the lift cylinders push with {1e-3 * push.min():.0f} to "
       f"{1e-3 * push.max():.0f} kN.")
