@@ -282,17 +282,18 @@ static int is_ill_conditioned(const Dynamics *d)
            equations_error(k) > 10.0 * d->spare + TOLERANCE_ZERO + d->tolerance;
 }
 
-/* Note the determinant where it is evaluated, and how it has changed since the last place; but no
- * more than the pivot that has changed most. Where N loops are to lose rank together, it falls by the
- * N-th power of the way to there and would seem to vanish after an N-th of it; the pivots, whose
- * product it is, fall in a line each. */
+/* Note the determinant where it is evaluated, and how it has changed since the last place. With one
+ * freedom no more than the pivot that has changed most: where N loops are to lose rank together, the
+ * determinant falls by the N-th power of the way to there and would seem to vanish after an N-th of
+ * it, and ways past it would be looked for; the pivots, whose product it is, fall in a line each.
+ * With more freedoms what seems nearer than it is makes steps short that might leap over it. */
 static void note_determinant(Dynamics *d)
 {
     const Kernel *k = d->k;
     const Real change = 1.0 - ldexp(d->mantissa / k->mantissa, (int)(d->exponent - k->exponent));
     Real least, most;
     lu_changes(k->lu, &least, &most);
-    d->since = fmin(fmax(change, least), most);
+    d->since = d->passes ? fmin(fmax(change, least), most) : change;
     d->mantissa = k->mantissa;
     d->exponent = k->exponent;
     lu_mark(k->lu);
