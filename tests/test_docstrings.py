@@ -13,6 +13,7 @@ import pinocchio as pin
 import pytest
 
 import spatial_pin as sp
+from spatial_pin import operators
 from spatial_pin.lazy import cached_property
 from spatial_pin.view.browser.picture import find_browser
 
@@ -36,21 +37,20 @@ NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?(?![\w])")
 
 
 class Numbers(doctest.OutputChecker):
-    """Takes numbers for equal that differ by less than one of the last digit written."""
+    """Takes numbers for equal that differ by half of the last digit written, or 1e-3 at most."""
 
     def check_output(self, want, got, optionflags):
-        words = [NUMBER.sub("#", re.sub(r"\s+", "", NUMBER.sub(" # ", text)))
-                 for text in (want, got)]
-        pairs = list(zip(NUMBER.findall(want), NUMBER.findall(got), strict=False))
+        words = [re.sub(r"\s+", "", NUMBER.sub(" # ", text)) for text in (want, got)]
+        told, found = NUMBER.findall(want), NUMBER.findall(got)
+        nearness = min([1e-3, *(0.51 * last_digit(x) for x in told)])
         return words[0] == words[1] and all(
-            abs(float(a) - float(b)) <= digit_of(a) for a, b in pairs)
+            abs(float(a) - float(b)) <= nearness for a, b in zip(told, found, strict=True))
 
 
-def digit_of(text):
-    """Return a little more than one of the last digit of a number as it is written."""
+def last_digit(text):
+    """Return what one of the last digit of a number counts, as it is written."""
     mantissa, _, exponent = text.partition("e")
-    decimals = len(mantissa.partition(".")[2])
-    return (1.001 * 10.0 ** (int(exponent or 0) - decimals)) if "." in mantissa else 0.0
+    return 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
 
 
 def members(kind):
@@ -90,6 +90,9 @@ def documented():
             found.update(members(thing))
     for module in MODULES:
         found.update(constructors(module))
+    for name in operators.__all__:
+        if callable(getattr(operators, name)):
+            found[f"operators.{name}"] = getattr(operators, name)
     return found
 
 

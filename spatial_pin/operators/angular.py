@@ -21,8 +21,19 @@ from spatial_pin.operators.rotation import checked_rotation
 def spatial_angular_velocity(cosines: Any, rate: Any) -> Array:
     """Return omega (3,) [rad/s] in fixed axes from A and dA/dt [1/s], both (3, 3).
 
+    Args:
+        cosines: (3, 3) A, body to fixed axes.
+        rate: (3, 3) dA/dt [1/s].
+
     Raises:
         ValueError: NaN, infinite, A no rotation, or dA/dt not tangent to the rotations at A.
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> turn = operators.rotation_matrix("z", 0.3)
+        >>> spin = np.array([[0.0, -2.0, 0.0], [2.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # 2 rad/s about z
+        >>> operators.spatial_angular_velocity(turn, spin @ turn).round(4)  # [rad/s]
+        array([0., 0., 2.])
     """
     a, b = checked_rotation(cosines), finite_array(rate, (3, 3), "rate")
     return _vector(b @ a.T)
@@ -32,8 +43,19 @@ def spatial_angular_velocity(cosines: Any, rate: Any) -> Array:
 def body_angular_velocity(cosines: Any, rate: Any) -> Array:
     """Return omega (3,) [rad/s] in body axes from A and dA/dt [1/s], both (3, 3).
 
+    Args:
+        cosines: (3, 3) A, body to fixed axes.
+        rate: (3, 3) dA/dt [1/s].
+
     Raises:
         ValueError: NaN, infinite, A no rotation, or dA/dt not tangent to the rotations at A.
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> turn = operators.rotation_matrix("z", 0.3)
+        >>> spin = np.array([[0.0, -2.0, 0.0], [2.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # 2 rad/s about z
+        >>> operators.body_angular_velocity(turn, spin @ turn).round(4)  # [rad/s]
+        array([0., 0., 2.])
     """
     a, b = checked_rotation(cosines), finite_array(rate, (3, 3), "rate")
     return _vector(a.T @ b)
@@ -50,6 +72,13 @@ def spatial_angular_acceleration(cosines: Any, rate: Any, acceleration: Any) -> 
 
     Raises:
         ValueError: NaN, infinite, or derivatives that do not belong to a rotation.
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> turn = operators.rotation_matrix("z", 0.3)
+        >>> spin = np.array([[0.0, -2.0, 0.0], [2.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # 2 rad/s about z
+        >>> operators.spatial_angular_acceleration(turn, spin @ turn, spin @ spin @ turn).round(4)
+        array([0., 0., 0.])
     """
     a, b = checked_rotation(cosines), finite_array(rate, (3, 3), "rate")
     _vector(b @ a.T)
@@ -58,7 +87,23 @@ def spatial_angular_acceleration(cosines: Any, rate: Any, acceleration: Any) -> 
 
 @checked
 def body_angular_acceleration(cosines: Any, rate: Any, acceleration: Any) -> Array:
-    """Return d omega/dt (3,) [rad/s^2] in body axes; see `spatial_angular_acceleration`."""
+    """Return d omega/dt (3,) [rad/s^2] in body axes; see `spatial_angular_acceleration`.
+
+    Args:
+        cosines: (3, 3) A, body to fixed axes.
+        rate: (3, 3) dA/dt [1/s].
+        acceleration: (3, 3) d2A/dt2 [1/s^2].
+
+    Raises:
+        ValueError: NaN, infinite, or derivatives that do not belong to a rotation.
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> turn = operators.rotation_matrix("z", 0.3)
+        >>> spin = np.array([[0.0, -2.0, 0.0], [2.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # 2 rad/s about z
+        >>> operators.body_angular_acceleration(turn, spin @ turn, spin @ spin @ turn).round(4)
+        array([0., 0., 0.])
+    """
     spatial = spatial_angular_acceleration(cosines, rate, acceleration)
     return checked_rotation(cosines).T @ spatial
 

@@ -35,6 +35,12 @@ class DHRow(NamedTuple):
         name: of the joint; "" for joint1, joint2, ... by row.
         link: of the frame i; "" for link1, link2, ... by row.
         lead: translation per turn of a screw [m].
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> row = operators.DHRow(a=0.4, alpha=0.0, d=0.1, theta=0.0)  # [m], [rad]
+        >>> row.joint, row.a
+        ('revolute', 0.4)
     """
 
     a: float
@@ -55,7 +61,15 @@ class DHJoint(NamedTuple):
 
 
 class DirectionCosines(NamedTuple):
-    """Orientation of a link: A (3, 3), dA/dt [1/s] and d2A/dt2 [1/s^2], body to base axes."""
+    """Orientation of a link: A (3, 3), dA/dt [1/s] and d2A/dt2 [1/s^2], body to base axes.
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> table = [operators.DHRow(0.0, 0.0, 0.2, 0.0)]
+        >>> found = operators.dh_direction_cosines(table, [0.3], [2.0], [0.0])[0]
+        >>> found.cosines.shape, found.rate[1].round(4)  # [1/s]
+        ((3, 3), array([ 1.9107, -0.591 ,  0.    ]))
+    """
 
     cosines: Array
     rate: Array
@@ -69,8 +83,19 @@ def dh_placement(a: float, alpha: float, d: float, theta: float) -> pin.SE3:
     Source: [Craig2005, eq. 3.6]; the matrix of [Pham, eq. 18] is misprinted. Lengths [m], angles
     [rad].
 
+    Args:
+        a: of row i-1, along x of frame i-1 [m].
+        alpha: of row i-1, about x of frame i-1 [rad].
+        d: along z of frame i [m].
+        theta: about z of frame i [rad].
+
     Raises:
         ValueError: NaN or infinite.
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> operators.dh_placement(0.4, 0.0, 0.1, np.pi / 2).translation.round(4)  # [m]
+        array([0.4, 0. , 0.1])
     """
     about_x = rotation_matrix("x", alpha)
     along_z = about_x[:, 2] * finite_number(d, "d")
@@ -88,6 +113,13 @@ def dh_link_placements(table: Iterable[Any], q: Any) -> list[pin.SE3]:
 
     Raises:
         ValueError: a bad row, or another number of coordinates.
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> table = [operators.DHRow(0.0, 0.0, 0.2, 0.0), operators.DHRow(0.4, 0.0, 0.0, 0.0)]
+        >>> found = operators.dh_link_placements(table, [np.pi / 2, 0.0])
+        >>> found[1].translation.round(4)  # [m]
+        array([0. , 0.4, 0.2])
     """
     rows = checked_table(table)
     placements, current = [], pin.SE3.Identity()
@@ -109,6 +141,13 @@ def dh_direction_cosines(table: Iterable[Any], q: Any, v: Any, a: Any) -> list[D
 
     Raises:
         ValueError: a bad row, or another number of coordinates.
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> table = [operators.DHRow(0.0, 0.0, 0.2, 0.0), operators.DHRow(0.4, 0.0, 0.0, 0.0)]
+        >>> found = operators.dh_direction_cosines(table, [0.3, 0.4], [1.0, 2.0], [0.0, 0.0])
+        >>> operators.spatial_angular_velocity(found[1].cosines, found[1].rate).round(4)  # [rad/s]
+        array([0., 0., 3.])
     """
     rows = checked_table(table)
     angles = (_motions(rows, values, what)[:, 0]
@@ -129,8 +168,19 @@ def model_from_dh(table: Iterable[Any], name: str = "dh") -> pin.Model:
     after its link, and a joint or, for a fixed row, a fixed-joint frame named after its joint.
     Links have no mass.
 
+    Args:
+        table: rows, `DHRow` or tuples in its order.
+        name: of the model.
+
     Raises:
         ValueError: a bad row, or a name that occurs twice.
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> table = [operators.DHRow(0.0, 0.0, 0.2, 0.0), operators.DHRow(0.4, 0.0, 0.0, 0.0)]
+        >>> model = operators.model_from_dh(table, "arm")
+        >>> model.nq, list(model.names)[1:]
+        (2, ['joint1', 'joint2'])
     """
     model = pin.Model()
     model.name = name

@@ -34,7 +34,14 @@ class Elementary(NamedTuple):
 
 
 class EulerAngles(NamedTuple):
-    """Turns about z, then the new x, then the new z [rad]."""
+    """Turns about z, then the new x, then the new z [rad].
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> rotation = operators.spherical_placement([0, 0, 0], 0.1, 0.2, 0.3).rotation
+        >>> [round(x, 4) for x in operators.euler_zxz_from_rotation(rotation)]  # [rad]
+        [0.1, 0.2, 0.3]
+    """
 
     first: float
     second: float
@@ -55,6 +62,11 @@ def elementary_matrix(
 
     Raises:
         ValueError: another case, NaN, infinite, or a number that the case does not have.
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> operators.elementary_matrix(6, [0.1, 0.0, 0.0], 2.0 * np.pi, lead=0.005).translation
+        array([0.1  , 0.   , 0.005])
     """
     if case not in ELEMENTARY_MATRICES:
         raise ValueError(f"no elementary matrix {case!r}; there are 1 to 7")
@@ -71,13 +83,43 @@ def elementary_matrix(
 
 @checked
 def revolute_placement(offset: Any, angle: float, axis: str = "z") -> pin.SE3:
-    """Return link and revolute joint (`JointModelRX`, `RY`, `RZ`): offset (3,) [m], angle [rad]."""
+    """Return link and revolute joint (`JointModelRX`, `RY`, `RZ`): offset (3,) [m], angle [rad].
+
+    Args:
+        offset: (3,) [m].
+        angle: [rad], positive by the right-hand rule.
+        axis: "x", "y" or "z".
+
+    Raises:
+        ValueError: NaN, infinite, or another axis.
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> operators.revolute_placement([0.1, 0.0, 0.0], np.pi / 2, "z").rotation.round(4)
+        array([[ 0., -1.,  0.],
+               [ 1.,  0.,  0.],
+               [ 0.,  0.,  1.]])
+    """
     return elementary_matrix(_case(axis), offset, angle)
 
 
 @checked
 def prismatic_placement(offset: Any, slide: float, axis: str = "z") -> pin.SE3:
-    """Return link and prismatic joint (`JointModelPX`, `PY`, `PZ`): offset (3,), slide [m]."""
+    """Return link and prismatic joint (`JointModelPX`, `PY`, `PZ`): offset (3,), slide [m].
+
+    Args:
+        offset: (3,) [m].
+        slide: along the axis [m].
+        axis: "x", "y" or "z".
+
+    Raises:
+        ValueError: NaN, infinite, or another axis.
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> operators.prismatic_placement([0.1, 0.0, 0.0], 0.2, "x").translation.round(4)  # [m]
+        array([0.3, 0. , 0. ])
+    """
     return elementary_matrix(7, offset) * elementary_matrix(7, _along(axis, slide))
 
 
@@ -90,6 +132,15 @@ def screw_placement(offset: Any, angle: float, lead: float, axis: str = "z") -> 
         angle: [rad].
         lead: translation per turn [m], positive for a right-handed screw.
         axis: "x", "y" or "z".
+
+    Raises:
+        ValueError: NaN, infinite, or another axis.
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> found = operators.screw_placement([0.0, 0.0, 0.0], np.pi, 0.01)  # half a turn
+        >>> found.translation.round(4)  # [m]
+        array([0.   , 0.   , 0.005])
     """
     return elementary_matrix(_case(axis) + 3, offset, angle, lead)
 
@@ -105,6 +156,15 @@ def cylindrical_placement(
         angle: [rad].
         slide: along the axis [m].
         axis: "x", "y" or "z".
+
+    Raises:
+        ValueError: NaN, infinite, or another axis.
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> found = operators.cylindrical_placement([0.1, 0.0, 0.0], 0.5, 0.2)
+        >>> found.translation.round(4)  # [m]
+        array([0.1, 0. , 0.2])
     """
     link = elementary_matrix(7, finite_array(offset, (3,), "offset") + _along(axis, slide))
     return link * elementary_matrix(_case(axis), ORIGIN, angle)
@@ -112,13 +172,42 @@ def cylindrical_placement(
 
 @checked
 def planar_placement(offset: Any, x: float, y: float, angle: float) -> pin.SE3:
-    """Return link and planar joint (`JointModelPlanar`): x, y [m] and angle [rad] about z."""
+    """Return link and planar joint (`JointModelPlanar`): x, y [m] and angle [rad] about z.
+
+    Args:
+        offset: (3,) [m].
+        x: along x of the plane [m].
+        y: along y of the plane [m].
+        angle: about z [rad].
+
+    Raises:
+        ValueError: NaN or infinite.
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> operators.planar_placement([0.0, 0.0, 0.1], 0.3, 0.2, 0.5).translation.round(4)  # [m]
+        array([0.3, 0.2, 0.1])
+    """
     return elementary_matrix(7, offset) * elementary_matrix(3, (x, y, 0.0), angle)
 
 
 @checked
 def universal_placement(offset: Any, first: float, second: float) -> pin.SE3:
-    """Return link and universal joint (`JointModelUniversal`): turns about x, then y [rad]."""
+    """Return link and universal joint (`JointModelUniversal`): turns about x, then y [rad].
+
+    Args:
+        offset: (3,) [m].
+        first: turn about x [rad].
+        second: turn about the new y [rad].
+
+    Raises:
+        ValueError: NaN or infinite.
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> operators.universal_placement([0.1, 0.0, 0.0], 0.1, 0.2).rotation.shape
+        (3, 3)
+    """
     return elementary_matrix(1, offset, first) * elementary_matrix(2, ORIGIN, second)
 
 
@@ -131,6 +220,15 @@ def spherical_placement(offset: Any, first: float, second: float, third: float) 
         first: turn about z [rad].
         second: turn about the new x [rad].
         third: turn about the new z [rad].
+
+    Raises:
+        ValueError: NaN or infinite.
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> found = operators.spherical_placement([0.1, 0.0, 0.0], 0.1, 0.2, 0.3)
+        >>> found.translation, found.rotation.shape  # [m]
+        (array([0.1, 0. , 0. ]), (3, 3))
     """
     return (
         elementary_matrix(3, offset, first)
@@ -148,6 +246,12 @@ def euler_zxz_from_rotation(rotation: Any) -> EulerAngles:
 
     Raises:
         ValueError: NaN, infinite, another shape, or no rotation.
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> rotation = operators.spherical_placement([0, 0, 0], 0.1, 0.2, 0.3).rotation
+        >>> [round(x, 4) for x in operators.euler_zxz_from_rotation(rotation)]  # [rad]
+        [0.1, 0.2, 0.3]
     """
     r = checked_rotation(rotation)
     sine = math.hypot(r[0, 2], r[1, 2])

@@ -24,6 +24,11 @@ class AxisAngle(NamedTuple):
     Attributes:
         axis: (3,) unit vector; z when there is no rotation.
         angle: [rad] in [0, pi].
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> operators.axis_angle_from_rotation(operators.rotation_matrix("z", 0.3)).angle  # [rad]
+        0.3
     """
 
     axis: Array
@@ -37,6 +42,11 @@ class Turn(NamedTuple):
         axis: "x", "y", "z" or a unit vector (3,), in the fixed or in the moving frame.
         angle: [rad], positive by the right-hand rule.
         about: "fixed" or "moving", the frame that `axis` belongs to.
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> operators.Turn("z", 0.3, about="moving").about
+        'moving'
     """
 
     axis: Any
@@ -57,6 +67,13 @@ def rotation_matrix(axis: Any, angle: float) -> Array:
 
     Raises:
         ValueError: NaN, infinite, or an axis that is not of length 1.
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> operators.rotation_matrix("z", np.pi / 2).round(4)
+        array([[ 0., -1.,  0.],
+               [ 1.,  0.,  0.],
+               [ 0.,  0.,  1.]])
     """
     u, angle = axis_vector(axis), finite_number(angle, "angle")
     vers = 2.0 * math.sin(0.5 * angle) ** 2
@@ -74,6 +91,12 @@ def axis_angle_from_rotation(rotation: Any) -> AxisAngle:
 
     Raises:
         ValueError: NaN, infinite, another shape, or no rotation; see `nearest_rotation`.
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> axis, angle = operators.axis_angle_from_rotation([[0, -1, 0], [1, 0, 0], [0, 0, 1]])
+        >>> axis.round(4), round(angle, 4)  # [rad]
+        (array([0., 0., 1.]), 1.5708)
     """
     quaternion = pin.Quaternion(checked_rotation(rotation)).coeffs()
     v, w = quaternion[:3], float(quaternion[3])
@@ -94,6 +117,12 @@ def composite_rotation(turns: Iterable[Turn | tuple[Any, ...]]) -> Array:
 
     Raises:
         ValueError: a turn has a bad axis or angle, or is about neither "fixed" nor "moving".
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> found = operators.composite_rotation([("z", 0.3), ("x", 0.2, "moving")])
+        >>> found.shape, found[2].round(4)
+        ((3, 3), array([0.    , 0.1987, 0.9801]))
     """
     rotation: Array = np.eye(3)
     for axis, angle, about in rows_of(turns, Turn, "turn"):
@@ -109,6 +138,14 @@ def nearest_rotation(matrix: Any) -> Array:
 
     Raises:
         ValueError: NaN, infinite, another shape, or a matrix that mirrors or flattens space.
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> rough = [[0.0, -1.001, 0.0], [0.999, 0.0, 0.0], [0.0, 0.0, 1.0]]
+        >>> operators.nearest_rotation(rough).round(3)
+        array([[ 0., -1.,  0.],
+               [ 1.,  0.,  0.],
+               [ 0.,  0.,  1.]])
     """
     m = finite_array(matrix, (3, 3), "matrix")
     if not np.linalg.det(m) > 0.0:
@@ -122,6 +159,11 @@ def axis_vector(axis: Any) -> Array:
 
     Raises:
         ValueError: another name, or no unit vector.
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> operators.axis_vector("y")
+        array([0., 1., 0.])
     """
     if isinstance(axis, str):
         if axis not in UNIT_AXES:
@@ -134,8 +176,17 @@ def axis_vector(axis: Any) -> Array:
 def direction_between(start: Any, end: Any) -> Array:
     """Return the unit vector (3,) that points from `start` (3,) to `end` (3,) [m].
 
+    Args:
+        start: (3,) [m].
+        end: (3,) [m].
+
     Raises:
         ValueError: NaN, infinite, or points that coincide.
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> operators.direction_between([0.0, 0.0, 0.0], [0.3, 0.0, 0.4])
+        array([0.6, 0. , 0.8])
     """
     line = finite_array(end, (3,), "end") - finite_array(start, (3,), "start")
     length = math.hypot(*line)

@@ -33,6 +33,13 @@ class ScrewDisplacement(NamedTuple):
         point: (3,) a point on the axis [m]; from `screw_from_placement` the one nearest the origin.
         angle: [rad], by the right-hand rule; from `screw_from_placement` in [0, pi].
         translation: along `direction` [m].
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> placement = operators.screw_displacement("z", [1.0, 0.0, 0.0], 0.5, translation=0.2)
+        >>> found = operators.screw_from_placement(placement)
+        >>> found.point.round(4), round(found.angle, 4), round(found.translation, 4)  # [m, rad, m]
+        (array([1., 0., 0.]), 0.5, 0.2)
     """
 
     direction: Array
@@ -91,6 +98,12 @@ def screw_displacement(
 
     Raises:
         ValueError: NaN, infinite, or a direction that is not of length 1.
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> found = operators.screw_displacement("z", [1.0, 0.0, 0.0], np.pi, translation=0.2)
+        >>> found.translation.round(4)  # where the origin goes [m]
+        array([ 2. , -0. ,  0.2])
     """
     u, p = axis_vector(direction), finite_array(point, (3,), "point")
     angle, d = finite_number(angle, "angle"), finite_number(translation, "translation")
@@ -104,8 +117,20 @@ def screw_displacement(
 def helical_displacement(direction: Any, point: Any, angle: float, pitch: float) -> pin.SE3:
     """Return the screw displacement by `angle` [rad] with translation pitch * angle, pitch [m/rad].
 
+    Args:
+        direction: "x", "y", "z" or a unit vector (3,) along the axis.
+        point: (3,) any point on the axis [m].
+        angle: [rad], positive by the right-hand rule.
+        pitch: translation per radian [m/rad].
+
     Raises:
         ValueError: see `screw_displacement`.
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> found = operators.helical_displacement("z", [0.0, 0.0, 0.0], 2.0, 0.01)  # [m/rad]
+        >>> found.translation.round(4)  # [m]
+        array([0.  , 0.  , 0.02])
     """
     translation = finite_number(pitch, "pitch") * finite_number(angle, "angle")
     return screw_displacement(direction, point, angle, translation)
@@ -128,6 +153,12 @@ def screw_from_placement(
 
     Raises:
         ValueError: NaN, infinite, or no rigid displacement.
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> found = operators.screw_from_placement(pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.2])))
+        >>> found.angle, found.direction, round(found.translation, 4)  # [rad], (3,), [m]
+        (0.0, array([0., 0., 1.]), 0.2)
     """
     m = as_placement(placement)
     (u, angle), t = axis_angle_from_rotation(m.rotation), m.translation
@@ -141,14 +172,43 @@ def screw_from_placement(
 
 @checked
 def displaced_points(placement: Any, points: Any) -> Array:
-    """Return `points` (3,) or (N, 3) [m] after a displacement (pin.SE3 or (4, 4))."""
+    """Return `points` (3,) or (N, 3) [m] after a displacement (pin.SE3 or (4, 4)).
+
+    Args:
+        placement: the displacement.
+        points: before it.
+
+    Raises:
+        ValueError: NaN, infinite, another shape, or no rigid displacement.
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> turn = operators.screw_displacement("z", [0.0, 0.0, 0.0], np.pi / 2, translation=0.1)
+        >>> operators.displaced_points(turn, [[1.0, 0.0, 0.0]]).round(4)  # (N, 3) [m]
+        array([[0. , 1. , 0.1]])
+    """
     m = as_placement(placement)
     return finite_points(points, 3, "points") @ m.rotation.T + m.translation
 
 
 @checked
 def displaced_frame(placement: Any, frame: Any) -> pin.SE3:
-    """Return a frame (pin.SE3 or (4, 4)) after a displacement, both in the same fixed frame."""
+    """Return a frame (pin.SE3 or (4, 4)) after a displacement, both in the same fixed frame.
+
+    Args:
+        placement: the displacement.
+        frame: where the frame is before it.
+
+    Raises:
+        ValueError: NaN, infinite, another shape, or no rigid displacement.
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> frame = pin.SE3(np.eye(3), np.array([1.0, 0.0, 0.0]))
+        >>> turn = operators.screw_displacement("z", [0.0, 0.0, 0.0], np.pi / 2)
+        >>> operators.displaced_frame(turn, frame).translation.round(4)  # [m]
+        array([0., 1., 0.])
+    """
     return as_placement(placement) * as_placement(frame)
 
 
@@ -158,6 +218,11 @@ def as_placement(placement: Any) -> pin.SE3:
 
     Raises:
         ValueError: NaN, infinite, another shape, or no rigid displacement.
+
+    Example:
+        >>> from spatial_pin import operators
+        >>> operators.as_placement(np.eye(4)).translation  # [m]
+        array([0., 0., 0.])
     """
     h = placement.homogeneous if isinstance(placement, pin.SE3) else placement
     h = finite_array(h, (4, 4), "placement")
