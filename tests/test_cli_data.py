@@ -160,6 +160,20 @@ def test_names_are_checked_before_work_begins(run, words, says, monkeypatch):
     assert code == 1 and out == "" and says in err
 
 
+@pytest.mark.parametrize(("words", "says"), [
+    (("sweeep", "rssr"), "no command 'sweeep'; did you mean 'sweep'?"),
+    (("rssr",), "no command 'rssr'; --help says which there are"),
+    (("sweep", "rssr", "crank", "0", "1", "--stopp"), "did you mean '--stop'?"),
+    (("sweep", "rssr", "crank", "0", "1", "--fortissimo"), "no option '--fortissimo'; --help says"),
+    (("limits", "rssr", "crank", "1"), "than was given before '1'"),
+    (("limits", "rssr", "crank", "-1"), "than was given before '-1'"),
+    (("list", "rssr"), "than was given before 'rssr'"),
+])
+def test_words_that_are_none_are_answered_with_the_nearest(run, words, says):
+    code, out, err = run(*words)
+    assert code == 2 and out == "" and "usage: spatial-pin" in err and says in err
+
+
 # ---------------------------------------------------------------- limits of joints, clearance
 
 

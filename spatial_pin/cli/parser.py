@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 import re
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import spatial_pin as sp
 from spatial_pin.cli.commands import COMMANDS, GROUPS
 from spatial_pin.cli.options import mechanism_options
+from spatial_pin.errors import suggestion
 
 DESCRIPTION = "Spatial mechanisms with closed loops: load, close, move, see."
 MORE = "`spatial-pin COMMAND --help` says what a command takes."
@@ -23,8 +24,24 @@ def options_of(words: Sequence[str]) -> argparse.Namespace:
     Raises:
         SystemExit: the words are none of a command, or ask for help.
     """
+    whole = parser()
+    if words and words[0] not in COMMANDS and not words[0].startswith("-"):
+        whole.error(f"no command {words[0]!r}; {_near(words[0], COMMANDS)}")
     # argparse takes -90deg for an option, but nothing that begins with a space
-    return parser().parse_args([f" {w}" if re.match(r"-\.?\d", w) else w for w in words])
+    options, rest = whole.parse_known_args(
+        [f" {w}" if re.match(r"-\.?\d", w) else w for w in words])
+    for word in rest:
+        sub = options.parsers[options.command]
+        known = [flag for action in sub._actions for flag in action.option_strings]
+        sub.error(f"no option {word!r}; {_near(word, known)}" if word.startswith("--") else
+                  f"nothing more is expected than was given before {word.strip()!r}")
+    return options
+
+
+def _near(word: str, known: Iterable[str]) -> str:
+    """Return the nearest of some words, else where they are told."""
+    near = suggestion(word, known)
+    return near if near.startswith("did you mean") else "--help says which there are"
 
 
 class _Parser(argparse.ArgumentParser):
