@@ -1,6 +1,8 @@
 """In notebooks: what results show of themselves, stored, exported, and played when opened."""
 
 import html
+import importlib.util
+import json
 import re
 import sys
 from dataclasses import replace
@@ -16,6 +18,8 @@ from spatial_pin.view.browser.devtools import Browser
 from spatial_pin.view.browser.picture import find_browser
 from spatial_pin.view.page.notebook import PagePath, watched
 
+ROOT = Path(__file__).parents[1]
+NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 CELLS = (
     "import numpy as np, spatial_pin as sp\n"
     "motion = sp.sweep(sp.load('rssr'), 'crank', np.linspace(0, 6, 61), speed=5.0)",
@@ -135,6 +139,49 @@ def test_a_live_page_has_a_still_one_beside_it():
         assert f'src="{viewer.url}"' in text and "data-still=" in text
     assert "iframe" not in viewer._repr_html_()
     assert 'data-still="a &amp; &quot;b"' in watched("http://127.0.0.1:1/", 'a & "b')
+
+
+# ---------------------------------------------------------------- the notebooks of the project
+
+
+def runner():
+    """Return the script that runs the notebooks."""
+    pytest.importorskip("nbclient")
+    pytest.importorskip("ipykernel")
+    pytest.importorskip("pandas")
+    spec = importlib.util.spec_from_file_location("notebooks", ROOT / "scripts" / "notebooks.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def shown_by(cell: dict) -> list[set[str]]:
+    """Return what the outputs of a cell are: printed text, or kinds of data."""
+    assert not [o for o in cell["outputs"] if o["output_type"] == "error"]
+    return [set(o.get("data", {"printed": 0})) for o in cell["outputs"]]
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_stored_notebooks_are_run_small_and_without_errors(path):
+    book = json.loads(path.read_text("utf-8"))
+    code = [cell for cell in book["cells"] if cell["cell_type"] == "code"]
+    assert path.stat().st_size < 300_000 and 10 <= len(book["cells"]) <= 15
+    assert [cell["execution_count"] for cell in code] == list(range(1, len(code) + 1))
+    assert all(shown_by(cell) for cell in code)
+    assert any("image/png" in kinds for cell in code for kinds in shown_by(cell))
+    assert "/tmp/" not in path.read_text("utf-8")
+
+
+@pytest.mark.slow
+@pytest.mark.browser
+@pytest.mark.skipif(find_browser() is None, reason="no Chromium or Chrome on this machine")
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebooks_run_and_show_what_is_stored(path):
+    stored, again = json.loads(path.read_text("utf-8")), runner().run(path)
+    for old, new in zip(stored["cells"], again.cells, strict=True):
+        if old["cell_type"] == "code":
+            assert shown_by(new) == shown_by(old), new["source"]
 
 
 # ---------------------------------------------------------------- a notebook, run and exported

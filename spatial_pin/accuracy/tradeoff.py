@@ -20,7 +20,6 @@ from spatial_pin.accuracy.reference import (
     SweepReference,
 )
 from spatial_pin.accuracy.tasks import SweepTask, Task, task_of
-from spatial_pin.brief import brief
 from spatial_pin.checks import checked, positive_number, whole_number
 from spatial_pin.dynamics.simulation.simulate import Simulation
 from spatial_pin.errors import SingularError, SpatialPinError
@@ -96,7 +95,9 @@ class Measured:
         return self.errors.total if self.errors else np.nan
 
     def __repr__(self) -> str:
-        return brief(self, seconds="s")
+        kind = "sweep" if self.solver_steps is None else "simulate"
+        return (f"Measured({describe(self.accuracy, kind)!r}: {1e6 * self.time_per_step:.3g} µs a "
+                f"step, error {self.error:.1e})")
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from spatial_pin.accuracy.tradeoff import Tradeoff
 from spatial_pin.accuracy.tradeoff_view import cells
 from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.kinetostatics import Kinetostatics
+from spatial_pin.dynamics.reactions import MANY
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mobility.mobility import Mobility
 from spatial_pin.motion.motion import Motion
@@ -90,7 +91,8 @@ def kinetostatics(shown: Kinetostatics) -> str:
     """Return the range of every effort, and the largest reactions of every pair."""
     moved = shown.motion
     coordinates, n = moved.mechanism, len(moved)
-    efforts = [(name, EFFORTS[coordinates.coordinate(name).unit], *_span(x),
+    every = np.array(list(shown.efforts.values()))
+    efforts = [(name, EFFORTS[coordinates.coordinate(name).unit], *_span(x, every),
                 where(moved, int(np.abs(x).argmax()))) for name, x in shown.efforts.items() if n]
     wrenches = {**shown.reactions, "on the fixed link": shown.on_ground} if n else {}
     rows = []
@@ -98,10 +100,12 @@ def kinetostatics(shown: Kinetostatics) -> str:
         sizes = np.linalg.norm(x.reshape(-1, 2, 3), axis=2).max(axis=0)
         rows.append((name, *(tidy(size, shown.on_ground) + mark
                              for size, mark in zip(sizes, shown.marks(name), strict=True))))
+    marked = any("*" in cell for row in rows for cell in row[1:])
     statics = "" if moved.per == "s" else "; at rest, for the motion has no speed"
     return _card(f"{heading(moved)}{statics}", _table(
         ("effort", "unit", "least", "largest", "most"), efforts), _table(
-        ("reaction", "largest force [N]", "largest moment [N·m]"), rows, numbers=2))
+        ("reaction", "largest force [N]", "largest moment [N·m]"), rows, numbers=2),
+        paragraph(MANY) if marked else "")
 
 
 def tradeoff(shown: Tradeoff) -> str:
@@ -111,5 +115,7 @@ def tradeoff(shown: Tradeoff) -> str:
                  _table([head.strip() for head in heads], rows, numbers=len(heads) - 1))
 
 
-def _span(values: Array) -> tuple[str, str]:
-    return tidy(values.min(), values), tidy(values.max(), values)
+def _span(values: Array, among: Array | None = None) -> tuple[str, str]:
+    """Return the least and the largest value, 0 for round-off of the largest among others."""
+    every = values if among is None else among
+    return tidy(values.min(), every), tidy(values.max(), every)
