@@ -199,6 +199,9 @@ def checked(function: Function) -> Function:
             if name in kinds and type(value) not in plain[name]:
                 if not _is_of(value, kinds[name]):
                     _refuse(f"{function.__name__}: {name}", kinds[name], value)
+                own: Any = type(value)
+                if any(_is_kind_of(own, x) for x in kinds[name] if x in MADE_BY):
+                    plain[name].add(own)  # another object of it need not be asked
                 if kinds[name] == ["int"] and not isinstance(value, int):
                     whole[name] = int(value)
         if whole:

@@ -217,10 +217,10 @@ def _standing(
         if coordinate.name in held:
             raise ValueError(f"free: {name!r} is given a value too")
         loose.add(coordinate.name)
-    values = {c.name: coordinate_value(mechanism, c, start.q) for c in drivers}
-    standing = [name for name in values if name not in held and name not in loose]
+    standing = [c.name for c in drivers if c.name not in held and c.name not in loose]
     if not standing:
         return {}
+    values = {c.name: coordinate_value(mechanism, c, start.q) for c in drivers}
     spoken = set(joint_values(mechanism, mechanism.guess)) | set(start.named)
     silent = [name for name in values if name not in spoken]
     if spoken - set(values) and not set(silent).isdisjoint(standing):

@@ -46,12 +46,14 @@ def read_guess(
 ) -> Guess:
     """Return the guess with its angles taken to a turn where they count too many."""
     q, named = _as_given(mechanism, guess)
-    q = q.copy()
-    for c in periodic(mechanism):
-        if COORDINATE_ERROR * abs(q[c.q]) > OPEN:
-            q[c.q] = math.atan2(math.sin(q[c.q]), math.cos(q[c.q]))
-            if c.name in named:
-                named[c.name] = float(q[c.q])
+    entries, angles = q.tolist(), periodic(mechanism)
+    if any(COORDINATE_ERROR * abs(entries[c.q]) > OPEN for c in angles):
+        q = q.copy()
+        for c in angles:
+            if COORDINATE_ERROR * abs(entries[c.q]) > OPEN:
+                q[c.q] = math.atan2(math.sin(entries[c.q]), math.cos(entries[c.q]))
+                if c.name in named:
+                    named[c.name] = float(q[c.q])
     return Guess(q, named)
 
 
@@ -79,15 +81,32 @@ def _as_given(
 
 def _all_values(mechanism: Mechanism, q: Array) -> dict[str, float]:
     """Return all coordinates at q (nq,)."""
-    places, starts = q.tolist(), mechanism.model.idx_qs
-    named = {c.name: places[c.q] for c in mechanism.coordinate_table.values() if c.q >= 0}
-    for joint, coordinates in by_joint(mechanism).items():
-        if coordinates[0].q < 0:
-            at = starts[mechanism.joint_id(joint)] + len(coordinates) - 3
-            values = places[at - len(coordinates) + 3 : at] + rotation_components(
-                *places[at : at + 4])
-            named.update({c.name: x for c, x in zip(coordinates, values, strict=True)})
+    entries = q.tolist()
+    plain, turning = _places(mechanism)
+    named = {name: entries[at] for name, at in plain}
+    for names, at, turns in turning:
+        named |= zip(names, entries[at:turns] + rotation_components(*entries[turns : turns + 4]),
+                     strict=True)
     return named
+
+
+def _places(
+    mechanism: Mechanism,
+) -> tuple[list[tuple[str, int]], list[tuple[list[str], int, int]]]:
+    """Return names and places in q of coordinates.
+
+    Of those that are entries of q; and of joints that turn in space, where these begin and where
+    their quaternion does.
+    """
+    if "places" not in mechanism.memo:
+        starts, table = mechanism.model.idx_qs, mechanism.coordinate_table
+        turning = [([c.name for c in found], at, at + len(found) - 3)
+                   for joint, found in by_joint(mechanism).items() if found[0].q < 0
+                   for at in [int(starts[mechanism.joint_id(joint)])]]
+        mechanism.memo["places"] = [(c.name, c.q) for c in table.values() if c.q >= 0], turning
+    found: tuple[list[tuple[str, int]], list[tuple[list[str], int, int]]] = (
+        mechanism.memo["places"])
+    return found
 
 
 def starts_from(
