@@ -33,10 +33,12 @@ default_role = "literal"
 
 autodoc_member_order = "groupwise"
 autodoc_typehints = "signature"
-autodoc_default_options = {"members": True, "show-inheritance": False}
+autodoc_default_options = {"members": True}
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 napoleon_use_ivar = True
+napoleon_use_rtype = False
+napoleon_attr_annotations = False
 python_display_short_literal_types = True
 python_maximum_signature_line_length = 88
 add_module_names = False

@@ -1,6 +1,7 @@
 """The documentation says what is: its code runs, its tables are those of the code."""
 
 import importlib.util
+import inspect
 import re
 import sys
 from pathlib import Path
@@ -49,6 +50,20 @@ def test_every_public_name_has_a_place_in_the_reference():
     text = "\n".join(path.read_text(encoding="utf-8") for path in (DOCS / "reference").glob("*.md"))
     told = re.findall(r"^\.\. auto\w+:: spatial_pin\.(\w+)$", text, flags=re.MULTILINE)
     assert sorted(told) == sorted({*sp.__all__, "operators"})
+
+
+INNER = {"of_native", "check_rotations", "read_targets"}  # of importers and solvers
+
+
+@pytest.mark.parametrize("name", ["closures", "goals", "laws", "targets"])
+def test_every_function_of_a_public_module_has_a_place_in_the_reference(name):
+    text = "\n".join(path.read_text(encoding="utf-8") for path in (DOCS / "reference").glob("*.md"))
+    told = re.findall(rf"^\.\. autofunction:: spatial_pin\.{name}\.(\w+)$", text,
+                      flags=re.MULTILINE)
+    module = getattr(sp, name)
+    there = {key for key, x in vars(module).items() if key[0] != "_" and inspect.isfunction(x)
+             and x.__module__ == module.__name__}
+    assert set(told) == there - INNER
 
 
 def test_every_room_of_the_package_is_in_the_table_of_the_architecture():

@@ -25,6 +25,8 @@ import spatial_pin
 
 REFERENCE = "reference/"
 CODE = re.compile(r"sp\.(\w+)(\(.*\))?$")
+MADE_BY_HAND = ("Accuracy", "Look", "Output", "Passive", "Spring", "Vectors")  # not by functions
+SEVERAL = re.compile(r"^(:(?:ivar|param) [^:]*):")  # fields that are described together
 ARRAY = re.compile(r"~?(numpy\.)?ndarray\[tuple\[.*?\], ~?(numpy\.)?dtype\[~?(numpy\.)?floating"
                    r"(\[.*?\])?\]\]")
 QUOTED = re.compile(r"(?<!`)`([^`]+)`(?!`)(\w?)")
@@ -35,8 +37,8 @@ def resolve(app: Sphinx, env: BuildEnvironment, node: pending_xref,
     """Return a link to the public name that a type is known by, or its plain text."""
     if node.get("refdomain") != "py":
         return None
-    name = node["reftarget"].rpartition(".")[2]
-    if name in spatial_pin.__all__:
+    place, _, name = node["reftarget"].rpartition(".")
+    if name in spatial_pin.__all__ and place.partition(".")[0] in ("", "spatial_pin"):
         domain: Any = env.get_domain("py")
         target = f"spatial_pin.{name}"
         if target in domain.objects:
@@ -58,6 +60,8 @@ def linked(match: re.Match) -> str:
 
 def link(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
     """Change the backticks of a docstring; they may reach over the end of a line."""
+    for k, line in enumerate(lines):  # else Sphinx takes the first name for a type
+        lines[k] = SEVERAL.sub(lambda match: match[0].replace(", ", ",\u200b"), line)
     lines[:] = QUOTED.sub(linked, "\n".join(lines)).split("\n")
 
 
@@ -65,7 +69,10 @@ def shorten(
     app: Sphinx, what: str, name: str, obj: Any, options: Any, signature: str | None,
     returned: str | None,
 ) -> tuple[str | None, str | None]:
-    """Write arrays of floats as ndarray; docstrings say their shapes."""
+    """Write arrays of floats as ndarray; leave out how results are made, which nobody makes."""
+    made = "operators" in name or name.rpartition(".")[2] in MADE_BY_HAND
+    if what in ("class", "exception") and not made:
+        return signature and "", None
     short = [ARRAY.sub("ndarray", text) if text else text for text in (signature, returned)]
     return short[0], short[1]
 
