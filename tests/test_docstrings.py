@@ -139,6 +139,26 @@ def test_a_function_tells_its_arguments_its_result_and_its_errors(name):
     assert ("\nRaises:\n" in words) != (name in RAISE_NOTHING)
 
 
+def fields_with_numbers():
+    """Yield (class, field, whether it is an array) of the public types that hold numbers."""
+    for name in sp.__all__:
+        kind = getattr(sp, name)
+        for field, hint in (getattr(kind, "__annotations__", {}) if inspect.isclass(kind) else
+                            {}).items():
+            hint = str(getattr(hint, "__forward_arg__", hint))
+            if not field.startswith("_") and re.search(r"\bArray\b|NDArray|^float\b", hint):
+                yield name, field, "Array" in hint
+
+
+@pytest.mark.parametrize(("name", "field", "is_array"), list(fields_with_numbers()))
+def test_numbers_of_a_result_have_a_unit_and_arrays_a_shape(name, field, is_array):
+    """A shape stands in parentheses, a unit in brackets; a number without one says [-]."""
+    words = inspect.getdoc(getattr(sp, name))
+    told = re.search(rf"^    (?:\w+, )*{field}(?:, \w+)*:(.*(?:\n        .*)*)", words,
+                     flags=re.MULTILINE)
+    assert told and re.search(r"\([\w ,-]+,?\)" if is_array else r"\[.+\]", told[1], re.DOTALL)
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_sections_are_in_the_order_of_google_style(name):
     order = ["Attributes", "Args", "Returns", "Raises", "Example"]

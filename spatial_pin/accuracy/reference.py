@@ -37,7 +37,7 @@ class Errors(NamedTuple):
         velocity: [rad/s, characteristic lengths/s].
         acceleration: [rad/s², characteristic lengths/s²].
         spin: of resolved passive freedoms [rad]; 0 without any.
-        total: the largest of position, and of velocity and acceleration by their sizes.
+        total: the largest of position, and of velocity and acceleration by their sizes [-].
 
     Example:
         >>> mech = sp.load("four_bar")

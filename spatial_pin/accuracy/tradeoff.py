@@ -51,7 +51,7 @@ class Measured:
         seconds: of every run, in the order they were made.
         steps: samples of the motion; a step is a sample.
         errors: largest errors against the reference; None where it failed.
-        energy_drift: of a simulation, see `Simulation`; None of a sweep.
+        energy_drift: of a simulation [-], see `Simulation`; None of a sweep.
         solver_steps: of the integrator; None of a sweep.
         on_front: whether no other setting is both as fast and as exact.
         said: why it failed, or what the motion reports; empty if nothing.
@@ -113,7 +113,7 @@ class Tradeoff:
         kind: "sweep" or "simulate".
         rows: one for each setting, the fastest first, those that failed last.
         reference: what errors were measured against.
-        reference_error: the error of that, like `Measured.error`.
+        reference_error: the error of that [-], like `Measured.error`.
 
     Example:
         >>> mech = sp.load("four_bar")

@@ -53,21 +53,21 @@ class PointRates(NamedTuple):
 
 
 class RelativeMotion(NamedTuple):
-    """Motion of a point split over a moving frame, world axes, each (3,) [EMT2431, 7.3].
+    """Motion of a point split over a moving frame, world axes [EMT2431, 7.3].
 
     The point's velocity is base_velocity + transport + relative_velocity, its acceleration
     base + tangential + normal + relative + coriolis.
 
     Attributes:
-        position: of the point from the frame's origin [m].
-        base_velocity: of the frame's origin [m/s].
-        transport: omega x position [m/s], omega the frame's angular velocity.
-        relative_velocity: of the point as seen in the frame [m/s].
-        base: acceleration of the frame's origin [m/s²].
-        tangential: alpha x position [m/s²], alpha the frame's angular acceleration.
-        normal: omega x (omega x position) [m/s²].
-        relative: acceleration of the point as seen in the frame [m/s²].
-        coriolis: 2 omega x relative_velocity [m/s²].
+        position: (3,) of the point from the frame's origin [m].
+        base_velocity: (3,) of the frame's origin [m/s].
+        transport: (3,) omega x position [m/s], omega the frame's angular velocity.
+        relative_velocity: (3,) of the point as seen in the frame [m/s].
+        base: (3,) acceleration of the frame's origin [m/s²].
+        tangential: (3,) alpha x position [m/s²], alpha the frame's angular acceleration.
+        normal: (3,) omega x (omega x position) [m/s²].
+        relative: (3,) acceleration of the point as seen in the frame [m/s²].
+        coriolis: (3,) 2 omega x relative_velocity [m/s²].
 
     Example:
         >>> mech = sp.load("inverted_slider_crank")

@@ -52,17 +52,17 @@ class Calibration:
         mechanism: at the calibrated dimensions.
         values: by unknown: a dimension, `DRIVER.offset`, `base.x` ... `base.rz` (the last three a
             rotation vector) [m or rad].
-        nominal: likewise, where the search began.
-        sigma: standard deviations; infinite of unknowns that the data do not determine, NaN where
-            the residuals are to tell them and no number is left for that. Bounds have no say in
-            them. Those of the base's rotation are of small turns about the measuring axes.
-        covariance: (n, n) in the order of `values`; infinite and NaN likewise.
+        nominal: likewise, where the search began [m or rad].
+        sigma: standard deviations [m or rad]; infinite of unknowns that the data do not determine,
+            NaN where the residuals are to tell them and no number is left for that. Bounds have no
+            say in them. Those of the base's rotation are of small turns about the measuring axes.
+        covariance: (n, n) in the order of `values` [m², m rad, rad²]; infinite and NaN likewise.
         residuals: (m,) model less measurement [m or rad], in the measuring axes; of a rotation in
             those of the frame. Those of encoders that read with an error stand behind the others.
-        before: (m,) likewise, where the search began.
+        before: (m,) likewise, where the search began [m or rad].
         labels: (m,) of each residual the number of its measurement, from 0, and what it is.
         units: (m,) of the residuals, "m" or "rad".
-        weights: (m,) what each counts, from 0 to 1: 1 where no robust loss was asked for.
+        weights: (m,) what each counts [-], from 0 to 1: 1 where no robust loss was asked for.
         undetermined: combinations of unknowns that cannot be told from the data, in words.
         base: placement of the mechanism's world in the axes of what measures; None if these are
             the same.

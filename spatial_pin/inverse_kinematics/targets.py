@@ -39,8 +39,9 @@ class Target(ABC):
 
     Attributes:
         name: frame or coordinate; filled in from the key that the target stands under.
-        weight: None: it is to be reached exactly; else it is met as well as those that are to be
-            reached leave freedom for, the sum of weight² residual² of all being least.
+        weight: None: it is to be reached exactly; else how much it counts [-]: it is met as well as
+            those that are to be reached leave freedom for, with the least sum of weight² residual²
+            of all.
 
     Example:
         >>> mech = sp.load("delta")

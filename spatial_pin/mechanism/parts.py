@@ -147,13 +147,17 @@ class Driver:
 
 @dataclass(frozen=True)
 class Spring:
-    """A spring and damper between two frames, or about or along a joint (SI units).
+    """A spring and damper between two frames, or about or along a joint.
 
     Attributes:
-        name, frames, joint, stiffness, damping: as in the mechanism file; either two frames or a
-            joint's coordinate, whose value is the spring's length or angle.
+        name: the name in the mechanism file.
+        frames: names of the two frames that it joins; or
+        joint: the joint or coordinate whose value is the spring's length or angle.
+        stiffness: [N/m], of a coordinate that turns [N·m/rad].
+        damping: [N·s/m], of a coordinate that turns [N·m·s/rad].
         free_length: between frames, or of a coordinate that slides, at no force [m].
-        free_angle: of a coordinate that turns [rad]; of one that slides it is taken as [m].
+        free_angle: of a coordinate that turns, at no torque [rad]; of one that slides it is taken
+            as [m].
 
     Example:
         >>> sp.Spring("return", joint="rocker_pin", stiffness=2.0, free_angle=1.2).free  # [rad]

@@ -38,7 +38,7 @@ class PassiveFreedom(NamedTuple):
     Attributes:
         link: the link that moves.
         kind: "spin", "slide", or "screw" where it advances as it turns.
-        axis: (3,) world direction of its axis at the configuration.
+        axis: (3,) unit vector along its axis at the configuration, world axes.
         point: (3,) a point of that axis in the world [m].
         text: the same in words, naming the pairs on the axis.
 

@@ -32,9 +32,12 @@ class Mobility:
     """Freedoms of a mechanism at a closed configuration; `str()` is a report.
 
     Attributes:
+        mechanism: the mechanism.
         kutzbach: freedoms by the formula with lambda = 6 for every loop.
-        grubler: freedoms by the formula with the lambda of each loop as recognised.
-        loops: number of independent loops; `loop_list` describes them.
+        grubler: freedoms by the formula with the lambda of each loop as recognised: 3 of plane and
+            spherical loops.
+        loops: number of independent loops.
+        loop_list: what each of them is.
         rank: rank of the closure Jacobian.
         instantaneous: coordinates minus rank.
         dof: finite freedom, the largest local dimension of the closed configurations there,

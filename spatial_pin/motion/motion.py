@@ -58,7 +58,7 @@ class FrameMotion(NamedTuple):
 
     Attributes:
         position: (N, 3) [m].
-        rotation: (N, 3, 3).
+        rotation: (N, 3, 3), columns are the axes of the frame in the world.
         velocity: (N, 3) [m/s].
         acceleration: (N, 3) second derivative of the position [m/s²].
         angular_velocity: (N, 3) [rad/s].

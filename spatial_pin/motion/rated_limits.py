@@ -55,9 +55,9 @@ class BeyondLimit(NamedTuple):
 
     Attributes:
         limit: which one.
-        samples: of the motion, rising.
-        worst: the sample with the most.
-        most: the velocity or effort there.
+        samples: (n,) numbers of the samples of the motion that are beyond it, rising.
+        worst: number of the sample that is farthest beyond.
+        most: the velocity or effort there [rad/s, m/s, N·m or N].
 
     Example:
         >>> mech = sp.load("excavator")

@@ -267,8 +267,9 @@ class Influence(NamedTuple):
     a = first @ s' + s @ second @ s (z' and z'' where there is one driver).
 
     Attributes:
-        first: (nv, n) joint velocities per unit driver speed.
-        second: (nv, n, n) symmetric in the drivers.
+        first: (nv, n) joint velocities per unit driver speed [rad or m per rad or m].
+        second: (nv, n, n) joint accelerations per product of two driver speeds, symmetric in them
+            [rad or m per rad², rad m or m²].
 
     Example:
         >>> mech = sp.load("four_bar")

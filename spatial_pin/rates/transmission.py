@@ -29,8 +29,8 @@ class Transmission(NamedTuple):
 
     Attributes:
         ratio: output speed per driver speed [in their units].
-        mechanical_advantage: output effort per driver effort without losses, 1/ratio; infinite
-            at a dead centre of the output.
+        mechanical_advantage: output effort per driver effort without losses [in their units],
+            1/ratio; infinite at a dead centre of the output.
         angle: transmission angle, 0 to pi/2 [rad]; 0 where the driver cannot move the output.
         at: where it is taken: the pair that the output link is moved at.
 

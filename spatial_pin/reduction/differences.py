@@ -12,8 +12,9 @@ class Difference(NamedTuple):
         output: coordinate, frame, or LINK.com.
         driver: what was swept; or "forward dynamics".
         position: [rad], or [m] by the characteristic length.
-        rate: of velocities relative to the largest, or to 1 rad/s, characteristic length per s.
-        acceleration: likewise.
+        rate: of velocities [-], relative to the largest, or to 1 rad/s or characteristic length
+            per s.
+        acceleration: of accelerations likewise [-].
 
     Example:
         >>> found = sp.reduce(sp.load("rssr"), "rocker_pin").verify().differences[0]
@@ -34,7 +35,7 @@ class Verification(NamedTuple):
     Attributes:
         differences: one for each output and driver.
         rows: number of samples compared.
-        full_seconds, reduced_seconds: times of the sweeps.
+        full_seconds, reduced_seconds: how long the sweeps took [s].
         remarks: where the two did not end alike.
 
     Example:

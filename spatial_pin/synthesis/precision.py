@@ -33,8 +33,9 @@ class Goal(ABC):
     """Something that a mechanism should do.
 
     Attributes:
-        weight: None: it is to be met exactly; else it is met as well as those that are to be met
-            exactly leave freedom for, the sum of weight² residual² being least.
+        weight: None: it is to be met exactly; else how much it counts [-]: it is met as well as
+            those that are to be met exactly leave freedom for, with the least sum of weight²
+            residual².
 
     Example:
         >>> sp.goals.turns("crank").name, sp.goals.path("tip", [0.1, 0.0, 0.2], weight=2.0).weight

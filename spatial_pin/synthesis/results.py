@@ -42,8 +42,8 @@ class GoalError(NamedTuple):
     """How far a goal is missed.
 
     Attributes:
-        rms: root mean square over its samples.
-        most: the largest.
+        rms: root mean square over its samples [`unit`].
+        most: the largest of them [`unit`].
         unit: of both: "m", "rad", "m, rad" (of poses, whichever is larger), or "" of a demand.
         samples: how many there are.
 
@@ -109,9 +109,9 @@ class Design:
         mechanism: with these dimensions; `mechanism.save(folder)` writes it.
         dimensions: their values by name [m or rad].
         bounds: (least, most) by name, infinite where there are none.
-        error: root of the sum of squares of the goals' weighted residuals, in characteristic
-            lengths (of a drawing of free size, as large as it is given) and radians; goals to be
-            met exactly have no part in it.
+        error: root of the sum of squares of the goals' weighted residuals [characteristic lengths,
+            rad]; those of a drawing of free size count as large as it is given. Goals to be met
+            exactly have no part in it.
         errors: by goal.
         states: closed states at the samples of every goal, one goal after the other.
         numbers: what else was found, by goal and name: how a drawing is placed [m, a rotation

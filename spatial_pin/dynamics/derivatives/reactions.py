@@ -35,8 +35,9 @@ class Linear(NamedTuple):
     """A quantity and its derivatives.
 
     Attributes:
-        value: (n,).
-        by_q, by_v, by_effort: (n, nv).
+        value: (n,) the quantity [its unit].
+        by_q, by_v, by_effort: (n, nv) its derivatives [its unit by rad or m, rad/s or m/s, N·m or
+            N].
 
     Example:
         >>> mech = sp.load("four_bar")
