@@ -94,12 +94,26 @@ def test_a_range_of_a_full_turn_is_json_without_infinities(run):
 @pytest.mark.parametrize("words", [
     ("list",), ("info", "excavator"), ("info", "stewart"), ("modes", "four_bar", "crank=1"),
     ("assemble", "delta"), ("limits", "four_bar", "rocker_pin"), ("--help",),
+    ("tradeoff", *SWEPT, "--repeats", "1"), ("statics", "stewart"), ("statics", "delta"),
+    ("tradeoff", "four_bar", "--simulate", "50ms", "--repeats", "1"), ("sensitivity", "rssr",
+    "coupler_b.position"), ("jacobian", "stewart", "platform"), ("check", "excavator"),
     ("sweep", "--help"), ("clearance", "delta", "arm_1", "0", "1", "--steps", "9"),
 ])
 def test_what_is_told_fits_a_terminal(run, words, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     code, out, _ = run(*words)
     assert code == 0 and max(map(len, out.splitlines())) <= WIDTH
+
+
+@pytest.mark.parametrize("words", [
+    ("tradeoff", *SWEPT, "--repeats", "1"), ("jacobian", "stewart", "platform"),
+    ("statics", "delta"), ("transmission", "rssr", "rocker_pin", "--over", "crank=0..1"),
+])
+def test_rows_of_tables_are_one_line_each(run, words):
+    _, out, _ = run(*words)
+    rows = [line for line in out.splitlines() if line.startswith(("  ", "* "))]
+    below = [line for line in rows if line.startswith(" " * 12)]
+    assert len(below) <= 1  # the line of headings
 
 
 def test_a_broken_line_goes_on_below_its_last_column():
@@ -117,6 +131,8 @@ def test_a_broken_line_goes_on_below_its_last_column():
     (("info", "rssr", "--set", "d=315"), "d is 1003 times its default 0.314: millimetres?"),
     (("assemble", "rssr", "crank=60"), "crank = 60 rad is 9.55 turns: 60deg?"),
     (("sweep", "rssr", "crank", "0", "360", "--steps", "5"), "360 rad is 57.3 turns: 360deg?"),
+    (("tolerance", "rssr", "rocker_pin", "--deviation", "b=0.1"),
+     "b scatters by 26% of its 0.381: 0.1mm?"),
     (("info", "excavator", "--set", "lug_angle=98"), "57.3 times its default 1.71042: degrees?"),
 ])
 def test_numbers_of_another_unit_are_asked_about(run, words, hint):

@@ -13,7 +13,7 @@ from spatial_pin.cli import main
 from spatial_pin.cli.commands import COMMANDS
 
 PAGE = (Path(__file__).parents[1] / "docs" / "command_line.md").read_text(encoding="utf-8")
-NO_JSON = {"show", "report", "completion"}
+NO_JSON = {"show", "completion"}
 SWEPT = ["four_bar", "crank", "0", "1", "--steps", "3"]
 CALLS = {  # of every command with JSON, but for those that read files or measure time
     "list": [], "info": ["rssr"], "check": ["four_bar"], "assemble": ["rssr", "crank=1"],
@@ -25,7 +25,7 @@ CALLS = {  # of every command with JSON, but for those that read files or measur
     "tolerance": ["four_bar", "rocker_pin", "--deviation", "r2=1mm"],
     "workspace": ["four_bar", "coupler_b", "crank=0..1", "--points", "3"],
     "tradeoff": [*SWEPT, "--repeats", "1"], "new": ["mine"],
-    "export": ["rssr", "--folder", "out"],
+    "export": ["rssr", "--folder", "out"], "report": [*SWEPT, "--html", "r.html"],
 }
 
 

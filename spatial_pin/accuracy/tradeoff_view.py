@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+PARTS = ("position", "velocity", "acceleration", "spin")  # columns of parts of the error
 SAID = 100  # characters that are shown of what a setting says: the table has as many
 INK, FAINT = "#2b3138", "#d5d9de"
 APART = 2.5  # ratio of two errors whose labels are a line of text apart in the figure
@@ -25,10 +26,18 @@ MARKERS = "osD^vPX<>"  # more than colours, so that pairs repeat late
 # ---------------------------------------------------------------- table
 
 
-def table(tradeoff: Tradeoff) -> str:
-    """Return the rows in columns, the Pareto front marked with *."""
+def table(tradeoff: Tradeoff, is_narrow: bool = False) -> str:
+    """Return the rows in columns, the Pareto front marked with *.
+
+    Args:
+        tradeoff: what was measured.
+        is_narrow: whether parts of the errors are left out, so that it fits a terminal.
+    """
     good = [row for row in tradeoff.rows if row.errors is not None]
     lines = cells(tradeoff)
+    if is_narrow:
+        kept = [k for k, head in enumerate(lines[0]) if head not in PARTS]
+        lines = [[line[k] for k in kept] for line in lines]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     text = [f"{tradeoff.mechanism}: {tradeoff.task}", f"reference: {tradeoff.reference}"]
     text += ["  ".join([line[0].ljust(widths[0]),

@@ -24,13 +24,11 @@ def loaded(options: argparse.Namespace) -> sp.Mechanism:
     how: dict[str, Any] = {"trusted": options.trusted, "free_flyer": options.free_flyer,
                            "packages": dict(options.packages)}
     plain = {name: x for name, x in given.items() if isinstance(x, Quantity) and not x.unit}
-    mechanism = sp.load(options.mechanism, **how, **given)
-    if plain:
+    if plain:  # first, for what is far off may not even load
         rest = {name: x for name, x in given.items() if name not in plain}
         with contextlib.suppress(sp.SpatialPinError):  # what needs a dimension has no default
-            usual = sp.load(options.mechanism, **how, **rest).dimensions
-            options.hints += _off(plain, usual)
-    return mechanism
+            options.hints += _off(plain, sp.load(options.mechanism, **how, **rest).dimensions)
+    return sp.load(options.mechanism, **how, **given)
 
 
 def _off(given: Mapping[str, float], usual: Mapping[str, float]) -> list[str]:

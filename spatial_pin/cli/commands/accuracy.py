@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 import spatial_pin as sp
+from spatial_pin.accuracy.tradeoff_view import table
 from spatial_pin.cli.asked import loaded
 from spatial_pin.cli.commands.motions import beginning, sweep_task
 from spatial_pin.cli.options import (
@@ -20,6 +21,8 @@ from spatial_pin.cli.options import (
     value,
 )
 from spatial_pin.cli.results import finite, tell
+
+PARTS = "errors of positions, velocities and accelerations one by one: --csv, --json"
 
 
 def _tradeoff_options(sub: argparse.ArgumentParser) -> None:
@@ -39,7 +42,7 @@ def _tradeoff(options: argparse.Namespace) -> None:
     mechanism = loaded(options)
     found = sp.tradeoff(mechanism, _task(options, mechanism), repeats=options.repeats,
                         progress=True)
-    text, files = str(found), []
+    text, files = f"{table(found, is_narrow=True)}\n{PARTS}", []
     if options.error is not None:
         pick = sp.Accuracy.for_error(options.error, measured=found)
         text += f"\ncheapest for an error of {options.error:.3g}: {pick}"

@@ -23,6 +23,7 @@ from spatial_pin.cli.results import finite, tell
 from spatial_pin.errors import UnknownNameError
 
 OUTPUT_HELP = "as rocker_pin, rocker_pin.rate, coupler.position, crank.lower_limit"
+WIDE = 0.1  # standard deviation relative to the dimension from which a unit may be missing
 XYZ = ("x", "y", "z")
 
 
@@ -119,11 +120,19 @@ def _tolerance_options(sub: argparse.ArgumentParser) -> None:
     data_options(sub, "means and spreads", "means and spreads")
 
 
+def _wide(mechanism: sp.Mechanism, spread: dict[str, float]) -> list[str]:
+    """Return hints for deviations without a unit that no workshop would have."""
+    return [f"{name} scatters by {x / abs(nominal):.0%} of its {nominal:.6g}: {x:g}mm?"
+            for name, x in spread.items() if not getattr(x, "unit", "")
+            and abs(nominal := mechanism.dimensions[name]) > 0.0 and x > WIDE * abs(nominal)]
+
+
 def _tolerance(options: argparse.Namespace) -> None:
     mechanism = loaded(options)
     spread = unique(options, options.deviation)
     _check_dimensions(mechanism, list(spread))
     in_units(spread, "m", "cm", "mm", "um", "in", "rad", "deg", "°")
+    options.hints += _wide(mechanism, spread)
     state = state_at(options, mechanism)
     with workers(options.workers) as executor:
         found = sp.tolerance(mechanism, [options.output, *options.also], spread, state,

@@ -8,8 +8,8 @@ import spatial_pin as sp
 from spatial_pin.cli.asked import guess_of, loaded
 from spatial_pin.cli.commands.motions import look_of, shown
 from spatial_pin.cli.names import check_names
-from spatial_pin.cli.options import Command, look_options, sweep_arguments
-from spatial_pin.cli.results import wrote
+from spatial_pin.cli.options import Command, data_options, look_options, sweep_arguments
+from spatial_pin.cli.results import tell, wrote
 from spatial_pin.view import Viewer
 
 
@@ -61,12 +61,14 @@ def _report_options(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--output", action="append", default=[], metavar="NAME",
                      help="what its figures show, as rocker_pin or coupler.com.position")
     sub.add_argument("--title", help="heading (the mechanism's title)")
+    data_options(sub, "the name of the file")
 
 
 def _report(options: argparse.Namespace) -> None:
-    subject = shown(options, loaded(options))
-    wrote([sp.report(subject, options.html, outputs=options.output or None,
-                     title=options.title)])
+    mechanism = loaded(options)
+    path = sp.report(shown(options, mechanism), options.html, outputs=options.output or None,
+                     title=options.title)
+    tell(options, "", {"mechanism": mechanism.name, "wrote": [str(path)]}, files=[path])
 
 
 COMMANDS = {
