@@ -231,6 +231,14 @@ def test_hobermans_ring_is_as_wide_as_its_angle_says(run):
     assert (made["mobility"].dof, made["bent"].dof) == (1, 0)
 
 
+def test_a_ring_of_sixteen_loops_is_regular_wherever_it_stands(run):
+    """Nothing has to hold it: its centre of mass stays where it is."""
+    made = run("hoberman_ring")
+    for row in range(0, 121, 8):
+        state = made["motion"].state(row)
+        assert abs(sp.inverse_dynamics(made["ring"], state).efforts["opening"]) < 1e-11
+
+
 # ---------------------------------------------------------------- door closer
 
 def closer_angles(door):
