@@ -301,6 +301,20 @@ def test_a_motion_is_not_drawn_with_forces(motion):
         sp.plot(motion, ["rocker_pin", "crank.effort"])
 
 
+def test_forces_are_drawn_by_reports_and_the_command_line(motion, driven, tmp_path, capsys):
+    names = ["rocker_pin", "crank.effort", "ball_b.reaction"]
+    page = sp.report(motion, tmp_path / "page.html", outputs=names).read_text("utf-8")
+    assert "Outputs of rssr: rocker_pin, crank effort, ball_b reaction force, ball_b" in page
+    sp.report(driven, tmp_path / "page.html", outputs="crank.effort")
+    with pytest.raises(sp.UnknownNameError, match=r"did you mean 'crank\.effort'"):
+        sp.report(motion, tmp_path / "page.html", outputs="crnk.effort")
+    words = ["sweep", "rssr", "crank", "0", "1", "--plot", str(tmp_path / "a.svg")]
+    assert cli.main([*words, *(w for name in names for w in ("--output", name))]) == 0
+    assert "a.svg" in capsys.readouterr().out
+    assert cli.main([*words, "--output", "crnk.effort"]) != 0
+    assert "did you mean 'crank.effort'" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(("count", "asked", "columns"), [
     (1, None, 1), (4, None, 1), (5, None, 2), (10, None, 2), (11, None, 3), (4, 2, 2), (2, 5, 2),
     (7, 1, 1)])

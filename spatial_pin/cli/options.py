@@ -66,7 +66,8 @@ def result_options(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--npz", metavar="F", help="write all arrays")
     sub.add_argument("--plot", metavar="F", help="write a figure (.png, .svg, .pdf)")
     sub.add_argument("--output", action="append", default=[], metavar="NAME",
-                     help="what --plot shows, as rocker_pin.ratio or coupler.com.acceleration")
+                     help="what --plot shows, as rocker_pin.ratio, coupler.com.acceleration or "
+                     "crank.effort")
     sub.add_argument("--html", metavar="F", help="write a self-contained page with the animation")
     sub.add_argument("--clearance", action="store_true",
                      help="say how near links come to each other, and where they touch; the page "

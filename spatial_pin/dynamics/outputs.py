@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 from spatial_pin.checks import names_of
 from spatial_pin.columns import Quantity
@@ -44,6 +44,36 @@ def quantities(
     """Return time, driver, and outputs or all forces; see `Kinetostatics.quantities`."""
     asked = names(loads) if outputs is None else names_of(outputs, "outputs")
     return {**abscissas(loads.motion), **named(output(loads, name) for name in asked)}
+
+
+def with_forces(
+    motion: Motion, outputs: Iterable[str], loads: Callable[[], Kinetostatics]
+) -> list[str | Output]:
+    """Return names of outputs, those of forces replaced by what they are.
+
+    Args:
+        motion: the motion.
+        outputs: names of quantities of the motion and of its loads.
+        loads: works the loads out; not called where no force is among the names, or the motion,
+            a simulation, knows it.
+
+    Raises:
+        UnknownNameError: there is no such force.
+        SpatialPinError: the loads cannot be worked out.
+    """
+    found: list[str | Output] = []
+    for name in outputs:
+        if is_force(name) and not _is_own_effort(motion, name):
+            found += output(loads(), name).parts()
+        else:
+            found.append(name)
+    return found
+
+
+def _is_own_effort(motion: Motion, spec: str) -> bool:
+    """Whether it is the effort of a prescribed driver of a simulation."""
+    return (isinstance(motion, Simulation) and spec.endswith(".effort")
+            and _effort(motion, spec, motion.efforts) is not None)
 
 
 def _own_name(mechanism: Mechanism, name: str, efforts: Mapping[str, Array]) -> str | None:

@@ -27,6 +27,7 @@ from spatial_pin.cli.options import (
 )
 from spatial_pin.cli.results import finite, on_screen, say, tell
 from spatial_pin.cli.tables import read_table
+from spatial_pin.dynamics.outputs import with_forces
 from spatial_pin.motion.default_motion import default_motion
 from spatial_pin.motion.joint_limits import KIND as JOINT_LIMIT
 from spatial_pin.motion.report import motion_summary
@@ -64,7 +65,9 @@ def _written(
     if options.npz:
         yield motion.save(options.npz)
     if options.plot:
-        sp.plot(motion, options.output or _with_ratios(motion), options.plot)
+        asked = with_forces(motion, options.output or _with_ratios(motion),
+                            lambda: sp.kinetostatics(motion.mechanism, motion))
+        sp.plot(motion, asked, options.plot)
         yield options.plot
     if options.html:
         yield sp.export_html(motion, options.html, look=look_of(options, found))

@@ -87,8 +87,9 @@ def report(
     Args:
         motion_or_state: what to report; of what `spatial_pin.design` found as in `export_html`.
         path: file to write.
-        outputs: names of outputs to draw, as `motion.output` takes them; those of `default_outputs`
-            if not given. Not used of a state.
+        outputs: names of outputs to draw, as `motion.output` takes them, or forces as the
+            `output` of what `kinetostatics` finds; those of `default_outputs` if not given. Not
+            used of a state.
         title: heading; the mechanism's title if not given.
         look: what is drawn besides the links, as in `export_html`.
 

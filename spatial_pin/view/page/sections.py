@@ -18,6 +18,7 @@ import numpy as np
 
 from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.kinetostatics import Kinetostatics
+from spatial_pin.dynamics.outputs import with_forces
 from spatial_pin.dynamics.simulation.simulate import Simulation
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -196,8 +197,12 @@ def _design(subject: Subject) -> str | None:
 
 
 def _outputs(subject: Subject) -> str | None:
-    """Draw the outputs."""
-    return _drawn(subject, "Outputs", subject.outputs)
+    """Draw the outputs, forces among them."""
+    motion = subject.motion
+    if motion is None:
+        return None
+    return _drawn(subject, "Outputs", with_forces(
+        motion, subject.outputs, lambda: subject.loads or loads(subject.shown, motion)))
 
 
 def _ratios(subject: Subject) -> str | None:
