@@ -565,6 +565,8 @@ def test_what_cannot_be_moved_is_refused_at_once():
         live(mechanism, drivers=["cranc"], open_browser=False)
     with pytest.raises(SpatialPinError, match="arrows"):
         live(mechanism, look=Look(arrows=("coupler.velocity",)), open_browser=False)
+    with pytest.raises(SpatialPinError, match="curves"):
+        live(mechanism, look=Look(curves=("rocker_pin",)), open_browser=False)
     with pytest.raises(SpatialPinError, match="traces"):
         live(sp.load("stewart"), look=Look(traces=("platform",)), open_browser=False)
     with pytest.raises(SpatialPinError, match="knows no rates"):

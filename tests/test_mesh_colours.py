@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -83,7 +84,8 @@ def load(tmp_path):
 def parts(mechanism: sp.Mechanism) -> dict[tuple[float, ...], np.ndarray]:
     """What is drawn: triangles (M, 3, 3) by colour."""
     found = {}
-    for item in body_items(list(mechanism.visual_model.geometryObjects), 1.0):
+    stage = SimpleNamespace(film=SimpleNamespace(mechanism=mechanism), size=1.0)
+    for item in body_items(list(mechanism.visual_model.geometryObjects), stage):
         geometry = item.solid.geometry
         points, faces = np.array(geometry.vertices), np.array(geometry.faces)
         found[tuple(round(x, 6) for x in item.colour)] = points[faces]

@@ -245,6 +245,34 @@ def test_pointer_tells_the_name_of_what_it_is_on(page, link):
     assert page.evaluate("pointed.hidden") or page.evaluate("pointed.textContent") == "ground grid"
 
 
+MESH = """mtllib two.mtl
+v 0 0 0\nv 1 0 0\nv 1 0 1\nv 0 0 1\nv 2 0 0\nv 2 0 1
+usemtl blue\nf 1 2 3\nf 1 3 4
+usemtl orange\nf 2 5 6\nf 2 6 3
+"""
+MESH_URDF = """<robot name="plate"><link name="ground"/><link name="plate"><visual><geometry>
+<mesh filename="two.obj"/></geometry></visual></link><joint name="hinge" type="continuous">
+<parent link="ground"/><child link="plate"/><axis xyz="0 0 1"/></joint></robot>"""
+
+
+def test_meshes_have_the_colours_of_their_files(one_browser, tmp_path):
+    (tmp_path / "two.obj").write_text(MESH)
+    (tmp_path / "two.mtl").write_text(
+        "newmtl blue\nKd 0 0.447 0.698\nnewmtl orange\nKd 0.835 0.369 0\n")
+    (tmp_path / "plate.urdf").write_text(MESH_URDF)
+    state = sp.assemble(sp.load(tmp_path / "plate.urdf"))
+    one_browser.resize(SIZE)
+    one_browser.open(sp.export_html(state, tmp_path / "plate.html"), READY)
+    key(one_browser, "1")
+    one_browser.wait_until("!viewer.needs_render")
+    seen = pixels(one_browser.screenshot())
+    blue, orange = (middle(colour_mask(seen[:, :780], c)) for c in
+                    ((0.0, 0.447, 0.698), (0.835, 0.369, 0.0)))
+    assert orange[0] > blue[0] + 100 and abs(orange[1] - blue[1]) < 30
+    point_at(one_browser, *orange)
+    assert one_browser.evaluate("pointed.textContent") == "plate"
+
+
 # ---------------------------------------------------------------- distances
 
 
@@ -343,7 +371,7 @@ def test_page_of_a_state_has_views_and_names_but_no_curves(one_browser, tmp_path
 def test_everything_fits_a_telephone(one_browser, address):
     one_browser.resize((390, 760))
     one_browser.open(address, READY)
-    one_browser.evaluate("open_('parts'); open_('curves'); 1")
+    one_browser.evaluate("toggleTool('parts'); toggleTool('curves'); 1")
     assert one_browser.evaluate("document.documentElement.scrollWidth") <= 390
     for selector in ("#tools", "#parts", "#player", "#curves", "#says"):
         b = box(one_browser, selector)
@@ -351,7 +379,7 @@ def test_everything_fits_a_telephone(one_browser, address):
     tools, says = box(one_browser, "#tools"), box(one_browser, "#says")
     assert says["right"] <= tools["x"]
     assert box(one_browser, "#player div")["width"] > 250
-    one_browser.evaluate("open_('parts', false); open_('curves', false); 1")
+    one_browser.evaluate("toggleTool('parts', false); toggleTool('curves', false); 1")
     seen = pixels(one_browser.screenshot())
     column, row = middle(colour_mask(seen[:, :300], (0.0, 0.447, 0.698)))
     assert 50 < column < 300 and 150 < row < 600

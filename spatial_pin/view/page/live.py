@@ -323,6 +323,9 @@ def _check_look(look: Look | None, drive: Drive) -> None:
         raise SpatialPinError(
             "a page that is moved by hand knows no rates: leave `arrows` out of its look"
         )
+    if look.curves:
+        raise SpatialPinError("curves belong to a motion: leave `curves` out of the look of a page "
+                              "that is moved by hand, and name `outputs`")
     if look.traces and len(drive.names) > 1:
         raise SpatialPinError(
             f"a path belongs to one driver, and {len(drive.names)} are moved by hand: leave "

@@ -294,8 +294,8 @@ def _hidden(stage: Stage, shown: dict[str, list[Layer]]) -> Layer:
 
 
 def _extent(points: Array) -> Array:
-    """Return those points (K, 3) that are the farthest in any of many directions."""
-    steps = [-1.0, -0.5, 0.0, 0.5, 1.0]
+    """Return those points (K, 3) that are the farthest in any of 27 directions."""
+    steps = [-1.0, 0.0, 1.0]
     directions = np.array([(x, y, z) for x in steps for y in steps for z in steps])
     return points[np.unique((points @ directions.T).argmax(axis=0))]
 

@@ -27,10 +27,12 @@ function ofWorld(seen) {  // a direction or point of the upright view, in the ax
 }
 
 function rayAt(event) {  // from the eye through the pointer [m]
-  hitAt(...placeOf(event));
+  aim(...placeOf(event));
   const [eye, ahead] = [ray.ray.origin.clone(), ray.ray.origin.clone().add(ray.ray.direction)].map(p => root.worldToLocal(p));
   return {origin: ofWorld(eye), direction: ofWorld(ahead.sub(eye).normalize())};
 }
+
+const showGrip = unhurried(event => { pane.style.cursor = canGrip(event) ? "grab" : ""; });
 
 pane.addEventListener("pointerdown", event => {
   grip = gripAt(event);
@@ -39,7 +41,7 @@ pane.addEventListener("pointerdown", event => {
 }, {capture: true});
 pane.addEventListener("pointermove", event => {
   if (grip) wish({ask: "drag", ...grip, ...rayAt(event)});
-  else if (!event.buttons) pane.style.cursor = canGrip(event) ? "grab" : "";
+  else if (!event.buttons) showGrip(event);
 });
 for (const end of ["pointerup", "pointercancel"])
   pane.addEventListener(end, () => {

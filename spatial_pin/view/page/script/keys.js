@@ -14,10 +14,10 @@ const KEYS = {
   4: () => view("iso"),
   5: () => view("first"),
   f: () => view("fit"),
-  p: () => open_("parallel"),
-  l: () => open_("parts"),
-  m: () => open_("ruler"),
-  c: () => open_("curves"),
+  p: () => toggleTool("parallel"),
+  l: () => toggleTool("parts"),
+  m: () => toggleTool("ruler"),
+  c: () => toggleTool("curves"),
 };
 const OF_TIME = [" ", "ArrowLeft", "ArrowRight", "Home", "End", "+", "-", "r"];
 

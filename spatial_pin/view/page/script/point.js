@@ -5,9 +5,13 @@ const pointed = document.getElementById("pointed");
 const ruler = {svg: document.getElementById("ruler"), on: false, picks: []};
 let pressedAt = null;  // where a button went down
 
-function hitAt(x, y) {  // what is seen there; signs are seen through bodies
+function aim(x, y) {
   const corner = new THREE.Vector2(2 * x / pane.clientWidth - 1, 1 - 2 * y / pane.clientHeight);
   ray.setFromCamera(corner, viewer.camera);
+}
+
+function hitAt(x, y) {  // what is seen there; signs are seen through bodies
+  aim(x, y);
   const meshes = solids.filter(isShown).flatMap(solid => solid.meshes);
   const hits = ray.intersectObjects(meshes, false);
   return hits.find(hit => !hit.object.material.depthTest) || hits[0];
@@ -16,6 +20,16 @@ function hitAt(x, y) {  // what is seen there; signs are seen through bodies
 function placeOf(event) {
   const box = pane.getBoundingClientRect();
   return [event.clientX - box.left, event.clientY - box.top];
+}
+
+function unhurried(act) {  // a scene of a million triangles is not looked through at every step of the pointer
+  let free = 0;
+  return event => {
+    const start = performance.now();
+    if (start < free) return;
+    act(event);
+    free = 2 * performance.now() - start;
+  };
 }
 
 function nameAt(event) {
@@ -85,7 +99,7 @@ function setRuler(on) {
   document.body.classList.toggle("measuring", on);
 }
 
-pane.addEventListener("pointermove", nameAt);
+pane.addEventListener("pointermove", unhurried(nameAt));
 pane.addEventListener("pointerleave", () => { pointed.hidden = true; });
 pane.addEventListener("pointerdown", event => { pressedAt = placeOf(event); pointed.hidden = true; });
 pane.addEventListener("pointerup", event => {

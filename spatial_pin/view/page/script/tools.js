@@ -6,7 +6,7 @@ const OPENED = {
   curves: open => { drawer.hidden = !open; drawCurves(); },
 };
 
-function open_(name, wish) {  // or shut; as it is not, unless it is said how
+function toggleTool(name, wish) {  // or shut; as it is not, unless it is said how
   const tool = document.querySelector(`[data-opens=${name}]`);
   if (name === "curves" && !panels.length) return;
   const on = wish === undefined ? !tool.classList.contains("on") : wish;
@@ -15,5 +15,5 @@ function open_(name, wish) {  // or shut; as it is not, unless it is said how
   OPENED[name](on);
 }
 
-for (const one of document.querySelectorAll("[data-opens]")) one.onclick = () => open_(one.dataset.opens);
-if (film.curves && film.curves.open) open_("curves", true);
+for (const one of document.querySelectorAll("[data-opens]")) one.onclick = () => toggleTool(one.dataset.opens);
+if (film.curves && film.curves.open) toggleTool("curves", true);
