@@ -205,6 +205,9 @@ def test_a_sweep_keeps_joint_limits_when_asked_to(run, tmp_path):
     assert code == 0 and found["columns"]["pin [rad]"][-1] == pytest.approx(0.5, abs=1e-12)
     assert [event["kind"] for event in found["events"]] == ["joint limit"]
     assert run("sweep", path, "pin", "0", "0.4", "--limits")[0] == 0
+    for stop in ((), ("--stop",)):
+        code, _, err = run("sweep", path, "pin", "0.8", "1", "--limits", *stop)
+        assert code == 1 and "from the start" in err and "--stop" not in err
 
 
 @pytest.mark.parametrize(("words", "limits"), [

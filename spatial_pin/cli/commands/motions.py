@@ -139,8 +139,9 @@ def _within(options: argparse.Namespace, motion: sp.Motion, task: dict[str, Any]
     if passed is None:
         return motion
     if not options.stop or not passed.row:
-        raise sp.LimitError(f"mechanism {motion.mechanism.name!r}: {passed.text}; --stop ends "
-                            "the sweep before it", limit=passed.value, motion=motion)
+        remedy = "; --stop ends the sweep before it" if passed.row else ""
+        raise sp.LimitError(f"mechanism {motion.mechanism.name!r}: {passed.text}{remedy}",
+                            limit=passed.value, motion=motion)
     part = sp.sweep(motion.mechanism, **{**task, "values": task["values"][: passed.row]})
     return replace(part, events=[*part.events, passed])
 
