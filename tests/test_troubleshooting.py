@@ -16,9 +16,10 @@ PAGE = PACKAGE.parent / "docs" / "troubleshooting.md"
 if not PAGE.is_file():
     pytest.skip("no documentation here", allow_module_level=True)
 TEXT = PAGE.read_text(encoding="utf-8")
-ENTRY = re.compile(r"^`([^`\n]+)` \(([\w, ]+)\)\n: \*\*Cause\.\*\* \S.*\n: \*\*Remedy\.\*\* \S.*$",
+ENTRY = re.compile(r"^(`.+`) \(([\w, ]+)\)\n: \*\*Cause\.\*\* \S.*\n: \*\*Remedy\.\*\* \S.*$",
                    flags=re.MULTILINE)
-ENTRIES = {message: kinds.split(", ") for message, kinds in ENTRY.findall(TEXT)}
+ENTRIES = {message: kinds.split(", ") for messages, kinds in ENTRY.findall(TEXT)
+           for message in re.findall(r"`([^`]+)`", messages)}
 KINDS = {name for name, kind in vars(errors).items()
          if isinstance(kind, type) and issubclass(kind, sp.SpatialPinError)}
 GAP = "\0"  # what differs from one message to another
@@ -50,7 +51,7 @@ def pattern(message):
 
 def test_every_entry_has_a_message_a_kind_a_cause_and_a_remedy():
     terms = re.findall(r"^`.*\)$", TEXT, flags=re.MULTILINE)
-    assert len(terms) == len(ENTRIES) > 80
+    assert len(terms) == len(ENTRY.findall(TEXT)) > 100
     known = {*KINDS, "Interrupted", "SpatialPinWarning", "ValueError", "TypeError", "usage"}
     assert {kind for kinds in ENTRIES.values() for kind in kinds} <= known
 
@@ -59,6 +60,25 @@ def test_every_entry_has_a_message_a_kind_a_cause_and_a_remedy():
 def test_a_message_is_one_of_the_code(message):
     wanted = pattern(message)
     assert any(wanted.search(text) for text in texts_of_the_code())
+
+
+def raised():
+    """Yield what the code raises of the library's errors, as far as its own words say it."""
+    for path in PACKAGE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and node.args and (
+                    getattr(node.func, "id", "") in KINDS - {"UnknownNameError"}):
+                text = template(node.args[0])
+                if re.search(r"\w{3}", text.removeprefix("mechanism ")):
+                    yield path.relative_to(PACKAGE).as_posix(), text
+
+
+def test_every_error_that_is_raised_is_told():
+    """A new error needs an entry on the page; one that another message is part of has it."""
+    patterns = [pattern(message) for message in ENTRIES]
+    untold = [(where, text.replace(GAP, "…")) for where, text in raised()
+              if not any(p.search(text) for p in patterns)]
+    assert not untold
 
 
 def test_every_kind_of_error_is_told():
