@@ -191,10 +191,10 @@ def calibrate(
 ) -> Calibration:
     """Find dimensions, offsets of encoders and the base, so that measurements are met best.
 
-    The sum of the squares of what model and measurements differ by, in standard deviations, is
-    least. Encoders are taken to be exact but for their offsets, unless `sigma` says how well they
-    read: then where the drivers were at each pose is found too. The branch is that of the guess,
-    followed along straight lines of the drivers from one measurement to the next.
+    The least sum of the squares of the residuals is found: differences between model and
+    measurement, in standard deviations. Encoders are taken to be exact but for their offsets. Where
+    `sigma` says how well they read, the drivers' values at each pose are unknown too. The branch is
+    that of the guess, followed with straight lines of the drivers from one measurement to the next.
 
     Args:
         mechanism: at its nominal dimensions.

@@ -146,11 +146,13 @@ def inverse_dynamics(
 ) -> Efforts:
     """Solve the efforts that move a mechanism as `state` says, and the reactions.
 
-    With more actuators than freedoms the efforts of least (weighted) squares are taken, and
-    `unique` says which reactions depend on that, `unique_efforts` which efforts. Idle
-    rotations of a link in a loop are driven by nobody: their accelerations are those that inertia
-    and resistance give them, whatever `state` says. All else that moves must be actuated, or be
-    without load: a link at an end hinge would fall, were it let go. At rest this is statics.
+    At rest this is statics. All that moves must be actuated, or be without load: a link that hangs
+    on a hinge which nobody drives would fall. An exception are idle rotations of a link in a loop,
+    such as the spin of a rod between two balls: their accelerations are those that inertia and
+    resistance give them, whatever `state` says.
+
+    With more actuators than freedoms the efforts of least (weighted) squares are taken;
+    `Efforts.unique_efforts` tells which efforts depend on that, `Efforts.unique` which reactions.
 
     Args:
         mechanism: the mechanism.

@@ -38,22 +38,22 @@ def reach(
 ) -> State:
     """Return a configuration in which frames, coordinates, distances are where they should be.
 
-    Drivers and all else that is free are the unknowns; the loops stay closed. Of all configurations
-    that meet the targets near the one it starts from, it is the one least moved: the sum of the
-    squares of what the joints move, in radians and characteristic lengths, is least.
+    This is inverse kinematics with closed loops: drivers and all else that is free are unknown. Of
+    the configurations near the start that meet the targets, it is the one that moves least: the
+    sum of the squares of what the joints move, in radians and characteristic lengths, is least.
 
     Args:
         mechanism: the mechanism.
         targets: by name of a link, frame or joint: a point (3,) of the world for its origin [m], a
             `pinocchio.SE3` for its placement; by name of a coordinate or driver: its value [rad or
             m]; or any of `spatial_pin.targets`, or a list of these: directions, distances, the
-            centre of mass. With a weight they are met as well as those without one, which are
-            exact, leave freedom for.
+            centre of mass. Targets without a weight are met exactly, those with one as well as
+            the exact ones leave freedom for.
         state: where to start; default the assembled guess.
         hold: names of what stands still where the state has it, as for `sweep`.
         limits: whether joint limits are kept; a state beyond them is led back within them.
-        starts: if it ends short of the targets from the state, how many others, nearby and always
-            the same ones, it is tried from.
+        starts: how many other states are tried, where the targets are not reached from this one.
+            They lie near it, and are always the same.
 
     Returns:
         A State without rates; `solve_rates` gives it some.

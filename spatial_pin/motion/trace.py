@@ -45,14 +45,14 @@ def trace(
         driver: the driver or coordinate that is set free; its values are `Motion.driver`.
         guess: where to start, as for `assemble`.
         step: arc length from sample to sample [rad, characteristic lengths].
-        most_rows: where to stop in any case.
+        most_rows: number of samples at which to stop in any case.
         hold: names of what stands still besides, as for `sweep`.
 
     Returns:
-        A Motion whose rates are with respect to the arc length; limit positions, and branch
-        points that are passed straight on, are its events.
-        The last sample is the first one again, in which bodies that spin freely jump back; if the
-        curve was not closed within `most_rows`, the last event is of kind "not closed".
+        A Motion whose rates are with respect to the arc length. Its events are limit positions, and
+        branch points, which are passed straight on. The last sample is the first one again (bodies
+        that spin freely jump back in it). If the curve was not closed within `most_rows`, the last
+        event is of kind "not closed".
 
     Raises:
         AssemblyError: the guess does not close.

@@ -28,16 +28,17 @@ from spatial_pin.rates.rates import driven_coordinates
 
 @checked
 def closure_jacobian(mechanism: Mechanism, q: Array | State) -> Array:
-    """Return the derivative (rows, nv) of all closure equations with respect to joint velocities.
+    """Return the derivative of all closure equations with respect to joint velocities.
 
-    Rows come closure by closure, couplings last, lengths divided by the characteristic length.
+    Equations come closure by closure, couplings last; lengths are divided by the characteristic
+    length. Velocities v (nv,) at which the loops stay closed have closure_jacobian @ v = 0.
 
     Args:
         mechanism: the mechanism.
         q: (nq,) configuration, closed or not, or a State.
 
     Returns:
-        The matrix (rows, nv).
+        The matrix (equations, nv).
 
     Raises:
         ValueError: q has another shape, or is not finite.
