@@ -95,14 +95,14 @@ class Mistakes:
         try:
             yield
         except MechanismFileError as error:
-            if "_mistakes" in error.__dict__:  # they are being told
-                raise
             self.note(error)
 
     def note(self, error: MechanismFileError) -> None:
-        """Keep a mistake, once."""
-        if str(error) not in map(str, self._found):
-            self._found.append(error)
+        """Keep a mistake, or several that were told together, each once."""
+        several = error.__dict__.get("_mistakes", ())
+        for one in map(MechanismFileError, several) if several else (error,):
+            if str(one) not in map(str, self._found):
+                self._found.append(one)
 
     def tell(self) -> None:
         """Raise what was found, if anything was.

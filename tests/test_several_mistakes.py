@@ -101,6 +101,21 @@ def test_a_tree_that_is_not_there_hides_nothing(write):
     assert len(error.mistakes) == 3 and "gone.urdf: no such file" in error.mistakes[0]
 
 
+def test_mistakes_of_the_tree_and_of_the_file_are_told_together(write, tmp_path):
+    path = write("top")
+    urdf = tmp_path / "four.urdf"
+    text = urdf.read_text("utf-8")
+    for joint in ("crank_pin", "rocker_pin"):
+        head, tail = text.split(f'<joint name="{joint}"')
+        text = head + f'<joint name="{joint}"' + tail.replace("<axis", '<axis xyz="0 0"/><old', 1)
+    urdf.write_text(text, "utf-8")
+    error = refusal(path)
+    assert len(error.mistakes) == 3 and "titel" in error.mistakes[0]
+    assert ["crank_pin" in error.mistakes[1], "rocker_pin" in error.mistakes[2]] == [True, True]
+    assert all(str(urdf) in text for text in error.mistakes[1:])
+    assert refusal(urdf).mistakes == error.mistakes[1:]
+
+
 def test_mistakes_of_several_closures_and_drivers(write):
     closures = "".join(GOOD["closure"].replace('"pin"', f'"pin_{k}"').replace("rocker_b", name)
                        for k, name in enumerate(["x", "rocker_b", "y"]))

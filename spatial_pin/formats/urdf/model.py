@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.errors import MechanismFileError, suggestion
+from spatial_pin.errors import MechanismFileError, Mistakes, suggestion
 from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.sources import NO_PACKAGES
 from spatial_pin.formats.urdf.checks import (
@@ -123,11 +123,16 @@ def tree_of(
     robot = parse_urdf(urdf, path)
     _drop_foreign(robot)
     check_structure(robot, path, faults)
-    inertias = check_links(robot, path, faults)
-    pairs = _joint_pairs(robot, refinements, path)
-    mimics = _mimics(robot, pairs, path, faults)
+    mistakes = Mistakes(str(path))
+    with mistakes.each():
+        inertias = check_links(robot, path, faults)
+    with mistakes.each():
+        pairs = _joint_pairs(robot, refinements, path)
+        mimics = _mimics(robot, pairs, path, faults)
     for joint in robot.findall("joint"):
-        check_joint(joint, path, faults)
+        with mistakes.each():
+            check_joint(joint, path, faults)
+    mistakes.tell()
     shapes = take_shapes(robot, path, packages, faults)
     whole = ET.tostring(robot, encoding="unicode")  # with absolute paths of meshes
     elements = {joint.get("name", ""): joint for joint in robot.findall("joint")}
