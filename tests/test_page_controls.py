@@ -199,6 +199,14 @@ def test_parallel_lines_are_drawn_so_in_a_parallel_view(page):
     np.testing.assert_allclose(*home, rtol=1e-5)
 
 
+@pytest.mark.parametrize("size", [(1280, 800), (700, 525), (640, 640)])
+def test_buttons_do_not_cover_the_mechanism(page, size):
+    page.resize(size)
+    page.wait_until(f"pane.clientWidth === {size[0]} && !viewer.needs_render")
+    across = page.evaluate("extent().map(p => onScreen(viewer.camera.parent.localToWorld(p))[0])")
+    assert min(across) > 0 and max(across) < box(page, "#tools")["x"]
+
+
 # ---------------------------------------------------------------- parts and names
 
 

@@ -88,7 +88,17 @@ function share() {  // the window between the picture and what stands below it
   pane.style.height = `${innerHeight - taken}px`;
   document.body.style.setProperty("--below", `${taken}px`);
   viewer.set_3d_pane_size();
+  makeWay();
   fit();
+}
+
+function makeWay() {  // the picture goes aside, as far as its margin lets it, from under the buttons
+  const [width, height] = [pane.clientWidth, pane.clientHeight];
+  const half = Math.min(width, film.aspect * height) / 2 / ROOM;
+  const covered = document.getElementById("tools").offsetWidth + 12;
+  const wanted = covered > 12 ? half + covered - width / 2 : 0;
+  const aside = Math.max(0, Math.min(wanted, width / 2 * (1 - 1 / ROOM)));
+  viewer.camera.setViewOffset(width, height, aside, 0, width, height);
 }
 
 for (const one of document.querySelectorAll("[data-view]")) one.onclick = () => view(one.dataset.view);
