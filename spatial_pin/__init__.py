@@ -1,4 +1,21 @@
-"""Spatial mechanisms with closed loops on Pinocchio."""
+"""Spatial mechanisms with closed loops on Pinocchio.
+
+`load` makes a Mechanism; `assemble` closes its loops and returns a State; `sweep`, `follow`,
+`reach_path` and `simulate` move it and return a Motion; the other functions answer questions about
+these. All numbers are in SI units and radians; arrays of a motion have one row per sample. Errors
+derive from `SpatialPinError`.
+
+Example:
+    >>> mech = sp.load("rssr")
+    >>> sp.mobility(mech).dof  # the crank turns, and the coupler spins about its own line
+    2
+    >>> motion = sp.sweep(mech, "crank", np.linspace(0.0, 2.0 * np.pi, 361), speed=25.0)
+    >>> motion.coordinate("rocker_pin").value[[0, 180]].round(4)  # [rad]
+    array([1.2329, 2.0234])
+    >>> loads = sp.kinetostatics(mech, motion)
+    >>> loads.efforts["crank"].shape  # (N,) [N·m]
+    (361,)
+"""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any

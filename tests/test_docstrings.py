@@ -83,7 +83,7 @@ RETURNED = {"Closure", "DriverLaw", "Target", *(
 
 def documented():
     """Return what has a docstring for a user, by name."""
-    found = {}
+    found = {"spatial_pin": sp}
     for name in sp.__all__:
         thing = found[name] = getattr(sp, name)
         if inspect.isclass(thing):
