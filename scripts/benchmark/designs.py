@@ -79,14 +79,14 @@ def four_bar(lengths: tuple[float, float], offsets: tuple[float, float],
 
 def path(name: str, bounds: Mapping[str, tuple[float, float]], driver: Any = None,
          fixed: Mapping[str, float] | None = None, weight: float | None = 1.0,
-         **keywords: Any) -> Problem:
+         closed: bool = False, **keywords: Any) -> Problem:
     """Return the problem of a path of `cases.toml`, to be met exactly where it can be."""
     case = PATHS[name]
     asked = {"input_offset": True} if "step" in case else {}
 
     def goals() -> list[Any]:
         return [sp.goals.path("tracer", np.array(case["points"], dtype=float), driver,
-                              weight=weight, **asked)]
+                              weight=weight, closed=closed, **asked)]
 
     return Problem(case["title"], "four_bar_path", goals, bounds, fixed or {}, squared=True,
                    published=case.get("error", 0.0 if "real" in case or name == "nine" else None),
@@ -205,8 +205,9 @@ PROBLEMS = {
         {"crank": DEGREES}),
     "closed_of_eighteen": path("closed_of_eighteen", four_bar((0.05, 2.0), (-2.0, 2.0)),
                                {"crank": STEPS}),
-    "twelve": path("twelve", four_bar((0.1, 6.0), (-6.0, 6.0))),
-    "figure_eight": path("figure_eight", four_bar((5.0, 100.0), (-100.0, 100.0))),
+    "twelve": path("twelve", four_bar((0.1, 6.0), (-6.0, 6.0)), closed=True, method="atlas"),
+    "figure_eight": path("figure_eight", four_bar((5.0, 100.0), (-100.0, 100.0)), closed=True,
+                         method="atlas"),
     "line_of_five": path(
         "line_of_five", {name: (0.05, 20.0) for name in ("r2", "r3", "r4")}
         | {"cx": (-20.0, 20.0), "cy": (-20.0, 20.0)}, fixed={"r1": 1.0},

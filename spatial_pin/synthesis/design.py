@@ -57,8 +57,10 @@ def design(
         guess: which branch the first start is on, as for `assemble`.
         starts: how many local solutions are tried, the first one from the mechanism's own
             dimensions, the others from drawn ones.
-        method: "multistart"; "evolution": SciPy's differential evolution finds the starts, which
-            pays where few starts lead anywhere; "local": the first start alone.
+        method: "multistart"; "atlas": starts are those of thousands of drawn curves that look most
+            like a path of free timing, for a mechanism whose driver turns round; "evolution":
+            SciPy's differential evolution finds the starts, which pays where few starts lead
+            anywhere; "local": the first start alone.
         seed: of the random numbers. The answer does not depend on anything else.
         executor: where starts are worked on (any `concurrent.futures` executor, a Dask client's
             too); default in this process.
@@ -74,7 +76,7 @@ def design(
     Raises:
         UnknownNameError: there is no such dimension, frame, coordinate or driver.
         ValueError: there is no goal; bounds are the wrong way round; goals contradict each other;
-            a number cannot be.
+            a number cannot be; the method is for other goals.
         AssemblyError: the mechanism does not close at its own dimensions.
         SpatialPinError: it has no file to change dimensions in; the file to resume from is of
             another search.

@@ -108,6 +108,11 @@ class Family:
         self._tree = tree
         self._numbers = DimensionNumbers(mechanism, tree, []) if tree else None
 
+    @property
+    def is_traced(self) -> bool:
+        """Whether the file is followed for many sets of dimensions at once."""
+        return self._tree is not None
+
     def at(self, dimensions: Array) -> Members:
         """Return the mechanism at dimensions (n, m), in the order of the names."""
         if self._tree is None or self._numbers is None:

@@ -118,6 +118,8 @@ class Problem:
         names: of the numbers that are looked for: dimensions, then numbers of the goals.
         lower, upper: (n,) their bounds.
         start: (n,) where the first start is.
+        settlings: of the goals of precision; own: which numbers are their own.
+        demands: the other goals.
     """
 
     def __init__(
@@ -145,7 +147,7 @@ class Problem:
                           np.maximum(np.abs(self.start[: self.n]), min(length, 1.0)))
         self.sizes = np.concatenate([widths, np.ones(len(own))])
         ends = np.cumsum([self.n, *(len(s.names) for s in self.settlings)])
-        self._own = [slice(*x) for x in itertools.pairwise(ends.tolist())]
+        self.own = [slice(*x) for x in itertools.pairwise(ends.tolist())]
 
     # ------------------------------------------------------------ starts
 
@@ -157,7 +159,7 @@ class Problem:
         """
         x = self.start.copy()
         x[: self.n] = self._between(rng.uniform(size=self.n))
-        for settling, own in zip(self.settlings, self._own, strict=True):
+        for settling, own in zip(self.settlings, self.own, strict=True):
             x[own] += [_drawn(name, rng) for name in settling.names]
         return x
 
@@ -192,7 +194,7 @@ class Problem:
         """
         members, found = self.members(x), []
         state = self.nominal()
-        for settling, own in zip(self.settlings, self._own, strict=True):
+        for settling, own in zip(self.settlings, self.own, strict=True):
             k = 1 if rng is None else DRAWN_TRIES
             q = (state.q[None] if rng is None else
                  np.concatenate([state.q[None], spread(self.mechanism, state.q, k - 1, rng)]))
@@ -246,7 +248,7 @@ class Problem:
         if not members.holds.all():
             return np.inf
         total = 0.0
-        for settling, samples, own in zip(self.settlings, self._begin(x, None), self._own,
+        for settling, samples, own in zip(self.settlings, self._begin(x, None), self.own,
                                           strict=True):
             left = settling.loose_residual(members, samples, x[own], WEIGHTS[-1])
             total += float(np.sum(left**2)) * _size(settling.goal) ** 2
@@ -263,6 +265,22 @@ class Problem:
     ) -> Candidate:
         """Return the mechanism of x with closed configurations, for demands."""
         return Candidate.of(self.family, x[: self.n], near or self.nominal(), samples)
+
+    def solve_from(self, x: Array, samples: Samples, number: int) -> Found:
+        """Return the local solution from configurations of one of the goals of precision.
+
+        Args:
+            x: (n,) dimensions and own numbers.
+            samples: configurations of that goal.
+            number: of it.
+        """
+        fit = Fit(self)
+        try:
+            near = self._begin(x, None) if len(self.settlings) > 1 else [samples]
+            near[number] = samples
+            return fit.solved(x, near, WEIGHTS[1:])
+        except SpatialPinError as error:
+            return Found(x, np.inf, np.inf, (), fit.evaluations, str(error))
 
     def solve(self, x: Array, rng: np.random.Generator | None = None) -> Found:
         """Return the local solution from a start.
@@ -301,14 +319,14 @@ class Fit:
     def __init__(self, problem: Problem) -> None:
         self.p, self.evaluations = problem, 0
         self._near: list[Samples] = []
-        self._parts = list(zip(problem.settlings, problem._own, strict=True))
+        self._parts = list(zip(problem.settlings, problem.own, strict=True))
 
     def solved(self, x: Array, near: list[Samples], weights: Sequence[float]) -> Found:
         """Return the solution from x and configurations nearby, by weights of open loops."""
         self._near = near
         if self._parts:
             for weight in weights:
-                x = self._loosely(x, weight)
+                x, _ = self.loosely(x, self._near, weight)
         return _Exactly(self, x).found()
 
     def minimum(
@@ -357,8 +375,17 @@ class Fit:
 
     # ------------------------------------------------------------ loosely
 
-    def _loosely(self, x: Array, weight: float) -> Array:
-        p = self.p
+    def loosely(
+        self, x: Array, near: list[Samples], weight: float
+    ) -> tuple[Array, list[Samples]]:
+        """Return where open loops and missed goals are least together, from x and configurations.
+
+        Args:
+            x: (n,) numbers.
+            near: configurations of each goal of precision.
+            weight: of open loops relative to missed goals.
+        """
+        p, self._near = self.p, near
         settled: dict[bytes, list[Samples]] = {}
 
         def at(x: Array) -> list[Samples]:
@@ -392,7 +419,7 @@ class Fit:
         n_rows = len(residual(x))
         x = self.minimum(residual, slopes, x, LOOSE_EVALUATIONS, LOOSE_GAIN)
         self._near = at(x)
-        return x
+        return x, self._near
 
     def _columns(self, own: slice, slopes: Array) -> Array:
         """Return derivatives (k r, n) from those (k, r, .) for dimensions and own numbers."""

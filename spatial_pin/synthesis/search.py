@@ -20,10 +20,11 @@ from spatial_pin.mobility.mobility import mobility
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.progress import progress_bar
+from spatial_pin.synthesis.atlas import SHEETS, Atlas, Begin
 from spatial_pin.synthesis.kept import Kept, fingerprint
 from spatial_pin.synthesis.problem import Found
 
-METHODS = ("multistart", "evolution", "local")
+METHODS = ("multistart", "evolution", "atlas", "local")
 # Two solutions are one if no dimension differs by more, relative to the width of its bounds, and
 # no joint, in radians and characteristic lengths. Along flat valleys SciPy's trust region ends at
 # some 1e-5 from the solution.
@@ -105,7 +106,8 @@ def searched(
 
     Args:
         spec: what the problem is made of.
-        method: "multistart": from the mechanism's own dimensions and from drawn ones; "evolution":
+        method: "multistart": from the mechanism's own dimensions and from drawn ones; "atlas":
+            from those of thousands of drawn curves that look most like a path; "evolution":
             SciPy's differential evolution, then from the best places that it came by, a tenth of
             the ranges apart; "local": from the mechanism's own dimensions alone.
         starts: how many local solutions are tried.
@@ -118,7 +120,8 @@ def searched(
 
     Raises:
         SpatialPinError: the file is of another problem, or of something else.
-        ValueError: there is no such method; there are no starts; the seed is negative.
+        ValueError: there is no such method, or it is for other goals; there are no starts; the
+            seed is negative.
         KeyboardInterrupt: before anything was found.
     """
     if method not in METHODS:
@@ -142,26 +145,33 @@ def searched(
     tried = [kept.found[k] for k in sorted(kept.found) if k < starts]
     own = [found for found in tried if found.is_one]
     return Searched(tuple(_distinct(problem, own)), is_whole, len(tried), len(tried) - len(own),
-                    sum(found.evaluations for found in tried) + len(kept.values),
+                    sum(found.evaluations for found in tried) + len(kept.values) + work.curves,
                     min((found.hard for found in tried if not found.is_one), default=np.inf),
                     next((found.why for found in tried if found.why), ""))
 
 
 class _Search:
-    """One search: what is known of it is in `kept`."""
+    """One search: what is known of it is in `kept`.
+
+    Attributes:
+        curves: sets of dimensions whose curves were drawn.
+    """
 
     def __init__(
         self, spec: Spec, key: str, problem: Sought, executor: Executor | None, kept: Kept
     ) -> None:
         self._spec, self._key, self._problem = spec, key, problem
-        self._executor, self._kept = executor, kept
+        self._executor, self._kept, self.curves = executor, kept, 0
 
     def run(self, method: str, starts: int, seed: int, progress: bool) -> None:
         """Find what is not known yet."""
         seeds = np.random.SeedSequence(seed).spawn(starts)
         if method == "evolution":
             places = self._evolved(np.random.default_rng(seed), starts, progress)
-            jobs: list[tuple[Array | None, Any]] = [(x, None) for x in places]
+            jobs: list[tuple[Array | Begin | None, Any]] = [(x, None) for x in places]
+        elif method == "atlas":
+            begins = self._charted(seed, progress)[:starts]
+            jobs = [*((x, None) for x in begins), *((None, x) for x in seeds[len(begins) :])]
         else:
             jobs = [(None, child if k else None) for k, child in enumerate(seeds)]
         left = [k for k in range(len(jobs)) if k not in self._kept.found]
@@ -187,6 +197,19 @@ class _Search:
         finally:
             for future in futures:
                 future.cancel()
+
+    def _charted(self, seed: int, progress: bool) -> list[Begin]:
+        """Return starts from curves that look like a path, the most alike first."""
+        problem: Any = self._problem
+        atlas = Atlas(problem)  # refuses what it is not for
+        sheets = np.random.SeedSequence(seed).spawn(SHEETS)
+        found = list[Begin]()
+        with progress_bar(SHEETS, f"{self._problem.mechanism.name}: atlas", progress) as bar:
+            for sheet in self._all(_sheet, sheets):
+                found += sheet
+                self.curves += atlas.curves
+                bar.update()
+        return sorted(found, key=lambda begin: begin.misfit)
 
     def _evolved(self, rng: np.random.Generator, starts: int, progress: bool) -> list[Array]:
         """Return the best places that an evolution came by, apart from each other.
@@ -270,9 +293,18 @@ def _made(keyed: _Keyed, thread: int) -> Sought:
     return problem
 
 
-def _solved(problem: Sought, job: tuple[Array | None, np.random.SeedSequence | None]) -> Found:
-    """Return the local solution from x, from a drawn start, or from the own dimensions."""
+def _sheet(problem: Any, seed: np.random.SeedSequence) -> list[Begin]:
+    """Return the best of some curves drawn together."""
+    return Atlas(problem).sheet(np.random.default_rng(seed))
+
+
+def _solved(
+    problem: Any, job: tuple[Array | Begin | None, np.random.SeedSequence | None]
+) -> Found:
+    """Return the local solution from x, a curve, a drawn start, or the own dimensions."""
     x, seed = job
+    if isinstance(x, Begin):
+        return Atlas(problem).solved(x)
     if seed is not None:
         rng = np.random.default_rng(seed)
         return problem.solve(problem.draw(rng), rng)

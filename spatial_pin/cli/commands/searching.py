@@ -110,7 +110,7 @@ def _design_options(sub: argparse.ArgumentParser) -> None:
                           "tip.rx, tip.ry, tip.rz (poses), or coordinates (a function), and "
                           "drivers")
     sub.add_argument("--starts", type=count, default=20, help="local solutions to try (20)")
-    sub.add_argument("--method", choices=("multistart", "evolution", "local"),
+    sub.add_argument("--method", choices=("multistart", "atlas", "evolution", "local"),
                      default="multistart", help="where they start (multistart)")
     sub.add_argument("--seed", type=from_zero, default=0, help="of random numbers (0)")
     sub.add_argument("--most", type=count, default=10, help="designs to tell of (10)")

@@ -1,0 +1,175 @@
+"""How well parts of closed curves go onto given points, wherever these are, and however large.
+
+Curves are compared at points spaced evenly along them. For all places at which a part may begin the
+sums of products are correlations, found together by Fourier transforms; from these follow the best
+rotation [Kabsch1976] and size, and what is missed.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spatial_pin.numerics.linalg import Array
+
+EVEN = 48  # points along what is given
+FINE = 2001  # points by which a smooth curve through given ones is measured
+# How much longer a whole curve may be than its part that goes through points: of a longer one
+# hardly any part is found twice among some thousand curves.
+TIMES_AS_LONG = (1.0, 1.25, 1.5, 2.0, 3.0, 4.0, 6.0)
+
+COARSE = 3  # of places at which a part may begin, one in so many where rotations are in space
+
+
+class Movable(NamedTuple):
+    """How a curve may be moved as a whole.
+
+    Attributes:
+        shifts: (3,) whether along each axis.
+        turns: (3,) whether about each axis: none, one, or all.
+        scale: whether it may have any size.
+    """
+
+    shifts: NDArray[np.bool_]
+    turns: NDArray[np.bool_]
+    scale: bool
+
+
+class Matches(NamedTuple):
+    """How the best parts of m curves go onto given points.
+
+    Attributes:
+        misfit: (m,) what is missed, relative to the size of what is given.
+        size: (m,) by which a curve is multiplied, then turned.
+        rotation: (m, 3, 3).
+        at: (m, k) parts of its length, 0 to 1, at which each curve is at the given points.
+    """
+
+    misfit: Array
+    size: Array
+    rotation: Array
+    at: Array
+
+
+def matches(points: Array, curves: Array, is_closed: bool, movable: Movable) -> Matches:
+    """Return how closed curves go best onto points, or a part of each, whichever way round.
+
+    Args:
+        points: (k, 3) in their order.
+        curves: (m, n, 3) samples; the first one follows the last.
+        is_closed: whether the first point follows the last.
+        movable: how a curve may be moved.
+    """
+    given, at = _even_points(points, is_closed)
+    m, part = len(curves), at * (EVEN if is_closed else EVEN - 1)
+    best = Matches(np.full(m, np.inf), np.ones(m), np.tile(np.eye(3), (m, 1, 1)),
+                   np.zeros((m, len(points))))
+    for times in TIMES_AS_LONG[:1] if is_closed else TIMES_AS_LONG:
+        n = round(times * EVEN)
+        forward = _even(curves, n)
+        for way in (1, -1):
+            along = forward if way > 0 else forward[:, (-np.arange(n)) % n]
+            misfit, first, size, rotation = _best_places(given, along, movable)
+            there = (way * (first[:, None] + part)) % n / n
+            better = misfit < best.misfit
+            best = Matches(*(np.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)
+                             for new, old in zip((misfit, size, rotation, there), best,
+                                                 strict=True)))
+    return best
+
+
+def _even_points(points: Array, is_closed: bool) -> tuple[Array, Array]:
+    """Return points (EVEN, 3) along the smooth curve through some, and the parts of it at these."""
+    from scipy.interpolate import CubicSpline  # on use: it takes a tenth of a second
+
+    ends = np.vstack([points, points[:1]]) if is_closed else points
+    chords = np.linalg.norm(np.diff(ends, axis=0), axis=1)
+    knots = np.concatenate([[0.0], np.cumsum(np.maximum(chords, 1e-9 * chords.max()))])
+    spline = CubicSpline(knots, ends, bc_type="periodic" if is_closed else "not-a-knot")
+    fine = np.linspace(0.0, knots[-1], FINE)
+    way = spline(fine)
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
+    even = np.linspace(0.0, length[-1], EVEN, endpoint=not is_closed)
+    found = np.column_stack([np.interp(even, length, x) for x in way.T])
+    return found, np.interp(knots[: len(points)], fine, length) / length[-1]
+
+
+def lengths_along(curves: Array) -> Array:
+    """Return the parts (m, n + 1) of the length of closed curves (m, n, 3) at their samples."""
+    steps = np.linalg.norm(np.diff(curves, axis=1, append=curves[:, :1]), axis=2)
+    found = np.concatenate([np.zeros((len(curves), 1)), np.cumsum(steps, axis=1)], axis=1)
+    parts: Array = found / np.maximum(found[:, -1:], np.finfo(float).tiny)
+    return parts
+
+
+def _even(curves: Array, n: int) -> Array:
+    """Return points (m, n, 3) spaced evenly along closed curves."""
+    closed = np.concatenate([curves, curves[:, :1]], axis=1)
+    places = np.arange(n) / n
+    return np.array([np.column_stack([np.interp(places, at, x) for x in curve.T])
+                     for at, curve in zip(lengths_along(curves), closed, strict=True)])
+
+
+def _best_places(
+    given: Array, along: Array, movable: Movable
+) -> tuple[Array, NDArray[np.intp], Array, Array]:
+    """Return misfit, first point, size and rotation of the best part of each curve (m, n, 3)."""
+    n, k = along.shape[1], len(given)
+    centre = np.where(movable.shifts, given.mean(axis=0), 0.0)
+    z = given - centre
+    shape = np.conj(np.fft.rfft(z, n, axis=0))
+    products = np.fft.irfft(shape[None, :, :, None] * np.fft.rfft(along, axis=1)[:, :, None, :], n,
+                            axis=1)  # (m, n, 3, 3): of z and a part from each place on
+    stride = COARSE if movable.turns.all() else 1
+    window = np.conj(np.fft.rfft(np.ones(k), n))[None, :, None]
+    sums, squares = (np.fft.irfft(window * np.fft.rfft(x, axis=1), n, axis=1)
+                     for x in (along, along**2))
+    products, sums, squares = (x[:, ::stride] for x in (products, sums, squares))
+    own = (squares - np.where(movable.shifts, sums**2 / k, 0.0)).sum(axis=2)
+    both = _turned_products(products, movable.turns)
+    whole = float(np.sum(z * z))
+    tiny = np.finfo(float).tiny
+    size = np.maximum(both, 0.0) / np.maximum(own, tiny) if movable.scale else np.ones_like(both)
+    left = np.maximum(whole - 2.0 * size * both + size**2 * own, 0.0)
+    first = np.argmin(left, axis=1)
+    rows = np.arange(len(along))
+    rotation = _rotations(products[rows, first], movable.turns)
+    return np.sqrt(left[rows, first] / whole), stride * first, size[rows, first], rotation
+
+
+def _turned_products(products: Array, turns: NDArray[np.bool_]) -> Array:
+    """Return the largest sums of products (m, n) of points and turned ones."""
+    if turns.all():
+        values = np.linalg.svd(products, compute_uv=False)
+        mirrored = np.where(np.linalg.det(products) < 0.0, -1.0, 1.0)
+        found: Array = values[..., 0] + values[..., 1] + mirrored * values[..., 2]
+        return found
+    if turns.any():
+        i, j, axis = _plane(turns)
+        return np.hypot(products[..., i, i] + products[..., j, j],
+                        products[..., j, i] - products[..., i, j]) + products[..., axis, axis]
+    return np.trace(products, axis1=-2, axis2=-1)
+
+
+def _rotations(products: Array, turns: NDArray[np.bool_]) -> Array:
+    """Return the rotations (m, 3, 3) of the largest sums of products (m, 3, 3)."""
+    found = np.tile(np.eye(3), (len(products), 1, 1))
+    if turns.all():
+        u, _, vt = np.linalg.svd(products)
+        u[:, :, 2] *= np.linalg.det(u @ vt)[:, None]
+        return np.asarray(u @ vt)
+    if turns.any():
+        i, j, _ = _plane(turns)
+        angle = np.arctan2(products[:, j, i] - products[:, i, j],
+                           products[:, i, i] + products[:, j, j])
+        found[:, i, i] = found[:, j, j] = np.cos(angle)
+        found[:, j, i], found[:, i, j] = np.sin(angle), -np.sin(angle)
+    return found
+
+
+def _plane(turns: NDArray[np.bool_]) -> tuple[int, int, int]:
+    """Return the axes that a turn about the first allowed one takes into each other, and it."""
+    axis = int(np.argmax(turns))
+    return (axis + 1) % 3, (axis + 2) % 3, axis
