@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-SMALL = 6  # numbers that are shown one by one: a wrench
+SHOWN = 6  # numbers that are shown one by one: a wrench
 LONGEST = 60  # characters of a text that are shown
 MOST = 4  # entries of a mapping, or of a list of plain values, that are shown
 
@@ -39,7 +39,7 @@ def words(value: Any, unit: str = "") -> str:
 
 def _words(value: Any) -> str:
     if isinstance(value, np.ndarray):
-        plain = value.ndim == 1 and value.size <= SMALL and value.dtype.kind in "fiu"
+        plain = value.ndim == 1 and value.size <= SHOWN and value.dtype.kind in "fiu"
         return f"[{', '.join(f'{x:.6g}' for x in value)}]" if plain else f"array {value.shape}"
     if isinstance(value, float):
         return f"{value:.6g}"

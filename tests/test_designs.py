@@ -9,7 +9,7 @@ import spatial_pin as sp
 from spatial_pin.synthesis import goals
 from spatial_pin.synthesis.family import Family
 from spatial_pin.synthesis.problem import ProblemSpec
-from spatial_pin.synthesis.results import WIDTH, Design, Designs, designs_of
+from spatial_pin.synthesis.results import REPORT_WIDTH, Design, Designs, designs_of
 from spatial_pin.synthesis.search import searched
 from spatial_pin.view.page.designed import goals_told
 from spatial_pin.view.scene.film import film
@@ -162,7 +162,7 @@ def test_slopes_of_goals_are_those_of_their_residuals(make):
 
 def test_the_report_fits_a_hundred_columns(path, function):
     for report in (str(path), str(function)):
-        assert max(map(len, report.splitlines())) <= WIDTH
+        assert max(map(len, report.splitlines())) <= REPORT_WIDTH
     assert str(function).startswith("four_bar: 1 design from 3 starts")
     assert "scale = " in str(path) and "path of coupler_b: " in str(path)
     for k, one in enumerate(path, start=1):

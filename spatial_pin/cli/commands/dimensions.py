@@ -23,7 +23,7 @@ from spatial_pin.cli.results import finite, tell
 from spatial_pin.errors import UnknownNameError
 
 OUTPUT_HELP = "as rocker_pin, rocker_pin.rate, coupler.position, crank.lower_limit"
-WIDE = 0.1  # standard deviation relative to the dimension from which a unit may be missing
+WIDE_SPREAD = 0.1  # standard deviation relative to the dimension from which a unit may be missing
 XYZ = ("x", "y", "z")
 
 
@@ -124,7 +124,7 @@ def _wide(mechanism: sp.Mechanism, spread: dict[str, float]) -> list[str]:
     """Return hints for deviations without a unit that no workshop would have."""
     return [f"{name} scatters by {x / abs(nominal):.0%} of its {nominal:.6g}: {x:g}mm?"
             for name, x in spread.items() if not getattr(x, "unit", "")
-            and abs(nominal := mechanism.dimensions[name]) > 0.0 and x > WIDE * abs(nominal)]
+            and abs(nominal := mechanism.dimensions[name]) > 0.0 and x > WIDE_SPREAD * abs(nominal)]
 
 
 def _tolerance(options: argparse.Namespace) -> None:

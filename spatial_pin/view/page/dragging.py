@@ -22,7 +22,7 @@ from spatial_pin.view.page.drive import Drive
 
 NUDGE = 0.05  # away from a dead centre [rad, characteristic lengths]: its square moves the link
 STILL = 1e-6  # of a driver that does not move [rad or m]
-FAR = 1e-3  # of a point from the pointer relative to the characteristic length: a pixel or two
+OFF_POINTER = 1e-3  # of a point from the pointer relative to the characteristic length: a pixel or two
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -91,4 +91,4 @@ def _is_stuck(drive: Drive, found: State | None, grip: Grip) -> bool:
         return False
     size = drive.mechanism.characteristic_length
     moved = abs(drive.values(found)[drive.names[0]] - drive.value(drive.names[0]))
-    return moved < STILL and grip.distance(found) > FAR * size
+    return moved < STILL and grip.distance(found) > OFF_POINTER * size
