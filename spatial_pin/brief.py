@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-SHOWN = 6  # numbers that are shown one by one: a wrench
-LONGEST = 60  # characters of a text that are shown
+ONE_BY_ONE = 6  # numbers that are shown one by one: a wrench
+LONGEST_TEXT = 60  # characters of a text that are shown
 MOST = 4  # entries of a mapping, or of a list of plain values, that are shown
 
 
@@ -39,7 +39,7 @@ def words(value: Any, unit: str = "") -> str:
 
 def _words(value: Any) -> str:
     if isinstance(value, np.ndarray):
-        plain = value.ndim == 1 and value.size <= SHOWN and value.dtype.kind in "fiu"
+        plain = value.ndim == 1 and value.size <= ONE_BY_ONE and value.dtype.kind in "fiu"
         return f"[{', '.join(f'{x:.6g}' for x in value)}]" if plain else f"array {value.shape}"
     if isinstance(value, float):
         return f"{value:.6g}"
@@ -52,7 +52,7 @@ def _words(value: Any) -> str:
             return f"{len(value)} of {type(value[0]).__name__}"
         return f"[{', '.join(map(_words, value[:MOST]))}{_rest(value)}]"
     text = repr(value)
-    return text if len(text) <= LONGEST and "\n" not in text else _cut(value, text)
+    return text if len(text) <= LONGEST_TEXT and "\n" not in text else _cut(value, text)
 
 
 def _rest(values: Mapping[str, Any] | tuple[Any, ...] | list[Any]) -> str:
@@ -63,7 +63,7 @@ def _rest(values: Mapping[str, Any] | tuple[Any, ...] | list[Any]) -> str:
 def _cut(value: Any, text: str) -> str:
     """Return the beginning of a long text; of anything else what it is."""
     if isinstance(value, str):
-        return f"{text[: LONGEST - 4]}...{text[0]}"
+        return f"{text[: LONGEST_TEXT - 4]}...{text[0]}"
     name = getattr(value, "name", "")
     return f"{type(value).__name__}({name!r})" if isinstance(name, str) and name else (
         f"<{type(value).__name__}>")

@@ -20,6 +20,7 @@ from spatial_pin.rates.transmission import transmission_angle
 
 COORDINATE_OUTPUTS = ("rate", "acceleration", "jerk", "ratio", "advantage", "transmission_angle")
 FORCES = ("effort", "power", "reaction", "reaction.force", "reaction.moment")  # NAME.effort, ...
+ENDINGS = tuple(f".{kind}" for kind in FORCES)
 ON_GROUND = ("on_ground", "on_ground.force", "on_ground.moment")
 
 
@@ -89,9 +90,9 @@ def quantities(motion: Motion, outputs: str | Iterable[str] | None = None) -> di
     return table | {"closure error": Quantity(motion.closure_error, "-")}
 
 
-def is_force(spec: str) -> bool:
+def is_force(spec: object) -> bool:
     """Whether a name is that of a force, which a motion by itself has not."""
-    return spec in ON_GROUND or any(spec.endswith(f".{kind}") for kind in FORCES)
+    return isinstance(spec, str) and (spec in ON_GROUND or spec.endswith(ENDINGS))
 
 
 def abscissas(motion: Motion) -> dict[str, Quantity]:

@@ -33,7 +33,7 @@ TURN_STEPS = 72  # samples of a turn
 # Newton's steps from drawn configurations, and from sample to sample, where joints go on as before;
 # what is left open before the last is squared by it.
 FIRST_STEPS, NEXT_STEPS, NEARLY = 12, 2, 1e-2
-LONGEST = 0.5  # of these steps [rad, characteristic lengths]
+LONGEST_NEWTON = 0.5  # of these steps [rad, characteristic lengths]
 FLOOR = 1e-12  # beside normal equations of order one, which may be singular
 OF_A_SHEET, MOST_BROUGHT = 4, 12  # curves that are kept of those drawn together, of so many tried
 COMES_BACK = 1e-3  # part of a curve's size that is between its ends after a turn
@@ -41,8 +41,8 @@ MOVED = 1e-6  # part of a motion as a whole that dimensions cannot make, up to w
 # Steps by which a curve is brought to the path: by a factor of size, by an angle [rad] or a part of
 # the curve's own size.
 SIZE_STEP, WAY_STEP = 1.5, 0.4
-MOST_STEPS = 16  # the last one is the whole rest
-CORRECTIONS = 2  # Newton's of each step: what is left is corrected by the next ones
+STEPS_TO_PATH = 16  # the last one is the whole rest
+BRINGING_CORRECTIONS = 2  # Newton's of each step: what is left is corrected by the next ones
 OUTSIDE = 1e-6  # part of the bounds' width that is as good as inside
 LEAST_SIZE = 1e-6  # of a path relative to a curve: less is a point
 LEAST_POINTS = 4  # any curve has a part like three
@@ -199,7 +199,7 @@ class Atlas:
             moved = -np.linalg.solve(square, np.einsum("mhi,mh->mi", slope, bodies.residual)[
                 :, :, None])[:, :, 0]
             longest = np.abs(moved).max(axis=1, initial=0.0)
-            moved *= np.minimum(1.0, LONGEST / np.maximum(longest, LONGEST))[:, None]
+            moved *= np.minimum(1.0, LONGEST_NEWTON / np.maximum(longest, LONGEST_NEWTON))[:, None]
             q, angles = family.displaced(q, moved * scale), bodies.angles
         return Samples(q, angles, at), np.flatnonzero(error < NEARLY)
 
@@ -248,8 +248,8 @@ class Atlas:
         width = float(np.abs(own - there).max()) * max(size, 1.0)
         steps = max(abs(np.log(size)) / np.log(SIZE_STEP), float(np.linalg.norm(turn)) / WAY_STEP,
                     float(np.abs(away).max()) / width)
-        n, samples = int(min(np.ceil(steps), MOST_STEPS)), alike.samples
-        for part in np.repeat(np.arange(1, n + 1) / max(n, 1), CORRECTIONS).tolist():
+        n, samples = int(min(np.ceil(steps), STEPS_TO_PATH)), alike.samples
+        for part in np.repeat(np.arange(1, n + 1) / max(n, 1), BRINGING_CORRECTIONS).tolist():
             target = there - part * away + size**part * (own - there) @ pin.exp3(part * turn).T
             samples, _, closed = timed.closed(p.members(x), samples, NO_NUMBERS)
             if not closed.all():
@@ -262,7 +262,7 @@ class Atlas:
             x[: p.n] -= p.sizes[: p.n] * (inverse @ missed)
         outside = np.maximum(p.lower - x, x - p.upper) > OUTSIDE * p.sizes
         return None if outside.any() else Begin(
-            np.clip(x, p.lower, p.upper), samples, alike.misfit, n * CORRECTIONS)
+            np.clip(x, p.lower, p.upper), samples, alike.misfit, n * BRINGING_CORRECTIONS)
 
     def _same(self, x: Array, m: int) -> Members:
         """Return the mechanism of x for m configurations."""

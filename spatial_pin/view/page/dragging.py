@@ -22,7 +22,7 @@ from spatial_pin.view.page.drive import Drive
 
 NUDGE = 0.05  # away from a dead centre [rad, characteristic lengths]: its square moves the link
 STILL = 1e-6  # of a driver that does not move [rad or m]
-OFF_POINTER = 1e-3  # of a point from the pointer relative to the characteristic length: a pixel or two
+OFF_POINTER = 1e-3  # of a point from the pointer [characteristic lengths]: a pixel or two
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
