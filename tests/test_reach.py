@@ -125,6 +125,49 @@ def test_two_weighted_targets_share_what_both_cannot_have(tmp_path):
     assert state.q[0] == pytest.approx(4.0 / 5.0 * np.pi / 2.0, abs=1e-8)
 
 
+def test_what_no_motion_brings_nearer_leaves_the_least_motion(tmp_path):
+    """An axis in the plane is normal to the plane's normal, however it turns."""
+    mechanism = arm(tmp_path)
+    start = at(mechanism, 0.3, 0.4, 0.5)
+    tip = {"tip": [1.2, 1.3, 0.0]}
+    level = targets.direction([1, 0, 0], [0, 0, 1], weight=0.1)
+    state = sp.reach(mechanism, tip | {"link3": level}, start)
+    assert np.abs(state.q - sp.reach(mechanism, tip, start).q).max() < 1e-11
+
+
+@pytest.mark.parametrize("least_turn", [None, 0.2])
+def test_of_equal_sums_that_cannot_vanish_the_nearest_is_taken(tmp_path, least_turn):
+    limits = [(-3, 3), (least_turn, 3)] if least_turn else []
+    mechanism = arm(tmp_path, (1.0, 0.8, 0.6, 0.5, 0.4), limits)
+    start = at(mechanism, 0.3, 0.4, 0.5, -0.3, 0.2)
+    far = np.array([2.0, 2.5, 0.0])  # two links stretch towards it
+    state = sp.reach(mechanism, {
+        "tip": targets.distance("link3", 1.3),
+        "link3": targets.position(far, weight=1.0),
+        "link5": targets.direction([1, 0, 0], [0, 0, 1], weight=0.5)}, start)
+    elbow = least_turn or 0.0
+    bent = np.arctan2(0.8 * np.sin(elbow), 1.0 + 0.8 * np.cos(elbow))
+    assert np.abs(state.q[:2] - [np.arctan2(2.5, 2.0) - bent, elbow]).max() < 1e-9
+
+    def length(q):
+        return abs(0.6 + 0.5 * np.exp(1j * q[0]) + 0.4 * np.exp(1j * (q[0] + q[1])))
+
+    least = minimize(lambda q: np.sum((q - start.q[2:]) ** 2), start.q[2:], method="SLSQP",
+                     constraints={"type": "eq", "fun": lambda q: length(q[1:]) - 1.3},
+                     options={"ftol": 1e-16, "maxiter": 500})
+    assert np.abs(state.q[2:] - least.x).max() < 1e-6
+
+
+def test_no_machine_stops_an_excavator_elsewhere():
+    """The direction of its teeth is normal to the plane of its arm: all places are equal."""
+    mechanism = sp.load("excavator")
+    teeth = targets.position([8.0, 0.0, 0.0])
+    alone = sp.reach(mechanism, {"teeth": teeth})
+    both = sp.reach(mechanism, {
+        "teeth": [teeth, targets.direction([0, 0, 1], [0, 1, 0], weight=0.1)]})
+    assert np.abs(both.q - alone.q).max() < 1e-9
+
+
 def test_every_kind_of_target_is_met_exactly(tmp_path):
     mechanism = arm(tmp_path, (1.0, 0.8, 0.6, 0.5, 0.4))
     start = at(mechanism, 0.3, 0.4, -0.5, 0.3, 0.2)

@@ -214,14 +214,25 @@ class Descent:
     def _released(self, place: Place) -> Held:
         """Return limits that a free step, of some of them released, would not leave."""
         held = dict(place.held)
-        for v, limit in place.held.items():
-            without = {k: x for k, x in held.items() if k != v}
-            motions = self.base.motions(place.q, self.base.free(without), self.kept)
-            residual, rows = self.base.residual(place.q, self.wanted)
-            step = -(residual @ rows @ motions.T) @ motions
-            if limit.side * step[v] < -TOLERANCES.nothing * place.size:
-                held = without
+        for v in place.held:
+            if self.push(place.q, held, v) < -TOLERANCES.nothing * place.size:
+                del held[v]
         return held
+
+    def is_single(self, q: Array, held: Held) -> bool:
+        """Whether the sum is clearly curved along all motions at a place where it is least."""
+        slope = self._slope(q, held)
+        parts = self.base.residual(q, self.wanted)[1] @ slope.motions.T
+        sizes = np.abs(slope.sizes)  # what the residuals' bending cancels is known to 1e-6 of it
+        return bool(np.all(sizes > TOLERANCES.regular * np.linalg.norm(parts) ** 2))
+
+    def push(self, q: Array, held: Held, v: int) -> float:
+        """Return how far a free step goes beyond the limit that the joint at `v` stands at."""
+        without = {k: x for k, x in held.items() if k != v}
+        motions = self.base.motions(q, self.base.free(without), self.kept)
+        residual, rows = self.base.residual(q, self.wanted)
+        step = -(residual @ rows @ motions.T) @ motions
+        return float(held[v].side * step[v])
 
     # ---------------------------------------------------------------- curvature
 

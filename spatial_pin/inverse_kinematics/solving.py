@@ -17,9 +17,11 @@ import pinocchio as pin
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.inverse_kinematics.constrained import Constrained, Held
 from spatial_pin.inverse_kinematics.descending import Descent
-from spatial_pin.inverse_kinematics.targets import Residual, Target
+from spatial_pin.inverse_kinematics.stationary import LeastSquares, Stationary
+from spatial_pin.inverse_kinematics.targets import CoordinateValue, Residual, Target
 from spatial_pin.mechanism.joint_limits import JointLimit
 from spatial_pin.numerics.linalg import Array, decompose
+from spatial_pin.numerics.tolerances import TOLERANCES
 
 
 class Reached(NamedTuple):
@@ -123,13 +125,51 @@ class Solver(Constrained):
 
     def _least_motion(self, q: Array, start: Array, held: Held) -> Array:
         """Return the configuration nearest to the start that meets the targets as well."""
-        kept = [*self.exact, *(AsNow(name=t.name, target=t, value=t.residual(self.evaluation)[0])
-                               for t in self._weighted_at(q))]
-        free = self.free(held)
-        if not len(self.motions(q, free, kept)) and not held:
+        missed, descent = self._missed(q), Descent(self, self.exact, self.weighted)
+        if missed > self.tolerance:
+            if not held and descent.is_single(q, held):
+                return q
+            level = self._same_sum(q, held, descent)
+            if level is not None:
+                found = self._nearest(q, start, held, level)
+                if self._missed(found) <= missed * (1.0 + TOLERANCES.nothing):
+                    return found  # else it is level to second order only
+        return self._nearest(q, start, held, [*self.exact, *self._as_now(q)])
+
+    def _nearest(self, q: Array, start: Array, held: Held, kept: Sequence[Target]) -> Array:
+        """Return the configuration nearest to the start, from q on, that keeps targets met."""
+        if not held and not len(self.motions(q, self.free(held), kept)):
             return q
         found, _, _ = Descent(self, kept, [Unmoved(start=start)]).run(q, held)
         return found
+
+    def _same_sum(self, q: Array, held: Held, descent: Descent) -> list[Target] | None:
+        """Return what keeps the weighted residuals' sum of squares, where a descent has ended.
+
+        None where that leaves the same motions as to keep the residuals themselves.
+        """
+        least_push = TOLERANCES.nothing * self._missed(q)
+        pushed = [limit for v, limit in held.items() if descent.push(q, held, v) > least_push]
+        free = self.free({limit.v: limit for limit in pushed})
+        least = LeastSquares(self, self.exact, self.weighted, free)
+        sizes, ways = least.curved(q)
+        unchanged = self.motions(q, free, [*self.exact, *self._as_now(q)])
+        n = len(self.motions(q, free, self.exact))
+        if len(unchanged) == n - len(sizes) and (
+                np.abs(ways @ unchanged.T).max(initial=0.0) < TOLERANCES.half_precision):
+            return None
+        stops = [CoordinateValue(name=limit.name, value=limit.value) for limit in pushed]
+        curved = [Stationary(name="", sum=least, sizes=sizes, ways=ways)] if len(sizes) else []
+        return [*self.exact, *stops, *curved]
+
+    def _missed(self, q: Array) -> float:
+        """Return the length of the weighted residuals."""
+        return float(np.linalg.norm(self.residual(q, self.weighted)[0]))
+
+    def _as_now(self, q: Array) -> list[Target]:
+        """Return targets with a weight that keep their residuals as they are at q."""
+        return [AsNow(name=t.name, target=t, value=t.residual(self.evaluation)[0])
+                for t in self._weighted_at(q)]
 
     def _weighted_at(self, q: Array) -> list[Target]:
         """Return targets with a weight, the equations standing at q."""
