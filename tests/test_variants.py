@@ -1,6 +1,7 @@
 """Mechanisms at other dimensions from one expansion of their xacro file."""
 
 import math
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
@@ -66,6 +67,60 @@ def test_library_mechanisms_are_those_that_loading_gives(name, loads):
     some = {first: dimensions[first]}
     same(varied(mechanism, some), made.several([dimensions, some])[1],
          mechanism.characteristic_length)
+
+
+def alike(one: sp.Mechanism, two: sp.Mechanism) -> None:
+    """All that their files say is the same, numbers to round-off."""
+    for a, b in zip(*(ET.fromstring(x.urdf).iter() for x in (one, two)), strict=True):
+        assert (a.tag, a.text, a.keys()) == (b.tag, b.text, b.keys())
+        changed = [key for key in a.attrib if a.get(key) != b.get(key)]
+        x, y = ([float(word) for key in changed for word in part.get(key).split()]
+                for part in (a, b))
+        assert x == pytest.approx(y, rel=64 * EPS, abs=64 * EPS * np.abs([1.0, *y]).max())
+    assert [c.name for c in one.closures] == [c.name for c in two.closures]
+    assert (one.notices, one.path, one.tree, one.loading) == (
+        two.notices, two.path, two.tree, two.loading)
+    assert one.dimensions == two.dimensions
+    for a, b in zip(one.model.inertias, two.model.inertias, strict=True):
+        x, y = a.toDynamicParameters(), b.toDynamicParameters()
+        assert x == pytest.approx(y, rel=1e-12, abs=1e-15 * (1.0 + np.abs(y).max()))
+    for part in ("damping", "friction", "armature", "upperEffortLimit", "upperVelocityLimit",
+                 "upperPositionLimit", "lowerPositionLimit"):
+        assert getattr(one.model, part) == pytest.approx(getattr(two.model, part), rel=8 * EPS)
+    for a, b in ((one.visual_model, two.visual_model), (one.collision_model, two.collision_model)):
+        for x, y in zip(a.geometryObjects, b.geometryObjects, strict=True):
+            assert (x.name, x.parentJoint) == (y.name, y.parentJoint)
+            assert x.placement.isApprox(y.placement, 1e-12)
+
+
+@pytest.mark.parametrize("name", sp.list_mechanisms())
+def test_whole_mechanisms_are_those_that_loading_gives(name, loads):
+    """Masses and shapes too, and axes that turn."""
+    mechanism = sp.load(name)
+    made = Variants(mechanism, mechanism.dimensions)
+    for seed in range(2):
+        dimensions = other(mechanism, seed)
+        alike(made.whole(dimensions), varied(mechanism, dimensions))
+    assert not loads
+
+
+@pytest.mark.parametrize("name", ["four_bar", "rssr", "slider_crank", "delta", "excavator"])
+def test_masses_and_clearances_of_whole_mechanisms_are_those_of_loaded_ones(name, loads):
+    mechanism = sp.load(name)
+    dimensions = other(mechanism, 5)
+    driver = next(iter(mechanism.drivers))
+    found = []
+    for one in (Variants(mechanism, mechanism.dimensions).whole(dimensions),
+                varied(mechanism, dimensions)):
+        start = sp.assemble(one)
+        value = start.coordinate(one.drivers[driver].joint).value
+        motion = sp.sweep(one, driver, value + np.linspace(0.0, 0.1, 3), guess=start)
+        found.append([[x.mass for x in one.model.inertias],
+                      [pair.distance for pair in sp.clearance(motion).pairs],
+                      *sp.kinetostatics(one, motion).efforts.values()])
+    for a, b in zip(*found, strict=True):
+        assert a == pytest.approx(b, rel=1e-9, abs=1e-11)
+    assert len(found[0]) > 2 and not loads
 
 
 @pytest.mark.parametrize("name", [
@@ -145,6 +200,7 @@ def test_formulas_are_followed(formula, tmp_path, loads):
     made = Variants(mechanism, ["a", "b"])
     for dimensions in ({"a": 0.31, "b": -0.21}, {"a": 0.302}, {"b": -0.197}):
         same(made.at(dimensions), varied(mechanism, dimensions), 1.0)
+        alike(made.whole(dimensions), varied(mechanism, dimensions))
     assert not loads
 
 
@@ -158,7 +214,8 @@ def test_where_the_file_decides_otherwise_it_is_loaded(formula, dimensions, tmp_
     made.at({"a": 0.301})
     assert not loads
     same(made.at(dimensions), varied(mechanism, dimensions), 1.0)
-    assert loads == [dimensions]
+    alike(made.whole(dimensions), varied(mechanism, dimensions))
+    assert loads == [dimensions] * 2
 
 
 @pytest.mark.parametrize("change", [
@@ -171,8 +228,24 @@ def test_where_the_file_decides_otherwise_it_is_loaded(formula, dimensions, tmp_
 def test_what_cannot_be_followed_is_loaded(change, tmp_path, loads):
     mechanism = planar(tmp_path, **change)
     dimensions = {"a": 0.3123, "b": -0.2}
-    same(Variants(mechanism, ["a", "b"]).at(dimensions), varied(mechanism, dimensions), 1.0)
-    assert loads == [dimensions]
+    made = Variants(mechanism, ["a", "b"])
+    same(made.at(dimensions), varied(mechanism, dimensions), 1.0)
+    alike(made.whole(dimensions), varied(mechanism, dimensions))
+    assert loads == [dimensions] * 2
+
+
+def test_a_number_within_a_word_of_a_shape_is_loaded(tmp_path, loads):
+    """How it moves can be followed then, but not what its file says."""
+    shape = "<link name='ball'><visual><geometry><sphere radius='{}'/></geometry></visual></link>"
+    joint = ("<joint name='more' type='fixed'><parent link='ground'/><child link='ball'/></joint>")
+    dimensions = {"a": 0.3123}
+    for radius, times in (("${a}", 0), ("${a}e-1", 1)):
+        mechanism = planar(tmp_path, "${a}", more=shape.format(radius) + joint)
+        made = Variants(mechanism, ["a", "b"])
+        same(made.at(dimensions), varied(mechanism, dimensions), 1.0)
+        assert not loads
+        alike(made.whole(dimensions), varied(mechanism, dimensions))
+        assert len(loads) == times
 
 
 def test_a_mechanism_without_a_xacro_file_is_loaded(tmp_path):

@@ -4,6 +4,9 @@ The file is expanded once with its dimensions traced (`formats.xacro.tracing`). 
 other dimensions is a copy of this one with the places of joints and frames that follow from them,
 to a last digit or two those that loading gives. Where the file cannot be followed, or decides
 otherwise at those dimensions, the mechanism is loaded.
+
+Masses and shapes take as long as reading the expanded text takes: they are those of the text with
+other numbers in the places of the traced ones.
 """
 
 from __future__ import annotations
@@ -19,6 +22,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.dimensions.homotopy import varied
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.formats.files import load_expanded
 from spatial_pin.formats.xacro.expansion import parse_urdf, traced
 from spatial_pin.formats.xacro.tracing import depends
 from spatial_pin.mechanism.inertia import inertia_as_given
@@ -59,6 +63,18 @@ class Variants:
         found = tree.at(np.array([[x.get(name, value) for x in many] for name, value in own]))
         return [tree.mechanism_at(x, found, k) if good else varied(self.mechanism, x)
                 for k, (x, good) in enumerate(zip(many, found.holds, strict=True))]
+
+    def whole(self, dimensions: Mapping[str, float]) -> Mechanism:
+        """Return the mechanism at other dimensions, with all its file says, masses and shapes too.
+
+        Raises:
+            SpatialPinError: it cannot be loaded.
+        """
+        tree = self.tree
+        text = None if tree is None else tree.text_at(dimensions)
+        if text is None:
+            return varied(self.mechanism, dimensions)
+        return load_expanded(self.mechanism, dimensions, text)
 
     @property
     def tree(self) -> TracedTree | None:
@@ -186,6 +202,7 @@ class TracedTree:
         self._axes: dict[int, _Words] = {}
         self._levers: dict[str, _Words] = {}
         self._limits: dict[str, list[_Words]] = {}
+        self._pieces = self._tape.pieces(text)
         self._read(parse_urdf(text, file))
         self._check()
 
@@ -269,6 +286,22 @@ class TracedTree:
              for i, words in self._axes.items()},
             {name: words.at(numbers) for name, words in self._levers.items() if words.vary},
             dict(self._limits_at(numbers)))
+
+    def text_at(self, dimensions: Mapping[str, float]) -> str | None:
+        """Return what the file expands to at other dimensions.
+
+        Returns:
+            None where that is not known: it decides otherwise there, or they are no numbers of it.
+        """
+        if self._pieces is None or not dimensions.keys() <= self.dimensions.keys():
+            return None
+        between, places = self._pieces
+        given = np.array([[dimensions.get(name, x)] for name, x in self.dimensions.items()])
+        numbers, holds = self._tape.at(given, places)
+        if not holds[0]:
+            return None
+        words = [repr(x) for x in numbers[:, 0].tolist()]
+        return "".join(x for pair in zip(between, [*words, ""], strict=True) for x in pair)
 
     def mechanism_at(
         self, dimensions: Mapping[str, float], found: TracedGeometry, k: int

@@ -106,7 +106,28 @@ def load(
         if not isinstance(given, bool | np.bool_):
             raise TypeError(f"{key} is True or False, not {given!r}")
     folders = _folders(packages or {})
-    request = Request(_find(source), parameters, trusted, folders, free_flyer)
+    return _loaded(Request(_find(source), parameters, trusted, folders, free_flyer))
+
+
+def load_expanded(mechanism: Mechanism, parameters: Mapping[str, float], urdf: str) -> Mechanism:
+    """Return a mechanism as `load` does with other parameters, when its xacro file is expanded.
+
+    Args:
+        mechanism: it was loaded from the file.
+        parameters: values of xacro arguments that change [SI, rad].
+        urdf: what the xacro file expands to with them.
+
+    Raises:
+        MechanismFileError: as `load`.
+    """
+    m = mechanism
+    assert m.path is not None
+    return _loaded(Request(m.path, {**m.parameters, **parameters}, m.trusted, dict(m.packages),
+                           m.free_flyer, expanded=urdf))
+
+
+def _loaded(request: Request) -> Mechanism:
+    """Return the mechanism of a request."""
     if request.path.suffix == ".toml":
         return _load_toml(request)
     importer = importer_of(request.path)

@@ -19,6 +19,7 @@ class Request:
         packages: folders of ROS packages, by name, absolute; go before all others.
         free_flyer: whether a floating joint is put below the root of what is read.
         alone: whether no mechanism file with closures says more of it.
+        expanded: what the xacro file of its tree expands to, where that is known.
     """
 
     path: Path
@@ -27,6 +28,7 @@ class Request:
     packages: Mapping[str, Path] = field(default_factory=dict)
     free_flyer: bool = False
     alone: bool = True
+    expanded: str | None = None
 
 
 @dataclass(frozen=True)

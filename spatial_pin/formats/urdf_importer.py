@@ -34,7 +34,9 @@ def read_urdf(request: Request, beside: Path | None = None) -> Imported:
     Raises:
         MechanismFileError: it cannot be read, or joins links in a way that is not known.
     """
-    text = expand(request.path, request.parameters, request.trusted, request.packages)
+    text = request.expanded
+    if text is None:
+        text = expand(request.path, request.parameters, request.trusted, request.packages)
     reading = Reading(parse_urdf(text, request.path), request.path)
     before = ET.tostring(reading.robot, encoding="unicode")
     read_dialects(reading, beside)

@@ -146,8 +146,8 @@ class Family:
         return Members(holds, Numbers(base, np.arange(len(base)), np.array(reals)), placed)
 
     def mechanism_at(self, dimensions: Mapping[str, float]) -> Mechanism:
-        """Return one of them as a Mechanism, loaded from its file."""
-        return varied(self.mechanism, dimensions)
+        """Return one of them as a Mechanism with all that its file says of it."""
+        return self.variants.whole(dimensions)
 
     def bodies(
         self, members: Members, q: Array, angles: Array, with_jacobian: bool = True

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _TEXT = re.compile(r"\d\.(?:\d{17}|(?=\d{8}e-400))7(\d{7})e[+-]\d+")
+_BETWEEN_WORDS = re.compile(r"""([\s"'<>]+)""")  # of a file
 _MOST = 10**7  # places that a text can name
 
 
@@ -144,6 +145,25 @@ class Tape:
             return key
 
         return _TEXT.sub(name, text), names
+
+    def pieces(self, text: str) -> tuple[list[str], list[int]] | None:
+        """Take the traced numbers out of the text of a file.
+
+        Returns:
+            (k + 1,) what is between them, and (k,) their places; None where one is no word of its
+            own.
+        """
+        between, places = list[list[str]]([[]]), list[int]()
+        for word in _BETWEEN_WORDS.split(text):
+            number = self.read(word) if depends(word) else None
+            if number is not None:
+                places.append(number.place)
+                between.append([])
+            elif depends(word):
+                return None
+            else:
+                between[-1].append(word)
+        return ["".join(words) for words in between], places
 
     def _size(self, found: re.Match[str]) -> Traced:
         """Return the number of a text without its sign."""
