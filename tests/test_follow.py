@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mechanisms as known
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -365,3 +366,22 @@ def test_a_bad_table_is_refused_with_its_place(tmp_path, capfd, text, words):
 def test_a_table_that_is_not_there_is_told(capfd):
     assert main(["follow", "delta", "nowhere.csv"]) == 1
     assert "nowhere.csv" in capfd.readouterr().err
+
+
+def test_held_joints_stand_where_the_state_has_them_or_it_is_told(tmp_path):
+    mechanism = known.five_bar(tmp_path)
+    state = sp.assemble(mechanism, {"left": 2.0, "right": 1.0})
+    elbow, times = state.coordinate("elbow1").value, [3.0, 4.0]
+    held = sp.sweep(mechanism, "left", [2.3, 2.31], guess=state, hold=["elbow1"])
+    assert np.abs(held.coordinate("elbow1")[0] - elbow).max() < 1e-12
+    driver = sp.sweep(mechanism, "elbow1", [elbow + 0.3, elbow + 0.31], guess=state, hold=["left"])
+    assert np.abs(driver.coordinate("left")[0] - 2.0).max() < 1e-12  # right is released instead
+    tables = {"left": np.array([3.0, 3.01])}  # where no length of the rods reaches so far
+    for motion in (sp.sweep(mechanism, "left", tables["left"], guess=state, hold=["elbow1"]),
+                   sp.follow(mechanism, tables, times, guess=state, hold=["elbow1"])):
+        angle = motion.coordinate("elbow1")[0]
+        assert abs(np.ptp(angle)) < 1e-12 < abs(angle[0] - elbow)
+        event = next(e for e in motion.events if e.text.startswith("elbow1"))
+        assert (event.kind, event.row) == ("released", 0)
+        assert event.value == (times[0] if motion.time is not None else 3.0)
+        assert f"held {angle[0] - elbow:+.9g} rad from where the guess has it" in event.text

@@ -148,6 +148,21 @@ def test_cassies_jacobian_is_the_difference_of_an_independent_solution():
         assert np.abs(found[:, k] - twist).max() < 1e-9, name
 
 
+@pytest.mark.parametrize("off", [0.05, 0.5, -1.0])
+def test_held_springs_stand_where_the_state_has_them_though_a_sweep_begins_far_away(off):
+    mech = opened(CASSIE)
+    state = sp.assemble(mech)
+    springs = [state.mechanism.coordinate(x.joint).q for x in mech.springs]
+    knee = state.coordinate("left-knee").value + off + np.linspace(0.0, 0.1, 3)
+    foot = np.full(3, state.coordinate("left-foot").value)
+    hold = ["base", "springs"]
+    for motion in (sp.sweep(mech, "left-knee", knee, guess=state, hold=hold),
+                   sp.follow(mech, {"left-knee": knee, "left-foot": foot}, [0.0, 1.0, 2.0],
+                             guess=state, hold=hold)):
+        assert np.abs(motion.q[:, springs] - state.q[springs]).max() < 1e-12
+        assert not any(event.kind == "released" for event in motion.events)
+
+
 def test_the_grippers_fingers_stay_coupled_and_its_tendon_drives_them():
     mech = opened(GRIPPER)
     assert [c.type for c in mech.closures] == ["spherical", "spherical", "coupling"]

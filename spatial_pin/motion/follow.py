@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from spatial_pin.assembly.assemble import assembled
+from spatial_pin.assembly.held_start import held_start
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State
 from spatial_pin.checks import as_array, checked, finite_array, mapping, names_of
@@ -108,10 +108,10 @@ def follow(
     check_not_held(mechanism, coordinates, held)
     tight = replace(accuracy, tolerance=min(accuracy.tolerance, TOLERANCES.tight))
     first = dict(zip(names, table[0].tolist(), strict=True))
-    state = assembled(mechanism, first, guess, accuracy=tight)
+    state, gone = held_start(mechanism, first, guess, held, tight)
     followed = along(state, names, hold, law, s, accuracy,
                      f"{mechanism.name}: {', '.join(names)}", progress,
-                     passes=on_crossing == "straight")
+                     passes=on_crossing == "straight")._replace(released=gone)
     return finished(state.mechanism, followed, None if times is None else s, held, list(values),
                     "drivers", on_limit, on_crossing)
 
@@ -127,6 +127,7 @@ class Followed(NamedTuple):
         undriven: the same of configurations in which the drivers alone do not determine a motion
             that targets do.
         is_cut: whether Ctrl-C ended it.
+        released: sentences on what is held, but not where the guess has it.
     """
 
     samples: Samples
@@ -135,6 +136,7 @@ class Followed(NamedTuple):
     crossed: Sequence[tuple[float, int]] = ()
     undriven: Sequence[tuple[float, int]] = ()
     is_cut: bool = False
+    released: Sequence[str] = ()
 
 
 def along(
@@ -192,6 +194,8 @@ def finished(
     stop = followed.stop
     motion = _motion(mechanism, followed.samples, followed.done, times)
     motion.held = held
+    begin = 0.0 if times is None else float(times[0])
+    motion.events += [Event("released", begin, 0, text) for text in followed.released]
     motion.events += [_crossed(value, row, times is None) for value, row in followed.crossed]
     motion.events += [_undriven(value, row, times is None) for value, row in followed.undriven]
     motion.events += [*joint_limit_events(motion), *velocity_limit_events(motion)]

@@ -33,7 +33,8 @@ class Event(NamedTuple):
             "lost", "open" (drifted without corrections), "joint limit" (of the URDF, passed),
             "velocity limit", "effort limit" (of the URDF, passed, or the first sample beyond),
             "not closed" (a traced curve, within its samples), "released" (a driver that nobody
-            named and that the loops do not let stand), or "stopped" (a simulation).
+            named, or a joint held by name, that the loops do not let stand), or "stopped" (a
+            simulation).
         value: driver value of it [rad or m]; in a simulation the time of "stopped" and
             of limits of the URDF [s].
         row: number of samples of the motion before it.

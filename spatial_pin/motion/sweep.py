@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from spatial_pin.assembly.assemble import assembled
+from spatial_pin.assembly.held_start import held_start
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State
 from spatial_pin.checks import as_array, checked, finite_array, finite_number, mapping, names_of
@@ -72,10 +72,11 @@ def sweep(
         guess: where to assemble, as for `assemble`.
         hold: what else stands still: {name: value} of other drivers or coordinates [rad or m] (a
             free base then stands still too); or names alone of joints and coordinates, to hold
-            them where they are assembled. "base" is a free base (a floating joint that alone
-            carries a whole machine), "springs" the joints that springs act about, "NAME.rotation"
-            and "NAME.translation" parts of a floating joint. None: nothing. A "released" event
-            tells of drivers that the loops do not let stand.
+            them where a State as guess has them, else where they are assembled. "base" is a free
+            base (a floating joint that alone carries a whole machine), "springs" the joints that
+            springs act about, "NAME.rotation" and "NAME.translation" parts of a floating joint.
+            None: nothing. A "released" event tells of drivers, and of what is held by name, that
+            the loops do not let stand there.
         on_limit: where a value cannot be reached: "raise" a LimitError, or "stop", which ends the
             motion before it, with an event.
         on_crossing: where branches cross (a change point): "straight" follows the one that goes
@@ -131,8 +132,8 @@ def sweep(
     held: tuple[str, ...] = () if hold is None else (BASE,) if isinstance(
         hold, Mapping) else tuple(names_of(hold, "hold"))
     check_not_held(mechanism, [coordinate], held)
-    state = assembled(mechanism, {**given, coordinate.name: float(values[0])}, guess,
-                      accuracy=_tight(accuracy))
+    first = {**given, coordinate.name: float(values[0])}
+    state, gone = held_start(mechanism, first, guess, held, _tight(accuracy))
     mechanism = state.mechanism
     stop, n, is_cut = None, len(values), False
     crossed: list[tuple[float, int]] = []
@@ -149,6 +150,7 @@ def sweep(
                      coordinate.unit if speed is None else "s")
     motion.held = held
     check_gaps(motion, accuracy.gap)
+    motion.events += [Event("released", float(values[0]), 0, text) for text in gone]
     motion.events += _released(state, start.driven, start.still, float(values[0]))
     motion.events += [_crossed(value, row, driver, coordinate) for value, row in crossed]
     motion.events += [*_near_limit(motion, samples.t[:n]), *_drift(motion),

@@ -1,0 +1,77 @@
+"""The first configuration of a motion in which joints stand where a State has them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from spatial_pin.assembly.assemble import assembled
+from spatial_pin.assembly.holding import BASE, Hold, held_by
+from spatial_pin.assembly.state import State
+from spatial_pin.errors import AssemblyError
+from spatial_pin.mechanism.coordinates import driver_coordinates
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.parts import Coordinate
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.settings import Accuracy
+
+
+def held_start(
+    mechanism: Mechanism, values: Mapping[str, float],
+    guess: Mapping[str, Any] | State | Array | None, hold: Hold, accuracy: Accuracy,
+) -> tuple[State, list[str]]:
+    """Assemble values of drivers, what is held by name standing where the guess has it.
+
+    It stands there if the guess is a State and the loops close so; rather than it, drivers without
+    a value are released. Of a guess that is yet to be closed, it stands where it is assembled.
+
+    Args:
+        mechanism: the mechanism.
+        values: of drivers or coordinates by name [rad or m].
+        guess: where to assemble.
+        hold: what is held, see `holding.held_by`.
+        accuracy: of assembly.
+
+    Returns:
+        The State, and a sentence on each joint that does not stand where the guess has it.
+
+    Raises:
+        AssemblyError: the values cannot be assembled.
+    """
+    if not isinstance(guess, State):
+        return assembled(mechanism, values, guess, accuracy=accuracy), []
+    held = {c.name: guess.coordinate(c.name).value
+            for c in _held(mechanism, values, hold) if c.name in guess.mechanism.coordinate_table}
+    if held:
+        try:
+            return assembled(mechanism, {**values, **held}, guess, accuracy=accuracy), []
+        except AssemblyError:
+            pass  # they are let go, and it is told how far they went
+    state = assembled(mechanism, values, guess, accuracy=accuracy)
+    drivers = driver_coordinates(mechanism)
+    told = {drivers[name].name for name in state.released}
+    texts = [_gone(state, name, value) for name, value in held.items() if name not in told]
+    return state, [text for text in texts if text]
+
+
+def _held(mechanism: Mechanism, values: Mapping[str, float], hold: Hold) -> list[Coordinate]:
+    """Return the coordinates held by name, without bases and what has a value."""
+    given = [mechanism.prescribed_coordinate(name) for name in values]
+    held = held_by(mechanism, hold, given)
+    base = held_by(mechanism, BASE, given).entries
+    return [c for c in mechanism.coordinate_table.values()
+            if ((c.q >= 0 and c.v in held.entries and c.v not in base) or c in held.coordinates)
+            and c not in given]
+
+
+def _gone(state: State, name: str, value: float) -> str:
+    """Return a sentence on how far a joint stands from where it should; none if it does not."""
+    found = state.coordinate(name)
+    size = state.mechanism.velocity_scale[state.mechanism.coordinate(name).v]
+    by = found.value - value
+    if abs(by) <= TOLERANCES.half_precision * size:
+        return ""
+    unit = state.mechanism.coordinate(name).unit
+    return (f"{name} is held {by:+.9g} {unit} from where the guess has it, as the loops would not "
+            "close otherwise")
