@@ -2,6 +2,7 @@
 
 import pickle
 import xml.etree.ElementTree as ET
+from pathlib import Path
 
 import mechanisms
 import numpy as np
@@ -408,3 +409,12 @@ def test_a_mechanism_made_in_code_is_reduced_as_one_that_was_loaded(tmp_path):
     again = sp.load(reduced.save(tmp_path))
     np.testing.assert_allclose(sp.sweep(again, "motor", [1.0, 1.2]).q,
                                sp.sweep(reduced, "motor", [1.0, 1.2]).q, rtol=0, atol=1e-13)
+
+
+def test_a_ring_of_scissors_is_verified_on_the_branch_of_its_guess():
+    """At the ends of its range, which are branch points, other configurations are near."""
+    full = sp.load(Path(__file__).parents[1] / "examples" / "machines" / "hoberman_ring.toml")
+    found = sp.reduce(full, "opening").verify()
+    assert found.rows == 361
+    assert found.worst < CLOSE
+    assert not found.remarks

@@ -82,7 +82,11 @@ def _default_values(
     full: Mechanism, reduced: Reduced, driver: str, guess: Mapping[str, Any] | None,
     hold: Mapping[str, float],
 ) -> Array:
-    """Return values from one end of the driver's range to the other."""
+    """Return values of the driver's range, in the order of a way over all of it.
+
+    The first is the one that is nearest to the guess: at an end of the range other configurations
+    may be as near, and the full and the reduced mechanism would begin on branches of their own.
+    """
     coordinate = full.driven_coordinate(driver)
     state = assembled(full, dict(reduced.welds) | dict(hold), guess)
     at = state.coordinate(coordinate.name).value
@@ -92,7 +96,9 @@ def _default_values(
     if ends[0] == at + room:
         return np.linspace(at, at + room, VALUES)
     margin = LIMIT_MARGIN * (ends[0] - ends[1])
-    return np.linspace(ends[1] + margin, ends[0] - margin, VALUES)
+    values = np.linspace(ends[1] + margin, ends[0] - margin, VALUES)
+    first = int(np.abs(values - at).argmin())
+    return np.append(values[first:], values[:first][::-1])
 
 
 def _end(
