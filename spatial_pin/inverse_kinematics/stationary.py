@@ -75,9 +75,13 @@ class Stationary(Target):
     ways: Array
 
     def residual(self, evaluation: Evaluation) -> Residual:
-        """See `Target`: how far it is from the least sum along each direction."""
-        q, base = evaluation.q, self.sum.base
+        """See `Target`: how far it is from the least sum along each direction.
+
+        The derivative is that along the motions that there are: other targets and the loops see to
+        the rest.
+        """
+        q, total = evaluation.q, self.sum
         ways = self.ways / self.sizes[:, None]
-        found = ways @ self.sum.gradient(q)
-        moving = np.diag(base.moves.astype(float))
-        return found, ways @ self.sum.change(q, moving).T / base.scale
+        found = ways @ total.gradient(q)
+        motions = total.base.motions(q, total.free, total.kept)
+        return found, ways @ total.change(q, motions).T @ motions / total.base.scale
