@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import spatial_pin as sp
-from spatial_pin.cli import main
 from spatial_pin.cli.results import WIDTH, fitted
 
 SWEPT = ("four_bar", "crank", "0", "1", "--steps", "3")
@@ -31,20 +30,6 @@ TABLES = {  # commands with a table: words, and how many rows it has; None: some
 ARM = """<robot name="arm"><link name="base"/><link name="rod"/><joint name="pin" type="revolute">
 <parent link="base"/><child link="rod"/><axis xyz="0 1 0"/>
 <limit lower="-1" upper="0.5" effort="1" velocity="9"/></joint></robot>"""
-
-
-@pytest.fixture
-def run(capfd):
-    """Run a command; returns its exit code and what it prints on stdout and stderr."""
-
-    def run(*words: object) -> tuple[int, str, str]:
-        try:
-            code = main([str(w) for w in words])
-        except SystemExit as end:  # argparse
-            code = end.code
-        return code, *capfd.readouterr()
-
-    return run
 
 
 @pytest.mark.parametrize("command", TABLES)

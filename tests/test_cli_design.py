@@ -12,7 +12,6 @@ import pinocchio as pin
 import pytest
 
 import spatial_pin as sp
-from spatial_pin.cli.__main__ import main
 from spatial_pin.cli.goal_files import KINDS, read_goals
 
 FREUDENSTEIN = """
@@ -28,20 +27,6 @@ values = ["80deg", "100deg", "130deg"]
 drivers = {{crank = ["40deg", "85deg", "130deg"]}}
 """
 PHI, PSI = np.radians([40.0, 85.0, 130.0]), np.radians([80.0, 100.0, 130.0])
-
-
-@pytest.fixture
-def run(capfd):
-    """Run a command; returns its exit code and what it prints on stdout and stderr."""
-
-    def run(*words):
-        try:
-            code = main([str(w) for w in words])
-        except SystemExit as end:  # argparse
-            code = end.code
-        return code, *capfd.readouterr()
-
-    return run
 
 
 @pytest.fixture

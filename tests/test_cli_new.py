@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 import spatial_pin as sp
-from spatial_pin.cli import main
 from spatial_pin.cli.new_files import CLOSURES
 from spatial_pin.mechanism.pairs import CLOSURE_TYPES
 
@@ -25,17 +24,9 @@ ARM = """<robot name="arm"><link name="base"/><link name="upper"/><link name="fo
 
 
 @pytest.fixture
-def run(capfd, tmp_path, monkeypatch):
+def run(run, tmp_path, monkeypatch):
     """Run a command in an empty folder; returns its exit code and what it prints."""
     monkeypatch.chdir(tmp_path)
-
-    def run(*words: object) -> tuple[int, str, str]:
-        try:
-            code = main([str(w) for w in words])
-        except SystemExit as end:  # argparse
-            code = end.code
-        return code, *capfd.readouterr()
-
     return run
 
 
