@@ -7,7 +7,9 @@ import pinocchio as pin
 import pytest
 
 import spatial_pin as sp
+from spatial_pin.synthesis.demands import demand
 from spatial_pin.synthesis.demands.candidate import Candidate
+from spatial_pin.synthesis.demands.demand import smooth_peak
 from spatial_pin.synthesis.problem import Problem
 
 goals = sp.goals
@@ -161,6 +163,40 @@ def test_peaks_between_samples_count():
     found = asked.values(Candidate(mechanism, (sp.assemble(mechanism, {"crank": 0.123}),)))
     least = least_transmission_of(0.1, 0.28, 0.24)
     assert found.max() == pytest.approx(1.0 - least, abs=1e-12)
+
+
+def test_smooth_peaks_are_found_by_parabolas_and_others_are_left():
+    x = np.array([0.3, 0.5, 0.66])
+    for at, smooth in (
+        (lambda x: np.exp(np.sin(x + 1.07)) - 2.0, True),
+        (lambda x: 1e3 / (1.0 + 50.0 * (x - 0.47) ** 2 + 30.0 * (x - 0.47) ** 3), True),
+        (lambda x: -np.abs(x - 0.47), False),  # sharp
+        (lambda x: np.minimum(x - 0.47, 0.3 * (0.47 - x)), False),
+        (lambda x: -((x - 0.47) ** 4), False),  # flatter than a parabola
+        (lambda x: np.full_like(x, 0.2), False),
+        (lambda x: x, False),  # no peak
+    ):
+        for way in (1, -1):
+            found = smooth_peak(x[::way], at(x[::way]), at)
+            top = at(np.linspace(0.45, 0.52, 700001)).max()
+            assert found == pytest.approx(top, rel=1e-11) if smooth else found is None
+
+
+@pytest.mark.parametrize("goal", [
+    goals.effort(0.8, loads={"rocker_b": np.array([0.0, 0.0, -10.0, 0.0, 0.0, 0.0])}),
+    goals.size(0.45), goals.turns(), goals.transmission("rocker_pin", 0.6),
+], ids=lambda goal: goal.name)
+def test_peaks_are_those_of_a_search_that_takes_no_function_for_smooth(goal, monkeypatch):
+    rng = np.random.default_rng(7)
+    for _ in range(3):
+        lengths = dict(zip(("r2", "r3", "r4"), (0.1, 0.28, 0.24) * rng.uniform(0.8, 1.2, 3),
+                           strict=True))
+        mechanism = sp.load("four_bar", **lengths)
+        found = []
+        for search in (smooth_peak, lambda *_: None):
+            monkeypatch.setattr(demand, "smooth_peak", search)
+            found.append(goal.values(Candidate(mechanism, (sp.assemble(mechanism),))))
+        assert found[0] == pytest.approx(found[1], rel=1e-11, abs=1e-12)
 
 
 def test_what_cannot_be_met_leads_to_no_design():

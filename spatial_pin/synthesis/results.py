@@ -24,6 +24,7 @@ from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.sweep import sweep
 from spatial_pin.motion.trace import trace
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.synthesis.defects import Defect, defects, limits_passed
 from spatial_pin.synthesis.demands.candidate import Candidate, in_own_turn
 from spatial_pin.synthesis.demands.demand import Moving
@@ -431,6 +432,8 @@ def design_of(problem: Problem, found: Found) -> Design:
         followed(there, {}, problem.nominal()),)
     for demand in problem.demands:
         values = demand.values(Candidate(there, states))
+        if demand.is_one_sided:  # at its limit, to round-off, is met
+            values = np.where(values > TOLERANCES.round_off, values, np.minimum(values, 0.0))
         missed = demand.errors(values, problem.mechanism)
         errors[_free_name(demand.name, errors)] = _error(missed, demand.unit_of(problem.mechanism))
     ends = zip(problem.lower[:n].tolist(), problem.upper[:n].tolist(), strict=True)

@@ -26,6 +26,11 @@ from spatial_pin.synthesis.precision import Goal
 
 PARTS = 6  # of a motion, each with a number of its own
 PEAK = 1e-7  # of where a peak is: it is as high as its square
+# Distances at which a peak is looked at, relative to that of the samples. A parabola's top is wrong
+# by their square, and its height by as much times how far the next one is from the top: after the
+# second it is 1e-7 rad, after the third round-off is left.
+CLOSER = (2.0**-4, 2.0**-9, 2.0**-13)
+ALIKE = 2.0  # factor between curvatures of a peak from near and from nearer, where it is smooth
 BEYOND = 0.25  # of a demand's unit, by which a part is met so well that samples are enough
 
 
@@ -120,8 +125,6 @@ def _peak(
     motion: Motion, found: Array, rows: NDArray[np.intp], measure: Callable[[Motion], Array]
 ) -> float:
     """Return the largest of some samples, and of what is between them if it counts."""
-    from scipy.optimize import minimize_scalar  # on use: it takes a quarter of a second
-
     assert motion.driver_name is not None
     driver, best = motion.driver_name, int(rows[np.argmax(found[rows])])
     highest = float(found[best])
@@ -130,10 +133,55 @@ def _peak(
         return highest
     state = motion.state(best)
 
-    def negative(value: float) -> float:
-        return -float(measure(sweep(state.mechanism, driver, [value], guess=state))[0])
+    def at(values: Array) -> Array:
+        return measure(sweep(state.mechanism, driver, values, guess=state))
 
     with suppress(SpatialPinError, ValueError):  # it is flat there
-        bracket = tuple(motion.swept[best - 1 : best + 2].tolist())
-        return max(highest, -float(minimize_scalar(negative, bracket=bracket, tol=PEAK).fun))
+        near = motion.swept[best - 1 : best + 2]
+        top = smooth_peak(near, found[best - 1 : best + 2], at)
+        return max(highest, _any_peak(near, at) if top is None else top)
     return highest
+
+
+def smooth_peak(x: Array, y: Array, at: Callable[[Array], Array]) -> float | None:
+    """Return how high a smooth function is at its peak, by parabolas ever closer about the top.
+
+    Args:
+        x: (3,) in order, round the peak.
+        y: (3,) values there.
+        at: the function, of (3,).
+
+    Returns:
+        None where it does not look smooth.
+    """
+    wide, place, before = float(x[2] - x[0]), 0.0, 0.0
+    for closer in CLOSER:
+        place, _, before = _top(x, y)
+        if not (before < 0.0 and min(x[0], x[2]) < place < max(x[0], x[2])):
+            return None
+        x = place + closer * wide * np.array([-1.0, 0.0, 1.0])
+        y = at(x)
+    place, height, bend = _top(x, y)
+    is_inside = min(x[0], x[2]) < place < max(x[0], x[2])
+    is_smooth = before * ALIKE < bend < before / ALIKE
+    return height if is_inside and is_smooth else None
+
+
+def _top(x: Array, y: Array) -> tuple[float, float, float]:
+    """Return place and height of the top of the parabola through three points, and its bend."""
+    left, right = float(x[1] - x[0]), float(x[2] - x[1])
+    rise, fall = float(y[1] - y[0]) / left, float(y[2] - y[1]) / right
+    bend = (fall - rise) / (left + right)
+    slope = (rise * right + fall * left) / (left + right)  # in the middle
+    if not bend < 0.0:
+        return np.nan, np.nan, bend
+    return float(x[1]) - 0.5 * slope / bend, float(y[1]) - 0.25 * slope * slope / bend, bend
+
+
+def _any_peak(x: Array, at: Callable[[Array], Array]) -> float:
+    """Return how high a function is at a peak, which may be sharp, between (3,) places."""
+    from scipy.optimize import minimize_scalar  # on use: it takes a quarter of a second
+
+    found = minimize_scalar(lambda value: -float(at(np.array([value]))[0]),
+                            bracket=tuple(x.tolist()), tol=PEAK)
+    return -float(found.fun)
