@@ -105,12 +105,7 @@ def transmission_angle(
 ) -> tuple[float, str]:
     """Return transmission angle and pair as `transmission` does, at dead centres too."""
     moved = MovedOutput.of(mechanism, output, driver, at)
-    with evaluation_of(mechanism, state.angles) as evaluation:
-        evaluation.update(state.q)
-        own, allowed = _velocities(evaluation, moved.joint, moved.coordinate,
-                                   [c.v for c in moved.driven])
-        place = evaluation.data.oMi[moved.joint].act(moved.point)
-    return _angle(own, allowed, place / mechanism.characteristic_length), moved.at
+    return moved.angle(mechanism, state.q, state.angles), moved.at
 
 
 class MovedOutput(NamedTuple):
@@ -141,6 +136,21 @@ class MovedOutput(NamedTuple):
             raise SpatialPinError(f"mechanism {mechanism.name!r}: {output!r} is a driver itself")
         joint = _own_joint(mechanism, coordinate)
         return cls(coordinate, driven, joint, *_moved_at(mechanism, joint, at))
+
+    def angle(self, mechanism: Mechanism, q: Array, angles: Array) -> float:
+        """Return the transmission angle [rad].
+
+        Args:
+            mechanism: of which it is an output.
+            q: (nq,) a closed configuration.
+            angles: (n_angles,) of screw closures there [rad].
+        """
+        with evaluation_of(mechanism, angles) as evaluation:
+            evaluation.update(q)
+            own, allowed = _velocities(evaluation, self.joint, self.coordinate,
+                                       [c.v for c in self.driven])
+            place = evaluation.data.oMi[self.joint].act(self.point)
+        return _angle(own, allowed, place / mechanism.characteristic_length)
 
 
 def _input(mechanism: Mechanism, driver: str | None) -> Coordinate:

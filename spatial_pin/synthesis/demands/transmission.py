@@ -9,7 +9,7 @@ import numpy as np
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.rates.transmission import MovedOutput, transmission_angle
+from spatial_pin.rates.transmission import MovedOutput
 from spatial_pin.synthesis.demands.candidate import Candidate
 from spatial_pin.synthesis.demands.demand import Moving
 
@@ -39,11 +39,12 @@ class LeastTransmission(Moving):
     def values(self, candidate: Candidate) -> Array:
         """See `Demand`: angles that are missing."""
         motion, _ = self.motion(candidate)
-        driver = self.moved_by(candidate.mechanism)
+        moved = MovedOutput.of(motion.mechanism, self.output,
+                               self.moved_by(candidate.mechanism), self.pair)
 
         def missing(motion: Motion) -> Array:
             return self.at_least - np.array([
-                transmission_angle(motion.mechanism, motion.state(k), self.output, driver,
-                                   self.pair)[0] for k in range(len(motion))])
+                moved.angle(motion.mechanism, q, angles)
+                for q, angles in zip(motion.q, motion.angles, strict=True)])
 
         return self.worst(motion, missing)
