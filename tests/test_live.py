@@ -12,6 +12,7 @@ import time
 import urllib.error
 import urllib.request
 from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -536,7 +537,9 @@ def test_taken_port_is_a_clear_error(rssr):
 
 def test_notebook_shows_the_page_in_a_frame(rssr, monkeypatch):
     assert f'<iframe src="{rssr.url}"' in rssr._repr_html_()
-    monkeypatch.setitem(sys.modules, "ipykernel", sys)
+    shell = SimpleNamespace(kernel="of a notebook; the shell of a terminal has none")
+    ipython = SimpleNamespace(get_ipython=lambda: shell)
+    monkeypatch.setitem(sys.modules, "IPython", ipython)
     with live(sp.load("rssr")) as viewer:  # opens no browser and warns of none
         pass
     assert "iframe" not in viewer._repr_html_()

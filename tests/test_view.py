@@ -424,7 +424,11 @@ def test_show_opens_a_browser_and_waits_until_it_has_the_page(monkeypatch):
     opened[0].join()
 
 
-def test_show_without_a_browser_gives_the_address(monkeypatch):
+@pytest.mark.parametrize("shell", [None, "of a terminal"])
+def test_show_without_a_browser_gives_the_address(monkeypatch, shell):
+    """Where IPython and parts of notebooks are imported, but none runs, too."""
+    monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell))
+    monkeypatch.setitem(sys.modules, "ipykernel", sys)
     monkeypatch.setenv("BROWSER", "any")
     monkeypatch.setattr("webbrowser.open", lambda url: False)
     with pytest.warns(UserWarning, match=r"open http://127\.0\.0\.1:\d+/"):

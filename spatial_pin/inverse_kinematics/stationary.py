@@ -20,7 +20,7 @@ from spatial_pin.inverse_kinematics.targets import Residual, Target
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-STEP = 1e-4  # of central differences [rad, characteristic lengths]: they leave 1e-9 to 1e-11
+GRADIENT_STEP = 1e-4  # of differences [rad, characteristic lengths]: they leave 1e-9 to 1e-11
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,9 +50,9 @@ class LeastSquares:
         """Return how the gradient changes (k, nv) along scaled velocities (k, nv)."""
         base = self.base
         ends = [[self.gradient(pin.integrate(base.evaluation.model, q, side * base.scale * way))
-                 for side in (STEP, -STEP)] for way in ways]
+                 for side in (GRADIENT_STEP, -GRADIENT_STEP)] for way in ways]
         base.evaluation.update(q)
-        return np.array([(a - b) / (2.0 * STEP) for a, b in ends]).reshape(ways.shape)
+        return np.array([(a - b) / (2.0 * GRADIENT_STEP) for a, b in ends]).reshape(ways.shape)
 
     def curved(self, q: Array) -> tuple[Array, Array]:
         """Return sizes (k,) and scaled velocities (k, nv) of the directions it is curved along."""

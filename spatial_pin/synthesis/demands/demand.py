@@ -30,7 +30,7 @@ PEAK = 1e-7  # of where a peak is: it is as high as its square
 # by their square, and its height by as much times how far the next one is from the top: after the
 # second it is 1e-7 rad, after the third round-off is left.
 CLOSER = (2.0**-4, 2.0**-9, 2.0**-13)
-ALIKE = 2.0  # factor between curvatures of a peak from near and from nearer, where it is smooth
+SMOOTH = 2.0  # factor between curvatures of a peak from near and from nearer, where it is smooth
 BEYOND = 0.25  # of a demand's unit, by which a part is met so well that samples are enough
 
 
@@ -163,7 +163,7 @@ def smooth_peak(x: Array, y: Array, at: Callable[[Array], Array]) -> float | Non
         y = at(x)
     place, height, bend = _top(x, y)
     is_inside = min(x[0], x[2]) < place < max(x[0], x[2])
-    is_smooth = before * ALIKE < bend < before / ALIKE
+    is_smooth = before * SMOOTH < bend < before / SMOOTH
     return height if is_inside and is_smooth else None
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import html
 import os
+import sys
 from pathlib import PosixPath, WindowsPath
 
 SUFFIXES = (".html", ".htm", ".xhtml")
@@ -21,6 +22,12 @@ WATCHED = """<iframe src="{url}" id="{name}" data-still="{still}" style="{style}
   }});
 }})();
 </script>"""
+
+
+def is_in_notebook() -> bool:
+    """Return whether this process is the kernel of a notebook; importing one's parts is not it."""
+    ipython = sys.modules.get("IPython")
+    return ipython is not None and hasattr(ipython.get_ipython(), "kernel")
 
 
 def framed(page: str) -> str:

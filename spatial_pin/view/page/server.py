@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 from spatial_pin.checks import checked
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.view.page.html import page
-from spatial_pin.view.page.notebook import framed, watched
+from spatial_pin.view.page.notebook import framed, is_in_notebook, watched
 
 if TYPE_CHECKING:
     from spatial_pin.assembly.state import State
@@ -289,7 +289,7 @@ def open_in_browser(viewer: Viewer, verb: str) -> None:
         verb: what the user has called.
     """
     try:
-        if "ipykernel" in sys.modules or _open(viewer):
+        if is_in_notebook() or _open(viewer):
             return
         message = f"no browser has opened the page: open {viewer.url}"
         warnings.warn(f"{message} (`{verb}(...).wait()` keeps it there)", stacklevel=3)
