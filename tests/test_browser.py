@@ -250,6 +250,20 @@ def test_report_fits_a_telephone(browser, tmp_path):
                              ".every(e => e.scrollWidth <= e.clientWidth + 1)")
     assert words
     assert browser.evaluate("document.querySelector('iframe').clientHeight") > 400
+    fits = "e.scrollWidth <= e.clientWidth && e.getBoundingClientRect().right <= 390"
+    boxes = "[...document.querySelectorAll('figure, figure > svg, .wide')]"
+    assert browser.evaluate(f"{boxes}.length > 8 && {boxes}.every(e => {fits})")
+    text = ("[...document.querySelectorAll('figure [id^=text_]')]"
+            ".map(e => e.getBoundingClientRect())")
+    low, left, right = browser.evaluate(
+        f"(t => [Math.min(...t.map(b => b.height)), Math.min(...t.map(b => b.left)),"
+        f" Math.max(...t.map(b => b.right))])({text})")
+    assert low > 6.5 and left >= 0 and right <= 390  # small letters without stems
+    drawn = browser.evaluate("figures[0].svg.getBoundingClientRect().toJSON()")
+    assert drawn["width"] > 340 and drawn["height"] > 150
+    browser.evaluate("dispatchEvent(new Event('beforeprint')); 1")
+    assert browser.evaluate("figures[0].svg.getAttribute('preserveAspectRatio')") == "xMidYMid"
+
 
 
 def test_report_is_printed_with_its_picture(browser, tmp_path):

@@ -25,6 +25,9 @@ def tiny(x: float) -> str:
     return f"{mantissa}\u00a0·\u00a010{power}" if x else "0"
 
 
+MOST_COLUMNS = 4  # of a table on a telephone; with more, each row is a card there
+
+
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]], numbers: int = 0) -> str:
     """Return a table.
 
@@ -33,15 +36,17 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[str]], numbers: int = 0)
         rows: plain text of the cells.
         numbers: how many columns, from the last, hold numbers.
     """
-    first = len(heads) - numbers
+    first, many = len(heads) - numbers, len(heads) > MOST_COLUMNS
+    kinds = [' class="number"' if k >= first else "" for k in range(len(heads))]
+    named = [f' data-head="{html.escape(head)}"' if many else "" for head in heads]
 
-    def line(cells: Sequence[str], tag: str) -> str:
-        kinds = [' class="number"' if k >= first else "" for k in range(len(cells))]
-        return "".join(f"<{tag}{kind}>{html.escape(cell)}</{tag}>"
-                       for kind, cell in zip(kinds, cells, strict=True))
+    def line(cells: Sequence[str], tag: str, marks: Sequence[str]) -> str:
+        return "".join(f"<{tag}{kind}{mark}>{html.escape(cell)}</{tag}>"
+                       for kind, mark, cell in zip(kinds, marks, cells, strict=True))
 
-    body = "".join(f"<tr>{line(row, 'td')}</tr>" for row in rows)
-    return (f'<div class="wide"><table><thead><tr>{line(heads, "th")}</tr></thead>'
+    body = "".join(f"<tr>{line(row, 'td', named)}</tr>" for row in rows)
+    head = line(heads, "th", [""] * len(heads))
+    return (f'<div class="wide"><table{" class=many" * many}><thead><tr>{head}</tr></thead>'
             f"<tbody>{body}</tbody></table></div>")
 
 

@@ -114,7 +114,7 @@ def report(
         "HEAD": _head(subject),
         "SECTIONS": "\n".join(part for part in written if part),
         "FOOT": _foot(),
-        "SCRIPT": script_of(["report"]),
+        "SCRIPT": script_of(["report", "narrow"]),
     }
     template = files("spatial_pin.view.page").joinpath("report.html").read_text("utf-8")
     return PagePath(write_text(path, re.sub("@([A-Z]+)@", lambda found: parts[found[1]], template)))
