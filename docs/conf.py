@@ -6,6 +6,8 @@ from pathlib import Path
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE.parent), str(HERE / "extensions")]
 
+import ziamath  # noqa: E402
+
 import spatial_pin  # noqa: E402
 
 project = "spatial_pin"
@@ -17,10 +19,10 @@ extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
-    "sphinx.ext.mathjax",
     "sphinx_copybutton",
     "sphinx_design",
     "citations",
+    "formulas",
     "public_names",
     "library_pages",
     "still_to_come",
@@ -45,14 +47,9 @@ add_module_names = False
 
 html_theme = "furo"
 html_title = "spatial_pin"
-html_static_path = ["static"]
-# MathJax from a package that example-robot-data needs, where that is installed: formulas then show
-# without a network; elsewhere Sphinx's default address is used
-mathjax = next(Path(sys.prefix).glob(
-    "lib/python*/site-packages/cmeel.prefix/share/cmake/*/doxygen/MathJax/es5/tex-svg.js"), None)
-if mathjax is not None:
-    html_static_path.append(str(mathjax))
-    mathjax_path = mathjax.name
+html_math_renderer = "mathml"
+# a font whose brackets and roots grow with what they enclose; few readers have one
+html_static_path = ["static", f"{Path(ziamath.__file__).parent}/fonts/STIXTwoMath-Regular.ttf"]
 html_css_files = ["site.css"]
 html_show_sourcelink = False
 html_copy_source = False

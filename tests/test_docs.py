@@ -123,9 +123,14 @@ def test_pictures_are_small_and_every_library_mechanism_has_one():
 def test_the_site_builds_without_a_warning(tmp_path):
     pytest.importorskip("sphinx")
     pytest.importorskip("furo")
+    pytest.importorskip("ziamath")
     import subprocess
     done = subprocess.run(
         [sys.executable, "-m", "sphinx", "-n", "-W", "--keep-going", "-q", "-d", tmp_path / "trees",
          "-b", "html", DOCS, tmp_path / "html"], capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "html" / "index.html").is_file()
+    loads = re.compile(r'<(?:script|link|img)[^>]*(?:src|href)="(?:https?:)?//')
+    pages = {path.name: path.read_text(encoding="utf-8") for path in tmp_path.glob("html/*.html")}
+    assert not [name for name, text in pages.items() if loads.search(text)]
+    assert pages["theory.html"].count("<math ") > 50
