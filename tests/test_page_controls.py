@@ -1,5 +1,8 @@
 """What one can do with a page: play it, turn it, point at it, hide parts, measure, read curves."""
 
+import base64
+import json
+
 import numpy as np
 import pytest
 from pictures import colour_mask, middle, pixels
@@ -8,6 +11,7 @@ import spatial_pin as sp
 from spatial_pin.view.browser.devtools import Browser
 from spatial_pin.view.browser.movie import READY
 from spatial_pin.view.browser.picture import find_browser
+from spatial_pin.view.page.html import packed
 from spatial_pin.view.scene.film import film
 from spatial_pin.view.scene.look import Look
 
@@ -444,3 +448,21 @@ def test_names_views_and_signs_are_there_without_webgl(without_webgl, address):
     without_webgl.evaluate("setShown('group', 'pairs', false); viewer.render(); 1")
     less = pixels(without_webgl.screenshot())[150:560, :700].max(axis=2) < 0.5
     assert dark.sum() > less.sum() + 100
+
+
+# ---------------------------------------------------------------- what the page holds packed
+
+
+@pytest.mark.parametrize("data", [
+    [], [b""], [b"one", b"", b"three"], [b"again " * 20000], [bytes(range(256)) * 300],
+    [np.random.default_rng(5).bytes(70000), b"end"],
+], ids=["none", "empty", "few", "repeated", "every byte", "random"])
+def test_page_unpacks_what_was_packed(page, data):
+    page.evaluate(f"var found = unpacked({json.dumps(packed(data))}); 1")
+    text = page.evaluate(
+        "found.map(d => btoa(Array.from(d, c => String.fromCharCode(c)).join('')))")
+    assert [base64.b64decode(piece) for piece in text] == data
+
+
+def test_page_is_light(address):
+    assert address.stat().st_size < 450_000

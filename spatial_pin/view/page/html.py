@@ -6,7 +6,9 @@ import base64
 import html
 import json
 import re
+import zlib
 from collections.abc import Sequence
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,8 +32,26 @@ if TYPE_CHECKING:
 
 # What the page runs, in this order: each may use what stands before it, and functions of all.
 SCRIPTS = (
-    "software", "film", "play", "views", "parts", "point", "curves", "tools", "keys", "start",
+    "inflate", "software", "film", "play", "views", "parts", "point", "curves", "tools", "keys",
+    "start",
 )
+
+
+RAW_DEFLATE = -15  # RFC 1951 without a head, with the largest window
+
+
+def packed(data: Sequence[bytes]) -> dict[str, Any]:
+    """Return pieces of data as the page's `unpacked` takes them."""
+    packer = zlib.compressobj(9, wbits=RAW_DEFLATE)
+    text = base64.b64encode(packer.compress(b"".join(data)) + packer.flush()).decode()
+    return {"sizes": [len(piece) for piece in data], "packed": text}
+
+
+@cache
+def _meshcat() -> str:
+    """Return meshcat's viewer, a third as long, as JSON."""
+    viewer = files("meshcat").joinpath("viewer/dist/main.min.js").read_bytes()
+    return json.dumps(packed([viewer]))
 
 
 def _notes(shown: Film, framing: Framing) -> str:
@@ -68,7 +88,7 @@ def _data(shown: Film, drawn: Scene, curves: Sequence[str]) -> str:
     framing = drawn.framing
     data = {
         "commands": [base64.b64encode(c).decode() for c in drawn.commands],
-        "extras": [base64.b64encode(c).decode() for c in drawn.extras],
+        "extras": packed(drawn.extras),
         "parts": [part._asdict() for part in drawn.parts],
         "hidden": drawn.hidden,
         "grid": GRID,
@@ -96,7 +116,7 @@ def parts_of(
         "TITLE": html.escape(title),
         "NOTES": _notes(shown, drawn.framing),
         "LEGEND": _legend(drawn.layer.legend),
-        "MESHCAT": files("meshcat").joinpath("viewer/dist/main.min.js").read_text("utf-8"),
+        "MESHCAT": _meshcat(),
         "STYLE": folder.joinpath("page.css").read_text("utf-8"),
         "SCRIPT": script_of(SCRIPTS),
         "FILM": _data(shown, drawn, () if look is None else look.curves),

@@ -86,16 +86,16 @@ def axes_of_view(v: Array) -> Array:
 
 
 def _step_back(points: Array, v: Array) -> tuple[float, Array]:
-    """Return from how far along v a camera sees all points (K, 3), and the picture's middle (3,).
+    """Return from how far along v a camera sees all points (3, K), and the picture's middle (3,).
 
     The middle is that of what the picture holds, in the plane through the origin normal to v.
     """
     axes = axes_of_view(v)
-    picture, depth = points @ axes.T, points @ v
+    picture, depth = axes @ points, v @ points
     half = math.tan(math.radians(FIELD_OF_VIEW) / 2) * np.array([ASPECT, 1.0]) / PICTURE_MARGIN
-    away = float(np.max(depth[:, None] + np.abs(picture) / half))
-    seen = picture / (away - depth)[:, None]
-    return away, away * (seen.min(axis=0) + seen.max(axis=0)) / 2 @ axes
+    away = float(np.max(depth + np.max(np.abs(picture) / half[:, None], axis=0)))
+    seen = picture / (away - depth)
+    return away, away * (seen.min(axis=1) + seen.max(axis=1)) / 2 @ axes
 
 
 def frame(points: Array, v: Array | None = None) -> Framing:
@@ -105,13 +105,14 @@ def frame(points: Array, v: Array | None = None) -> Framing:
         points: what is to be seen.
         v: unit vector from the centre to the camera, shape (3,); the best one if not given.
     """
-    if len(points) == 0 or np.ptp(points, axis=0).max() == 0:
-        points = np.concatenate([points, [[-1, -1, -1], [1, 1, 1]]])
-    lower, upper = points.min(axis=0), points.max(axis=0)
+    columns = np.ascontiguousarray(points.T)  # NumPy is ten times faster along long rows
+    if len(points) == 0 or np.ptp(columns, axis=1).max() == 0:
+        columns = np.concatenate([columns, [[-1, 1]] * 3], axis=1)
+    lower, upper = columns.min(axis=1), columns.max(axis=1)
     v = direction(upper - lower) if v is None else v
     centre = (lower + upper) / 2
     for _ in range(5):
-        centre = centre + _step_back(points - centre, v)[1]
-    radius = float(np.max(np.linalg.norm(points - centre, axis=1)))
-    away = _step_back(points - centre, v)[0]
+        centre = centre + _step_back(columns - centre[:, None], v)[1]
+    away = _step_back(columns - centre[:, None], v)[0]
+    radius = float(np.max(np.linalg.norm(columns - centre[:, None], axis=0)))
     return Framing(centre, radius, float(lower[2]), away / radius * v, nice(radius / 7))

@@ -297,7 +297,7 @@ def _extent(points: Array) -> Array:
     """Return those points (K, 3) that are the farthest in any of 27 directions."""
     steps = [-1.0, 0.0, 1.0]
     directions = np.array([(x, y, z) for x in steps for y in steps for z in steps])
-    return points[np.unique((points @ directions.T).argmax(axis=0))]
+    return points[np.unique((directions @ points.T).argmax(axis=1))]
 
 
 def scene(film: Film, look: Look | None = None) -> Scene:
@@ -315,13 +315,13 @@ def scene(film: Film, look: Look | None = None) -> Scene:
     visuals = with_skeleton(model, geometry, look.skeleton)
     poses = joint_poses(model, film.q)
     held = occupied(visuals, poses)
-    towards = direction(np.ptp(held, axis=0)) if len(held) else np.array([0.5, -0.7, 0.5])
-    size = frame(held, towards).radius
-    stage = Stage(film, tuple(visuals), poses, upright(model), size)
+    towards = direction(np.ptp(held.T.copy(), axis=1)) if len(held) else np.array([0.5, -0.7, 0.5])
+    bodies_alone = frame(held, towards)
+    stage = Stage(film, tuple(visuals), poses, upright(model), bodies_alone.radius)
     shown = _layers(stage, look, bare, towards)
     layer, hidden = _in_groups(shown), _hidden(stage, shown)
     points = np.concatenate([held, layer.points])
-    framing = frame(points, towards)
+    framing = frame(points, towards) if len(layer.points) else bodies_alone
     recorder, extras = Recorder(), Recorder()
     viewer = meshcat.Visualizer(window=recorder)
     _add_surroundings(viewer, framing)
