@@ -24,7 +24,7 @@ LAYERS = {
          "columns", "settings", "units", "kernel.sources", "kernel.library", "numerics",
          "operators", "mechanism", "formats", "constraints", "kernel", "assembly", "rates",
          "mobility", "continuation", "motion", "proximity", "inverse_kinematics",
-         "workspace_map", "dimensions", "dynamics", "reduction", "accuracy", "synthesis", "view",
+         "workspace_map", "dynamics", "dimensions", "reduction", "accuracy", "synthesis", "view",
          "cli", "__main__"],
     "formats": ["xacro", "meshes", "urdf", "graph", "sdf", "dialects", "usd", "mjcf",
                 "pinocchio_model"],

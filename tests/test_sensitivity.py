@@ -201,3 +201,87 @@ def test_wrong_names_are_refused_of_a_motion_too(rssr):
         sp.sensitivity(rssr[0], motion, "rocker_pim", ["b"])
     with pytest.raises(TypeError, match="a State or Motion is needed"):
         sp.sensitivity(rssr[0], 3.0, "rocker_pin")
+
+
+BEAM = """<robot name="beam" xmlns:xacro="{address}">
+  <xacro:arg name="length" default="0.4"/> <xacro:arg name="mass" default="2.0"/>
+  <xacro:property name="half" value="${{$(arg length) / 2}}"/>
+  <link name="base"/>
+  <link name="beam"><inertial><mass value="${{$(arg mass) * $(arg length)}}"/>
+    <origin xyz="${{half}} 0 0"/>
+    <inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="hinge" type="continuous">
+    <parent link="base"/> <child link="beam"/> <axis xyz="0 -1 0"/>
+  </joint>
+</robot>
+"""
+
+
+@pytest.fixture
+def beam(tmp_path):
+    """A beam on a driven hinge, whose mass grows with its length: mass m l, centre at l / 2."""
+    (tmp_path / "beam.urdf.xacro").write_text(BEAM.format(address="http://www.ros.org/wiki/xacro"))
+    (tmp_path / "beam.toml").write_text('name = "beam"\ntree = "beam.urdf.xacro"\n')
+    return sp.load(tmp_path / "beam.toml")
+
+
+def test_forces_change_with_dimensions_and_the_masses_these_make(beam):
+    angle, speed, g, length, m = 0.7, 3.0, 9.81, 0.4, 2.0
+    state = sp.assemble(beam, {"hinge": angle})
+    effort = sp.sensitivity(beam, state, "hinge.effort")
+    assert effort.unit == "N·m"
+    assert effort.value == pytest.approx(m * g * length**2 / 2 * np.cos(angle), rel=1e-13)
+    assert effort.derivatives["length"] == pytest.approx(m * g * length * np.cos(angle), rel=1e-9)
+    assert effort.derivatives["mass"] == pytest.approx(g * length**2 / 2 * np.cos(angle), rel=1e-9)
+    assert 0.0 < effort.errors["length"] < 1e-6
+    moving = sp.solve_rates(beam, state, speeds={"hinge": speed})
+    pull = sp.sensitivity(beam, moving, "hinge.reaction")
+    inward = -m * length * speed**2 * np.array([np.cos(angle), 0.0, np.sin(angle)])
+    assert pull.derivatives["length"][:3] == pytest.approx(
+        inward + np.array([0.0, 0.0, m * g]), rel=1e-9, abs=1e-9)
+    power = sp.sensitivity(beam, moving, "hinge.power")
+    assert power.value == pytest.approx(speed * effort.value, rel=1e-13)
+
+
+def test_forces_of_a_motion_without_speed_are_those_at_rest(beam):
+    motion = sp.sweep(beam, "hinge", [0.1, 0.7])
+    found = sp.sensitivity(beam, motion, "hinge.reaction.force", ["length"])
+    assert found.unit == "N"
+    assert found.derivatives["length"] == pytest.approx(
+        np.tile([0.0, 0.0, 2.0 * 9.81], (2, 1)), rel=1e-9, abs=1e-9)
+
+
+def test_forces_scatter_with_dimensions(beam):
+    state = sp.assemble(beam, {"hinge": 0.0})
+    names = ["hinge.effort", "hinge.reaction", "hinge"]
+    found = sp.tolerance(beam, names, {"length": 1e-3}, state, samples=300)
+    length = found.dimensions["length"]
+    assert found.samples["hinge.effort"] == pytest.approx(9.81 * length**2, rel=1e-12)
+    assert found.samples["hinge.reaction"].shape == (300, 6)
+    assert found.linear["hinge.effort"] == pytest.approx(2.0 * 9.81 * 0.4 * 1e-3, rel=1e-9)
+    heads = found.to_csv(outputs=["hinge.reaction"]).splitlines()[0].split(",")
+    assert heads[0] == "hinge.reaction.force x [N]" and heads[-1] == "hinge.reaction.moment z [N·m]"
+
+
+def test_forces_that_do_not_exist_are_refused(beam):
+    state = sp.assemble(beam)
+    for name in ("hinje.effort", "beam.reaction"):
+        with pytest.raises(sp.SpatialPinError, match="no force"):
+            sp.sensitivity(beam, state, name)
+
+
+@pytest.mark.parametrize("address", ["http://wiki.ros.org/anything", "http://ros.org/wiki/xacro"])
+def test_arguments_are_dimensions_whatever_address_the_prefix_has(tmp_path, address):
+    file = tmp_path / "beam.urdf.xacro"
+    file.write_text(BEAM.format(address=address))
+    assert sp.load(file).dimensions == {"length": 0.4, "mass": 2.0}
+
+
+def test_a_file_without_dimensions_has_no_derivatives(tmp_path):
+    file = tmp_path / "fixed.urdf.xacro"
+    text = BEAM.format(address="http://www.ros.org/wiki/xacro")
+    file.write_text(text.replace("$(arg length)", "0.4").replace("$(arg mass)", "2").replace(
+        '<xacro:arg name="length" default="0.4"/> <xacro:arg name="mass" default="2.0"/>', ""))
+    mechanism = sp.load(file)
+    for output in ("hinge", "hinge.effort"):
+        assert sp.sensitivity(mechanism, sp.assemble(mechanism), output).derivatives == {}

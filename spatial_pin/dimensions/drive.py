@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from spatial_pin.assembly.state import State
 from spatial_pin.dimensions.homotopy import followed
+from spatial_pin.dynamics.kinetostatics import Kinetostatics, kinetostatics
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.limits import limits
-from spatial_pin.motion.motion import Motion
+from spatial_pin.motion.motion import Motion, Output
+from spatial_pin.motion.outputs import is_force
 from spatial_pin.rates.rates import solve_rates
 
 
@@ -24,18 +27,25 @@ def end_of_range(output: str) -> tuple[str, str] | None:
     return (end, driver) if kind == "limit" and end in ("lower", "upper") else None
 
 
+def with_masses(outputs: Iterable[str]) -> bool:
+    """Whether one of the outputs is a force, which depends on masses."""
+    return any(is_force(output) for output in outputs)
+
+
 @dataclass(frozen=True)
 class Drive:
     """The drivers' motion at a state: values, speeds, accelerations, keyed by coordinate.
 
     Attributes:
         driver: whose speed ratios are relative to.
+        in_time: whether rates are those in time; where they are not, forces are those at rest.
     """
 
     driver: str
     values: dict[str, float]
     speeds: dict[str, float]
     accelerations: dict[str, float]
+    in_time: bool = True
 
     @classmethod
     def of(cls, state: State, driver: str = "", held: Iterable[str] = ()) -> Drive:
@@ -44,7 +54,9 @@ class Drive:
         names = list(held) or [d.joint for d in mechanism.drivers.values()]
         rates = {name: state.coordinate(name) for name in names}
         first = driver or next(iter(mechanism.drivers), next(iter(mechanism.coordinates), ""))
-        return cls(first, *({name: r[k] for name, r in rates.items()} for k in range(3)))
+        values, speeds, accelerations = (
+            {name: r[k] for name, r in rates.items()} for k in range(3))
+        return cls(first, values, speeds, accelerations, state.in_time)
 
     @property
     def moves(self) -> bool:
@@ -59,7 +71,7 @@ class Drive:
             near: a closed state of it at these or other dimensions, whose branch is followed.
             outputs: as for `sensitivity`.
         """
-        sample: Motion | None = None
+        told: Told | None = None
         found = []
         for output in outputs:
             end = end_of_range(output)
@@ -69,9 +81,9 @@ class Drive:
                     raise SpatialPinError(f"mechanism {mechanism.name!r}: {end[1]!r} has no limit")
                 found.append(bound.value)
                 continue
-            if sample is None:
-                sample = self.sample(self._state(mechanism, near))
-            values = sample.output(output).values[0]
+            if told is None:
+                told = self.told(self._state(mechanism, near))
+            values = told.output(output).values[0]
             found.append(float(values) if np.ndim(values) == 0 else values)
         return found
 
@@ -80,9 +92,36 @@ class Drive:
         return solve_rates(mechanism, state, self.speeds, self.accelerations) if (
             self.moves) else state
 
-    def sample(self, state: State) -> Motion:
-        """Return a state as a motion of one sample."""
+    def told(self, state: State) -> Told:
+        """Return what a state tells by the names of outputs."""
         value, speed, _ = state.coordinate(self.driver)
-        return Motion(state.mechanism, np.array([value]), self.driver, None, state.q[None],
-                      state.v[None], state.a[None], np.array([state.closure_error]),
-                      np.array([speed]))
+        return Told(Motion(
+            state.mechanism, np.array([value]), self.driver, None, state.q[None], state.v[None],
+            state.a[None], np.array([state.closure_error]), np.array([speed]),
+            angles=np.array(state.angles)[None]), self.in_time)
+
+
+class Told:
+    """A state by the names of outputs: a motion of one sample, and its forces when one is asked.
+
+    Args:
+        sample: the motion.
+        in_time: whether its rates are those in time.
+    """
+
+    def __init__(self, sample: Motion, in_time: bool) -> None:
+        self.sample, self._in_time = sample, in_time
+
+    def output(self, name: str) -> Output:
+        """Return a quantity or a force by its name.
+
+        Raises:
+            SpatialPinError: there is none of the name, or forces cannot be worked out.
+        """
+        return (self.loads if is_force(name) else self.sample).output(name)
+
+    @cached_property
+    def loads(self) -> Kinetostatics:
+        """The forces; at rest where rates are not those in time."""
+        per = "s" if self._in_time else "sample"
+        return kinetostatics(self.sample.mechanism, replace(self.sample, per=per))

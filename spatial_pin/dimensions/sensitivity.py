@@ -17,7 +17,7 @@ from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.brief import brief
 from spatial_pin.checks import checked, names_of
-from spatial_pin.dimensions.drive import Drive, end_of_range
+from spatial_pin.dimensions.drive import Drive, end_of_range, with_masses
 from spatial_pin.dimensions.samples import Samples
 from spatial_pin.dimensions.variants import Variants
 from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
@@ -44,7 +44,8 @@ class Sensitivity:
 
     Attributes:
         output: its name.
-        value: the output itself, a number or (3,) [SI, rad]; (N,) or (N, 3) of a motion.
+        value: the output itself, a number, (3,), or (6,) of a reaction [SI, rad]; of a motion
+            (N,), (N, 3) or (N, 6).
         derivatives: by dimension, shaped like the value [output unit per m or rad].
         errors: estimated largest error of each derivative; (N,) of a motion.
         unit: of the value, "" or "1" when it has none.
@@ -94,7 +95,9 @@ def sensitivity(
         mechanism: a mechanism with a xacro tree.
         state: a closed state, whose driver values, speeds and accelerations are kept; or a motion.
         output: as for `Motion.output` (`rocker_pin`, `rocker_pin.rate`, `coupler.com.velocity`,
-            ...), or `limit.lower.DRIVER`, `limit.upper.DRIVER` for the ends of a driver's range.
+            ...), or for `Kinetostatics.output` (`crank.effort`, `ball_b.reaction.force`, ...; at
+            rest where rates are not those in time; of reactions that are one of many the least),
+            or `limit.lower.DRIVER`, `limit.upper.DRIVER` for the ends of a driver's range.
         parameters: names of dimensions; default all.
 
     Returns:
@@ -128,7 +131,8 @@ def _over_motion(
     derivatives, errors = (
         {name: np.array([each[name] for each in several]) for name in several[0]}
         for several in ([x.derivatives for x in found], [x.errors for x in found]))
-    unit = found[0].unit if end_of_range(output) else motion.output(output).unit
+    unit = (found[0].unit if end_of_range(output) or with_masses([output])
+            else motion.output(output).unit)
     return Sensitivity(output, np.array([x.value for x in found]), derivatives, errors, unit)
 
 
@@ -197,7 +201,7 @@ class _Around:
                   drive.evaluate(state.mechanism, state, self._outputs))
         found = [Sensitivity(output, value, {}, {}, _unit(state, drive, output))
                  for output, value in zip(self._outputs, values, strict=True)]
-        known, sizes = _known(state), _sizes(state)
+        known, sizes = _known(state), _sizes(state, drive, self._outputs)
         for i, name in enumerate(self._names):
             own = slice(len(AROUND) * i, len(AROUND) * (i + 1))
             if together is not None and together[0][own].all():
@@ -226,7 +230,8 @@ class _Around:
             try:
                 if (name, h) not in self._made:
                     self._made[name, h] = self._variants.several(
-                        [{name: float(value + k * h)} for k in AROUND])
+                        [{name: float(value + k * h)} for k in AROUND],
+                        with_masses(self._outputs))
                 return {k: drive.evaluate(there, state, self._outputs)
                         for k, there in zip(AROUND, self._made[name, h], strict=True)}, float(h)
             except SpatialPinError as error:
@@ -255,13 +260,22 @@ def _known(state: State) -> float:
         return CONFIGURATION_ERROR
 
 
-def _sizes(state: State) -> dict[str, float]:
+def _sizes(state: State, drive: Drive, outputs: Iterable[str]) -> dict[str, float]:
     """Return how large outputs of a unit are, or may be at other dimensions."""
     length, scale = state.mechanism.characteristic_length, state.mechanism.velocity_scale
     speed, acceleration = (float(np.abs(x / scale).max(initial=0.0)) for x in (state.v, state.a))
     per_s2 = max(acceleration, speed**2)
+    force = _force(state, drive) if with_masses(outputs) else 0.0
     return {"rad": 1.0, "1": 1.0, "m": length, "rad/s": speed, "m/s": speed * length,
-            "rad/s²": per_s2, "m/s²": per_s2 * length}
+            "rad/s²": per_s2, "m/s²": per_s2 * length, "N": force, "N·m": force * length,
+            "N, N·m": force * max(1.0, length), "W": force * length * speed}
+
+
+def _force(state: State, drive: Drive) -> float:
+    """Return the largest force in a mechanism, moments divided by its length [N]."""
+    loads, length = drive.told(state).loads, state.mechanism.characteristic_length
+    wrenches = np.vstack([loads.on_ground, *loads.reactions.values()])
+    return float(np.abs(wrenches / ([1.0] * 3 + [length] * 3)).max())
 
 
 def _unit(state: State, drive: Drive, output: str) -> str:
@@ -269,7 +283,7 @@ def _unit(state: State, drive: Drive, output: str) -> str:
     end = end_of_range(output)
     if end is not None:
         return state.mechanism.coordinate(end[1]).unit
-    return drive.sample(state).output(output).unit
+    return drive.told(state).output(output).unit
 
 
 def with_spread(value: Any, deviation: Any, unit: str = "") -> str:

@@ -17,7 +17,7 @@ from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.checks import checked, generator, names_of
 from spatial_pin.columns import Quantity, Tabular, chosen
-from spatial_pin.dimensions.drive import Drive
+from spatial_pin.dimensions.drive import Drive, with_masses
 from spatial_pin.dimensions.samples import Samples
 from spatial_pin.dimensions.sensitivity import sensitivities, with_spread
 from spatial_pin.dimensions.variants import Variants
@@ -44,7 +44,7 @@ class Tolerance(Tabular):
         linear: standard deviations by linear propagation.
         sampled: standard deviations of the samples; None without samples.
         mean: mean of the samples; None without.
-        samples: (n,) or (n, 3) values by output, of the samples that could be closed.
+        samples: (n,), (n, 3) or (n, 6) values by output, of the samples that could be closed.
         failed: number of samples in which the mechanism could not be closed.
         dimensions: (N,) drawn values of each dimension, of all samples [m, rad].
         is_closed: (N,) which samples could be closed: `samples[output]` are those at
@@ -99,7 +99,8 @@ class Tolerance(Tabular):
             every[self.is_closed] = x
             unit = self.units.get(name, "")
             table[name] = Quantity(every, "-" if unit == "1" else unit)
-        return chosen(table, outputs, "tolerance")
+        found = chosen(table, outputs, "tolerance").items()
+        return {key: part for name, x in found for key, part in _parts(name, x)}
 
     def __repr__(self) -> str:
         spreads = [f"{name} = {with_spread(x, self.linear[name], self.units.get(name, ''))}"
@@ -119,6 +120,14 @@ class Tolerance(Tabular):
         if self.failed:
             lines.append(f"{self.failed} samples cannot be closed")
         return "\n".join(lines)
+
+
+def _parts(name: str, x: Quantity) -> list[tuple[str, Quantity]]:
+    """Return a quantity by its name, one of a reaction (N, 6) as its force and its moment."""
+    if x.values.shape[1:] != (6,):
+        return [(name, x)]
+    return [(f"{name}.force", Quantity(x.values[:, :3], "N")),
+            (f"{name}.moment", Quantity(x.values[:, 3:], "N·m"))]
 
 
 @checked
@@ -296,7 +305,7 @@ def _sample(job: _Job) -> list[Any] | None:
         variants = _loaded(path, pickle.dumps(parameters), tuple(dimensions), mark)
         nominal = variants.mechanism
         near = State(nominal, q, closure_error=np.nan, angles=angles)
-        return drive.evaluate(variants.at(dimensions), near, names)
+        return drive.evaluate(variants.at(dimensions, with_masses(names)), near, names)
     except SpatialPinError:
         return None
 

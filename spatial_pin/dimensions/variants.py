@@ -35,7 +35,7 @@ FIELDS = [field.name for field in fields(Mechanism) if field.init]
 
 
 class Variants:
-    """Mechanisms that differ in some dimensions, for their motion: masses stay what they were.
+    """Mechanisms that differ in some dimensions; for their motion, masses stay what they were.
 
     Args:
         mechanism: at its own dimensions.
@@ -45,16 +45,24 @@ class Variants:
     def __init__(self, mechanism: Mechanism, names: Iterable[str]) -> None:
         self.mechanism, self.names = mechanism, list(names)
 
-    def at(self, dimensions: Mapping[str, float]) -> Mechanism:
-        """Return the mechanism at other dimensions."""
-        return self.several([dimensions])[0]
+    def at(self, dimensions: Mapping[str, float], whole: bool = False) -> Mechanism:
+        """Return the mechanism at other dimensions, for its motion or with its masses."""
+        return self.several([dimensions], whole)[0]
 
-    def several(self, many: Sequence[Mapping[str, float]]) -> list[Mechanism]:
+    def several(
+        self, many: Sequence[Mapping[str, float]], whole: bool = False
+    ) -> list[Mechanism]:
         """Return the mechanisms at several sets of dimensions.
+
+        Args:
+            many: the sets.
+            whole: with their masses and shapes at those dimensions too.
 
         Raises:
             SpatialPinError: one cannot be loaded.
         """
+        if whole:
+            return [self.whole(x) for x in many]
         tree = self.tree
         if tree is None or tree.turns_axes or any(
                 name not in tree.dimensions for x in many for name in x):
@@ -193,9 +201,9 @@ class TracedTree:
 
     def __init__(self, mechanism: Mechanism, names: Iterable[str]) -> None:
         m, file = mechanism, mechanism.tree
-        if file is None or file.suffix != ".xacro":
-            raise _Untraced
         self.dimensions = {name: m.dimensions[name] for name in names}
+        if file is None or file.suffix != ".xacro" or not self.dimensions:
+            raise _Untraced
         text, self._tape = traced(file, m.parameters, self.dimensions, m.trusted, m.packages)
         self._mechanism, self._places = mechanism, [0]
         self._origins: dict[str, tuple[_Words, _Words]] = {}

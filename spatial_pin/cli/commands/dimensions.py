@@ -22,9 +22,11 @@ from spatial_pin.cli.options import (
 from spatial_pin.cli.results import finite, tell
 from spatial_pin.errors import UnknownNameError
 
-OUTPUT_HELP = "as rocker_pin, rocker_pin.rate, coupler.position, crank.lower_limit"
+OUTPUT_HELP = ("as rocker_pin, rocker_pin.rate, coupler.position, crank.effort, "
+               "limit.lower.rocker_pin")
 WIDE_SPREAD = 0.1  # standard deviation relative to the dimension from which a unit may be missing
 XYZ = ("x", "y", "z")
+COMPONENTS = {3: XYZ, 6: tuple(f"{part} {axis}" for part in ("force", "moment") for axis in XYZ)}
 
 
 def _check_dimensions(mechanism: sp.Mechanism, names: list[str]) -> None:
@@ -35,11 +37,12 @@ def _check_dimensions(mechanism: sp.Mechanism, names: list[str]) -> None:
 
 
 def _numbers(name: str, value: Any) -> dict[str, float]:
-    """Return the numbers of an output by name, those of a vector as `NAME.x`."""
+    """Return the numbers of an output by name: `NAME.x` of a vector, `NAME.force.x` of a wrench."""
     value = np.asarray(value)
     if value.ndim == 0:
         return {name: float(value)}
-    return {f"{name}.{axis}": float(x) for axis, x in zip(XYZ, value, strict=True)}
+    return {f"{name}.{axis.replace(' ', '.')}": float(x)
+            for axis, x in zip(COMPONENTS[len(value)], value, strict=True)}
 
 
 # ---------------------------------------------------------------- sensitivity
@@ -58,6 +61,9 @@ def _sensitivity_options(sub: argparse.ArgumentParser) -> None:
 def _sensitivity(options: argparse.Namespace) -> None:
     mechanism = loaded(options)
     _check_dimensions(mechanism, options.to)
+    if not mechanism.dimensions:
+        options.hints.append(f"{mechanism.name} has no dimensions: "
+                             '<xacro:arg name="b" default="0.4"/> in a .xacro tree makes one')
     subject = motion_over(options, mechanism) or state_at(options, mechanism)
     found = sp.sensitivity(mechanism, subject, options.output, options.to or None)
     content = {"mechanism": mechanism.name, "output": found.output, "unit": found.unit,
@@ -85,7 +91,7 @@ def _columns(motion: sp.Motion, found: sp.Sensitivity) -> dict[str, Any]:
                     **{f"d/d {k}": x for k, x in found.derivatives.items()}}.items():
         x = np.asarray(x)
         table |= {name: x} if x.ndim == 1 else {
-            f"{name} {axis}": x[:, k] for k, axis in enumerate(XYZ)}
+            f"{name} {axis}": x[:, k] for k, axis in enumerate(COMPONENTS[x.shape[1]])}
     return table
 
 

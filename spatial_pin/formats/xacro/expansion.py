@@ -60,6 +60,7 @@ REMEDY = "sp.load(..., trusted=True) reads it all the same"
 UNBOUND = errors.codes[errors.XML_ERROR_UNBOUND_PREFIX]
 _PREFIX = re.compile(r"[<\s]/?([A-Za-z_][\w.-]*):[A-Za-z_]")  # of an element, attribute or text
 _DECLARED = re.compile(r"\sxmlns:([A-Za-z_][\w.-]*)\s*=")
+_XACRO = re.compile(r"""\sxmlns:xacro\s*=\s*["']([^"']*)""")  # xacro goes by the prefix
 ROOT = re.compile(r"\s*(?:(?:<!--.*?-->|<\?.*?\?>|<![A-Z][^>]*>)\s*)*<[A-Za-z_][\w.-]*", re.S)
 _IMPORTING = threading.Lock()
 if hasattr(os, "register_at_fork"):  # a child must not be born while an import is half done
@@ -161,11 +162,15 @@ def xacro_arguments(
         if file in seen:
             continue
         seen.add(file)
-        for element in parse_xml(read_text(file), file).iter():
-            namespace, _, tag = str(element.tag).rpartition("}")
-            if "xacro" in namespace and tag == "arg":
+        text = read_text(file)
+        own = _XACRO.findall(text)
+        for element in parse_xml(text, file).iter():
+            namespace, _, tag = str(element.tag).removeprefix("{").rpartition("}")
+            if "xacro" not in namespace and namespace not in own:
+                continue
+            if tag == "arg":
                 arguments.setdefault(element.get("name", ""), element.get("default", ""))
-            elif "xacro" in namespace and tag == "include":
+            elif tag == "include":
                 files += expansion.included(element.get("filename", ""), file)
     return arguments
 
