@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import mechanisms as known
 import mpmath
 import numpy as np
@@ -22,6 +20,7 @@ from masses import (
     with_masses,
     wrenches_by_body,
 )
+from memory import peak_memory
 from mpmath import cos, mpf, sin
 
 import spatial_pin as sp
@@ -756,21 +755,6 @@ def test_sparse_equations_are_the_dense_ones(name, tmp_path):
     assert sparse[4] == dense[4]
 
 
-def test_two_hundred_loops_cost_less_than_three_hundred_times_one(tmp_path):
-    def cost(n):
-        mech = ladder(tmp_path, n)
-        state = leaning(mech, 0.7, 1.3)[0]
-        forward_dynamics(mech, state)
-        times = []
-        for _ in range(7):
-            start = time.perf_counter()
-            forward_dynamics(mech, state)
-            times.append(time.perf_counter() - start)
-        return min(times)
-
-    assert cost(200) < 300 * cost(1)
-
-
 def statics(large, mech, state, actuated):
     """Efforts, multipliers and uniqueness of inverse dynamics, dense or sparse."""
     equations, actuation = Equations(mech, large), Actuation(mech, actuated)
@@ -816,23 +800,25 @@ def test_sparse_spaces_are_the_dense_ones(name, tmp_path):
         svd.minimum_norm_transposed(force), abs=1e-9)
 
 
-def test_reactions_cost_in_proportion_to_the_number_of_loops(tmp_path):
-    """Four times as many loops: by dense factors sixty times as dear."""
-    def cost(n):
+def test_reactions_take_memory_in_proportion_to_the_number_of_loops(tmp_path):
+    """Four times as many loops: by dense factors sixteen times as much."""
+    def forces(mech, state):
+        answer = forward_dynamics(mech, state)
+        assert answer.reactions
+        assert not answer.determined["c0"]
+        assert inverse_dynamics(mech, state, ["p0"]).reactions
+
+    def memory(n):
         mech = ladder(tmp_path, n)
         state, sense = leaning(mech, 0.7, 1.3)
         state = sp.State(mech, state.q, state.v, sense, closure_error=0.0)
-        times = []
-        for _ in range(5):
-            start = time.process_time()
-            answer = forward_dynamics(mech, state)
-            assert answer.reactions
-            assert not answer.determined["c0"]
-            assert inverse_dynamics(mech, state, ["p0"]).reactions
-            times.append(time.process_time() - start)
-        return min(times)
+        forces(mech, state)  # what is learnt once
+        with peak_memory() as peak:
+            forces(mech, state)
+        return peak.bytes
 
-    assert cost(400) < 4**1.3 * 1.5 * cost(100)
+    few, many = memory(50), memory(200)
+    assert many < 4**1.1 * few
 
 
 @pytest.mark.parametrize(("n", "lost"), [(30, "30 "), (80, "")])

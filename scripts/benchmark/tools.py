@@ -31,7 +31,7 @@ class Tool(NamedTuple):
 
 OWN = Tool("this environment",
            ("with_spatial_pin", "with_spatial_pin_forces", "with_spatial_pin_search",
-            "with_spatial_pin_reach",
+            "with_spatial_pin_reach", "with_spatial_pin_pages",
             "with_pinocchio", "with_pinocchio_forces", "with_scipy"),
            ("pin", "numpy", "scipy"))
 
