@@ -286,6 +286,17 @@ def test_transmission_angle_can_be_watched():
     assert says[1] == f"rocker_pin transmission angle = {angle:.1f}°"
 
 
+def test_forces_that_hold_it_can_be_watched():
+    with opened("four_bar", outputs=["crank.effort", "output_pin.reaction"]) as viewer:
+        says = Page(viewer).move("crank", 40.0)["says"]
+    mechanism = sp.load("four_bar")
+    held = sp.inverse_dynamics(mechanism, sp.assemble(mechanism, {"crank": np.deg2rad(40.0)}))
+    told = [x.replace("−", "-") for x in says]
+    assert told[1] == f"crank effort = {held.efforts['crank']:.4g} N·m"
+    force = ", ".join(f"{x:z.4g}" for x in held.reactions["output_pin"].linear)
+    assert told[2].startswith(f"output_pin reaction force = ({force}) N; output_pin reaction mom")
+
+
 def test_other_assembly_and_start_again():
     with opened("four_bar") as viewer:
         asking = Page(viewer)
@@ -572,6 +583,10 @@ def test_what_cannot_be_moved_is_refused_at_once():
         live(sp.load("stewart"), look=Look(traces=("platform",)), open_browser=False)
     with pytest.raises(SpatialPinError, match="knows no rates"):
         live(mechanism, outputs=["coupler.velocity"], open_browser=False)
+    with pytest.raises(SpatialPinError, match="knows no rates"):
+        live(mechanism, outputs=["crank.power"], open_browser=False)
+    with pytest.raises(SpatialPinError, match="no force"):
+        live(mechanism, outputs=["cranc.effort"], open_browser=False)
     with pytest.raises(SpatialPinError, match="no output"):
         live(mechanism, outputs=["nothing"], open_browser=False)
     with pytest.raises(SpatialPinError, match="belongs to mechanism"):

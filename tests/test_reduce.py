@@ -418,3 +418,23 @@ def test_a_ring_of_scissors_is_verified_on_the_branch_of_its_guess():
     assert found.rows == 361
     assert found.worst < CLOSE
     assert not found.remarks
+
+
+@pytest.mark.parametrize("name", ["rssr", "slider_crank"])
+def test_an_effort_is_the_same_in_the_model_that_is_reduced_to_it(name):
+    full = sp.load(name)
+    reduced = sp.reduce(full, "crank.effort", dynamics=True)
+    found = reduced.verify(values=np.linspace(0.0, 1.0, 11), speed=20.0)
+    assert found.worst < CLOSE
+    assert "crank.effort" in str(found)
+    efforts = [sp.kinetostatics(m, sp.sweep(m, "crank", [0.0, 0.5, 1.0], speed=20.0)).efforts
+               for m in (full, reduced)]
+    np.testing.assert_allclose(efforts[1]["crank"], efforts[0]["crank"], rtol=1e-11)
+
+
+@pytest.mark.parametrize(("output", "dynamics", "why"), [
+    ("crank.effort", False, "dynamics=True"), ("ball_b.reaction", True, "other pairs"),
+    ("on_ground.force", True, "other pairs"), ("krank.power", True, "did you mean 'crank'")])
+def test_forces_that_a_smaller_model_does_not_tell_are_refused(output, dynamics, why):
+    with pytest.raises(sp.SpatialPinError, match=why):
+        sp.reduce(sp.load("rssr"), output, dynamics=dynamics)

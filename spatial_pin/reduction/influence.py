@@ -20,13 +20,13 @@ from spatial_pin.assembly.close import close
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.errors import UnknownNameError
+from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.mobility.loops import joints_between
 from spatial_pin.motion.motion import FRAME_UNITS
-from spatial_pin.motion.outputs import COORDINATE_OUTPUTS
+from spatial_pin.motion.outputs import COORDINATE_OUTPUTS, is_force
 from spatial_pin.numerics.linalg import Array, null_space, rank
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -54,18 +54,44 @@ class Asked(NamedTuple):
     centres: tuple[str, ...]
 
 
-def asked_of(mechanism: Mechanism, outputs: Iterable[str]) -> Asked:
-    """Resolve names of coordinates, joints, drivers, links and frames, or outputs of a Motion.
+def asked_of(mechanism: Mechanism, outputs: Iterable[str], dynamics: bool) -> Asked:
+    """Resolve names of coordinates, joints, drivers, links and frames, or outputs.
+
+    Args:
+        mechanism: the mechanism.
+        outputs: the names.
+        dynamics: whether what has mass is kept.
 
     Raises:
         UnknownNameError: a name is none of these.
+        SpatialPinError: it is a force that a smaller model does not tell.
     """
     found = Asked((), (), ())
     for name in outputs:
+        if is_force(name):
+            name = _with_effort(mechanism, name, dynamics)
         coordinates, frames, centres = _named(mechanism, name)
         found = Asked(found.coordinates + coordinates, found.frames + frames,
                       found.centres + centres)
     return Asked(*(tuple(dict.fromkeys(names)) for names in found))
+
+
+def _with_effort(mechanism: Mechanism, force: str, dynamics: bool) -> str:
+    """Return what has the effort or power that is asked for.
+
+    Raises:
+        SpatialPinError: it is another force, or what has mass is not kept.
+    """
+    name, _, kind = force.rpartition(".")
+    if kind not in ("effort", "power"):
+        raise SpatialPinError(
+            f"mechanism {mechanism.name!r}: {force}: a smaller model has other pairs, whose "
+            "reactions are others: sp.kinetostatics of the whole mechanism gives this")
+    if not dynamics:
+        raise SpatialPinError(
+            f"mechanism {mechanism.name!r}: {force} depends on masses: reduce with dynamics=True, "
+            "which keeps what has mass")
+    return name
 
 
 def _named(mechanism: Mechanism, name: str) -> Asked:

@@ -213,7 +213,8 @@ def reduce(
     Args:
         mechanism: the mechanism.
         outputs: names of coordinates, joints (their coordinates), links and frames (their motion
-            in the world; of a link also its centre of mass), or outputs as of `Motion.output`.
+            in the world; of a link also its centre of mass), or outputs as of `Motion.output`;
+            with `dynamics` efforts and powers too (`crank.effort`).
         lock: joints, coordinates or drivers that never move, with their values [rad, m], or
             their names only to lock them where the guess has them.
         dynamics: keep all that has mass, springs and damped joints; what is then left out is
@@ -230,7 +231,8 @@ def reduce(
     Raises:
         AssemblyError: the guess does not close.
         UnknownNameError: a name does not exist.
-        SpatialPinError: an output is locked, or part of a joint only.
+        SpatialPinError: an output is locked, part of a joint only, a reaction, or an effort
+            without `dynamics`.
         ValueError: no outputs, or `lump` without `dynamics`.
 
     Example:
@@ -250,7 +252,7 @@ def reduce(
         raise ValueError("outputs is empty; name at least one coordinate, link or frame")
     if lump and not dynamics:
         raise ValueError("lump=True says where mass goes: it needs dynamics=True")
-    asked = asked_of(mechanism, names)
+    asked = asked_of(mechanism, names, dynamics)
     for name in asked.frames:
         mechanism.placed(name)
     state, locks = _locked(mechanism, lock, guess)

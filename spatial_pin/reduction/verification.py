@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,9 +12,11 @@ from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State
 from spatial_pin.checks import as_array
 from spatial_pin.dynamics.forward import forward_dynamics
+from spatial_pin.dynamics.kinetostatics import kinetostatics
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Motion
+from spatial_pin.motion.outputs import is_force
 from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.reduction.differences import Difference, Verification
@@ -35,7 +37,8 @@ def verification(
     guess: Mapping[str, Any] | None, hold: Mapping[str, float],
 ) -> Verification:
     """Compare the outputs of a reduced mechanism and of the full one; see `Reduced.verify`."""
-    full, asked = reduced.full, asked_of(reduced.full, reduced.outputs)
+    full = reduced.full
+    asked = asked_of(full, reduced.outputs, reduced.dynamics)
     names = [driver] if driver is not None else _drivers(reduced, full)
     if values is not None and not np.size(values := np.atleast_1d(as_array(values, "values"))):
         raise ValueError("values is empty; one driver value at least is compared")
@@ -63,6 +66,7 @@ def verification(
                             _outputs(pair[0], pair[1], asked, count)]
             if reduced.dynamics:
                 differences += _dynamics(reduced, pair[0], asked)
+                differences += _forces(reduced, pair, count)
     if not differences:
         raise SpatialPinError(f"mechanism {full.name!r}: no row could be compared")
     return Verification(tuple(differences), rows, float(seconds[0]), float(seconds[1]),
@@ -172,6 +176,16 @@ def _dynamics(reduced: Reduced, motion: Motion, asked: Asked) -> Iterator[Differ
             worst[name] = max(worst.get(name, 0.0), gap)
     for name, gap in worst.items():
         yield Difference(name, "forward dynamics", 0.0, 0.0, gap)
+
+
+def _forces(reduced: Reduced, pair: Sequence[Motion], count: int) -> Iterator[Difference]:
+    """Compare the efforts and powers that are asked for, relative to the largest."""
+    names = [name for name in reduced.outputs if is_force(name)]
+    loads = [kinetostatics(motion.mechanism, motion) for motion in pair] if names else []
+    for name in names:
+        a, b = (found.output(name).values[:count] for found in loads)
+        size = max(float(np.abs(a).max()), np.finfo(float).tiny)
+        yield Difference(name, "kinetostatics", 0.0, 0.0, float(np.abs(a - b).max()) / size)
 
 
 def _frame(motion: Motion, name: str, count: int, centre: bool = False) -> tuple[list[Array], ...]:

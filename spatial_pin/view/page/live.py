@@ -21,10 +21,12 @@ import pinocchio as pin
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.checks import checked, finite_array, names_of
+from spatial_pin.dynamics.kinetostatics import kinetostatics
 from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.mobility.modes import assembly_modes
 from spatial_pin.motion.motion import Motion
+from spatial_pin.motion.outputs import is_force
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.page.dragging import Grip, pulled
 from spatial_pin.view.page.drive import STOPS, Drive, Reach, Stop
@@ -240,6 +242,8 @@ def drag(desk: Desk, question: Mapping[str, Any]) -> Answer:
 
 def _words(motion: Motion, name: str) -> str:
     """Return an output of a motion of one sample."""
+    if is_force(name):
+        return _force_words(motion, name)
     value, label, unit = motion.output(name)
     if unit not in ("rad", "m"):
         raise SpatialPinError(f"output {name!r}: a page that is moved by hand knows no rates")
@@ -248,6 +252,21 @@ def _words(motion: Motion, name: str) -> str:
     size, word = unit_of_length(float(np.abs(value).max()))
     numbers = ", ".join(f"{x / size:z.2f}" for x in value[0]).replace("-", "−")
     return f"{label} = ({numbers}) {word}"
+
+
+def _force_words(motion: Motion, name: str) -> str:
+    """Return a force at rest of a motion of one sample."""
+    if name.endswith(".power"):
+        raise SpatialPinError(f"output {name!r}: a page that is moved by hand knows no rates")
+    try:
+        loads = kinetostatics(motion.mechanism, replace(motion, per="sample"))
+    except SingularError:
+        return f"{name}: not determined here"
+    words = []
+    for values, label, unit in loads.output(name).parts():
+        numbers = ", ".join(f"{x:z.4g}" for x in np.atleast_1d(values[0])).replace("-", "−")
+        words.append(f"{label} = {f'({numbers})' if values.ndim > 1 else numbers} {unit}")
+    return "; ".join(words)
 
 
 def _paths_of_joints(model: pin.Model) -> dict[str, int]:
@@ -386,7 +405,8 @@ def live(
         state: where to begin; the assembled guess if not given.
         drivers: what has a slider: drivers, or other coordinates that determine the motion; the
             mechanism's drivers if not given.
-        outputs: what is told besides the drivers, as for `plot`: coordinates, `NAME.position`.
+        outputs: what is told besides the drivers, as for `plot`: coordinates, `NAME.position`,
+            `crank.effort` and `PAIR.reaction` at rest.
         title: heading; the mechanism's title if not given.
         look: what is shown besides the bodies; without arrows, and traces only with one driver.
         limits: whether joint limits are in the way at first.
