@@ -4,12 +4,18 @@
     python scripts/page_code.py --pictures docs/sweep.md [...]  # and keeps the pictures it writes
     python scripts/page_code.py --write docs/sweep.md [...]     # and writes what it prints into it
 
-All `python` blocks of a page share one namespace and run in order, in an empty folder. A `text`
-block right behind one is what it prints ("..." stands for anything). In `console` blocks, lines
-that begin with "$ spatial-pin" run too, but for `show`, which waits for the reader. A block below a
-line that is a file's name and a colon ("`lifter.toml`:") is that file. `sp.show` and `sp.live` open
-no browser here. A block below the comment `<!-- not run -->` is left alone; `<!-- files: PATH -->`
-puts a copy of a file or folder of the repository into the folder.
+All `python` blocks of a page share one namespace and run in order, in an empty folder. Commands in
+`console` blocks ("$ spatial-pin ...", "$ python FILE ...") run too. A `text` block right behind one
+is what it prints ("..." stands for anything). `sp.show` and `sp.live` open no browser and wait for
+nobody here, and films have few pictures a second. A block below a line that is a file's name and a
+colon ("`lifter.toml`:") is that file. A comment right above a block says what else is to be known:
+
+    <!-- from: examples/NAME.py -->  parts of this script, with "# ..." between them; the script is
+                                     run, and what the page shows are lines that it prints
+    <!-- ends with 1 -->             the command refuses to do what is asked
+    <!-- not run: REASON -->         left alone
+
+`<!-- files: PATH -->` puts a copy of a file or folder of the repository into the folder.
 
 A picture of a page whose name a block writes (`![...](pictures/sweep.png)`) is that picture.
 """
@@ -19,11 +25,14 @@ from __future__ import annotations
 import argparse
 import contextlib
 import doctest
+import functools
 import io
 import os
 import re
+import runpy
 import shlex
 import shutil
+import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -33,10 +42,11 @@ from unittest.mock import patch
 import spatial_pin as sp
 from spatial_pin import cli
 from spatial_pin.view.browser.picture import find_browser
-from spatial_pin.view.page.html import export_html
 
 ROOT = Path(__file__).parents[1]
-NOT_RUN = "<!-- not run -->"
+REMARK = re.compile(r"^<!-- (?P<word>from|ends with|not run):? (?P<what>.+) -->$")
+BETWEEN = "# ...\n"  # the parts of a script
+MISSING = "pip install 'spatial_pin["  # what is said where an extra package is not there
 FENCE = re.compile(r"^(?P<ticks>`{3,}|:{3,})(?P<kind>[a-z]*|\{[a-z-]+\}.*)$")
 SAME = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 COPIES = re.compile(r"^<!-- files: (.+) -->$", flags=re.MULTILINE)
@@ -52,16 +62,20 @@ class Block(NamedTuple):
         code: its lines.
         line: number of its first line in the file.
         shown: what the page says that it prints; None where it says nothing.
-        is_run: whether it is to run.
+        why_not: reason why it is not run; empty where it is.
         file: name of the file that it is; empty where it is none.
+        script: path of the script that it shows parts of; empty where it stands for itself.
+        status: what its commands end with.
     """
 
     kind: str
     code: str
     line: int
     shown: str | None = None
-    is_run: bool = True
+    why_not: str = ""
     file: str = ""
+    script: str = ""
+    status: int = 0
 
 
 def fenced(text: str) -> Iterator[tuple[str, list[str], int, int, str]]:
@@ -81,26 +95,66 @@ def fenced(text: str) -> Iterator[tuple[str, list[str], int, int, str]]:
         before, k = "", end + 1
 
 
-def blocks(path: Path) -> list[Block]:
-    """Return the code of a page; a `text` block right behind it is what it prints."""
-    found: list[tuple[Block, int]] = []
-    for kind, lines, first, last, before in fenced(path.read_text(encoding="utf-8")):
+def block_of(kind: str, code: str, line: int, before: str) -> Block:
+    """Return a piece of code with what the line before says of it."""
+    file, remark = FILE.match(before), REMARK.match(before)
+    said = {remark["word"]: remark["what"]} if remark else {}
+    return Block(kind, code, line, why_not=said.get("not run", ""), file=file[1] if file else "",
+                 script=said.get("from", ""), status=int(said.get("ends with", 0)))
+
+
+def pieces(path: Path) -> list[Block]:
+    """Return all code of a page; a `text` block right behind a piece is what it prints."""
+    found: list[Block] = []
+    for kind, lines, first, _, before in fenced(path.read_text(encoding="utf-8")):
         code = "\n".join(lines)
-        if kind == "text" and found and not before and found[-1][0].kind != "text":
-            found[-1] = found[-1][0]._replace(shown=code), last
+        if kind == "text" and found and not before and found[-1].kind != "text":
+            found[-1] = found[-1]._replace(shown=code)
         else:
-            file = FILE.match(before)
-            found.append((Block(kind, code, first + 1, is_run=before != NOT_RUN,
-                                file=file[1] if file else ""), last))
-    return [block for block, _ in found
-            if block.is_run and (block.file or block.kind in ("python", "console"))]
+            found.append(block_of(kind, code, first + 1, before))
+    return found
+
+
+def blocks(path: Path) -> list[Block]:
+    """Return the code of a page that is to run."""
+    return [block for block in pieces(path)
+            if not block.why_not and (block.file or block.kind in ("python", "console"))]
 
 
 def commands(code: str) -> Iterator[list[str]]:
-    """Yield the arguments of every spatial-pin command of a console block that comes to an end."""
+    """Yield the words of every command of a console block; of $(...) and pipes what comes first."""
     for line in code.replace("\\\n", " ").split("\n"):
-        if line.startswith("$ spatial-pin") and not line.startswith("$ spatial-pin show"):
-            yield shlex.split(line, comments=True)[2:]
+        if line.startswith("$ "):
+            inner = re.search(r"\$\((.*?)\)", line)
+            yield shlex.split(inner[1] if inner else line[2:].partition(" | ")[0], comments=True)
+
+
+def run_command(words: list[str]) -> int:
+    """Run "spatial-pin ..." or "python FILE ..."; return what it ends with."""
+    if words[0] == "spatial-pin":
+        return cli.main(words[1:])
+    if words[0] != "python":
+        raise ValueError(f"{shlex.join(words)} cannot be run: say why not above the block")
+    run_script(Path(words[1]), words[2:])
+    return 0
+
+
+def run_script(path: Path, arguments: list[str]) -> None:
+    """Run a script without its pictures."""
+    with patch.object(sys, "argv", [str(path), *arguments]), \
+            patch.object(sp, "screenshot", lambda *arguments, **keywords: None):
+        runpy.run_path(str(path), run_name="__main__")
+
+
+def unindented(code: str) -> str:
+    """Return code without what its lines begin with."""
+    return "\n".join(line.strip() for line in code.splitlines())
+
+
+def not_in_script(block: Block) -> list[str]:
+    """Return the parts of a block that are not in the script it is from."""
+    script = unindented((ROOT / block.script).read_text(encoding="utf-8"))
+    return [part for part in block.code.split(BETWEEN) if unindented(part) not in script]
 
 
 def run_block(block: Block, namespace: dict, where: str) -> str:
@@ -108,18 +162,27 @@ def run_block(block: Block, namespace: dict, where: str) -> str:
     with contextlib.redirect_stdout(io.StringIO()) as printed:
         if block.file:
             Path(block.file).write_text(block.code + "\n", encoding="utf-8")
+        elif block.script:
+            run_script(ROOT / block.script, ["."])
         elif block.kind == "python":
             code = "\n" * (block.line - 1) + block.code  # a traceback shows the page's line
             exec(compile(code, where, "exec"), namespace)
-        for arguments in commands(block.code) if block.kind == "console" else ():
-            status = cli.main(arguments)
-            assert not status, f"{where}:{block.line}: {arguments} ends with {status}"
+        elif block.kind == "console":
+            with contextlib.redirect_stderr(printed):
+                for words in commands(block.code):
+                    status = run_command(words)
+                    assert status == block.status, (
+                        f"{where}:{block.line}: {words} ends with {status}\n{printed.getvalue()}")
     return printed.getvalue()
 
 
-def is_shown(shown: str, printed: str) -> bool:
+def is_shown(block: Block, printed: str) -> bool:
     """Return whether a page shows what is printed; "..." alone is yet to be filled in."""
-    return shown != "..." and doctest.OutputChecker().check_output(shown, printed, SAME)
+    if block.shown is None:
+        return True
+    if block.script:
+        return set(block.shown.splitlines()) <= set(printed.splitlines())
+    return block.shown != "..." and doctest.OutputChecker().check_output(block.shown, printed, SAME)
 
 
 def write(path: Path, block: Block, printed: str) -> None:
@@ -133,6 +196,40 @@ def needs_a_browser(block: Block) -> bool:
     return any(word in block.code for word in IN_A_BROWSER)
 
 
+def run_or_skip(block: Block, namespace: dict, where: str) -> str | None:
+    """Run a block and return what it prints; None where what it needs is not on this machine."""
+    if needs_a_browser(block) and find_browser() is None:
+        return None
+    try:
+        return run_block(block, namespace, where)
+    except (SystemExit, sp.MechanismFileError) as error:
+        if MISSING not in str(error):
+            raise
+        return None
+
+
+@contextlib.contextmanager
+def nobody_looks() -> Iterator[None]:
+    """Serve pages without opening a browser, wait for nobody, make films of few pictures."""
+    shown: list[sp.Viewer] = []
+
+    def unseen(verb):
+        def serve(*arguments, **options):
+            shown.append(verb(*arguments, **{"open_browser": False} | options))
+            return shown[-1]
+        return serve
+
+    verbs = {"show": unseen(sp.show), "live": unseen(sp.live),
+             "movie": functools.partial(sp.movie, fps=2)}
+    try:
+        with patch.multiple(sp, **verbs), \
+                patch.object(sp.Viewer, "wait", lambda viewer, timeout=None: None):
+            yield
+    finally:
+        for viewer in shown:
+            viewer.stop()
+
+
 def run_page(path: Path, writes: bool = False) -> list[str]:
     """Run the code of a page in the current folder; return how what it prints differs."""
     namespace: dict = {"__name__": "__main__"}
@@ -142,16 +239,15 @@ def run_page(path: Path, writes: bool = False) -> list[str]:
             source = ROOT / name
             copy = shutil.copytree if source.is_dir() else shutil.copy
             copy(source, Path(source.name))
-    page = {"show": lambda shown, **options: export_html(shown, "shown.html"),
-            "live": lambda mechanism, **options: sp.assemble(mechanism)}
-    with patch.multiple(sp, **page):
+    with nobody_looks():
         for block in blocks(path):
-            if needs_a_browser(block) and find_browser() is None:
+            if block.script:
+                wrong += [f"{path}:{block.line}: {block.script} has no such lines:\n{part}"
+                          for part in not_in_script(block)]
+            printed = run_or_skip(block, namespace, str(path))
+            if printed is None or is_shown(block, printed):
                 continue
-            printed = run_block(block, namespace, str(path))
-            if block.shown is None or is_shown(block.shown, printed):
-                continue
-            if writes:
+            if writes and not block.script:
                 write(path, block, printed)
             else:
                 wrong.append(f"{path}:{block.line} prints\n{printed}\nbut the page shows\n"

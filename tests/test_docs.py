@@ -43,6 +43,37 @@ def test_the_runner_tells_of_a_block_that_prints_something_else(tmp_path):
     assert not page_code.run_page(page)
 
 
+def test_the_runner_holds_a_part_of_a_script_to_the_script(tmp_path):
+    page = tmp_path / "page.md"
+    text = "<!-- from: examples/jansen_leg.py -->\n```python\n{}\n```\n\n```text\n{}\n```\n"
+    sweep = 'motion = sp.sweep(leg, "crank", np.linspace(0.0, 2 * np.pi, 721))'
+    answer = "A step is 67.9 cm long, the foot is lifted by 22.5 cm."
+    with page_code.empty_folder():
+        page.write_text(text.format(sweep, answer))
+        assert not page_code.run_page(page)
+        page.write_text(text.format(sweep.replace("721", "361"), answer))
+        assert "has no such lines" in page_code.run_page(page)[0]
+        page.write_text(text.format(sweep, answer.replace("67.9", "67.8")))
+        assert "prints" in page_code.run_page(page)[0]
+
+
+def test_commands_of_a_page_end_as_it_says(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("```console\n$ spatial-pin info nothing\n```\n")
+    with pytest.raises(AssertionError, match="ends with 1"):
+        page_code.run_page(page)
+    page.write_text("<!-- ends with 1 -->\n```console\n$ spatial-pin info nothing\n```\n")
+    assert not page_code.run_page(page)
+    page.write_text("```console\n$ pip install nothing\n```\n")
+    with pytest.raises(ValueError, match="say why not"):
+        page_code.run_page(page)
+
+
+def test_only_what_installs_is_not_run():
+    reasons = {block.why_not for page in PAGES for block in page_code.pieces(page)} - {""}
+    assert all(reason.startswith("it installs") for reason in reasons), reasons
+
+
 # ---------------------------------------------------------------- reference
 
 

@@ -7,7 +7,6 @@ here anew: circles and spheres that meet, moments about pins, virtual work, ordi
 import contextlib
 import functools
 import io
-import re
 import runpy
 import sys
 from pathlib import Path
@@ -529,24 +528,9 @@ def test_the_cylinders_of_an_excavator_do_the_work_of_the_dig(run):
 # ---------------------------------------------------------------- the page about them
 
 PAGE = EXAMPLES.parent / "docs" / "examples.md"
-SECTIONS = re.findall(r"\]\(pictures/examples/(\w+)\.jpg\).*?```python\n(.*?)```\n\n"
-                      r"```text\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
-
-
-def unindented(code):
-    """Return code without what its lines begin with."""
-    return "\n".join(line.strip() for line in code.splitlines())
-
-
-@pytest.mark.parametrize(("name", "code", "shown"), SECTIONS, ids=[x[0] for x in SECTIONS])
-def test_the_page_shows_code_and_answers_of_a_script(name, code, shown, run):
-    script = unindented((EXAMPLES / f"{name}.py").read_text(encoding="utf-8"))
-    for part in code.split("# ...\n"):
-        assert unindented(part) in script
-    assert set(shown.splitlines()) <= set(run(name)["printed"].splitlines())
 
 
 def test_pictures_of_examples_are_small():
     sizes = [path.stat().st_size for path in (PAGE.parent / "pictures" / "examples").iterdir()]
-    assert len(sizes) == len(SECTIONS) >= 12
+    assert len(sizes) == PAGE.read_text(encoding="utf-8").count("](pictures/examples/") >= 12
     assert max(sizes) < 120_000 and sum(sizes) < 1_500_000
