@@ -191,9 +191,13 @@ def checked(function: Function) -> Function:
     plain = {k: {own for kind in x for own in PLAIN.get(kind, ())} for k, x in kinds.items()}
     code = function.__code__
     names = code.co_varnames[: code.co_argcount]
+    known: set[tuple[Any, ...]] = set()  # classes of arguments that need not be asked any more
 
     @functools.wraps(function)
     def asked(*args: Any, **given: Any) -> Any:
+        classes = *map(type, args), *given, *map(type, given.values())
+        if classes in known:
+            return function(*args, **given)
         whole: dict[str, int] = {}
         for name, value in (*zip(names, args, strict=False), *given.items()):
             if name in kinds and type(value) not in plain[name]:
@@ -206,6 +210,9 @@ def checked(function: Function) -> Function:
                     whole[name] = int(value)
         if whole:
             args = tuple(whole.pop(k, x) for k, x in zip(names, args, strict=False))
+        elif all(type(x) in plain[k] for k, x in (*zip(names, args, strict=False), *given.items())
+                 if k in kinds):
+            known.add(classes)
         return function(*args, **(given | whole))
 
     return cast(Function, asked)
