@@ -13,8 +13,9 @@ import spatial_pin as sp
 from spatial_pin.assembly.close import close, pinned_rows
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.kernel.closer import NAMED, TURNS, Closer, Meant
+from spatial_pin.kernel.closer import NAMED, TURNS, Closer, Meant, Shakes
 from spatial_pin.numerics.linalg import decompose
+from spatial_pin.numerics.tolerances import TOLERANCES
 
 LIBRARY = sp.list_mechanisms()
 MOVED = 0.02  # rad, characteristic lengths, from a closed configuration
@@ -126,6 +127,36 @@ def test_configurations_closed_in_one_go_are_those_closed_one_by_one(name: str) 
         known = alone.close(start, *rest)
         assert np.array_equal(found.q, known.q)
         assert found[1:3] == known[1:]
+
+
+@pytest.mark.parametrize(("name", "near"), [
+    ("rssr", 0.0), ("rssr", 3.0), ("watt_six_bar", 0.0), ("stewart", 0.5)])
+def test_further_starts_tried_in_one_go_are_those_tried_one_by_one(name: str, near: float) -> None:
+    """Of places where nothing is at fault only those nearer than all before are told."""
+    mechanism = sp.load(name)
+    model, q = mechanism.model, mechanism.neutral.copy()
+    free, turns = np.ones(model.nv, dtype=bool), np.empty(0)
+    free[mechanism.coordinate(next(iter(mechanism.drivers))).v] = False
+    rest = free, turns, 1e-13, 60, (), 1e-9, None
+    said = np.zeros(model.nq, np.int64)
+    said[[c.q for c in mechanism.coordinate_table.values() if c.q >= 0]] = NAMED
+    start = Closer(mechanism).reach([_near(mechanism, 3, 0.5)], *rest, Meant(q, said, q, q))[0].q
+    meant = Meant(start + 0.1, said, q, q)
+    steps = np.random.default_rng(7).uniform(-2.0, 2.0, (8, model.nv)) * mechanism.velocity_scale
+    told = Closer(mechanism).reach([start], *rest, meant, Shakes(steps, near))
+    alone, wanted, nearest = Closer(mechanism), [], np.inf
+    for step in (np.zeros(model.nv), *steps):
+        (found,) = alone.reach([pin.integrate(model, start, step)], *rest, meant)
+        is_sound = found.error <= TOLERANCES.closed and not found.may_be_mirrored
+        if not is_sound or found.distance < nearest:
+            wanted.append(found)
+        nearest = min(nearest, found.distance) if is_sound else nearest
+        if nearest < near:
+            break
+    assert len(told) == len(wanted)
+    for one, other in zip(told, wanted, strict=True):
+        np.testing.assert_allclose(one.q, other.q, atol=1e-12)
+        assert one.may_be_mirrored == other.may_be_mirrored
 
 
 @pytest.mark.parametrize(("angle", "named", "limits", "meant"), [

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.kernel.kernel import Kernel, address, check
+from spatial_pin.kernel.library import INT, POINTER, REAL
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.numerics.linalg import Array
@@ -99,6 +100,28 @@ class MeantPlaces(ctypes.Structure):
     _fields_ = [(name, ctypes.c_void_p) for name in Meant._fields]
 
 
+class Reaching(ctypes.Structure):
+    """What loops are closed with and what is found, for C: see `closer_reach`."""
+
+    _fields_ = [
+        ("m", INT), *[(name, POINTER) for name in ("q", "first", "free", "pinned", "reference")],
+        *[(name, REAL) for name in ("loose", "tolerance", "cut")], ("iterations", INT),
+        ("meant", MeantPlaces), ("n_shakes", INT), ("shakes", POINTER), ("near", REAL),
+        *[(name, POINTER) for name in ("error", "distance", "mirrored", "facts", "angle")]]
+
+
+class Shakes(NamedTuple):
+    """Further starts, for where the first one does not lead near to what is named.
+
+    Attributes:
+        steps: (`AT_ONCE`, nv) joint displacements from the first start; not to be changed.
+        near: distance from what is named that is not questioned.
+    """
+
+    steps: Array
+    near: float
+
+
 class Closer:
     """Closes the loops of a mechanism with some coordinates pinned; one caller at a time.
 
@@ -129,20 +152,25 @@ class Closer:
         self._first, self._free = np.empty((2, kernel.nv), np.int64)
         self._reference, self._angles = np.empty((2, kernel.n_angles))
         self._error, self._mirrored = np.empty(3), np.empty(1, np.int64)
-        self._starts, self._mirrors = np.empty((AT_ONCE, kernel.nq)), np.empty(AT_ONCE, np.int64)
-        self._errors, self._distances = np.empty((2, AT_ONCE))
+        rows = 1 + AT_ONCE
+        self._starts, self._mirrors = np.empty((rows, kernel.nq)), np.empty(rows, np.int64)
+        self._errors, self._distances = np.empty((2, rows))
         self._value, self._lower, self._upper = np.empty((3, kernel.nq))
         self._said = np.empty(kernel.nq, np.int64)
         self.knows_mirrors = rotations.shape[1] == sum(
             c.type != COUPLING and bool(c.pair.aligned) for c in mechanism.closures)
         self._at_q, self._at_first, self._at_free, *self._at, self._at_turns = (
             address(x) for x in (self._q, self._first, self._free, self._pinned, self._reference))
-        self._ends = address(self._error), address(self._mirrored)
-        self._at_starts = address(self._starts)
         meant = MeantPlaces(*map(address, (self._value, self._said, self._lower, self._upper)))
         self._reached = ctypes.byref(meant), *map(
             address, (self._errors, self._mirrors, self._distances))
         self._facts = address(self._error), address(self._angles), address(self._mirrored)
+        self._task = Reaching(
+            0, address(self._starts), None, self._at_free, *self._at, self._at_turns, meant=meant,
+            **dict(zip(("error", "mirrored", "distance"), self._reached[1:], strict=True)),
+            facts=self._facts[0], angle=self._facts[1])
+        self._at_task = ctypes.byref(self._task)
+        self._asked: Any = None
 
     def close(
         self, q: Array, free: NDArray[np.bool_], reference: Array, tolerance: float,
@@ -162,57 +190,69 @@ class Closer:
             first: (nv,) velocities that may move before that, to a residual of `LOOSE`.
         """
         self._q[:] = q
-        self._close(1, self._at_q, free, reference, tolerance, iterations, pinned, cut, first,
-                    *self._ends)
-        return Closed(self._q.copy(), self._error.item(0),
-                      not self.knows_mirrors or self._mirrored.item() != 0)
+        self._take(free, first, reference, pinned)
+        self._library.closer_close(
+            self.handle, 1, self._at_q, None if first is None else self._at_first, self._at_free,
+            *self._at, self._at_turns, max(tolerance, LOOSE), tolerance, iterations, cut,
+            *self._facts[::2])
+        return Closed(self._q.copy(), self._error.item(0), self._is_mirrored(self._mirrored))
 
     def reach(
         self, q: Sequence[Array], free: NDArray[np.bool_], reference: Array, tolerance: float,
         iterations: int, pinned: Iterable[float], cut: float, first: NDArray[np.bool_] | None,
-        meant: Meant,
+        meant: Meant, shakes: Shakes | None = None,
     ) -> list[Reached]:
-        """Close from each of some q (nq,), `AT_ONCE` at most, by itself, as `close` does."""
-        m = len(q)
-        self._starts[:m] = q
-        self._take(meant)
-        self._close(m, self._at_starts, free, reference, tolerance, iterations, pinned, cut, first,
-                    *self._reached, *self._facts[:2])
-        if m == 1:
-            return [Reached(self._starts[0].copy(), self._errors.item(0), self._is_mirrored(
-                self._mirrors), self._distances.item(0),
-                self._examined(self._mirrors) if self._error.item(0) < np.inf else None)]
-        return [Reached(*row) for row in zip(
-            self._starts[:m].copy(), self._errors[:m].tolist(),
-            (x != 0 or not self.knows_mirrors for x in self._mirrors[:m].tolist()),
-            self._distances[:m].tolist(), strict=True)]
+        """Close from each of some q (nq,), `AT_ONCE` at most, by itself, as `close` does.
+
+        With `shakes`, from further starts too where a single one closes, nothing is at fault, and
+        it is not near: those that lead to what is closed, but no nearer, are left out.
+        """
+        task = self._task
+        for row, start in zip(self._starts, q, strict=False):
+            row[:] = start
+        self._take(free, first, reference, pinned)
+        self._judge_by(meant)
+        if self._asked != (tolerance, iterations, cut):
+            self._asked = tolerance, iterations, cut
+            task.tolerance, task.iterations, task.cut = self._asked
+            task.loose = max(tolerance, LOOSE)
+        task.m, task.first = len(q), None if first is None else self._at_first
+        task.n_shakes = 0
+        if shakes is not None and self.knows_mirrors:
+            task.n_shakes, task.near = len(shakes.steps), shakes.near
+            task.shakes = address(shakes.steps)
+        check(self._library.closer_reach(self.handle, self._at_task))
+        seen = self._examined(self._mirrors) if self._error.item(0) < np.inf else None
+        found = [Reached(
+            self._starts[0].copy(), self._errors.item(0), self._is_mirrored(self._mirrors),
+            self._distances.item(0), seen)]
+        for k in range(1, task.m):
+            found.append(Reached(
+                self._starts[k].copy(), self._errors.item(k), not self.knows_mirrors
+                or self._mirrors.item(k) != 0, self._distances.item(k)))
+        return found
 
     def judge(self, q: Array, reference: Array | float, meant: Meant) -> Reached:
         """Return what q (nq,) is, whole turns taken off its angles."""
         self._q[:], self._reference[:] = q, reference
-        self._take(meant)
+        self._judge_by(meant)
         self._library.closer_judge(
             self.handle, 1, self._at_q, self._at_turns, *self._reached)
         return Reached(self._q.copy(), self._errors.item(0), self._is_mirrored(self._mirrors),
                        self._distances.item(0))
 
-    def _take(self, meant: Meant) -> None:
+    def _judge_by(self, meant: Meant) -> None:
         self._value[:], self._said[:], self._lower[:], self._upper[:] = meant
 
-    def _close(
-        self, m: int, q: int, free: NDArray[np.bool_], reference: Array, tolerance: float,
-        iterations: int, pinned: Iterable[float], cut: float, first: NDArray[np.bool_] | None,
-        *out: Any,
+    def _take(
+        self, free: NDArray[np.bool_], first: NDArray[np.bool_] | None, reference: Array,
+        pinned: Iterable[float],
     ) -> None:
         self._free[:], self._reference[:] = free, reference
         if first is not None:
             self._first[:] = first
         if len(self._order):
             self._pinned[:] = np.array(list(pinned))[self._order]
-        close = self._library.closer_close if len(out) == 2 else self._library.closer_reach
-        check(close(
-            self.handle, m, q, None if first is None else self._at_first, self._at_free,
-            *self._at, self._at_turns, max(tolerance, LOOSE), tolerance, iterations, cut, *out))
 
     def examine(self, q: Array, reference: Array) -> Examined:
         """Return what q (nq,) is like; turns (n_angles,) are those that angles count from [rad]."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.sources import LIBRARY, source_hash
@@ -74,9 +73,9 @@ def _declared(found: ctypes.CDLL) -> ctypes.CDLL:
     found.closer_create.argtypes = [POINTER, POINTER, INT, POINTER, INT, POINTER]
     found.closer_close.restype = found.closer_descend.restype = None
     found.closer_judge.restype = None
-    closing: list[Any] = [POINTER, INT, *[POINTER] * 5, REAL, REAL, INT, REAL]
-    found.closer_close.argtypes = [*closing, *[POINTER] * 2]
-    found.closer_reach.argtypes = [*closing, *[POINTER] * 6]
+    found.closer_close.argtypes = [POINTER, INT, *[POINTER] * 5, REAL, REAL, INT, REAL, POINTER,
+                                   POINTER]
+    found.closer_reach.argtypes = [POINTER, POINTER]
     found.closer_judge.argtypes = [POINTER, INT, *[POINTER] * 6]
     found.closer_examine.argtypes = [POINTER] * 6
     found.closer_descend.argtypes = [POINTER, INT, POINTER, POINTER, REAL, INT, POINTER]

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from spatial_pin.assembly.close import DAMPED_STEPS, close, closed, finite
 from spatial_pin.assembly.rounding import cut_of
+from spatial_pin.assembly.search.guesses import first_shakes
 from spatial_pin.assembly.search.release import least_motion
 from spatial_pin.assembly.search.targets import free_but, left_of
 from spatial_pin.assembly.search.whole_turns import meant_by, periodic
 from spatial_pin.constraints.closure_equations import Evaluation
-from spatial_pin.kernel.closer import LOOSE, Closed, Examined, Reached, closer_of
+from spatial_pin.kernel.closer import LOOSE, Closed, Examined, Reached, Shakes, closer_of
 from spatial_pin.mechanism.coordinates import coordinate_round_off, coordinate_value, with_values
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array
@@ -68,9 +69,8 @@ class Closing:
         self.pinned = {name: self.held[name] for name in left.pinned}
         self.still, self.free = left.still, left.free
         self.first, self._goal, self._is_whole = left.first, goal, left.is_whole
-        said = self.held | self.named
         self._meant = meant_by(self.mechanism, left.said, goal,
-                               {at: said[name] for name, at in left.places.items()})
+                               {at: self.held[name] for name, at in left.places.items()})
 
     def left_by(self, held: Iterable[str]) -> NDArray[np.bool_]:
         """Return (nv,) which velocities are left where coordinates and free bases are held."""
@@ -88,11 +88,13 @@ class Closing:
         return closed(self.mechanism, q, free, self.evaluation.angle_reference, tolerance,
                       pinned=pinned)
 
-    def reached(self, starts: Sequence[Array]) -> Iterator[Reached]:
+    def reached(self, starts: Sequence[Array], shakes: Shakes | None = None) -> Iterator[Reached]:
         """Yield where starts (nq,) lead, first while what is named is held too.
 
-        Of starts `AT_ONCE` at most.
+        Of starts `AT_ONCE` at most; with `shakes` see `Closer.reach`.
         """
+        if not starts:
+            return
         if self.whole is not None:
             for q in starts:
                 if self.first is not None:
@@ -102,8 +104,15 @@ class Closing:
         with closer_of(self.mechanism, self.pinned) as closer:
             found = closer.reach(starts, self.free, self.evaluation.angle_reference, self.tolerance,
                                  DAMPED_STEPS, self.pinned.values(), TOLERANCES.rank, self.first,
-                                 self._meant)
+                                 self._meant, shakes)
         yield from map(finite, found)
+
+    def shakes(self) -> Shakes | None:
+        """Return the further starts that `reached` can try, with the first one, in one call."""
+        if self.whole is not None or self.let_go or not self._is_whole:
+            return None
+        steps = first_shakes(self.mechanism, self.held, self.named, self.still)
+        return None if steps is None else Shakes(steps, NEAR_GUESS)
 
     def seen(self, q: Array) -> Reached:
         """Return what q (nq,) is, whole turns taken off its angles."""
@@ -115,9 +124,13 @@ class Closing:
         with closer_of(self.mechanism) as closer:
             return closer.examine(q, self.evaluation.angle_reference)
 
+    def is_sound(self, found: Reached) -> bool:
+        """Whether nothing is at fault where closing has led, as far as that tells by itself."""
+        return self.whole is None and found.error <= ACCEPTED and not found.may_be_mirrored
+
     def judged(self, found: Reached) -> tuple[float, str]:
         """Return the closure error of what was found, and the closure at fault or nothing."""
-        if self.whole is None and found.error <= ACCEPTED and not found.may_be_mirrored:
+        if self.is_sound(found):
             return found.error, ""
         evaluation = self.evaluation
         evaluation.update(found.q)

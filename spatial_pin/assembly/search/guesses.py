@@ -126,16 +126,37 @@ def starts_from(
     shakes = _shakes(mechanism, tuple(held), tuple(named), tuple(still))
     if shakes is None:
         return
-    table, far = mechanism.coordinate_table, ANOTHER_SIZE * mechanism.characteristic_length
-    nearer = {name: min(max(value, -far), far) for name, value in named.items()
-              if table[name].unit == "m"}
-    near = with_values(mechanism, fixed, {**nearer, **held})
+    far = _far_ones(mechanism, named, shakes)
+    near = with_values(mechanism, fixed, {**far, **held}) if far else fixed
     for i in range(0, MAX_STARTS - 1, AT_ONCE):
         phase = shakes.phase[i : i + AT_ONCE]
         steps = _draws(mechanism)[i : i + AT_ONCE] * shakes.size[phase]
         with kernel_of(mechanism) as kernel:
             moved = kernel.displaced(np.array([fixed, near, near])[phase], steps)
         yield from moved
+
+
+def first_shakes(
+    mechanism: Mechanism, held: Mapping[str, float], named: Mapping[str, float],
+    still: Sequence[int],
+) -> Array | None:
+    """Return the displacements (`AT_ONCE`, nv) from the first start to those that come after it.
+
+    None where these have another beginning, or there are none.
+    """
+    shakes = _shakes(mechanism, tuple(held), tuple(named), tuple(still))
+    if shakes is None or (shakes.phase[0] and _far_ones(mechanism, named, shakes)):
+        return None
+    return shakes.first
+
+
+def _far_ones(
+    mechanism: Mechanism, named: Mapping[str, float], shakes: _Shakes
+) -> dict[str, float]:
+    """Return the named lengths far beyond the mechanism's size, cut to what is just as far."""
+    far = ANOTHER_SIZE * mechanism.characteristic_length
+    return {name: math.copysign(far, named[name])
+            for name in shakes.lengths if abs(named[name]) > far}
 
 
 class _Shakes(NamedTuple):
@@ -145,10 +166,14 @@ class _Shakes(NamedTuple):
         phase: (MAX_STARTS - 1,) of each: 0 where what is named stays, 1 where it is shaken by up
             to a radian, 2 by any angle.
         size: (3, nv) of the steps in each.
+        first: (`AT_ONCE`, nv) the first steps.
+        lengths: names of those that are named.
     """
 
     phase: NDArray[np.intp]
     size: Array
+    first: Array
+    lengths: list[str]
 
 
 def _shakes(
@@ -165,9 +190,11 @@ def _shakes(
         sizes = np.where(is_angle, 1.0, mechanism.velocity_scale * 0.2)
         reach = np.where(open_ones, np.pi, 0.0)
         n, late = MAX_STARTS // 2 if open_ones.any() else 0, 3 * MAX_STARTS // 4 - 1
+        phase = np.repeat([0, 1, 2], [n, late - n, MAX_STARTS - 1 - late])
+        size = np.array([np.where(is_named, shake, reach) * sizes for shake in (0.0, 1.0, np.pi)])
         mechanism.memo[key] = None if is_held.all() else _Shakes(
-            np.repeat([0, 1, 2], [n, late - n, MAX_STARTS - 1 - late]),
-            np.array([np.where(is_named, shake, reach) * sizes for shake in (0.0, 1.0, np.pi)]))
+            phase, size, _draws(mechanism)[:AT_ONCE] * size[phase[:AT_ONCE]],
+            [name for name in named if table[name].unit == "m"])
     found: _Shakes | None = mechanism.memo[key]
     return found
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import islice
 
-import numpy as np
-
 from spatial_pin.assembly.rounding import may_be_rounded
 from spatial_pin.assembly.search.closing import (
     ACCEPTED,
@@ -18,7 +16,7 @@ from spatial_pin.assembly.search.closing import (
 from spatial_pin.assembly.search.guesses import COORDINATE_ERROR, MAX_STARTS, starts_from
 from spatial_pin.assembly.search.release import can_move, can_stand, least_motion
 from spatial_pin.assembly.search.within_limits import violated_limit, within_limits
-from spatial_pin.kernel.closer import AT_ONCE, Examined, Reached
+from spatial_pin.kernel.closer import AT_ONCE, Examined, Reached, Shakes
 from spatial_pin.lazy import cached_property
 from spatial_pin.numerics.linalg import Array
 
@@ -63,10 +61,11 @@ class Search:
         """
         closing, most = self.closing, MAX_STARTS
         starts = starts_from(self.mechanism, q, closing.held, closing.named, closing.still)
+        shakes, compared = None if self.limits else closing.shakes(), False
         for k, start in enumerate(starts):
             if size_of(self.mechanism, start) * COORDINATE_ERROR < 1.0:  # else it has no digit
-                self.attempt(start)
-            if self._done(k) or self.is_near:
+                compared = self.attempt(start, None if k else shakes)
+            if compared or self._done(k) or self.is_near:
                 break
             if self.best is not None:
                 self._compare(list(islice(starts, min(MORE_STARTS, most - 1 - k))), k + 1)
@@ -83,14 +82,8 @@ class Search:
             starts: configurations (nq,).
             first: number of the first of them.
         """
-        if not starts:
-            return
-        small = size_of(self.mechanism, np.array(starts)) * COORDINATE_ERROR < 1.0
-        reached = self.closing.reached(
-            [x for x, ok in zip(starts, small.tolist(), strict=True) if ok])
-        for k, ok in enumerate(small.tolist(), start=first):
-            if ok:
-                self._keep(next(reached))
+        for k, found in enumerate(self.closing.reached(starts), start=first):
+            self._keep(found)
             if self._done(k) or self.is_near:
                 break
 
@@ -119,9 +112,18 @@ class Search:
         far = max((abs(by) / sizes[table[name].v] for name, by in gone.items()), default=0.0)
         return FEW_STARTS if far < OUT_OF_REACH else MAX_STARTS
 
-    def attempt(self, q: Array) -> None:
-        """Solve from one start and keep the result if it is the best so far."""
-        self._keep(next(self.closing.reached([q])))
+    def attempt(self, q: Array, shakes: Shakes | None = None) -> bool:
+        """Solve from one start and keep the result if it is the best so far.
+
+        Returns:
+            Whether the further starts have been tried with it, see `Closing.reached`.
+        """
+        found = list(self.closing.reached([q], shakes))
+        for place in found:
+            self._keep(place)
+            if self.is_near:
+                break
+        return shakes is not None and self.closing.is_sound(found[0])
 
     def _keep(self, found: Reached) -> None:
         """Keep where closing has led if it is the best so far."""

@@ -24,7 +24,7 @@ class Left(NamedTuple):
         free: (nv,) the velocities that may move.
         first: (nv,) those that may move first, while what the guess names is held too; None if
             these are none, or the same.
-        places: in q of what is held or named there, by coordinate.
+        places: in q of what is held there, by coordinate.
         said: (nq,) of the entries of q, for `Meant`.
         is_whole: whether all components are named of each joint of which some others are.
     """
@@ -53,7 +53,7 @@ def left_of(
         is_whole, said = _said(mechanism, held, named)
         mechanism.memo[key] = Left(
             pinned, still, free, first if has_first else None,
-            {name: table[name].q for name in (*held, *named) if table[name].q >= 0}, said, is_whole)
+            {name: table[name].q for name in held if table[name].q >= 0}, said, is_whole)
     found: Left = mechanism.memo[key]
     return found
 

@@ -66,6 +66,7 @@ struct Closer {
     Real *dense, *few;           /* (n, nv), (nv) of free velocities */
     Int *place;                  /* (nv) of each velocity among the free ones */
     Real *q, *trial, *step;
+    Real *begin;         /* (nq) what further starts are shaken from */
     Int *order;          /* (n) scratch */
     /* ---- of the call ---- */
     const Int *free;     /* (nv) velocities that may move */
@@ -306,8 +307,9 @@ static int make_room(Closer *c)
     c->q = kernel_memory(k, k->nq, sizeof(Real));
     c->trial = kernel_memory(k, k->nq, sizeof(Real));
     c->step = kernel_memory(k, k->nv, sizeof(Real));
+    c->begin = kernel_memory(k, k->nq, sizeof(Real));
     c->order = kernel_memory(k, c->n, sizeof(Int));
-    if (!c->residual || !c->multiplier || !c->q || !c->trial || !c->step || !c->order)
+    if (!c->residual || !c->multiplier || !c->q || !c->trial || !c->step || !c->begin || !c->order)
         return NO_MEMORY;
     if (c->n > FEW_EQUATIONS)
         return DONE;
@@ -432,20 +434,71 @@ EXPORT int closer_examine(Closer *c, const Real *q, const Real *reference, Real 
     return judge_independence(c, facts + 1, facts + 2);
 }
 
-/* Close the loops as closer_close does, and judge where that leads. A single configuration that is
-   closed is examined too; else facts[0] is infinite. */
-EXPORT int closer_reach(Closer *c, Int m, Real *q, const Int *first, const Int *free,
-                        const Real *pinned, const Real *reference, Real loose, Real tolerance,
-                        Int iterations, Real cut, const Meant *meant, Real *error, Int *mirrored,
-                        Real *distance, Real *facts, Real *angle)
+/* What closer_reach closes with, and what it finds: as `Reaching` in closer.py. */
+typedef struct {
+    Int m;                        /* starts, then rows found */
+    Real *q;                      /* (m, nq) */
+    const Int *first, *free;      /* as closer_close has them */
+    const Real *pinned, *reference;
+    Real loose, tolerance, cut;
+    Int iterations;
+    Meant meant;
+    Int n_shakes;
+    const Real *shakes;           /* (n_shakes, nv) of further starts, from the first one */
+    Real near;                    /* distance from what is named that is not questioned */
+    Real *error, *distance;       /* (m) */
+    Int *mirrored;                /* (m) */
+    Real *facts, *angle;          /* as closer_examine has them */
+} Reaching;
+
+static void reach_one(Closer *c, Reaching *r, Int i)
 {
-    closer_close(c, m, q, first, free, pinned, reference, loose, tolerance, iterations, cut, error,
-                 mirrored);
-    closer_judge(c, m, q, reference, meant, error, mirrored, distance);
-    facts[0] = INFINITY;
-    if (m != 1 || !(error[0] <= TOLERANCE_CLOSED))
+    Real *q = r->q + i * c->k->nq;
+    closer_close(c, 1, q, r->first, r->free, r->pinned, r->reference, r->loose, r->tolerance,
+                 r->iterations, r->cut, r->error + i, r->mirrored + i);
+    closer_judge(c, 1, q, r->reference, &r->meant, r->error + i, r->mirrored + i, r->distance + i);
+}
+
+static int is_sound(const Reaching *r, Int i)
+{
+    return r->error[i] <= TOLERANCE_CLOSED && !r->mirrored[i];
+}
+
+/* Close from further starts, until one leads near to what is named. Of places where nothing is at
+   fault only those nearer than all before them are kept. */
+static void reach_nearer(Closer *c, Reaching *r)
+{
+    Real nearest = r->distance[0];
+    for (Int i = 0; i < r->n_shakes && !(nearest < r->near); i++) {
+        Real *q = r->q + r->m * c->k->nq;
+        memcpy(q, c->begin, (size_t)c->k->nq * sizeof(Real));
+        tree_integrate(c->k, q, r->shakes + i * c->k->nv);
+        reach_one(c, r, r->m);
+        if (is_sound(r, r->m) && !(r->distance[r->m] < nearest))
+            continue;
+        if (is_sound(r, r->m))
+            nearest = r->distance[r->m];
+        r->m++;
+    }
+}
+
+/* Close the loops as closer_close does, and judge where that leads. Of a single start, what is closed
+   is examined too, else facts[0] is infinite; and where nothing is at fault there, further starts
+   are tried: q, error, distance and mirrored have room for 1 + n_shakes rows. */
+EXPORT int closer_reach(Closer *c, Reaching *r)
+{
+    const Int starts = r->m;
+    memcpy(c->begin, r->q, (size_t)c->k->nq * sizeof(Real));
+    for (Int i = 0; i < starts; i++)
+        reach_one(c, r, i);
+    r->facts[0] = INFINITY;
+    if (starts != 1 || !(r->error[0] <= TOLERANCE_CLOSED))
         return DONE;
-    return closer_examine(c, q, reference, facts, angle, mirrored);
+    Int mirrored;
+    const int code = closer_examine(c, r->q, r->reference, r->facts, r->angle, &mirrored);
+    if (code == DONE && is_sound(r, 0))
+        reach_nearer(c, r);
+    return code;
 }
 
 /* Descend from configurations q (m, nq) to residuals of a length, by products alone, the angles of
