@@ -14,6 +14,7 @@ import pytest
 from masses import heavy
 from scipy.optimize import brentq
 from test_linkages import delta
+from test_order_of_questions import ROD
 
 import spatial_pin as sp
 from spatial_pin.accuracy import models
@@ -369,6 +370,43 @@ def test_simulations_pass_branch_points_where_sweeps_do(thrown):
     assert [e.row for e in motion.events] == [e.row for e in swept.events]
     np.testing.assert_allclose([e.value for e in motion.events], [e.value for e in swept.events],
                                rtol=0, atol=1e-11)
+
+
+def plate_on_cranks(folder, feet) -> sp.Mechanism:
+    """A plate on equal parallel cranks, which turn alike."""
+    tree = known.turning("a0", "ground", "rod_0")
+    tree += known.turning("top", "rod_0", "plate", (0.6, 0, 0))
+    toml = "gravity = [0.0, -9.81, 0.0]\n" + known.driver("a0", "a0")
+    for k, (x, y) in enumerate(feet, 1):
+        tree += known.turning(f"a{k}", "ground", f"rod_{k}", (x, y, 0))
+    rods = {f"rod_{k}": ROD for k in range(len(feet) + 1)}
+    tree = heavy(tree, plate=(1.0, (0.4, 0.2, 0), (1e-3, 1e-2, 1e-2)), **rods)
+    for k, (x, y) in enumerate(feet, 1):
+        tree += known.point(f"end_{k}", f"rod_{k}", (0.6, 0, 0))
+        tree += known.point(f"corner_{k}", "plate", (x, y, 0))
+        toml += known.closure(f"pin_{k}", "revolute", f"end_{k}", f"corner_{k}")
+    return known.load(folder, "plate_on_cranks", tree, toml)
+
+
+@pytest.mark.parametrize("speed", [15.0, -19.0])
+@pytest.mark.parametrize("feet", [
+    [(1.0, 0.0), (0.4, 0.7)], [(0.6, 0.5), (1.1, -0.2), (1.7, 0.7), (0.9, 1.2)],
+    [(-0.8, 1e-5), (-0.4, -1e-4), (-1.2, -1e-3), (-0.9, -8e-4)],
+    [(-0.97, 0.0), (-0.14, 1e-5), (0.32, 1e-6), (1.19, 1e-5)]],
+    ids=["three", "five", "five all but in a line", "five in a line to 1e-5"])
+def test_cranks_that_line_up_beside_others_are_no_branch_point(tmp_path, feet, speed):
+    """Each two of them line up in turn, where other equations are chosen: the others lead on."""
+    mech = plate_on_cranks(tmp_path, feet)
+    names = [f"a{k}" for k in range(len(feet) + 1)]
+    state = sp.assemble(mech, guess={"top": -0.3} | dict.fromkeys(names, 0.3))
+    state = sp.solve_rates(mech, state, {"a0": speed})
+    thrown = sp.simulate(mech, state, 1.0)
+    angle = thrown.coordinate("a0").value
+    assert np.ptp(angle) > TURN
+    for motion in (thrown, sp.sweep(mech, "a0", angle, guess=state)):
+        assert not motion.events
+        for name in names[1:]:
+            assert np.abs(motion.coordinate(name).value - angle).max() < 1e-9
 
 
 # ---------------------------------------------------------------- singular places of matrices
