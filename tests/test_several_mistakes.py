@@ -142,3 +142,42 @@ def test_every_library_file_with_two_mistakes_tells_both(tmp_path):
             (tmp_path / tree.name).write_bytes(tree.read_bytes())
         error = refusal(copied)
         assert len(error.mistakes) == 2, (broken, str(error))
+
+
+TABLES = {  # part: a table with several mistakes, and what is said of each, in order
+    "closure": ('[[closures]]\nname = "pin"\ntype = "revolute"\naxis = [0, 0, 3]\ncolour = "red"\n'
+                'frames = ["couplr_b", "rockr_b"]\n',
+                ["axis has length 3", "colour is not a key", "'couplr_b'; did you mean",
+                 "'rockr_b'; did you mean"]),
+    "unnamed": ('[[closures]]\ntype = "distance"\nframes = ["coupler_b"]\nlength = -1\n',
+                ["name is missing", "must be a list of two names", "it must be positive"]),
+    "driver": ('[drivers.crank]\njont = "crank_pin"\nspeed = 3\n',
+               ["joint is missing (there is an unknown key 'jont')", "speed is not a key"]),
+    "spring": ('[[springs]]\nname = "s"\nframes = ["coupler_b", "groud"]\nstiffness = -1.0\n'
+               'damping = "much"\nfree_length = -3\n',
+               ["stiffness is -1.0", "damping must be a number", "free_length is -3",
+                "'groud'; did you mean"]),
+    "frame": ('[frames.tip]\nlink = "coupler"\nxyz = [0, 0]\nrpy = "a"\n',
+              ["xyz must be three", "rpy must be three"]),
+    "joint": ('[joints.crank_pin]\ndampig = 3\ndamping = -1\nfriction = "x"\n',
+              ["damping is -1", "friction must be", "dampig is not a key"]),
+    "passive": ('[passive.x]\nbody = 3\naxis = ["a"]\n',
+                ["body must be text", "axis must be a list of two names"]),
+    "type": ('[[closures]]\nname = "pin"\ntype = "revolut"\nframes = 3\ncolour = "red"\n',
+             ["type is 'revolut'; did you mean 'revolute'", "colour is not a key"]),
+}
+
+
+@pytest.mark.parametrize("case", TABLES)
+def test_mistakes_within_one_table_are_told_together(write, case):
+    text, says = TABLES[case]
+    part = case if case in GOOD else "frame"
+    error = refusal(write(**{part: text}))
+    assert len(error.mistakes) == len(says), error
+    for told, said in zip(error.mistakes, says, strict=True):
+        assert said in told
+
+
+def test_all_unknown_keys_of_the_top_are_told(write):
+    error = refusal(write(top='name = "bad"\ntree = "four.urdf"\ntitel = "x"\nsorce = "y"\n'))
+    assert [text.split(": ")[1].split()[0] for text in error.mistakes] == ["titel", "sorce"]

@@ -28,6 +28,18 @@ BELONGS = {  # where in a file each key has its place
     "in [frames.NAME]": ("link", "xyz", "rpy"),
 }
 SPRING = ("stiffness", "damping", "free_length", "free_angle")  # which no closure has
+TWO_NAMES = ["?", "?"]
+# What a table is read on with in the place of a value that is none.
+STAND_INS: dict[str, dict[str, Any]] = {
+    "in [joints.NAME]": {"axis": [0, 0, 1], "axis2": [0, 0, 1], "lead": 1.0},
+    "in [[closures]]": {
+        "name": "?", "frames": TWO_NAMES, "joints": TWO_NAMES, BETWEEN: TWO_NAMES, "length": 1.0,
+        "axis": [0, 0, 1], "axis2": [0, 0, 1], "lead": 1.0},
+    "in [drivers.NAME]": {"joint": "?"},
+    "in [[springs]]": {"name": "?", "frames": TWO_NAMES, "joint": "?"},
+    "in [passive.NAME]": {"body": "?", "axis": TWO_NAMES},
+    "in [frames.NAME]": {"link": "?"},
+}
 LONGEST_VALUE = 80  # letters of a value in a message: one line of a terminal
 
 
@@ -58,6 +70,7 @@ class Table:
         self.content, self.where, self.place = content, where, place
         self.known: list[str] = []
         self._told: list[str] = []  # keys that were complained of
+        self._from, self._mended, self._ended = where, frozenset[str](), False
 
     def __contains__(self, key: str) -> bool:
         self.known.append(key)
@@ -68,11 +81,17 @@ class Table:
         self._told.append(key)
         raise MechanismFileError(f"{self.where}: {key} {complaint}")
 
+    def end(self, key: str, complaint: str) -> NoReturn:
+        """Raise the error for a key without which the rest of the table means nothing."""
+        self._ended = True
+        self.fail(key, complaint)
+
     def get(self, key: str, default: Any = _REQUIRED) -> Any:
         """Return a value as it is; a key with no default must be there."""
         self.known.append(key)
         if key not in self.content and default is _REQUIRED:
-            unknown = [k for k in self.content if k not in self.known]
+            unknown = [k for k in self.content
+                       if k not in (*self.known, *BELONGS.get(self.place, ()))]
             near = [k for k in unknown if suggestion(k, [key]).startswith("did you mean")]
             self._told += near[:1]
             hint = f" (there is an unknown key {near[0]!r})" if near else ""
@@ -90,7 +109,7 @@ class Table:
         """Return one of a few texts."""
         value = self.text(key)
         if value not in valid:
-            self.fail(key, f"is {_said(value)}; {suggestion(value, valid)}")
+            self.end(key, f"is {_said(value)}; {suggestion(value, valid)}")
         return value
 
     def number(self, key: str, default: Any = _REQUIRED, least: float = -math.inf) -> float:
@@ -198,6 +217,30 @@ class Table:
     def values(self) -> dict[str, Any]:
         """Return everything in it, unchecked."""
         return dict(self.content)
+
+    def mended(self) -> Table | None:
+        """Return the table to be read on with, a stand-in for what was complained of last.
+
+        Returns:
+            None where it cannot be read on.
+        """
+        key = self._told[-1] if self._told and not self._ended else "type"
+        if key == "type" or key in self._mended:
+            return None
+        found = Table({k: x for k, x in self.content.items() if k not in self._told}, self._from,
+                      self.place)
+        own = STAND_INS.get(self.place, {})
+        if key in own:
+            found.content[key] = own[key]
+        found._mended = self._mended | {key}
+        return found if found.content else None
+
+    @property
+    def names_whole(self) -> bool:
+        """Whether no name stands in for another."""
+        own = STAND_INS.get(self.place, {})
+        return not any("?" in own[key] for key in self._mended & own.keys()
+                       if isinstance(own[key], str | list))
 
     def note_strangers(self, mistakes: Mistakes) -> None:
         """Note keys that no table in this place has, whatever else is wrong with it."""

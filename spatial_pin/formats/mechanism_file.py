@@ -70,8 +70,7 @@ class Said:
         self.order: tuple[str, ...] = ()
         with mistakes.each():
             self.order = top.names("order")
-        with mistakes.each():
-            top.close()
+        top.note_strangers(mistakes)
 
     def _frames(self, top: Table) -> dict[str, Frame]:
         with self._mistakes.each():
@@ -90,14 +89,27 @@ class Said:
         found: dict[str, Any] = {}
         before = len(self._mistakes)
         for name in self._names(top, key):
-            table = None
             with self._mistakes.each():
                 table = top.one_of(key, name)
-                found[name] = read(name, table)
-            if name not in found and table is not None:
-                table.note_strangers(self._mistakes)
+                for one in self._read(table, partial(read, name)):
+                    found[name] = one
         self.is_whole[key] = len(self._mistakes) == before
         return found
+
+    def _read(self, table: Table, read: Callable[[Table], Any]) -> list[Any]:
+        """Return what a table says, if it says it, or would with numbers for those that are none.
+
+        Behind a mistake it is read again with a stand-in, for the next one.
+        """
+        again: Table | None = table
+        while again is not None:
+            table = again
+            with self._mistakes.each():
+                found = read(table)
+                return [found] if table.names_whole else []
+            again = table.mended()
+        table.note_strangers(self._mistakes)
+        return []
 
     def _names(self, top: Table, key: str) -> list[str]:
         with self._mistakes.each():
@@ -111,12 +123,8 @@ class Said:
         with self._mistakes.each():
             tables = top.count(key)
         for k in range(tables):
-            table, count = None, len(found)
             with self._mistakes.each():
-                table = top.item_of(key, k)
-                found.append(read(table))
-            if len(found) == count and table is not None:
-                table.note_strangers(self._mistakes)
+                found += self._read(top.item_of(key, k), read)
         self.is_whole[key] = len(self._mistakes) == before
         return tuple(found)
 
@@ -272,7 +280,7 @@ def _geometry(table: Table, pair: Pair) -> PairGeometry:
 def _spring(table: Table) -> Spring:
     name = table.text("name")
     if ("joint" in table) == ("frames" in table):
-        table.fail("frames", "or joint: a spring needs exactly one of the two")
+        table.end("frames", "or joint: a spring needs exactly one of the two")
     about_joint = "joint" in table
     if about_joint and "free_length" in table and "free_angle" in table:
         table.fail("free_length", "or free_angle: a spring has one of the two")

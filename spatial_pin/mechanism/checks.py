@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -51,7 +51,7 @@ def check_mechanism(mechanism: Mechanism, where: str, mistakes: Mistakes | None 
 
 
 def _check_spring(mechanism: Mechanism, spring: Spring, where: str) -> None:
-    bodies = [named(mechanism.frame_on_joint, name, f"{where}: ")[0] for name in spring.frames]
+    bodies = _bodies(mechanism, spring.frames, f"{where}: ")
     if len(bodies) == 2 and bodies[0] == bodies[1]:
         raise MechanismFileError(
             f"{where}: frames {spring.frames[0]!r} and {spring.frames[1]!r} are fixed to the same "
@@ -96,8 +96,7 @@ def _check_unique(names: Iterable[str], where: str) -> None:
 
 def _check_closure(mechanism: Mechanism, closure: Closure, where: str) -> None:
     if closure.type == COUPLING:
-        for name in closure.joints:
-            named(mechanism.driven_coordinate, name, f"{where}: joints: ")
+        _all_named(mechanism.driven_coordinate, closure.joints, f"{where}: joints: ")
         if closure.joints[0] == closure.joints[1]:
             raise MechanismFileError(f"{where}: couples {closure.joints[0]!r} with itself")
         return
@@ -120,7 +119,21 @@ def _check_closure(mechanism: Mechanism, closure: Closure, where: str) -> None:
 
 
 def _bodies(mechanism: Mechanism, frames: tuple[str, ...], where: str) -> list[int]:
-    return [named(mechanism.frame_on_joint, name, where)[0] for name in frames]
+    return [joint for joint, _ in _all_named(mechanism.frame_on_joint, frames, where)]
+
+
+def _all_named(lookup: Any, names: Iterable[str], where: str) -> list[Any]:
+    """Return what a look-up finds of names.
+
+    Raises:
+        MechanismFileError: it finds nothing of some; has a mistake for each.
+    """
+    found, mistakes = [], Mistakes(where)
+    for name in names:
+        with mistakes.each():
+            found.append(named(lookup, name, where))
+    mistakes.tell()
+    return found
 
 
 def _check_passive(mechanism: Mechanism, passive: Passive, where: str) -> None:
