@@ -241,6 +241,18 @@ def test_a_driver_stops_where_any_joint_comes_to_its_limit(tmp_path):
     assert drive.move("crank", 1.0) is None and not drive.state.beyond_limits
 
 
+@pytest.mark.parametrize("far", [0.5, 0.55, 1.0])
+def test_joint_limits_are_in_the_way_of_moves_beyond_the_end_of_the_branch(far):
+    """The branch ends at 0.525 m, between the two values that such a move has."""
+    mechanism = sp.load("stewart")
+    limit = mechanism.model.upperPositionLimit[mechanism.coordinate("slide_1").q]
+    drive = Drive(sp.assemble(mechanism), mechanism.drivers)
+    drive.keeps_limits = True
+    stop = drive.move("leg_1", far)
+    assert (stop.kind, stop.of) == ("joint limit", "slide_1")
+    assert drive.value("leg_1") == stop.value == pytest.approx(limit, abs=1e-12)
+
+
 def test_the_page_is_told_of_joint_limits_and_switches_them_off(tmp_path):
     with live(limited_slider(tmp_path), open_browser=False) as viewer:
         assert live_data(viewer)["limits"] is True

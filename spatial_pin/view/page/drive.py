@@ -150,7 +150,8 @@ class Drive:
         if abs(value - self.value(name)) > FARTHEST_MOVE * unit:
             words = "turns" if coordinate.unit == "rad" else "characteristic lengths"
             raise ValueError(f"{name}: a move goes no further than {FARTHEST_MOVE:g} {words}")
-        limit = self._joint_limit(self._followed(name, np.array([self.value(name), value])))
+        values = np.array([self.value(name), value])
+        limit = self._joint_limit(name, values, self._followed(name, values))
         goal = value if limit is None else limit.value
         driven = sorted(self._driven, key=lambda c: c.name != coordinate.name)
         with self._cursor(self._regular, driven) as cursor:
@@ -170,13 +171,25 @@ class Drive:
         except SpatialPinError as error:
             return getattr(error, "motion", None)
 
-    def _joint_limit(self, motion: Motion | None) -> Stop | None:
-        """Return the first joint limit that a motion passes, if they are kept.
+    def _to_its_end(self, name: str, values: Array, motion: Motion) -> Motion:
+        """Return a motion with a last sample just before its end, if that is between two values."""
+        if not 0 < len(motion) < len(values):
+            return motion
+        last, end = float(motion.swept[-1]), motion.events[-1].value
+        beside = BESIDE * self.mechanism.velocity_scale[self._coordinates[name].v]
+        near = end - float(np.copysign(beside, values[-1] - values[0]))
+        if (near - last) * (values[-1] - values[0]) <= 0.0:
+            return motion
+        return self._followed(name, np.append(motion.swept, near)) or motion
+
+    def _joint_limit(self, name: str, values: Array, motion: Motion | None) -> Stop | None:
+        """Return the first joint limit on the way through values of a driver, if they are kept.
 
         A joint that is beyond its limit from the start may come back, but go no further.
         """
         if not self.keeps_limits or motion is None or not len(motion):
             return None
+        motion = self._to_its_end(name, values, motion)
         start, stops = float(motion.swept[0]), list[Stop]()
         for passing in joint_limits_passed(motion):
             room = passing.limit.room(motion.q[:2])
@@ -258,10 +271,11 @@ class Drive:
     def _way(self, name: str, end: float, rows: int) -> tuple[float, Stop | None, Array]:
         """Return how far a driver comes on the way to a value, what stops it, and the samples."""
         start = float(self._regular.q[self._coordinates[name].q])
-        motion = self._followed(name, np.linspace(start, end, rows))
+        values = np.linspace(start, end, rows)
+        motion = self._followed(name, values)
         if motion is None:
             return start, Stop("lost", start), self.state.q[None]
-        limit = self._joint_limit(motion)
+        limit = self._joint_limit(name, values, motion)
         if limit is not None:
             there = np.abs(motion.swept - start) <= abs(limit.value - start)
             return limit.value, limit, motion.q[there]
