@@ -150,6 +150,16 @@ def test_pictures_are_small_and_every_library_mechanism_has_one():
     assert {p.stem for p in (DOCS / "pictures").glob("*.jpg")} >= set(sp.list_mechanisms())
 
 
+def test_how_every_picture_is_made_is_known():
+    pictures = script("pictures")
+    for path in pictures.pictures():
+        maker = pictures.made_by(path)
+        if isinstance(maker, pictures.Code):
+            assert path.name in maker.page_of(path).read_text(encoding="utf-8")
+        for file in re.findall(r"(?:scripts|examples)/\w+\.py", str(maker)):
+            assert (ROOT / file).is_file()
+
+
 @pytest.mark.slow
 def test_the_site_builds_without_a_warning(tmp_path):
     pytest.importorskip("sphinx")
