@@ -2,15 +2,51 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from spatial_pin.checks import number_from_zero, positive_number, whole_number
 from spatial_pin.errors import SpatialPinError
 
-# names of what `dynamics` has; an entry in its registries needs its name here
-FORMULATIONS = ("independent", "projected")
-INTEGRATORS = ("DOP853", "RK45", "Radau", "BDF", "LSODA", "RK4", "Gauss", "automatic")
+FORMULATIONS = ("independent", "projected")  # names of those of `dynamics.simulation.simulate`
+KERNEL = "kernel"
+
+
+class Integrator(NamedTuple):
+    """An integrator of ordinary differential equations; to add one, add an entry to `INTEGRATORS`.
+
+    1. A class that is made and steps like those of SciPy's `solve_ivp` is told by its module and
+       name: "scipy.integrate:Radau", or one of your own.
+    2. One of the kernel (Runge and Kutta's) is an entry of `METHODS` in
+       `kernel/simulating/integrating.c`; these have the same order here.
+    3. "automatic" begins as DOP853; `dynamics.simulation.integrators.successor` decides when Radau
+       goes on, and when DOP853 again.
+
+    Attributes:
+        solver: module and class, "module:class"; or "kernel"; or "" of the automatic one.
+        order: of its error estimate; 0 where it has none, or finds its first step by itself.
+        is_fixed: whether it keeps to the step given, one of the kernel.
+        is_one_step: whether it forgets the steps before the last, so that the projected formulation
+            may correct what a step leaves.
+    """
+
+    solver: str
+    order: int = 0
+    is_fixed: bool = False
+    is_one_step: bool = True
+
+
+INTEGRATORS = {
+    "DOP853": Integrator(KERNEL, 7),
+    "RK45": Integrator(KERNEL, 4),
+    "Radau": Integrator("scipy.integrate:Radau", 3),
+    "BDF": Integrator("scipy.integrate:BDF", 1, is_one_step=False),
+    "LSODA": Integrator("scipy.integrate:LSODA", is_one_step=False),
+    "RK4": Integrator(KERNEL, is_fixed=True),
+    "Gauss": Integrator(KERNEL, is_fixed=True),
+    "automatic": Integrator(""),
+}
 
 
 class Row(Protocol):
@@ -181,7 +217,7 @@ def accuracy_of(given: Accuracy | None) -> Accuracy:
     return given
 
 
-def _check_name(what: str, name: str, known: tuple[str, ...]) -> None:
+def _check_name(what: str, name: str, known: Iterable[str]) -> None:
     if not isinstance(name, str) or name not in known:
         raise ValueError(f"no {what} {name!r}; there are {', '.join(known)}")
 

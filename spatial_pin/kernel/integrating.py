@@ -13,8 +13,10 @@ import numpy as np
 from spatial_pin.kernel.kernel import address, check
 from spatial_pin.kernel.library import INT, POINTER, REAL, library
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.settings import INTEGRATORS, KERNEL
 
-METHODS = ("DOP853", "RK45", "RK4", "Gauss")  # in the order of METHODS in integrating.c
+# in the order of METHODS in integrating.c
+METHODS = tuple(name for name, x in INTEGRATORS.items() if x.solver == KERNEL)
 STATUS = ("running", "finished", "failed")
 RATES = ctypes.CFUNCTYPE(ctypes.c_int, POINTER, REAL, POINTER, POINTER)
 LOST, ASK_FAILED = 20, 21

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from spatial_pin.dynamics.simulation.integrators import FIXED
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.result import Energies, LeastExchange
-from spatial_pin.settings import Accuracy
+from spatial_pin.settings import INTEGRATORS, Accuracy
 
 LOST = 1e-2  # of what is exchanged: beyond any error of steps of usual tolerance
 WORST = 0.5  # the same where steps are fixed, or their tolerance is loose
@@ -25,7 +24,7 @@ class Balance:
 
     def __init__(self, problem: Problem, accuracy: Accuracy, start: Energies) -> None:
         self._start, self._least, self._most, self._size = start, np.inf, -np.inf, 0.0
-        fixed = accuracy.integrator in FIXED
+        fixed = INTEGRATORS[accuracy.integrator].is_fixed
         creeps = fixed and problem.forces.resistance  # which is warned of: losses are not known
         self._watches = problem.is_steady and not creeps
         self._part = WORST if fixed else min(

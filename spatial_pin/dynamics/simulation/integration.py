@@ -19,9 +19,8 @@ from spatial_pin.dynamics.simulation.independent_coordinates import Lost
 from spatial_pin.dynamics.simulation.integrators import (
     AUTOMATIC,
     EXPLICIT,
-    FIXED,
-    STEPPERS,
     natural_units,
+    stepper,
     successor,
 )
 from spatial_pin.dynamics.simulation.problem import Problem
@@ -40,7 +39,7 @@ from spatial_pin.kernel.dynamics import Run as KernelRun
 from spatial_pin.kernel.integrating import RungeKutta
 from spatial_pin.kernel.kernel import address
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.settings import Accuracy
+from spatial_pin.settings import INTEGRATORS, Accuracy
 
 NEAR = 1e-3  # pivot, and step, relative to the largest so far, below which the motion creeps
 ROUTINE = (AT_END, MANY, NEW_CHART, AT_FAILURE)  # pauses after which all samples are already made
@@ -123,7 +122,7 @@ class Run:
 
     def _made(self, method: str, system: Independent, longest: float = np.inf) -> Any:
         self._method, self._easy = method, 0
-        return STEPPERS[method](
+        return stepper(method)(
             system, self.t, self.y, self.end, self.accuracy, self._units, longest)
 
     def _succeeded(self, system: Independent, solver: Any) -> Any:
@@ -242,7 +241,7 @@ class Run:
             StepLimitError: there would be more.
         """
         most, steps = self.accuracy.most_steps, self.record.steps
-        if solver.status != "running" or self.accuracy.integrator in FIXED:
+        if solver.status != "running" or INTEGRATORS[self.accuracy.integrator].is_fixed:
             return
         is_hopeless = (self.problem.is_steady and not self.problem.is_damped
                        and steps % TRIED == 0
@@ -299,7 +298,7 @@ class Run:
             SingularError: even the shortest steps open the loops.
             SpatialPinError: the step is fixed.
         """
-        if self.accuracy.integrator in FIXED:
+        if INTEGRATORS[self.accuracy.integrator].is_fixed:
             raise SpatialPinError(
                 f"mechanism {self.problem.mechanism.name!r}: a step of {step:.3g} s at "
                 f"{self.t:.9g} s opens the loops too far to be closed surely: take shorter ones")

@@ -1,30 +1,26 @@
-"""Integrators of ordinary differential equations.
+"""Integrators of ordinary differential equations, made of entries of `settings.INTEGRATORS`.
 
-To add one, add an entry to STEPPERS: a function (fun, t0, y0, t_end, settings, units, longest) to
-an object that steps like those of SciPy: `step()`, `t`, `t_old`, `y`, `status` ("running",
-"finished" or "failed") and `dense_output()`, a function of the time, or of times (N,), over the
-last step that returns unknowns (n,) or (n, N). `units` say what counts as one of every unknown,
-`longest` is the longest step [s].
-
-1. "DOP853" and "RK45" (explicit, adaptive), "RK4" (the classical method) and "Gauss" (two stages,
-   implicit, symmetric) with a fixed step are the kernel's.
-2. SciPy's "Radau" and "BDF" (stiff), "LSODA" (either).
-3. "automatic" begins as DOP853; `successor` decides when Radau goes on, and when DOP853 again.
+`stepper` returns a function (fun, t0, y0, t_end, settings, units, longest) to an object that steps
+like those of SciPy: `step()`, `t`, `t_old`, `y`, `status` ("running", "finished" or "failed") and
+`dense_output()`, a function of the time, or of times (N,), over the last step that returns unknowns
+(n,) or (n, N). `units` say what counts as one of every unknown, `longest` is the longest step [s].
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from importlib import import_module
+from inspect import signature
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from spatial_pin.dynamics.simulation.formulations.independent import Independent
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.kernel.integrating import METHODS, RungeKutta
+from spatial_pin.kernel.integrating import RungeKutta
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.settings import Accuracy
+from spatial_pin.settings import INTEGRATORS, KERNEL, Accuracy
 
 Function = Callable[[float, Array], Array]
 
@@ -148,27 +144,26 @@ def _finite(fun: Function) -> Function:
     return lambda t, y: np.nan_to_num(fun(t, y), nan=HUGE)
 
 
-ORDERS = {"DOP853": 7, "RK45": 4, "Radau": 3, "BDF": 1}  # of SciPy's error estimates
-
-
-def _scipy(name: str) -> Callable[..., Any]:
+def _like_scipy(name: str) -> Callable[..., Any]:
     def make(
         fun: Function, t0: float, y0: Array, t_end: float, accuracy: Accuracy, units: Units,
         longest: float = math.inf,
     ) -> Any:
-        from scipy import integrate  # imported on use: it takes half a second
-
+        module, _, own = INTEGRATORS[name].solver.partition(":")
+        made = getattr(import_module(module), own)  # on use: SciPy's take half a second
         tolerance = max(accuracy.time_tolerance, FINEST)
         longest = min(longest, accuracy.step or math.inf)
         more: dict[str, Any] = {"max_step": longest, "rtol": tolerance,
                                 "atol": tolerance * units.unknowns}
-        more["jac"] = Differences(fun, units.unknowns)
-        if name in ORDERS:
-            more["first_step"] = first_step(fun, t0, y0, min(t_end - t0, longest), ORDERS[name],
+        if "jac" in signature(made).parameters:  # of implicit ones
+            more["jac"] = Differences(fun, units.unknowns)
+        order = INTEGRATORS[name].order
+        if order:
+            more["first_step"] = first_step(fun, t0, y0, min(t_end - t0, longest), order,
                                             tolerance, units)
         else:
             fun = _finite(fun)
-        return getattr(integrate, name)(fun, t0, y0, t_end, **more)
+        return made(fun, t0, y0, t_end, **more)
     return make
 
 
@@ -179,10 +174,9 @@ def _in_kernel(name: str) -> Callable[..., Any]:
     ) -> RungeKutta:
         tolerance, span = max(accuracy.time_tolerance, FINEST), t_end - t0
         longest = min(longest, accuracy.step or math.inf)
-        if name in FIXED:
-            step = float(_count(name, span, longest))
-        else:
-            step = first_step(fun, t0, y0, min(span, longest), ORDERS[name], tolerance, units)
+        order, is_fixed = INTEGRATORS[name].order, INTEGRATORS[name].is_fixed
+        step = float(_count(name, span, longest)) if is_fixed else first_step(
+            fun, t0, y0, min(span, longest), order, tolerance, units)
         return RungeKutta(name, fun, t0, y0, t_end, step, longest, tolerance,
                           tolerance * units.unknowns)
     return make
@@ -216,10 +210,9 @@ def successor(solver: Any, units: Array, easy: int) -> tuple[str, int]:
 
 
 AUTOMATIC, EXPLICIT, IMPLICIT = "automatic", "DOP853", "Radau"
-FIXED = ("RK4", "Gauss")  # those that keep to the step given
 
-STEPPERS: dict[str, Callable[..., Any]] = {
-    **{name: _in_kernel(name) for name in METHODS},
-    **{name: _scipy(name) for name in ("Radau", "BDF", "LSODA")},
-    AUTOMATIC: _in_kernel(EXPLICIT),
-}
+
+def stepper(name: str) -> Callable[..., Any]:
+    """Return what makes an integrator, see the module's docstring."""
+    name = EXPLICIT if name == AUTOMATIC else name
+    return _in_kernel(name) if INTEGRATORS[name].solver == KERNEL else _like_scipy(name)

@@ -28,7 +28,7 @@ from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.motion.rounding import check_gaps
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.progress import progress_bar
-from spatial_pin.settings import Accuracy, accuracy_of
+from spatial_pin.settings import INTEGRATORS, Accuracy, accuracy_of
 
 __all__ = ["Projection", "Simulation", "simulate"]
 
@@ -152,9 +152,10 @@ def simulate(
 
 
 def _check_formulation(accuracy: Accuracy) -> None:
-    if accuracy.formulation == "projected" and accuracy.integrator not in SETTLING:
+    if accuracy.formulation == "projected" and not INTEGRATORS[accuracy.integrator].is_one_step:
+        known = [name for name, x in INTEGRATORS.items() if x.is_one_step]
         raise ValueError(f"integrator {accuracy.integrator!r} cannot be corrected after a step; "
-                         f"for the projected formulation there are {', '.join(SETTLING)}")
+                         f"for the projected formulation there are {', '.join(known)}")
 
 
 def _check_step(accuracy: Accuracy, duration: float) -> None:
@@ -235,5 +236,3 @@ FORMULATIONS: dict[str, Formulate] = {
     "independent": _independent,
     "projected": _projected,
 }
-# integrators that a projection can correct
-SETTLING = ("automatic", "DOP853", "RK45", "Radau", "RK4", "Gauss")

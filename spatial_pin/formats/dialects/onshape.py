@@ -18,7 +18,6 @@ from spatial_pin.formats.dialects.reading import Reading
 from spatial_pin.numerics.linalg import Array
 
 FRAME = re.compile(r"closing_(?P<name>.+)_(?P<side>[12])")
-AXIS = re.compile(r"closing_.+_[12]_z")
 ROUNDED_ANGLE = 1e-5  # rad; of a mate's z axis to the point on it where files have six digits
 
 

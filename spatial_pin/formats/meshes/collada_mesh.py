@@ -14,7 +14,6 @@ import numpy as np
 
 DEEPEST_NODE = 100  # nodes within one another: Python recurses to a thousand
 MOST_NODES = 10_000  # nodes and geometries, counted as often as they are used
-IGNORED = ("lines", "linestrips")
 Part = tuple[Any, Any, Any]  # points (N, 3), triangles (M, 3), colour (4,)
 
 
