@@ -372,11 +372,11 @@ EXPORT int kkt_accelerations(Kkt *s, const Real *q, const Real *v, const Real *r
     if (k->n_angles)
         memcpy(k->angle_reference, reference, (size_t)k->n_angles * sizeof *reference);
     equations_values(k, q);
-    equations_jacobian(k);
+    equations_jacobian(k, &k->all);
     const int code = anew ? choose_and_factor(s, mass) : factor(s, mass);
     if (code != DONE)
         return code;
-    equations_bias(k, v);
+    equations_bias(k, &k->all, v);
     solve(s, given, needed, k->bias, a, multipliers);
     forces_of(k, multipliers, closures);
     facts[0] = s->matrix->pivot;

@@ -128,7 +128,7 @@ static Int fill_dense(Closer *c)
 static void linearise(Closer *c, int far)
 {
     const Kernel *k = c->k;
-    equations_jacobian(c->k);
+    equations_jacobian(c->k, &c->k->all);
     if (far)
         rotations_put_entries(c->k, &c->rotations);
     memcpy(c->residual, k->residual, (size_t)k->n_closure * sizeof(Real));
@@ -408,7 +408,7 @@ static int judge_independence(Closer *c, Real *least, Real *left_out)
 {
     Kernel *k = c->k;
     Real facts[2];
-    equations_jacobian(k);
+    equations_jacobian(k, &k->all);
     make_even(k, c->step);
     const Int found = independent_equations(k, NULL, k->n_closure, k->n_closure, TOLERANCE_RANK,
                                             c->order, facts);

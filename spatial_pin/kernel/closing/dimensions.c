@@ -160,7 +160,7 @@ static Real solve_rates(Work *w, Real *v, Real *a)
         opened = fmax(opened, fabs(entry_times(k, i, x)));
     const Real fastest = largest(x, k->nv);
     scale_out(k, x, w->s->speed, v);
-    equations_bias(k, v);
+    equations_bias(k, &k->all, v);
     memset(x, 0, (size_t)k->nv * sizeof *x);
     for (Int i = 0; i < k->n_chosen; i++)
         x[i] = -k->bias[k->chosen[i]];
@@ -224,7 +224,7 @@ static int close_sample(Work *w, Int i)
     closer_close(w->closer, 1, q, NULL, s->free, NULL, angle, 0.0, s->tolerance, s->iterations,
                  s->cut, fact, &mirrored);
     equations_values(k, q);
-    equations_jacobian(k);
+    equations_jacobian(k, &k->all);
     memcpy(angle, k->angle, angles);
     measure_way(w, q);
     fact[1] = largest(w->way, k->nv);

@@ -197,7 +197,7 @@ static void add_equations(const Rates *r, const Real *derivative, Real factor, R
 void rates_add_bias(Rates *r, const Real *v, Real factor, Real *x)
 {
     Kernel *k = r->k;
-    equations_bias(k, v);
+    equations_bias(k, &k->all, v);
     add_equations(r, k->bias, factor, x);
     for (Int i = 0; i < r->n_driven; i++)
         if (is_pin(r, i))
@@ -231,7 +231,7 @@ static void solve_acceleration(Rates *r, const Real *v, const Real *acceleration
 static void evaluate(Kernel *k, const Real *q)
 {
     equations_values(k, q);
-    equations_jacobian(k);
+    equations_jacobian(k, &k->all);
 }
 
 /* Whether equations that are left out hold beside q too. Comes back to q. */

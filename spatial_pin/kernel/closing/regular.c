@@ -34,7 +34,7 @@ EXPORT int regular_beside(Kernel *k, const Real *q, const Real *reference, const
 {
     memcpy(k->angle_reference, reference, (size_t)k->n_angles * sizeof *reference);
     equations_values(k, q);
-    equations_jacobian(k);
+    equations_jacobian(k, &k->all);
     const Real error = equations_error(k);
     int code = system_set(k, chosen, n, NULL, 0, freedom, n_freedom);
     if (code == DONE)

@@ -255,45 +255,138 @@ int equations_are_sound(const Kernel *k)
     return 1;
 }
 
+/* ---- parts: some of the equations, and what they are made of ---- */
+
+/* What the marks say, as lists. */
+static void list(const char *mark, char wanted, Int n, Int *count, Int *places)
+{
+    *count = 0;
+    for (Int i = 0; i < n; i++)
+        if (mark[i] == wanted)
+            places[(*count)++] = i;
+}
+
+/* Mark what an equation of the system is made of. */
+static void mark_equation(Kernel *k, Int i)
+{
+    k->is_equation[i] = 1;
+    for (int p = 0; p < TABLE[k->equation_kind[i]].n_products; p++) {
+        const Int product = k->equation_int[4 * i + p];
+        k->is_product[product] = 1;
+        for (int t = 0; t < 2; t++) {
+            const Int a = k->a_term[2 * product + t], b = k->b_term[2 * product + t];
+            if (a >= 0)
+                k->is_vector[a] = k->vector_body[a] > 0;
+            if (b >= 0)
+                k->is_vector[b] = k->vector_body[b] > 0;
+        }
+    }
+}
+
+void equations_of_system(Kernel *k)
+{
+    Parts *of = &k->system, *rest = &k->rest;
+    memset(k->is_equation, 0, (size_t)k->n_equations);
+    memset(k->is_product, 0, (size_t)k->n_products);
+    memset(k->is_vector, 0, (size_t)k->n_vectors);
+    for (Int i = 0; i < k->n_chosen; i++)
+        mark_equation(k, k->chosen[i]);
+    for (Int i = 0; i < k->n_equations; i++)
+        if (i >= k->n_closure || TABLE[k->equation_kind[i]].n_angles)
+            mark_equation(k, i);
+    list(k->is_equation, 1, k->n_equations, &of->n_equations, of->equation);
+    list(k->is_product, 1, k->n_products, &of->n_products, of->product);
+    list(k->is_vector, 1, k->n_vectors, &of->n_vectors, of->vector);
+    list(k->is_equation, 0, k->n_equations, &rest->n_equations, rest->equation);
+    list(k->is_product, 0, k->n_products, &rest->n_products, rest->product);
+}
+
+static int make_parts(Kernel *k, Parts *of)
+{
+    of->equation = kernel_memory(k, k->n_equations, sizeof(Int));
+    of->product = kernel_memory(k, k->n_products, sizeof(Int));
+    of->vector = kernel_memory(k, k->n_vectors, sizeof(Int));
+    return of->equation && of->product && of->vector;
+}
+
+int equations_begin(Kernel *k)
+{
+    Parts *all = &k->all;
+    k->is_equation = kernel_memory(k, k->n_equations, 1);
+    k->is_product = kernel_memory(k, k->n_products, 1);
+    k->is_vector = kernel_memory(k, k->n_vectors, 1);
+    if (!k->is_equation || !k->is_product || !k->is_vector || !make_parts(k, all) ||
+        !make_parts(k, &k->system) || !make_parts(k, &k->rest))
+        return 0;
+    for (Int i = 0; i < k->n_vectors; i++)
+        k->is_vector[i] = k->vector_body[i] > 0;
+    list(k->is_equation, 0, k->n_equations, &all->n_equations, all->equation);
+    list(k->is_product, 0, k->n_products, &all->n_products, all->product);
+    list(k->is_vector, 1, k->n_vectors, &all->n_vectors, all->vector);
+    return 1;
+}
+
 /* ---- all equations ---- */
 
-static void place_vectors(Kernel *k)
+static inline void place_vector(Kernel *k, Int i)
 {
-    for (Int i = 0; i < k->n_vectors; i++) {
-        const Int body = k->vector_body[i];
-        rotate3(k->R + 9 * body, k->vector_local + 3 * i, k->vector + 3 * i);
-        if (k->vector_flag[i])
-            add3(1.0, k->p + 3 * body, k->vector + 3 * i);
+    const Int body = k->vector_body[i];
+    rotate3(k->R + 9 * body, k->vector_local + 3 * i, k->vector + 3 * i);
+    if (k->vector_flag[i])
+        add3(1.0, k->p + 3 * body, k->vector + 3 * i);
+}
+
+void equations_place_ground(Kernel *k)
+{
+    for (Int i = 0; i < k->n_vectors; i++)
+        if (!k->vector_body[i])
+            place_vector(k, i);
+}
+
+void equations_place(Kernel *k, const Real *q)
+{
+    if (q != k->q)
+        memcpy(k->q, q, (size_t)k->nq * sizeof *q);
+    tree_place(k, k->q);
+    for (Int i = 0; i < k->all.n_vectors; i++)
+        place_vector(k, k->all.vector[i]);
+}
+
+void equations_residuals(Kernel *k, const Parts *of)
+{
+    for (Int p = 0; p < of->n_products; p++) {
+        const Int i = of->product[p];
+        sum_of_terms(k->vector, k->a_term + 2 * i, k->a_factor + 2 * i, k->A + 3 * i);
+        sum_of_terms(k->vector, k->b_term + 2 * i, k->b_factor + 2 * i, k->B + 3 * i);
+        k->value[i] = dot3(k->A + 3 * i, k->B + 3 * i) - k->constant[i];
+    }
+    for (Int e = 0; e < of->n_equations; e++) {
+        const Int i = of->equation[e];
+        TABLE[k->equation_kind[i]].value(k, i, k->equation_int + 4 * i, k->equation_real + 3 * i);
     }
 }
 
 void equations_values(Kernel *k, const Real *q)
 {
-    if (q != k->q)
-        memcpy(k->q, q, (size_t)k->nq * sizeof *q);
-    tree_place(k, k->q);
-    place_vectors(k);
-    for (Int i = 0; i < k->n_products; i++) {
-        sum_of_terms(k->vector, k->a_term + 2 * i, k->a_factor + 2 * i, k->A + 3 * i);
-        sum_of_terms(k->vector, k->b_term + 2 * i, k->b_factor + 2 * i, k->B + 3 * i);
-        k->value[i] = dot3(k->A + 3 * i, k->B + 3 * i) - k->constant[i];
-    }
-    for (Int i = 0; i < k->n_equations; i++)
-        TABLE[k->equation_kind[i]].value(k, i, k->equation_int + 4 * i, k->equation_real + 3 * i);
+    equations_place(k, q);
+    equations_residuals(k, &k->all);
 }
 
-void equations_jacobian(Kernel *k)
+void equations_jacobian(Kernel *k, const Parts *of)
 {
     tree_columns(k);
-    for (Int i = 0; i < k->n_equations; i++)
+    for (Int e = 0; e < of->n_equations; e++) {
+        const Int i = of->equation[e];
         TABLE[k->equation_kind[i]].jacobian(k, i, k->equation_int + 4 * i,
                                             k->equation_real + 3 * i);
+    }
 }
 
 /* First and second derivatives of the vectors, without those of the joint velocities. */
-static void vector_rates(Kernel *k)
+static void vector_rates(Kernel *k, const Parts *of)
 {
-    for (Int i = 0; i < k->n_vectors; i++) {
+    for (Int at = 0; at < of->n_vectors; at++) {
+        const Int i = of->vector[at];
         const Int body = 3 * k->vector_body[i];
         Real arm[3], more[3], *rate = k->vector_rate + 3 * i, *bias = k->vector_bias + 3 * i;
         rotate3(k->R + 3 * body, k->vector_local + 3 * i, arm);
@@ -308,11 +401,12 @@ static void vector_rates(Kernel *k)
     }
 }
 
-void equations_bias(Kernel *k, const Real *v)
+void equations_bias(Kernel *k, const Parts *of, const Real *v)
 {
     tree_rates(k, v, NULL);
-    vector_rates(k);
-    for (Int i = 0; i < k->n_products; i++) {
+    vector_rates(k, of);
+    for (Int p = 0; p < of->n_products; p++) {
+        const Int i = of->product[p];
         const Real *A = k->A + 3 * i, *B = k->B + 3 * i;
         Real dA[3], dB[3], ddA[3], ddB[3];
         sum_of_terms(k->vector_rate, k->a_term + 2 * i, k->a_factor + 2 * i, dA);
@@ -322,8 +416,10 @@ void equations_bias(Kernel *k, const Real *v)
         k->product_rate[i] = dot3(dA, B) + dot3(A, dB);
         k->product_bias[i] = dot3(ddA, B) + 2.0 * dot3(dA, dB) + dot3(A, ddB);
     }
-    for (Int i = 0; i < k->n_equations; i++)
+    for (Int e = 0; e < of->n_equations; e++) {
+        const Int i = of->equation[e];
         TABLE[k->equation_kind[i]].bias(k, i, k->equation_int + 4 * i, k->equation_real + 3 * i);
+    }
 }
 
 Real equations_error(const Kernel *k)

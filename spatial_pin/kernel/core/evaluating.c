@@ -22,7 +22,7 @@ EXPORT int kernel_evaluate(Kernel *k, const Real *q, const Real *v, const Real *
     copy_out(residual, k->residual, k->n_closure);
     copy_out(angle, k->angle, k->n_angles);
     if (jacobian || bias)
-        equations_jacobian(k);
+        equations_jacobian(k, &k->all);
     if (jacobian) {
         memset(jacobian, 0, (size_t)(k->n_equations * k->nv) * sizeof *jacobian);
         for (Int i = 0; i < k->n_equations; i++)
@@ -30,7 +30,7 @@ EXPORT int kernel_evaluate(Kernel *k, const Real *q, const Real *v, const Real *
                 jacobian[i * k->nv + k->entry_v[e]] = k->entry[e];
     }
     if (bias && v) {
-        equations_bias(k, v);
+        equations_bias(k, &k->all, v);
         copy_out(bias, k->bias, k->n_equations);
     }
     return isfinite(equations_error(k)) ? DONE : NOT_FINITE;
@@ -64,7 +64,7 @@ EXPORT int kernel_solve(Kernel *k, const Real *q, const Real *reference, Real *x
     if (k->n_angles)
         memcpy(k->angle_reference, reference, (size_t)k->n_angles * sizeof *reference);
     equations_values(k, q);
-    equations_jacobian(k);
+    equations_jacobian(k, &k->all);
     const int code = system_factor(k);
     if (code == DONE)
         system_solve(k, x);

@@ -55,6 +55,12 @@ typedef struct Pin Pin;
 /* A square matrix and its factors, see factors.h. */
 typedef struct Factors Factors;
 
+/* Some of the equations, and what they are made of: products, and vectors that move. */
+typedef struct {
+    Int n_equations, n_products, n_vectors;
+    Int *equation, *product, *vector;
+} Parts;
+
 typedef struct Kernel {
     /* ---- the tree: joint 0 is the ground, parents come before children ---- */
     Int n_joints, nq, nv;
@@ -87,6 +93,8 @@ typedef struct Kernel {
     /* ---- equations: kind and what it is made of ---- */
     Int n_closure, n_idle, n_equations; /* n_equations = n_closure + n_idle */
     Int n_angles;
+    Parts all, system, rest; /* of the mechanism; of the square system; and what that is without */
+    char *is_equation, *is_product, *is_vector; /* whether the system has it */
     const Int *equation_kind;
     const Int *equation_int;   /* (4) see the table in equations.c */
     const Real *equation_real; /* (3) */
@@ -159,8 +167,17 @@ static inline int joint_nq(Int kind) { return kind == FREE ? 7 : kind == BALL ? 
 
 /* ---- equations.c ---- */
 void equations_values(Kernel *k, const Real *q); /* placements, vectors, products, residual, angle */
-void equations_jacobian(Kernel *k);              /* entry, after equations_values */
-void equations_bias(Kernel *k, const Real *v);   /* bias, after equations_jacobian */
+/* The same in steps: placements and vectors; then products, residual, angle of some equations */
+void equations_place(Kernel *k, const Real *q);
+void equations_residuals(Kernel *k, const Parts *of);
+/* entry, after equations_values; bias, after that: of all equations, or of some */
+void equations_jacobian(Kernel *k, const Parts *of);
+void equations_bias(Kernel *k, const Parts *of, const Real *v);
+/* Find the parts of the square system: chosen equations, idle rotations, and screws, whose angles
+   and rates are asked for whether they are chosen or not; and the rest. */
+void equations_of_system(Kernel *k);
+int equations_begin(Kernel *k);      /* room for parts, and those of all; whether there is memory */
+void equations_place_ground(Kernel *k); /* vectors that do not move, once for all */
 Real equations_error(const Kernel *k);           /* largest absolute residual */
 int equations_are_sound(const Kernel *k);        /* whether their indices fit */
 
@@ -177,7 +194,8 @@ EXPORT int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *dri
 int system_factor(Kernel *k);            /* DONE or SINGULAR or NO_MEMORY, after equations_jacobian */
 /* right sides of chosen, idle, driven, fill -> v / scale; those of what is driven by its scale */
 void system_solve(const Kernel *k, Real *x);
-/* Other independent equations, as many; SINGULAR, and those there were, if there are none.
+/* Other independent equations at the point that was evaluated, as many; SINGULAR, and those there
+   were, if there are none.
    `left_out` tells how independent the others are. */
 int system_reselect(Kernel *k);
 int system_choose(Kernel *k, const Int *chosen); /* these (n_chosen) instead */

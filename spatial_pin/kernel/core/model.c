@@ -201,7 +201,8 @@ static int make_room(Kernel *k)
     k->pin_entry = kernel_memory(k, nv, sizeof(Int));
     k->lu = lu_new();
     k->R[0] = k->R[4] = k->R[8] = 1.0; /* the ground */
-    return k->chosen && k->candidate && k->driven && k->pin && k->pin_row && k->pin_entry && k->lu;
+    equations_place_ground(k);
+    return equations_begin(k) && k->chosen && k->candidate && k->driven && k->pin && k->pin_row && k->pin_entry && k->lu;
 }
 
 EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_reals, Kernel **out)
@@ -230,7 +231,10 @@ EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_r
 EXPORT int kernel_set_numbers(Kernel *k, const Real *reals, Int n_reals)
 {
     lu_forget(k->lu);
-    return read_numbers(k, reals, n_reals);
+    const int code = read_numbers(k, reals, n_reals);
+    if (code == DONE)
+        equations_place_ground(k);
+    return code;
 }
 
 EXPORT void kernel_destroy(Kernel *k)

@@ -457,14 +457,14 @@ static void note_changes(SparseLU *lu)
     lu->least_change = INFINITY, lu->most_change = -INFINITY;
     for (Int step = 0; step < lu->n; step++) {
         const Real change = 1.0 - lu->marked[step] * lu->inverse[step];
-        lu->least_change = fmin(lu->least_change, change);
-        lu->most_change = fmax(lu->most_change, change);
+        lu->least_change = smaller_of(lu->least_change, change);
+        lu->most_change = larger_of(lu->most_change, change);
     }
 }
 
 int lu_factor(SparseLU *lu, const Real *entry)
 {
-    Real *value = lu->value, least = INFINITY, most = 0.0, largest = 0.0;
+    Real *value = lu->value, least = INFINITY, most = 0.0, grown = 0.0;
     const Int *target = lu->target;
     memset(value, 0, (size_t)lu->n_values * sizeof *value);
     for (Int e = 0; e < lu->n_entries; e++)
@@ -482,12 +482,12 @@ int lu_factor(SparseLU *lu, const Real *entry)
         }
         if (pivot < 0.0)
             lu->sign = -lu->sign;
-        least = fmin(least, size);
-        most = fmax(most, size);
+        least = smaller_of(least, size);
+        most = larger_of(most, size);
         multiply_determinant(lu, size);
         lu->inverse[step] = 1.0 / pivot;
         for (Int u = first; u < end; u++)
-            largest = fmax(largest, fabs(value[lu->upper_at[u]] * lu->inverse[step]));
+            grown = larger_of(grown, fabs(value[lu->upper_at[u]] * lu->inverse[step]));
         for (Int l = lu->lower_start[step]; l < lu->lower_start[step + 1]; l++) {
             const Real factor = value[lu->lower_at[l]] *= lu->inverse[step];
             for (Int u = first; u < end; u++)
@@ -498,7 +498,7 @@ int lu_factor(SparseLU *lu, const Real *entry)
     lu->ratio = lu->n ? least / most : 1.0;
     if (lu->first_ratio == 0.0)
         lu->first_ratio = lu->ratio;
-    return largest < GROWN && lu->ratio > SHRUNK * lu->first_ratio ? 1 : -1;
+    return grown < GROWN && lu->ratio > SHRUNK * lu->first_ratio ? 1 : -1;
 }
 
 void lu_solve(const SparseLU *lu, const Real *right, Real *x)

@@ -88,6 +88,7 @@ static int lay_out(Kernel *k)
         for (Int v = 0; v < k->nv; v++)
             if (k->fill[i * k->nv + v] != 0.0)
                 put(k, row, v, -1, k->fill[i * k->nv + v]);
+    equations_of_system(k);
     lu_forget(k->lu);
     return DONE;
 }
@@ -177,6 +178,7 @@ int system_choose(Kernel *k, const Int *chosen)
 int system_reselect(Kernel *k)
 {
     Real facts[2];
+    equations_jacobian(k, &k->all);
     const Int found =
         independent_equations(k, NULL, k->n_closure, k->n_chosen, 0.0, k->candidate, facts);
     if (found < 0)
@@ -205,7 +207,7 @@ void system_path_rates(Kernel *k, const Real *rate, const Real *bend, Real *firs
 {
     put_rates(k, rate);
     solve_rates(k, first);
-    equations_bias(k, first);
+    equations_bias(k, &k->system, first);
     put_rates(k, bend);
     for (Int i = 0; i < k->n_chosen; i++)
         k->right[i] = -k->bias[k->chosen[i]];

@@ -16,18 +16,17 @@ void quaternion_rotation(const Real *quaternion, Real *R)
     R[6] = xz + wy, R[7] = yz - wx, R[8] = 1.0 - xx - yy;
 }
 
-/* Rotation of the joint's frame before it moves. */
-static void fixed_rotation(const Kernel *k, Int j, const Real *parent, Real *R)
+/* Rotation of the joint's frame before it moves: the parent's, or put into `own`. */
+static const Real *fixed_rotation(const Kernel *k, Int j, const Real *parent, Real *own)
 {
     if (k->plain[j])
-        for (int i = 0; i < 9; i++)
-            R[i] = parent[i];
-    else
-        product3(parent, k->rotation + 9 * j, R);
+        return parent;
+    product3(parent, k->rotation + 9 * j, own);
+    return own;
 }
 
 /* R = fixed * rotation about z */
-static void turn_about_z(const Real *fixed, Real angle, Real *R)
+static inline void turn_about_z(const Real *fixed, Real angle, Real *R)
 {
     const Real c = cos(angle), s = sin(angle);
     for (int i = 0; i < 3; i++) {
@@ -41,10 +40,10 @@ void tree_place(Kernel *k, const Real *q)
 {
     for (Int j = 1; j < k->n_joints; j++) {
         const Real *parent = k->R + 9 * k->parent[j], *x = q + k->iq[j];
-        Real *R = k->R + 9 * j, *p = k->p + 3 * j, fixed[9], own[9];
+        Real *R = k->R + 9 * j, *p = k->p + 3 * j, turned[9], own[9];
         rotate3(parent, k->translation + 3 * j, p);
         add3(1.0, k->p + 3 * k->parent[j], p);
-        fixed_rotation(k, j, parent, fixed);
+        const Real *fixed = fixed_rotation(k, j, parent, turned);
         switch (k->kind[j]) {
         case SLIDE:
             for (int i = 0; i < 9; i++)
@@ -102,7 +101,7 @@ void tree_columns(Kernel *k)
 }
 
 /* Velocity of the body relative to its parent: slide and turn, world axes. */
-static void joint_rate(const Kernel *k, Int j, const Real *v, Real *slide, Real *turn)
+static inline void joint_rate(const Kernel *k, Int j, const Real *v, Real *slide, Real *turn)
 {
     const Real *R = k->R + 9 * j, *x = v + k->iv[j];
     zero3(slide);

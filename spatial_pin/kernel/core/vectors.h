@@ -9,6 +9,10 @@
 typedef int64_t Int;
 typedef double Real;
 
+/* As fmax and fmin where the first is a number, but without a call. */
+static inline Real larger_of(Real most, Real size) { return size > most ? size : most; }
+static inline Real smaller_of(Real least, Real size) { return size < least ? size : least; }
+
 static inline Real dot(const Real *a, const Real *b, Int n)
 {
     Real sum = 0.0;

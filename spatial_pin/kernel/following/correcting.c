@@ -37,7 +37,7 @@ static Real solve_correction(Kernel *k)
 
 static int factor_here(Kernel *k)
 {
-    equations_jacobian(k);
+    equations_jacobian(k, &k->system);
     return system_factor(k);
 }
 
@@ -51,18 +51,26 @@ static int is_closed(const Correction *c, Real residual, Real size)
     return residual <= (c->count ? c->tolerance : c->enough);
 }
 
+/* What the system is without is evaluated where that ends. */
+static int closed(Kernel *k)
+{
+    equations_residuals(k, &k->rest);
+    return DONE;
+}
+
 int correct(Kernel *k, Real *q, Correction *c)
 {
     Real size = INFINITY, last = INFINITY, before = INFINITY;
     int old = c->reuse; /* the factors are of another point */
     c->first = 0.0;
     for (c->count = 0;; c->count++) {
-        equations_values(k, q);
+        equations_place(k, q);
+        equations_residuals(k, &k->system);
         const Real residual = chosen_residual(k);
         if (!isfinite(residual))
             return NOT_FINITE;
         if (is_closed(c, residual, size))
-            return DONE;
+            return closed(k);
         if (c->fixed < 0 && c->count == PATH_CORRECTIONS)
             return NOT_CONVERGED;
         old = old && (c->count ? residual * (residual / before) <= c->tolerance
@@ -78,7 +86,7 @@ int correct(Kernel *k, Real *q, Correction *c)
         if (c->count == 0 && size > c->allowed + TOLERANCE_NOTHING)
             return UNSAFE;
         if (c->count && size > TOLERANCE_CONTRACTION * last) /* round-off ends it too */
-            return residual <= c->left ? DONE : NOT_CONVERGED;
+            return residual <= c->left ? closed(k) : NOT_CONVERGED;
         last = old ? INFINITY : fmax(size, TOLERANCE_ZERO); /* old factors do not contract alike */
         before = residual;
         tree_integrate(k, q, k->right);

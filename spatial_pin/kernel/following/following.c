@@ -48,7 +48,6 @@ EXPORT void path_destroy(Path *path)
  * there are fewer, UNSAFE where there are more. */
 static int choose_first(Kernel *k)
 {
-    equations_jacobian(k);
     const int code = system_reselect(k);
     return code == DONE && k->left_out > TOLERANCE_RANK ? UNSAFE : code;
 }

@@ -52,7 +52,7 @@ static int look_ahead(Path *path, Real h)
     predict_taylor(k, path->here, NULL, LOOK * h, 2, path->next->q);
     path->stale = 1;
     equations_values(k, path->next->q);
-    equations_jacobian(k);
+    equations_jacobian(k, &k->system);
     const int code = system_factor(k);
     const Real size = code == DONE ? log2(k->mantissa) + (Real)k->exponent : -INFINITY;
     note_zero(path, path->here->size, size, path->here->s + LOOK * h, LOOK * h);
@@ -142,7 +142,7 @@ static Real round_off_of(const Kernel *k, const Real *q)
     Real most = 0.0;
     for (Int j = 1; j < k->n_joints; j++)
         if (joint_nv(k->kind[j]) == 1 && !is_driven(k, k->iv[j]))
-            most = fmax(most, fabs(q[k->iq[j]]) / k->scale[k->iv[j]]);
+            most = larger_of(most, fabs(q[k->iq[j]]) / k->scale[k->iv[j]]);
     return 4.0 * DBL_EPSILON * most;
 }
 
@@ -166,7 +166,6 @@ static int close_prediction(Path *path, Real way)
     if (code != DONE || !has_redundant(k) || c.fixed >= 0 ||
         equations_error(k) <= fmax(c.tolerance, path->open))
         return code;
-    equations_jacobian(k);
     code = system_reselect(k);
     if (code != DONE)
         return code;
@@ -179,7 +178,7 @@ static int close_prediction(Path *path, Real way)
 
 int factor_here(Kernel *k)
 {
-    equations_jacobian(k);
+    equations_jacobian(k, &k->system);
     const int code = system_factor(k);
     return code == DONE && k->n_fill ? fill_again(k) : code;
 }

@@ -99,7 +99,7 @@ static void put_spin_rows(Dynamics *d)
 
 static int factor(Dynamics *d)
 {
-    equations_jacobian(d->k);
+    equations_jacobian(d->k, &d->k->system);
     if (d->n_spins)
         put_spin_rows(d);
     return system_factor(d->k);
@@ -204,7 +204,8 @@ static Real mismatch(Dynamics *d, const Real *x)
     Real sum = 0.0;
     for (Int i = 0; d->is_linear && i < d->n_held; i++)
         d->trial[d->held_q[i]] = d->start[d->held_q[i]] + k->scale[d->held[i]] * x[i];
-    equations_values(k, d->trial);
+    equations_place(k, d->trial);
+    equations_residuals(k, &k->system);
     for (Int i = 0; i < k->n_chosen; i++)
         sum += k->residual[k->chosen[i]] * k->residual[k->chosen[i]];
     for (Int i = 0; !d->is_linear && i < d->n_held; i++) {
@@ -243,6 +244,13 @@ static void correction(Dynamics *d)
     add_motion(d, d->off, d->step);
 }
 
+/* Evaluate what the system is without, and factor. */
+static int arrive(Dynamics *d)
+{
+    equations_residuals(d->k, &d->k->rest);
+    return factor_here(d);
+}
+
 /* Newton's method from trial, `predicted` away from the factors at hand; factored where it ends.
  * Factors of a point that is some way off leave about that part of a residual. */
 static int newton(Dynamics *d, const Real *x, Real predicted)
@@ -253,7 +261,7 @@ static int newton(Dynamics *d, const Real *x, Real predicted)
         if (!isfinite(error))
             return UNSAFE;
         if (error <= (i == 0 ? ENOUGH : 1.0) * d->tolerance)
-            return factor_here(d);
+            return arrive(d);
         if (!(error * away <= d->tolerance)) {
             if (factor_here(d) != DONE)
                 return UNSAFE;
@@ -265,7 +273,7 @@ static int newton(Dynamics *d, const Real *x, Real predicted)
         if (i == 0 && !(size <= PREDICTED_TO * predicted + 1e-9))
             return UNSAFE;
         if (i > 0 && !(size <= TOLERANCE_CONTRACTION * last))
-            return error <= TOLERANCE_CLOSED ? factor_here(d) : UNSAFE;
+            return error <= TOLERANCE_CLOSED ? arrive(d) : UNSAFE;
         last = size > 1e-14 ? size : 1e-14;
         move(d, d->trial, d->step);
     }
@@ -529,7 +537,7 @@ Real independent_pace(const Dynamics *d)
 int independent_bias(Dynamics *d, const Real *v, const Real *held_acceleration, Real *a)
 {
     Kernel *k = d->k;
-    equations_bias(k, v);
+    equations_bias(k, &k->system, v);
     Real *x = d->solved;
     memset(x, 0, (size_t)k->nv * sizeof *x);
     for (Int i = 0; i < k->n_chosen; i++)

@@ -8,7 +8,7 @@
 static int factor_at(Dynamics *d, const Passage *s, Real x)
 {
     passage_place(d, s, 0, x);
-    equations_jacobian(d->k);
+    equations_jacobian(d->k, &d->k->system);
     return system_factor(d->k);
 }
 
@@ -33,7 +33,6 @@ static int others_hold(Dynamics *d, const Passage *s, Real x)
     Kernel *k = d->k;
     memcpy(d->former, k->chosen, (size_t)k->n_chosen * sizeof *d->former);
     passage_place(d, s, 0, x);
-    equations_jacobian(k);
     if (system_reselect(k) != DONE)
         return 0;
     if (system_factor(k) == DONE && k->pivot_ratio > TOLERANCE_SINGULAR)
