@@ -71,3 +71,25 @@ def test_rates_of_a_traced_curve_near_its_branch_points_are_as_good_as_is_said()
     bend = np.abs(motion.a[rows]).max(axis=1) / np.abs(exact).max() ** 2  # exact: 0
     assert np.all(np.maximum(off, bend) <= 10.0 * np.maximum(told, 1e-15))
     assert 1e-9 < told.max() < 1e-5 and np.median(told) < 1e-13
+
+
+@pytest.mark.parametrize("first, n", [(0.3, 400), (0.05, 151)])
+@pytest.mark.parametrize("name", ["bennett", "bricard", "four_bar", "rssr"])
+def test_rates_of_samples_are_as_good_as_is_said(name, first, n):
+    """Samples are not closed to round-off, nor solved by the equations that are best there."""
+    mech = sp.load(name)
+    driver = mech.prescribed_coordinate(*mech.drivers)
+    values = np.linspace(first, first + 6.2, n)
+    motion = sp.sweep(mech, driver.name, values, on_limit="stop")
+    n, size = len(motion), mech.velocity_scale
+    exact = ExactRows(mech, [driver], values[:n, None], np.ones(n), np.zeros(n)).near(
+        motion.q, np.zeros((n, 0)))
+    assert n > 50 and exact.good.all()
+    v, a = (np.abs(x / size).astype(float) for x in (exact.v, exact.a))
+    pace = v.max(axis=1)
+    bend = np.maximum(pace**2, a.max(axis=1))
+    off = np.maximum(np.abs((motion.v - exact.v) / size).max(axis=1) / pace,
+                     np.abs((motion.a - exact.a) / size).max(axis=1) / bend)
+    told = np.array([motion.state(k).rate_error for k in range(n)])
+    assert np.all(off <= told)
+    assert np.median(told) < 2e-14

@@ -319,20 +319,26 @@ def check_finite(v: np.ndarray, a: np.ndarray, what: str) -> None:
 def rate_error(driver: str, solved: bool, state: State, held: Hold = BASE) -> float:
     """Return the round-off of rates that a driver makes; NaN where it does not determine them.
 
+    A path solves them with closure equations that it has kept from before: where others are
+    redundant they may do worse than those chosen here, and how much shows in the rates.
+
     Args:
         driver: its name.
         solved: whether rates were solved there, not continued across a crossing of branches.
-        state: the closed state.
+        state: the closed state, with these rates or at rest.
         held: what stands still, as for `solve_rates`.
     """
     mechanism = state.mechanism
     given = once(mechanism, ("rates by", driver), held, lambda: Prescription.of(
         mechanism, driven_coordinates(mechanism, [driver]), held))
-    at = given.driven.index(mechanism.prescribed_coordinate(driver))
+    coordinate = mechanism.prescribed_coordinate(driver)
+    at = given.driven.index(coordinate)
+    moves = coordinate.q >= 0 and state.v[coordinate.v] != 0.0
     with kernel_of(mechanism) as kernel:
         rates = given.rates(kernel)
         rates.speeds[:], rates.accelerations[:] = 0.0, 0.0
-        rates.speeds[at] = 1.0
+        rates.speeds[at] = state.v[coordinate.v] if moves else 1.0
+        rates.accelerations[at] = state.a[coordinate.v] if moves else 0.0
         found = rates.solve(state.q, state.angles) if solved else None
         if found is None:
             try:
@@ -341,7 +347,19 @@ def rate_error(driver: str, solved: bool, state: State, held: Hold = BASE) -> fl
                 return float(np.nan)
             found = rates.solve(state.q, state.angles, chosen)
     assert found is not None
-    return found.lost if solved else found.known
+    if not solved:
+        return found.known
+    return max(found.lost, 2.0 * _apart(state, found)) if moves else found.lost
+
+
+def _apart(state: State, found: Solved) -> float:
+    """Return how far rates of a state are from solved ones, relative to their size."""
+    size = state.mechanism.velocity_scale
+    v, a = found.v / size, found.a / size
+    pace = float(np.abs(v).max())
+    off = float(np.abs(state.v / size - v).max()) / pace
+    bend = max(pace**2, float(np.abs(a).max()))
+    return max(off, float(np.abs(state.a / size - a).max()) / bend)
 
 
 def check_rates(state: State, v: Array) -> None:

@@ -12,26 +12,19 @@
 #define CLOSURE_ROUND_OFF (2.0 * DBL_EPSILON)
 #define PATTERNS 2 /* of their signs: what one of them hides by chance, the other shows */
 
-/* How far off the configuration may be, relative to the round-off of a closure equation: where
-   these are off by one, some this way, some that way. Returns its size, `away` (nv) its direction. */
-static Real direction_off(Rates *r, Real *away)
+/* How far off the configuration may be, relative to what closure equations are off by: where this is
+   one, some this way, some that way. Returns its size, `away` (nv) its direction. */
+static Real direction_off(Rates *r, int pattern, Real *away)
 {
     const Int nv = r->k->nv;
-    Real most = 0.0;
-    memset(away, 0, (size_t)nv * sizeof(Real));
-    for (int pattern = 1; pattern <= PATTERNS; pattern++) {
-        memset(r->x, 0, (size_t)nv * sizeof(Real));
-        for (Int i = 0; i < r->n_chosen; i++)
-            r->x[i] = cos((Real)(pattern * (i + 1) * (i + 1))) < 0.0 ? -1.0 : 1.0;
-        factors_solve(r->matrix, r->x);
-        const Real size = largest(r->x, nv);
-        if (!(size > most))
-            continue;
-        most = size;
-        for (Int v = 0; v < nv; v++)
-            away[v] = r->x[v] / size;
-    }
-    return most;
+    memset(r->x, 0, (size_t)nv * sizeof(Real));
+    for (Int i = 0; i < r->n_chosen; i++)
+        r->x[i] = cos((Real)(pattern * (i + 1) * (i + 1))) < 0.0 ? -1.0 : 1.0;
+    factors_solve(r->matrix, r->x);
+    const Real size = largest(r->x, nv);
+    for (Int v = 0; v < nv; v++)
+        away[v] = size > 0.0 ? r->x[v] / size : 0.0;
+    return size;
 }
 
 /* Change of the velocities t where the configuration changes along u, both relative to the scale:
@@ -80,13 +73,21 @@ static Real lost_along(Rates *r, Real off, const Real *away, const Real *velocit
 /* Round-off of the velocities v and of accelerations, relative to their size. Next to a limit
    position at a small distance e of the driver, joints move 1/sqrt(e) times as fast as the driver
    (`pace`); a configuration known to round-off times that gives rates to that squared. A short link
-   leaves as much of it as its pivot: that is known without the velocities. */
+   leaves as much of it as its pivot: that is known without the velocities. A configuration that is
+   not closed to round-off, as those of motions, is off by what is open. */
 Real rates_round_off(Rates *r, const Real *v, Real known)
 {
-    const Real grown = direction_off(r, r->away);
-    if (!(2.0 * CLOSURE_ROUND_OFF * grown * grown * grown > known))
+    const Real open = fmax(CLOSURE_ROUND_OFF, equations_error(r->k));
+    Real grown = 0.0, lost = 0.0;
+    for (int pattern = 1; pattern <= PATTERNS; pattern++)
+        grown = fmax(grown, direction_off(r, pattern, r->away));
+    if (open == CLOSURE_ROUND_OFF && !(2.0 * open * grown * grown * grown > known))
         return known; /* which is more than what could be found out */
-    return fmin(1.0, fmax(known, lost_along(r, CLOSURE_ROUND_OFF * grown, r->away, v)));
+    for (int pattern = 1; pattern <= PATTERNS; pattern++) {
+        const Real off = open * direction_off(r, pattern, r->away);
+        lost = fmax(lost, lost_along(r, off, r->away, v));
+    }
+    return fmin(1.0, known + lost);
 }
 
 Real rates_known_round_off(const Rates *r, Real pace)
