@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import mechanisms as known
 import numpy as np
@@ -15,6 +16,11 @@ from scipy.optimize import minimize
 import spatial_pin as sp
 from spatial_pin import targets
 from spatial_pin.cli.running import main
+from spatial_pin.constraints.closure_equations import evaluation_of
+from spatial_pin.inverse_kinematics.solving import Solver
+from spatial_pin.inverse_kinematics.stationary import LeastSquares, Stationary
+
+CASSIE = Path(__file__).parent / "data" / "mjcf" / "agility_cassie" / "cassie.xml"
 
 
 def arm(folder, lengths=(1.0, 0.8, 0.6), limits=()):
@@ -166,6 +172,63 @@ def test_no_machine_stops_an_excavator_elsewhere():
     both = sp.reach(mechanism, {
         "teeth": [teeth, targets.direction([0, 0, 1], [0, 1, 0], weight=0.1)]})
     assert np.abs(both.q - alone.q).max() < 1e-9
+
+
+def test_flat_ways_do_not_lead_astray():
+    """Cassie's rods turn idly: steps that turned them left no length for the others."""
+    with pytest.warns(sp.SpatialPinWarning, match="mesh files"):
+        mechanism = sp.load(CASSIE)
+    start = sp.assemble(mechanism)
+    far = start.placement("left-foot").translation + np.array([3.0, 0.0, 2.1])
+    state = sp.reach(mechanism, {"left-foot": targets.position(far, weight=1.0)}, start)
+    off = np.linalg.norm(state.placement("left-foot").translation - far)
+    assert off / mechanism.characteristic_length == pytest.approx(2.12315439348594, abs=1e-12)
+    again = sp.reach(mechanism, {"left-foot": targets.position(far, weight=1.0)}, state)
+    assert np.linalg.norm(again.placement("left-foot").translation - far) > off - 1e-12
+
+
+@pytest.mark.parametrize("toward", [(-0.7, 0.3, 0.6), (0.2, -0.9, -0.4)])
+def test_what_leaves_targets_as_far_off_is_moved_least(toward):
+    """A foot's axis turned as far as a hip's limits let it: what its leg does besides is free."""
+    with pytest.warns(sp.SpatialPinWarning, match="mesh files"):
+        mechanism = sp.load(CASSIE)
+    start, toward = sp.assemble(mechanism), np.array(toward) / np.linalg.norm(toward)
+    with pytest.raises(sp.ReachError) as caught:
+        sp.reach(mechanism, {"left-foot": targets.direction([0, 0, 1], toward)}, start)
+    state = caught.value.state
+    moved = pin.difference(mechanism.model, start.q, state.q)
+    hips = [mechanism.model.joints[mechanism.joint_id(f"left-hip-{x}")].idx_v
+            for x in ("roll", "yaw")]
+    assert np.abs(np.delete(moved, hips)).max() < 1e-9 < np.abs(moved[hips]).min()
+
+
+def test_what_nothing_moves_stands_where_it_was():
+    mechanism = sp.load("delta")
+    start = sp.assemble(mechanism)
+    with pytest.raises(sp.ReachError) as caught:
+        sp.reach(mechanism, {"platform": targets.direction([0, 0, 1], [0.6, 0.0, 0.8])}, start)
+    assert caught.value.reasons == ("nothing moves",)
+    assert np.abs(caught.value.state.q - start.q).max() < 1e-12
+
+
+def test_forces_pull_as_the_derivatives_say(tmp_path):
+    """Of every kind of target, also of those that stand for sums of squares that stay least."""
+    mechanism = arm(tmp_path, (1.0, 0.8, 0.6, 0.5, 0.4))
+    state = at(mechanism, 0.3, 0.4, 0.5, -0.3, 0.2)
+    with evaluation_of(mechanism) as evaluation:
+        base = Solver(evaluation, [], [], [], 1e-12)
+        wanted = [targets.Position(name="link3", point=np.array([2.0, 2.5, 0.0]), weight=1.0)]
+        least = LeastSquares(base, [], wanted, base.moves)
+        sizes, ways = least.curved(state.q)
+        bent = Stationary(name="", sum=least, sizes=sizes, ways=ways)
+        assert len(sizes)
+        for target in (*wanted, bent):
+            evaluation.update(state.q)
+            rows = target.residual(evaluation)[1]
+            forces = np.arange(1.0, len(rows) + 3.0)
+            pulled, others = target.pulled(evaluation, forces)
+            assert np.abs(pulled - forces[:-2] @ rows).max() < 1e-8
+            assert list(others) == list(forces[-2:])
 
 
 def test_every_kind_of_target_is_met_exactly(tmp_path):

@@ -156,9 +156,7 @@ class Evaluation:
 
     def frame_jacobian(self, frame: int) -> Array:
         """Return the Jacobian (6, nv) of a frame at its origin, world axes, likewise."""
-        found = self.body_jacobian(self.model.frames[frame].parentJoint)
-        found[:3] -= pin.skew(self.frame(frame).translation) @ found[3:]
-        return found
+        return self._tree.frame_jacobian(frame)
 
     def twist_derivatives(self, joint: int) -> Array:
         """Return (n_closure, 6) derivatives of the rows for a twist of what a joint carries."""

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from spatial_pin.constraints.pinocchio_views import (
     accelerations,
     forces,
+    frame_jacobian,
     joint_jacobian,
     placements,
     twists,
@@ -52,6 +53,10 @@ class Tree:
     def place(self, q: Array) -> None:
         """Set `placements` and `columns` at the configuration q (nq,)."""
         pin.computeJointJacobians(self.model, self.data, q)
+
+    def frame_jacobian(self, frame: int) -> Array:
+        """Return the Jacobian (6, nv) of a frame at its origin, world axes, where it is placed."""
+        return frame_jacobian(self.model, self.data, frame)
 
     def move(self, q: Array, v: Array, a: Array) -> None:
         """Set `placements`, `twists` and `accelerations` of a motion."""
@@ -91,6 +96,17 @@ class TreeOfSubtrees:
             pin.computeJointJacobians(p.model, p.data, q[p.q])
             self.placements[p.joints] = p.placements
             self.columns[:, p.v] = p.columns
+
+    def frame_jacobian(self, frame: int) -> Array:
+        """Return the Jacobian (6, nv) of a frame at its origin, world axes, where it is placed."""
+        model, at = self.model, self.model.frames[frame]
+        found = np.zeros_like(self.columns)
+        for i in list(model.supports[at.parentJoint])[1:]:
+            own = slice(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])
+            found[:, own] = self.columns[:, own]
+        place = self.data.oMi[at.parentJoint] * at.placement
+        found[:3] -= pin.skew(place.translation) @ found[3:]
+        return found
 
     def move(self, q: Array, v: Array, a: Array) -> None:
         """Set `placements`, `twists` and `accelerations` of a motion."""

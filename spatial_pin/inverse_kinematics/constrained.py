@@ -3,20 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.assembly.close import close
+from spatial_pin.assembly.close import closed
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.inverse_kinematics.targets import Target
+from spatial_pin.kernel.closer import Closed
 from spatial_pin.mechanism.joint_limits import SLACK, JointLimit
-from spatial_pin.numerics.linalg import Array, decompose
+from spatial_pin.numerics.linalg import Array, Decomposition, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 CORRECTIONS = 8  # Newton's, after steps that nearly keep what is kept: four do as a rule
 Held = dict[int, JointLimit]  # by place in the velocity: limits that joints stand at
+
+
+class _Linear(NamedTuple):
+    """What is known at a configuration.
+
+    Attributes:
+        q: the configuration.
+        found: by what moves, the identity of what is kept, and whether idle rotations count: what
+            is kept, so that its identity is its own, and the decomposed derivatives.
+    """
+
+    q: Array
+    found: dict[tuple[bytes, int, bool], tuple[Sequence[Target], Decomposition]]
 
 
 class Constrained:
@@ -49,11 +64,12 @@ class Constrained:
         self.moves[list(still)] = False
         # the last two residuals, with configuration and targets: they are asked for again and again
         self._known: list[tuple[Array, Sequence[Target], tuple[Array, Array]]] = []
+        self._linear = _Linear(np.empty(0), {})
+        self._last: Closed | None = None  # where closing led
 
     def residual(self, q: Array, targets: Sequence[Target]) -> tuple[Array, Array]:
         """Return weighted residuals (k,) and derivatives (k, nv) for scaled velocities."""
-        if self.evaluation.q is not q:
-            self.evaluation.update(q)
+        self.stand(q)
         if not targets:
             return np.empty(0), np.empty((0, len(self.scale)))
         for at, known, found in self._known:
@@ -64,18 +80,41 @@ class Constrained:
         return found
 
     def _residual(self, targets: Sequence[Target]) -> tuple[Array, Array]:
-        parts = [t.residual(self.evaluation) for t in targets]
-        weights = [1.0 if t.weight is None else t.weight for t in targets]
-        return (np.concatenate([w * r for w, (r, _) in zip(weights, parts, strict=True)]),
-                np.vstack([w * j * self.scale for w, (_, j) in zip(weights, parts, strict=True)]))
+        parts = [self._weighed(t) for t in targets]
+        if len(parts) == 1:
+            return parts[0]
+        return np.concatenate([r for r, _ in parts]), np.vstack([j for _, j in parts])
+
+    def _weighed(self, target: Target) -> tuple[Array, Array]:
+        residual, rows = target.residual(self.evaluation)
+        if target.weight is None:
+            return residual, rows * self.scale
+        return target.weight * residual, rows * (target.weight * self.scale)
+
+    def pulled(self, targets: Sequence[Target], forces: Array) -> Array:
+        """Return the sum (nv,) of forces (k,) times derivatives of residuals, where they stand."""
+        found = np.zeros(len(self.scale))
+        for target in targets:
+            pulled, forces = target.pulled(self.evaluation, forces)
+            found += pulled if target.weight is None else target.weight * pulled
+        return found * self.scale
+
+    def stand(self, q: Array) -> None:
+        """Evaluate the equations at q (nq,), if they do not stand there."""
+        if self.evaluation.q is not q:
+            self.evaluation.update(q)
 
     def closed(self, q: Array) -> Array:
         """Return a configuration with its loops closed."""
         return self._closed(q, self.moves)
 
     def _closed(self, q: Array, free: NDArray[np.bool_]) -> Array:
-        found, _ = close(self.evaluation, q, free, TOLERANCES.round_off)
-        return found
+        evaluation, last = self.evaluation, self._last
+        if last is None or last.q is not q or last.error > TOLERANCES.round_off:
+            last = self._last = closed(evaluation.mechanism, q, free, evaluation.angle_reference,
+                                       TOLERANCES.round_off)
+        self.stand(last.q)
+        return last.q
 
     def motions(
         self, q: Array, free: NDArray[np.bool_], kept: Sequence[Target], idle: bool = True
@@ -84,12 +123,26 @@ class Constrained:
 
         Idle rotations are among them, unless they are not wanted: a target may ask for one.
         """
-        _, rows = self.residual(q, kept)
-        closures = self.closures() if idle else self.evaluation.jacobian
-        basis = decompose(np.vstack([closures, rows])[:, free]).null_space
+        basis = self.linearised(q, free, kept, idle).null_space
         found = np.zeros((len(basis), len(free)))
         found[:, free] = basis
         return found
+
+    def linearised(
+        self, q: Array, free: NDArray[np.bool_], kept: Sequence[Target], idle: bool = True
+    ) -> Decomposition:
+        """Return the decomposed derivatives (k, n) of loops and targets for what is free (n,).
+
+        Those of idle rotations are among them, where these are not motions that are wanted.
+        """
+        if self._linear.q is not q:
+            self._linear = _Linear(q, {})
+        found, key = self._linear.found, (free.tobytes(), id(kept), idle)
+        if key not in found:
+            _, rows = self.residual(q, kept)
+            closures = self.closures() if idle else self.evaluation.jacobian
+            found[key] = kept, decompose(np.vstack([closures, rows])[:, free])
+        return found[key][1]
 
     def closures(self) -> Array:
         """Return the derivative (k, nv) of the loops' equations, none of idle rotations."""
@@ -115,8 +168,15 @@ class Constrained:
 
     def is_closed(self) -> bool:
         """Whether loops are closed where the equations stand, no axis the other way round."""
-        evaluation = self.evaluation
+        evaluation, last = self.evaluation, self._last
+        if last is not None and last.q is evaluation.q and not last.may_be_mirrored:
+            return last.error <= TOLERANCES.closed
         return evaluation.closure_error <= TOLERANCES.closed and not evaluation.mirrored()
+
+    def is_closed_at(self, q: Array) -> bool:
+        """Whether loops are closed at a configuration (nq,); the equations stand there then."""
+        self.stand(q)
+        return self.is_closed()
 
     def free(self, held: Held) -> NDArray[np.bool_]:
         """Return which velocities may move (nv,) where joints stand at limits."""

@@ -15,10 +15,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
-from numpy.typing import NDArray
 
 from spatial_pin.inverse_kinematics.constrained import Constrained, Held
+from spatial_pin.inverse_kinematics.lagrangian import Lagrangian
 from spatial_pin.inverse_kinematics.targets import Target
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -29,7 +28,6 @@ SLOW_STEPS = 2  # that leave more than half, after which Newton's are made: Gaus
 LEAST_DAMPING = 1e-3
 MOST_DAMPING = 1e6  # with which nothing moves any more
 NO_LONGER = 1e-9  # rad, characteristic lengths: how far off a least sum may be
-CURVATURE_STEP = 1e-6  # of differences of first derivatives: half of their digits are good
 
 
 class Place(NamedTuple):
@@ -54,28 +52,32 @@ class Slope(NamedTuple):
         gradient: (k,) along these.
         sizes: (k,) curvatures along its principal directions, rising.
         ways: (k, k) these, in columns.
+        least: the curvature that is clearly one, however little the others are.
     """
 
     motions: Array
     gradient: Array
     sizes: Array
     ways: Array
+    least: float
 
     def step(self, damping: float) -> Array:
         """Return Newton's step (nv,), which goes down where the curvature is negative too."""
         if not len(self.gradient):
             return np.zeros(self.motions.shape[1])
         size, along = np.abs(self.sizes), self.ways.T @ self.gradient
-        most = max(float(size.max()), TOLERANCES.zero)
-        little = TOLERANCES.half_precision  # of differences: what is flat, as an idle rotation is
-        along[(size <= little * most) & (np.abs(along) <= little * np.abs(along).max())] = 0.0
+        most = max(float(size.max()), self.least)
+        # What is flat, as an idle rotation is, comes last: differences leave some millionths of
+        # other ways in it, and so of their gradients, over a curvature that is nothing.
+        is_flat = size <= TOLERANCES.half_precision * most
+        along[is_flat & (np.abs(along) <= TOLERANCES.regular * np.abs(along).max())] = 0.0
         parts = along / (np.maximum(size, TOLERANCES.nothing * most) + damping * most)
         found: Array = -(self.ways @ parts) @ self.motions
         return found
 
     def off_summit(self) -> Array | None:
         """Return the way (nv,) that it bends down most along; None where it does not."""
-        size = np.abs(self.sizes).max(initial=0.0)
+        size = np.abs(self.sizes).max(initial=self.least)
         if not len(self.sizes) or self.sizes[0] >= -TOLERANCES.half_precision * size:
             return None
         way: Array = self.ways[:, 0] @ self.motions
@@ -96,7 +98,7 @@ class Descent:
     ) -> None:
         self.base, self.kept, self.wanted = base, kept, wanted
         self._damping, self._slow = 0.0, 0
-        self._known: tuple[Array, Held, Slope] | None = None
+        self._known: tuple[Array, dict[bytes, Slope]] = np.empty(0), {}  # slopes at a configuration
 
     def run(self, q: Array, held: Held) -> tuple[Array, Held, bool]:
         """Go down from a configuration (nq,) and the limits it stands at.
@@ -112,7 +114,7 @@ class Descent:
             moved = float(np.linalg.norm(step))
             there = self._landed(place.q, step, now_held)
             is_last = moved < (TOLERANCES.half_precision if self._converges else NO_LONGER)
-            if there is not None and self._is_as_good(there, place, is_last):
+            if there is not None and self._is_as_good(there, place, moved):
                 is_last = is_last and there.held.keys() == place.held.keys()
                 self._judge(there.size / place.size if place.size else 0.0, moved)
                 place = there
@@ -142,13 +144,13 @@ class Descent:
     def _size(self, q: Array) -> float:
         return float(np.linalg.norm(self.base.residual(q, self.wanted)[0]))
 
-    def _is_as_good(self, there: Place, place: Place, is_last: bool) -> bool:
+    def _is_as_good(self, there: Place, place: Place, moved: float) -> bool:
         """Whether a step is to be made: not one that only stands still, or goes up."""
         if there.size < place.size:
             return True
         if there.held.keys() != place.held.keys():
             return there.size <= place.size * (1.0 + TOLERANCES.nothing)
-        if self._converges and is_last:  # the sum of squares does not tell such places apart
+        if self._is_bent and moved < TOLERANCES.half_precision:  # sums do not tell places apart
             return there.size <= place.size * (1.0 + TOLERANCES.tight)
         return there.size <= self.base.tolerance
 
@@ -171,10 +173,12 @@ class Descent:
         way = self._slope(place.q, place.held).off_summit()
         if way is None:
             return None
-        found = [self._landed(place.q, side * TOLERANCES.trial_step * way, place.held)
-                 for side in (1.0, -1.0)]
-        return min((x for x in found if x is not None and x.size < place.size),
-                   key=lambda x: x.size, default=None)
+        best = place
+        for side in (1.0, -1.0):
+            there = self._landed(place.q, side * TOLERANCES.trial_step * way, place.held)
+            if there is not None and there.size < best.size * (1.0 - TOLERANCES.round_off):
+                best = there
+        return None if best is place else best
 
     # ---------------------------------------------------------------- steps
 
@@ -238,43 +242,15 @@ class Descent:
 
     def _slope(self, q: Array, held: Held) -> Slope:
         """Return gradient and curvature of half the square, along freedoms between limits held."""
-        if self._known is not None:
-            at, known, found = self._known
-            if at is q and known.keys() == held.keys():
-                return found
-        free = self.base.free(held)
-        motions = self.base.motions(q, free, self.kept)
-        residual, rows = self.base.residual(q, self.wanted)
-        slope = rows @ motions.T
-        curvature = slope.T @ slope + self._bending(q, motions, free)
-        found = Slope(motions, residual @ slope, *np.linalg.eigh(curvature))
-        self._known = q, dict(held), found
+        if self._known[0] is not q:
+            self._known = q, {}
+        known, free = self._known[1], self.base.free(held)
+        found = known.get(free.tobytes())
+        if found is None:
+            half = Lagrangian(self.base, self.kept, self.wanted, q, free)
+            found = known[free.tobytes()] = Slope(
+                half.motions, half.gradient, *np.linalg.eigh(half.curvature()), half.least)
         return found
-
-    def _bending(self, q: Array, motions: Array, free: NDArray[np.bool_]) -> Array:
-        """Return what the bending of residuals and loops adds to the curvature (k, k).
-
-        It is the second derivative of the residuals and of what is kept, each times what it weighs
-        in the Lagrangian: first derivatives are differenced along the motions.
-        """
-        residual, rows = self.base.residual(q, self.wanted)
-        weights = decompose(self._kept_rows(q)[:, free].T).minimum_norm(-(residual @ rows)[free])
-
-        def gradient(q: Array) -> Array:
-            """Return the Lagrangian's along the motions, residuals and weights as they are."""
-            rows = self.base.residual(q, self.wanted)[1]
-            return motions @ (residual @ rows + weights @ self._kept_rows(q))
-
-        here, model = gradient(q), self.base.evaluation.model
-        found = np.array([
-            gradient(pin.integrate(model, q, CURVATURE_STEP * self.base.scale * way)) - here
-            for way in motions]).reshape(len(motions), len(motions)) / CURVATURE_STEP
-        return 0.5 * (found + found.T)
-
-    def _kept_rows(self, q: Array) -> Array:
-        """Return derivatives (k, nv) of the loops' equations and of targets that stay met."""
-        rows = self.base.residual(q, self.kept)[1]
-        return np.vstack([self.base.closures(), rows])
 
 
 def damped(a: Array, b: Array, damping: float) -> Array:

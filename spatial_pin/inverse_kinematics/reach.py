@@ -84,20 +84,33 @@ def reach(
     kept = joint_limits(mechanism) if limits else []
     with evaluation_of(mechanism, start.angles) as evaluation:
         solver = Solver(evaluation, asked, kept, held.entries, EXACT)
-        best = solver.reached(start.q, {})
-        for q in _starts(start, solver, starts):
-            found = solver.solve(q, start.q)
-            evaluation.update(found.q)
-            if solver.is_closed() and (q is start.q or found.order < best.order):
-                best = found
-            if best.is_met(EXACT) or (q is start.q and found.is_on_its_way):
-                break  # others near it have as far to go
-        evaluation.update(best.q)
+        best = _best(start, solver, starts)
+        if not best.is_met(EXACT):
+            best = solver.settled(best, start.q)
+        solver.stand(best.q)
         reached = State(mechanism, best.q, closure_error=evaluation.closure_error,
                         angles=evaluation.angles.copy())
         if not best.is_met(EXACT):
             raise _short(start, solver, best, reached)
     return reached
+
+
+def _best(start: State, solver: Solver, starts: int) -> Reached:
+    """Return the nearest place that solving leads to, from a state or others about it."""
+    best = None
+    for q in _starts(start, solver, starts):
+        found = solver.solve(q, start.q)
+        is_closed = solver.is_closed_at(found.q)
+        if best is None:
+            best = found if is_closed else solver.reached(start.q, {})
+            if found.is_on_its_way:
+                break  # others near it have as far to go
+        elif is_closed and found.is_nearer(best):
+            best = found
+        if best.is_met(EXACT):
+            break
+    assert best is not None  # of the state itself
+    return best
 
 
 def _starts(state: State, solver: Solver, count: int) -> Iterable[Array]:

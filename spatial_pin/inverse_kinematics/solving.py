@@ -46,10 +46,14 @@ class Reached(NamedTuple):
         """The length of `exact`."""
         return float(np.linalg.norm(self.exact))
 
-    @property
-    def order(self) -> tuple[bool, float]:
-        """By which places are compared: within limits, then near."""
-        return bool(self.beyond), self.distance
+    def is_nearer(self, other: Reached) -> bool:
+        """Whether this is within limits where the other is not, or clearly nearer."""
+        if self.beyond or other.beyond:
+            return bool(other.beyond) and (not self.beyond or self._is_less(other))
+        return self._is_less(other)
+
+    def _is_less(self, other: Reached) -> bool:
+        return self.distance < other.distance * (1.0 - TOLERANCES.nothing)
 
     def is_met(self, tolerance: float) -> bool:
         """Whether targets are met, within limits."""
@@ -116,25 +120,37 @@ class Solver(Constrained):
         q = polished
         if self.weighted:
             q, held, _ = Descent(self, self.exact, self.weighted).run(q, held)
-        return self.reached(self._least_motion(q, start, held), held)
+        descent = Descent(self, self.exact, self.weighted)
+        return self.reached(self._least_motion(q, start, held, descent), held)
+
+    def settled(self, found: Reached, start: Array) -> Reached:
+        """Return the place nearest to the start of those that are as near to the targets."""
+        if found.beyond or found.is_on_its_way or not self.is_closed_at(found.q):
+            return found
+        held = {limit.v: limit for limit in found.limits}
+        q = self._least_motion(found.q, start, held, Descent(self, [], self.exact))
+        there = self.reached(q, held)
+        return found if found.is_nearer(there) or not self.is_closed_at(q) else there
 
     def slopes(self, q: Array) -> Array:
         """Return how fast, along its principal directions, what is to be exact can change."""
         rows = self.residual(q, self.exact)[1] @ self.motions(q, self.moves, []).T
         return decompose(rows).s
 
-    def _least_motion(self, q: Array, start: Array, held: Held) -> Array:
-        """Return the configuration nearest to the start that meets the targets as well."""
-        missed, descent = self._missed(q), Descent(self, self.exact, self.weighted)
+    def _least_motion(self, q: Array, start: Array, held: Held, descent: Descent) -> Array:
+        """Return the configuration nearest to the start, as good as where a descent ended."""
+        kept, wanted = descent.kept, descent.wanted
+        missed = self._missed(q, wanted)
         if missed > self.tolerance:
             if not held and descent.is_single(q, held):
                 return q
             level = self._same_sum(q, held, descent)
             if level is not None:
                 found = self._nearest(q, start, held, level)
-                if self._missed(found) <= missed * (1.0 + TOLERANCES.nothing):
+                if self._missed(found, wanted) <= missed * (1.0 + TOLERANCES.nothing):
                     return found  # else it is level to second order only
-        return self._nearest(q, start, held, [*self.exact, *self._as_now(q)])
+        unchanged = [*kept, *self._as_now(q, wanted)] if wanted else kept
+        return self._nearest(q, start, held, unchanged)
 
     def _nearest(self, q: Array, start: Array, held: Held, kept: Sequence[Target]) -> Array:
         """Return the configuration nearest to the start, from q on, that keeps targets met."""
@@ -144,37 +160,34 @@ class Solver(Constrained):
         return found
 
     def _same_sum(self, q: Array, held: Held, descent: Descent) -> list[Target] | None:
-        """Return what keeps the weighted residuals' sum of squares, where a descent has ended.
+        """Return what keeps the residuals' sum of squares, where a descent has ended.
 
         None where that leaves the same motions as to keep the residuals themselves.
         """
-        least_push = TOLERANCES.nothing * self._missed(q)
+        kept, wanted = descent.kept, descent.wanted
+        least_push = TOLERANCES.nothing * self._missed(q, wanted)
         pushed = [limit for v, limit in held.items() if descent.push(q, held, v) > least_push]
         free = self.free({limit.v: limit for limit in pushed})
-        least = LeastSquares(self, self.exact, self.weighted, free)
+        least = LeastSquares(self, kept, wanted, free)
         sizes, ways = least.curved(q)
-        unchanged = self.motions(q, free, [*self.exact, *self._as_now(q)])
-        n = len(self.motions(q, free, self.exact))
+        unchanged = self.motions(q, free, [*kept, *self._as_now(q, wanted)])
+        n = len(self.motions(q, free, kept))
         if len(unchanged) == n - len(sizes) and (
                 np.abs(ways @ unchanged.T).max(initial=0.0) < TOLERANCES.half_precision):
             return None
         stops = [CoordinateValue(name=limit.name, value=limit.value) for limit in pushed]
         curved = [Stationary(name="", sum=least, sizes=sizes, ways=ways)] if len(sizes) else []
-        return [*self.exact, *stops, *curved]
+        return [*kept, *stops, *curved]
 
-    def _missed(self, q: Array) -> float:
-        """Return the length of the weighted residuals."""
-        return float(np.linalg.norm(self.residual(q, self.weighted)[0]))
+    def _missed(self, q: Array, wanted: Sequence[Target]) -> float:
+        """Return the length of residuals."""
+        return float(np.linalg.norm(self.residual(q, wanted)[0]))
 
-    def _as_now(self, q: Array) -> list[Target]:
-        """Return targets with a weight that keep their residuals as they are at q."""
+    def _as_now(self, q: Array, wanted: Sequence[Target]) -> list[Target]:
+        """Return targets that keep residuals as they are at q."""
+        self.stand(q)
         return [AsNow(name=t.name, target=t, value=t.residual(self.evaluation)[0])
-                for t in self._weighted_at(q)]
-
-    def _weighted_at(self, q: Array) -> list[Target]:
-        """Return targets with a weight, the equations standing at q."""
-        self.residual(q, self.weighted)
-        return self.weighted
+                for t in wanted]
 
     def reached(self, q: Array, held: Held) -> Reached:
         """Return how far targets are met at a configuration, with what holds it there."""

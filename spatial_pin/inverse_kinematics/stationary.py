@@ -11,16 +11,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.inverse_kinematics.constrained import Constrained
+from spatial_pin.inverse_kinematics.lagrangian import Lagrangian
 from spatial_pin.inverse_kinematics.targets import Residual, Target
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-
-GRADIENT_STEP = 1e-4  # of differences [rad, characteristic lengths]: they leave 1e-9 to 1e-11
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,30 +37,20 @@ class LeastSquares:
     wanted: Sequence[Target]
     free: NDArray[np.bool_]
 
-    def gradient(self, q: Array) -> Array:
-        """Return the derivative (nv,) of half the sum, along the motions that there are."""
-        motions = self.base.motions(q, self.free, self.kept)
-        residual, rows = self.base.residual(q, self.wanted)
-        found: Array = (residual @ rows @ motions.T) @ motions
-        return found
-
-    def change(self, q: Array, ways: Array) -> Array:
-        """Return how the gradient changes (k, nv) along scaled velocities (k, nv)."""
-        base = self.base
-        ends = [[self.gradient(pin.integrate(base.evaluation.model, q, side * base.scale * way))
-                 for side in (GRADIENT_STEP, -GRADIENT_STEP)] for way in ways]
-        base.evaluation.update(q)
-        return np.array([(a - b) / (2.0 * GRADIENT_STEP) for a, b in ends]).reshape(ways.shape)
+    def at(self, q: Array) -> Lagrangian:
+        """Return its Lagrangian at a configuration (nq,)."""
+        return Lagrangian(self.base, self.kept, self.wanted, q, self.free)
 
     def curved(self, q: Array) -> tuple[Array, Array]:
         """Return sizes (k,) and scaled velocities (k, nv) of the directions it is curved along."""
-        motions = self.base.motions(q, self.free, self.kept)
+        half = self.at(q)
+        motions = half.motions
         slope = self.base.residual(q, self.wanted)[1] @ motions.T
-        curvature = self.change(q, motions) @ motions.T
+        curvature = half.changes(motions) @ motions.T
         sizes, ways = np.linalg.eigh(0.5 * (curvature + curvature.T))
         parts = float(np.linalg.norm(slope, ord=2)) ** 2  # what the residuals' bending may cancel
         most = max(parts, float(np.abs(sizes).max(initial=0.0)))
-        curved = np.abs(sizes) > TOLERANCES.half_precision * most
+        curved = np.abs(sizes) > max(TOLERANCES.half_precision * most, half.least)
         return sizes[curved], ways.T[curved] @ motions
 
 
@@ -80,8 +68,16 @@ class Stationary(Target):
         The derivative is that along the motions that there are: other targets and the loops see to
         the rest.
         """
-        q, total = evaluation.q, self.sum
-        ways = self.ways / self.sizes[:, None]
-        found = ways @ total.gradient(q)
-        motions = total.base.motions(q, total.free, total.kept)
-        return found, ways @ total.change(q, motions).T @ motions / total.base.scale
+        q, half = evaluation.q, self.sum.at(evaluation.q)
+        ways = self.ways / self.sizes[:, None] @ half.motions.T @ half.motions
+        found, rows = ways @ half.slope, half.changes(ways) / self.sum.base.scale
+        self.sum.base.stand(q)
+        return found, rows
+
+    def pulled(self, evaluation: Evaluation, forces: Array) -> tuple[Array, Array]:
+        """See `Target`: one way is enough, as second derivatives do not depend on the order."""
+        q, half, n = evaluation.q, self.sum.at(evaluation.q), len(self.sizes)
+        way = (forces[:n] / self.sizes) @ self.ways @ half.motions.T @ half.motions
+        found = half.changes(way[None])[0] / self.sum.base.scale
+        self.sum.base.stand(q)
+        return found, forces[n:]

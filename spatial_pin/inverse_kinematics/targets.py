@@ -58,6 +58,16 @@ class Target(ABC):
     def residual(self, evaluation: Evaluation) -> Residual:
         """Return how far it is from its value, and the derivative, at the last `update`."""
 
+    def pulled(self, evaluation: Evaluation, forces: Array) -> tuple[Array, Array]:
+        """Return the sum (nv,) of forces times the derivatives, and forces of other residuals.
+
+        Args:
+            evaluation: the equations, at the last `update`.
+            forces: one for each of the residuals, and those of other targets after them.
+        """
+        rows = self.residual(evaluation)[1]
+        return forces[: len(rows)] @ rows, forces[len(rows) :]
+
     def check(self, mechanism: Mechanism) -> None:
         """Refuse names that the mechanism does not have.
 
