@@ -7,11 +7,12 @@ import sys
 import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-State = Any  # a `spatial_pin.State`, and
-Motion = Any  # a `spatial_pin.Motion`: errors keep them, and know nothing of them
-Array = Any
+if TYPE_CHECKING:  # errors keep a State or a Motion, and use nothing of them
+    from numpy.typing import NDArray
+
+    import spatial_pin as sp
 
 
 class SpatialPinError(Exception):
@@ -159,7 +160,8 @@ class AssemblyError(SpatialPinError):
     """
 
     def __init__(
-        self, message: str, *, closure_error: float, worst_closure: str, state: State | None = None
+        self, message: str, *, closure_error: float, worst_closure: str,
+        state: sp.State | None = None,
     ) -> None:
         super().__init__(message)
         self.closure_error = closure_error
@@ -182,7 +184,7 @@ class LimitError(SpatialPinError):
         2.4751 rad, 25 samples before it
     """
 
-    def __init__(self, message: str, *, limit: float, motion: Motion | None = None) -> None:
+    def __init__(self, message: str, *, limit: float, motion: sp.Motion | None = None) -> None:
         super().__init__(message)
         self.limit = limit
         self.motion = motion
@@ -212,15 +214,15 @@ class ReachError(SpatialPinError):
     """
 
     def __init__(
-        self, message: str, *, state: State, distances: dict[str, float],
-        residuals: dict[str, Array], stops: tuple[str, ...], reasons: tuple[str, ...],
+        self, message: str, *, state: sp.State, distances: dict[str, float],
+        residuals: dict[str, NDArray[Any]], stops: tuple[str, ...], reasons: tuple[str, ...],
         limits: tuple[str, ...],
     ) -> None:
         super().__init__(message)
         self.state = state
         self.distances, self.residuals = distances, residuals
         self.stops, self.reasons, self.limits = stops, reasons, limits
-        self.motion: Motion | None = None
+        self.motion: sp.Motion | None = None
 
 
 class Interrupted(KeyboardInterrupt):
@@ -238,7 +240,7 @@ class Interrupted(KeyboardInterrupt):
         1000
     """
 
-    def __init__(self, motion: Motion) -> None:
+    def __init__(self, motion: sp.Motion) -> None:
         super().__init__(f"after {len(motion)} samples")
         self.motion = motion
 
@@ -265,7 +267,7 @@ class SingularError(SpatialPinError):
     """
 
     def __init__(
-        self, message: str, *, state: State | None = None, motion: Motion | None = None
+        self, message: str, *, state: sp.State | None = None, motion: sp.Motion | None = None
     ) -> None:
         super().__init__(message)
         self.state = state
@@ -288,7 +290,7 @@ class EnergyError(SpatialPinError):
         1001
     """
 
-    def __init__(self, message: str, *, motion: Motion | None = None) -> None:
+    def __init__(self, message: str, *, motion: sp.Motion | None = None) -> None:
         super().__init__(message)
         self.motion = motion
 
@@ -309,7 +311,7 @@ class StepLimitError(SpatialPinError):
         4 samples before it
     """
 
-    def __init__(self, message: str, *, motion: Motion | None = None) -> None:
+    def __init__(self, message: str, *, motion: sp.Motion | None = None) -> None:
         super().__init__(message)
         self.motion = motion
 
@@ -332,7 +334,7 @@ class ContinuumError(SingularError):
     """
 
     def __init__(
-        self, message: str, *, state: State, freedoms: int, coordinates: tuple[str, ...],
+        self, message: str, *, state: sp.State, freedoms: int, coordinates: tuple[str, ...],
         hold: tuple[str, ...],
     ) -> None:
         super().__init__(message, state=state)

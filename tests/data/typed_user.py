@@ -176,16 +176,19 @@ def failing(mech: sp.Mechanism) -> None:
     try:
         sp.sweep(mech, "crank", [0.0, 7.0])
     except sp.Interrupted as stopped:
-        print(len(stopped.motion))
+        followed: sp.Motion = stopped.motion
+        print(len(followed), followed.driver_name.upper())
     except sp.LimitError as error:
         reached: float = error.limit
-        print(reached)
+        print(reached, error.motion.q if error.motion is not None else None)
     except sp.AssemblyError as error:
-        print(error.closure_error + 1.0, error.worst_closure.upper())
+        open_by: sp.State | None = error.state
+        print(error.closure_error + 1.0, error.worst_closure.upper(), open_by)
     except sp.UnknownNameError as error:
         print(error.name.upper(), error.valid[0].upper())
     except sp.ReachError as error:
-        print(error.distances["tip"] + 1.0, error.reasons[0].upper())
+        nearest: sp.State = error.state
+        print(error.distances["tip"] + 1.0, error.reasons[0].upper(), nearest.closure_error + 1.0)
     except sp.ContinuumError as error:
         print(error.freedoms + 1, error.hold[0].upper())
     except (sp.SingularError, sp.EnergyError, sp.StepLimitError) as error:
