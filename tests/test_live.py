@@ -589,8 +589,10 @@ def test_what_cannot_be_moved_is_refused_at_once():
         live(mechanism, drivers=["cranc"], open_browser=False)
     with pytest.raises(SpatialPinError, match="arrows"):
         live(mechanism, look=Look(arrows=("coupler.velocity",)), open_browser=False)
-    with pytest.raises(SpatialPinError, match="curves"):
-        live(mechanism, look=Look(curves=("rocker_pin",)), open_browser=False)
+    with pytest.raises(SpatialPinError, match=r"rocker_pin.*knows no rates"):
+        live(mechanism, look=Look(curves=("rocker_pin.rate",)), open_browser=False)
+    with pytest.raises(sp.UnknownNameError, match="rocker_pni"):
+        live(mechanism, look=Look(curves=("rocker_pni",)), open_browser=False)
     with pytest.raises(SpatialPinError, match="traces"):
         live(sp.load("stewart"), look=Look(traces=("platform",)), open_browser=False)
     with pytest.raises(SpatialPinError, match="knows no rates"):
@@ -933,3 +935,63 @@ class TestBrowser:
                 assert box_of(browser, "dials[5].slider")["width"] > 80
             finally:
                 browser.resize((900, 700))
+
+
+# ---------------------------------------------------------------- curves that grow
+
+
+@pytest.mark.browser
+@needs_browser[1]
+def test_curves_grow_while_the_mechanism_is_moved(browser):
+    look = Look(curves=("rocker_pin", "coupler.com.position"))
+    mechanism = sp.load("rssr")
+    with live(mechanism, look=look, open_browser=False) as viewer:
+        browser.resize((900, 760))
+        browser.open(viewer.url, READY)
+        assert browser.evaluate("[panels.length, film.curves.name]") == [2, "crank [°]"]
+        dragged(browser, 0.5, 0.6)
+        browser.wait_until("!asking && !viewer.needs_render && film.curves.x.length > 3")
+        browser.screenshot()
+        x, rocker = browser.evaluate("[film.curves.x, film.curves.panels[0].lines[0].values]")
+        states = [sp.assemble(mechanism, {"crank": np.radians(v)}) for v in (x[0], x[-1])]
+        np.testing.assert_allclose(
+            [rocker[0], rocker[-1]], [np.degrees(s.coordinate("rocker_pin").value) for s in states],
+            rtol=1e-5)
+        drawn = "panels.map(p => p.svg.querySelectorAll('path').length)"
+        assert browser.evaluate(drawn) == [1, 3]
+        assert browser.evaluate("panels[0].values[0].textContent") == f"{rocker[-1]:.5g} °"
+        # the mechanism goes where one clicks in a curve
+        box = box_of(browser, "panels[0].svg")
+        browser.click(box["x"] + 0.3 * box["width"], box["y"] + 40)
+        browser.wait_until("!asking")
+        now = browser.evaluate("dials[0].value")
+        assert x[0] < now < 0.5 * (x[0] + x[-1])
+        # going back to the start is no line
+        press_button = "document.getElementById('home').onclick(); 1"
+        browser.evaluate(press_button)
+        browser.wait_until("!asking")
+        assert None in browser.evaluate("film.curves.panels[0].lines[0].values")
+        assert browser.evaluate("document.documentElement.scrollHeight") <= 760
+
+
+@pytest.mark.browser
+@needs_browser[1]
+def test_curves_of_many_drivers_are_drawn_movement_by_movement(browser):
+    with live(sp.load("stewart"), look=Look(curves=("platform.position",)),
+              open_browser=False) as viewer:
+        browser.resize((390, 844))
+        browser.open(viewer.url, READY)
+        browser.evaluate("wish({ask: 'move', driver: 'leg_1', value: dials[0].value + 5}); 1")
+        browser.wait_until("!asking && film.curves.x.length === 2")
+        browser.evaluate("wish({ask: 'move', driver: 'leg_2', value: dials[1].value + 5}); 1")
+        browser.wait_until("!asking && film.curves.x.length === 3")
+        browser.screenshot()
+        assert browser.evaluate("[film.curves.x, film.curves.name]") == [[0, 1, 2], "movements"]
+        assert browser.evaluate("pane.clientHeight") > 250
+        assert browser.evaluate("document.documentElement.scrollWidth") <= 390
+
+
+def test_what_stands_still_has_no_curves(tmp_path):
+    state = sp.assemble(sp.load("rssr"))
+    with pytest.raises(SpatialPinError, match="curves belong to a motion"):
+        sp.export_html(state, tmp_path / "a.html", look=Look(curves="rocker_pin"))

@@ -4,6 +4,7 @@ import base64
 import json
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from pictures import colour_mask, middle, pixels
 
@@ -203,10 +204,12 @@ def test_parallel_lines_are_drawn_so_in_a_parallel_view(page):
     np.testing.assert_allclose(*home, rtol=1e-5)
 
 
-@pytest.mark.parametrize("size", [(1280, 800), (700, 525), (640, 640)])
+@pytest.mark.parametrize("size", [(1280, 800), (700, 525), (640, 640), (390, 760)])
 def test_buttons_do_not_cover_the_mechanism(page, size):
     page.resize(size)
-    page.wait_until(f"pane.clientWidth === {size[0]} && !viewer.needs_render")
+    page.wait_until(f"Math.abs(viewer.camera.aspect - {size[0] / size[1]}) < 0.01")
+    if size[0] < 400:  # where it is framed beside them
+        key(page, "f")
     across = page.evaluate("extent().map(p => onScreen(viewer.camera.parent.localToWorld(p))[0])")
     assert min(across) > 0 and max(across) < box(page, "#tools")["x"]
 
@@ -466,3 +469,148 @@ def test_page_unpacks_what_was_packed(page, data):
 
 def test_page_is_light(address):
     assert address.stat().st_size < 450_000
+
+
+# ---------------------------------------------------------------- through links, after links
+
+
+def test_links_can_be_seen_through(page):
+    before = pixels(page.screenshot())
+    blue = colour_mask(before, (0.0, 0.447, 0.698))
+    assert blue.sum() > 500
+    key(page, "x")
+    assert page.evaluate("solids.filter(s => s.group === 'links').flatMap(s => s.meshes).every("
+                         "m => m.material.transparent && m.material.opacity < 0.3)")
+    through = pixels(page.screenshot())
+    assert np.mean(through[blue].min(axis=1) - before[blue].min(axis=1)) > 0.3
+    key(page, "x")
+    np.testing.assert_allclose(pixels(page.screenshot())[blue], before[blue], atol=0.02)
+
+
+def test_camera_goes_with_a_link(page):
+    middle_of = "onScreen(middleOf(largestOf('coupler')))"
+    seen = page.evaluate(f"go(0); {middle_of}")
+    page.evaluate("go(2.5); viewer.render(); 1")
+    assert np.hypot(*np.subtract(page.evaluate(middle_of), seen)) > 20
+    click(page, "[data-opens=chase]")
+    page.click(*where(page, "coupler"))
+    for seconds in (0.5, 2.5, 4.0):
+        page.evaluate(f"go({seconds}); viewer.render(); 1")
+        page.screenshot()
+        x, y = page.evaluate(middle_of)
+        width, height = page.evaluate("[pane.clientWidth, pane.clientHeight]")
+        aside = page.evaluate("viewer.camera.view ? viewer.camera.view.offsetX : 0")
+        assert (x + aside, y) == pytest.approx((width / 2, height / 2), abs=3)
+    key(page, "5")
+    page.screenshot()
+    assert page.evaluate("chase.solid === null")
+    assert not page.evaluate("document.querySelector('[data-opens=chase].on')")
+
+
+def test_follow_key_takes_the_link_under_the_pointer(page):
+    point_at(page, *where(page, "crank"))
+    key(page, "t")
+    assert page.evaluate("chase.solid.name") == "crank"
+    key(page, "t")
+    assert page.evaluate("chase.solid === null && !chase.asked")
+
+
+# ---------------------------------------------------------------- the axes of the world
+
+
+@pytest.mark.parametrize(("axis", "sign"), [("x", 1), ("y", -1), ("z", 1)])
+def test_click_on_an_axis_looks_along_it(page, axis, sign):
+    k = 2 * "xyz".index(axis) + (sign < 0)
+    page.evaluate(f"ends[{k}].knob.onclick(); 1")
+    page.wait_until("!viewer.needs_render")
+    towards = page.evaluate(
+        "[viewer.camera.position.clone().sub(viewer.controls.target).normalize()]"
+        ".flatMap(d => [d.x, -d.z, d.y])")
+    np.testing.assert_allclose(towards, sign * np.eye(3)["xyz".index(axis)], atol=1e-5)
+
+
+def test_axes_of_the_world_are_drawn_as_they_are_seen(page):
+    for pressed, shown in (("1", "x"), ("2", "x"), ("3", "y")):
+        key(page, pressed)
+        page.screenshot()
+        k = 2 * "xyz".index(shown)
+        place = page.evaluate(f"ends[{k}].knob.getAttribute('transform')")
+        found = [float(x) for x in place.removeprefix("translate(")[:-1].split()]
+        np.testing.assert_allclose(found, [26, 0], atol=0.01)
+    b = box(page, "#triad")
+    assert b["right"] <= 900 and b["bottom"] <= 640
+    key(page, "5")
+    page.screenshot()
+    knob = page.evaluate("ends[4].knob.getBoundingClientRect().toJSON()")
+    page.click(knob["x"] + knob["width"] / 2, knob["y"] + knob["height"] / 2)
+    up = page.evaluate("viewer.camera.position.clone().sub(viewer.controls.target).normalize().y")
+    assert up == pytest.approx(1.0, abs=1e-5)
+
+
+# ---------------------------------------------------------------- angle between axes
+
+
+def test_angle_between_the_axes_of_two_pairs(page, motion):
+    page.evaluate("setShown('group', 'pairs', true); go(1.5); viewer.render(); 1")
+    script = """(() => {
+      const signs = solids.filter(s => s.group === "pairs");
+      const sign = name => signs.find(s => s.name.startsWith(name + ":")).meshes[0];
+      ruler.picks = ["crank_pin", "rocker_pin"].map(
+        name => pickOf({object: sign(name), point: new THREE.Vector3()}));
+      measure();
+      return angleBetween(...ruler.picks);
+    })()"""
+    found = page.evaluate(script)
+    model = motion.mechanism.model
+    data = model.createData()
+    pin.computeJointJacobians(model, data, motion.q[0])
+    ids = [model.getJointId(name) for name in ("crank_pin", "rocker_pin")]  # both on the ground
+    axes = [data.J[3:, model.joints[j].idx_v] for j in ids]
+    expected = np.degrees(np.arccos(abs(np.dot(*axes))))
+    assert found == pytest.approx(expected, abs=0.01)
+    texts = page.evaluate("[...document.querySelectorAll('#ruler text')].map(t => t.textContent)")
+    assert any(t.startswith("axes ") and t.endswith("°") for t in texts)
+    balls = page.evaluate("solids.filter(s => s.name.startsWith('ball_')).map(s => s.along)")
+    assert balls and all(along is None for along in balls)
+
+
+# ---------------------------------------------------------------- curves from nearer
+
+
+def test_wheel_draws_less_of_the_abscissa(page, motion):
+    click(page, "[data-opens=curves]")
+    b = box(page, "#curves svg")
+    x, y = b["x"] + 0.5 * b["width"], b["y"] + 40
+    before = page.evaluate(f"panels[0].scale.back({x - b['x']})")
+    page.call("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=-800)
+    page.wait_until("zoomed !== null")
+    low, high = page.evaluate("panels[0].scale.x")
+    assert high - low < 0.5 * np.ptp(np.rad2deg(motion.driver))
+    assert page.evaluate(f"panels[0].scale.back({x - b['x']})") == pytest.approx(before, abs=0.2)
+    rows = page.evaluate("panels[0].scale.rows.length")
+    assert 2 < rows < len(motion)
+    page.evaluate("go(0); 1")
+    page.screenshot()
+    assert page.evaluate("panels[0].cursor.getAttribute('visibility')") == "hidden"
+    page.evaluate("panels[0].svg.ondblclick(); 1")
+    assert page.evaluate("zoomed === null && panels[0].scale.rows.length") == len(motion)
+
+
+# ---------------------------------------------------------------- the address
+
+
+def test_address_shows_the_same_again(page, one_browser, address):
+    key(page, "4")
+    key(page, "p")
+    page.evaluate("viewer.controls.dispatchEvent({type: 'start'});"
+                  "viewer.camera.position.multiplyScalar(1.2); go(1.25);"
+                  "viewer.controls.dispatchEvent({type: 'end'}); 1")
+    page.wait_until("location.hash.includes('t=1.25') && location.hash.includes('view=')")
+    state = "[...viewer.camera.position.toArray(), ...viewer.controls.target.toArray()," \
+            " viewer.camera.fov, animator.time]"
+    expected, seen = page.evaluate(state), pixels(page.screenshot())
+    one_browser.open(f"{address.resolve().as_uri()}{page.evaluate('location.hash')}", READY)
+    np.testing.assert_allclose(page.evaluate(state), expected, atol=2e-4)
+    assert np.mean(np.any(np.abs(pixels(page.screenshot()) - seen) > 0.1, axis=2)) < 0.003
+    key(page, "5")
+    page.wait_until("!location.hash.includes('view=')")

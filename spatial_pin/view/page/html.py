@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
 # What the page runs, in this order: each may use what stands before it, and functions of all.
 SCRIPTS = (
-    "inflate", "software", "film", "play", "views", "parts", "point", "curves", "tools", "keys",
-    "start",
+    "inflate", "software", "film", "play", "views", "triad", "parts", "point", "xray", "chase",
+    "curves", "zoom", "tools", "keys", "address", "start",
 )
 
 
@@ -81,7 +81,7 @@ def _labels(labels: tuple[Label, ...], framing: Framing) -> list[dict[str, Any]]
     return [{"text": label.text, "at": p} for label, p in zip(labels, places, strict=True)]
 
 
-def _data(shown: Film, drawn: Scene, curves: Sequence[str]) -> str:
+def _data(shown: Film, drawn: Scene, curves: dict[str, Any] | None) -> str:
     """Return what the page's script reads, as JSON that is safe inside a script element."""
     from spatial_pin.view.scene.meshcat_commands import GRID, upright
 
@@ -95,7 +95,7 @@ def _data(shown: Film, drawn: Scene, curves: Sequence[str]) -> str:
         "radius": framing.radius,
         "world": upright(shown.mechanism.model).T.tolist(),
         "extent": np.round((drawn.extent - framing.centre) / framing.radius, 4).tolist(),
-        "curves": curves_of(shown, curves),
+        "curves": curves,
         "seconds": np.round(shown.seconds, 6).tolist(),
         "readings": _rows(shown.readings),
         "alarms": _rows(drawn.layer.alarms),
@@ -107,7 +107,7 @@ def _data(shown: Film, drawn: Scene, curves: Sequence[str]) -> str:
 
 
 def parts_of(
-    shown: Film, drawn: Scene, title: str | None, look: Look | None
+    shown: Film, drawn: Scene, title: str | None, curves: dict[str, Any] | None
 ) -> dict[str, str]:
     """Return what stands at the marks of page.html, for a page that needs nobody."""
     folder = files("spatial_pin.view.page")
@@ -119,7 +119,7 @@ def parts_of(
         "MESHCAT": _meshcat(),
         "STYLE": folder.joinpath("page.css").read_text("utf-8"),
         "SCRIPT": script_of(SCRIPTS),
-        "FILM": _data(shown, drawn, () if look is None else look.curves),
+        "FILM": _data(shown, drawn, curves),
         "CONNECT": "'none'",
         "EXTRA": "",
     }
@@ -147,7 +147,8 @@ def page(
 
     motion_or_state, look = overlaid(motion_or_state, look)
     shown = film(motion_or_state)
-    return filled(parts_of(shown, scene(shown, look), title, look))
+    curves = curves_of(shown, () if look is None else look.curves)
+    return filled(parts_of(shown, scene(shown, look), title, curves))
 
 
 @checked

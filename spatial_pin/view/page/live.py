@@ -28,6 +28,7 @@ from spatial_pin.mobility.modes import assembly_modes
 from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.outputs import is_force
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.view.page.curves import NO_RATES, growing_curves, points_now
 from spatial_pin.view.page.dragging import Grip, pulled
 from spatial_pin.view.page.drive import STOPS, Drive, Reach, Stop
 from spatial_pin.view.page.html import filled, page, parts_of, script_of
@@ -95,9 +96,11 @@ class Desk:
         paths: of the joints in the picture, and their numbers.
     """
 
-    def __init__(self, drive: Drive, outputs: tuple[str, ...]) -> None:
+    def __init__(
+        self, drive: Drive, outputs: tuple[str, ...], curves: tuple[str, ...] = ()
+    ) -> None:
         self.drive = drive
-        self.outputs = outputs
+        self.outputs, self.curves = outputs, curves
         self._start = drive.state
         self._modes: tuple[dict[str, float], list[State]] | None = None
         self._lock = threading.Lock()
@@ -124,7 +127,8 @@ class Desk:
             raise ValueError(f"a question asks for one of {', '.join(ANSWERS)}, not {kind!r}")
         with self._lock:
             said = ANSWERS[kind](self, question)
-            return {"poses": self.poses(), "values": self.values(), "says": self.says(), **said}
+            return {"poses": self.poses(), "values": self.values(), "says": self.says(),
+                    "points": points_now(_now(self.drive), self.curves), **said}
 
     # ------------------------------------------------------------ what is told with every answer
 
@@ -149,8 +153,7 @@ class Desk:
             SpatialPinError: an output is neither an angle nor a length.
         """
         said = [dial.words(self.drive.value(name)) for name, dial in self.dials.items()]
-        motion = replace(as_motion(self.drive.state), driver_name=self.drive.names[0])
-        said += [_words(motion, name) for name in self.outputs]
+        said += [_words(_now(self.drive), name) for name in self.outputs]
         beyond = self.drive.state.beyond_limits
         said += [f"beyond limits: {', '.join(beyond)}"] if beyond else []
         return [*said, f"closure error {self.drive.state.closure_error:.1e}"]
@@ -209,6 +212,11 @@ class Desk:
         return self._modes[1]
 
 
+def _now(drive: Drive) -> Motion:
+    """Return where a mechanism stands as a motion of one sample."""
+    return replace(as_motion(drive.state), driver_name=drive.names[0])
+
+
 def _stopped(dial: Dial, stop: Stop | None) -> Answer:
     """Return what is told of what is in the way."""
     if stop is None:
@@ -246,7 +254,7 @@ def _words(motion: Motion, name: str) -> str:
         return _force_words(motion, name)
     value, label, unit = motion.output(name)
     if unit not in ("rad", "m"):
-        raise SpatialPinError(f"output {name!r}: a page that is moved by hand knows no rates")
+        raise SpatialPinError(NO_RATES.format(name))
     if np.ndim(value) == 1:
         return reading(label, value, unit).text(0)
     size, word = unit_of_length(float(np.abs(value).max()))
@@ -342,9 +350,6 @@ def _check_look(look: Look | None, drive: Drive) -> None:
         raise SpatialPinError(
             "a page that is moved by hand knows no rates: leave `arrows` out of its look"
         )
-    if look.curves:
-        raise SpatialPinError("curves belong to a motion: leave `curves` out of the look of a page "
-                              "that is moved by hand, and name `outputs`")
     if look.traces and len(drive.names) > 1:
         raise SpatialPinError(
             f"a path belongs to one driver, and {len(drive.names)} are moved by hand: leave "
@@ -352,12 +357,20 @@ def _check_look(look: Look | None, drive: Drive) -> None:
         )
 
 
+def _over(desk: Desk) -> str:
+    """Return the driver that curves are drawn over; "" where there are several."""
+    return desk.drive.names[0] if len(desk.drive.names) == 1 else ""
+
+
 def _page(desk: Desk, token: str, title: str | None, look: Look | None) -> str:
     """Return the page with its sliders."""
     from spatial_pin.view.scene.meshcat_commands import scene
 
     drawn = scene(desk.film, look)
-    parts = parts_of(desk.film, drawn, title, look)
+    over = _over(desk)
+    abscissa = f"{over} [{desk.dials[over].unit.strip()}]" if over else "movements"
+    curves = growing_curves(_now(desk.drive), desk.curves, abscissa)
+    parts = parts_of(desk.film, drawn, title, curves)
     told = {
         "token": token,
         "dials": [dial._asdict() for dial in desk.dials.values()],
@@ -365,10 +378,11 @@ def _page(desk: Desk, token: str, title: str | None, look: Look | None) -> str:
         "limits": bool(joint_limits(desk.drive.mechanism)),
         "keeps": desk.drive.keeps_limits,
         "joints": list(desk.paths),
+        "over": over,
     }
     data = json.dumps(told, ensure_ascii=False).replace("<", "\\u003c")
     panel = files("spatial_pin.view.page").joinpath("live.html").read_text("utf-8")
-    told_in = {"LIVE": data, "SCRIPT": script_of(["live", "drag"])}
+    told_in = {"LIVE": data, "SCRIPT": script_of(["live", "drag", "grow"])}
     grid = html.escape(f"ground grid {length_words(drawn.framing.cell)}")
     return filled({
         **parts,
@@ -408,7 +422,8 @@ def live(
         outputs: what is told besides the drivers, as for `plot`: coordinates, `NAME.position`,
             `crank.effort` and `PAIR.reaction` at rest.
         title: heading; the mechanism's title if not given.
-        look: what is shown besides the bodies; without arrows, and traces only with one driver.
+        look: what is shown besides the bodies; without arrows, and traces only with one driver; its
+            curves grow while the mechanism is moved.
         limits: whether joint limits are in the way at first.
         port: on the loopback interface, 0 for any that is free.
         open_browser: whether to open a browser; if none can be, a warning gives the address.
@@ -434,10 +449,11 @@ def live(
     drive = Drive(state, names)
     drive.keeps_limits = limits and bool(joint_limits(mechanism))
     _check_look(look, drive)
-    desk = Desk(drive, tuple(names_of(outputs, "outputs")))
+    desk = Desk(drive, tuple(names_of(outputs, "outputs")), () if look is None else look.curves)
+    still = None if look is None else replace(look, curves=())
     service = Service(desk.answer)
     viewer = Viewer(_page(desk, service.token, title, look), port, service,
-                    still=lambda: page(state, title, look))
+                    still=lambda: page(state, title, still))
     if open_browser:
         open_in_browser(viewer, "live")
     return viewer

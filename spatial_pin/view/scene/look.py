@@ -23,7 +23,8 @@ class Look:
         skeleton: whether links are drawn as sticks from pair to pair; None: those that bring no
             picture of their own.
         curves: outputs drawn under the picture, as `spatial_pin.plot` takes them; without any, a
-            page has the usual ones behind a button.
+            page has the usual ones behind a button; they grow in a page of `live`, and what
+            stands still has none.
         pairs: whether a sign stands at every joint and closure that tells its kind; None: where
             the model brings no picture of its own.
         axes: whether the axes of joints and closures are drawn.

@@ -82,19 +82,23 @@ class Part(NamedTuple):
         group: what it is shown and hidden with: "links", "pairs", "axes", ...
         name: of the link or pair, or what it is.
         at: middle of the sign of a pair in its joint's frame [m].
+        along: axis of the pair there, a unit vector.
     """
 
     path: str
     group: str
     name: str
     at: list[float] | None = None
+    along: list[float] | None = None
 
 
 def _part(item: Item, model: pin.Model) -> Part:
-    at = None
+    at = along = None
     if item.group == "pairs" and item.joint is not None:
         at = item.placement[:3, 3].tolist()
-    return Part(item_path(item, model), item.group, item.called or item.name, at)
+    if item.axial:
+        along = item.placement[:3, 2].tolist()
+    return Part(item_path(item, model), item.group, item.called or item.name, at, along)
 
 
 @dataclass(frozen=True)

@@ -50,6 +50,7 @@ class Item:
         through: whether it is seen through what stands before it.
         called: what it is called when it is pointed at; its name if empty.
         group: what it is shown and hidden with.
+        axial: whether z of its placement is the axis of a pair.
     """
 
     name: str
@@ -61,6 +62,7 @@ class Item:
     through: bool = False
     called: str = ""
     group: str = ""
+    axial: bool = False
 
 
 class Entry(NamedTuple):

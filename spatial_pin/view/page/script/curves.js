@@ -35,11 +35,23 @@ const range = values => {
 
 const briefly = x => String(Number(x.toPrecision(5))).replace("-", "−");
 
+let here = values => valueAt(animator.time, values);  // of what the picture shows
+let showAt = x => go(between(x, film.curves.x, film.seconds));
+const hasCurves = () => !drawer.hidden && film.curves.x.length > 0;
+let zoomed = null;  // ends of the part of the abscissa that is drawn; null: all
+
+function seenRows(x) {  // from just before to just after a part of the abscissa
+  const all = film.curves.x.map((_, row) => row);
+  const inside = all.filter(row => [row - 1, row, row + 1].some(k => film.curves.x[k] >= x[0] && film.curves.x[k] <= x[1]));
+  return inside.length > 1 ? inside : all;
+}
+
 function scaleOf(panel, width) {
-  const x = range(film.curves.x), y = range(panel.data.lines.flatMap(line => line.values).filter(v => v !== null));
+  const x = zoomed || range(film.curves.x), rows = seenRows(x);
+  const y = range(panel.data.lines.flatMap(line => rows.map(row => line.values[row])).filter(v => v !== null));
   const [w, h] = [width - MARGIN.left - MARGIN.right, HEIGHT - MARGIN.top - MARGIN.bottom];
   return {
-    x, y,
+    x, y, rows,
     across: v => MARGIN.left + (v - x[0]) / (x[1] - x[0]) * w,
     up: v => MARGIN.top + (y[1] - v) / (y[1] - y[0]) * h,
     back: p => Math.min(Math.max(x[0] + (p - MARGIN.left) / w * (x[1] - x[0]), x[0]), x[1]),
@@ -57,7 +69,9 @@ function drawAxes({svg, scale}, width) {
     drawing(svg, "text", {x: MARGIN.left - 5, y: scale.up(v) + 4, "text-anchor": "end"}).textContent = briefly(v);
   }
   for (const mark of film.marks || []) {
-    const x = scale.across(valueAt(mark.seconds, film.curves.x));
+    const at = valueAt(mark.seconds, film.curves.x);
+    if (at < scale.x[0] || at > scale.x[1]) continue;
+    const x = scale.across(at);
     const line = drawing(svg, "line", {class: "event", x1: x, x2: x, y1: MARGIN.top, y2: end});
     drawing(line, "title", {}).textContent = `${mark.kind}: ${mark.text}`;
   }
@@ -68,34 +82,37 @@ function drawPanel(panel) {
   panel.svg.replaceChildren();
   panel.scale = scaleOf(panel, width);
   drawAxes(panel, width);
+  const inner = {x: MARGIN.left, y: 0, width: width - MARGIN.left - MARGIN.right, height: HEIGHT};
+  const paper = drawing(panel.svg, "svg", {...inner, viewBox: `${MARGIN.left} 0 ${inner.width} ${HEIGHT}`});
   panel.data.lines.forEach((line, k) => {
-    const points = line.values.map((v, row) => v === null ? "" : `${panel.scale.across(film.curves.x[row]).toFixed(1)},${panel.scale.up(v).toFixed(1)}`);
-    drawing(panel.svg, "path", {d: `M${points.filter(p => p).join("L")}`, stroke: COLOURS[k % COLOURS.length]});
+    const points = panel.scale.rows.map(row => line.values[row] === null ? "" : `${panel.scale.across(film.curves.x[row]).toFixed(1)},${panel.scale.up(line.values[row]).toFixed(1)}`);
+    const d = points.map((p, row) => p && (points[row - 1] ? "L" : "M") + p).join("");  // a gap where there is none
+    drawing(paper, "path", {d, stroke: COLOURS[k % COLOURS.length]});
   });
   panel.cursor = drawing(panel.svg, "line", {class: "cursor", y1: MARGIN.top, y2: HEIGHT - MARGIN.bottom});
 }
 
 function drawCursors() {
-  if (drawer.hidden) return;
-  const x = valueAt(animator.time, film.curves.x);
+  if (!hasCurves()) return;
+  const x = here(film.curves.x);
   for (const panel of panels) {
     const at = panel.scale.across(x);
+    panel.cursor.setAttribute("visibility", x >= panel.scale.x[0] && x <= panel.scale.x[1] ? "visible" : "hidden");
     panel.cursor.setAttribute("x1", at);
     panel.cursor.setAttribute("x2", at);
     panel.data.lines.forEach((line, k) => {
       const name = line.name ? `${line.name} ` : "";
-      panel.values[k].textContent = `${name}${briefly(valueAt(animator.time, line.values))} ${panel.data.unit}`;
+      panel.values[k].textContent = `${name}${briefly(here(line.values))} ${panel.data.unit}`;
     });
   }
 }
 
 function follow(panel, event) {  // the film goes where the pointer is
-  const x = panel.scale.back(event.clientX - panel.svg.getBoundingClientRect().left);
-  go(between(x, film.curves.x, film.seconds));
+  showAt(panel.scale.back(event.clientX - panel.svg.getBoundingClientRect().left));
 }
 
 function drawCurves() {
-  if (!drawer.hidden) panels.forEach(drawPanel);
+  if (hasCurves()) panels.forEach(drawPanel);
 }
 
 for (const panel of panels) {

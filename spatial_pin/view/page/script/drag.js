@@ -8,7 +8,7 @@ function jointOf(solid) {
   return joints.has(parent) ? parent : null;
 }
 
-const canGrip = event => !(event.shiftKey || event.ctrlKey || ruler.on) && jointAt(event) !== null;
+const canGrip = event => !(event.shiftKey || event.ctrlKey || ruler.on || chase.asked) && jointAt(event) !== null;
 
 function jointAt(event) {
   const hit = hitAt(...placeOf(event));

@@ -15,6 +15,8 @@ const KEYS = {
   5: () => view("first"),
   f: () => view("fit"),
   p: () => toggleTool("parallel"),
+  x: () => toggleTool("xray"),
+  t: toggleChase,
   l: () => toggleTool("parts"),
   m: () => toggleTool("ruler"),
   c: () => toggleTool("curves"),

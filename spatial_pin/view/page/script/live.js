@@ -82,6 +82,7 @@ function obeyed(question, answer) {
     write(dial);
   }
   read(answer.says);
+  grow(question, answer);
   refit();
   if (["move", "drag"].includes(question.ask)) tell(answer.stop ? answer.stop.text : "", "stop");
   else if (question.ask !== "ranges") tell(answer.note || "", "");

@@ -28,6 +28,7 @@ function later(seconds, passed) {
 }
 
 function toggle() {
+  remember();
   if (animator.playing) { animator.pause(); return; }
   if (playing.ending === "stop" && animator.time >= animator.duration) seek(0);
   animator.play();
@@ -44,6 +45,7 @@ function step(frames) {  // to a sample of the motion, some away from where the 
 function go(seconds) {
   seek(seconds);
   slider.value = animator.time;
+  remember();
 }
 
 function setSpeed(speed) {

@@ -46,9 +46,10 @@ function nameAt(event) {
 
 function pickOf(hit) {  // a point of a body, which moves with it; of a pair's sign its middle
   const {solid} = hit.object.userData;
-  const frame = solid.at ? solid.node.parent : hit.object;
-  const point = solid.at ? new THREE.Vector3(...solid.at) : hit.object.worldToLocal(hit.point.clone());
-  return {frame, point, name: solid.name};
+  const frame = solid.at || solid.along ? solid.node.parent : hit.object;
+  const point = solid.at ? new THREE.Vector3(...solid.at) : frame.worldToLocal(hit.point.clone());
+  const axis = solid.along ? new THREE.Vector3(...solid.along) : null;
+  return {frame, point, axis, name: solid.name};
 }
 
 function pick(x, y) {
@@ -91,6 +92,14 @@ function drawDistance(points, [[x1, y1], [x2, y2]]) {
   drawing(ruler.svg, "text", {x, y: y - 24}).textContent = lengthWords(metres);
   drawing(ruler.svg, "text", {x, y: y - 8}).textContent =
     ["x", "y", "z"].map((axis, k) => `${axis} ${lengthWords(round[k], metres)}`).join(" · ");
+  const angle = angleBetween(...ruler.picks);
+  if (angle !== null) drawing(ruler.svg, "text", {x, y: y - 40}).textContent = `axes ${briefly(angle)}°`;
+}
+
+function angleBetween(one, other) {  // of two axes [degrees], 0 to 90; null where one has none
+  if (!one.axis || !other.axis) return null;
+  const [a, b] = [one, other].map(({frame, axis}) => axis.clone().transformDirection(frame.matrixWorld));
+  return Math.atan2(a.clone().cross(b).length(), Math.abs(a.dot(b))) * 180 / Math.PI;
 }
 
 function setRuler(on) {
@@ -105,5 +114,6 @@ pane.addEventListener("pointerdown", event => { pressedAt = placeOf(event); poin
 pane.addEventListener("pointerup", event => {
   const [x, y] = placeOf(event);
   const still = pressedAt && Math.hypot(x - pressedAt[0], y - pressedAt[1]) < CLICK;
-  if (ruler.on && still && event.button === 0) pick(x, y);
+  if (!still || event.button !== 0) return;
+  if (chase.asked) chaseAt(x, y); else if (ruler.on) pick(x, y);
 });

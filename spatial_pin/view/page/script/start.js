@@ -1,9 +1,10 @@
 // What the address asks for, and the picture again and again.
-function obey() {  // #t=1.5 stops there; #bare hides what can be clicked; #controls shows meshcat's own
+function obey() {  // #t=1.5 stops there; #view=... looks from there; #bare hides what can be clicked; #controls shows meshcat's own
   const wish = new URLSearchParams(location.hash.slice(1));
   document.body.classList.toggle("bare", wish.has("bare"));
   document.body.classList.toggle("controls", wish.has("controls"));
   document.body.classList.toggle("still", animator.duration === 0);
+  viewAsAsked(wish);
   if (wish.has("t") && animator.duration > 0) go(Number(wish.get("t")));
 }
 
@@ -11,6 +12,8 @@ function update() {
   say();
   place();
   measure();
+  keepUp();
+  drawTriad();
   drawCursors();
   if (animator.playing) slider.value = animator.time;
   button.textContent = animator.playing ? "❚❚" : "▶";

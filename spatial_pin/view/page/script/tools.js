@@ -3,6 +3,8 @@ const OPENED = {
   parts: open => { document.getElementById("parts").hidden = !open; },
   ruler: setRuler,
   parallel: setParallel,
+  xray: setXray,
+  chase: setChase,
   curves: open => { drawer.hidden = !open; drawCurves(); },
 };
 

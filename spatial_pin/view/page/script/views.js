@@ -20,12 +20,14 @@ function lookFrom(direction) {
 
 function view(name) {
   if (name === "fit") {
-    const asAtFirst = seenFrom === null && !moved && film.seconds.length;
+    const asAtFirst = seenFrom === null && !moved && film.seconds.length && !isNarrow();
     lookFrom(asAtFirst && !film.refits ? null : viewer.camera.position.clone().sub(viewer.controls.target));
   } else lookFrom(name === "first" ? null : ofCamera(VIEWS[name]));
+  remember();
 }
 
 function fit() {  // after the window has changed; never against the user
+  makeWay();
   if (moved) return;
   if (seenFrom === null) asAtFirst(); else frameAll(extent(), seenFrom);
   viewer.controls.update();
@@ -62,7 +64,8 @@ function frameAll(points, towards) {  // all points in the middle of the picture
   const right = up.clone().cross(towards).normalize();
   up.copy(towards).cross(right);
   const half = Math.tan(viewer.camera.fov * Math.PI / 360) / ROOM;
-  const halves = [half * pane.clientWidth / pane.clientHeight, half];
+  const free = pane.clientWidth - (isNarrow() ? covered() : 0);
+  const halves = [half * free / pane.clientHeight, half];
   const target = new THREE.Vector3();
   let away = 1;
   for (let k = 0; k < 5; k++) {
@@ -88,16 +91,22 @@ function share() {  // the window between the picture and what stands below it
   pane.style.height = `${innerHeight - taken}px`;
   document.body.style.setProperty("--below", `${taken}px`);
   viewer.set_3d_pane_size();
-  makeWay();
   fit();
 }
 
-function makeWay() {  // the picture goes aside, as far as its margin lets it, from under the buttons
+function covered() {  // by the buttons, at the right [pixels]
+  const {offsetWidth} = document.getElementById("tools");
+  return offsetWidth && offsetWidth + 12;
+}
+
+const isNarrow = () => pane.clientWidth < film.aspect * pane.clientHeight;
+
+function makeWay() {  // the picture goes aside from under the buttons, as far as its margin lets it
   const [width, height] = [pane.clientWidth, pane.clientHeight];
   const half = Math.min(width, film.aspect * height) / 2 / ROOM;
-  const covered = document.getElementById("tools").offsetWidth + 12;
-  const wanted = covered > 12 ? half + covered - width / 2 : 0;
-  const aside = Math.max(0, Math.min(wanted, width / 2 * (1 - 1 / ROOM)));
+  const wanted = covered() && half + covered() - width / 2;
+  const margin = Math.max(0, Math.min(wanted, width / 2 * (1 - 1 / ROOM)));
+  const aside = isNarrow() && seenFrom !== null ? covered() / 2 : margin;  // framed beside them
   viewer.camera.setViewOffset(width, height, aside, 0, width, height);
 }
 

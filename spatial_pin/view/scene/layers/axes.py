@@ -47,7 +47,7 @@ def axes(stage: Stage) -> Layer:
             joint, frame = place.joints[side], place.frames[side]
             items.append(
                 Item(f"axis {place.name} {side}", line, COLOUR, joint, frame, through=True,
-                     called=f"axis of {place.name}")
+                     called=f"axis of {place.name}", axial=True)
             )
             points += [
                 stage.points(joint, frame[:3, 3] + z * length * frame[:3, 2]) for z in (-1, 1)

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.view.scene.layers.axes import AXIAL
 from spatial_pin.view.scene.layers.places import Place, places
 from spatial_pin.view.scene.shapes import Solid, ball, bar, rod, tube, turned
 from spatial_pin.view.scene.stage import Item, Layer, Stage, rod_between
@@ -209,7 +210,8 @@ def _item(stage: Stage, place: Place, k: int, piece: Piece, through: bool) -> It
                     called=said)
     side = 0 if piece.on == "first" else 1
     joint, frame = place.joints[side], place.frames[side]
-    return Item(name, piece.solid, colour, joint, frame, through=through, called=said)
+    return Item(name, piece.solid, colour, joint, frame, through=through, called=said,
+                axial=place.kind in AXIAL)
 
 
 def _held(stage: Stage, place: Place, piece: Piece) -> Array:
