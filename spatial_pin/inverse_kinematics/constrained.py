@@ -124,6 +124,8 @@ class Constrained:
         Idle rotations are among them, unless they are not wanted: a target may ask for one.
         """
         basis = self.linearised(q, free, kept, idle).null_space
+        if basis.shape[1] == len(free):
+            return basis
         found = np.zeros((len(basis), len(free)))
         found[:, free] = basis
         return found
@@ -141,7 +143,8 @@ class Constrained:
         if key not in found:
             _, rows = self.residual(q, kept)
             closures = self.closures() if idle else self.evaluation.jacobian
-            found[key] = kept, decompose(np.vstack([closures, rows])[:, free])
+            all_rows = np.vstack([closures, rows])
+            found[key] = kept, decompose(all_rows if free.all() else all_rows[:, free])
         return found[key][1]
 
     def closures(self) -> Array:

@@ -110,7 +110,7 @@ class Descent:
         place, moved = Place(q, held, self._size(q)), 0.0
         for _ in range(STEPS_AT_MOST):
             place = place._replace(held=self._released(place))
-            step, now_held = self._step(place)
+            before, (step, now_held) = place.q, self._step(place)
             moved = float(np.linalg.norm(step))
             there = self._landed(place.q, step, now_held)
             is_last = moved < (TOLERANCES.half_precision if self._converges else NO_LONGER)
@@ -125,7 +125,7 @@ class Descent:
                 self._slow += 1
                 is_last = is_last or self._damping > MOST_DAMPING
             if is_last:
-                onward = self._onward(place)
+                onward = self._onward(place, before)
                 if onward is None:
                     return place.q, place.held, False
                 place = onward
@@ -162,14 +162,27 @@ class Descent:
         elif left > 0.5 and moved < 0.99 * TOLERANCES.damped_step:
             self._slow += 1
 
-    def _onward(self, place: Place) -> Place | None:
-        """Return where to go on from a place that steps do not leave; None if it is the least."""
+    def _is_known_least(self, near: Array, held: Held) -> bool:
+        """Whether the slope is known at a configuration, and bends up along all freedoms."""
+        at, known = self._known
+        slope = known.get(self.base.free(held).tobytes()) if at is near else None
+        return slope is not None and slope.off_summit() is None
+
+    def _onward(self, place: Place, before: Array) -> Place | None:
+        """Return where to go on from a place that steps do not leave; None if it is the least.
+
+        Args:
+            place: where it is.
+            before: (nq,) from where the last, short step came.
+        """
         if place.size <= self.base.tolerance:
             return None
         self._damping = 0.0
         if not self._is_bent:
             self._slow = SLOW_STEPS
             return place
+        if self._is_known_least(before, place.held):
+            return None
         way = self._slope(place.q, place.held).off_summit()
         if way is None:
             return None
