@@ -13,9 +13,11 @@ Example:
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -158,15 +160,19 @@ class Direction(Target):
         frame = evaluation.mechanism.frame_id(self.name)
         axis = evaluation.frame(frame).rotation @ self.axis
         moved = -pin.skew(axis) @ evaluation.frame_jacobian(frame)[3:]
-        across = axes_from_z(self.along)[:, :2].T
-        cosine = float(np.clip(self.along @ axis, -1.0, 1.0))
-        sine = float(np.linalg.norm(across @ axis))
-        angle = float(np.arctan2(sine, cosine))
+        aside = self._across @ axis
+        cosine, sine = float(self.along @ axis), math.hypot(*aside)
+        angle = math.atan2(sine, cosine)
         if sine < 1e-8:  # where angle / sine is one to round-off, unless it points the other way
-            return (across @ axis if cosine > 0.0 else np.array([np.pi, 0.0])), across @ moved
+            return (aside if cosine > 0.0 else np.array([np.pi, 0.0])), self._across @ moved
         part, bend = angle / sine, (cosine * angle / sine - 1.0) / (sine * sine)
-        return part * (across @ axis), part * (across @ moved) + bend * np.outer(
-            across @ axis, self.along @ moved)
+        return part * aside, part * (self._across @ moved) + bend * np.outer(
+            aside, self.along @ moved)
+
+    @cached_property
+    def _across(self) -> Array:
+        """Two directions (2, 3) normal to the one that is wanted."""
+        return axes_from_z(self.along)[:, :2].T
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
