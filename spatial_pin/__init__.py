@@ -325,11 +325,19 @@ __all__ = [
 ]
 
 
+# commands of `spatial-pin` that are called otherwise here
+_COMMANDS = {
+    "statics": "sp.inverse_dynamics, over a motion sp.kinetostatics", "modes": "sp.assembly_modes",
+    "check": "sp.load", "info": "sp.mobility", "export": "Mechanism.save",
+}
+
 if not TYPE_CHECKING:  # type checkers take the imports above, so that a wrong name is one
 
     def __getattr__(name: str) -> Any:
         if name not in _MODULES:
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+            verb = _COMMANDS.get(name)
+            hint = f"; what the command {name!r} does is {verb}" if verb else ""
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}{hint}")
         found = getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
         globals()[name] = found
         return found

@@ -112,9 +112,10 @@ def _naming(path: Path, beside: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if error.filename is None or os.fspath(error.filename) == str(beside):
-            error.filename, error.filename2 = str(path), None
-        raise
+        if error.errno is None or not (
+                error.filename is None or os.fspath(error.filename) == str(beside)):
+            raise
+        raise OSError(error.errno, error.strerror, str(path)) from error  # of its own kind
 
 
 def write_columns(path: Path, table: Mapping[str, Any]) -> Path:

@@ -573,3 +573,9 @@ def test_a_measurement_that_cannot_be_reached_is_told_by_number():
     table[3][0]["leg_2"] = 2.0
     with pytest.raises(sp.SpatialPinError, match="measurement 4 cannot be reached"):
         sp.calibrate(built()[0], table, PLACES[:3], offsets=LEGS)
+
+
+def test_a_file_or_table_of_measurements_is_refused_in_words():
+    for measurements in ("poses.csv", {"crank": [0.0, 1.0]}):
+        with pytest.raises(TypeError, match="spatial-pin calibrate"):
+            sp.calibrate(sp.load("four_bar"), measurements, ["r3"])

@@ -126,6 +126,36 @@ def test_numbers_of_another_unit_are_asked_about(run, words, hint):
     assert err.count("\n") == 1
 
 
+@pytest.fixture
+def limited(tmp_path):
+    """A crank of -0.5 to 0.5 rad, and a slide of -60 to 60 mm."""
+    path = tmp_path / "limited.urdf"
+    path.write_text("""<robot name="limited">
+      <link name="base"/> <link name="crank"/> <link name="rack"/>
+      <joint name="hinge" type="revolute"> <parent link="base"/> <child link="crank"/>
+        <axis xyz="1 0 0"/> <limit lower="-0.5" upper="0.5" effort="1" velocity="1"/> </joint>
+      <joint name="slide" type="prismatic"> <parent link="base"/> <child link="rack"/>
+        <origin xyz="1 0 0"/>
+        <axis xyz="0 1 0"/> <limit lower="-0.06" upper="0.06" effort="1" velocity="1"/> </joint>
+    </robot>""")
+    return str(path)
+
+
+@pytest.mark.filterwarnings("ignore::spatial_pin.SpatialPinWarning")
+@pytest.mark.parametrize(("value", "hint"), [
+    ("hinge=10", "hinge = 10 rad is beyond its joint limits, and 10deg is not: 10deg?"),
+    ("slide=20", "slide = 20 m is beyond its joint limits, and 20mm is not: 20mm?"),
+    ("hinge=-3", "hinge = -3 rad is beyond its joint limits, and -3deg is not: -3deg?"),
+    ("hinge=0.6", ""), ("hinge=10rad", ""), ("slide=100", "")])
+def test_a_number_beyond_joint_limits_may_be_meant_in_another_unit(run, limited, value, hint):
+    code, _, err = run("assemble", limited, value)
+    found = [line for line in err.splitlines() if "hint" in line]
+    if value == "slide=100":  # beyond in both: another hint
+        assert "times the length" in found[0]
+    else:
+        assert code == 0 and found == ([f"spatial-pin: hint: {hint}"] if hint else [])
+
+
 def test_a_hint_stands_behind_the_error_that_it_may_explain(run):
     code, _, err = run("assemble", "rssr", "--set", "d=315")
     assert code == 1 and err.count("\n") == 1

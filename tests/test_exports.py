@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from functools import cached_property
 from types import ModuleType
 
+import pytest
+
 import spatial_pin as sp
 from spatial_pin import errors
 
@@ -96,3 +98,10 @@ def test_every_error_of_the_library_has_a_name_at_the_top() -> None:
 def test_the_list_of_names_is_sorted_and_true() -> None:
     assert sp.__all__ == sorted(set(sp.__all__))
     assert all(hasattr(sp, name) for name in sp.__all__)
+
+
+def test_a_command_that_is_called_otherwise_in_python_is_told():
+    with pytest.raises(AttributeError, match=r"does is sp\.inverse_dynamics, over a motion"):
+        sp.statics  # noqa: B018
+    with pytest.raises(AttributeError, match=r"no attribute 'nothing'$"):
+        sp.nothing  # noqa: B018

@@ -910,3 +910,8 @@ def test_a_planar_joint_contains_slides_in_its_plane_and_turns_about_its_normal(
     assert sp.load(write(tree, toml + inside)).coordinates == ("j",)
     with pytest.raises(sp.MechanismFileError, match=r"'j'.*planar"):
         sp.load(write(tree, toml + outside))
+
+
+def test_an_empty_folder_is_refused_in_words(tmp_path):
+    with pytest.raises(sp.MechanismFileError, match="there is no URDF in this folder"):
+        sp.load(tmp_path)

@@ -168,3 +168,11 @@ def test_names_with_a_dollar_are_drawn_as_they_are(tmp_path):
     assert "$rocker^$" in page
     figure = sp.plot(motion, "$rocker^$", tmp_path / "a.svg", title="$x^$")
     assert figure.axes[0].get_title("left").startswith(r"\$rocker^\$")
+
+
+@pytest.mark.parametrize("name", ["a.csv", "a.npz", "a.svg", "a.html"])
+def test_a_folder_that_does_not_exist_is_told_with_the_file(motion, tmp_path, name):
+    path = tmp_path / "none" / name
+    with pytest.raises(FileNotFoundError) as error:
+        WRITERS[name](motion, path)
+    assert str(error.value) == f"[Errno 2] No such file or directory: {str(path)!r}"

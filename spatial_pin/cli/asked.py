@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 import spatial_pin as sp
+from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.units import Quantity, likely_unit
 
 MANY_TURNS = 12.0  # [rad], nearly two turns: whole numbers beyond are meant in degrees more often
@@ -81,7 +82,19 @@ def _strange(mechanism: sp.Mechanism, name: str, x: float, unit: str) -> list[st
     if unit == "m" and abs(x) > NO_SLIDE * mechanism.characteristic_length:
         return [f"{name} = {x:g} m is {abs(x) / mechanism.characteristic_length:.3g} times the "
                 f"length of the mechanism: {x:g}mm?"]
+    factor, word = (np.pi / 180.0, "deg") if unit == "rad" else (1e-3, "mm")
+    if abs(x) >= 1.0 and _is_beyond(mechanism, name, x) and not _is_beyond(
+            mechanism, name, factor * x):
+        return [f"{name} = {x:g} {unit} is beyond its joint limits, and {x:g}{word} is not: "
+                f"{x:g}{word}?"]
     return []
+
+
+def _is_beyond(mechanism: sp.Mechanism, name: str, x: float) -> bool:
+    """Whether a value is beyond a joint limit of its coordinate."""
+    coordinate = mechanism.coordinate(name).name
+    return any(limit.side * (x - limit.value) > 0.0
+               for limit in joint_limits(mechanism) if limit.name == coordinate)
 
 
 def in_units(values: Mapping[str, float], *units: str) -> None:

@@ -150,6 +150,9 @@ def read_measurements(
         ValueError: a driver has no value, or a number is not finite, or something has no sigma.
         TypeError: a measurement is of no kind there is.
     """
+    if isinstance(measurements, str | Mapping):
+        raise TypeError("measurements must be a list [({driver: value}, {frame: what}), ...], not "
+                        f"{repr(measurements)[:60]}; `spatial-pin calibrate` reads tables")
     poses = rows_of(measurements, Reading, "measurement")
     if not poses:
         raise ValueError("measurements is empty: give [({driver: value}, {frame: what}), ...]")

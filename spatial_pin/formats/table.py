@@ -49,5 +49,8 @@ def importer_of(path: Path) -> Importer | None:
     for importer in candidates:
         if importer.recognises(path):
             return importer
+    if ending == FOLDER:
+        raise MechanismFileError(f"{shown(path)}: there is no URDF in this folder; "
+                                 "load a file by its own path")
     raise MechanismFileError(
         f"{shown(path)}: none of: {', '.join(x.title for x in candidates)}")
