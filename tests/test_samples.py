@@ -228,6 +228,28 @@ def test_a_thousand_library_samples_load_no_file_again(monkeypatch, by_themselve
     assert found.sampled["rocker_pin"] == pytest.approx(np.std(expected, ddof=1), rel=1e-10)
 
 
+def test_a_dimension_is_followed_as_a_slide_of_the_same_length_is(tmp_path):
+    """The ground's length, once a dimension and once a driver: homotopy and continuation agree."""
+    tree = (joint("continuous", "crank", "ground", "arm", axis="0 1 0")
+            + joint("continuous", "pin", "arm", "rod", "0.1 0 0", axis="0 1 0")
+            + joint("prismatic", "slide", "ground", "block", "${r1} 0 0", axis="1 0 0")
+            + joint("continuous", "rocker", "block", "beam", axis="0 1 0")
+            + point("one", "rod", "0.28 0 0") + point("two", "beam", "0.24 0 0"))
+    toml = (closing("revolute", "one", "two", axis=[0, 1, 0]) + DRIVER
+            + '[drivers.slide]\njoint = "slide"\n[guess]\nrocker = -1.5\n')
+    begin = sp.load(write(tmp_path, tree, toml, r1=0.2))
+    state = sp.assemble(begin, {"crank": 0.8, "slide": 0.0})
+    for length in (-0.05, 0.1, 0.2, 0.22):
+        slid = sp.sweep(begin, "slide", [0.0, length], guess=state).state(1)
+        held = {"crank": 0.8, "slide": 0.0}
+        found = homotopy.followed(homotopy.varied(begin, {"r1": 0.2 + length}), held, state)
+        for name in ("pin", "rocker"):
+            assert found.coordinate(name)[0] == pytest.approx(slid.coordinate(name)[0], abs=1e-12)
+    end = sp.limits(begin, "slide", state).upper.value
+    with pytest.raises(sp.SpatialPinError, match="no closed configuration of this branch"):
+        homotopy.followed(homotopy.varied(begin, {"r1": 0.2 + end + 1e-3}), held, state)
+
+
 # ---------------------------------------------------------------- what is left to assemble
 
 

@@ -1,5 +1,7 @@
-"""Closed configurations followed as dimensions change, the drivers held.
+"""Closed configurations followed as dimensions change, the drivers held: a step is another model.
 
+The engine of `continuation` follows one model; a test holds the two to each other. As a rule one
+step reaches what is asked for, and its cost is the loading of a file.
 Between two sets of dimensions the branch is the one that leads from a closed configuration of the
 first, along the straight line between them, to the second. It ends where the loops lose rank.
 """
