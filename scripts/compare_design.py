@@ -5,7 +5,9 @@
 The problems stand in `benchmark/designs.py`, their sources in `tests/data/synthesis`. The tutorial
 problems of pylinkage are solved by pylinkage as well, in the same run: by this interpreter if it
 has pylinkage, by the one that is named, or by that of `bench.py --peers`; else that is left out.
-Evaluations are sets of dimensions that were tried; times are those of the processor.
+Evaluations are sets of dimensions at which loops are closed, or fitted to goals; for derivatives
+`sp.design` looks at dimensions beside them as well, where nothing is solved. Times are those of the
+processor.
 """
 
 from __future__ import annotations
@@ -40,6 +42,7 @@ def solved(name: str, **keywords: Any) -> dict[str, Any]:
     return {"problem": name, "published": problem.published,
             "error": problem.error(best) if best else None, "designs": len(found),
             "evaluations": found.evaluations, "seconds": seconds,
+            "dimensions": best.dimensions if best else {},
             "defects": sorted({d.kind for d in best.defects}) if best else []}
 
 
@@ -54,12 +57,20 @@ def interpreter(named: str | None) -> str | None:
     return str(tools.environment(tool, tools.FOLDER)) if there else None
 
 
-def tutorials(python: str | None) -> tuple[list[dict[str, Any]], str]:
-    """Return what pylinkage finds for its own problems, or why there is nothing."""
+def tutorials(
+    python: str | None, links: Sequence[float] = ()
+) -> tuple[list[dict[str, Any]], str]:
+    """Return what pylinkage finds for its own problems, or why there is nothing.
+
+    Args:
+        python: its interpreter.
+        links: crank, coupler and rocker that its measure of the quarter of a circle judges, too.
+    """
     if python is None:
         return [], "pylinkage is not installed, so not compared; name an interpreter by --pylinkage"
     try:
-        done = subprocess.run([python, str(TUTORIALS)], capture_output=True, text=True)
+        done = subprocess.run([python, str(TUTORIALS), *map(str, links)],
+                              capture_output=True, text=True)
     except OSError as error:
         return [], f"pylinkage is not compared: {error}"
     if done.returncode:
@@ -89,12 +100,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     keywords = {} if options.starts is None else {"starts": options.starts}
     print(line(["problem", "published", "sp.design", "designs", "evaluations", "s", "defects"]))
     print(line(["---"] * 7), flush=True)
+    links: list[float] = []
     for name in options.names:
         row = solved(name, seed=options.seed, **keywords)
+        if name == "tutorial_quadrant":
+            links = [row["dimensions"][link] for link in ("r2", "r3", "r4") if row["designs"]]
         print(line([designs.PROBLEMS[name].title, *map(number, (
             row["published"], row["error"], row["designs"], row["evaluations"], row["seconds"])),
             ", ".join(row["defects"]) or "none"]), flush=True)
-    rows, reason = tutorials(interpreter(options.pylinkage))
+    rows, reason = tutorials(interpreter(options.pylinkage), links)
     if not rows:
         print(f"\n{reason}")
         return

@@ -35,6 +35,7 @@ class Problem:
             else as the root of their mean.
         published: the error of the best published dimensions, as computed from them; None: unknown.
         keywords: for `sp.design`.
+        measure: the error of a design, where it is not that of one goal.
     """
 
     title: str
@@ -45,6 +46,7 @@ class Problem:
     squared: bool = False
     published: float | None = None
     keywords: Mapping[str, Any] = field(default_factory=dict)
+    measure: Callable[[Any], float] | None = None
 
     def mechanism(self) -> sp.Mechanism:
         """Return the family, with what is given."""
@@ -58,8 +60,11 @@ class Problem:
     def error(self, design: Any) -> float:
         """Return the error of a design [unit² of a path; else rad, or the larger of unit and rad].
 
-        Sum of squared distances, or the root of the mean square over the samples.
+        Sum of squared distances, or the root of the mean square over the samples, if the problem
+        has no measure of its own.
         """
+        if self.measure is not None:
+            return self.measure(design)
         (found,) = design.errors.values()
         return float(found.samples * found.rms**2 if self.squared else found.rms)
 
@@ -117,6 +122,29 @@ def function(title: str, family: str, output: str, pairs: tuple[Any, Any], names
 
     return Problem(title, family, goals, {name: (0.05, 5.0) for name in names}, fixed,
                    published=published)
+
+
+QUADRANT = np.radians([0.5, 90.0])  # ends of the rocker's stroke: from 0 on it would fold flat
+
+
+def quadrant() -> list[Any]:
+    """Return the goals of a rocker that goes to and fro over a quarter of a circle of radius 2.
+
+    At the ends of its stroke the crank and the coupler are in line.
+    """
+    at = {"rocker_pin": QUADRANT}
+    ends = np.column_stack([3.0 + 2.0 * np.cos(QUADRANT), 2.0 * np.sin(QUADRANT)])
+    return [sp.goals.path("rocker_end", ends, at, weight=None),
+            sp.goals.function("coupler_pin", [0.0, np.pi], at, weight=None)]
+
+
+def box_missed(design: Any) -> float:
+    """Return the tutorial's measure: by how much the box about the whole curve is another."""
+    r1, r2, r3, r4 = (design.mechanism.dimensions[name] for name in LINKS)
+    ends = [np.pi - np.arccos((r1**2 + r4**2 - r**2) / (2 * r1 * r4)) for r in (r3 - r2, r3 + r2)]
+    angles = np.linspace(*ends, 10001)
+    x, y = r1 + r4 * np.cos(angles), r4 * np.sin(angles)
+    return float(y.min()**2 + (x.max() - 5)**2 + (y.max() - 2)**2 + (x.min() - 3)**2)
 
 
 TUTORIAL_PAIRS = tuple(np.radians([[30, 75, 135], [75, 90, 135]]))
@@ -223,4 +251,8 @@ PROBLEMS = {
         "pylinkage synthesis: path through four points", "four_bar_path",
         lambda: [sp.goals.path("tracer", np.array(TUTORIAL_POINTS))],
         four_bar((0.1, 10.0), (-10.0, 10.0)), squared=True),
+    "tutorial_quadrant": Problem(
+        "pylinkage complete example: quarter of a circle", "four_bar_path", quadrant,
+        {"r2": (0.2, 5.0), "r3": (0.6, 15.0), "r4": (0.2, 5.0)},
+        {"r1": 3.0, "r2": 1.0, "r3": 3.0, "r4": 1.0}, measure=box_missed),
 }

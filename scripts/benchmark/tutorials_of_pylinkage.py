@@ -1,13 +1,19 @@
 """The tutorial problems of pylinkage's documentation, solved by pylinkage; prints JSON.
 
-Run by the interpreter of an environment with pylinkage in it. Its documentation: "Complete example"
-(docs/examples/fourbar_linkage.py), notebook 06 on functions, tutorial "Linkage synthesis".
+    python tutorials_of_pylinkage.py [CRANK COUPLER ROCKER]
+
+Evaluations are sets of dimensions: mechanisms that its swarm moved, four-bars that its search made
+of dyads, solutions of linear equations. Of links that are named, its measure of the quarter of a
+circle is told too. Run by the interpreter of an environment with pylinkage. Its documentation:
+"Complete example" (docs/examples/fourbar_linkage.py), notebook 06 on functions, tutorial "Linkage
+synthesis".
 """
 
 from __future__ import annotations
 
 import json
 import math
+import sys
 import time
 import warnings
 from collections.abc import Callable
@@ -80,8 +86,8 @@ def function(name: str, pairs) -> dict:
         away = rocker_angles(solution, [a for a, _ in given]) - np.array([b for _, b in given])
         away = abs(np.angle(np.exp(1j * away)))
         best.append(float(np.min(np.linalg.norm(away, axis=1))) / math.sqrt(len(pairs)))
-    return {"problem": name, "error": min(best, default=None), "evaluations": None,
-            "seconds": seconds}
+    return {"problem": name, "error": min(best, default=None),
+            "evaluations": len(found.raw_solutions), "seconds": seconds}
 
 
 def missed(solution) -> float:
@@ -112,9 +118,25 @@ def missed(solution) -> float:
 
 
 def path() -> dict:
+    module, tried = sys.modules[path_generation.__module__], []
+    made = module._dyads_to_fourbar
+
+    def counted(*given, **named):
+        tried.append(1)
+        return made(*given, **named)
+
+    module._dyads_to_fourbar = counted
     found, seconds = clocked(lambda: path_generation(list(POINTS)))
     best = min(map(missed, found.raw_solutions), default=None)
-    return {"problem": "tutorial_path", "error": best, "evaluations": None, "seconds": seconds}
+    return {"problem": "tutorial_path", "error": best, "evaluations": len(tried),
+            "seconds": seconds}
+
+
+def judged(links: list[str]) -> dict:
+    """Return what the tutorial's own measure says of links that somebody else found."""
+    found, seconds = clocked(lambda: quadrant(four_bar(), [float(x) for x in links]))
+    return {"problem": "tutorial_quadrant, links of sp.design", "error": float(found),
+            "evaluations": None, "seconds": seconds}
 
 
 if __name__ == "__main__":
@@ -122,4 +144,5 @@ if __name__ == "__main__":
     rows = [swarm() for _ in range(3)]  # its swarm is not seeded
     rows += [function("tutorial_function", PAIRS),
              function("tutorial_function_of_five", FIVE), path()]
+    rows += [judged(sys.argv[1:])] if sys.argv[1:] else []
     print(json.dumps({"version": pl.__version__, "rows": rows}))
