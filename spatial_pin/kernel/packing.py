@@ -7,6 +7,7 @@ its local z axis.
 
 from __future__ import annotations
 
+from itertools import accumulate, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -67,9 +68,9 @@ class Packed(NamedTuple):
     def parts(self) -> Parts:
         """Return views of the numbers, one kind after the other."""
         n, _, nv, vectors = self.ints[:4].tolist()
-        ends = np.cumsum([9 * n, 3 * n, n, n, 3 * n, 9 * n, 3, nv, 3 * vectors])
-        rotation, translation, _, mass, com, inertia, gravity, _, local, _ = np.split(
-            self.reals, ends)
+        ends = [*accumulate((0, 9 * n, 3 * n, n, n, 3 * n, 9 * n, 3, nv, 3 * vectors))]
+        rotation, translation, _, mass, com, inertia, gravity, _, local = (
+            self.reals[first:end] for first, end in pairwise(ends))
         return Parts(rotation.reshape(n, 3, 3), translation.reshape(n, 3), mass,
                      com.reshape(n, 3), inertia.reshape(n, 3, 3), gravity, local.reshape(-1, 3))
 

@@ -218,13 +218,15 @@ def _motion(
     n = len(values)
     v, a, time = samples.t[:n], samples.c[:n], None
     if per == "s":
+        is_steady = n > 0 and bool((speeds == speeds[0]).all())
+        speed = float(speeds[0]) if is_steady else speeds[:, None]
         with np.errstate(over="ignore", invalid="ignore"):
-            a = a * (speeds * speeds)[:, None]
-            if accels is None:
-                time = _time(values, speeds)
-            else:
+            a = a * (speed * speed)
+            if accels is not None:
                 a += v * accels[:, None]
-            v = v * speeds[:, None]
+            elif is_steady:
+                time = _time(values, float(speeds[0]))
+            v = v * speed
     check_finite(v, a, "the speeds and accelerations of the sweep")
     return Motion(
         mechanism=mechanism,
@@ -272,16 +274,12 @@ def _drift(motion: Motion) -> list[Event]:
     return [Event("open", value, row, text)]
 
 
-def _time(values: Array, speeds: Array) -> Array | None:
-    """Return (value - first)/speed where that rises from sample to sample, else None.
-
-    Speed is to be constant, and without an acceleration.
-    """
-    speed, several = float(speeds[0]), len(values) > 1
-    if speed == 0.0 or (several and (speeds != speed).any()):
+def _time(values: Array, speed: float) -> Array | None:
+    """Return (value - first)/speed where that rises from sample to sample, else None."""
+    if speed == 0.0:
         return None
     time = (values - values[0]) / speed
-    rises = not several or (math.isfinite(time[-1]) and (time[1:] > time[:-1]).all())
+    rises = len(values) < 2 or (math.isfinite(time[-1]) and (time[1:] > time[:-1]).all())
     return time if rises else None
 
 
