@@ -988,6 +988,11 @@ def test_curves_of_many_drivers_are_drawn_movement_by_movement(browser):
         browser.screenshot()
         assert browser.evaluate("[film.curves.x, film.curves.name]") == [[0, 1, 2], "movements"]
         assert browser.evaluate("pane.clientHeight") > 250
+        tools, triad = (box_of(browser, f"document.getElementById('{name}')")
+                        for name in ("tools", "triad"))
+        seen = browser.evaluate(
+            "getComputedStyle(document.querySelector('#triad g')).visibility") == "visible"
+        assert seen == (triad["y"] >= tools["bottom"])
         assert browser.evaluate("document.documentElement.scrollWidth") <= 390
 
 

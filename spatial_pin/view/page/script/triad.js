@@ -10,7 +10,7 @@ function endOf(name, colour, axis, way) {
   drawing(knob, "title", {}).textContent = `seen from ${way < 0 ? "−" : "+"}${name}`;
   drawing(knob, "circle", {r: way > 0 ? 8 : 5, stroke: colour, fill: way > 0 ? colour : "white"});
   if (way > 0) drawing(knob, "text", {y: 4}).textContent = name;
-  line.setAttribute("visibility", way > 0 ? "visible" : "hidden");
+  line.setAttribute("visibility", way > 0 ? "inherit" : "hidden");
   const direction = ofCamera(film.world[axis]).multiplyScalar(way);
   knob.onclick = () => lookFrom(direction);
   return {line, knob, direction};

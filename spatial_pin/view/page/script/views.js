@@ -91,6 +91,8 @@ function share() {  // the window between the picture and what stands below it
   pane.style.height = `${innerHeight - taken}px`;
   document.body.style.setProperty("--below", `${taken}px`);
   viewer.set_3d_pane_size();
+  const [tools, triad] = ["tools", "triad"].map(id => document.getElementById(id).getBoundingClientRect());
+  document.body.classList.toggle("short", triad.top < tools.bottom);
   fit();
 }
 
