@@ -3,6 +3,7 @@
     python scripts/bench.py [--tasks sweep a02] [--quick]
     python scripts/bench.py --peers --json new.json --compare old.json
     python scripts/bench.py --bars
+    python scripts/bench.py --peers --clock cpu --page docs/accuracy.md
 
 Rows of a task take turns within one run, so that noise hits all alike; every error is measured
 outside the clock, against closed forms or values of high precision. With `--peers` MuJoCo, Drake,
@@ -11,6 +12,9 @@ processes of their own. What a tool does not do stands below the rows, in words.
 
 `--bars` measures only what has a bar (`benchmark/bars.py`), by processor time, beside the peers
 that are installed, and prints how far each task is from its bar; a star is one not met.
+
+`--page` writes the tables of a page of the documentation (`benchmark/pages.py`) anew, of this run
+or of one that was saved (`--read new.json`).
 """
 
 from __future__ import annotations
@@ -28,7 +32,7 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices: threads only get in the way
 sys.path.insert(0, str(Path(__file__).parent))
 
-from benchmark import bars, measure, report, rssr, tools, workers
+from benchmark import bars, measure, pages, report, rssr, tools, workers
 from benchmark.case import TASKS
 
 import spatial_pin as sp
@@ -104,6 +108,9 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
                         help="wall, or time on the processor, for a busy machine (wall)")
     parser.add_argument("--quick", action="store_true", help="few samples, no slow rows")
     parser.add_argument("--json", type=Path, metavar="FILE", help="save the results")
+    parser.add_argument("--page", type=Path, metavar="FILE", help="write its tables anew")
+    parser.add_argument("--read", type=Path, metavar="FILE",
+                        help="take saved results, measure nothing")
     parser.add_argument("--compare", type=Path, metavar="FILE", help="put old results beside")
     options = parser.parse_args(arguments)
     options.tasks = [name for text in options.tasks for name in text.split(",") if name]
@@ -134,21 +141,29 @@ def read(path: Path) -> dict[str, Any]:
     return found
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Measure, print, save."""
-    options = parse(arguments)
-    old = read(options.compare) if options.compare else None
-    found = run(options)
+def tell(options: argparse.Namespace, found: dict[str, Any]) -> None:
+    """Print what was measured."""
     if options.bars:
         for line in bars.table(found):
             print(line)
         for line in bars.growing() if "ladder" in options.tasks else ():
             print(line, flush=True)
-    else:
-        print("\n".join([*report.table(found), *report.bars(found)]))
-    if not options.bars and {"sweep", "rates", "assembly"} & set(options.tasks):
+        return
+    print("\n".join([*report.table(found), *report.bars(found)]))
+    if {"sweep", "rates", "assembly"} & set(options.tasks):
         off = rssr.check_closed_form(rssr.Problem(), every=60)
         print(f"RSSR's closed form against 40-digit differentiation: {off:.0e}")
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Measure, print, save."""
+    options = parse(arguments)
+    old = read(options.compare) if options.compare else None
+    found = read(options.read) if options.read else run(options)
+    if options.page:
+        pages.put_all(options.page, found)
+    else:
+        tell(options, found)
     if old:
         print("\n".join(report.changes(old, found)))
     if options.json:

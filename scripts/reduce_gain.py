@@ -1,27 +1,28 @@
-"""What `sp.reduce` gains: time a row of a sweep of the full and of the reduced model.
+"""What `sp.reduce` gains: time a value of a sweep of the full and of the reduced model.
 
-    python scripts/reduce_gain.py [--rows 361 3600] [--repeats 15]
+    python scripts/reduce_gain.py [--rows 361 3600] [--repeats 15] [--page docs/accuracy.md]
 
-Full and reduced sweeps are timed in turn, medians of their time a row in microseconds, assembly
-included (the reduced model remembers where it has assembled); the
-largest difference of the outputs (position, rate, acceleration) comes from
-`verify`. For the RSSR two loops written by hand for its one distance equation stand beside:
-Pinocchio for the two joints with the equation by NumPy-free arithmetic, and plain `math` with the
-joints' positions written out. Both follow the branch with a third-order predictor, correct to
-1e-13 and give rates and accelerations at every row.
+Full and reduced sweeps take turns; times are the least, in microseconds of the processor a value,
+assembly included (the reduced model remembers where it has assembled). The largest difference of
+the outputs (position, rate, acceleration) comes from `verify`. For the RSSR two loops written by
+hand for its one distance equation stand beside: Pinocchio for the two joints with the equation by
+NumPy-free arithmetic, and plain `math` with the joints' positions written out. Both follow the
+branch with a third-order predictor, correct to 1e-13 and give rates and accelerations at every
+value. `--page` writes the table into a page of the documentation.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
-import statistics
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
+from benchmark.pages import cells, power, put, rounded
 
 import spatial_pin as sp
 
@@ -39,15 +40,15 @@ CASES = {  # title: mechanism, outputs, what is locked, driver, first and last v
 }
 
 
-def medians(jobs: Sequence[Callable[[], object]], rows: int, repeats: int) -> list[float]:
-    """Return the median time a row of each job [µs], the jobs taken in turn."""
+def least(jobs: Sequence[Callable[[], object]], rows: int, repeats: int) -> list[float]:
+    """Return the least time a value of each job [µs of the processor], the jobs taken in turn."""
     times: list[list[float]] = [[] for _ in jobs]
     for _ in range(repeats + 1):
         for job, spent in zip(jobs, times, strict=True):
-            start = time.perf_counter()
+            start = time.process_time()
             job()
-            spent.append(1e6 * (time.perf_counter() - start) / rows)
-    return [statistics.median(spent[1:]) for spent in times]
+            spent.append(1e6 * (time.process_time() - start) / rows)
+    return [min(spent[1:]) for spent in times]
 
 
 # ---------------------------------------------------------------- by hand
@@ -144,7 +145,7 @@ def by_hand(rows: int, repeats: int) -> None:
         print(f"  hand loop, {name}: differs from the full model by {worst:.1e}")
     jobs = [lambda: sp.sweep(reduced, "crank", values), lambda: follow(pinned, values, start),
             lambda: follow(plain, values, start), lambda: sp.sweep(full, "crank", values)]
-    own, pinocchio, math_only, whole = medians(jobs, rows, repeats)
+    own, pinocchio, math_only, whole = least(jobs, rows, repeats)
     print(f"  {rows} rows: reduced sweep {own:.1f} µs a row, Pinocchio by hand {pinocchio:.1f} "
           f"(ratio {own / pinocchio:.2f}), math by hand {math_only:.1f} (ratio "
           f"{own / math_only:.2f}), full sweep {whole:.1f}")
@@ -153,25 +154,22 @@ def by_hand(rows: int, repeats: int) -> None:
 def compare(
     title: str, name: str, outputs: list[str], lock: list[str], driver: str, first: float,
     last: float, counts: Sequence[int], repeats: int,
-) -> None:
+) -> str:
+    """Return a line of the table: sizes, times and difference of full and reduced model."""
     full = sp.load(name)
-    start = time.perf_counter()
     reduced = sp.reduce(full, outputs, lock=lock)
-    seconds = time.perf_counter() - start
     worst = reduced.verify(driver, np.linspace(first, last, 361)).worst
     sizes = [(len(m.coordinates), sp.closure_jacobian(m, m.neutral).shape[0])
              for m in (full, reduced)]
-    print(f"{title}: coordinates {sizes[0][0]} -> {sizes[1][0]}, equations {sizes[0][1]} -> "
-          f"{sizes[1][1]}; difference {worst:.1e}; reduced in {1e3 * seconds:.0f} ms")
     hold = {LEGS[n]: reduced.welds[LEGS[n]] for n in lock}
 
     def sweep(mechanism: sp.Mechanism, held: dict[str, float], rows: int) -> sp.Motion:
         return sp.sweep(mechanism, driver, np.linspace(first, last, rows), hold=held)
 
-    for rows in counts:
-        a, b = medians([partial(sweep, full, hold, rows), partial(sweep, reduced, {}, rows)],
-                       rows, repeats)
-        print(f"  {rows} rows: full {a:.1f}, reduced {b:.1f} µs a row, {a / b:.2f} times")
+    times = [least([partial(sweep, full, hold, rows), partial(sweep, reduced, {}, rows)],
+                   rows, repeats) for rows in counts]
+    return cells(title, *(f"{a} → {b}" for a, b in zip(*sizes, strict=True)),
+                 *(f"{rounded(a)} → {rounded(b)}" for a, b in times), power(worst))
 
 
 def six_legs(poses: int, repeats: int) -> None:
@@ -188,7 +186,7 @@ def six_legs(poses: int, repeats: int) -> None:
     worst = max(float(np.abs(one.placement("platform").homogeneous
                              - other.placement("platform").homogeneous).max())
                 for one, other in zip(*(assemble(*home) for home in homes), strict=True))
-    a, b = medians([partial(assemble, *home) for home in homes], poses, repeats)
+    a, b = least([partial(assemble, *home) for home in homes], poses, repeats)
     print(f"  {poses} poses assembled: full {1e-3 * a:.2f}, reduced {1e-3 * b:.2f} ms each, "
           f"{a / b:.2f} times; difference {worst:.1e}")
 
@@ -197,9 +195,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--rows", type=int, nargs="+", default=[361, 3600])
     parser.add_argument("--repeats", type=int, default=15)
+    parser.add_argument("--page", type=Path, metavar="FILE", help="write the table into a page")
     options = parser.parse_args()
-    for title, case in CASES.items():
-        compare(title, *case, options.rows, options.repeats)
+    lines = [cells("asked for", "coordinates", "equations",
+                   *(f"{rows} values, µs each" for rows in options.rows), "difference"),
+             cells(*["---"] * (4 + len(options.rows)))]
+    lines += [compare(title, *case, options.rows, options.repeats) for title, case in CASES.items()]
+    print("\n".join(lines))
+    if options.page:
+        put(options.page, "reduce", lines)
     print("Gough platform, six legs at once:")
     six_legs(20, min(options.repeats, 7))
     print("RSSR by hand:")

@@ -53,6 +53,34 @@ def test_a_task_is_measured_judged_saved_and_compared(bench, capsys, tmp_path):
     assert any("mobility" in line and "gone" in line for line in out.splitlines())
 
 
+def test_tables_of_a_page_are_written_below_their_marks(bench, capsys, tmp_path):
+    saved, page = tmp_path / "run.json", tmp_path / "page.md"
+    report_of(bench, capsys, "--tasks", "jacobian", "--quick", "--json", str(saved))
+    names = bench.pages.TABLES
+    page.write_text("before\n" + "".join(f"<!-- table: {x} -->\n| old |\n\n{x}\n" for x in names))
+    report_of(bench, capsys, "--read", str(saved), "--page", str(page))
+    text = page.read_text()
+    assert "old" not in text and text.startswith("before\n") and text.endswith("single\n")
+    line = next(x for x in text.splitlines() if x.startswith("| `jacobian` | "))
+    assert line.count("µs") == 2 and "Pinocchio by hand" in line
+    with pytest.raises(ValueError, match="has no"):
+        bench.pages.put(page, "nothing", [])
+
+
+def test_every_line_of_a_page_has_its_rows(bench):
+    """Those of this environment: the rows of other tools are in theirs."""
+    worker = bench.workers.Worker(bench.tools.OWN.modules)
+    there = set(worker.rows()["cases"])
+    assert {ours for _, ours, _, _ in bench.pages.SINGLE} <= there
+    for line in bench.pages.SWEEPS[:5]:
+        assert bench.report.key("sweep", 360, line.hows[0], line.tool) in there
+    for task, (_, lines) in bench.pages.SIMULATIONS.items():
+        for line in lines[:2]:
+            assert {bench.report.key(task, 0, how, line.tool) for how in line.hows} <= there
+    accuracy = (SCRIPTS.parent / "docs" / "accuracy.md").read_text(encoding="utf-8")
+    assert all(f"<!-- table: {name} -->" in accuracy for name in (*bench.pages.TABLES, "reduce"))
+
+
 def test_only_what_lies_beyond_the_spread_is_marked(bench):
     calm = [1.0, 1.02, 1.04, 1.06]
     assert bench.report.moved(calm, [1.03, 1.05, 1.07, 1.09]) == ""

@@ -150,6 +150,22 @@ def test_pictures_are_small_and_every_library_mechanism_has_one():
     assert {p.stem for p in (DOCS / "pictures").glob("*.jpg")} >= set(sp.list_mechanisms())
 
 
+LISTED = (DOCS / "guides.md").read_text(encoding="utf-8").partition("maxdepth")[2]
+GUIDES = [DOCS / f"{name}.md" for name in re.findall(r"^\w+$", LISTED, re.MULTILINE)]
+STARTS = [DOCS / "modelling.md", DOCS / "quick_start.md"]  # before the guides
+
+
+def test_every_verb_has_a_guide_with_a_picture():
+    verbs = {name for name in sp.__all__ if inspect.isfunction(getattr(sp, name))}
+    told = {path: path.read_text(encoding="utf-8") for path in GUIDES + STARTS}
+    assert len(GUIDES) > 15
+    for path in GUIDES:
+        assert "**What next:**" in told[path], path.name
+    told = {path: text for path, text in told.items() if "![" in text or path in STARTS}
+    assert not [verb for verb in verbs
+                if not any(re.search(rf"\bsp\.{verb}\b", text) for text in told.values())]
+
+
 def test_how_every_picture_is_made_is_known():
     pictures = script("pictures")
     for path in pictures.pictures():

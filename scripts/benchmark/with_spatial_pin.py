@@ -193,7 +193,7 @@ CASES = (
       for n in (*rssr.SHORT, *rssr.STEPS)),
     *(Case("sweep", NAME, f"sweep, for_error({error:g})",
            partial(setup_sweep, n, sp.Accuracy.for_error(error)), run_sweep, judge_sweep, n, n)
-      for n in rssr.STEPS for error in (1e-2, 1e-4)),
+      for n in rssr.STEPS for error in (1e-2, 1e-4, 1e-6, 1e-8, 1e-10)),
     *(Case("sweep", NAME, "sweep + states of all bodies", partial(setup_sweep, n),
            run_sweep_bodies, judge_sweep, n, n) for n in rssr.STEPS),
     *(Case("rspc", NAME, "sweep", partial(setup_other, "rspc", "crank", rspc.angles(n), rspc.SPEED),

@@ -114,7 +114,8 @@ SETTINGS = {
     "engineering": sp.Accuracy.named("engineering"),
     "reference": sp.Accuracy.named("reference"),
     "DOP853 at 1e-9": sp.Accuracy(time_tolerance=1e-9),
-    "for_error(1e-4)": sp.Accuracy.for_error(1e-4, "simulate"),
+    **{f"for_error({error})": sp.Accuracy.for_error(float(error), "simulate")
+       for error in ("1e-2", "1e-4", "1e-6", "1e-8")},
     "RK4, 10 ms": sp.Accuracy(integrator="RK4", step=0.01),
 }
 FEW = "engineering", "for_error(1e-4)"

@@ -1,0 +1,220 @@
+"""Tables of the documentation, from one run of the benchmark.
+
+A page has `<!-- table: NAME -->` above a table; `put` writes the table of that name there. Times
+are the least of a row's samples; errors are the largest of the rows that a line is of.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from benchmark.case import FACTORS
+from benchmark.report import HAND, OWN, key
+
+Rows = Mapping[str, Any]
+RK4 = "RK4 at {} s"
+BAUMGARTE, SOFT = f"constraintDynamics + Baumgarte, {RK4}", f"`connect` at its stiffest, {RK4}"
+
+
+class Line(NamedTuple):
+    """A line of a table: one tool, by one way or by two.
+
+    Attributes:
+        title: what stands in its first column.
+        tool: whose rows.
+        hows: the ways, as the benchmark calls them.
+    """
+
+    title: str
+    tool: str
+    hows: tuple[str, ...]
+
+
+SWEEPS = (
+    Line("`spatial_pin.sweep`", OWN, ("sweep",)),
+    Line("the same, `for_error(1e-4)`", OWN, ("sweep, for_error(0.0001)",)),
+    Line("`spatial_pin.sweep` and the states of all bodies", OWN,
+         ("sweep + states of all bodies",)),
+    Line("Pinocchio by hand, tuned for this one mechanism", HAND, ("tuned",)),
+    Line("Pinocchio by hand, plainly written", HAND, ("plain",)),
+    Line("Newton on MuJoCo's Jacobians, tuned / plain", "MuJoCo",
+         ("Newton on mj_jac, tuned", "Newton on mj_jac, plain")),
+    Line("Newton on Drake's Jacobians, tuned / plain", "Drake",
+         ("Newton on its Jacobians, tuned", "Newton on its Jacobians, plain")),
+    Line("Exudyn, integrated in time", "Exudyn",
+         ("integrated, generalized-α, index 3, a step each",)),
+    Line("placo, positions only", "placo", ("hard closing task, q only",)),
+    Line("pink, positions only", "pink", ("FrameTask to the end with daqp, q only",)),
+    Line("SciPy `fsolve`, three equations / one by hand, positions only", "by hand",
+         ("SciPy fsolve, vector loop, q only", "SciPy fsolve, ψ alone, q only")),
+)
+OURS = Line("`spatial_pin.simulate`, `for_error(1e-4)` / engineering", OWN,
+            ("simulate, for_error(1e-4)", "simulate, engineering"))
+SIMULATIONS = {
+    "a02": ("angle", (
+        OURS,
+        Line("one pendulum equation by hand, SciPy's DOP853", "by hand",
+             ("one equation, SciPy DOP853 at 1e-09", "one equation, SciPy DOP853 at 4e-12")),
+        Line("Pinocchio's constrained dynamics by hand, RK4 at 5 / 2 ms", HAND,
+             (BAUMGARTE.format(0.005), BAUMGARTE.format(0.002))),
+        Line("MuJoCo, `connect`, RK4 at 1 / 0.1 ms", "MuJoCo",
+             (SOFT.format(0.001), SOFT.format(0.0001))),
+        Line("Drake, SAP at 5 / 1 ms", "Drake",
+             ("SAP, ball constraint, 0.005 s", "SAP, ball constraint, 0.001 s")),
+        Line("Exudyn, generalised α at 1 / 0.1 ms", "Exudyn",
+             ("generalized-α, index 3, 0.001 s", "generalized-α, index 3, 0.0001 s")))),
+    "a04": ("position", (
+        OURS,
+        Line("Pinocchio's constrained dynamics by hand, RK4 at 5 / 2 ms", HAND,
+             (BAUMGARTE.format(0.005), BAUMGARTE.format(0.002))),
+        Line("MuJoCo, `connect`, RK4 at 5 / 1 ms", "MuJoCo",
+             (SOFT.format(0.005), SOFT.format(0.001))),
+        Line("Drake, SAP at 5 / 1 ms", "Drake",
+             ("SAP, two ball constraints, 0.005 s", "SAP, two ball constraints, 0.001 s")),
+        Line("Exudyn, generalised α at 5 / 1 ms", "Exudyn",
+             ("generalized-α, index 3, one equation left out, 0.005 s",
+              "generalized-α, index 3, one equation left out, 0.001 s")))),
+}
+ASKED = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10)  # errors
+FORWARD = "forward_dynamics, reactions too"
+SINGLE = (  # title, our row, what stands beside it, its row
+    ("`sweep` of 1 value", key("sweep", 1, "sweep"), "Pinocchio by hand, tuned",
+     key("sweep", 1, "tuned", HAND)),
+    ("`sweep` of 36 values", key("sweep", 36, "sweep"), "Pinocchio by hand, tuned",
+     key("sweep", 36, "tuned", HAND)),
+    ("`sweep` of a plane four-bar, 360 values", key("four_bar", 360, "sweep"),
+     "pylinkage, compiled steps", key("four_bar", 360, "numba steps with rates", "pylinkage")),
+    ("`forward_dynamics`, every reaction, one loop", key("forward", 1, FORWARD),
+     "`pin.constraintDynamics`, no reactions of tree joints",
+     key("forward", 1, "constraintDynamics", HAND)),
+    ("`forward_dynamics`, every reaction, 200 loops", key("forward", 200, FORWARD),
+     "`pin.constraintDynamics`", key("forward", 200, "constraintDynamics", HAND)),
+    ("`solve_rates`", key("rates", 0, "solve_rates"), "Pinocchio by hand",
+     key("rates", 0, "rows, two solves", HAND)),
+    ("`jacobian`", key("jacobian", 0, "jacobian"), "Pinocchio by hand",
+     key("jacobian", 0, "rows, one solve", HAND)),
+    ("`assemble` from the file's guess", key("assembly", 0, "assemble"),
+     "Newton by hand from the guess", key("assembly", 0, "Newton from the guess", HAND)),
+    ("`assemble`, 40° from the guess",
+     key("assembly", 0, "assemble, 40° from the guess of the file"), "", ""),
+    ("`assemble` from a State there", key("assembly", 0, "assemble, from a State there"), "", ""),
+)
+
+
+def rounded(value: float) -> str:
+    """Return a number in two digits, without an exponent."""
+    return f"{float(f'{value:.2g}'):g}"
+
+
+def time(seconds: float) -> str:
+    """Return a time in two digits, with its unit."""
+    unit = "ms" if seconds >= 1e-3 else "µs"
+    return f"{rounded(FACTORS[unit] * seconds)} {unit}"
+
+
+def power(value: float) -> str:
+    """Return a number in one digit and a power of ten."""
+    return f"{value:.0e}".replace("e-0", "e-")
+
+
+def joined(rows: Rows, keys: Sequence[str], word: Callable[[Any], str]) -> str:
+    """Return a word of each row, with slashes between; nothing where none was measured."""
+    return " / ".join(word(rows[k]) for k in keys if k in rows)
+
+
+def largest(rows: Rows, keys: Sequence[str], error: str) -> str:
+    """Return the largest error of rows; nothing where they do not have it."""
+    found = [e for k in keys if k in rows and (e := rows[k]["errors"].get(error)) is not None]
+    return power(max(found)) if found else ""
+
+
+def cells(*words: str) -> str:
+    """Return a line of a table."""
+    return re.sub(r"  +\|", " |", f"| {' | '.join(words)} |")
+
+
+def sweeps(rows: Rows) -> Iterator[str]:
+    """Yield the table of one turn of the RSSR four-bar [µs a value]."""
+    errors = ("closure", "ψ", "ψ'", "ψ''")
+    yield "| | 360 values | 3600 | closure | ψ | ψ′ | ψ″ |"
+    yield "|---|---|---|---|---|---|---|"
+    for line in SWEEPS:
+        of = {n: [key("sweep", n, how, line.tool) for how in line.hows] for n in (360, 3600)}
+        times = [joined(rows, of[n], lambda row: rounded(1e6 * row["least"])) for n in of]
+        both = [*of[360], *of[3600]]
+        yield cells(line.title, *times, *(largest(rows, both, error) for error in errors))
+
+
+def simulations(rows: Rows, task: str) -> Iterator[str]:
+    """Yield the table of ten seconds of a mechanism: time and error at two settings."""
+    error, lines = SIMULATIONS[task]
+    yield "| | at a loose setting | | at a tight one | |"
+    yield "|---|---|---|---|---|"
+    for line in lines:
+        keys = [key(task, 0, how, line.tool) for how in line.hows]
+        yield cells(line.title, *(word for k in keys for word in (
+            joined(rows, [k], lambda row: time(row["least"])), largest(rows, [k], error))))
+
+
+def dial(rows: Rows) -> Iterator[str]:
+    """Yield the table of what an error that is accepted saves."""
+    yield "| error asked for | 360 values | 3600 | ψ | ψ″ | A02 | angle |"
+    yield "|---|---|---|---|---|---|---|"
+    for error in (*ASKED, None):
+        word = "engineering" if error is None else power(error)
+        sweep = "sweep" if error is None else f"sweep, for_error({error:g})"
+        run = f"simulate, for_error({word})" if error else "simulate, engineering"
+        of = [key("sweep", n, sweep) for n in (360, 3600)]
+        times = [joined(rows, [k], lambda row: f"{rounded(1e6 * row['least'])} µs") for k in of]
+        a02 = [key("a02", 0, run)]
+        yield cells(word, *times, largest(rows, of, "ψ"), largest(rows, of, "ψ''"),
+                    joined(rows, a02, lambda row: time(row["least"])), largest(rows, a02, "angle"))
+
+
+def single(rows: Rows) -> Iterator[str]:
+    """Yield the table of single states and short sweeps: one whole call."""
+    yield "| | spatial_pin | beside |"
+    yield "|---|---|---|"
+    for title, ours, other, beside in SINGLE:
+        own, theirs = (f"{time(row['count'] * row['least'])}" if (row := rows.get(k)) else ""
+                       for k in (ours, beside))
+        yield cells(title, own, f"{other}: {theirs}" if theirs else "")
+    few, many = (rows.get(key("forward", n, FORWARD)) for n in (50, 500))
+    if few and many:
+        grown = math.log10(many["least"] / few["least"])
+        yield cells("`forward_dynamics`, 50 to 500 loops", f"grows with the power {grown:.2f}", "")
+
+
+TABLES: dict[str, Callable[[Rows], Iterator[str]]] = {
+    "sweep": sweeps,
+    "a02": lambda rows: simulations(rows, "a02"),
+    "a04": lambda rows: simulations(rows, "a04"),
+    "dial": dial,
+    "single": single,
+}
+
+
+def put(page: Path, name: str, lines: Sequence[str]) -> None:
+    """Write a table below its mark in a page.
+
+    Raises:
+        ValueError: the page has no such mark.
+    """
+    text = page.read_text(encoding="utf-8")
+    found = re.search(rf"^<!-- table: {name} -->\n((?:\|.*\n)*)", text, flags=re.MULTILINE)
+    if found is None:
+        raise ValueError(f"{page} has no <!-- table: {name} -->")
+    table = "".join(f"{line}\n" for line in lines)
+    page.write_text(text[:found.start(1)] + table + text[found.end(1):], encoding="utf-8")
+
+
+def put_all(page: Path, report: Mapping[str, Any]) -> None:
+    """Write the tables of a page whose task was measured."""
+    for name, table in TABLES.items():
+        lines = list(table(report["rows"]))
+        print("\n".join(["", *lines]))
+        put(page, name, lines)
