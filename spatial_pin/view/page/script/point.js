@@ -93,7 +93,7 @@ function drawDistance(points, [[x1, y1], [x2, y2]]) {
   drawing(ruler.svg, "text", {x, y: y - 8}).textContent =
     ["x", "y", "z"].map((axis, k) => `${axis} ${lengthWords(round[k], metres)}`).join(" · ");
   const angle = angleBetween(...ruler.picks);
-  if (angle !== null) drawing(ruler.svg, "text", {x, y: y - 40}).textContent = `axes ${briefly(angle)}°`;
+  if (angle !== null) drawing(ruler.svg, "text", {x, y: y - 40}).textContent = `axes ${briefly(Number(angle.toFixed(3)))}°`;
 }
 
 function angleBetween(one, other) {  // of two axes [degrees], 0 to 90; null where one has none
