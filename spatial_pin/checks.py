@@ -28,6 +28,8 @@ def as_array(values: Any, what: str) -> Array:
     Raises:
         ValueError: they are no numbers, or integers too large for one.
     """
+    if type(values) is np.ndarray and values.dtype == np.float64:
+        return values
     try:
         array = np.asarray(values)
         if array.dtype.kind not in NO_NUMBERS:

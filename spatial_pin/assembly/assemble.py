@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from typing import Any
 
 from spatial_pin.assembly.rounding import allowed_from, rounded
-from spatial_pin.assembly.search.closing import Closing, gone_from
+from spatial_pin.assembly.search.closing import Closing, Lent, gone_from
 from spatial_pin.assembly.search.guesses import Guess, read_guess
 from spatial_pin.assembly.search.refusals import failure, open_gap
 from spatial_pin.assembly.search.search import Search
 from spatial_pin.assembly.search.within_limits import beyond_words
 from spatial_pin.assembly.state import State, all_angles
 from spatial_pin.checks import checked, mapping
-from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
-from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.errors import AssemblyError, warn
 from spatial_pin.mechanism.coordinates import (
     coordinate_value,
@@ -133,18 +131,14 @@ def assembled(
     standing = said if beginning is None else {
         name: coordinate_value(mechanism, mechanism.coordinate_table[name], start.q)
         for name in said}
-    named = {name: value for name, value in start.named.items() if name not in held}
-    angles = guess.angles if isinstance(guess, State) and (
-        guess.angles.size == constraints_of(mechanism).n_angles) else 0.0
-    with (evaluation_of(mechanism, angles) as evaluation,
-          _of_whole(mechanism, evaluation.angle_reference) as whole):
+    with Lent(mechanism, guess.angles if isinstance(guess, State) else None) as lent:
         def searched(accuracy: Accuracy) -> Search:
             search = Search(Closing(
-                evaluation, whole, held, standing, named, accuracy, start.q), limits)
+                lent, held, standing, start.named, accuracy, start.q), limits)
             search.run(start.q, release)
             if search.best is None and standing and release and not search.is_near:
                 search = Search(Closing(
-                    evaluation, whole, held, {}, standing | named, accuracy,
+                    lent, held, {}, standing | start.named, accuracy,
                     with_values(mechanism, start.q, standing), said), limits)
                 search.run(start.q)
             return search
@@ -157,13 +151,6 @@ def assembled(
                       accuracy=accuracy)
     tell(state)
     return state
-
-
-def _of_whole(mechanism: Mechanism, reference: Array) -> AbstractContextManager[Evaluation | None]:
-    """Return the evaluation of the whole, or nothing; screws count from `reference`."""
-    if mechanism.whole is None:
-        return nullcontext()
-    return evaluation_of(mechanism.whole, all_angles(mechanism, reference))
 
 
 def tell(state: State) -> None:
@@ -236,10 +223,9 @@ def _at_home(
 
     Else where the loops take them, as the guess may name the platform and leave out the legs.
     """
-    with (evaluation_of(mechanism) as evaluation,
-          _of_whole(mechanism, evaluation.angle_reference) as whole):
+    with Lent(mechanism) as lent:
         search = Search(Closing(
-            evaluation, whole, {}, drivers, start.named, accuracy_of(None), start.q), False)
+            lent, {}, drivers, start.named, accuracy_of(None), start.q), False)
         search.attempt(start.q)
     if search.best is not None:
         return {}

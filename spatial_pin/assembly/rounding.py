@@ -109,11 +109,16 @@ def may_be_rounded(
     if seen is None:
         with closer_of(evaluation.mechanism) as closer:
             seen = closer.examine(q, evaluation.angle_reference)
-    if seen.least > INDEPENDENT and seen.left_out < TOLERANCES.tight:
+    if is_clear(seen):
         return False
     evaluation.update(q)
     rows = _evened(evaluation.jacobian[: evaluation.constraints.n_closure])
     return _nearly_depend(rows, min(gap, SOFT))
+
+
+def is_clear(seen: Examined) -> bool:
+    """Whether equations are clearly independent, or follow from others to round-off."""
+    return seen.least > INDEPENDENT and seen.left_out < TOLERANCES.tight
 
 
 def rounded(mechanism: Mechanism, gap: float) -> Mechanism | None:

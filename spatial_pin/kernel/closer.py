@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,16 +110,20 @@ class Reaching(ctypes.Structure):
         *[(name, POINTER) for name in ("error", "distance", "mirrored", "facts", "angle")]]
 
 
-class Shakes(NamedTuple):
+class Shakes:
     """Further starts, for where the first one does not lead near to what is named.
 
-    Attributes:
-        steps: (`AT_ONCE`, nv) joint displacements from the first start; not to be changed.
+    Args:
+        steps: (`AT_ONCE`, nv) joint displacements from the first start.
         near: distance from what is named that is not questioned.
+
+    Attributes:
+        at: where the displacements are.
     """
 
-    steps: Array
-    near: float
+    def __init__(self, steps: Array, near: float) -> None:
+        self.steps, self.near = steps.copy(), near
+        self.at = address(self.steps)
 
 
 class Closer:
@@ -170,7 +174,11 @@ class Closer:
             **dict(zip(("error", "mirrored", "distance"), self._reached[1:], strict=True)),
             facts=self._facts[0], angle=self._facts[1])
         self._at_task = ctypes.byref(self._task)
-        self._asked: Any = None
+        # read-only arrays that are there from the last call need not be copied again
+        self._known_free: NDArray[np.bool_] | None = None
+        self._known_first: NDArray[np.bool_] | None = None
+        self._known_said: NDArray[np.int64] | None = None
+        self._asked: tuple[float, int, float] | None = None
 
     def close(
         self, q: Array, free: NDArray[np.bool_], reference: Array, tolerance: float,
@@ -219,8 +227,7 @@ class Closer:
         task.m, task.first = len(q), None if first is None else self._at_first
         task.n_shakes = 0
         if shakes is not None and self.knows_mirrors:
-            task.n_shakes, task.near = len(shakes.steps), shakes.near
-            task.shakes = address(shakes.steps)
+            task.n_shakes, task.near, task.shakes = len(shakes.steps), shakes.near, shakes.at
         check(self._library.closer_reach(self.handle, self._at_task))
         seen = self._examined(self._mirrors) if self._error.item(0) < np.inf else None
         found = [Reached(
@@ -228,8 +235,8 @@ class Closer:
             self._distances.item(0), seen)]
         for k in range(1, task.m):
             found.append(Reached(
-                self._starts[k].copy(), self._errors.item(k), not self.knows_mirrors
-                or self._mirrors.item(k) != 0, self._distances.item(k)))
+                self._starts[k].copy(), self._errors.item(k), self._is_mirrored(self._mirrors, k),
+                self._distances.item(k)))
         return found
 
     def judge(self, q: Array, reference: Array | float, meant: Meant) -> Reached:
@@ -242,15 +249,22 @@ class Closer:
                        self._distances.item(0))
 
     def _judge_by(self, meant: Meant) -> None:
-        self._value[:], self._said[:], self._lower[:], self._upper[:] = meant
+        self._value[:], self._lower[:], self._upper[:] = meant.value, meant.lower, meant.upper
+        if meant.said is not self._known_said:
+            self._said[:] = meant.said
+            self._known_said = None if meant.said.flags.writeable else meant.said
 
     def _take(
         self, free: NDArray[np.bool_], first: NDArray[np.bool_] | None, reference: Array,
         pinned: Iterable[float],
     ) -> None:
-        self._free[:], self._reference[:] = free, reference
-        if first is not None:
+        self._reference[:] = reference
+        if free is not self._known_free:
+            self._free[:] = free
+            self._known_free = None if free.flags.writeable else free
+        if first is not None and first is not self._known_first:
             self._first[:] = first
+            self._known_first = None if first.flags.writeable else first
         if len(self._order):
             self._pinned[:] = np.array(list(pinned))[self._order]
 
@@ -264,8 +278,8 @@ class Closer:
         error, least, left_out = self._error.tolist()
         return Examined(error, self._angles.copy(), self._is_mirrored(mirrored), least, left_out)
 
-    def _is_mirrored(self, mirrored: NDArray[np.int64]) -> bool:
-        return not self.knows_mirrors or mirrored.item(0) != 0
+    def _is_mirrored(self, mirrored: NDArray[np.int64], row: int = 0) -> bool:
+        return not self.knows_mirrors or mirrored.item(row) != 0
 
     def descend(
         self, q: Array, free: NDArray[np.bool_], tolerance: float, iterations: int
@@ -275,7 +289,7 @@ class Closer:
         By products alone; the angles of screws count from zero.
         """
         q, errors = np.array(q, order="C"), np.empty(len(q))
-        self._free[:] = free
+        self._free[:], self._known_free = free, None
         self._library.closer_descend(self.handle, len(q), address(q), self._at_free, tolerance,
                                      iterations, address(errors))
         return q, errors

@@ -31,8 +31,12 @@ def address(array: NDArray[Any]) -> int:
 
 
 def numbers(array: Array, shape: tuple[int, ...]) -> Array:
-    """Return an array as contiguous doubles of a shape, as C reads it."""
+    """Return an array as contiguous doubles of a shape, as C reads it; copied if it is read-only.
+
+    The address of a read-only array takes several times as long to ask for as a small copy.
+    """
     out = np.ascontiguousarray(array, float)
+    out = out if out.flags.writeable else out.copy()
     if out.shape != shape:
         raise ValueError(f"an array of shape {out.shape} stands where {shape} is needed")
     return out

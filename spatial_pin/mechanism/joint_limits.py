@@ -70,6 +70,17 @@ class JointLimit(NamedTuple):
         return f"{side} limit {self.value:.9g} {self.unit} of {self.name}"
 
 
+def position_limits(mechanism: Mechanism) -> tuple[Array, Array]:
+    """Return lower and upper limits (nq,) of the model: its own arrays, not to be changed."""
+    model = mechanism.model
+    known = mechanism.memo.get("position limits")
+    if known is None or known[0] is not model:  # whose memory they are
+        known = model, model.lowerPositionLimit, model.upperPositionLimit
+        mechanism.memo["position limits"] = known
+    lower, upper = known[1:]
+    return lower, upper
+
+
 def joint_limits(mechanism: Mechanism) -> list[JointLimit]:
     """Return the joint limits that the URDF states, in the order of the coordinates.
 
@@ -114,7 +125,7 @@ class _Stated(NamedTuple):
 
 def _stated(mechanism: Mechanism) -> _Stated:
     """Return the limits that the model has now, which anybody may change; made once for each."""
-    bounds = mechanism.model.lowerPositionLimit, mechanism.model.upperPositionLimit
+    bounds = position_limits(mechanism)
     key = [x.tobytes() for x in bounds]
     known: tuple[list[bytes], _Stated] | None = mechanism.memo.get("joint limits")
     if known is None or known[0] != key:

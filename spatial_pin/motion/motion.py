@@ -181,7 +181,7 @@ class Motion(Tabular):
     def __post_init__(self) -> None:
         for name, x in self.__dict__.items():
             if isinstance(x, np.ndarray):
-                setattr(self, name, read_only(x))
+                self.__dict__[name] = read_only(x)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied or sent elsewhere: all but what is worked out again on use."""

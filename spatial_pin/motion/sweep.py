@@ -248,7 +248,10 @@ def _near_limit(motion: Motion, t: Array) -> list[Event]:
     if not len(t):
         return []
     size = motion.mechanism.velocity_scale
-    paces = np.abs(t / size) * size[motion.mechanism.coordinate(motion.driver_name).v]
+    of_driver = float(size[motion.mechanism.coordinate(motion.driver_name).v])
+    if np.abs(t).max() * of_driver < 0.5 * FAST * min(size.tolist()):  # by the least size too
+        return []
+    paces = np.abs(t / size) * of_driver
     if paces.max() <= FAST:
         return []
     pace = paces.max(axis=1)

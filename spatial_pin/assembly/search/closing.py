@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,12 +12,15 @@ from numpy.typing import NDArray
 
 from spatial_pin.assembly.close import DAMPED_STEPS, close, closed, finite
 from spatial_pin.assembly.rounding import cut_of
-from spatial_pin.assembly.search.guesses import first_shakes
+from spatial_pin.assembly.search.guesses import NEAR_GUESS, far_ones
 from spatial_pin.assembly.search.release import least_motion
 from spatial_pin.assembly.search.targets import free_but, left_of
 from spatial_pin.assembly.search.whole_turns import meant_by, periodic
-from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.assembly.state import all_angles
+from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
+from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.kernel.closer import LOOSE, Closed, Examined, Reached, Shakes, closer_of
+from spatial_pin.lazy import cached_property
 from spatial_pin.mechanism.coordinates import coordinate_round_off, coordinate_value, with_values
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array
@@ -25,19 +28,58 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy
 
 OPEN = EPS**0.5  # closure error that no round-off excuses: half of the digits
-# A branch this near to the guess [rad, characteristic lengths] is not questioned: guesses have two
-# or three digits.
-NEAR_GUESS = 1e-2
 ACCEPTED = TOLERANCES.closed
+
+
+class Lent:  # with Lent(...) as lent
+    """The equations of a mechanism, acquired when they are first evaluated, and released.
+
+    Args:
+        mechanism: the mechanism.
+        angles: (n_angles,) that its screws count turns from [rad]; default: none.
+
+    Attributes:
+        reference: (n_angles,) these angles.
+        whole: those of the mechanism with all equations, where the file's numbers are rounded.
+    """
+
+    def __init__(self, mechanism: Mechanism, angles: Array | None = None) -> None:
+        self.mechanism, self._acquired = mechanism, list[evaluation_of]()
+        n = constraints_of(mechanism).n_angles
+        self.reference = angles if angles is not None and len(angles) == n else np.zeros(n)
+        self.whole: Evaluation | None = None
+
+    def __enter__(self) -> Lent:
+        """Return this."""
+        if self.mechanism.whole is not None:
+            self.whole = self._evaluation_of(
+                self.mechanism.whole, all_angles(self.mechanism, self.reference))
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        """Release what was acquired."""
+        for acquired in self._acquired:
+            acquired.__exit__(*error)
+
+    @cached_property
+    def evaluation(self) -> Evaluation:
+        """The equations of the mechanism."""
+        return self._evaluation_of(self.mechanism, self.reference)
+
+    def _evaluation_of(self, mechanism: Mechanism, angles: Array) -> Evaluation:
+        acquired = evaluation_of(mechanism, angles)
+        found = acquired.__enter__()
+        self._acquired.append(acquired)
+        return found
 
 
 class Closing:
     """The equations to close, what is held meanwhile, and what counts as closed.
 
+    Where the file's numbers are rounded all equations lead, and stay closed to the gap.
+
     Args:
-        evaluation: of the mechanism.
-        whole: of the mechanism with all equations, where the file's numbers are rounded: these
-            lead, and stay closed to the gap.
+        lent: the equations.
         held: coordinates that were given values.
         standing: drivers that stand, by coordinate.
         named: other coordinates that the guess names.
@@ -48,8 +90,7 @@ class Closing:
 
     def __init__(
         self,
-        evaluation: Evaluation,
-        whole: Evaluation | None,
+        lent: Lent,
         held: Mapping[str, float],
         standing: Mapping[str, float],
         named: Mapping[str, float],
@@ -57,20 +98,26 @@ class Closing:
         goal: Array,
         let_go: Mapping[str, float] | None = None,
     ) -> None:
-        self.mechanism = evaluation.mechanism
-        self.evaluation, self.given, self.standing = evaluation, held, standing
+        self.mechanism, self.lent, self.whole = lent.mechanism, lent, lent.whole
+        self.given, self.standing = held, standing
         self.held = {**held, **standing}
         self.named = {name: value for name, value in named.items() if name not in self.held}
         self.let_go = let_go or {}
         self.accuracy, self.tolerance = accuracy, accuracy.tolerance
-        self.whole, self.gap = whole, accuracy.gap
-        self._cut = cut_of(whole.mechanism, accuracy.gap) if whole else 0.0
+        self.gap = accuracy.gap
+        self._cut = cut_of(self.whole.mechanism, accuracy.gap) if self.whole else 0.0
         left = left_of(self.mechanism, tuple(self.held), tuple(self.let_go), tuple(self.named))
         self.pinned = {name: self.held[name] for name in left.pinned}
         self.still, self.free = left.still, left.free
         self.first, self._goal, self._is_whole = left.first, goal, left.is_whole
+        self.further = left.further
         self._meant = meant_by(self.mechanism, left.said, goal,
                                {at: self.held[name] for name, at in left.places.items()})
+
+    @property
+    def evaluation(self) -> Evaluation:
+        """The equations of the mechanism."""
+        return self.lent.evaluation
 
     def left_by(self, held: Iterable[str]) -> NDArray[np.bool_]:
         """Return (nv,) which velocities are left where coordinates and free bases are held."""
@@ -85,44 +132,48 @@ class Closing:
         if self.whole is not None:
             q = closed(self.whole.mechanism, q, free, self.whole.angle_reference, tolerance,
                        pinned=pinned, cut=self._cut).q
-        return closed(self.mechanism, q, free, self.evaluation.angle_reference, tolerance,
+        return closed(self.mechanism, q, free, self.lent.reference, tolerance,
                       pinned=pinned)
 
-    def reached(self, starts: Sequence[Array], shakes: Shakes | None = None) -> Iterator[Reached]:
-        """Yield where starts (nq,) lead, first while what is named is held too.
+    def reached(self, starts: Sequence[Array], shakes: Shakes | None = None) -> Iterable[Reached]:
+        """Return where starts (nq,) lead, first while what is named is held too.
 
         Of starts `AT_ONCE` at most; with `shakes` see `Closer.reach`.
         """
-        if not starts:
-            return
         if self.whole is not None:
-            for q in starts:
-                if self.first is not None:
-                    q = self.closed(q, self.first, self.pinned, max(self.tolerance, LOOSE)).q
-                yield self.seen(self.closed(q, self.free, self.pinned).q)
-            return
+            return map(self._reached_by_all, starts)
+        if not starts:
+            return ()
         with closer_of(self.mechanism, self.pinned) as closer:
-            found = closer.reach(starts, self.free, self.evaluation.angle_reference, self.tolerance,
+            found = closer.reach(starts, self.free, self.lent.reference, self.tolerance,
                                  DAMPED_STEPS, self.pinned.values(), TOLERANCES.rank, self.first,
                                  self._meant, shakes)
-        yield from map(finite, found)
+        return map(finite, found)
+
+    def _reached_by_all(self, q: Array) -> Reached:
+        """Return where a start (nq,) leads, all equations first."""
+        if self.first is not None:
+            q = self.closed(q, self.first, self.pinned, max(self.tolerance, LOOSE)).q
+        return self.seen(self.closed(q, self.free, self.pinned).q)
 
     def shakes(self) -> Shakes | None:
         """Return the further starts that `reached` can try, with the first one, in one call."""
-        if self.whole is not None or self.let_go or not self._is_whole:
+        further = self.further
+        if self.whole is not None or self.let_go or not self._is_whole or further is None:
             return None
-        steps = first_shakes(self.mechanism, self.held, self.named, self.still)
-        return None if steps is None else Shakes(steps, NEAR_GUESS)
+        if further.lengths and far_ones(self.mechanism, self.named, further):
+            return None
+        return further.first
 
     def seen(self, q: Array) -> Reached:
         """Return what q (nq,) is, whole turns taken off its angles."""
         with closer_of(self.mechanism) as closer:
-            return closer.judge(q, self.evaluation.angle_reference, self._meant)
+            return closer.judge(q, self.lent.reference, self._meant)
 
     def examined(self, q: Array) -> Examined:
         """Return what the equations, of the mechanism alone, are like at q (nq,)."""
         with closer_of(self.mechanism) as closer:
-            return closer.examine(q, self.evaluation.angle_reference)
+            return closer.examine(q, self.lent.reference)
 
     def is_sound(self, found: Reached) -> bool:
         """Whether nothing is at fault where closing has led, as far as that tells by itself."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.assembly.search.whole_turns import periodic
 from spatial_pin.assembly.state import State
-from spatial_pin.kernel.closer import AT_ONCE
+from spatial_pin.kernel.closer import AT_ONCE, Shakes
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.mechanism.coordinates import (
     by_joint,
@@ -29,6 +29,9 @@ from spatial_pin.numerics.linalg import EPS, Array
 MAX_STARTS = 60
 OPEN = EPS**0.5  # closure error that no round-off excuses: half of the digits
 COORDINATE_ERROR = 4.0 * EPS  # of a coordinate relative to its size: as `coordinate_round_off`
+# A branch this near to the guess [rad, characteristic lengths] is not questioned: guesses have two
+# or three digits.
+NEAR_GUESS = 1e-2
 # Characteristic lengths; a length named beyond them may be that of another size: joints go one or
 # two, and millimetres for metres are a thousand.
 ANOTHER_SIZE = 10.0
@@ -46,10 +49,10 @@ def read_guess(
 ) -> Guess:
     """Return the guess with its angles taken to a turn where they count too many."""
     q, named = _as_given(mechanism, guess)
-    entries, angles = q.tolist(), periodic(mechanism)
-    if any(COORDINATE_ERROR * abs(entries[c.q]) > OPEN for c in angles):
+    entries = q.tolist()
+    if max(map(abs, entries), default=0.0) * COORDINATE_ERROR > OPEN:
         q = q.copy()
-        for c in angles:
+        for c in periodic(mechanism):
             if COORDINATE_ERROR * abs(entries[c.q]) > OPEN:
                 q[c.q] = math.atan2(math.sin(entries[c.q]), math.cos(entries[c.q]))
                 if c.name in named:
@@ -61,7 +64,8 @@ def _as_given(
     mechanism: Mechanism, guess: Mapping[str, Any] | State | Array | None
 ) -> Guess:
     if isinstance(guess, State):
-        if guess.mechanism.coordinates != mechanism.coordinates:
+        own = guess.mechanism
+        if own is not mechanism and own.coordinates != mechanism.coordinates:
             raise ValueError(
                 f"the guess is a state of mechanism {guess.mechanism.name!r}, which has other "
                 f"coordinates than {mechanism.name!r}"
@@ -109,94 +113,81 @@ def _places(
     return found
 
 
-def starts_from(
-    mechanism: Mechanism, q: Array, held: Mapping[str, float], named: Mapping[str, float],
-    still: Sequence[int] = (),
-) -> Iterator[Array]:
-    """Yield start configurations: the guess q (nq,), then others that keep what it names.
-
-    What it names has its values in q. The velocity entries that are `still` stay where they are,
-    too.
-
-    After half of the starts what is named is shaken too, first by up to a radian, in the end by
-    any angle, and lengths in proportion; named lengths far beyond the mechanism's size are cut.
-    """
-    fixed = with_values(mechanism, q, held)
-    yield fixed
-    shakes = _shakes(mechanism, tuple(held), tuple(named), tuple(still))
-    if shakes is None:
-        return
-    far = _far_ones(mechanism, named, shakes)
-    near = with_values(mechanism, fixed, {**far, **held}) if far else fixed
-    for i in range(0, MAX_STARTS - 1, AT_ONCE):
-        phase = shakes.phase[i : i + AT_ONCE]
-        steps = _draws(mechanism)[i : i + AT_ONCE] * shakes.size[phase]
-        with kernel_of(mechanism) as kernel:
-            moved = kernel.displaced(np.array([fixed, near, near])[phase], steps)
-        yield from moved
-
-
-def first_shakes(
-    mechanism: Mechanism, held: Mapping[str, float], named: Mapping[str, float],
-    still: Sequence[int],
-) -> Array | None:
-    """Return the displacements (`AT_ONCE`, nv) from the first start to those that come after it.
-
-    None where these have another beginning, or there are none.
-    """
-    shakes = _shakes(mechanism, tuple(held), tuple(named), tuple(still))
-    if shakes is None or (shakes.phase[0] and _far_ones(mechanism, named, shakes)):
-        return None
-    return shakes.first
-
-
-def _far_ones(
-    mechanism: Mechanism, named: Mapping[str, float], shakes: _Shakes
-) -> dict[str, float]:
-    """Return the named lengths far beyond the mechanism's size, cut to what is just as far."""
-    far = ANOTHER_SIZE * mechanism.characteristic_length
-    return {name: math.copysign(far, named[name])
-            for name in shakes.lengths if abs(named[name]) > far}
-
-
-class _Shakes(NamedTuple):
+class Further(NamedTuple):
     """How far further starts are from what the guess says.
 
     Attributes:
         phase: (MAX_STARTS - 1,) of each: 0 where what is named stays, 1 where it is shaken by up
             to a radian, 2 by any angle.
         size: (3, nv) of the steps in each.
-        first: (`AT_ONCE`, nv) the first steps.
+        first: the first of them.
         lengths: names of those that are named.
     """
 
     phase: NDArray[np.intp]
     size: Array
-    first: Array
+    first: Shakes
     lengths: list[str]
 
 
-def _shakes(
-    mechanism: Mechanism, held: tuple[str, ...], named: tuple[str, ...], still: tuple[int, ...]
-) -> _Shakes | None:
-    """Return how far further starts are; None where all is held. Worked out once for the same."""
-    key = "shakes", held, named, still
-    if key not in mechanism.memo:
-        table = mechanism.coordinate_table
-        is_held = np.array([name in held or c.v in still for name, c in table.items()], dtype=bool)
-        is_named = np.array([name in named for name in table], dtype=bool)
-        is_angle = np.array([c.unit == "rad" for c in table.values()], dtype=bool)
-        open_ones = ~is_held & ~is_named
-        sizes = np.where(is_angle, 1.0, mechanism.velocity_scale * 0.2)
-        reach = np.where(open_ones, np.pi, 0.0)
-        n, late = MAX_STARTS // 2 if open_ones.any() else 0, 3 * MAX_STARTS // 4 - 1
-        phase = np.repeat([0, 1, 2], [n, late - n, MAX_STARTS - 1 - late])
-        size = np.array([np.where(is_named, shake, reach) * sizes for shake in (0.0, 1.0, np.pi)])
-        mechanism.memo[key] = None if is_held.all() else _Shakes(
-            phase, size, _draws(mechanism)[:AT_ONCE] * size[phase[:AT_ONCE]],
-            [name for name in named if table[name].unit == "m"])
-    found: _Shakes | None = mechanism.memo[key]
-    return found
+def further_starts(
+    mechanism: Mechanism, held: Sequence[str], named: Sequence[str], still: Sequence[int]
+) -> Further | None:
+    """Return how far further starts are; None where all is held.
+
+    Args:
+        mechanism: the mechanism.
+        held: coordinates that stay.
+        named: coordinates that stay in half of the starts. Then they are shaken too, first by up
+            to a radian, in the end by any angle, and lengths in proportion.
+        still: velocity entries that stay.
+    """
+    table = mechanism.coordinate_table
+    is_held = np.array([name in held or c.v in still for name, c in table.items()], dtype=bool)
+    if is_held.all():
+        return None
+    is_named = np.array([name in named for name in table], dtype=bool)
+    is_angle = np.array([c.unit == "rad" for c in table.values()], dtype=bool)
+    open_ones = ~is_held & ~is_named
+    sizes = np.where(is_angle, 1.0, mechanism.velocity_scale * 0.2)
+    reach = np.where(open_ones, np.pi, 0.0)
+    n, late = MAX_STARTS // 2 if open_ones.any() else 0, 3 * MAX_STARTS // 4 - 1
+    phase = np.repeat([0, 1, 2], [n, late - n, MAX_STARTS - 1 - late])
+    size = np.array([np.where(is_named, shake, reach) * sizes for shake in (0.0, 1.0, np.pi)])
+    first = Shakes(_draws(mechanism)[:AT_ONCE] * size[phase[:AT_ONCE]], NEAR_GUESS)
+    return Further(phase, size, first, [name for name in named if table[name].unit == "m"])
+
+
+def starts_from(
+    mechanism: Mechanism, q: Array, held: Mapping[str, float], named: Mapping[str, float],
+    further: Further | None,
+) -> Iterator[Array]:
+    """Yield start configurations: the guess q (nq,), then others that keep what it names.
+
+    What it names has its values in q. Named lengths far beyond the mechanism's size are cut where
+    they are shaken.
+    """
+    fixed = with_values(mechanism, q, held)
+    yield fixed
+    if further is None:
+        return
+    far = far_ones(mechanism, named, further)
+    near = with_values(mechanism, fixed, {**far, **held}) if far else fixed
+    for i in range(0, MAX_STARTS - 1, AT_ONCE):
+        phase = further.phase[i : i + AT_ONCE]
+        steps = _draws(mechanism)[i : i + AT_ONCE] * further.size[phase]
+        with kernel_of(mechanism) as kernel:
+            moved = kernel.displaced(np.array([fixed, near, near])[phase], steps)
+        yield from moved
+
+
+def far_ones(
+    mechanism: Mechanism, named: Mapping[str, float], further: Further
+) -> dict[str, float]:
+    """Return the named lengths far beyond the mechanism's size, cut to what is just as far."""
+    far = ANOTHER_SIZE * mechanism.characteristic_length
+    return {name: math.copysign(far, named[name])
+            for name in further.lengths if abs(named[name]) > far}
 
 
 def _draws(mechanism: Mechanism) -> Array:

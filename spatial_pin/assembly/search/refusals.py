@@ -118,7 +118,7 @@ def _closed_elsewhere(search: Search, q: Array) -> dict[str, float]:
     named = {**closing.named, **closing.held}
     start = with_values(closing.mechanism, q, named)
     other = Search(Closing(
-        closing.evaluation, closing.whole, {}, {}, named,
+        closing.lent, {}, {}, named,
         replace(closing.accuracy, gap=closing.gap if closing.whole else 0.0), start), search.limits)
     other.run(start)
     if other.best is None:

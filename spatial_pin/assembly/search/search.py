@@ -5,15 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import islice
 
-from spatial_pin.assembly.rounding import may_be_rounded
+from spatial_pin.assembly.rounding import is_clear, may_be_rounded
 from spatial_pin.assembly.search.closing import (
     ACCEPTED,
-    NEAR_GUESS,
     Closing,
     gone_from,
     size_of,
 )
-from spatial_pin.assembly.search.guesses import COORDINATE_ERROR, MAX_STARTS, starts_from
+from spatial_pin.assembly.search.guesses import (
+    COORDINATE_ERROR,
+    MAX_STARTS,
+    NEAR_GUESS,
+    starts_from,
+)
 from spatial_pin.assembly.search.release import can_move, can_stand, least_motion
 from spatial_pin.assembly.search.within_limits import violated_limit, within_limits
 from spatial_pin.kernel.closer import AT_ONCE, Examined, Reached, Shakes
@@ -60,7 +64,7 @@ class Search:
             release: whether to give up where the drivers that stand cannot.
         """
         closing, most = self.closing, MAX_STARTS
-        starts = starts_from(self.mechanism, q, closing.held, closing.named, closing.still)
+        starts = starts_from(self.mechanism, q, closing.held, closing.named, closing.further)
         shakes, compared = None if self.limits else closing.shakes(), False
         for k, start in enumerate(starts):
             if size_of(self.mechanism, start) * COORDINATE_ERROR < 1.0:  # else it has no digit
@@ -128,15 +132,15 @@ class Search:
     def _keep(self, found: Reached) -> None:
         """Keep where closing has led if it is the best so far."""
         closing = self.closing
-        evaluation = closing.evaluation
         if closing.let_go and found.error <= ACCEPTED:
             least, _ = closing.least(found.q, closing.free)
-            if closing.given or can_move(evaluation, closing.free, closing.let_go, closing.pinned):
+            if closing.given or can_move(
+                    closing.evaluation, closing.free, closing.let_go, closing.pinned):
                 found = closing.seen(least)
         error, problem = closing.judged(found)
         violated = violated_limit(self.mechanism, found.q) if self.limits and not problem else ""
         if violated:
-            q, loose_ones = within_limits(evaluation, found.q, closing.free, closing.let_go)
+            q, loose_ones = within_limits(closing.evaluation, found.q, closing.free, closing.let_go)
             bounded = closing.seen(closing.least(q, loose_ones)[0] if closing.let_go else
                                    closing.closed(q, loose_ones, closing.pinned).q)
             if closing.judged(bounded)[1] or violated_limit(self.mechanism, bounded.q):
@@ -164,7 +168,9 @@ class Search:
         closing = self.closing
         if self.best is None or closing.whole is not None:
             return self.is_near
-        return may_be_rounded(closing.evaluation, self.best[1], closing.gap, self.examined)
+        seen = self.examined
+        return not is_clear(seen) and may_be_rounded(
+            closing.evaluation, self.best[1], closing.gap, seen)
 
     def _done(self, k: int) -> bool:
         """Whether further starts can be spared after start number `k`."""

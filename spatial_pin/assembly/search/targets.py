@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.holding import still_entries
+from spatial_pin.assembly.search.guesses import Further, further_starts
 from spatial_pin.assembly.search.whole_turns import said_of
 from spatial_pin.kernel.closer import NAMED
 from spatial_pin.mechanism.coordinates import by_joint
@@ -27,6 +28,7 @@ class Left(NamedTuple):
         places: in q of what is held there, by coordinate.
         said: (nq,) of the entries of q, for `Meant`.
         is_whole: whether all components are named of each joint of which some others are.
+        further: starts other than the guess; None where all is held.
     """
 
     pinned: tuple[str, ...]
@@ -36,6 +38,7 @@ class Left(NamedTuple):
     places: dict[str, int]
     said: NDArray[np.int64]
     is_whole: bool
+    further: Further | None
 
 
 def left_of(
@@ -51,9 +54,12 @@ def left_of(
         first = free & free_but(mechanism, still, named)
         has_first = bool(first.any()) and not np.array_equal(first, free)
         is_whole, said = _said(mechanism, held, named)
+        for array in (free, first, said):
+            array.flags.writeable = False
         mechanism.memo[key] = Left(
             pinned, still, free, first if has_first else None,
-            {name: table[name].q for name in held if table[name].q >= 0}, said, is_whole)
+            {name: table[name].q for name in held if table[name].q >= 0}, said, is_whole,
+            further_starts(mechanism, held, named, still))
     found: Left = mechanism.memo[key]
     return found
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.kernel.closer import HELD, NAMED, TURNS, Meant, closer_of
+from spatial_pin.mechanism.joint_limits import position_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Coordinate
@@ -56,10 +57,10 @@ def meant_by(
         q: (nq,) has the named orientations.
         values: of the other entries that are named or held.
     """
-    model, q = mechanism.model, q.copy()
+    q = q.copy()
     for at, value in values.items():
         q[at] = value
-    return Meant(q, said, model.lowerPositionLimit, model.upperPositionLimit)
+    return Meant(q, said, *position_limits(mechanism))
 
 
 def nearest_turn(
