@@ -1,9 +1,10 @@
-/* Newton's method near a path of closed configurations.
+/* Newton's method near a path of closed configurations, of sweeps and of simulations.
  *
  * K x = -r with K the square system and r the residual of the chosen equations, 0 for all other
  * rows: what is driven stands, idle rotations and filled rows have no part in x. One test tells
  * a correction from a jump to something else: the first is small beside the prediction, and every
- * other is much smaller than the one before. */
+ * other is much smaller than the one before. Held coordinates of a curved chart have rows of no
+ * K: a `Held` tells how far they are, and what brings them there. */
 #include "correcting.h"
 
 #define PATH_CORRECTIONS 6 /* four square a tenth down to round-off, two for singular places */
@@ -20,7 +21,7 @@ Real chosen_residual(const Kernel *k)
 }
 
 /* Solve for the correction: k->right becomes joint displacements. Returns its scaled size. */
-static Real solve_correction(Kernel *k)
+static Real solve_correction(Kernel *k, const Held *held)
 {
     Real *x = k->right, square = 0.0;
     for (Int i = 0; i < k->n_chosen; i++)
@@ -28,6 +29,8 @@ static Real solve_correction(Kernel *k)
     for (Int i = k->n_chosen; i < k->nv; i++)
         x[i] = 0.0;
     system_solve(k, x);
+    if (held)
+        held->close(held->owner, x);
     for (Int v = 0; v < k->nv; v++) {
         square += x[v] * x[v];
         x[v] *= k->scale[v];
@@ -35,8 +38,10 @@ static Real solve_correction(Kernel *k)
     return sqrt(square);
 }
 
-static int factor_here(Kernel *k)
+static int factor_here(Kernel *k, const Held *held)
 {
+    if (held)
+        return held->factor(held->owner);
     equations_jacobian(k, &k->system);
     return system_factor(k);
 }
@@ -58,27 +63,38 @@ static int closed(Kernel *k)
     return DONE;
 }
 
+/* Whether the factors at hand, of another point, will do for one correction more. */
+static int serves(const Correction *c, int old, Real away, Real residual, Real before)
+{
+    if (c->away > 0.0)
+        return residual * away <= c->tolerance;
+    return old && (c->count ? residual * (residual / before) <= c->tolerance
+                            : residual < TOLERANCE_HALF_PRECISION);
+}
+
 int correct(Kernel *k, Real *q, Correction *c)
 {
     Real size = INFINITY, last = INFINITY, before = INFINITY;
+    Real away = c->away;
     int old = c->reuse; /* the factors are of another point */
     c->first = 0.0;
     for (c->count = 0;; c->count++) {
+        const Real gap = c->held ? c->held->put(c->held->owner, q) : 0.0;
         equations_place(k, q);
         equations_residuals(k, &k->system);
-        const Real residual = chosen_residual(k);
+        const Real residual = chosen_residual(k) + gap;
         if (!isfinite(residual))
             return NOT_FINITE;
         if (is_closed(c, residual, size))
             return closed(k);
         if (c->fixed < 0 && c->count == PATH_CORRECTIONS)
             return NOT_CONVERGED;
-        old = old && (c->count ? residual * (residual / before) <= c->tolerance
-                               : residual < TOLERANCE_HALF_PRECISION);
-        const int code = old ? DONE : factor_here(k);
+        old = serves(c, old, away, residual, before);
+        away = old ? away : 0.0;
+        const int code = old ? DONE : factor_here(k, c->held);
         if (code != DONE)
             return code;
-        size = solve_correction(k);
+        size = solve_correction(k, c->held);
         if (!isfinite(size))
             return NOT_FINITE;
         if (c->count == 0)
@@ -87,7 +103,11 @@ int correct(Kernel *k, Real *q, Correction *c)
             return UNSAFE;
         if (c->count && size > TOLERANCE_CONTRACTION * last) /* round-off ends it too */
             return residual <= c->left ? closed(k) : NOT_CONVERGED;
-        last = old ? INFINITY : fmax(size, TOLERANCE_ZERO); /* old factors do not contract alike */
+        away += size;
+        if (c->away > 0.0)
+            last = fmax(size, TOLERANCE_ROUND_OFF);
+        else /* old factors do not contract alike where it is not known how far off they are */
+            last = old ? INFINITY : fmax(size, TOLERANCE_ZERO);
         before = residual;
         tree_integrate(k, q, k->right);
         if (c->prescribed)

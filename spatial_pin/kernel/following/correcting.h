@@ -4,6 +4,14 @@
 
 #include "prescribing.h"
 
+/* Coordinates that are to have given values, where these are more than what stands still. */
+typedef struct {
+    void *owner;
+    Real (*put)(void *owner, Real *q); /* what it can; how far the others are from their values */
+    int (*factor)(void *owner);        /* at q, evaluated, instead of the kernel's own factors */
+    void (*close)(void *owner, Real *x); /* add what takes that off to a step x (nv), scaled */
+} Held;
+
 typedef struct Correction {
     /* asked for */
     Real enough;  /* residual at which the prediction is left as it is */
@@ -13,7 +21,10 @@ typedef struct Correction {
     Real allowed; /* largest first correction: a larger one is none of a prediction on the path */
     Int fixed;    /* corrections to make whatever the residual; -1: as many as it takes */
     Prescribed *prescribed; /* what is given its values after every correction; NULL: nothing */
+    const Held *held; /* NULL: all that is driven stands still */
     Int reuse;    /* whether the factors at hand, of a point near by, may serve for the first one */
+    Real away;    /* how far from there, if it is known: that part of a residual is about what a
+                     correction with these factors leaves, and later with others; 0: not known */
     /* answered */
     Real first;   /* size of the first correction; 0 if there was none */
     Int count;    /* corrections made */

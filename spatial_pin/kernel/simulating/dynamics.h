@@ -101,6 +101,7 @@ typedef struct Dynamics {
     Real *passage_t, *passage_c;
 
     /* ---- room to work in ---- */
+    const Real *wanted; /* (n_held) chart coordinates to be reached by corrections */
     Real *step, *trial, *solved, *goal, *before, *off, *force, *moment, *twist, *mass, *asking,
         *laws, *rates, *freedoms; /* freedoms: (nv, n_free) */
     Int *best;   /* (n_free) coordinates that would be best */

@@ -7,10 +7,10 @@
  * else a neighbouring branch might be taken. */
 #include <string.h>
 
+#include "correcting.h"
 #include "dynamics.h"
 #include "tolerances.h"
 
-#define MOST_CORRECTIONS 8   /* with old factors, which take off a digit or two each */
 /* Part of a step that the prediction may leave: twice what paths may, as the rates of the
    motion tell where it leads */
 #define PREDICTED_TO 0.2
@@ -197,27 +197,24 @@ static void move_trial(Dynamics *d, const Real *x)
     move(d, d->trial, d->step);
 }
 
-/* How far trial is from closed loops and from chart coordinates x. */
-static Real mismatch(Dynamics *d, const Real *x)
+/* Held entries of q become what they are at x; returns how far the other held coordinates are. */
+static Real put_held(void *owner, Real *q)
 {
-    Kernel *k = d->k;
-    Real sum = 0.0;
+    Dynamics *d = owner;
+    Real square = 0.0;
     for (Int i = 0; d->is_linear && i < d->n_held; i++)
-        d->trial[d->held_q[i]] = d->start[d->held_q[i]] + k->scale[d->held[i]] * x[i];
-    equations_place(k, d->trial);
-    equations_residuals(k, &k->system);
-    for (Int i = 0; i < k->n_chosen; i++)
-        sum += k->residual[k->chosen[i]] * k->residual[k->chosen[i]];
+        q[d->held_q[i]] = d->start[d->held_q[i]] + d->k->scale[d->held[i]] * d->wanted[i];
     for (Int i = 0; !d->is_linear && i < d->n_held; i++) {
-        d->off[i] = x[i] - chart_coordinate(d->k, d->held_joint[i], d->held_component[i], d->start,
-                                             d->trial);
-        sum += d->off[i] * d->off[i];
+        d->off[i] = d->wanted[i] - chart_coordinate(d->k, d->held_joint[i], d->held_component[i],
+                                                    d->start, q);
+        square += d->off[i] * d->off[i];
     }
-    return sqrt(sum);
+    return sqrt(square);
 }
 
-static int factor_here(Dynamics *d)
+static int factor_here(void *owner)
 {
+    Dynamics *d = owner;
     const int code = factor(d);
     if (code == DONE && !d->is_linear) {
         for (Int i = 0; i < d->n_held; i++)
@@ -229,55 +226,27 @@ static int factor_here(Dynamics *d)
     return code;
 }
 
-/* The Newton step (nv) by scale from trial, with the factors at hand. */
-static void correction(Dynamics *d)
+/* Add the motion that brings held coordinates to x, in a curved chart, to a step. */
+static void close_held(void *owner, Real *step)
 {
-    Kernel *k = d->k;
-    memset(d->step, 0, (size_t)k->nv * sizeof *d->step);
-    for (Int i = 0; i < k->n_chosen; i++)
-        d->step[i] = -k->residual[k->chosen[i]];
-    system_solve(k, d->step);
+    Dynamics *d = owner;
     if (d->is_linear)
         return;
     for (Int i = 0; i < d->n_held; i++)
-        d->off[i] -= chart_rate(d, i, d->step);
-    add_motion(d, d->off, d->step);
+        d->off[i] -= chart_rate(d, i, step);
+    add_motion(d, d->off, step);
 }
 
-/* Evaluate what the system is without, and factor. */
-static int arrive(Dynamics *d)
-{
-    equations_residuals(d->k, &d->k->rest);
-    return factor_here(d);
-}
-
-/* Newton's method from trial, `predicted` away from the factors at hand; factored where it ends.
- * Factors of a point that is some way off leave about that part of a residual. */
+/* Newton's method from trial, `predicted` away from the factors at hand; factored where it ends. */
 static int newton(Dynamics *d, const Real *x, Real predicted)
 {
-    Real last = INFINITY, away = predicted;
-    for (int i = 0; i < MOST_CORRECTIONS; i++) {
-        const Real error = mismatch(d, x);
-        if (!isfinite(error))
-            return UNSAFE;
-        if (error <= (i == 0 ? ENOUGH : 1.0) * d->tolerance)
-            return arrive(d);
-        if (!(error * away <= d->tolerance)) {
-            if (factor_here(d) != DONE)
-                return UNSAFE;
-            away = 0.0;
-        }
-        correction(d);
-        const Real size = norm(d->step, d->k->nv);
-        away += size;
-        if (i == 0 && !(size <= PREDICTED_TO * predicted + 1e-9))
-            return UNSAFE;
-        if (i > 0 && !(size <= TOLERANCE_CONTRACTION * last))
-            return error <= TOLERANCE_CLOSED ? arrive(d) : UNSAFE;
-        last = size > 1e-14 ? size : 1e-14;
-        move(d, d->trial, d->step);
-    }
-    return UNSAFE;
+    const Held held = {d, put_held, factor_here, close_held};
+    Correction c = {.enough = ENOUGH * d->tolerance, .tolerance = d->tolerance,
+                    .left = TOLERANCE_CLOSED, .allowed = PREDICTED_TO * predicted, .fixed = -1,
+                    .held = &held, .away = predicted};
+    d->wanted = x;
+    const int code = correct(d->k, d->trial, &c);
+    return code == DONE ? factor_here(d) : UNSAFE;
 }
 
 /* Whether other equations than the chosen ones would do better here: those left out tell. */
