@@ -4,11 +4,12 @@ import urllib.request
 
 import numpy as np
 import pytest
+from synthesis_forms import DATA
 
 import spatial_pin as sp
 from spatial_pin.synthesis import goals
 from spatial_pin.synthesis.family import Family
-from spatial_pin.synthesis.problem import ProblemSpec
+from spatial_pin.synthesis.problem import Problem, ProblemSpec
 from spatial_pin.synthesis.results import REPORT_WIDTH, Design, Designs, designs_of
 from spatial_pin.synthesis.search import searched
 from spatial_pin.view.page.designed import goals_told
@@ -158,6 +159,32 @@ def test_slopes_of_goals_are_those_of_their_residuals(make):
     for k, step in enumerate(1e-6 * np.eye(len(own))):
         there, back = (goal.residual(bodies(np.zeros(nv)), at, own + x) for x in (step, -step))
         assert by_own[:, :, k] == pytest.approx((there - back) / 2e-6, abs=1e-8)
+
+
+def test_slopes_count_what_is_missed_beyond_the_end_of_a_curve():
+    """A rocker that turns back before it comes to a point: no timing makes up for its links."""
+    lengths = {"r1": 3.0, "r2": 0.6, "r3": 4.2, "r4": 2.1}
+    mechanism = sp.load(DATA / "four_bar_path.toml", **lengths)
+    at = np.radians([0.0, 45.0, 90.0])
+    points = np.column_stack([3.0 + 2.0 * np.cos(at), 2.0 * np.sin(at)])
+    problem = Problem(mechanism, [goals.path("rocker_end", points)],
+                      {name: (0.2, 9.0) for name in ("r2", "r3", "r4")})
+    (settling,), x = problem.settlings, problem.start
+    (near,) = problem._begin(x, None)
+
+    def settled(x):
+        found, left, is_closed = settling.exactly(problem.members(x), near, np.empty(0))
+        assert is_closed.all()
+        return found, left
+
+    def cost(x):
+        return 0.5 * np.sum(settled(x)[1] ** 2)
+
+    there, left = settled(x)
+    slopes = settling.slopes(problem.members(x), *problem.around(x), there, np.empty(0))
+    gradient = np.einsum("kr,krn->n", left, slopes)
+    steps = 1e-5 * np.eye(3)
+    assert gradient == pytest.approx([(cost(x + d) - cost(x - d)) / 2e-5 for d in steps], rel=1e-5)
 
 
 def test_the_report_fits_a_hundred_columns(path, function):

@@ -27,9 +27,19 @@ def null_spaces(a: Array) -> Array:
     return found
 
 
-def projected(b: Array, a: Array) -> Array:
-    """Return what of b (m, k, n) is normal to the columns of a (m, k, j)."""
+def projected(b: Array, a: Array, left: Array | None = None) -> Array:
+    """Return what of b (m, k, n) is normal to the columns of a (m, k, j).
+
+    Args:
+        b: derivatives of residuals for what is given.
+        a: those for what is fitted to make the residuals least.
+        left: (m, k) the residuals. Along the columns nothing is left of them but at the end of a
+            curve, where a column vanishes: what is left along it nothing makes up for.
+    """
     u, s, _ = np.linalg.svd(a, full_matrices=False)
-    u = u * (s > TOLERANCES.singular * np.maximum(s[:, :1], TOLERANCES.half_precision))[:, None]
-    found: Array = b - u @ (u.transpose(0, 2, 1) @ b)
+    part = (s > TOLERANCES.singular * np.maximum(s[:, :1], TOLERANCES.half_precision)).astype(float)
+    if left is not None:
+        squares = np.maximum(s * s, np.finfo(float).tiny)
+        part *= squares / (squares + np.abs(np.einsum("mkj,mk->mj", u, left)))
+    found: Array = b - (u * part[:, None]) @ (u.transpose(0, 2, 1) @ b)
     return found

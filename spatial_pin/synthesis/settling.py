@@ -305,7 +305,7 @@ class Settling:
         motions = null_spaces(rows.held_moves)
         along = -pseudo_inverses(rows.held_moves, TOLERANCES.singular) @ held
         whole = wanted + rows.wanted_moves @ along
-        return projected(whole, rows.wanted_moves @ motions.transpose(0, 2, 1))
+        return projected(whole, rows.wanted_moves @ motions.transpose(0, 2, 1), rows.wanted)
 
 
 class _Along(NamedTuple):
