@@ -195,7 +195,7 @@ def arm_on_a_ram(folder: Path) -> sp.Mechanism:
     """An arm about z whose tip is as far from its anchor as a slide elsewhere is long."""
     tree = (turning("shoulder", "ground", "arm") + point("tip", "arm", RAM["arm"])
             + point("anchor", "ground", RAM["anchor"])
-            + point("foot", "ground", (0.1, 0.2, 0.3))
+            + point("foot", "ground", (0.1, 0.2, 0.3)) + point("heel", "ground", (0.1, 0.2, 0.3))
             + sliding("stroke", "ground", "piston", (0.1, 0.2, 0.3), RAM["along"])
             + point("end", "piston", RAM["start"]))
     return load(folder, "arm_on_a_ram", tree, driver("ram", "stroke") + between(

@@ -315,7 +315,7 @@ def test_it_is_written_and_read_again(tmp_path):
 @pytest.mark.parametrize(("line", "word"), [
     ('length_between = ["foot", "end"]\nlength = 0.3', "one of the two"),
     ('length_between = ["foot", "ende"]', "did you mean 'end'"),
-    ('length_between = ["foot", "anchor"]', "fixed to the same body"),
+    ('length_between = ["foot", "heel"]', "at the same place of one body"),
     ('length_between = ["tip", "anchor"]', "its own frames"),
     ('length_between = ["foot"]', "must be a list of two names"),
     ("", "length is missing"),
@@ -336,6 +336,76 @@ def test_what_cannot_be_is_refused(tmp_path, line, word):
 def test_pinocchio_has_no_such_closure(tmp_path):
     with pytest.raises(sp.ClosureTypeError):
         known.arm_on_a_ram(tmp_path).constraint_models()
+
+
+# ---------------------------------------------------------------- a rod as long as a dimension
+
+
+GAUGE = """<robot name="gauge" xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <xacro:arg name="rod" default="0.4"/>
+  <xacro:macro name="body" params="name"><link name="${name}"><inertial><mass value="1"/>
+    <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  </xacro:macro>
+  <xacro:body name="crank"/><xacro:body name="rocker"/>
+  <link name="ground"/><link name="crank_tip"/><link name="rocker_tip"/><link name="gauge"/>
+  <joint name="crank" type="continuous">
+    <parent link="ground"/><child link="crank"/><axis xyz="0 0 1"/></joint>
+  <joint name="crank_at" type="fixed">
+    <parent link="crank"/><child link="crank_tip"/><origin xyz="0.1 0 0"/></joint>
+  <joint name="rocker" type="continuous"><parent link="ground"/><child link="rocker"/>
+    <origin xyz="0.35 0 0"/><axis xyz="0 0 1"/></joint>
+  <joint name="rocker_at" type="fixed">
+    <parent link="rocker"/><child link="rocker_tip"/><origin xyz="0.3 0 0"/></joint>
+  <joint name="gauge_at" type="fixed"><parent link="ground"/><child link="gauge"/>
+    <origin xyz="$(arg rod) 0 0"/></joint>
+</robot>
+"""
+
+
+def gauged(folder, length, **dimensions):
+    """A crank and rocker whose rod is a distance."""
+    (folder / "gauge.urdf.xacro").write_text(GAUGE, encoding="utf-8")
+    path = folder / "gauge.toml"
+    path.write_text(f"""name = "gauge"
+tree = "gauge.urdf.xacro"
+[[closures]]
+name = "rod"
+type = "distance"
+frames = ["crank_tip", "rocker_tip"]
+{length}
+[drivers.crank]
+joint = "crank"
+[guess]
+crank = 0.5
+rocker = 1.5
+""", encoding="utf-8")
+    return sp.load(path, **dimensions)
+
+
+BY_GAUGE = 'length_between = ["ground", "gauge"]'
+
+
+def test_two_frames_of_one_body_are_a_gauge_whose_length_is_a_dimension(tmp_path):
+    values = np.linspace(0.5, 6.8, 60)
+    fixed, mechanism = (gauged(tmp_path, x) for x in ("length = 0.4", BY_GAUGE))
+    for one, other in zip(*(vars(sp.sweep(m, "crank", values, speed=1.0)).items()
+                            for m in (fixed, mechanism)), strict=True):
+        if one[0] in ("q", "v", "a"):
+            np.testing.assert_allclose(other[1], one[1], atol=1e-12)
+    state = sp.assemble(mechanism)
+    psi = state.coordinate("rocker").value
+    tips = [state.placement(n).translation for n in ("crank_tip", "rocker_tip")]
+    along = (tips[1] - tips[0]) / 0.4
+    across = 0.3 * np.array([-np.sin(psi), np.cos(psi), 0.0])
+    found = sp.sensitivity(mechanism, state, "rocker", ["rod"]).derivatives["rod"]
+    assert found == pytest.approx(1.0 / (along @ across), rel=1e-12)
+
+
+def test_a_gauge_is_written_as_a_length_to_mjcf(tmp_path):
+    mechanism = gauged(tmp_path, BY_GAUGE)
+    again = sp.load(sp.export_mjcf(mechanism, tmp_path / "made.xml", sp.assemble(mechanism)))
+    assert again.closures[0].between == ()
+    assert again.closures[0].geometry.length == pytest.approx(0.4, abs=1e-15)
 
 
 # ---------------------------------------------------------------- pictures

@@ -12,7 +12,7 @@ from spatial_pin.errors import MechanismFileError, Mistakes, SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism, named, point_on_body
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure, Driver, Passive, Spring
-from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.linalg import EPS, Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 ROUNDED = 1e-6  # of mass times length squared: exporters write inertias with six digits or more
@@ -111,11 +111,18 @@ def _check_closure(mechanism: Mechanism, closure: Closure, where: str) -> None:
     ids = _bodies(mechanism, closure.between, f"{where}: length_between: ")
     if set(closure.between) == set(closure.frames):
         raise MechanismFileError(f"{where}: length_between: its own frames, which says nothing")
-    if len(set(ids)) == 1:
+    if len(set(ids)) == 1 and not _apart(mechanism, closure.between):
         raise MechanismFileError(
-            f"{where}: length_between: {closure.between[0]!r} and {closure.between[1]!r} are fixed "
-            "to the same body, so that their distance is constant: give it as length"
+            f"{where}: length_between: {closure.between[0]!r} and {closure.between[1]!r} are at "
+            "the same place of one body, and a distance is positive; for no distance use a "
+            "spherical closure"
         )
+
+
+def _apart(mechanism: Mechanism, frames: Iterable[str]) -> bool:
+    """Whether two frames of one body are at different places."""
+    one, two = (mechanism.frame_on_joint(name)[1].translation for name in frames)
+    return bool(np.linalg.norm(two - one) > EPS * mechanism.characteristic_length)
 
 
 def _bodies(mechanism: Mechanism, frames: tuple[str, ...], where: str) -> list[int]:

@@ -296,7 +296,7 @@ def distance(frame_1: FramePlace, frame_2: FramePlace, length: float | None = No
         length: of the rod, positive [m].
         name: for reports; default its type.
         length_between: instead of a length two other frames that are as far apart: a rod of
-            variable length.
+            variable length, or, where both are on one body, as long as a dimension says.
 
     Raises:
         TypeError: a frame is neither a name nor a placement.

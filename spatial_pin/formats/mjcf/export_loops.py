@@ -92,8 +92,12 @@ def _rope(writing: Writing, closure: Closure) -> None:
     assert closure.geometry is not None
     rest = _tendon(writing, closure.name, closure.frames)
     attributes = {"name": closure.name, "tendon1": closure.name}
-    offset, ratio = closure.geometry.length - rest, 0.0
-    if closure.between:
+    places = [writing.mechanism.frame_on_joint(frame) for frame in closure.between]
+    length = closure.geometry.length
+    if closure.between and places[0][0] == places[1][0]:  # of one body: it does not change
+        length = float(np.linalg.norm(places[1][1].translation - places[0][1].translation))
+    offset, ratio = length - rest, 0.0
+    if len({joint for joint, _ in places}) > 1:
         attributes["tendon2"] = f"{closure.name}_other"
         offset, ratio = _tendon(writing, attributes["tendon2"], closure.between) - rest, 1.0
     attributes["polycoef"] = numbers_text(np.array([offset, ratio, 0.0, 0.0, 0.0]))
