@@ -1,10 +1,27 @@
-"""What the tests of several commands share."""
+"""What all tests share: which are left out, and how a command is run."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import pytest
 
 from spatial_pin.cli import main
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Let --slow add the tests that are marked so."""
+    parser.addoption("--slow", action="store_true", help="run the slow tests too")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: Sequence[pytest.Item]) -> None:
+    """Leave out slow tests, unless they are asked for: by --slow, by a marker or by name."""
+    named = any("::" in text for text in config.args)
+    if config.option.slow or config.option.markexpr or config.option.keyword or named:
+        return
+    slow = [item for item in items if item.get_closest_marker("slow")]
+    config.hook.pytest_deselected(items=slow)
+    items[:] = [item for item in items if not item.get_closest_marker("slow")]
 
 
 @pytest.fixture
