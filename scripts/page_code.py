@@ -48,6 +48,7 @@ REMARK = re.compile(r"^<!-- (?P<word>from|ends with|not run):? (?P<what>.+) -->$
 BETWEEN = "# ...\n"  # the parts of a script
 MISSING = "pip install 'spatial_pin["  # what is said where an extra package is not there
 FENCE = re.compile(r"^(?P<ticks>`{3,}|:{3,})(?P<kind>[a-z]*|\{[a-z-]+\}.*)$")
+ROUND_OFF = re.compile(r"-?\b(?:\d(?:\.\d+(?:\.\.\.\d*)?)?e-(?:09|[1-9]\d)|0\.0e\+00)\b")
 SAME = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 COPIES = re.compile(r"^<!-- files: (.+) -->$", flags=re.MULTILINE)
 FILE = re.compile(r"^`([\w.]+\.[a-z]+)`:$")
@@ -177,12 +178,16 @@ def run_block(block: Block, namespace: dict, where: str) -> str:
 
 
 def is_shown(block: Block, printed: str) -> bool:
-    """Return whether a page shows what is printed; "..." alone is yet to be filled in."""
+    """Return whether a page shows what is printed; "..." alone is yet to be filled in.
+
+    Numbers below 1e-9 are round-off, whose digits are each machine's own.
+    """
     if block.shown is None:
         return True
+    shown, printed = (ROUND_OFF.sub("(round-off)", text) for text in (block.shown, printed))
     if block.script:
-        return set(block.shown.splitlines()) <= set(printed.splitlines())
-    return block.shown != "..." and doctest.OutputChecker().check_output(block.shown, printed, SAME)
+        return set(shown.splitlines()) <= set(printed.splitlines())
+    return shown != "..." and doctest.OutputChecker().check_output(shown, printed, SAME)
 
 
 def write(path: Path, block: Block, printed: str) -> None:

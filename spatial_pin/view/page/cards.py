@@ -32,7 +32,7 @@ def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], numbers: int = 0
     """Return a table of the first rows, with the number of the rest below; empty without rows."""
     every = list(rows)
     rest = len(every) - MOST_ROWS
-    return (table(heads, every[:MOST_ROWS], numbers) if every else "") + (
+    return (table(heads, every[:MOST_ROWS], numbers, as_cards=False) if every else "") + (
         paragraph(f"and {rest} more") if rest > 0 else "")
 
 

@@ -28,15 +28,17 @@ def tiny(x: float) -> str:
 MOST_COLUMNS = 4  # of a table on a telephone; with more, each row is a card there
 
 
-def table(heads: Sequence[str], rows: Iterable[Sequence[str]], numbers: int = 0) -> str:
+def table(heads: Sequence[str], rows: Iterable[Sequence[str]], numbers: int = 0, *,
+          as_cards: bool = True) -> str:
     """Return a table.
 
     Args:
         heads: of the columns.
         rows: plain text of the cells.
         numbers: how many columns, from the last, hold numbers.
+        as_cards: whether rows of many columns may be cards, as reports have them on a telephone.
     """
-    first, many = len(heads) - numbers, len(heads) > MOST_COLUMNS
+    first, many = len(heads) - numbers, as_cards and len(heads) > MOST_COLUMNS
     kinds = [' class="number"' if k >= first else "" for k in range(len(heads))]
     named = [f' data-head="{html.escape(head)}"' if many else "" for head in heads]
 

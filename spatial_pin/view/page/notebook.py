@@ -12,13 +12,17 @@ from pathlib import PosixPath, WindowsPath
 
 SUFFIXES = (".html", ".htm", ".xhtml")
 STYLE = "width: 100%; height: 600px; border: 1px solid #dfe3e8"
-# the frame of a page with a server: one that cannot be asked is replaced by what needs none
+# The frame of a page with a server: one that cannot be asked is replaced by a frame of what
+# needs none. The same frame would not do: what it was to load may fail later, and show an error.
 WATCHED = """<iframe src="{url}" id="{name}" data-still="{still}" style="{style}"></iframe>
 <script>
 (() => {{
   const frame = document.getElementById("{name}");
   fetch("{url}", {{mode: "no-cors", cache: "no-store"}}).catch(() => {{
-    frame.srcdoc = frame.dataset.still;
+    const other = frame.cloneNode();
+    other.removeAttribute("src");
+    other.srcdoc = frame.dataset.still;
+    frame.replaceWith(other);
   }});
 }})();
 </script>"""
