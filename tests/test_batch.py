@@ -80,6 +80,7 @@ FULL_TURN = ["crane", "crank_collar", "double_cardan", "four_bar", "geared_five_
              "slider_crank", "spherical_four_bar", "turntable_collar", "watt_six_bar"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FULL_TURN)
 @pytest.mark.parametrize("values", [
     np.sort(np.random.default_rng(1).uniform(0.0, 6.3, 300)),
@@ -133,6 +134,7 @@ def test_and_those_after_many_turns(turns, step_by_step):
     assert not step_by_step
 
 
+@pytest.mark.slow
 def test_turns_of_a_screw_closure_are_counted_together(tmp_path, monkeypatch):
     mechanism = mechanisms.press_closure(tmp_path)
     together, one_by_one = both_ways(monkeypatch, mechanism, np.linspace(0.0, 60.0, 800))

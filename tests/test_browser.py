@@ -93,6 +93,7 @@ def photograph(browser: Browser, shown, folder: Path, seconds: float = 0.0, **op
 # ---------------------------------------------------------------- the exported page
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SHOWN)
 def test_page_shows_every_coloured_link_where_it_is(browser, tmp_path, name):
     motion = swept(name)
@@ -195,6 +196,7 @@ def test_open_closure_is_marked(browser, tmp_path):
 # ---------------------------------------------------------------- the report
 
 
+@pytest.mark.slow
 def test_report_shows_the_mechanism_and_its_figures(browser, tmp_path):
     browser.resize((1100, 900))
     browser.open(report(swept("rssr"), tmp_path / "report.html"), REPORT_READY)
@@ -280,6 +282,7 @@ def test_report_is_printed_with_its_picture(browser, tmp_path):
 # ---------------------------------------------------------------- films
 
 
+@pytest.mark.slow
 def test_gif_lasts_as_long_as_the_motion_and_moves(tmp_path):
     motion = swept("four_bar")
     path = movie(motion, tmp_path / "four_bar.gif", fps=2, size=(320, 240))
@@ -297,6 +300,7 @@ def test_gif_lasts_as_long_as_the_motion_and_moves(tmp_path):
     assert np.linalg.norm(ends[0] - ends[1]) > 15
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(importlib.util.find_spec("imageio_ffmpeg") is None,
                     reason="the extra `movie` is not installed")
 def test_mp4_has_every_frame(tmp_path):
@@ -328,6 +332,7 @@ def gallery():
     return module
 
 
+@pytest.mark.slow
 def test_gallery_has_a_picture_of_every_mechanism_asked_for(tmp_path, capsys):
     path = tmp_path / "sheet.png"
     gallery().main([str(path), "--only", "rssr", "oldham", "elliptic_trammel"])
@@ -338,6 +343,7 @@ def test_gallery_has_a_picture_of_every_mechanism_asked_for(tmp_path, capsys):
     assert "wrote" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_animation_of_the_readme_is_small(tmp_path, monkeypatch):
     script, path = gallery(), tmp_path / "rssr.gif"
     monkeypatch.setattr(script, "FRAMES", 4)
@@ -384,6 +390,7 @@ sp.movie(sp.sweep(sp.load("four_bar"), "crank", np.linspace(0.3, 3.0, 9)), sys.a
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /proc")
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
 def test_killed_movie_leaves_neither_browser_nor_half_a_file(tmp_path, how):

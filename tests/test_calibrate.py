@@ -97,6 +97,7 @@ def gough_information(seed, count, noise):
     return sum(x.T @ x for x in rows)
 
 
+@pytest.mark.slow
 def test_a_gough_platform_is_found_again_within_three_sigma_of_the_cramer_rao_bound():
     drawn, dimensions, offsets = built()
     noise, seed = 1e-5, 3
@@ -400,6 +401,7 @@ def test_what_has_no_effect_is_told_by_name():
     assert found.values == pytest.approx({"rb": 0.3, "h": 0.36}, abs=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", ["soft_l1", "huber", "cauchy", "arctan"])
 def test_outliers_have_little_say_with_a_robust_loss(loss):
     noise, table = 1e-4, turned(60, noise=1e-4, seed=6)

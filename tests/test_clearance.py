@@ -237,6 +237,7 @@ def test_links_on_both_sides_of_one_without_a_shape_are_joined(tmp_path):
     assert [set(p.links) for p in found.pairs] == [{"post", "shaft"}]
 
 
+@pytest.mark.slow
 def test_library_mechanisms_pass_or_are_known_to_overlap():
     for name in sp.list_mechanisms():
         motion = default_motion(sp.load(name), rows=13)

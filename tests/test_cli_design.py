@@ -227,6 +227,7 @@ def test_files_that_cannot_be_written_are_refused_before_the_work(run, goals, tm
         assert code == 1 and "there is no folder" in err
 
 
+@pytest.mark.slow
 def test_workers_and_going_on_change_nothing(run, goals, tmp_path):
     def answer(*words):
         code, out, err = run("design", "four_bar", "--goals", goals, *words)
@@ -240,6 +241,7 @@ def test_workers_and_going_on_change_nothing(run, goals, tmp_path):
     assert answer("--starts", 3, "--resume", kept) == alone
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="needs a signal of its own")
 @pytest.mark.parametrize("workers", [1, 2])
 def test_what_was_found_before_ctrl_c_is_kept(goals, tmp_path, workers):

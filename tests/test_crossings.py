@@ -136,6 +136,7 @@ def test_the_traced_delta_robot_passes_its_change_points():
     np.testing.assert_allclose(motion.frame("platform").position[at], exact, atol=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steps", [1, 20])
 @pytest.mark.parametrize("held", HELD, ids=HELD_IDS)
 def test_the_delta_robot_moved_by_hand_passes_its_change_points(held, steps):

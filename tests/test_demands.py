@@ -62,6 +62,7 @@ def test_a_crank_rocker_of_given_swing_transmits_well_and_turns_fully():
     assert "transmission to rocker_pin: met" in str(best)
 
 
+@pytest.mark.slow
 def test_a_function_that_is_met_as_well_as_transmission_allows_has_just_that_angle():
     phi, psi = np.radians([40.0, 85.0, 130.0]), np.radians([80.0, 100.0, 130.0])
     best = designed(goals.function("rocker_pin", psi, {"crank": phi}), goals.turns("crank"),
@@ -99,6 +100,7 @@ def test_a_driver_is_made_to_turn_fully():
     assert least_transmission_of(a, b, c) > np.radians(0.5)  # and is not about to be stopped
 
 
+@pytest.mark.slow
 def test_dead_centres_are_where_they_are_asked_for():
     asked = [0.5, 3.9]
     best = designed(goals.dead_centres("rocker_pin", asked), starts=2)
@@ -107,6 +109,7 @@ def test_dead_centres_are_where_they_are_asked_for():
     assert found == pytest.approx(asked, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_driver_needs_no_larger_effort_than_allowed():
     load = {"rocker_b": pin.Force(np.array([0.0, 0.0, -10.0, 0.0, 0.0, 0.0]))}
     best = designed(goals.effort(0.8, loads=load), goals.swing("rocker_pin", 0.5))

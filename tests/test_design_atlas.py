@@ -38,6 +38,7 @@ def judged(design, points):
     return forms.free_error(bar, points, side)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "seed"), [("twelve", 0), ("figure_eight", 0)])
 def test_closed_paths_of_free_timing_are_met_better_than_published(problems, name, seed):
     case = forms.CASES[name]
@@ -79,6 +80,7 @@ def path(points, **options):
     return goals.path("tracer", points, closed=True, **options)
 
 
+@pytest.mark.slow
 def test_a_drawing_of_any_place_and_size_is_met(small):
     """Its own numbers take it to the curve: no dimension moves that as a whole."""
     points = 40.0 * drawn(**TRUE)[:, [1, 0, 2]] * [1.0, -1.0, 1.0] + [3.0, 5.0, 0.0]

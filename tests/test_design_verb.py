@@ -116,6 +116,7 @@ def test_goals_that_are_none_are_refused_when_they_are_made(make, says):
 
 SIZE = 0.54  # of the library's four-bar: ground and rocker in a line
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bounds", [(0.02, None), (None, 0.5), (0.02, np.inf), None])
 @pytest.mark.parametrize("method", ["multistart", "evolution"])
 def test_a_dimension_may_have_one_bound_or_none(four_bar, alone, bounds, method):
@@ -192,6 +193,7 @@ def test_the_answer_is_the_same_wherever_it_is_worked_out(four_bar, alone, make)
     assert_same(alone, found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["multistart", "evolution"])
 def test_a_dask_cluster_finds_the_same(four_bar, method):
     distributed = pytest.importorskip("distributed")

@@ -27,6 +27,7 @@ def script(name):
 page_code = script("page_code")
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("default")
 @pytest.mark.parametrize("page", [p for p in PAGES if page_code.blocks(p)], ids=lambda p: p.stem)
 def test_the_code_of_a_page_runs_and_prints_what_the_page_shows(page):

@@ -10,6 +10,7 @@ from test_view import needs_browser
 EXAMPLES = sorted((Path(__file__).parent.parent / "examples").glob("*.py"))
 
 
+@pytest.mark.slow
 @needs_browser
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
 def test_an_example_runs_and_writes_its_files(example, tmp_path):

@@ -51,6 +51,7 @@ def test_the_judge_notices_a_wrong_answer(fuzz, monkeypatch):
     assert sums.count("wrong") >= 5
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::spatial_pin.SpatialPinWarning")
 def test_damaged_files_load_or_are_refused_in_words(fuzz):
     ends = [fuzz.Damage.judged(seed) for seed in range(60)]

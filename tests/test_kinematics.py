@@ -135,6 +135,7 @@ def test_there_and_back(name, built):
         np.testing.assert_allclose(value, value[::-1], rtol=0, atol=1e-11)
 
 
+@pytest.mark.slow
 @every_known
 def test_long_runs_are_the_path_by_arc_length(name, built, monkeypatch):
     mechanism = built(name)

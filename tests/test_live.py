@@ -782,6 +782,7 @@ def where(browser: Browser, link: str) -> tuple[float, float]:
 class TestBrowser:
     pytestmark = needs_browser
 
+    @pytest.mark.slow
     def test_typed_value_moves_the_picture_and_is_read(self, browser, rssr):
         browser.open(rssr.url, READY)
         first = picture(browser)
@@ -792,6 +793,7 @@ class TestBrowser:
         assert browser.evaluate("Number(dials[0].slider.value)") == pytest.approx(75.5)
         assert np.mean(np.any(np.abs(picture(browser) - first) > 0.1, axis=2)) > 0.01
 
+    @pytest.mark.slow
     def test_dragged_slider_moves_the_picture_as_the_typed_value_does(self, browser, rssr):
         browser.open(rssr.url, READY)
         dragged(browser, 0.5, 0.75)
@@ -804,6 +806,7 @@ class TestBrowser:
         browser.call("Input.dispatchMouseEvent", type="mouseMoved", x=450, y=10)
         assert np.mean(np.any(np.abs(picture(browser)[150:] - here[150:]) > 0.1, axis=2)) < 1e-3
 
+    @pytest.mark.slow
     def test_slider_stops_at_the_limit_and_the_page_says_so(self, browser):
         with opened("four_bar", dimensions=DOUBLE_ROCKER) as viewer:
             browser.open(viewer.url, READY)
@@ -832,6 +835,7 @@ class TestBrowser:
             typed(browser, "10")
             assert "crank = 10.00°" in words(browser) and "beyond limits: slide" in words(browser)
 
+    @pytest.mark.slow
     def test_a_link_follows_the_pointer_and_the_camera_stands_still(self, browser, rssr):
         browser.open(rssr.url, READY)
         typed(browser, "40")
@@ -890,6 +894,7 @@ class TestBrowser:
             browser.wait_until("!asking")
             assert browser.evaluate(marks) == []
 
+    @pytest.mark.slow
     def test_error_and_lost_server_are_told(self, browser):
         viewer = opened("rssr")
         try:
@@ -910,6 +915,7 @@ class TestBrowser:
             browser.open(viewer.url, READY)
             assert browser.evaluate("document.title") == title
 
+    @pytest.mark.slow
     def test_open_tree_has_no_other_assembly(self, browser, rssr):
         for viewer, shown in ((opened("crane"), False), (rssr, True)):
             with viewer:
@@ -922,6 +928,7 @@ class TestBrowser:
         browser.open(rssr.url, READY)
         assert "crank = 120.00°" in words(browser)
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("size", [(900, 700), (420, 700)])
     def test_sliders_leave_room_for_the_picture(self, browser, size):
         with opened("stewart") as viewer:
@@ -940,6 +947,7 @@ class TestBrowser:
 # ---------------------------------------------------------------- curves that grow
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 @needs_browser[1]
 def test_curves_grow_while_the_mechanism_is_moved(browser):

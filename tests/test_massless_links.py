@@ -35,6 +35,7 @@ def started(mech, between, seed):
     return sp.solve_rates(mech, state, {d: float(rng.normal()) * 2.0 for d in mech.drivers})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", ["DOP853", "RK45", "Radau", "Gauss"])
 @pytest.mark.parametrize("name", COUPLERS)
 def test_massless_links_move_alike_in_both_formulations(name, integrator):

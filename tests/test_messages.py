@@ -63,6 +63,7 @@ def test_masses_are_not_blamed_for_an_effort_that_explodes():
     only("grow without bound", text)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_masses_that_differ_too_much_are_named(formulation, tmp_path):
     mech = two_rods(tmp_path, 1e20)
@@ -310,6 +311,7 @@ def test_a_crossing_that_was_to_be_refused_says_so(tmp_path):
     assert "on_crossing='raise' asks to stop there; give on_crossing='straight'" in text
 
 
+@pytest.mark.slow
 def test_a_value_beyond_its_own_limit_is_told_as_such():
     mech = sp.load("stewart")
     text = refusal(lambda: sp.assemble(mech, {"leg_1": 5.0}, limits=True), sp.AssemblyError)

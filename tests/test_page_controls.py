@@ -204,6 +204,7 @@ def test_parallel_lines_are_drawn_so_in_a_parallel_view(page):
     np.testing.assert_allclose(*home, rtol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(1280, 800), (700, 525), (640, 640), (390, 760)])
 def test_buttons_do_not_cover_the_mechanism(page, size):
     page.resize(size)
@@ -456,6 +457,7 @@ def test_names_views_and_signs_are_there_without_webgl(without_webgl, address):
 # ---------------------------------------------------------------- what the page holds packed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("data", [
     [], [b""], [b"one", b"", b"three"], [b"again " * 20000], [bytes(range(256)) * 300],
     [np.random.default_rng(5).bytes(70000), b"end"],
@@ -599,6 +601,7 @@ def test_wheel_draws_less_of_the_abscissa(page, motion):
 # ---------------------------------------------------------------- the address
 
 
+@pytest.mark.slow
 def test_address_shows_the_same_again(page, one_browser, address):
     key(page, "4")
     key(page, "p")

@@ -205,6 +205,7 @@ def test_samples_of_tolerances_are_a_table():
         sp.tolerance(mechanism, ["rocker_pin"], {"a": 1e-3}).to_csv()
 
 
+@pytest.mark.slow
 def test_samples_that_cannot_be_closed_are_nan():
     found = sp.tolerance(sp.load("rssr"), ["rocker_pin"], {"d": 0.3}, samples=40, seed=1)
     assert found.failed

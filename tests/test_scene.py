@@ -633,6 +633,7 @@ def near(image: np.ndarray, colour: tuple[float, float, float]) -> np.ndarray:
     return (size > 0.3) & (image @ c > 0.97 * size)
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 @needs_browser
 def test_picture_shows_an_open_closure_even_when_it_cannot_be_seen(tmp_path):
@@ -646,6 +647,7 @@ def test_picture_shows_an_open_closure_even_when_it_cannot_be_seen(tmp_path):
     assert closed == 0 and broken > 60
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 @needs_browser
 def test_picture_shows_paths_and_arrows_in_their_colours(tmp_path):
@@ -662,6 +664,7 @@ def test_picture_shows_paths_and_arrows_in_their_colours(tmp_path):
         assert seen[1] > seen[0] + 20
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 @needs_browser
 def test_page_fits_its_window_until_the_user_moves_the_camera_and_hides_the_controls(tmp_path):

@@ -67,6 +67,7 @@ def test_sensitivity_stays_on_the_turn_of_the_state(jack, ten_turns):
     np.testing.assert_allclose(found.derivatives["h"], [0.0, 0.0, 1.0], atol=1e-11)
 
 
+@pytest.mark.slow
 def test_a_driver_that_leads_elsewhere_with_every_turn_makes_no_full_turn(jack):
     found = sp.limits(jack, "spindle")
     assert not found.full_turn

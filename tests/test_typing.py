@@ -33,6 +33,7 @@ def checked(tmp_path_factory):
     return found, run.stdout
 
 
+@pytest.mark.slow
 def test_a_script_that_touches_all_of_it_is_typed(checked):
     found, text = checked
     assert not found["typed_user.py"], text

@@ -56,6 +56,7 @@ def same(one: sp.Mechanism, two: sp.Mechanism, length: float) -> None:
     assert one.dimensions == two.dimensions and one.parameters == two.parameters
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sp.list_mechanisms())
 def test_library_mechanisms_are_those_that_loading_gives(name, loads):
     mechanism = sp.load(name)
@@ -93,6 +94,7 @@ def alike(one: sp.Mechanism, two: sp.Mechanism) -> None:
             assert x.placement.isApprox(y.placement, 1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sp.list_mechanisms())
 def test_whole_mechanisms_are_those_that_loading_gives(name, loads):
     """Masses and shapes too, and axes that turn."""
@@ -123,6 +125,7 @@ def test_masses_and_clearances_of_whole_mechanisms_are_those_of_loaded_ones(name
     assert len(found[0]) > 2 and not loads
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [
     name if name in ("rssr", "bennett", "rspc") else pytest.param(name, marks=pytest.mark.slow)
     for name in sp.list_mechanisms()])
@@ -146,6 +149,7 @@ def test_derivatives_are_those_of_loaded_mechanisms(name, monkeypatch):
         assert a == pytest.approx(b, abs=3.0 * error)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sp.list_mechanisms())
 def test_numbers_of_the_kernel_are_those_of_loaded_mechanisms(name):
     """Placements, closure equations, their derivatives and rates of the bodies."""

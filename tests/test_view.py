@@ -522,6 +522,7 @@ def hue_mask(image: np.ndarray, colour: tuple[float, float, float]) -> np.ndarra
     return (size > 0.15) & (p @ c > 0.95 * size * np.linalg.norm(c))
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 @needs_browser
 def test_picture_shows_every_link_and_moves(tmp_path):
@@ -542,6 +543,7 @@ def test_picture_shows_every_link_and_moves(tmp_path):
     assert np.mean(green[0] ^ green[1]) < 0.01  # the base has not moved
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 @needs_browser
 @pytest.mark.parametrize("size", [1e-2, 30.0])

@@ -147,6 +147,7 @@ def spheres(drivers, side, top, arm, rod):
     return p1 + x[:, None] * ex + y[:, None] * ey - z[:, None] * ez
 
 
+@pytest.mark.slow
 def test_a_delta_gets_where_three_spheres_meet():
     mechanism = sp.load("delta", ll=0.7)
     ranges = {f"arm_{k}": (-1.5, 2.4) for k in (1, 2, 3)}
@@ -276,6 +277,7 @@ def test_poses_turn_by_cardan_angles():
                                reached.coordinate("slide_4").value, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_five_bar_gets_to_points_between_two_circles_of_each_arm(bars):
     found = sp.workspace(bars, "tip", {"x": (-0.1, 0.3), "y": (0.05, 0.3)}, points=21, sheets=True)
     far = np.stack([np.linalg.norm(found.drivers - base, axis=1)
