@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from spatial_pin.assembly.state import State
 from spatial_pin.dimensions.homotopy import followed
-from spatial_pin.dynamics.kinetostatics import Kinetostatics, kinetostatics
+from spatial_pin.dynamics.outputs import Told
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.limits import limits
-from spatial_pin.motion.motion import Motion, Output
+from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.outputs import is_force
 from spatial_pin.rates.rates import solve_rates
 
@@ -99,29 +98,3 @@ class Drive:
             state.mechanism, np.array([value]), self.driver, None, state.q[None], state.v[None],
             state.a[None], np.array([state.closure_error]), np.array([speed]),
             angles=np.array(state.angles)[None]), self.in_time)
-
-
-class Told:
-    """A state by the names of outputs: a motion of one sample, and its forces when one is asked.
-
-    Args:
-        sample: the motion.
-        in_time: whether its rates are those in time.
-    """
-
-    def __init__(self, sample: Motion, in_time: bool) -> None:
-        self.sample, self._in_time = sample, in_time
-
-    def output(self, name: str) -> Output:
-        """Return a quantity or a force by its name.
-
-        Raises:
-            SpatialPinError: there is none of the name, or forces cannot be worked out.
-        """
-        return (self.loads if is_force(name) else self.sample).output(name)
-
-    @cached_property
-    def loads(self) -> Kinetostatics:
-        """The forces; at rest where rates are not those in time."""
-        per = "s" if self._in_time else "sample"
-        return kinetostatics(self.sample.mechanism, replace(self.sample, per=per))

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 
 from spatial_pin.checks import names_of
 from spatial_pin.columns import Quantity
-from spatial_pin.dynamics.kinetostatics import Kinetostatics
+from spatial_pin.dynamics.kinetostatics import Kinetostatics, kinetostatics
 from spatial_pin.dynamics.simulation.result import Simulation, driver_names
 from spatial_pin.errors import UnknownNameError
+from spatial_pin.lazy import cached_property
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Motion, Output
 from spatial_pin.motion.outputs import abscissas, is_force, named
@@ -44,6 +46,32 @@ def quantities(
     """Return time, driver, and outputs or all forces; see `Kinetostatics.quantities`."""
     asked = names(loads) if outputs is None else names_of(outputs, "outputs")
     return {**abscissas(loads.motion), **named(output(loads, name) for name in asked)}
+
+
+class Told:
+    """A motion by the names of its outputs, and its forces when one is asked for.
+
+    Args:
+        motion: the motion.
+        in_time: whether its rates are those in time; where they are not, forces are those at rest.
+    """
+
+    def __init__(self, motion: Motion, in_time: bool) -> None:
+        self.motion, self._in_time = motion, in_time
+
+    def output(self, name: str) -> Output:
+        """Return a quantity or a force by its name.
+
+        Raises:
+            SpatialPinError: there is none of the name, or forces cannot be worked out.
+        """
+        return (self.loads if is_force(name) else self.motion).output(name)
+
+    @cached_property
+    def loads(self) -> Kinetostatics:
+        """The forces."""
+        per = "s" if self._in_time else "sample"
+        return kinetostatics(self.motion.mechanism, replace(self.motion, per=per))
 
 
 def with_forces(

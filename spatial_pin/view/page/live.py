@@ -21,7 +21,7 @@ import pinocchio as pin
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.checks import checked, finite_array, names_of
-from spatial_pin.dynamics.kinetostatics import kinetostatics
+from spatial_pin.dynamics.outputs import Told
 from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.mobility.modes import assembly_modes
@@ -128,7 +128,7 @@ class Desk:
         with self._lock:
             said = ANSWERS[kind](self, question)
             return {"poses": self.poses(), "values": self.values(), "says": self.says(),
-                    "points": points_now(_now(self.drive), self.curves), **said}
+                    "points": self.points(), **said}
 
     # ------------------------------------------------------------ what is told with every answer
 
@@ -153,10 +153,16 @@ class Desk:
             SpatialPinError: an output is neither an angle nor a length.
         """
         said = [dial.words(self.drive.value(name)) for name, dial in self.dials.items()]
-        said += [_words(_now(self.drive), name) for name in self.outputs]
+        if self.outputs:
+            told = Told(_now(self.drive), in_time=False)
+            said += [_words(told, name) for name in self.outputs]
         beyond = self.drive.state.beyond_limits
         said += [f"beyond limits: {', '.join(beyond)}"] if beyond else []
         return [*said, f"closure error {self.drive.state.closure_error:.1e}"]
+
+    def points(self) -> list[list[float | None]]:
+        """Return what the place adds to the curves; nothing without any."""
+        return points_now(_now(self.drive), self.curves) if self.curves else []
 
     # ------------------------------------------------------------ what is asked for
 
@@ -248,11 +254,11 @@ def drag(desk: Desk, question: Mapping[str, Any]) -> Answer:
     return said
 
 
-def _words(motion: Motion, name: str) -> str:
+def _words(told: Told, name: str) -> str:
     """Return an output of a motion of one sample."""
     if is_force(name):
-        return _force_words(motion, name)
-    value, label, unit = motion.output(name)
+        return _force_words(told, name)
+    value, label, unit = told.output(name)
     if unit not in ("rad", "m"):
         raise SpatialPinError(NO_RATES.format(name))
     if np.ndim(value) == 1:
@@ -262,16 +268,16 @@ def _words(motion: Motion, name: str) -> str:
     return f"{label} = ({numbers}) {word}"
 
 
-def _force_words(motion: Motion, name: str) -> str:
+def _force_words(told: Told, name: str) -> str:
     """Return a force at rest of a motion of one sample."""
     if name.endswith(".power"):
-        raise SpatialPinError(f"output {name!r}: a page that is moved by hand knows no rates")
+        raise SpatialPinError(NO_RATES.format(name))
     try:
-        loads = kinetostatics(motion.mechanism, replace(motion, per="sample"))
+        found = told.output(name)
     except SingularError:
         return f"{name}: not determined here"
     words = []
-    for values, label, unit in loads.output(name).parts():
+    for values, label, unit in found.parts():
         numbers = ", ".join(f"{x:z.4g}" for x in np.atleast_1d(values[0])).replace("-", "−")
         words.append(f"{label} = {f'({numbers})' if values.ndim > 1 else numbers} {unit}")
     return "; ".join(words)
