@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError, Mistakes, SpatialPinError
-from spatial_pin.mechanism.mechanism import Mechanism, named, point_on_body
+from spatial_pin.mechanism.mechanism import Mechanism, named, point_on_body, rigid_distance
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure, Driver, Passive, Spring
 from spatial_pin.numerics.linalg import EPS, Array
@@ -108,21 +108,17 @@ def _check_closure(mechanism: Mechanism, closure: Closure, where: str) -> None:
             f"{where}: frames {closure.frames[0]!r} and {closure.frames[1]!r} are fixed to the "
             "same body; a closure joins two bodies that can move against each other"
         )
-    ids = _bodies(mechanism, closure.between, f"{where}: length_between: ")
+    places = _all_named(
+        mechanism.frame_on_joint, closure.between, f"{where}: length_between: ")
     if set(closure.between) == set(closure.frames):
         raise MechanismFileError(f"{where}: length_between: its own frames, which says nothing")
-    if len(set(ids)) == 1 and not _apart(mechanism, closure.between):
+    length = rigid_distance(*places) if places else None
+    if length is not None and length <= EPS * mechanism.characteristic_length:
         raise MechanismFileError(
             f"{where}: length_between: {closure.between[0]!r} and {closure.between[1]!r} are at "
             "the same place of one body, and a distance is positive; for no distance use a "
             "spherical closure"
         )
-
-
-def _apart(mechanism: Mechanism, frames: Iterable[str]) -> bool:
-    """Whether two frames of one body are at different places."""
-    one, two = (mechanism.frame_on_joint(name)[1].translation for name in frames)
-    return bool(np.linalg.norm(two - one) > EPS * mechanism.characteristic_length)
 
 
 def _bodies(mechanism: Mechanism, frames: tuple[str, ...], where: str) -> list[int]:

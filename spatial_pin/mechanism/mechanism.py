@@ -522,3 +522,15 @@ def point_on_body(mechanism: Mechanism, body: int, name: str, where: str = "") -
     if on_parent and mechanism.model.parents[joint] == body:
         return mechanism.model.jointPlacements[joint].translation.copy()
     raise MechanismFileError(f"{where}{name!r} is not a point of that body")
+
+
+def rigid_distance(one: tuple[int, pin.SE3], two: tuple[int, pin.SE3]) -> float | None:
+    """Return the distance [m] of two frames that one joint moves; None where two move them.
+
+    Args:
+        one: a frame: the joint, and its placement on that.
+        two: another.
+    """
+    if one[0] != two[0]:
+        return None
+    return float(np.linalg.norm(two[1].translation - one[1].translation))

@@ -10,7 +10,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.constraints.closure_equations import evaluation_of
-from spatial_pin.mechanism.mechanism import Mechanism, point_on_body
+from spatial_pin.mechanism.mechanism import Mechanism, point_on_body, rigid_distance
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS, Z, closure_geometry
 from spatial_pin.mechanism.parts import Closure, Passive
 from spatial_pin.mechanism.resistance import resists
@@ -300,9 +300,8 @@ class Model:
         """Return a distance as a plain one if a pair of its frames moves as one body by now."""
         pairs = [closure.frames, closure.between] if closure.between else []
         for rigid, other in zip(pairs, pairs[::-1], strict=True):
-            (first, at_1), (second, at_2) = map(self.bodies.frame, rigid)
-            if first == second:
-                length = float(np.linalg.norm(at_2.translation - at_1.translation))
+            length = rigid_distance(*map(self.bodies.frame, rigid))
+            if length is not None:
                 return replace(closure, frames=other, between=(),
                                geometry=closure_geometry(closure.pair, length=length))
         return closure

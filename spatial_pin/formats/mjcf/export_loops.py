@@ -12,6 +12,7 @@ from spatial_pin.formats.mjcf.export_joints import add_parts, parts_of, tie_scre
 from spatial_pin.formats.mjcf.writing import Writing, placed
 from spatial_pin.formats.urdf.elements import numbers_text
 from spatial_pin.formats.urdf.writing import unique
+from spatial_pin.mechanism.mechanism import rigid_distance
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
@@ -92,12 +93,12 @@ def _rope(writing: Writing, closure: Closure) -> None:
     assert closure.geometry is not None
     rest = _tendon(writing, closure.name, closure.frames)
     attributes = {"name": closure.name, "tendon1": closure.name}
-    places = [writing.mechanism.frame_on_joint(frame) for frame in closure.between]
-    length = closure.geometry.length
-    if closure.between and places[0][0] == places[1][0]:  # of one body: it does not change
-        length = float(np.linalg.norm(places[1][1].translation - places[0][1].translation))
-    offset, ratio = length - rest, 0.0
-    if len({joint for joint, _ in places}) > 1:
+    length: float | None = closure.geometry.length
+    if closure.between:
+        length = rigid_distance(*map(writing.mechanism.frame_on_joint, closure.between))
+    if length is not None:
+        offset, ratio = length - rest, 0.0
+    else:
         attributes["tendon2"] = f"{closure.name}_other"
         offset, ratio = _tendon(writing, attributes["tendon2"], closure.between) - rest, 1.0
     attributes["polycoef"] = numbers_text(np.array([offset, ratio, 0.0, 0.0, 0.0]))
