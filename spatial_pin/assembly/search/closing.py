@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.assembly.close import DAMPED_STEPS, close, closed, finite
 from spatial_pin.assembly.rounding import cut_of
-from spatial_pin.assembly.search.guesses import NEAR_GUESS, far_ones
+from spatial_pin.assembly.search.guesses import NEAR_GUESS, OPEN, far_ones
 from spatial_pin.assembly.search.release import least_motion
 from spatial_pin.assembly.search.targets import free_but, left_of
 from spatial_pin.assembly.search.whole_turns import meant_by, periodic
@@ -23,11 +23,10 @@ from spatial_pin.kernel.closer import LOOSE, Closed, Examined, Reached, Shakes, 
 from spatial_pin.lazy import cached_property
 from spatial_pin.mechanism.coordinates import coordinate_round_off, coordinate_value, with_values
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.numerics.linalg import EPS, Array
+from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy
 
-OPEN = EPS**0.5  # closure error that no round-off excuses: half of the digits
 ACCEPTED = TOLERANCES.closed
 
 
