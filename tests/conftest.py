@@ -1,8 +1,11 @@
-"""What all tests share: which are left out, and how a command is run."""
+"""What all tests share: which are left out, how a command is run, and problems of design."""
 
 from __future__ import annotations
 
+import importlib
+import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 import pytest
 
@@ -36,3 +39,12 @@ def run(capfd):
         return code, *capfd.readouterr()
 
     return run
+
+
+@pytest.fixture(scope="module")
+def problems():
+    """Problems of the comparison script."""
+    before = list(sys.path)
+    sys.path.insert(0, str(Path(__file__).parent.parent / "scripts"))
+    yield importlib.import_module("benchmark.designs").PROBLEMS
+    sys.path[:] = before

@@ -1,15 +1,13 @@
 """Starts from an atlas of curves: published paths of free timing are met better than before."""
 
 import dataclasses
-import importlib
-import sys
 from concurrent.futures import ProcessPoolExecutor
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
 import synthesis_forms as forms
+from drawing_four_bars import bar, side
 
 import spatial_pin as sp
 from spatial_pin.synthesis import atlas, search
@@ -19,31 +17,12 @@ from spatial_pin.synthesis.problem import Problem
 goals = sp.goals
 
 
-@pytest.fixture(scope="module")
-def problems():
-    """Problems of the comparison script."""
-    before = list(sys.path)
-    sys.path.insert(0, str(Path(__file__).parent.parent / "scripts"))
-    yield importlib.import_module("benchmark.designs").PROBLEMS
-    sys.path[:] = before
-
-
-def judged(design, points):
-    """Return the sum of squared distances of points from the coupler curve, by closed form."""
-    lengths = design.mechanism.dimensions
-    bar = forms.FourBar(*(lengths[name] for name in forms.FourBar._fields))
-    tip, end, pivot = (design.states[0].placement(name).translation[:2]
-                       for name in ("coupler", "rocker_end", "rocker"))
-    side = int(np.sign(np.linalg.det([pivot - tip, end - tip])))
-    return forms.free_error(bar, points, side)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "seed"), [("twelve", 0), ("figure_eight", 0)])
 def test_closed_paths_of_free_timing_are_met_better_than_published(problems, name, seed):
     case = forms.CASES[name]
     best = problems[name].solve(starts=8, seed=seed)[0]
-    error = judged(best, case["points"])
+    error = forms.free_error(bar(best), case["points"], side(best))  # by closed form
     assert error <= problems[name].error(best) * (1.0 + 1e-6)
     assert error < 0.75 * case["error"]
     assert not [x for x in best.defects if x.kind in ("circuit", "branch", "order")]

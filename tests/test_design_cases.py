@@ -1,43 +1,15 @@
 """Designs of published problems, judged by closed forms and evaluators of their own."""
 
 import importlib
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 import synthesis_forms as forms
+from drawing_four_bars import at, bar, side
 from mpmath import mp, mpf, pi
 from test_synthesis_forms import logarithm
 
 import spatial_pin as sp
-
-
-@pytest.fixture(scope="module")
-def problems():
-    """Problems of the comparison script."""
-    before = list(sys.path)
-    sys.path.insert(0, str(Path(__file__).parent.parent / "scripts"))
-    yield importlib.import_module("benchmark.designs").PROBLEMS
-    sys.path[:] = before
-
-
-def bar(design) -> forms.FourBar:
-    """Return the dimensions of a design that draws a path, in the literature's order."""
-    lengths = design.mechanism.dimensions
-    return forms.FourBar(*(lengths[name] for name in forms.FourBar._fields))
-
-
-def at(state, name) -> np.ndarray:
-    """Return where the origin of a link is in the plane."""
-    return state.placement(name).translation[:2]
-
-
-def side(design) -> int:
-    """Return on which side of the diagonal the rocker's tip of a four-bar is."""
-    tip, end, pivot = (at(design.states[0], name) for name in ("coupler", "rocker_end", "rocker"))
-    return int(np.sign(np.linalg.det([pivot - tip, end - tip])))
-
 
 # ---------------------------------------------------------------- functions
 
