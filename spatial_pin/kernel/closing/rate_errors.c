@@ -70,6 +70,15 @@ static Real lost_along(Rates *r, Real off, const Real *away, const Real *velocit
     return off * fmax(first, (second + third) / fmax(bend, 1.0));
 }
 
+/* Whether what is closed to round-off loses no more than is known without the velocities. */
+static int is_known_anyway(Rates *r, Real known)
+{
+    Real grown = 0.0;
+    for (int pattern = 1; pattern <= PATTERNS; pattern++)
+        grown = fmax(grown, direction_off(r, pattern, r->away));
+    return !(2.0 * CLOSURE_ROUND_OFF * grown * grown * grown > known);
+}
+
 /* Round-off of the velocities v and of accelerations, relative to their size. Next to a limit
    position at a small distance e of the driver, joints move 1/sqrt(e) times as fast as the driver
    (`pace`); a configuration known to round-off times that gives rates to that squared. A short link
@@ -78,11 +87,9 @@ static Real lost_along(Rates *r, Real off, const Real *away, const Real *velocit
 Real rates_round_off(Rates *r, const Real *v, Real known)
 {
     const Real open = fmax(CLOSURE_ROUND_OFF, equations_error(r->k));
-    Real grown = 0.0, lost = 0.0;
-    for (int pattern = 1; pattern <= PATTERNS; pattern++)
-        grown = fmax(grown, direction_off(r, pattern, r->away));
-    if (open == CLOSURE_ROUND_OFF && !(2.0 * open * grown * grown * grown > known))
+    if (open == CLOSURE_ROUND_OFF && is_known_anyway(r, known))
         return known; /* which is more than what could be found out */
+    Real lost = 0.0;
     for (int pattern = 1; pattern <= PATTERNS; pattern++) {
         const Real off = open * direction_off(r, pattern, r->away);
         lost = fmax(lost, lost_along(r, off, r->away, v));
