@@ -206,7 +206,7 @@ def denormal_steps() -> float:
 
 def one_giant_step() -> float:
     sweep = partial(sp.sweep, sp.load("four_bar"), "crank")
-    return refused(sp.SpatialPinError, "too far from the row before", [
+    return refused(sp.SpatialPinError, "too far from the sample before", [
         partial(sweep, [0.0, x]) for x in (1e7, 1e300)])
 
 
@@ -632,16 +632,17 @@ EXTREMES = (
             refusal=sp.MechanismFileError),
     Extreme("mass", "links of 5e-324, 1e-300, 1e300 kg", too_heavy_or_light, None,
             refusal=sp.MechanismFileError),
-    Extreme("speed", "RSSR at 1e-9 to 1e6 and 1e150 rad/s: rates by the crank's", any_speed, 1e-13),
+    Extreme("speed", "RSSR at 1e-9 to 1e6 and 1e150 rad/s: rates per crank speed", any_speed,
+            1e-13),
     Extreme("speed", "RSSR at 1e155, 1e308 rad/s", too_fast, None, refusal=ValueError),
-    Extreme("speed", "RSSR at 1e-310 rad/s: its rate by the crank's", too_slow_for_a_time, 1e-12,
+    Extreme("speed", "RSSR at 1e-310 rad/s: its rate per crank speed", too_slow_for_a_time, 1e-12,
             "no time"),
     Extreme("angle", "crank a million turns on, at 1e9 and ±1e15 rad", far_angles, 1e-13),
     Extreme("denormals", "RSSR swept in steps of 5e-324 to 1e-300 rad: rates", denormal_steps,
             1e-12),
     Extreme("steps", "one step of 1e7, 1e300 rad", one_giant_step, None,
             refusal=sp.SpatialPinError),
-    Extreme("no numbers", "NaN, ±inf, 10**400 for values, speeds, efforts, dimensions, guesses",
+    Extreme("not a number", "NaN, ±inf, 10**400 for values, speeds, efforts, dimensions, guesses",
             no_numbers, None, refusal=ValueError),
     Extreme("dead centre", "assembled 1e-6 to 1e-12 rad before it: position",
             partial(near_a_dead_centre, True), 1e-9),
@@ -663,7 +664,8 @@ EXTREMES = (
             axis_that_leans, None, refusal=sp.AssemblyError),
     Extreme("nearly parallel", "the same, by 1e-12 to 1e-15 rad: loops open by",
             axis_that_hardly_leans, 1e-11, SAID_BY_CLOSURE),
-    Extreme("short link", "slider-crank, crank of 1e-3 to 1e-100 m: slide, its rate by the crank",
+    Extreme("short link",
+            "slider-crank, crank of 1e-3 to 1e-100 m: slide, its rate per crank speed",
             short_crank, 1e-12),
     Extreme("short link", "four-bar, coupler of 1e-3 to 1e-6 m: its rates", short_couplers, 1e-9,
             SAID_BY_RATES),
@@ -671,7 +673,7 @@ EXTREMES = (
             refusal=sp.SingularError),
     Extreme("redundant", "four-bar closed by 200 hinges: 1000 equations, rank 2",
             partial(repeated, 200), 1e-12),
-    Extreme("guess", "RSSR, rocker and coupler turned anyhow, 30 times", upside_down, 1e-12),
+    Extreme("guess", "RSSR, rocker and coupler turned at random, 30 times", upside_down, 1e-12),
     Extreme("guess", "seven mechanisms, every coordinate within ±3: closure error",
             upside_down_everywhere, 1e-12),
     Extreme("shared body", "ten loops on one plate", ten_loops_on_one_body, 1e-12),
@@ -701,7 +703,7 @@ EXTREMES = (
     Extreme("simulation", "four-bar of 0.5 µm falling: energy drift",
             lambda: falls((1e-15, 1e-15, 1e-15), 1e-6), 1e-9, "`energy_drift` says it"),
     Extreme("steps", "four-bar swept in a million steps of 1°", a_million_steps, 1e-11),
-    Extreme("turns", "four-bar, a turn after 1e3 to 1e6 that all its joints count: angle, closure",
+    Extreme("turns", "four-bar, one more turn after 1e3 to 1e6 turns of its joints: angle, closure",
             after_many_turns, 1e-8, SAID_BY_CLOSURE),
     Extreme("steps", "four-bar, a hundred thousand steps of RK4, 1 ms: energy drift",
             many_steps_in_time, 1e-5, "`energy_drift` says it"),

@@ -25,6 +25,11 @@ def brief(shown: object, **units: str) -> str:
     return f"{type(shown).__name__}({', '.join(fields)})"
 
 
+def counted(number: int, noun: str) -> str:
+    """Return "1 loop", "2 loops"."""
+    return f"{number} {noun}{'s' * (number != 1)}"
+
+
 def first_names(names: Iterable[str]) -> str:
     """Return the first of many names, and how many there are besides."""
     every = list(names)

@@ -140,7 +140,7 @@ def test_a_sweep_is_written_in_every_form_that_is_asked_for(run, tmp_path):
     text = run("sweep", "four_bar", "crank", "0", "360deg", "--steps", "13", "--speed", "240rpm",
                "--csv", files["csv"], "--json", files["json"], "--npz", files["npz"],
                "--plot", files["png"], "--html", files["html"])
-    assert "13 steps" in text and "closure error at most" in text
+    assert "13 samples" in text and "closure error at most" in text
     for path in files.values():
         assert str(path) in text
     expected = sp.sweep(sp.load("four_bar"), "crank", np.linspace(0, 2 * np.pi, 13), RPM_240)
@@ -365,7 +365,7 @@ def test_what_is_no_quantity_is_refused_with_the_units_there_are(text):
 def test_a_simulation_is_told_and_written(run, tmp_path):
     text = run("simulate", "four_bar", "--duration", "500ms", "--rows", "51", "--at", "crank=60deg",
                "--speed", "crank=30rpm", "--csv", str(tmp_path / "f.csv"))
-    assert "51 steps, time 0 to 0.5 s" in text
+    assert "51 samples, time 0 to 0.5 s" in text
     assert "energy drift" in text
     rows = list(csv.DictReader((tmp_path / "f.csv").read_text(encoding="utf-8").splitlines()))
     assert len(rows) == 51

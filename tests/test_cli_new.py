@@ -110,7 +110,7 @@ def test_from_edit_to_check(arm, run):
         "axis = [1, 0, 0]\nequations = [0]\n")
     arm.write_text(text, encoding="utf-8")
     code, out, _ = run("check", arm)
-    assert code == 0 and "1 closures" in out and "note" not in out
+    assert code == 0 and "1 closure;" in out and "note" not in out
 
 
 @pytest.mark.parametrize("name", ["four_bar", "rssr", "delta", "stewart", "excavator"])

@@ -343,7 +343,7 @@ def test_the_command_line_follows_a_table_and_writes_one(tmp_path, capfd):
     np.savetxt(table, rows, delimiter=",", header=head, comments="", fmt="%.17g")
     out = tmp_path / "out.csv"
     assert main(["follow", "delta", str(table), "--csv", str(out)]) == 0
-    assert "delta: 41 steps, time 0 to 2 s" in capfd.readouterr().out
+    assert "delta: 41 samples, time 0 to 2 s" in capfd.readouterr().out
     expected = sp.follow(mechanism, values, TIMES)
     found, times = read_table(out)
     assert times == pytest.approx(expected.time, abs=1e-15)

@@ -619,7 +619,7 @@ def test_mechanism_where_a_state_or_motion_is_needed_is_a_clear_error(tmp_path):
 def test_row_that_does_not_exist_is_a_clear_error(tmp_path):
     motion = sp.sweep(sp.load("rssr"), "crank", np.linspace(0, 1, 11))
     for row in (11, -12, 999):
-        with pytest.raises(SpatialPinError, match=rf"no row {row}: 11 rows are 0 to 10"):
+        with pytest.raises(SpatialPinError, match=rf"no sample {row}: 11 samples are 0 to 10"):
             sp.screenshot(motion, tmp_path / "a.png", row=row)
 
 

@@ -75,9 +75,9 @@ def test_a_table_of_many_rows_is_cut():
 def test_motions_without_samples_or_with_events_have_a_table(motion):
     arrays = ("driver", "time", "q", "v", "a", "closure_error", "driver_speed")
     empty = replace(motion, **{name: getattr(motion, name)[:0] for name in arrays})
-    assert "rssr: 0 steps" in empty._repr_html_()
+    assert "rssr: 0 samples" in empty._repr_html_()
     loads = sp.kinetostatics(motion.mechanism, empty)
-    assert "0 steps" in loads._repr_html_()
+    assert "0 samples" in loads._repr_html_()
     traced = sp.trace(sp.load("slider_crank"), "slide")
     assert traced.events and html.escape(traced.events[0].text) in traced._repr_html_()
 

@@ -220,7 +220,7 @@ def test_values_that_hardly_differ_are_swept(bar, values):
 
 @pytest.mark.parametrize("value", [1e6, 1e17, 1e308])
 def test_a_value_too_far_away_is_refused(bar, value):
-    with pytest.raises(sp.SpatialPinError, match="too far from the row before"):
+    with pytest.raises(sp.SpatialPinError, match="too far from the sample before"):
         sp.sweep(bar, "crank", [0.4, value])
 
 

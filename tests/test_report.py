@@ -169,7 +169,7 @@ def test_motion_in_time_without_a_driver_is_reported_over_time(rssr, tmp_path):
 def test_motion_without_rows_is_refused(rssr, tmp_path):
     empty = sp.Motion(rssr.mechanism, rssr.driver[:0], "crank", None, rssr.q[:0], rssr.v[:0],
                       rssr.a[:0], rssr.closure_error[:0], rssr.driver_speed[:0])
-    with pytest.raises(ValueError, match="no rows"):
+    with pytest.raises(ValueError, match="no samples"):
         report(empty, tmp_path / "a.html")
 
 

@@ -275,7 +275,7 @@ def test_words_of_results_are_short_and_have_no_arrays(motion, loads, driven):
 
 
 def test_words_of_results_have_units(motion, loads):
-    assert repr(motion).startswith("Motion('rssr': 61 rows over crank [rad], closure error")
+    assert repr(motion).startswith("Motion('rssr': 61 samples over crank [rad], closure error")
     assert "crank = 0.7 rad" in repr(motion.state(7))
     assert repr(motion.output("coupler.velocity")) == (
         "Output('coupler velocity': array (61, 3) m/s)")

@@ -35,7 +35,7 @@ def test_a_screw_is_followed_over_any_number_of_turns(nut, name, values):
 
 
 def test_what_is_too_far_is_said_to_be(nut):
-    with pytest.raises(sp.SpatialPinError, match="too far from the row before"):
+    with pytest.raises(sp.SpatialPinError, match="too far from the sample before"):
         sp.sweep(nut, "spin", [0.0, 1e12])
 
 

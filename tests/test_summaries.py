@@ -17,18 +17,18 @@ def turn():
 
 def test_a_motion_prints_its_ranges(turn):
     text = str(turn)
-    assert text.splitlines()[0].startswith("four_bar: 73 steps, crank 0 to 6.28319 rad, closure")
+    assert text.splitlines()[0].startswith("four_bar: 73 samples, crank 0 to 6.28319 rad, closure")
     assert len(text.splitlines()) == 4
     low, high = (turn.coordinate("rocker_pin").value[k] for k in (
         turn.coordinate("rocker_pin").value.argmin(), turn.coordinate("rocker_pin").value.argmax()))
     assert f"{low:+.6f} to {high:+.6f} rad" in text
-    assert repr(turn).startswith("Motion('four_bar': 73 rows over crank")
+    assert repr(turn).startswith("Motion('four_bar': 73 samples over crank")
 
 
 def test_an_empty_motion_prints_one_line(turn):
     none = sp.Motion(turn.mechanism, np.empty(0), "crank", None, turn.q[:0], turn.v[:0], turn.a[:0],
                      np.empty(0), np.empty(0))
-    assert str(none) == "four_bar: 0 steps, closure error at most 0.0e+00"
+    assert str(none) == "four_bar: 0 samples, closure error at most 0.0e+00"
 
 
 def test_a_simulation_prints_energy_events_and_efforts():
@@ -40,7 +40,7 @@ def test_a_simulation_prints_energy_events_and_efforts():
     assert sum("passed at" in line for line in text.splitlines()) == 5
     assert f"energy drift {motion.energy_drift:.1e}" in text and "-0.000000" not in text
     assert "e-17" not in text  # of a leg that begins at rest
-    assert repr(motion).startswith("Simulation('stewart': 101 rows over time")
+    assert repr(motion).startswith("Simulation('stewart': 101 samples over time")
 
 
 def test_a_prescribed_simulation_prints_its_efforts():

@@ -166,7 +166,7 @@ def test_long_motion_is_thinned_and_says_so():
 
 
 def test_empty_motion_is_refused():
-    with pytest.raises(ValueError, match="no rows"):
+    with pytest.raises(ValueError, match="no samples"):
         film(motion(n=0))
 
 

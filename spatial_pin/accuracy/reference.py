@@ -82,7 +82,7 @@ class SweepReference:
         motion, self.spin_error = self._fine(task)
         self.exact = self.solver.near(motion.q[self.rows], _angles(motion)[self.rows])
         if not self.exact.good.any():
-            raise SpatialPinError(f"mechanism {mechanism.name!r}: no row of the sweep is "
+            raise SpatialPinError(f"mechanism {mechanism.name!r}: no sample of the sweep is "
                                   "determined: it moves along a singular configuration")
         self.sizes = self.exact.sizes(self.scale)
         self.error = float(max(self.exact.left.max(), EPS))
@@ -91,11 +91,11 @@ class SweepReference:
     def text(self) -> str:
         """What the reference is, and how good."""
         skipped = int(np.count_nonzero(~self.exact.good))
-        parts = [f"every row refined in extended precision, to {self.error:.1e}"]
+        parts = [f"every sample refined in extended precision, to {self.error:.1e}"]
         if len(self.rows) < self.n:
             parts.append(f"{len(self.rows)} of {self.n} rows judged")
         if skipped:
-            parts.append(f"{skipped} rows at singular configurations not judged")
+            parts.append(f"{skipped} samples at singular configurations not judged")
         if self.extended.n_spins:
             parts.append(f"passive spin by half the steps, to {self.spin_error:.1e} rad")
         return "; ".join(parts)
@@ -171,7 +171,7 @@ def _checked(motion: Motion, n: int) -> tuple[Array, Array, Array, Array]:
         Astray: it has not.
     """
     if len(motion) != n:
-        raise Astray(f"ended after {len(motion)} of {n} rows")
+        raise Astray(f"ended after {len(motion)} of {n} samples")
     if not all(np.isfinite(x).all() for x in (motion.q, motion.v, motion.a)):
         raise Astray("NaN in its rows")
     return motion.q, motion.v, motion.a, _angles(motion)

@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from spatial_pin.brief import counted
 from spatial_pin.errors import (
     ClosureTypeError,
     MechanismFileError,
@@ -459,8 +460,9 @@ class Mechanism:
 
     def __repr__(self) -> str:
         return (
-            f"Mechanism({self.name!r}: {self.model.njoints - 1} joints, "
-            f"{len(self.coordinates)} coordinates, {len(self.closures)} closures, "
+            f"Mechanism({self.name!r}: {counted(self.model.njoints - 1, 'joint')}, "
+            f"{counted(len(self.coordinates), 'coordinate')}, "
+            f"{counted(len(self.closures), 'closure')}, "
             f"drivers {list(self.drivers)})"
         )
 

@@ -263,7 +263,7 @@ def _followed(motion: Motion, limit: JointLimit, k: int, ends: _Ends) -> float |
 
         q, _ = at(last)
         if _elsewhere(motion, q, k + 1):
-            raise SpatialPinError("the rows were taken with other coordinates held")
+            raise SpatialPinError("the samples were taken with other coordinates held")
         return first_passing(limit, at, (first, last), ends)
 
 

@@ -268,8 +268,8 @@ class Motion(Tabular):
         row, n = int(row), len(self)
         if not -n <= row < n:
             raise SpatialPinError(
-                f"there is no row {row}: {n} rows are 0 to {n - 1}, or -{n} to -1" if n else
-                f"there is no row {row}: the motion has none")
+                f"there is no sample {row}: {n} samples are 0 to {n - 1}, or -{n} to -1" if n else
+                f"there is no sample {row}: the motion has none")
         lost = (partial(method("Motion.rate_error"), self.driver_name,
                         not self._is_continued(row), held=self.held)
                 if self.driver is not None else np.nan)
@@ -495,7 +495,7 @@ class Motion(Tabular):
     def __repr__(self) -> str:
         worst = float(self.closure_error.max(initial=0.0))
         over = f"{self.driver_name} [{self.driver_unit}]" if self.driver_name else "time [s]"
-        return (f"{type(self).__name__}({self.mechanism.name!r}: {len(self)} rows over {over}, "
+        return (f"{type(self).__name__}({self.mechanism.name!r}: {len(self)} samples over {over}, "
                 f"closure error at most {worst:.1e}, {len(self.events)} events)")
 
     def __str__(self) -> str:

@@ -21,7 +21,7 @@ def heading(motion: Motion) -> str:
     span = ""
     if values is not None and len(values):
         span = f", {name} {tidy(values[0], values)} to {tidy(values[-1], values)} {unit}"
-    return (f"{motion.mechanism.name}: {len(motion)} steps{span}, closure error at most "
+    return (f"{motion.mechanism.name}: {len(motion)} samples{span}, closure error at most "
             f"{motion.closure_error.max(initial=0.0):.1e}")
 
 
@@ -69,7 +69,7 @@ def where(motion: Motion, row: int) -> str:
     """Return at what driver value, or time, a sample is, in words."""
     name, unit = _over(motion)
     values = motion.driver if motion.driver is not None else motion.time
-    return f"at {name} = {values[row]:.6g} {unit}" if values is not None else f"in row {row}"
+    return f"at {name} = {values[row]:.6g} {unit}" if values is not None else f"in sample {row}"
 
 
 def tidy(x: float, among: Array, sign: str = "") -> str:

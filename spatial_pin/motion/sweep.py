@@ -332,7 +332,7 @@ def _error(
         )
     if stop.is_far:
         return SpatialPinError(
-            f"{where} is too far from the row before to be followed to ({last}): joints move by "
+            f"{where} is too far from the sample before to be followed to ({last}): joints move by "
             f"more than {FARTHEST:g} rad or characteristic lengths between them; "
             "ask for values between")
     lost = f"{where}: the branch was lost near {driver} = {stop.value:.9g} {unit} ({last}); "

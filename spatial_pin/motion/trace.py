@@ -184,7 +184,7 @@ class _TracedSamples:
         unit = self.mechanism.coordinate(self.driver).unit
         words = {"limit": "limit position (dead centre)",
                  "branch point": "branch point, passed straight on,",
-                 "not closed": f"not closed within {len(self.points)} rows: left off"}
+                 "not closed": f"not closed within {len(self.points)} samples: left off"}
         text = f"{words[kind]} at {self.driver} = {value:.12g} {unit}"
         self.events.append(Event(kind, value, len(self.points), text))
 

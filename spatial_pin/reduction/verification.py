@@ -68,7 +68,7 @@ def verification(
                 differences += _dynamics(reduced, pair[0], asked)
                 differences += _forces(reduced, pair, count)
     if not differences:
-        raise SpatialPinError(f"mechanism {full.name!r}: no row could be compared")
+        raise SpatialPinError(f"mechanism {full.name!r}: no sample could be compared")
     return Verification(tuple(differences), rows, float(seconds[0]), float(seconds[1]),
                         tuple(remarks))
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import spatial_pin as sp
+from spatial_pin.brief import counted
 from spatial_pin.cli.asked import loaded
 from spatial_pin.cli.completion import SHELLS, script
 from spatial_pin.cli.new_files import write_from, write_new
@@ -86,8 +87,9 @@ def _checked(options: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
     found = sp.mobility(mechanism, state)
     working = found.dof - len(found.passive)
     lines = [f"note: {notice}" for notice in notes]
-    lines.append(f"{mechanism.path}: good: {len(mechanism.links)} links, "
-                 f"{len(mechanism.coordinates)} coordinates, {len(mechanism.closures)} closures; "
+    lines.append(f"{mechanism.path}: good: {counted(len(mechanism.links), 'link')}, "
+                 f"{counted(len(mechanism.coordinates), 'coordinate')}, "
+                 f"{counted(len(mechanism.closures), 'closure')}; "
                  f"the guess closes to {state.closure_error:.1e}")
     if len(mechanism.drivers) != working:
         note = f"{len(mechanism.drivers)} drivers for {working} working freedoms"

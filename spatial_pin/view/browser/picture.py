@@ -129,7 +129,8 @@ def _moment(shown: Film, source: Motion | State, row: int) -> float:
     """Return when a sample is shown [s]; of a long motion the nearest one that is shown at all."""
     n = len(np.atleast_2d(source.q))
     if not -n <= row < n:
-        raise SpatialPinError(f"there is no row {row}: {n} rows are 0 to {n - 1}, or -{n} to -1")
+        raise SpatialPinError(f"there is no sample {row}: {n} samples are 0 to {n - 1}, "
+                              f"or -{n} to -1")
     return float(shown.seconds[np.argmin(np.abs(shown.rows - row % n))])
 
 

@@ -43,7 +43,7 @@ def _subject(
     if isinstance(shown, State):
         return Subject(shown, None, shown, (), title, look)
     if len(shown) == 0:
-        raise ValueError("the motion has no rows: there is nothing to report")
+        raise ValueError("the motion has no samples: there is nothing to report")
     if outputs is None:
         outputs = default_outputs(shown)
     names = (outputs,) if isinstance(outputs, str) else tuple(outputs)

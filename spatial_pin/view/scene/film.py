@@ -176,7 +176,7 @@ def _pace(motion: Motion) -> tuple[Array, str]:
         return _time_pace(np.asarray(motion.time, float))
     if motion.driver is not None and np.ptp(motion.driver) > 0:
         return _driver_pace(np.asarray(motion.driver, float), motion.driver_unit)
-    return np.linspace(0.0, USUAL, n), f"shown at {(n - 1) / USUAL:.3g} rows a second"
+    return np.linspace(0.0, USUAL, n), f"shown at {(n - 1) / USUAL:.3g} samples a second"
 
 
 def reading(name: str, values: Array, unit: str) -> Reading:
@@ -267,7 +267,7 @@ def film(motion_or_state: Motion | State) -> Film:
         return _of_state(motion_or_state)  # type: ignore[arg-type]
     motion: Motion = motion_or_state  # type: ignore[assignment]
     if len(motion.q) == 0:
-        raise ValueError("the motion has no rows: there is nothing to show")
+        raise ValueError("the motion has no samples: there is nothing to show")
     seconds, note = _pace(motion)
     error = float(np.max(motion.closure_error))
     q, notes = np.asarray(motion.q, float), (note,) if note else ()
