@@ -82,7 +82,8 @@ for x, colour, words in ((before, "#c0392b", "before"), (after, "#1f77b4", "afte
     space.plot(*(1e3 * (true + 20 * (x - true))).T, ".", color=colour, markersize=4,
                label=f"where it is taken to be {words} (errors x 20)")
 space.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
-space.legend(frameon=False, fontsize=8, loc="upper left")
+space.locator_params(nbins=5)
+space.legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.06))
 axes = figure.add_subplot(1, 2, 2)
 axes.semilogy(off[0], color="#c0392b", label="as drawn")
 axes.semilogy(off[1], color="#1f77b4", label="calibrated")

@@ -468,6 +468,24 @@ def test_links_without_a_picture_of_their_own_are_sticks(asked, sticks):
     assert any(" stick " in p for p in whole) is (asked is True)
 
 
+@pytest.mark.parametrize(("root", "sticks"), [
+    (pin.JointModelFreeFlyer(), set()),
+    (pin.JointModelRX(), {"universe"}),
+])
+def test_no_stick_leads_from_the_ground_to_a_base_that_floats(root, sticks):
+    """A walking robot's base stands high above the world's origin, and no pair holds it there."""
+    model = pin.Model()
+    high = pin.SE3(np.eye(3), np.array([0.0, 0.0, 1.0]))
+    base = model.addJoint(0, root, high, "base")
+    model.appendBodyToJoint(base, pin.Inertia.Random(), pin.SE3.Identity())
+    drawn = pin.GeometryModel()
+    drawn.addGeometryObject(
+        pin.GeometryObject("trunk", base, 0, pin.SE3.Identity(), coal.Sphere(0.1)))
+    robot = sp.Mechanism.from_model(model, visual_model=drawn)
+    found = paths(page(sp.assemble(robot)))
+    assert {p.partition("/")[0] for p in found if " stick " in p} == sticks
+
+
 def test_sticks_belong_to_their_links():
     motion = rssr(5)
     partly = without_picture_of(motion.mechanism, "crank_pin")

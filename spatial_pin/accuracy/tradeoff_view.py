@@ -46,7 +46,7 @@ def table(tradeoff: Tradeoff, is_narrow: bool = False) -> str:
     runs = sorted({len(row.seconds) for row in good})
     notes = [f"*: no other is as fast and as exact; ±: between the quartiles of "
              f"{' to '.join(map(str, runs[:: max(len(runs) - 1, 1)]))} runs; errors in rad and "
-             "characteristic lengths, error: the largest, rates by the largest rate"]
+             "characteristic lengths, error: the largest, rates relative to the largest rate"]
     if any(row.error < tradeoff.reference_error for row in good):
         notes.append("<: smaller than the reference's own error")
     text += notes
@@ -113,7 +113,7 @@ def plot(tradeoff: Tradeoff, path: str | Path | None = None) -> Figure:
         _draw(axes, tradeoff, name, rows, COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)])
     _draw_front(axes, tradeoff)
     axes.set(xscale="log", yscale="log", xlabel="time per step [µs]",
-             ylabel="largest error [rad, characteristic lengths; rates by the largest]")
+             ylabel="largest error [rad, characteristic lengths; rates relative to the largest]")
     _frame(axes, tradeoff)
     figure.suptitle(literal(f"{tradeoff.mechanism}: {tradeoff.task}"), fontsize=12)
     if path is not None:
@@ -178,4 +178,4 @@ def _frame(axes: Axes, tradeoff: Tradeoff) -> None:
     axes.spines[["top", "right"]].set_visible(False)
     axes.tick_params(colors=INK)
     if points:
-        axes.legend(frameon=False, fontsize=8)
+        axes.figure.legend(loc="outside lower center", ncols=5, frameon=False, fontsize=8)

@@ -39,6 +39,7 @@ def plot(
     check_choice("plane", plane, tuple(PLANES))
     sides = _Slab.of(points, PLANES[plane], at, thickness)
     figure = ShownFigure(figsize=(7.0, 5.8))
+    figure.set_layout_engine("compressed")  # axes of equal units leave no margin beside them
     axes = figure.subplots()
     x, y = ("xyz".index(c) for c in plane)
     seen = sides.holds(points)

@@ -160,7 +160,7 @@ def screenshot(
     Raises:
         UnknownNameError: `look` names a point or vector that does not exist.
         ValueError: the size is none.
-        SpatialPinError: there is no such row, no browser, or it made no picture.
+        SpatialPinError: there is no such sample, no browser, or it made no picture.
 
     Example:
         >>> state = sp.assemble(sp.load("rssr"), {"crank": 1.0})

@@ -13,6 +13,7 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 
 THICKNESS = 0.013  # radius of a stick relative to the longest
 SPREAD = 0.4  # how much thicker the thickest is: sticks of different bodies may coincide
+FLOATING = pin.JointModelFreeFlyer().shortname()
 GOLDEN = 0.5 * (5**0.5 - 1)  # multiples of it never come together again, but for whole numbers
 
 
@@ -54,12 +55,15 @@ def with_skeleton(
         model: the model.
         geometry: what it brings.
         wanted: whether bodies are drawn as sticks; None: those that bring nothing of their own. Of
-            these a body without extent and mass is nothing to be seen.
+            these a body without extent and mass is nothing to be seen, and so is the ground below
+            bases that float: no pair joins it to them.
     """
     own = [] if geometry is None else list(geometry.geometryObjects)
     if wanted or (wanted is None and not own):
         return [*own, *skeleton(model).geometryObjects]
     drawn = {int(visual.parentJoint) for visual in own}
+    if all(model.joints[j].shortname() == FLOATING for j in model.children[0]):
+        drawn.add(0)
     missing = [j for j in range(model.njoints) if j not in drawn]
     sticks = list(_sticks(model, missing).geometryObjects) if wanted is None else []
     return own + [s for s in sticks
