@@ -41,6 +41,13 @@ def address(motion, tmp_path_factory):
     return sp.export_html(motion, tmp_path_factory.mktemp("page") / "rssr.html")
 
 
+@pytest.fixture(scope="module")
+def wide(tmp_path_factory):
+    """The page of a wide machine."""
+    motion = sp.sweep(sp.load("excavator"), "boom", np.linspace(2.7, 3.3, 31))
+    return sp.export_html(motion, tmp_path_factory.mktemp("wide") / "excavator.html")
+
+
 @pytest.fixture
 def page(one_browser, address):
     """The open page, stopped at its first sample; nothing may be complained of afterwards."""
@@ -401,6 +408,30 @@ def test_everything_fits_a_telephone(one_browser, address):
     assert 50 < column < 300 and 150 < row < 600
 
 
+@pytest.mark.parametrize("size", [(390, 760), (390, 560), (520, 900)])
+def test_first_view_of_a_wide_machine_is_free_of_what_is_written(one_browser, wide, size):
+    one_browser.resize(size)
+    one_browser.open(wide, READY)
+    over = """seconds => {
+      go(seconds); viewer.render();
+      const boxes = [...document.querySelectorAll("#tools button, #player > *, #triad circle, #says > *")]
+        .map(one => one.getBoundingClientRect());
+      const inside = ([x, y]) => boxes.some(b => x > b.left && x < b.right && y > b.top && y < b.bottom);
+      const outside = ([x, y]) => x < 0 || y < 0 || x > pane.clientWidth || y > pane.clientHeight;
+      const points = solids.filter(s => s.group === "links").flatMap(s => s.meshes).flatMap(mesh => {
+        const at = mesh.geometry.attributes.position;
+        return Array.from({length: at.count}, (_, k) =>
+          onScreen(mesh.localToWorld(new THREE.Vector3().fromBufferAttribute(at, k))));
+      });
+      const across = points.map(([x]) => x);
+      return [points.filter(p => inside(p) || outside(p)).length, Math.max(...across) - Math.min(...across)];
+    }"""
+    for seconds in (0.0, 3.0, 6.0):
+        hidden, width = one_browser.evaluate(f"({over})({seconds})")
+        assert hidden == 0
+        assert width > 0.55 * size[0]
+
+
 # ---------------------------------------------------------------- browsers without WebGL
 
 WITHOUT_WEBGL = """
@@ -463,9 +494,9 @@ def test_names_views_and_signs_are_there_without_webgl(without_webgl, address):
     [np.random.default_rng(5).bytes(70000), b"end"],
 ], ids=["none", "empty", "few", "repeated", "every byte", "random"])
 def test_page_unpacks_what_was_packed(page, data):
-    page.evaluate(f"var found = unpacked({json.dumps(packed(data))}); 1")
     text = page.evaluate(
-        "found.map(d => btoa(Array.from(d, c => String.fromCharCode(c)).join('')))")
+        f"unpacked({json.dumps(packed(data))}).then(found => found.map("
+        "d => btoa(Array.from(d, c => String.fromCharCode(c)).join(''))))")
     assert [base64.b64decode(piece) for piece in text] == data
 
 

@@ -1,6 +1,7 @@
 """The page, the server, the plots and the pictures of a motion."""
 
 import base64
+import io
 import json
 import math
 import re
@@ -10,6 +11,7 @@ import sys
 import threading
 import urllib.error
 import urllib.request
+import zlib
 from subprocess import PIPE
 from types import SimpleNamespace
 from typing import NamedTuple
@@ -23,7 +25,7 @@ import umsgpack
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.view import Viewer, export_html, plot, screenshot, show
 from spatial_pin.view.browser.picture import find_browser, photograph
-from spatial_pin.view.page.html import page
+from spatial_pin.view.page.html import RAW_DEFLATE, page
 from spatial_pin.view.scene.film import MAX_ROWS, film, nice
 from spatial_pin.view.scene.framing import ASPECT, FIELD_OF_VIEW, frame, occupied, rotate
 
@@ -104,7 +106,9 @@ def data_of(text: str) -> dict:
     """The film that a page holds, its commands decoded."""
     found = re.search(r'<script type="application/json" id="film">(.*?)</script>', text, re.S)
     film = json.loads(found[1])
-    film["commands"] = [umsgpack.unpackb(base64.b64decode(c)) for c in film["commands"]]
+    sizes, packed = film["commands"].values()
+    every = io.BytesIO(zlib.decompress(base64.b64decode(packed), RAW_DEFLATE))
+    film["commands"] = [umsgpack.unpackb(every.read(size)) for size in sizes]
     return film
 
 

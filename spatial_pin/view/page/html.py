@@ -30,9 +30,10 @@ if TYPE_CHECKING:
     from spatial_pin.view.scene.meshcat_commands import Scene
     from spatial_pin.view.scene.stage import Entry, Label
 
-# What the page runs, in this order: each may use what stands before it, and functions of all.
+# What the page runs once it is unpacked, in this order: each may use what stands before it, and
+# functions of all.
 SCRIPTS = (
-    "inflate", "software", "film", "play", "views", "triad", "parts", "point", "xray", "chase",
+    "software", "film", "play", "views", "triad", "parts", "point", "xray", "chase",
     "curves", "zoom", "tools", "keys", "address", "start",
 )
 
@@ -42,7 +43,7 @@ RAW_DEFLATE = -15  # RFC 1951 without a head, with the largest window
 
 def packed(data: Sequence[bytes]) -> dict[str, Any]:
     """Return pieces of data as the page's `unpacked` takes them."""
-    packer = zlib.compressobj(9, wbits=RAW_DEFLATE)
+    packer = zlib.compressobj(wbits=RAW_DEFLATE)
     text = base64.b64encode(packer.compress(b"".join(data)) + packer.flush()).decode()
     return {"sizes": [len(piece) for piece in data], "packed": text}
 
@@ -52,6 +53,12 @@ def _meshcat() -> str:
     """Return meshcat's viewer, a third as long, as JSON."""
     viewer = files("meshcat").joinpath("viewer/dist/main.min.js").read_bytes()
     return json.dumps(packed([viewer]))
+
+
+@cache
+def packed_script(more: tuple[str, ...] = ()) -> str:
+    """Return what a page runs, and more scripts after it, as JSON."""
+    return json.dumps(packed([script_of((*SCRIPTS, *more)).encode()]))
 
 
 def _notes(shown: Film, framing: Framing) -> str:
@@ -87,7 +94,7 @@ def _data(shown: Film, drawn: Scene, curves: dict[str, Any] | None) -> str:
 
     framing = drawn.framing
     data = {
-        "commands": [base64.b64encode(c).decode() for c in drawn.commands],
+        "commands": packed(drawn.commands),
         "extras": packed(drawn.extras),
         "parts": [part._asdict() for part in drawn.parts],
         "hidden": drawn.hidden,
@@ -118,7 +125,8 @@ def parts_of(
         "LEGEND": _legend(drawn.layer.legend),
         "MESHCAT": _meshcat(),
         "STYLE": folder.joinpath("page.css").read_text("utf-8"),
-        "SCRIPT": script_of(SCRIPTS),
+        "SCRIPT": packed_script(),
+        "UNPACK": script_of(["unpack"]),
         "FILM": _data(shown, drawn, curves),
         "CONNECT": "'none'",
         "EXTRA": "",

@@ -8,7 +8,6 @@ from __future__ import annotations
 import html
 import json
 import math
-import re
 import threading
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
@@ -31,7 +30,7 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.page.curves import NO_RATES, growing_curves, points_now
 from spatial_pin.view.page.dragging import Grip, pulled
 from spatial_pin.view.page.drive import STOPS, Drive, Reach, Stop
-from spatial_pin.view.page.html import filled, page, parts_of, script_of
+from spatial_pin.view.page.html import filled, packed_script, page, parts_of
 from spatial_pin.view.page.server import Service, Viewer, open_in_browser
 from spatial_pin.view.scene.film import Film, as_motion, length_words, reading, unit_of_length
 
@@ -388,13 +387,13 @@ def _page(desk: Desk, token: str, title: str | None, look: Look | None) -> str:
     }
     data = json.dumps(told, ensure_ascii=False).replace("<", "\\u003c")
     panel = files("spatial_pin.view.page").joinpath("live.html").read_text("utf-8")
-    told_in = {"LIVE": data, "SCRIPT": script_of(["live", "drag", "grow"])}
     grid = html.escape(f"ground grid {length_words(drawn.framing.cell)}")
     return filled({
         **parts,
         "NOTES": f"<small>{grid}</small>",
         "CONNECT": "'self'",
-        "EXTRA": re.sub("@([A-Z]+)@", lambda found: told_in[found[1]], panel),
+        "SCRIPT": packed_script(("live", "drag", "grow")),
+        "EXTRA": panel.replace("@LIVE@", data),
     })
 
 

@@ -1,10 +1,8 @@
 // The film is meshcat's scene and animation; here it is built, stopped at a time, and told in words.
-var film = JSON.parse(document.getElementById("film").textContent);
 const THREE = MeshCat.THREE;
 const pane = document.getElementById("meshcat-pane");
 var viewer = new MeshCat.Viewer(pane, true, rendererWithoutWebGL());  // undefined: meshcat's own
-for (const command of unpacked(film.extras)) viewer.handle_command_bytearray(command);
-for (const command of film.commands) viewer.handle_command_bytearray(Uint8Array.from(atob(command), c => c.charCodeAt(0)));
+for (const command of [...film.extras, ...film.commands]) viewer.handle_command_bytearray(command);
 const home = viewer.camera.position.clone();
 const animator = viewer.animator;
 const [button, slider] = document.querySelectorAll("#player button:first-child, #player input");

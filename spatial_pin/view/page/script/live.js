@@ -1,5 +1,5 @@
 // The sliders ask the process that serves this page, one question at a time; see live.py.
-const live = JSON.parse(document.getElementById("live").textContent);
+const live = heldIn("live");
 const panel = below.appendChild(document.getElementById("drive"));
 const note = panel.querySelector("header output");
 const waiting = [];  // questions; the newest of a kind replaces an older one

@@ -23,5 +23,6 @@ function update() {
 addEventListener("hashchange", () => { obey(); share(); });
 if (viewer.renderer instanceof SoftwareRenderer) seek(0);  // a still until it is played
 obey();
-share();
+say();
+share();  // among what is said
 update();

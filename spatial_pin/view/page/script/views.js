@@ -6,6 +6,7 @@ const DEEP = 30;  // before and behind what is looked at there is something to b
 const ORDINARY = {fov: viewer.camera.fov, near: viewer.camera.near};
 let moved = false;  // by the user
 let seenFrom = null;  // unit vector to the camera; null: as at first
+let inRoom = 0;  // of `rooms`, the one that the picture stands in
 viewer.controls.addEventListener("start", () => { moved = true; });
 viewer.controls.addEventListener("change", keepDepths);
 
@@ -29,7 +30,9 @@ function view(name) {
 function fit() {  // after the window has changed; never against the user
   makeWay();
   if (moved) return;
-  if (seenFrom === null) asAtFirst(); else frameAll(extent(), seenFrom);
+  if (seenFrom === null && !isCrowded()) asAtFirst();
+  else frameAll(extent(), seenFrom || home.clone().normalize());
+  makeWay();
   viewer.controls.update();
   keepDepths();
   viewer.set_dirty();
@@ -59,13 +62,20 @@ function asAtFirst() {  // a picture that is narrower than it was made for is se
   viewer.camera.position.copy(home).multiplyScalar(away * lens);
 }
 
-function frameAll(points, towards) {  // all points in the middle of the picture
+function frameAll(points, towards) {  // in the middle of that room where they are seen largest
+  const found = rooms().map(room => framed(points, towards, room));
+  inRoom = found.reduce((best, {away}, k) => away < found[best].away ? k : best, 0);
+  const {target, away} = found[inRoom];
+  viewer.controls.target.copy(target);
+  viewer.camera.position.copy(target).addScaledVector(towards, away);
+}
+
+function framed(points, towards, room) {  // what is looked at, and from how far
   const up = Math.abs(towards.y) > 0.999 ? new THREE.Vector3(0, 0, -1) : new THREE.Vector3(0, 1, 0);
   const right = up.clone().cross(towards).normalize();
   up.copy(towards).cross(right);
-  const half = Math.tan(viewer.camera.fov * Math.PI / 360) / ROOM;
-  const free = pane.clientWidth - (isNarrow() ? covered() : 0);
-  const halves = [half * free / pane.clientHeight, half];
+  const half = Math.tan(viewer.camera.fov * Math.PI / 360) / ROOM / pane.clientHeight;
+  const halves = [half * room.width, half * room.height];
   const target = new THREE.Vector3();
   let away = 1;
   for (let k = 0; k < 5; k++) {
@@ -74,8 +84,7 @@ function frameAll(points, towards) {  // all points in the middle of the picture
     target.addScaledVector(right, away * middle(seen.map(([x, , z]) => x / (away - z))));
     target.addScaledVector(up, away * middle(seen.map(([, y, z]) => y / (away - z))));
   }
-  viewer.controls.target.copy(target);
-  viewer.camera.position.copy(target).addScaledVector(towards, away);
+  return {target, away};
 }
 
 const middle = values => (Math.min(...values) + Math.max(...values)) / 2;
@@ -103,13 +112,27 @@ function covered() {  // by the buttons, at the right [pixels]
 
 const isNarrow = () => pane.clientWidth < film.aspect * pane.clientHeight;
 
+const isCrowded = () => isNarrow() && covered() > 0;
+
+function rooms() {  // of the picture, that nothing is written over: beside the buttons and below them
+  const [width, height] = [pane.clientWidth, pane.clientHeight];
+  if (!isCrowded()) return [{x: 0, y: 0, width, height}];
+  const edge = (id, side) => document.getElementById(id).getBoundingClientRect()[side];
+  const end = Math.min(height, ...["player", "legend"].map(id => edge(id, "top")).filter(top => top > height / 2));
+  const start = Math.min(edge("says", "bottom"), end / 2);
+  const above = Math.min(end, edge("triad", "top"));
+  const below = Math.min(Math.max(start, edge("tools", "bottom")), above - 1);
+  return [{x: 0, y: start, width: width - covered(), height: end - start}, {x: 0, y: below, width, height: above - below}];
+}
+
 function makeWay() {  // the picture goes aside from under the buttons, as far as its margin lets it
   const [width, height] = [pane.clientWidth, pane.clientHeight];
   const half = Math.min(width, film.aspect * height) / 2 / ROOM;
   const wanted = covered() && half + covered() - width / 2;
   const margin = Math.max(0, Math.min(wanted, width / 2 * (1 - 1 / ROOM)));
-  const aside = isNarrow() && seenFrom !== null ? covered() / 2 : margin;  // framed beside them
-  viewer.camera.setViewOffset(width, height, aside, 0, width, height);
+  const room = isCrowded() && rooms()[inRoom];
+  const [x, y] = room ? [(width - room.width) / 2 - room.x, (height - room.height) / 2 - room.y] : [margin, 0];
+  viewer.camera.setViewOffset(width, height, x, y, width, height);
 }
 
 for (const one of document.querySelectorAll("[data-view]")) one.onclick = () => view(one.dataset.view);
