@@ -13,6 +13,7 @@ from spatial_pin.view.browser.devtools import Browser
 from spatial_pin.view.browser.movie import READY
 from spatial_pin.view.browser.picture import find_browser
 from spatial_pin.view.page.html import packed
+from spatial_pin.view.page.html import page as page_of
 from spatial_pin.view.scene.film import film
 from spatial_pin.view.scene.look import Look
 
@@ -231,17 +232,18 @@ def test_list_hides_links_and_groups_and_shows_pairs(page):
     click(page, "[data-opens=parts]")
     rows = page.evaluate(
         "[...document.querySelectorAll('#parts label')].map(l => l.innerText.trim())")
-    assert rows == ["Links", "Pairs", "Axes", "Ground grid", "ground", "crank", "coupler", "rocker"]
+    links = ["ground", "crank", "coupler", "rocker"]
+    assert rows == ["Links", "Pairs", "Axes", "Ground grid", "Shadow", *links]
     before = pixels(page.screenshot())
-    click(page, "#parts label:nth-of-type(6)", 0.9)
+    click(page, "#parts label:nth-of-type(7)", 0.9)
     after = pixels(page.screenshot())
     part = np.s_[:, :600]  # beside the list
     assert colour_mask(after[part], orange).sum() < 0.05 * colour_mask(before[part], orange).sum()
-    click(page, "#parts label:nth-of-type(6)", 0.9)
+    click(page, "#parts label:nth-of-type(7)", 0.9)
     visible = "[...new Set(solids.filter(s => s.group === 'links' && s.node.visible)" \
               ".map(s => s.name))]"
-    for expected in (["coupler"], ["ground", "crank", "coupler", "rocker"]):
-        page.evaluate("document.querySelector('#parts label:nth-of-type(7)').ondblclick(); 1")
+    for expected in (["coupler"], links):
+        page.evaluate("document.querySelector('#parts label:nth-of-type(8)').ondblclick(); 1")
         assert page.evaluate(visible) == expected
     assert page.evaluate("solids.filter(s => s.group === 'pairs').every(s => !s.node.visible)")
     click(page, "#parts label:nth-of-type(2)", 0.9)
@@ -252,7 +254,7 @@ def test_list_hides_links_and_groups_and_shows_pairs(page):
 
 def test_row_of_the_list_lights_its_link_up(page):
     click(page, "[data-opens=parts]")
-    b = box(page, "#parts label:nth-of-type(7)")
+    b = box(page, "#parts label:nth-of-type(8)")
     point_at(page, b["x"] + 30, b["y"] + 8)
     lit = "solids.filter(s => s.meshes.some(m => m.material.emissive.getHex())).map(s => s.name)"
     assert set(page.evaluate(lit)) == {"coupler"}
@@ -304,29 +306,80 @@ def test_distance_between_two_points_moves_with_the_bodies(page, motion):
     ends = [where(page, "crank"), where(page, "rocker")]
     for x, y in ends:
         page.click(x, y)
-    page.wait_until("document.querySelectorAll('#ruler text').length === 2")
+    page.wait_until("document.querySelectorAll('#ruler text').length === 4")
     distance = "Math.hypot(...inMetres(...ruler.picks.map(inWorld)))"
     first = page.evaluate(distance)
     assert 0 < first < 2 * motion.mechanism.characteristic_length
-    assert "mm" in page.evaluate("document.querySelector('#ruler text').textContent")
+    assert "mm" in page.evaluate("document.querySelector('#ruler').textContent")
     page.evaluate("go(2); viewer.render(); 1")
     assert abs(page.evaluate(distance) - first) > 1e-3 * first
     key(page, "m")
     page.wait_until("document.querySelector('#ruler').childElementCount === 0")
 
 
-def test_distance_of_pairs_is_that_of_their_middles(page, motion):
-    click(page, "[data-opens=parts]")
-    click(page, "#parts label:nth-of-type(2)", 0.9)
-    script = """(row => {
-      go(film.seconds[row]); viewer.render();
-      const sign = name => solids.find(s => s.name.startsWith(name + ":")).meshes[0];
-      const of = name => pickOf({object: sign(name), point: new THREE.Vector3()});
-      return inMetres(inWorld(of("crank_pin")), inWorld(of("ball_b")));
-    })(17)"""
-    closure = next(c for c in motion.mechanism.closures if c.name == "ball_b")
-    from_, to = (motion.frame(n).position[17] for n in ("crank_pin", closure.frames[0]))
-    np.testing.assert_allclose(page.evaluate(script), to - from_, atol=1e-6)
+def near(browser: Browser, pick: str) -> tuple[float, float]:
+    """Where the camera sees something that the ruler snaps to, some pixels off."""
+    x, y = browser.evaluate(f"viewer.render(); onScreen(inWorld({pick}))")
+    return x + 3, y - 2
+
+
+def middle_of(name: str) -> str:
+    return f"pairCentres.find(p => p.of === {name!r})"
+
+
+def test_ruler_snaps_to_the_middles_of_pairs_and_says_so(page, motion):
+    page.evaluate("go(film.seconds[17]); 1")
+    key(page, "m")
+    point_at(page, *near(page, middle_of("rocker_pin")))
+    assert page.evaluate("pointed.textContent") == "middle of rocker_pin (revolute)"
+    for name in ("rocker_pin", "ball_a"):
+        page.click(*near(page, middle_of(name)))
+    from_, to = (motion.frame(n).position[17] for n in ("rocker_pin", "ball_a"))
+    np.testing.assert_allclose(page.evaluate("inMetres(...spanned(ruler.picks))"), to - from_,
+                               atol=1e-6)
+    page.screenshot()
+    said = page.evaluate("document.getElementById('ruler').textContent")
+    assert "middle of rocker_pin" in said and "middle of ball_a" in said
+
+
+@pytest.mark.parametrize("kind", ["origin of ", "corner of ", "surface of ", "axis of "])
+def test_ruler_takes_what_it_says(page, motion, kind):
+    key(page, "m")
+    page.evaluate("go(1); viewer.render(); 1")
+    if kind == "origin of ":  # each of this mechanism's is the middle of a pair
+        page.evaluate("pairCentres.length = 0; 1")
+    x, y = page.evaluate(f"""(() => {{
+      for (let y = 60; y < 600; y += 3)
+        for (let x = 30; x < 760; x += 3) {{
+          const found = snapAt(x, y);
+          if (found && found.name.startsWith({kind!r})) return [x, y];
+        }}
+    }})()""")
+    point_at(page, x, y)
+    assert page.evaluate("pointed.textContent").startswith(kind)
+    page.click(x, y)
+    off = page.evaluate("((x, y) => offPointer(ruler.picks[0], x, y))" + f"({x}, {y})")
+    assert off <= (1.0 if kind == "surface of " else 11.0)
+
+
+def test_axes_are_as_far_apart_as_they_come(page, motion):
+    script = """(names => {
+      go(film.seconds[17]); viewer.render();
+      ruler.picks = names.map(name => pairAxes.find(p => p.name === `axis of ${name}`));
+      const apart = Math.hypot(...inMetres(...spanned(ruler.picks)));
+      ruler.picks[0] = pairCentres.find(p => p.of === "ball_a");
+      return [apart, Math.hypot(...inMetres(...spanned(ruler.picks)))];
+    })(["crank_pin", "rocker_pin"])"""
+    lines, foot = page.evaluate(script)
+    model = motion.mechanism.model
+    data = model.createData()
+    pin.computeJointJacobians(model, data, motion.q[17])
+    ids = [model.getJointId(name) for name in ("crank_pin", "rocker_pin", "ball_a")]
+    a, b, ball = (data.oMi[j].translation for j in ids)
+    u, v = (data.J[3:, model.joints[j].idx_v] for j in ids[:2])
+    normal = np.cross(u, v) / np.linalg.norm(np.cross(u, v))
+    assert lines == pytest.approx(abs(normal @ (b - a)), abs=1e-6)
+    assert foot == pytest.approx(np.linalg.norm(np.cross(ball - b, v)), abs=1e-6)
 
 
 def test_dragging_the_picture_is_no_click_of_the_ruler(page):
@@ -335,6 +388,136 @@ def test_dragging_the_picture_is_no_click_of_the_ruler(page):
     for kind, dx in (("mousePressed", 0), ("mouseMoved", 40), ("mouseReleased", 40)):
         page.call("Input.dispatchMouseEvent", type=kind, x=x + dx, y=y, button="left", clickCount=1)
     assert page.evaluate("ruler.picks.length") == 0
+
+
+# ---------------------------------------------------------------- what is said of links and pairs
+
+
+def told(browser: Browser) -> dict[str, str]:
+    """What the inspector says."""
+    return browser.evaluate("""(() => {
+      tellInspected();
+      return Object.fromEntries([...table.querySelectorAll("dt")].map(
+        dt => [dt.textContent, dt.nextElementSibling.textContent]));
+    })()""")
+
+
+def numbers(text: str) -> list[float]:
+    plain = text.replace("−", "-").replace("°", "")
+    return [float(x.split()[0]) for x in plain.split(",")]
+
+
+def test_inspector_tells_where_a_link_is_and_what_it_weighs(page, motion):
+    key(page, "i")
+    page.click(*where(page, "coupler"))
+    page.evaluate("go(film.seconds[23]); viewer.render(); 1")
+    said = told(page)
+    assert page.evaluate("whose.value") == "link coupler"
+    inertia = motion.mechanism.inertias["coupler"]
+    assert float(said["mass"].split()[0]) == pytest.approx(inertia.mass, rel=1e-4)
+    placement = motion.state(23).placement("coupler")
+    np.testing.assert_allclose(numbers(said["origin"]), 1e3 * placement.translation, atol=0.02)
+    np.testing.assert_allclose(numbers(said["centre of mass"]),
+                               1e3 * placement.act(inertia.lever), atol=0.02)
+    angles = np.rad2deg(pin.rpy.matrixToRpy(placement.rotation))
+    np.testing.assert_allclose(numbers(said["roll, pitch, yaw"]), angles, atol=0.01)
+    assert said["parent pair"] == "ball_a" and said["other pairs"] == "ball_b"
+
+
+def test_inspector_leads_to_a_pair_and_tells_its_coordinate_and_rate(page, motion):
+    key(page, "i")
+    page.evaluate("whose.value = 'link rocker'; whose.onchange(); go(film.seconds[23]); 1")
+    click(page, "#inspector dd button")
+    said = told(page)
+    assert page.evaluate("whose.value") == "pair rocker_pin"
+    assert said["kind"] == "revolute" and said["between"] == "groundrocker"
+    value, rate, _ = (x[23] for x in motion.coordinate("rocker_pin"))
+    angle = float(said["rocker_pin"].replace("−", "-")[:-1])
+    assert angle == pytest.approx(np.rad2deg(value), rel=1e-4)
+    words = said["rocker_pin.rate"].replace("−", "-").split()
+    assert float(words[0]) == pytest.approx(rate, rel=1e-4)
+    assert words[1] == motion.rate_unit("rad")
+    assert not [name for name in said if name.startswith("reaction")]
+
+
+def test_page_of_a_report_tells_reactions(one_browser, tmp_path):
+    mech = sp.load("four_bar")
+    motion = sp.sweep(mech, "crank", np.linspace(0.0, 6.0, 31), speed=4.0)
+    loads = sp.kinetostatics(mech, motion)
+    path = tmp_path / "a.html"
+    path.write_text(page_of(motion, loads=loads))
+    one_browser.open(path, READY)
+    one_browser.evaluate("toggleTool('inspector'); go(film.seconds[9]); inspect('pair crank_pin')")
+    (force,) = [v for k, v in told(one_browser).items() if k.startswith("reaction, force")]
+    size = np.linalg.norm(loads.reactions["crank_pin"][9, :3])
+    assert float(force.split()[0]) == pytest.approx(size, rel=1e-4)
+
+
+# ---------------------------------------------------------------- a plane that cuts
+
+
+def test_plane_cuts_the_links_at_its_place(page, motion):
+    whole = pixels(page.screenshot())
+    key(page, "s")
+    page.evaluate("cutAcross(2); section.turned = false; sectionSlider.value = 0.05; cutAt(); 1")
+    cut = pixels(page.screenshot())
+    assert page.evaluate("sectionPanel.querySelector('output').textContent") == "z = 50 mm"
+    heights = """(() => { viewer.render(); const origin = placeInWorld(0), found = [];
+      for (let y = 60; y < 600; y += 5) for (let x = 30; x < 760; x += 5) {
+        const hit = hitAt(x, y);
+        if (hit) found.push(inMetres(origin, hit.point)[2]);
+      }
+      return [Math.min(...found), Math.max(...found)]; })()"""
+    low, high = page.evaluate(heights)
+    assert low < 0.0 and 0.045 < high <= 0.05 + 1e-6
+    assert np.mean(np.any(np.abs(cut - whole)[100:, :680] > 0.1, axis=2)) > 0.01
+    page.evaluate("sectionPanel.querySelector('[data-turn]').onclick(); 1")
+    low, _ = page.evaluate(heights)
+    assert low >= 0.05 - 1e-6
+    key(page, "s")
+    np.testing.assert_allclose(pixels(page.screenshot()), whole, atol=0.02)
+
+
+def test_cut_of_a_closed_body_is_hatched(page):
+    page.evaluate("go(0); toggleTool('section'); cutAcross(2); section.turned = false;"
+                  "sectionSlider.value = 0.02; cutAt(); view('top'); 1")
+    page.wait_until("!viewer.needs_render")
+    seen = pixels(page.screenshot())
+    x, y = page.evaluate("""(() => { viewer.render();
+      for (let y = 60; y < 600; y += 2) for (let x = 30; x < 760; x += 2) {
+        const hit = hitAt(x, y);
+        if (hit && hit.face.normal.clone().transformDirection(hit.object.matrixWorld)
+                     .dot(ray.ray.direction) > 0.5) return [x, y];
+      } })()""")
+    patch = seen[y - 8 : y + 9, x - 8 : x + 9].mean(axis=2)
+    assert patch.min() < 0.4 * patch.max()
+
+
+# ---------------------------------------------------------------- the shadow
+
+
+def test_shadow_is_off_where_it_is_drawn_slowly_and_can_be_switched_on(page):
+    assert page.evaluate("drawsSlowly()")  # these tests have no graphics card
+    box_of = "document.querySelector('#parts [data-group=shadow]')"
+    assert not page.evaluate(f"{box_of}.checked")
+    before = pixels(page.screenshot())
+    page.evaluate(f"{box_of}.checked = true; {box_of}.onchange(); 1")
+    page.wait_until("!viewer.needs_render")
+    after = pixels(page.screenshot())
+    darker = (before - after).max(axis=2)
+    assert (darker > 0.05).sum() > 1500 and darker.max() < 0.25
+    colour = (0.0, 0.447, 0.698)  # links keep theirs
+    assert colour_mask(after, colour).sum() == pytest.approx(colour_mask(before, colour).sum(),
+                                                             rel=0.01)
+    page.evaluate("animator.play(); pace.slow = PATIENCE; pace.last = -1e9; film.shadow = null;"
+                  "watchShadow(); animator.pause(); 1")
+    assert not page.evaluate(f"{box_of}.checked")
+
+
+def test_shadow_can_be_asked_for(one_browser, motion, tmp_path):
+    page = sp.export_html(motion, tmp_path / "a.html", look=Look(shadow=True))
+    one_browser.open(page, READY)
+    assert one_browser.evaluate("document.querySelector('#parts [data-group=shadow]').checked")
 
 
 # ---------------------------------------------------------------- curves
@@ -414,17 +597,20 @@ def test_first_view_of_a_wide_machine_is_free_of_what_is_written(one_browser, wi
     one_browser.open(wide, READY)
     over = """seconds => {
       go(seconds); viewer.render();
-      const boxes = [...document.querySelectorAll("#tools button, #player > *, #triad circle, #says > *")]
-        .map(one => one.getBoundingClientRect());
-      const inside = ([x, y]) => boxes.some(b => x > b.left && x < b.right && y > b.top && y < b.bottom);
+      const written = "#tools button, #player > *, #triad circle, #says > *";
+      const boxes = [...document.querySelectorAll(written)].map(b => b.getBoundingClientRect());
+      const within = ([x, y], b) => x > b.left && x < b.right && y > b.top && y < b.bottom;
+      const inside = point => boxes.some(b => within(point, b));
       const outside = ([x, y]) => x < 0 || y < 0 || x > pane.clientWidth || y > pane.clientHeight;
-      const points = solids.filter(s => s.group === "links").flatMap(s => s.meshes).flatMap(mesh => {
+      const links = solids.filter(s => s.group === "links");
+      const points = links.flatMap(s => s.meshes).flatMap(mesh => {
         const at = mesh.geometry.attributes.position;
         return Array.from({length: at.count}, (_, k) =>
           onScreen(mesh.localToWorld(new THREE.Vector3().fromBufferAttribute(at, k))));
       });
       const across = points.map(([x]) => x);
-      return [points.filter(p => inside(p) || outside(p)).length, Math.max(...across) - Math.min(...across)];
+      const width = Math.max(...across) - Math.min(...across);
+      return [points.filter(p => inside(p) || outside(p)).length, width];
     }"""
     for seconds in (0.0, 3.0, 6.0):
         hidden, width = one_browser.evaluate(f"({over})({seconds})")

@@ -24,8 +24,10 @@ from spatial_pin.view.scene.overlay import overlaid
 
 if TYPE_CHECKING:
     from spatial_pin.assembly.state import State
+    from spatial_pin.dynamics.kinetostatics import Kinetostatics
     from spatial_pin.motion.motion import Motion
     from spatial_pin.synthesis.results import Design, Designs
+    from spatial_pin.view.scene.anatomy import Signal
     from spatial_pin.view.scene.look import Look
     from spatial_pin.view.scene.meshcat_commands import Scene
     from spatial_pin.view.scene.stage import Entry, Label
@@ -33,8 +35,8 @@ if TYPE_CHECKING:
 # What the page runs once it is unpacked, in this order: each may use what stands before it, and
 # functions of all.
 SCRIPTS = (
-    "software", "film", "play", "views", "triad", "parts", "point", "xray", "chase",
-    "curves", "zoom", "tools", "keys", "address", "start",
+    "software", "film", "play", "views", "triad", "parts", "shadow", "point", "ruler",
+    "section", "xray", "chase", "inspect", "curves", "zoom", "tools", "keys", "address", "start",
 )
 
 
@@ -88,19 +90,33 @@ def _labels(labels: tuple[Label, ...], framing: Framing) -> list[dict[str, Any]]
     return [{"text": label.text, "at": p} for label, p in zip(labels, places, strict=True)]
 
 
-def _data(shown: Film, drawn: Scene, curves: dict[str, Any] | None) -> str:
-    """Return what the page's script reads, as JSON that is safe inside a script element."""
-    from spatial_pin.view.scene.meshcat_commands import GRID, upright
+def _signals(found: Sequence[Signal]) -> dict[str, Any]:
+    """Return the numbers that the page can tell and draw, and what they are."""
+    data = [np.asarray(signal.values, "<f4").tobytes() for signal in found]
+    told = [{**signal._asdict(), "values": None} for signal in found]
+    return {"told": told, "held": packed(data)}
 
-    framing = drawn.framing
+
+def _data(
+    shown: Film, drawn: Scene, curves: dict[str, Any] | None, found: Sequence[Signal]
+) -> str:
+    """Return what the page's script reads, as JSON that is safe inside a script element."""
+    from spatial_pin.view.scene.anatomy import anatomy
+    from spatial_pin.view.scene.meshcat_commands import GRID, joint_paths, upright
+
+    framing, mechanism = drawn.framing, shown.mechanism
     data = {
         "commands": packed(drawn.commands),
         "extras": packed(drawn.extras),
         "parts": [part._asdict() for part in drawn.parts],
         "hidden": drawn.hidden,
+        "shadow": drawn.shadow,
         "grid": GRID,
         "radius": framing.radius,
-        "world": upright(shown.mechanism.model).T.tolist(),
+        "world": upright(mechanism.model).T.tolist(),
+        "joints": joint_paths(mechanism.model),
+        **anatomy(mechanism),
+        "signals": _signals(found),
         "extent": np.round((drawn.extent - framing.centre) / framing.radius, 4).tolist(),
         "curves": curves,
         "seconds": np.round(shown.seconds, 6).tolist(),
@@ -114,7 +130,8 @@ def _data(shown: Film, drawn: Scene, curves: dict[str, Any] | None) -> str:
 
 
 def parts_of(
-    shown: Film, drawn: Scene, title: str | None, curves: dict[str, Any] | None
+    shown: Film, drawn: Scene, title: str | None, curves: dict[str, Any] | None,
+    found: Sequence[Signal] = (),
 ) -> dict[str, str]:
     """Return what stands at the marks of page.html, for a page that needs nobody."""
     folder = files("spatial_pin.view.page")
@@ -127,7 +144,7 @@ def parts_of(
         "STYLE": folder.joinpath("page.css").read_text("utf-8"),
         "SCRIPT": packed_script(),
         "UNPACK": script_of(["unpack"]),
-        "FILM": _data(shown, drawn, curves),
+        "FILM": _data(shown, drawn, curves, found),
         "CONNECT": "'none'",
         "EXTRA": "",
     }
@@ -149,14 +166,23 @@ def page(
     motion_or_state: Motion | State | Design | Designs,
     title: str | None = None,
     look: Look | None = None,
+    loads: Kinetostatics | None = None,
 ) -> str:
-    """Return the text of the page that shows a motion or state; see `export_html`."""
+    """Return the text of the page that shows a motion or state; see `export_html`.
+
+    Args:
+        motion_or_state: what to show.
+        title: heading.
+        look: what is shown besides the bodies.
+        loads: forces of the motion, which the page can tell then.
+    """
+    from spatial_pin.view.scene.anatomy import signals
     from spatial_pin.view.scene.meshcat_commands import scene
 
     motion_or_state, look = overlaid(motion_or_state, look)
     shown = film(motion_or_state)
     curves = curves_of(shown, () if look is None else look.curves)
-    return filled(parts_of(shown, scene(shown, look), title, curves))
+    return filled(parts_of(shown, scene(shown, look), title, curves, signals(shown, loads)))
 
 
 @checked

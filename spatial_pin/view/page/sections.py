@@ -180,7 +180,8 @@ def _course(motion: Motion) -> list[tuple[str, str]]:
 
 def _view(subject: Subject) -> str:
     """Show the mechanism in three dimensions."""
-    text = page(subject.shown, subject.title, subject.look).replace("</body>", FREEZE)
+    text = page(subject.shown, subject.title, subject.look, subject.loads)
+    text = text.replace("</body>", FREEZE)
     frame = f'<iframe title="3-D view" srcdoc="{html.escape(text)}"></iframe>'
     hint = "Drag to turn, scroll to come nearer, drag with the right button to move. "
     if subject.motion is not None:

@@ -22,6 +22,7 @@ class Look:
     Attributes:
         skeleton: whether links are drawn as sticks from pair to pair; None: those that bring no
             picture of their own.
+        shadow: whether there is a shadow on the ground; None: where it is drawn fast enough.
         curves: outputs drawn under the picture, as `spatial_pin.plot` takes them; without any, a
             page has the usual ones behind a button; they grow in a page of `live`, and what
             stands still has none.
@@ -65,12 +66,13 @@ class Look:
     workspace: Workspace | None = None
     design: Design | None = None
     skeleton: bool | None = None
+    shadow: bool | None = None
     curves: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("axes", "centres", "beside"):
             check_kind(f"Look: {name}", "bool", getattr(self, name))
-        for name in ("pairs", "skeleton"):
+        for name in ("pairs", "skeleton", "shadow"):
             check_kind(f"Look: {name}", "bool | None", getattr(self, name))
         check_kind("Look: clearance", "Clearance | None", self.clearance)
         check_kind("Look: workspace", "Workspace | None", self.workspace)

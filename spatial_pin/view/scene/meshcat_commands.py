@@ -63,6 +63,7 @@ class Scene(NamedTuple):
         parts: what can be pointed at, shown and hidden.
         extent: points that the picture holds, those farthest out, shape (K, 3) [m].
         hidden: groups of what is hidden at first.
+        shadow: as `Look` has it.
     """
 
     commands: list[bytes]
@@ -72,6 +73,7 @@ class Scene(NamedTuple):
     parts: list[Part]
     extent: Array
     hidden: list[str]
+    shadow: bool | None
 
 
 class Part(NamedTuple):
@@ -336,4 +338,5 @@ def scene(film: Film, look: Look | None = None) -> Scene:
     parts = [_part(item, model) for item in (*layer.items, *hidden.items)]
     extent = _extent(points) if len(points) else points
     groups = list(dict.fromkeys(item.group for item in hidden.items))
-    return Scene(recorder.commands, framing, layer, extras.commands, parts, extent, groups)
+    return Scene(recorder.commands, framing, layer, extras.commands, parts, extent, groups,
+                 look.shadow)

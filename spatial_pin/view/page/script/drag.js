@@ -1,5 +1,4 @@
 // A link that is dragged: its point follows the pointer, as far as the drivers and their limits let it.
-const root = nodeAt("/mechanism");  // scaled: its own axes are in metres
 const joints = new Set(live.joints);  // meshcat paths of what moves
 let grip = null;  // what is held: the joint's path and the point in its frame
 
@@ -8,7 +7,7 @@ function jointOf(solid) {
   return joints.has(parent) ? parent : null;
 }
 
-const canGrip = event => !(event.shiftKey || event.ctrlKey || ruler.on || chase.asked) && jointAt(event) !== null;
+const canGrip = event => !(event.shiftKey || event.ctrlKey || ruler.on || inspector.on || chase.asked) && jointAt(event) !== null;
 
 function jointAt(event) {
   const hit = hitAt(...placeOf(event));
@@ -20,10 +19,6 @@ function gripAt(event) {
   const hit = hitAt(...placeOf(event));
   const joint = jointOf(hit.object.userData.solid);
   return {joint, point: nodeAt(joint).worldToLocal(hit.point.clone()).toArray()};
-}
-
-function ofWorld(seen) {  // a direction or point of the upright view, in the axes of the mechanism's world
-  return film.world.map(row => row[0] * seen.x + row[1] * seen.y + row[2] * seen.z);
 }
 
 function rayAt(event) {  // from the eye through the pointer [m]

@@ -16,8 +16,10 @@ const KEYS = {
   f: () => view("fit"),
   p: () => toggleTool("parallel"),
   x: () => toggleTool("xray"),
+  s: () => toggleTool("section"),
   t: toggleChase,
   l: () => toggleTool("parts"),
+  i: () => toggleTool("inspector"),
   m: () => toggleTool("ruler"),
   c: () => toggleTool("curves"),
 };

@@ -55,7 +55,8 @@ class SoftwareRenderer {
     const world = worldPoints(object);
     const screen = world.map(p => this.onScreen(p, toScreen));
     const corners = object.geometry.index ? object.geometry.index.array : world.map((_, k) => k);
-    const {color, opacity, depthTest} = object.material;
+    const {color, opacity, depthTest, clippingPlanes} = object.material;
+    const plane = clippingPlanes && clippingPlanes[0];
     const rgb = [color.r, color.g, color.b].map(c => 255 * c);
     if (object.isLineSegments)
       for (let k = 0; k + 1 < corners.length; k += 2) this.line(screen[corners[k]], screen[corners[k + 1]], rgb);
@@ -63,7 +64,8 @@ class SoftwareRenderer {
       for (let k = 0; k + 2 < corners.length; k += 3) {
         const abc = [corners[k], corners[k + 1], corners[k + 2]];
         const shade = shadeOf(...abc.map(c => world[c]));
-        this.triangle(abc.map(c => screen[c]), rgb.map(c => c * shade), opacity, depthTest);
+        const room = plane && abc.map(c => plane.distanceToPoint(world[c]));
+        this.triangle(abc.map(c => screen[c]), rgb.map(c => c * shade), opacity, depthTest, room);
       }
   }
 
@@ -73,8 +75,8 @@ class SoftwareRenderer {
     return [(p.x / p.w + 1) / 2 * this.width, (1 - p.y / p.w) / 2 * this.height, p.z / p.w];
   }
 
-  triangle(points, rgb, opacity, depthTest) {
-    if (points.includes(null)) return;
+  triangle(points, rgb, opacity, depthTest, room) {  // room: of its corners behind a plane that cuts
+    if (points.includes(null) || room && Math.max(...room) < 0) return;
     const [[ax, ay, az], [bx, by, bz], [cx, cy, cz]] = points;
     const area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay);
     if (Math.abs(area) < 1e-9) return;
@@ -87,6 +89,7 @@ class SoftwareRenderer {
         const [px, py] = [x + 0.5 - ax, y + 0.5 - ay];
         const u = (px * (cy - ay) - (cx - ax) * py) / area;
         const v = ((bx - ax) * py - px * (by - ay)) / area;
+        if (room && room[0] + u * (room[1] - room[0]) + v * (room[2] - room[0]) < 0) continue;
         if (u >= 0 && v >= 0 && u + v <= 1) this.dot(x, y, az + u * (bz - az) + v * (cz - az), rgb, opacity, depthTest);
       }
   }

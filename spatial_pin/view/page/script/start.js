@@ -15,6 +15,8 @@ function update() {
   keepUp();
   drawTriad();
   drawCursors();
+  tellInspected();
+  watchShadow();
   if (animator.playing) slider.value = animator.time;
   button.textContent = animator.playing ? "❚❚" : "▶";
   requestAnimationFrame(update);

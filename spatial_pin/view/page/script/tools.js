@@ -5,6 +5,8 @@ const OPENED = {
   parallel: setParallel,
   xray: setXray,
   chase: setChase,
+  section: setSection,
+  inspector: setInspector,
   curves: open => { drawer.hidden = !open; drawCurves(); },
 };
 

@@ -14,6 +14,7 @@ async function unpacked({sizes, packed}) {  // pieces of data
 
 async function begin() {
   for (const name of ["commands", "extras"]) film[name] = await unpacked(film[name]);
+  film.values = (await unpacked(film.signals.held)).map(one => new Float32Array(one.buffer));
   for (const id of ["meshcat", "script"]) {
     const [text] = await unpacked(heldIn(id));
     document.head.appendChild(document.createElement("script")).textContent = new TextDecoder().decode(text);
