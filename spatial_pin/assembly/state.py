@@ -16,6 +16,7 @@ from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.lazy import cached_property
 from spatial_pin.mechanism.coordinates import CoordinateRates, coordinate_rates, needed
+from spatial_pin.mechanism.inertia import moving_mass
 from spatial_pin.mechanism.joint_limits import beyond_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.methods import method
@@ -517,6 +518,21 @@ def center_of_mass(mechanism: Mechanism, link: str) -> Array:
             f"links with mass: {', '.join(massive) or 'none'}"
         )
     return inertia.lever.copy()
+
+
+def mass_shares(mechanism: Mechanism) -> list[tuple[int, float, Array]]:
+    """Return joint, part of the whole mass, centre (3,) on the joint of all bodies that move.
+
+    Raises:
+        SpatialPinError: they have no mass.
+    """
+    model = mechanism.model
+    total = moving_mass(model)
+    if not total > 0.0:
+        raise SpatialPinError(f"mechanism {mechanism.name!r}: its moving links have no mass, so "
+                              "that they have no centre of mass")
+    return [(joint, body.mass / total, body.lever)
+            for joint, body in enumerate(model.inertias) if joint and body.mass]
 
 
 def _frozen(array: Array) -> Array:

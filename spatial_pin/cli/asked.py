@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 import spatial_pin as sp
+from spatial_pin.inverse_kinematics.named_targets import is_angle, is_part
 from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.units import Quantity, likely_unit
 
@@ -65,11 +66,13 @@ def fitting(
     for name, x in values.items():
         driver = mechanism.drivers.get(name)
         coordinate = known.get(driver.joint if driver else name)
-        if not coordinate or not isinstance(x, Quantity):
+        is_output = not coordinate and isinstance(x, Quantity) and is_part(mechanism, name)
+        if not (coordinate or is_output) or not isinstance(x, Quantity):
             continue
-        if not x.is_for(coordinate.unit):
-            raise ValueError(f"{name} is in {coordinate.unit}, not in {x.unit}")
-        if not x.unit and not rates:
+        unit = coordinate.unit if coordinate else "rad" if is_angle(mechanism, name) else "m"
+        if not x.is_for(unit):
+            raise ValueError(f"{name} is in {unit}, not in {x.unit}")
+        if coordinate and not x.unit and not rates:
             options.hints += _strange(mechanism, name, x, coordinate.unit)
     return dict(values)
 

@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.inverse_kinematics import targets
+from spatial_pin.inverse_kinematics.named_targets import is_angle, is_coordinate, is_part
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.units import UNITS, Quantity, quantity
@@ -76,14 +77,12 @@ def _check_unit(path: str | Path, mechanism: Mechanism | None, name: str, unit: 
 
 def _base(mechanism: Mechanism, name: str) -> str:
     """Return "rad" or "m" of a coordinate, driver or a frame's column; "" if it is none."""
-    if _is_coordinate(mechanism, name):
+    if is_coordinate(mechanism, name):
         return mechanism.coordinate(name).unit
+    if is_angle(mechanism, name):
+        return "rad"
     last = name.rpartition(".")[2]
     return "m" if last in POINT else "rad" if last in TURNED else ""
-
-
-def _is_coordinate(mechanism: Mechanism, name: str) -> bool:
-    return name in mechanism.coordinate_table or name in mechanism.drivers
 
 
 def targets_of(
@@ -92,7 +91,8 @@ def targets_of(
     """Return targets along a path, as `reach_path` takes them, from the columns of a table.
 
     `NAME.x`, `NAME.y` and `NAME.z` are points of a frame [m]; with `NAME.rx`, `NAME.ry` and
-    `NAME.rz`, rotation vectors [rad], placements. Other columns are coordinates or drivers.
+    `NAME.rz`, rotation vectors [rad], placements. Other columns are coordinates, drivers or outputs
+    of one number, as `NAME.position.z` [m] and `LINK.angle` [rad].
 
     Raises:
         SpatialPinError: columns of a frame are missing.
@@ -102,11 +102,13 @@ def targets_of(
     frames: dict[str, dict[str, Array]] = {}
     for name, column in columns.items():
         frame, _, part = name.rpartition(".")
-        if frame and part in (*POINT, *TURNED) and not _is_coordinate(mechanism, name):
+        if frame and part in (*POINT, *TURNED) and not is_coordinate(mechanism, name) and (
+                not is_part(mechanism, name)):
             mechanism.frame_id(frame)
             frames.setdefault(frame, {})[part] = column
         else:
-            found[mechanism.coordinate(name).name] = column
+            is_own = is_coordinate(mechanism, name) or not is_part(mechanism, name)
+            found[mechanism.coordinate(name).name if is_own else name] = column
     return {**found, **{frame: _frame_targets(path, frame, parts)
                         for frame, parts in frames.items()}}
 
@@ -152,7 +154,9 @@ def _number(
 
 
 def read_target(text: str) -> tuple[str, Any]:
-    """Return name and target of `NAME.position=x,y,z`, or of `COORDINATE=value`.
+    """Return name and target of `NAME.position=x,y,z`, or of `NAME=value`.
+
+    The latter is a coordinate, or another output of one number, as `NAME.position.z`.
 
     `NAME.pose=x,y,z,rx,ry,rz` has a rotation vector behind the position, `NAME.orientation=` the
     rotation vector alone, `NAME.direction=x,y,z` says where the z axis of the frame points,
@@ -164,7 +168,7 @@ def read_target(text: str) -> tuple[str, Any]:
     """
     name, equals, value = text.partition("=")
     if not (name.strip() and equals):
-        raise ValueError(f"{text!r} is not NAME.position=x,y,z or COORDINATE=value")
+        raise ValueError(f"{text!r} is not NAME.position=x,y,z or NAME=value")
     value, at, given = value.partition("@")
     weight = _weight(text, given) if at else None
     frame, _, kind = name.strip().rpartition(".")
@@ -188,6 +192,8 @@ def read_target(text: str) -> tuple[str, Any]:
     numbers = [quantity(word) for word in words]
     if not all(map(_fits, numbers, units)):
         raise ValueError(f"{text!r}: {of_kind} has numbers in {', '.join(units)}")
+    if kind == "position" and f".{frame}".endswith(f".{CENTRE}"):  # of a link, or of the whole
+        frame = name.strip()
     return frame, _of_frame(kind, np.array(numbers, dtype=float), weight)
 
 

@@ -15,7 +15,7 @@ from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.limits import limits
 from spatial_pin.motion.motion import Motion
-from spatial_pin.motion.outputs import is_force
+from spatial_pin.motion.outputs import is_force, is_of_whole
 from spatial_pin.rates.rates import solve_rates
 
 
@@ -26,9 +26,14 @@ def end_of_range(output: str) -> tuple[str, str] | None:
     return (end, driver) if kind == "limit" and end in ("lower", "upper") else None
 
 
-def with_masses(outputs: Iterable[str]) -> bool:
-    """Whether one of the outputs is a force, which depends on masses."""
+def with_forces(outputs: Iterable[str]) -> bool:
+    """Whether one of the outputs is a force."""
     return any(is_force(output) for output in outputs)
+
+
+def with_masses(mechanism: Mechanism, outputs: Iterable[str]) -> bool:
+    """Whether one of the outputs depends on masses: a force, or what is of all links together."""
+    return any(is_force(output) or is_of_whole(mechanism, output) for output in outputs)
 
 
 @dataclass(frozen=True)

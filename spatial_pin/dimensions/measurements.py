@@ -12,6 +12,7 @@ import pinocchio as pin
 from spatial_pin.checks import finite_number, mapping, positive_number, rows_of
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.inverse_kinematics.named_targets import read_targets
 from spatial_pin.inverse_kinematics.targets import (
     CoordinateValue,
     Distance,
@@ -19,7 +20,6 @@ from spatial_pin.inverse_kinematics.targets import (
     Pose,
     Position,
     Target,
-    read_targets,
 )
 from spatial_pin.mechanism.coordinates import coordinate_value
 from spatial_pin.mechanism.mechanism import Mechanism

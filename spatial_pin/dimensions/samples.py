@@ -28,7 +28,7 @@ from spatial_pin.kernel.dimensions import ClosedSamples, DimensionCloser, Number
 from spatial_pin.mechanism.coordinates import coordinate_rates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import FRAME_UNITS
-from spatial_pin.motion.outputs import COORDINATE_OUTPUTS
+from spatial_pin.motion.outputs import COORDINATE_OUTPUTS, component
 from spatial_pin.numerics.linalg import Array, decompose, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy
@@ -45,11 +45,12 @@ POINT_KINDS = ("position", "velocity", "acceleration", "angular_velocity", "angu
 
 
 class _Wanted(NamedTuple):
-    """An output: which quantity of which coordinate, or of which point."""
+    """An output: which quantity of which coordinate, or of which point, and which component."""
 
     name: str
     kind: str
     is_point: bool
+    component: int | None = None
 
 
 def _wanted(mechanism: Mechanism, spec: str) -> _Wanted | None:
@@ -57,11 +58,12 @@ def _wanted(mechanism: Mechanism, spec: str) -> _Wanted | None:
     coordinates = {*mechanism.coordinate_table, *mechanism.drivers}
     if spec in coordinates:
         return _Wanted(spec, "value", False)
-    name, _, kind = spec.rpartition(".")
+    whole, k = component(spec)
+    name, _, kind = whole.rpartition(".")
     if name in coordinates and kind in COORDINATE_OUTPUTS:
         return _Wanted(name, kind, False) if kind in COORDINATE_KINDS else None
     if kind in FRAME_UNITS and name.removesuffix(".com") in mechanism.frame_ids:
-        return _Wanted(name, kind, True) if kind in POINT_KINDS else None
+        return _Wanted(name, kind, True, k) if kind in POINT_KINDS else None
     return None
 
 
@@ -146,9 +148,10 @@ class Samples:
         return [self._value(x, closed, drive) for x in self._wanted]
 
     def _value(self, wanted: _Wanted, closed: ClosedSamples, drive: Drive) -> Array:
-        name, kind, is_point = wanted
+        name, kind, is_point, k = wanted
         if is_point:
-            return closed.points[:, self._points.index(name), POINT_KINDS.index(kind)]
+            vectors = closed.points[:, self._points.index(name), POINT_KINDS.index(kind)]
+            return vectors if k is None else vectors[:, k]
         rates = coordinate_rates(
             self.mechanism, name, closed.q, closed.v, closed.a, continued=False)
         if kind not in ("ratio", "advantage"):

@@ -17,7 +17,7 @@ from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.brief import brief
 from spatial_pin.checks import checked, names_of
-from spatial_pin.dimensions.drive import Drive, end_of_range, with_masses
+from spatial_pin.dimensions.drive import Drive, end_of_range, with_forces, with_masses
 from spatial_pin.dimensions.samples import Samples
 from spatial_pin.dimensions.variants import Variants
 from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
@@ -131,7 +131,7 @@ def _over_motion(
     derivatives, errors = (
         {name: np.array([each[name] for each in several]) for name in several[0]}
         for several in ([x.derivatives for x in found], [x.errors for x in found]))
-    unit = (found[0].unit if end_of_range(output) or with_masses([output])
+    unit = (found[0].unit if end_of_range(output) or with_forces([output])
             else motion.output(output).unit)
     return Sensitivity(output, np.array([x.value for x in found]), derivatives, errors, unit)
 
@@ -212,8 +212,9 @@ class _Around:
                 around, h = self._one_by_one(state, drive, i)
             for one, at in zip(found, zip(*around.values(), strict=True), strict=True):
                 size = max(float(np.max(np.abs(one.value))), sizes.get(one.unit, 0.0))
+                beside = [within_half_turn(np.asarray(x), one.value, one.unit) for x in at]
                 one.derivatives[name], one.errors[name] = _derivative(
-                    dict(zip(around, map(np.asarray, at), strict=True)), h, known * size)
+                    dict(zip(around, beside, strict=True)), h, known * size)
         return found
 
     def _one_by_one(self, state: State, drive: Drive, i: int) -> tuple[dict[int, list[Any]], float]:
@@ -231,13 +232,20 @@ class _Around:
                 if (name, h) not in self._made:
                     self._made[name, h] = self._variants.several(
                         [{name: float(value + k * h)} for k in AROUND],
-                        with_masses(self._outputs))
+                        with_masses(self._mechanism, self._outputs))
                 return {k: drive.evaluate(there, state, self._outputs)
                         for k, there in zip(AROUND, self._made[name, h], strict=True)}, float(h)
             except SpatialPinError as error:
                 first = first or error
         assert first is not None
         raise first
+
+
+def within_half_turn(values: Array, own: Any, unit: str) -> Array:
+    """Return angles within half a turn of an own one; of the direction of a link they jump."""
+    if unit != "rad":
+        return values
+    return values - 2.0 * np.pi * np.round((values - own) / (2.0 * np.pi))
 
 
 def _plain(value: Any) -> Any:
@@ -265,7 +273,7 @@ def _sizes(state: State, drive: Drive, outputs: Iterable[str]) -> dict[str, floa
     length, scale = state.mechanism.characteristic_length, state.mechanism.velocity_scale
     speed, acceleration = (float(np.abs(x / scale).max(initial=0.0)) for x in (state.v, state.a))
     per_s2 = max(acceleration, speed**2)
-    force = _force(state, drive) if with_masses(outputs) else 0.0
+    force = _force(state, drive) if with_forces(outputs) else 0.0
     return {"rad": 1.0, "1": 1.0, "m": length, "rad/s": speed, "m/s": speed * length,
             "rad/s²": per_s2, "m/s²": per_s2 * length, "N": force, "N·m": force * length,
             "N, N·m": force * max(1.0, length), "W": force * length * speed}

@@ -19,7 +19,7 @@ from spatial_pin.checks import checked, generator, names_of
 from spatial_pin.columns import Quantity, Tabular, chosen
 from spatial_pin.dimensions.drive import Drive, with_masses
 from spatial_pin.dimensions.samples import Samples
-from spatial_pin.dimensions.sensitivity import sensitivities, with_spread
+from spatial_pin.dimensions.sensitivity import sensitivities, with_spread, within_half_turn
 from spatial_pin.dimensions.variants import Variants
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.formats.files import load
@@ -205,7 +205,8 @@ def tolerance(
     drawn = _drawn(mechanism, spread, samples, rng)
     values, is_closed = _solved(mechanism, of_mechanism(mechanism, state), nominal, spread, drawn,
                                 executor, progress)
-    good = {name: x[is_closed] for name, x in values.items()}
+    good = {name: within_half_turn(x[is_closed], nominal[name], units[name])
+            for name, x in values.items()}
     return Tolerance(
         nominal, linear,
         {name: _of_enough(x, 2, lambda x: x.std(axis=0, ddof=1)) for name, x in good.items()},
@@ -305,7 +306,7 @@ def _sample(job: _Job) -> list[Any] | None:
         variants = _loaded(path, pickle.dumps(parameters), tuple(dimensions), mark)
         nominal = variants.mechanism
         near = State(nominal, q, closure_error=np.nan, angles=angles)
-        return drive.evaluate(variants.at(dimensions, with_masses(names)), near, names)
+        return drive.evaluate(variants.at(dimensions, with_masses(nominal, names)), near, names)
     except SpatialPinError:
         return None
 

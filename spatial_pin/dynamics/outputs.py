@@ -13,7 +13,7 @@ from spatial_pin.errors import UnknownNameError
 from spatial_pin.lazy import cached_property
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Motion, Output
-from spatial_pin.motion.outputs import abscissas, is_force, named
+from spatial_pin.motion.outputs import abscissas, component, component_of, is_force, named
 from spatial_pin.motion.outputs import output as output_of_motion
 from spatial_pin.motion.outputs import quantities as quantities_of_motion
 from spatial_pin.motion.summary import EFFORTS
@@ -24,6 +24,9 @@ ENERGIES = ("energy", "work")  # of a simulation
 
 def output(loads: Kinetostatics, spec: str) -> Output:
     """Return a force by its name, or a quantity of the motion; see `Kinetostatics.output`."""
+    whole, k = component(spec)
+    if k is not None and is_force(spec):
+        return component_of(output(loads, whole), k)
     found = (_effort(loads.motion, spec, loads.efforts) or _power(loads, spec)
              or _wrench(loads, spec))
     if found is not None:

@@ -14,8 +14,9 @@ from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.checks import checked
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.errors import ReachError
+from spatial_pin.inverse_kinematics.named_targets import read_targets
 from spatial_pin.inverse_kinematics.solving import Reached, Solver
-from spatial_pin.inverse_kinematics.targets import CoordinateValue, read_targets
+from spatial_pin.inverse_kinematics.targets import CoordinateValue
 from spatial_pin.mechanism.coordinates import coordinate_value, needed
 from spatial_pin.mechanism.joint_limits import JointLimit, joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -46,9 +47,10 @@ def reach(
         mechanism: the mechanism.
         targets: by name of a link, frame or joint: a point (3,) of the world for its origin [m], a
             `pinocchio.SE3` for its placement; by name of a coordinate or driver: its value [rad or
-            m]; or any of `spatial_pin.targets`, or a list of these: directions, distances, the
-            centre of mass. Targets without a weight are met exactly, those with one as well as
-            the exact ones leave freedom for.
+            m]; by name of another output that says where something is, as `tip.position.z`,
+            `com.position.x`, `LINK.angle`: its value; or any of `spatial_pin.targets`, or a list of
+            these: directions, distances, the centre of mass. Targets without a weight are met
+            exactly, those with one as well as the exact ones leave freedom for.
         state: where to start; default the assembled guess.
         hold: names of what stands still where the state has it, as for `sweep`.
         limits: whether joint limits are kept; a state beyond them is led back within them.

@@ -14,6 +14,7 @@ from spatial_pin.checks import checked, names_of
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.errors import ReachError, SingularError, SpatialPinError
 from spatial_pin.inverse_kinematics.driver_singularities import driver_singularities
+from spatial_pin.inverse_kinematics.named_targets import read_targets
 from spatial_pin.inverse_kinematics.reach import EXACT, reach
 from spatial_pin.inverse_kinematics.solving import Solver
 from spatial_pin.inverse_kinematics.target_coordinates import (
@@ -24,7 +25,6 @@ from spatial_pin.inverse_kinematics.target_coordinates import (
     stretches_of,
 )
 from spatial_pin.inverse_kinematics.target_tables import Table, law_of, tables_of
-from spatial_pin.inverse_kinematics.targets import read_targets
 from spatial_pin.kernel.paths import Samples
 from spatial_pin.mechanism.coordinates import needed
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -70,9 +70,11 @@ def reach_path(
     Args:
         mechanism: the mechanism.
         targets: by name of a link, frame or joint: points (N, 3) of the world for its origin [m],
-            or N `pinocchio.SE3` for its placement; by name of a coordinate or driver: values (N,)
+            or N `pinocchio.SE3` for its placement; by name of a coordinate or driver, or of
+            another output of one number (`tip.position.z`, `LINK.angle`): values (N,)
             [rad or m]. One placement, point or number stands still. A point or placement may not
-            leave the plane, or turn about other axes, than the frame can at all.
+            leave the plane, or turn about other axes, than the frame can at all. Centres of mass
+            (`com.position`, `com.position.x`) are reached sample by sample.
         times: (N,) rising [s]. Without them the motion has no time: its rates are those per
             sample, and its forces statics.
         state: where to start; default the assembled guess.
@@ -109,7 +111,7 @@ def reach_path(
     s = np.arange(n, dtype=float) if times is None else sample_times(times, n)
     held = () if hold is None else tuple(names_of(hold, "hold"))
     check_not_held(mechanism, [mechanism.prescribed_coordinate(t.name) for t in tables
-                               if t.points is None], held)
+                               if t.is_coordinate], held)
     wanted = _targets(tables, 0)
     first = reach(mechanism, wanted, state, hold=hold,
                   limits=state is None or not _is_met(mechanism, wanted, state))
@@ -118,7 +120,8 @@ def reach_path(
     if asked > freedom:
         raise _too_much(first, tables, asked, freedom)
     moved = None if times is None else s
-    if not asked:  # it stands still, and what is left free may as well
+    if not asked or not all(chain.has_closure for chain in chains):
+        # it stands still, and what is left free may as well; or no coordinate stands for a target
         return _by_drivers(first, tables, moved, hold, accuracy, progress)
     try:
         followed = _followed(first, chains, s, hold, accuracy, progress)
@@ -154,14 +157,16 @@ def _chains(state: State, tables: list[Table], s: Array, hold: Hold) -> tuple[in
         chains = []
         for table in tables:
             rows = np.zeros((1, len(motions)))
-            if table.points is not None:
+            if table.first is not None:
+                rows = table.first.residual(evaluation)[1] @ (motions * solver.scale).T
+            elif table.points is not None:
                 moved = evaluation.frame_jacobian(mechanism.frame_id(table.name)).copy()
                 moved[:3] /= size
                 rows = moved @ (motions * solver.scale).T
             chains.append(chain_of(table, s, rows, size))
             own = rank(rows if table.rotations is not None else rows[:3],
                        TOLERANCES.half_precision)
-            if table.points is not None and chains[-1].n > own:
+            if not table.is_coordinate and chains[-1].n > own:
                 raise _too_much(state, [table], chains[-1].n, own)
     return len(motions) - len(held.coordinates), chains
 
@@ -186,9 +191,9 @@ def _followed(
     samples = Samples.empty(len(s), model.nq, model.nv, len(state.angles))
     lost = list[tuple[float, int]]()
     title = f"{mechanism.name}: {', '.join(chain.table.name for chain in chains)}"
-    standing = _standing(mechanism, hold)
     for stretch in stretches_of(chains, len(s)):
         copy = copy_at(here, chains, stretch)
+        standing = _not_implied(copy, _standing(mechanism, hold))
         own = s[stretch.first : stretch.last + 1]
         law = law_of(own, stretch.course)
         found = along(copy.state, copy.names, standing, law, own, accuracy, title, progress)
@@ -240,6 +245,25 @@ def _standing(mechanism: Mechanism, hold: Hold) -> list[str]:
     return found
 
 
+def _not_implied(copy: Copy, standing: list[str]) -> list[str]:
+    """Return what is to stand still but for what targets that stay in a plane hold anyway."""
+    state, found = copy.state, list[str]()
+    mechanism = state.mechanism
+    units = np.eye(mechanism.model.nv)
+    with evaluation_of(mechanism, state.angles) as evaluation:
+        evaluation.update(state.q)
+        rows = np.vstack([evaluation.jacobian,
+                          units[[mechanism.coordinate(x).v for x in copy.names]]])
+    for name in standing:
+        held = held_by(mechanism, [name])
+        more = np.vstack([rows, units[list(held.entries)]])
+        if held.coordinates or rank(more, TOLERANCES.half_precision) > rank(
+                rows, TOLERANCES.half_precision):
+            found.append(name)
+            rows = more
+    return found
+
+
 def _by_drivers(
     first: State, tables: list[Table], times: Array | None, hold: Hold, accuracy: Accuracy,
     progress: bool,
@@ -251,9 +275,12 @@ def _by_drivers(
             f"mechanism {mechanism.name!r}: the targets do not determine the motion, and it has no "
             "drivers that would; give the targets of as many coordinates as are free")
 
+    held = held_by(mechanism, hold).entries
+
     def motion() -> Motion:
         n = len(states)
-        values = {d: np.array([x.coordinate(d).value for x in states]) for d in mechanism.drivers}
+        values = {d: np.array([x.coordinate(d).value for x in states]) for d in mechanism.drivers
+                  if mechanism.coordinate(d).v not in held}
         return follow(mechanism, values, np.arange(n, dtype=float) if times is None else times[:n],
                       guess=first, hold=hold, accuracy=accuracy, progress=progress)
 

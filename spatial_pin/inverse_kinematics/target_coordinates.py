@@ -3,6 +3,8 @@
 A target in space becomes coordinates by a chain without mass from the ground to the frame: slides
 along the directions that the frame can move in, and behind them, where an orientation is asked for,
 hinges; a closure joins its end to the frame. The slides and hinges have the values of the target.
+A component of a position is one slide with a plane that the point stays in, the angle of a link one
+hinge with an axis that the link's stays perpendicular to.
 """
 
 from __future__ import annotations
@@ -17,12 +19,14 @@ from spatial_pin.assembly.close import close
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.inverse_kinematics.named_targets import AngleValue, PointPart
 from spatial_pin.inverse_kinematics.target_tables import (
     Course,
     Table,
     cardan_course,
     turn_course,
 )
+from spatial_pin.inverse_kinematics.targets import Target
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS, closure_geometry, prismatic_joint, revolute_joint
 from spatial_pin.mechanism.parts import Closure
@@ -62,6 +66,12 @@ class Chain:
         """How many coordinates it has."""
         return self.directions.shape[1] + self.hinges
 
+    @property
+    def has_closure(self) -> bool:
+        """Whether the target can be made a coordinate: that of a centre of mass cannot."""
+        first = self.table.first
+        return first is None or (self.n == 1 and isinstance(first, PointPart | AngleValue))
+
 
 class Stretch(NamedTuple):
     """Some samples in a row that one copy of the mechanism is followed along.
@@ -87,7 +97,11 @@ def chain_of(table: Table, s: Array, rows: Array, length: float) -> Chain:
     """
     if table.points is None:
         assert table.values is not None
-        return Chain(table, np.ones((1, 1)), Course.along(s, table.values[:, None]))
+        values = table.values.reshape(len(s), -1)
+        if table.values.ndim > 1:  # of a centre of mass, which may stay in a plane
+            directions = _directions(rows, (values - values[0]) / length)
+            return Chain(table, directions, Course.along(s, values @ directions))
+        return Chain(table, np.ones((1, 1)), Course.along(s, values))
     away = table.points - table.points[0]
     directions = _directions(rows[:3], away / length)
     slides = Course.along(s, away).turned(directions)
@@ -211,8 +225,13 @@ def copy_at(state: State, chains: list[Chain], stretch: Stretch) -> Copy:
     model, names, pairs, closures = mechanism.model.copy(), list[str](), list[str](), []
     for chain in chains:
         name = chain.table.name
-        if chain.table.points is None:
+        if chain.table.is_coordinate:
             names.append(mechanism.prescribed_coordinate(name).name)
+            continue
+        if chain.table.first is not None:
+            names.append(_free_name(mechanism, model, name))
+            pairs += ["revolute" if isinstance(chain.table.first, AngleValue) else "prismatic"]
+            closures.append(_output_closure(mechanism, model, chain.table.first, names[-1]))
             continue
         added, end = _joints(mechanism, model, chain, stretch.first)
         names += added
@@ -226,6 +245,30 @@ def copy_at(state: State, chains: list[Chain], stretch: Stretch) -> Copy:
     # lengths are divided as in the mechanism
     vars(copy)["characteristic_length"] = mechanism.characteristic_length
     return Copy(_closed(copy, state, names, stretch.course.value[0]), names)
+
+
+def _output_closure(
+    mechanism: Mechanism, model: pin.Model, target: Target, name: str
+) -> Closure:
+    """Add the joint that has the value of a target of one number; return what ties it."""
+    at = pin.SE3.Identity()
+    end, frame = (_free_name(mechanism, model, f"{x} of {name}") for x in ("target", "point"))
+    if isinstance(target, AngleValue):
+        angle = target.angle
+        kind, moved, offset = "perpendicular", angle.frame, at
+        geometry = closure_geometry(PAIRS[kind], angle.aside[1], angle.arm)
+        joint = model.addJoint(0, revolute_joint(angle.axis), at, name)
+    else:
+        assert isinstance(target, PointPart)
+        axis = ALL[target.axes[0]]
+        kind, moved, offset = "point_on_plane", target.frame, pin.SE3(ALL, target.offset)
+        geometry = closure_geometry(PAIRS[kind], axis)
+        joint = model.addJoint(0, prismatic_joint(axis), at, name)
+    model.addFrame(pin.Frame(end, joint, 0, at, pin.FrameType.OP_FRAME))
+    own = model.frames[moved]
+    model.addFrame(pin.Frame(frame, own.parentJoint, 0, own.placement * offset,
+                             pin.FrameType.OP_FRAME))
+    return Closure(f"target of {name}", kind, (end, frame), geometry)
 
 
 def _joints(

@@ -9,7 +9,7 @@ degree that they determine, which is the cubic itself where it is a coordinate o
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,9 +17,11 @@ import pinocchio as pin
 
 from spatial_pin.checks import finite_array, finite_number, mapping
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.inverse_kinematics.targets import Target, check_rotations
+from spatial_pin.inverse_kinematics.named_targets import output_target
+from spatial_pin.inverse_kinematics.targets import Position, Target, check_rotations
 from spatial_pin.mechanism.coordinates import continued_rotation_vectors, spin_of
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.motion.outputs import component
 from spatial_pin.numerics.linalg import Array
 
 STEEP = 10.0  # rotation vectors run so much faster than what turns only beside a whole turn
@@ -57,16 +59,23 @@ class Table:
     """Where a frame, or a coordinate, should be.
 
     Attributes:
-        name: of the frame or coordinate.
-        points: (N, 3) where its origin should be [m]; None of a coordinate.
+        name: of the frame, coordinate or output.
+        points: (N, 3) where its origin should be [m]; None of a coordinate or output.
         rotations: (N, 3, 3) how it should stand; None where nobody asks.
-        values: (N,) of a coordinate [rad or m].
+        values: (N,) of a coordinate or output [rad or m], (N, 3) of a centre of mass.
+        first: of an output, its target at the first sample.
     """
 
     name: str
     points: Array | None = None
     rotations: Array | None = None
     values: Array | None = None
+    first: Target | None = None
+
+    @property
+    def is_coordinate(self) -> bool:
+        """Whether it is of a coordinate."""
+        return self.points is None and self.first is None
 
     def __len__(self) -> int:
         return len(self.points if self.points is not None else self.values)  # type: ignore[arg-type]
@@ -75,7 +84,7 @@ class Table:
         """Return the target of a sample, as `reach` takes it."""
         if self.points is None:
             assert self.values is not None
-            return float(self.values[k])
+            return self.values[k] if self.values.ndim > 1 else float(self.values[k])
         if self.rotations is None:
             return self.points[k]
         return pin.SE3(self.rotations[k], self.points[k])
@@ -117,11 +126,13 @@ def tables_of(mechanism: Mechanism, targets: Mapping[str, Any], n_times: int) ->
         TypeError: a table is none.
         ValueError: there is none, or lengths differ, or a number is not finite.
     """
-    found = [_table(mechanism, name, given) for name, given in mapping(targets, "targets").items()]
+    given = mapping(targets, "targets")
+    found = [_table(mechanism, name, x) for name, x in given.items()]
     if not found:
         raise ValueError("targets is empty: say where something should be, as {'tip': points}, "
                          "points (N, 3)")
-    moving = [t for t in found if not (len(t) == 1 and _stands(t, targets[t.name]))]
+    moving = [t for t, x in zip(found, given.values(), strict=True)
+              if not (len(t) == 1 and _stands(t, x))]
     lengths = {t.name: len(t) for t in moving}
     if len(set(lengths.values())) > 1:
         said = ", ".join(f"{name!r} {n}" for name, n in lengths.items())
@@ -136,12 +147,14 @@ def _stands(table: Table, given: Any) -> bool:
     """Whether it was given as one placement, point or number."""
     if table.rotations is not None:
         return isinstance(given, pin.SE3)
-    return np.ndim(given) == (0 if table.points is None else 1)
+    each = table.target(0)
+    return np.ndim(given) == np.ndim(each)
 
 
 def _repeated(table: Table, n: int) -> Table:
-    return Table(table.name, *(None if x is None else np.repeat(x, n, axis=0)
-                               for x in (table.points, table.rotations, table.values)))
+    points, rotations, values = (None if x is None else np.repeat(x, n, axis=0)
+                                 for x in (table.points, table.rotations, table.values))
+    return replace(table, points=points, rotations=rotations, values=values)
 
 
 def _table(mechanism: Mechanism, name: str, given: Any) -> Table:
@@ -157,7 +170,10 @@ def _table(mechanism: Mechanism, name: str, given: Any) -> Table:
         raise ValueError(f"{what} has no sample")
     if shape is None or any(isinstance(x, pin.SE3 | Target) for x in placements):
         raise TypeError(f"{what} is no table: it is points (N, 3), a list of pinocchio.SE3, or "
-                        "numbers (N,) of a coordinate")
+                        "numbers (N,) of a coordinate or another output")
+    of_output = _of_output(mechanism, name, given, shape)
+    if of_output is not None:
+        return of_output
     if shape == (3,) and _is_point(mechanism, name):
         return Table(name, finite_array(given, (3,), what)[None])
     if len(shape) == 2:
@@ -166,6 +182,22 @@ def _table(mechanism: Mechanism, name: str, given: Any) -> Table:
     mechanism.prescribed_coordinate(name)
     values = finite_array(given, shape, what) if shape else [finite_number(given, what)]
     return Table(name, values=np.asarray(values))
+
+
+def _of_output(
+    mechanism: Mechanism, name: str, given: Any, shape: tuple[int, ...]
+) -> Table | None:
+    """Return the table of an output; None if the name is that of something else."""
+    is_vector = shape == (3,) and component(name)[1] is None and name.endswith(".position")
+    full = np.asarray(given, dtype=float)
+    full = full[None] if is_vector or not shape else full
+    first = output_target(mechanism, name, full[0])
+    if first is None:
+        return None
+    full = finite_array(full, full.shape, f"target {name!r}")
+    if isinstance(first, Position):  # of a frame's origin, by its full name
+        return Table(first.name, full)
+    return Table(name, values=full, first=first)
 
 
 def _objects(given: Any) -> list[Any]:

@@ -15,17 +15,18 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin.assembly.state import mass_shares
 from spatial_pin.checks import checked, finite_array, finite_number, positive_number, unit_vector
+from spatial_pin.columns import XYZ
 from spatial_pin.constraints.closure_equations import Evaluation
-from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.coordinates import coordinate_gradient, coordinate_value
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import axes_from_z
@@ -83,6 +84,13 @@ class Target(ABC):
         return ()
 
 
+def _components(what: str, point: Iterable[float | None]) -> Iterable[tuple[str, float]]:
+    """Yield what is wanted of a point in words, and each value that there is."""
+    for axis, value in zip(XYZ, point, strict=True):
+        if value is not None:
+            yield f"{axis} of {what}", float(value)
+
+
 def _frame(evaluation: Evaluation, name: str) -> tuple[pin.SE3, Array]:
     """Return where a frame is, and its Jacobian (6, nv) at its origin in world axes."""
     frame = evaluation.mechanism.frame_id(name)
@@ -111,7 +119,7 @@ class Position(Target):
 
     def wishes(self, mechanism: Mechanism) -> Iterable[tuple[str, Any]]:
         """See `Target`."""
-        yield f"the origin of {self.name!r}", self.point
+        yield from _components(f"the origin of {self.name!r}", self.point)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -144,7 +152,7 @@ class Pose(Target):
 
     def wishes(self, mechanism: Mechanism) -> Iterable[tuple[str, Any]]:
         """See `Target`."""
-        yield f"the origin of {self.name!r}", self.placement.translation
+        yield from _components(f"the origin of {self.name!r}", self.placement.translation)
         yield f"the orientation of {self.name!r}", self.placement.rotation
 
 
@@ -229,38 +237,31 @@ class Distance(Target):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CentreOfMass(Target):
-    """The centre of mass of all links at a point of the world; None leaves a coordinate free."""
+    """The centre of mass of all moving links at a point; None leaves a coordinate free."""
 
     point: tuple[float | None, ...]
 
     def residual(self, evaluation: Evaluation) -> Residual:
         """See `Target`."""
         mechanism = evaluation.mechanism
-        model, size = mechanism.model, mechanism.characteristic_length
-        centre, slope, mass = np.zeros(3), np.zeros((3, model.nv)), 0.0
-        for joint in range(model.njoints):
-            body = model.inertias[joint]
-            if body.mass:
-                at = evaluation.data.oMi[joint].act(body.lever)
-                moved = evaluation.body_jacobian(joint)
-                centre += body.mass * at
-                slope += body.mass * (moved[:3] - pin.skew(at) @ moved[3:])
-                mass += body.mass
+        size = mechanism.characteristic_length
+        centre, slope = np.zeros(3), np.zeros((3, mechanism.model.nv))
+        for joint, share, lever in mass_shares(mechanism):
+            at = evaluation.data.oMi[joint].act(lever)
+            moved = evaluation.body_jacobian(joint)
+            centre += share * at
+            slope += share * (moved[:3] - pin.skew(at) @ moved[3:])
         asked = [k for k, x in enumerate(self.point) if x is not None]
         wanted = np.array([self.point[k] for k in asked], dtype=float)
-        return (centre[asked] / mass - wanted) / size, slope[asked] / (mass * size)
+        return (centre[asked] - wanted) / size, slope[asked] / size
 
     def check(self, mechanism: Mechanism) -> None:
         """See `Target`."""
-        if not sum(body.mass for body in mechanism.model.inertias) > 0.0:
-            raise SpatialPinError(f"mechanism {mechanism.name!r}: its links have no mass, so that "
-                                  "it has no centre of mass")
+        mass_shares(mechanism)
 
     def wishes(self, mechanism: Mechanism) -> Iterable[tuple[str, Any]]:
         """See `Target`."""
-        for axis, value in zip("xyz", self.point, strict=True):
-            if value is not None:
-                yield f"{axis} of the centre of mass", value
+        yield from _components("the centre of mass", self.point)
 
 
 # ---------------------------------------------------------------- constructors
@@ -380,10 +381,10 @@ def direction(axis: Array, along: Array, weight: float | None = None) -> Target:
 
 @checked
 def coordinate(value: float, weight: float | None = None) -> Target:
-    """Return the target that a coordinate or driver has a value.
+    """Return the target that a coordinate, driver, or other output of one number has a value.
 
     Args:
-        value: [rad or m].
+        value: [rad or m]; of an angle of a link whole turns more or less do not count.
         weight: None: exactly; else how much it counts, see `reach`.
 
     Raises:
@@ -424,7 +425,7 @@ def distance(other: str, length: float, weight: float | None = None) -> Target:
 def centre_of_mass(
     x: float | None, y: float | None, z: float | None, weight: float | None = None
 ) -> Target:
-    """Return the target that the centre of mass of all links is at a point of the world.
+    """Return the target that the centre of mass of all moving links is at a point of the world.
 
     Args:
         x: where [m]; None leaves it free, so that it may be above a line or a plane.
@@ -446,52 +447,3 @@ def centre_of_mass(
     if not any(v is not None for v in point):
         raise ValueError("the centre of mass is asked for nothing")
     return CentreOfMass(weight=_weight(weight), point=point)
-
-
-def read_targets(mechanism: Mechanism, targets: Mapping[str, Any]) -> list[Target]:
-    """Return targets given by name: a Target, a list of them, a point (3,), placement or number.
-
-    Raises:
-        UnknownNameError: there is no such frame or coordinate.
-        TypeError: a target is nothing of that.
-        ValueError: there is none, or a number is not finite, or two that are to be reached exactly
-            contradict each other.
-    """
-    if not targets:
-        raise ValueError("targets is empty: say where something should be, as {'tip': [x, y, z]}")
-    found = []
-    for name, given in targets.items():
-        for one in given if _is_list(given) else [given]:
-            target = one if isinstance(one, Target) else _plain(name, one)
-            if not target.name:
-                target = replace(target, name=name)
-            target.check(mechanism)
-            found.append(target)
-    _check_agreement(mechanism, found)
-    return found
-
-
-def _check_agreement(mechanism: Mechanism, targets: Iterable[Target]) -> None:
-    wanted = dict[str, Any]()
-    for target in targets:
-        for words, value in target.wishes(mechanism) if target.weight is None else ():
-            before = wanted.setdefault(words, value)
-            if np.abs(np.subtract(value, before)).max() > TOLERANCES.closed * (
-                    1.0 + np.abs(before).max()):
-                raise ValueError(f"targets contradict each other: {words} is wanted at {before} "
-                                 f"and at {value}; leave one out, or give one a weight")
-
-
-def _is_list(given: Any) -> bool:
-    return isinstance(given, list | tuple) and any(isinstance(x, Target) for x in given)
-
-
-def _plain(name: str, given: Any) -> Target:
-    if isinstance(given, pin.SE3):
-        return pose(given)
-    if np.ndim(given) == 0 and not isinstance(given, str | bytes):
-        return coordinate(finite_number(given, f"target {name!r}"))
-    if np.shape(given) == (3,):
-        return position(finite_array(given, (3,), f"target {name!r}"))
-    raise TypeError(f"target {name!r} is none: it is a point (3,), a pinocchio.SE3, a number for a "
-                    "coordinate, or one of spatial_pin.targets")

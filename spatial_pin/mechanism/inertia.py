@@ -36,6 +36,11 @@ def put_inertias(model: pin.Model, links: Mapping[str, pin.Inertia]) -> None:
             model.inertias[joint] = _sum(inertias)
 
 
+def moving_mass(model: pin.Model) -> float:
+    """Return the mass of all moving links together, as `pin.computeTotalMass` [kg]."""
+    return float(sum(body.mass for body in list(model.inertias)[1:]))
+
+
 def _sum(inertias: Iterable[pin.Inertia]) -> pin.Inertia:
     given = sorted(inertias, key=lambda x: x.mass < 0.0)  # no sum below zero on the way
     unit = _unit(x.mass for x in given)

@@ -1,4 +1,4 @@
-"""Quantities of a motion by their names: of coordinates, of frames and of centres of mass."""
+"""Quantities of a motion by their names: of coordinates, frames, centres of mass, of the whole."""
 
 from __future__ import annotations
 
@@ -8,11 +8,14 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.assembly.state import center_of_mass
+from spatial_pin.assembly.link_angle import ANGLE, link_angle
+from spatial_pin.assembly.state import center_of_mass, mass_shares
 from spatial_pin.checks import names_of
-from spatial_pin.columns import Quantity
+from spatial_pin.columns import XYZ, Quantity
 from spatial_pin.constraints.trees import tree_of
 from spatial_pin.errors import SpatialPinError, UnknownNameError
+from spatial_pin.mechanism.inertia import moving_mass
+from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import FRAME_UNITS, FrameMotion, Motion, Output
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.rates.jerks import Jerks, solve_jerks
@@ -22,6 +25,8 @@ COORDINATE_OUTPUTS = ("rate", "acceleration", "jerk", "ratio", "advantage", "tra
 FORCES = ("effort", "power", "reaction", "reaction.force", "reaction.moment")  # NAME.effort, ...
 ENDINGS = tuple(f".{kind}" for kind in FORCES)
 ON_GROUND = ("on_ground", "on_ground.force", "on_ground.moment")
+MASS, WHOLE = "mass", "com"  # of all moving links: their mass; WHOLE.position, ... of its centre
+VECTORS = (*FRAME_UNITS, "force", "moment")  # NAME.position.z, ... is a component
 
 
 class Bodies(NamedTuple):
@@ -46,11 +51,58 @@ def com(motion: Motion, name: str) -> FrameMotion:
     return _at(motion, joint, placement * offset)
 
 
+def whole_com(motion: Motion) -> FrameMotion:
+    """Return the motion of the centre of mass of all moving links; it turns with nothing.
+
+    Raises:
+        SpatialPinError: they have no mass.
+    """
+    found = [np.zeros((len(motion), 3)) for _ in range(3)]
+    for joint, share, lever in mass_shares(motion.mechanism):
+        at = _at(motion, joint, pin.SE3(np.eye(3), lever))
+        for x, part in zip(found, (at.position, at.velocity, at.acceleration), strict=True):
+            x += share * part
+    position, velocity, acceleration = found
+    still = np.zeros_like(position)
+    return FrameMotion(position, np.repeat(np.eye(3)[None], len(motion), axis=0), velocity,
+                       acceleration, still, still)
+
+
+def component(spec: str) -> tuple[str, int | None]:
+    """Return the name of a vector, and the number of the component that is asked for, if one is."""
+    whole, _, last = spec.rpartition(".")
+    is_one = last in XYZ and whole.rpartition(".")[2] in VECTORS
+    return (whole, XYZ.index(last)) if is_one else (spec, None)
+
+
+def component_of(vector: Output, k: int) -> Output:
+    """Return a component of a vector (N, 3) as an output."""
+    return Output(vector.values[:, k], f"{vector.label} {XYZ[k]}", vector.unit)
+
+
+def is_of_whole(mechanism: Mechanism, spec: str) -> bool:
+    """Whether an output is of all moving links together: their mass or its centre."""
+    if spec in mechanism.coordinate_table or spec in mechanism.drivers:
+        return False
+    name, _, kind = component(spec)[0].rpartition(".")
+    return spec == MASS or (name == WHOLE and WHOLE not in mechanism.frame_ids
+                            and kind in FRAME_UNITS and not kind.startswith("angular"))
+
+
 def output(motion: Motion, spec: str) -> Output:
     """Return a quantity by its name; see `Motion.output`."""
     mechanism = motion.mechanism
     if spec in mechanism.coordinate_table or spec in mechanism.drivers:
         return Output(motion.coordinate(spec).value, spec, mechanism.coordinate(spec).unit)
+    whole, k = component(spec)
+    if k is not None and not is_force(spec):
+        return component_of(motion.output(whole), k)
+    if is_of_whole(mechanism, spec):
+        return _of_whole(motion, spec)
+    angle = link_angle(mechanism, spec)
+    if angle is not None:
+        rotations = motion.frame(mechanism.model.frames[angle.frame].name).rotation
+        return Output(angle.along(rotations, motion.q), angle.label, "rad")
     name, _, kind = spec.rpartition(".")
     if kind in COORDINATE_OUTPUTS and (name in mechanism.coordinate_table
                                        or name in mechanism.drivers):
@@ -70,7 +122,8 @@ def output(motion: Motion, spec: str) -> Output:
             f"{spec}: a motion by itself has no forces; loads = sp.kinetostatics(mechanism, "
             f"motion) solves them, and loads.output({spec!r}) or sp.plot(loads, ...) gives this")
     valid = [*mechanism.coordinate_table, *mechanism.drivers,
-             *(f"{n}.{k}" for n in mechanism.frame_ids for k in FRAME_UNITS),
+             MASS, *(f"{WHOLE}.{k}" for k in FRAME_UNITS if not k.startswith("angular")),
+             *(f"{n}.{k}" for n in mechanism.frame_ids for k in (*FRAME_UNITS, ANGLE)),
              *(f"{n}.{k}" for n in mechanism.coordinate_table for k in COORDINATE_OUTPUTS)]
     raise UnknownNameError("output", spec, valid, f"mechanism {mechanism.name!r}: ")
 
@@ -92,7 +145,10 @@ def quantities(motion: Motion, outputs: str | Iterable[str] | None = None) -> di
 
 def is_force(spec: object) -> bool:
     """Whether a name is that of a force, which a motion by itself has not."""
-    return isinstance(spec, str) and (spec in ON_GROUND or spec.endswith(ENDINGS))
+    if not isinstance(spec, str):
+        return False
+    spec = component(spec)[0]
+    return spec in ON_GROUND or spec.endswith(ENDINGS)
 
 
 def abscissas(motion: Motion) -> dict[str, Quantity]:
@@ -107,6 +163,18 @@ def named(outputs: Iterable[Output]) -> dict[str, Quantity]:
     """Return outputs by their labels, reactions as force and moment."""
     return {part.label: Quantity(part.values, "-" if part.unit == "1" else part.unit)
             for output in outputs for part in output.parts()}
+
+
+def _of_whole(motion: Motion, spec: str) -> Output:
+    """Return the mass of all moving links, or how its centre moves."""
+    kind = spec.rpartition(".")[2]
+    if spec == MASS:
+        return Output(np.full(len(motion), moving_mass(motion.mechanism.model)), MASS, "kg")
+    if kind == "jerk":
+        values = np.array([j.whole_com() for j in _jerks(motion)]).reshape(-1, 3)
+    else:
+        values = getattr(whole_com(motion), kind)
+    return Output(values, f"{WHOLE} {kind}", motion.frame_unit(kind))
 
 
 def _jerks(motion: Motion) -> Iterator[Jerks]:

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.assembly.holding import BASE, Hold
-from spatial_pin.assembly.state import State, center_of_mass, of_mechanism
+from spatial_pin.assembly.state import State, center_of_mass, mass_shares, of_mechanism
 from spatial_pin.brief import words
 from spatial_pin.checks import checked, finite_number
 from spatial_pin.constraints.closure_equations import TWIST_MATRIX, Evaluation, evaluation_of
@@ -104,6 +104,21 @@ class Jerks:
         mechanism = self.state.mechanism
         joint, placement = mechanism.frame_on_joint(mechanism.placed(name))
         return self._at(joint, placement.act(center_of_mass(mechanism, name))).linear
+
+    def whole_com(self) -> Array:
+        """Return the jerk of the centre of mass of all moving links, world axes (3,) [m/s³].
+
+        Raises:
+            SpatialPinError: they have no mass.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 1.0}), {"crank": 10.0})
+            >>> sp.solve_jerks(mech, state).whole_com().shape  # [m/s³]
+            (3,)
+        """
+        return sum((share * self._at(joint, lever).linear
+                    for joint, share, lever in mass_shares(self.state.mechanism)), np.zeros(3))
 
     def _at(self, joint: int, point: Array) -> pin.Motion:
         data = self.state.data

@@ -17,6 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.assembly.close import close
+from spatial_pin.assembly.link_angle import link_angle
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.compiled_equations import constraints_of
@@ -26,7 +27,7 @@ from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.mobility.loops import joints_between
 from spatial_pin.motion.motion import FRAME_UNITS
-from spatial_pin.motion.outputs import COORDINATE_OUTPUTS, is_force
+from spatial_pin.motion.outputs import COORDINATE_OUTPUTS, component, is_force, is_of_whole
 from spatial_pin.numerics.linalg import Array, null_space, rank
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -102,7 +103,14 @@ def _named(mechanism: Mechanism, name: str) -> Asked:
     is_frame = name in mechanism.links or (name in mechanism.frame_ids and not coordinates)
     if coordinates or is_frame:
         return Asked(coordinates, (name,) * is_frame, ())
-    stem, _, kind = name.rpartition(".")
+    if is_of_whole(mechanism, name):
+        raise SpatialPinError(
+            f"mechanism {mechanism.name!r}: {name} depends on every link that has mass, so that no "
+            "smaller model tells it: a motion of the whole mechanism gives this")
+    angle = link_angle(mechanism, name)
+    if angle is not None:
+        return Asked((), (mechanism.model.frames[angle.frame].name,), ())
+    stem, _, kind = component(name)[0].rpartition(".")
     if kind == "com" or stem.endswith(".com"):
         link = stem.removesuffix(".com")
         if link in mechanism.frame_ids:

@@ -24,7 +24,8 @@ from spatial_pin.cli.options import (
 )
 from spatial_pin.cli.results import SCREEN, finite, tell
 from spatial_pin.cli.tables import read_table, targets_of
-from spatial_pin.inverse_kinematics.targets import CoordinateValue, read_targets
+from spatial_pin.inverse_kinematics.named_targets import read_targets
+from spatial_pin.inverse_kinematics.targets import CoordinateValue
 from spatial_pin.motion.report import assembly_summary, shown_value
 
 
@@ -143,12 +144,14 @@ def _reach_options(sub: argparse.ArgumentParser) -> None:
                      help="NAME.position=x,y,z, NAME.pose=x,y,z,rx,ry,rz (rotation vector), "
                           "NAME.orientation=rx,ry,rz, NAME.direction=x,y,z (of its z axis), "
                           "NAME.distance=OTHER,d (of two frames), com=x,y,z (centre of mass, _ "
-                          "for any), or COORDINATE=value; with @w behind it is met as well as "
-                          "the others let it be, with the weight w")
+                          "for any), COORDINATE=value, or another output of one number, as "
+                          "NAME.position.z=value, LINK.angle=value; with @w behind it is met "
+                          "as well as the others let it be, with the weight w")
     sub.add_argument("--path", metavar="TABLE",
                      help="a motion along a .csv file instead: a line of names, as time [s], "
                           "tip.x [mm], tip.y, tip.z and tip.rx, tip.ry, tip.rz (rotation vector), "
-                          "or coordinates; then a line of numbers for every sample")
+                          "coordinates, or other outputs, as tip.position.z, LINK.angle; then a "
+                          "line of numbers for every sample")
     hold_option(sub)
     sub.add_argument("--limits", action=argparse.BooleanOptionalAction, default=True,
                      help="keep the joint limits")

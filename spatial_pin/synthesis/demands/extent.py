@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from spatial_pin.mechanism.inertia import moving_mass
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
@@ -93,13 +94,9 @@ class MostMass(AtMost):
 
     def check(self, mechanism: Mechanism) -> None:
         """See `Goal`."""
-        if not _mass(mechanism) > 0.0:
+        if not moving_mass(mechanism.model) > 0.0:
             raise ValueError(f"mass: no moving link of mechanism {mechanism.name!r} has one")
 
     def values(self, candidate: Candidate) -> Array:
         """See `Demand`: relative to the largest one allowed."""
-        return np.array([_mass(candidate.whole) / self.at_most - 1.0])
-
-
-def _mass(mechanism: Mechanism) -> float:
-    return float(sum(inertia.mass for inertia in list(mechanism.model.inertias)[1:]))
+        return np.array([moving_mass(candidate.whole.model) / self.at_most - 1.0])

@@ -258,7 +258,7 @@ def _words(told: Told, name: str) -> str:
     if is_force(name):
         return _force_words(told, name)
     value, label, unit = told.output(name)
-    if unit not in ("rad", "m"):
+    if unit not in ("rad", "m", "kg"):
         raise SpatialPinError(NO_RATES.format(name))
     if np.ndim(value) == 1:
         return reading(label, value, unit).text(0)

@@ -1,0 +1,155 @@
+"""The angle of a link in the world: the direction of its x axis, seen along an axis.
+
+Where all hinges between the ground and the link are parallel to the axis, as in a plane mechanism,
+the angle is a sum of theirs and counts turns however far apart samples are.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from spatial_pin.columns import XYZ
+from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
+
+ANGLE = "angle"
+NEARLY_ALONG = 0.99  # cosine: an x axis that is so near to the axis has no direction about it
+HALF_TURN_NOISE = 1e-9  # rad by which half a turn may be missed and is still +pi, not -pi
+
+
+class LinkAngle(NamedTuple):
+    """The angle of a frame about an axis of the world.
+
+    Attributes:
+        frame: Pinocchio's index of it.
+        label: what it is, in words.
+        axis: (3,) unit vector.
+        arm: (3,) axis of the frame whose direction it is: x, y where that lies along the axis.
+        aside: (2, 3) directions of the world at zero and at a quarter of a turn.
+        sums: (nq,) parts that coordinates have in it where hinges are parallel to the axis; None
+            where they are not.
+        zero: angle where these are zero [rad].
+    """
+
+    frame: int
+    label: str
+    axis: Array
+    arm: Array
+    aside: Array
+    sums: Array | None
+    zero: float
+
+    def directed(self, rotations: Array) -> Array:
+        """Return the angle (N,) of rotations (N, 3, 3) of the frame, within half a turn [rad]."""
+        x, y = np.moveaxis((rotations @ self.arm) @ self.aside.T, -1, 0)
+        found: Array = np.arctan2(y, x)
+        return np.where(found < HALF_TURN_NOISE - np.pi, found + 2.0 * np.pi, found)
+
+    def along(self, rotations: Array, q: Array) -> Array:
+        """Return the angle (N,) of samples that follow each other, without jumps [rad].
+
+        Args:
+            rotations: (N, 3, 3) of the frame.
+            q: (N, nq) configurations.
+        """
+        if self.sums is not None:
+            return self.zero + q @ self.sums
+        found: Array = np.unwrap(self.directed(rotations))
+        return found
+
+    def slope(self, evaluation: Evaluation) -> Array:
+        """Return the derivative (nv,) for joint velocities at the last `update`."""
+        arm = evaluation.frame(self.frame).rotation @ self.arm
+        along = float(self.axis @ arm)
+        turned: Array = (self.axis - along * arm) / max(1.0 - along * along, TOLERANCES.zero)
+        return turned @ evaluation.frame_jacobian(self.frame)[3:]
+
+
+def link_angle(mechanism: Mechanism, spec: str) -> LinkAngle | None:
+    """Return the angle that `LINK.angle`, or `LINK.angle.x`, `.y` or `.z` names; None if none.
+
+    Without an axis it is the direction that all hinges from the ground to the link have, or, of a
+    link that only slides, all hinges of the mechanism.
+
+    Raises:
+        SpatialPinError: no axis is named, and its hinges are not parallel.
+    """
+    name, _, last = spec.rpartition(".")
+    letter = last if last in XYZ else ""
+    name = name.removesuffix(f".{ANGLE}") if letter else name
+    if spec != f"{name}.{ANGLE}{f'.{letter}' * bool(letter)}" or name not in mechanism.frame_ids:
+        return None
+    memo = mechanism.memo.setdefault("link angles", {})
+    if spec not in memo:
+        memo[spec] = _found(mechanism, mechanism.placed(name), letter, spec)
+    found: LinkAngle = memo[spec]
+    return found
+
+
+def _found(mechanism: Mechanism, name: str, letter: str, spec: str) -> LinkAngle:
+    frame = mechanism.frame_id(name)
+    with evaluation_of(mechanism) as evaluation:
+        evaluation.update(mechanism.neutral)
+        turns = evaluation.frame_jacobian(frame)[3:].copy()
+        axis = np.eye(3)[XYZ.index(letter)] if letter else _common(turns, _turns(evaluation))
+        rotation = evaluation.frame(frame).rotation.copy()
+    if axis is None:
+        raise SpatialPinError(
+            f"{spec}: the hinges that carry {name!r} are not parallel, so that it turns about no "
+            f"axis of its own; say about which: {spec}.x, {spec}.y or {spec}.z")
+    arm = np.eye(3)[int(abs(float(axis @ rotation[:, 0])) > NEARLY_ALONG)]
+    first = np.eye(3)[int(abs(axis[0]) > NEARLY_ALONG)]
+    first = first - (axis @ first) * axis
+    first /= np.linalg.norm(first)
+    label = f"{spec[: -2 * bool(letter) or None].replace('.' + ANGLE, ' ' + ANGLE)}"
+    found = LinkAngle(frame, label + f" about {letter}" * bool(letter), axis, arm,
+                      np.array([first, np.cross(axis, first)]), None, 0.0)
+    sums = _sums(mechanism, axis, turns)
+    if sums is None:
+        return found
+    zero = float(found.directed(rotation[None])[0] - mechanism.neutral @ sums)
+    return found._replace(sums=sums, zero=zero)
+
+
+def _turns(evaluation: Evaluation) -> Array:
+    """Return the turns (3, nv) of all joints relative to the bodies that they hang on."""
+    model = evaluation.mechanism.model
+    found = np.zeros((3, model.nv))
+    for j in range(1, model.njoints):
+        own = slice(model.idx_vs[j], model.idx_vs[j] + model.nvs[j])
+        found[:, own] = evaluation.body_jacobian(j)[3:, own]
+    return found
+
+
+def _common(own: Array, every: Array) -> Array | None:
+    """Return the axis (3,) of a link's turns, or if it has none of every; None if there are more.
+
+    It points as that of the first hinge of all that is parallel to it.
+    """
+    turns = own if own.any() else every
+    turns = turns[:, turns.any(axis=0)]
+    if not turns.size or np.abs(np.cross(turns.T, turns[:, 0])).max() > TOLERANCES.nothing:
+        return None
+    alike = [x for x in every.T if x.any() and np.abs(np.cross(x, turns[:, 0])).max()
+             <= TOLERANCES.nothing]
+    found: Array = alike[0] / np.linalg.norm(alike[0])
+    return found
+
+
+def _sums(mechanism: Mechanism, axis: Array, turns: Array) -> Array | None:
+    """Return the parts (nq,) of coordinates in a turn about an axis; None if they are not all."""
+    parts = axis @ turns
+    if np.abs(turns - np.outer(axis, parts)).max(initial=0.0) > TOLERANCES.nothing:
+        return None
+    sums = np.zeros(mechanism.model.nq)
+    places = {c.v: c.q for c in mechanism.coordinate_table.values()}
+    for v in np.flatnonzero(parts):
+        if places.get(int(v), -1) < 0:
+            return None
+        sums[places[int(v)]] = parts[v]
+    return sums

@@ -1,0 +1,241 @@
+"""Targets given by names: frames, coordinates, and the outputs that tell where links are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.assembly.link_angle import ANGLE, LinkAngle, link_angle
+from spatial_pin.assembly.state import center_of_mass
+from spatial_pin.checks import finite_array, finite_number
+from spatial_pin.columns import XYZ
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.errors import SpatialPinError, UnknownNameError
+from spatial_pin.inverse_kinematics.targets import (
+    CentreOfMass,
+    CoordinateValue,
+    Position,
+    Residual,
+    Target,
+    coordinate,
+    pose,
+    position,
+)
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.motion.motion import FRAME_UNITS
+from spatial_pin.motion.outputs import (
+    COORDINATE_OUTPUTS,
+    MASS,
+    WHOLE,
+    component,
+    is_force,
+    is_of_whole,
+)
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PointPart(Target):
+    """Some components of the position of a frame's origin, or of a point beside it.
+
+    Attributes:
+        frame: Pinocchio's index of it.
+        offset: of the point in the frame's axes, shape (3,) [m].
+        axes: numbers of the world's axes.
+        values: that the components should have [m].
+    """
+
+    frame: int
+    offset: Array
+    axes: tuple[int, ...]
+    values: Array
+
+    def residual(self, evaluation: Evaluation) -> Residual:
+        """See `Target`."""
+        size = evaluation.mechanism.characteristic_length
+        at, moved = evaluation.frame(self.frame), evaluation.frame_jacobian(self.frame)
+        beside = at.rotation @ self.offset
+        slope = moved[:3] - pin.skew(beside) @ moved[3:]
+        axes = list(self.axes)
+        return ((at.translation + beside)[axes] - self.values) / size, slope[axes] / size
+
+    def check(self, mechanism: Mechanism) -> None:
+        """See `Target`: its frame is known."""
+
+    def wishes(self, mechanism: Mechanism) -> Iterable[tuple[str, Any]]:
+        """See `Target`."""
+        point = component(self.name)[0].removesuffix(".position")
+        whose = point.removesuffix(".com")
+        what = "the origin" if whose == point else "the centre of mass"
+        for axis, value in zip(self.axes, self.values.tolist(), strict=True):
+            yield f"{XYZ[axis]} of {what} of {whose!r}", value
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AngleValue(Target):
+    """The angle of a link about an axis; whole turns more or less are the same direction.
+
+    Attributes:
+        angle: which it is.
+        value: that it should have [rad].
+    """
+
+    angle: LinkAngle
+    value: float
+
+    def residual(self, evaluation: Evaluation) -> Residual:
+        """See `Target`: within half a turn."""
+        rotation = evaluation.frame(self.angle.frame).rotation
+        off = float(self.angle.directed(rotation[None])[0]) - self.value
+        off -= 2.0 * np.pi * round(off / (2.0 * np.pi))
+        return np.array([off]), self.angle.slope(evaluation)[None]
+
+    def check(self, mechanism: Mechanism) -> None:
+        """See `Target`: its frame is known."""
+
+    def wishes(self, mechanism: Mechanism) -> Iterable[tuple[str, Any]]:
+        """See `Target`."""
+        yield self.name, self.value
+
+
+def output_target(
+    mechanism: Mechanism, name: str, given: Any, weight: float | None = None
+) -> Target | None:
+    """Return the target that an output has a value; None if the name is that of something else.
+
+    Args:
+        mechanism: the mechanism.
+        name: `NAME.position`, `LINK.com.position`, `com.position`, each with `.x`, `.y` or `.z`
+            behind it or without, or `LINK.angle`, `LINK.angle.x`, `.y` or `.z`.
+        given: (3,) [m], of one component or an angle a number [m or rad].
+        weight: as of every target.
+
+    Raises:
+        SpatialPinError: a link has no mass, or turns about no axis of its own.
+        ValueError: it is no number, or not as many as there should be.
+    """
+    if is_coordinate(mechanism, name) or name in mechanism.frame_ids:
+        return None
+    what = f"target {name!r}"
+    angle = link_angle(mechanism, name)
+    if angle is not None:
+        return AngleValue(name, weight, angle=angle, value=finite_number(given, what))
+    point, k = component(name)
+    stem, _, kind = point.rpartition(".")
+    if kind != "position":
+        _check_name(mechanism, name, kind)
+        return None
+    values = finite_array(given, (3,) if k is None else (), what).reshape(-1)
+    axes = (0, 1, 2) if k is None else (k,)
+    if is_of_whole(mechanism, name):
+        parts = dict(zip(axes, values.tolist(), strict=True))
+        return CentreOfMass(name, weight, point=tuple(parts.get(i) for i in range(3)))
+    frame = stem.removesuffix(".com")
+    if frame == stem and k is None:
+        return Position(stem, weight, point=values)
+    offset = np.zeros(3) if frame == stem else center_of_mass(mechanism, frame)
+    return PointPart(name, weight, frame=mechanism.frame_id(mechanism.placed(frame)),
+                     offset=offset, axes=axes, values=values)
+
+
+def _check_name(mechanism: Mechanism, name: str, kind: str) -> None:
+    """Refuse the name of an output that tells of no place, or of something that does not exist.
+
+    Raises:
+        SpatialPinError: it is a rate, a force or the mass.
+        UnknownNameError: there is no such thing; only names with a dot are judged here.
+    """
+    if kind in (*FRAME_UNITS, *COORDINATE_OUTPUTS) or is_force(name) or name == MASS:
+        raise SpatialPinError(f"target {name!r}: a target says where something is, as a position, "
+                              "an angle or a coordinate; rates are given by solve_rates or times")
+    if "." in name:
+        known = [f"{n}.{k}" for n in (*mechanism.frame_ids, WHOLE)
+                 for k in ("position", ANGLE, *(f"position.{x}" for x in XYZ))]
+        raise UnknownNameError("coordinate, driver or output", name,
+                               [*mechanism.coordinate_table, *mechanism.drivers, *known],
+                               f"mechanism {mechanism.name!r}: ")
+
+
+def is_coordinate(mechanism: Mechanism, name: str) -> bool:
+    """Whether a name is that of a coordinate or driver."""
+    return name in mechanism.coordinate_table or name in mechanism.drivers
+
+
+def is_angle(mechanism: Mechanism, name: str) -> bool:
+    """Whether a name is that of the angle of a link."""
+    return not is_coordinate(mechanism, name) and link_angle(mechanism, name) is not None
+
+
+def is_part(mechanism: Mechanism, name: str) -> bool:
+    """Whether a name is that of an output of one number that a target may be of."""
+    point, k = component(name)
+    is_component = k is not None and point.endswith(".position")
+    return name not in mechanism.frame_ids and (is_component or is_angle(mechanism, name))
+
+
+def read_targets(mechanism: Mechanism, targets: Mapping[str, Any]) -> list[Target]:
+    """Return targets given by name: a Target, a list of them, a point (3,), placement or number.
+
+    Raises:
+        UnknownNameError: there is no such frame, coordinate or output.
+        TypeError: a target is nothing of that.
+        ValueError: there is none, or a number is not finite, or two that are to be reached exactly
+            contradict each other.
+    """
+    if not targets:
+        raise ValueError("targets is empty: say where something should be, as {'tip': [x, y, z]}")
+    found = []
+    for name, given in targets.items():
+        for one in given if _is_list(given) else [given]:
+            target = _named(mechanism, name, one)
+            target.check(mechanism)
+            found.append(target)
+    _check_agreement(mechanism, found)
+    return found
+
+
+def _named(mechanism: Mechanism, name: str, given: Any) -> Target:
+    """Return a target with its name, that of an output as what the output is of."""
+    if not isinstance(given, Target):
+        plain = output_target(mechanism, name, given) if _has_numbers(given) else None
+        return plain or replace(_plain(name, given), name=name)
+    target = given if given.name else replace(given, name=name)
+    if isinstance(target, CoordinateValue | Position):
+        numbers = target.value if isinstance(target, CoordinateValue) else target.point
+        return output_target(mechanism, target.name, numbers, target.weight) or target
+    return target
+
+
+def _has_numbers(given: Any) -> bool:
+    return not isinstance(given, pin.SE3 | str | bytes) and np.shape(given) in ((), (3,))
+
+
+def _check_agreement(mechanism: Mechanism, targets: Iterable[Target]) -> None:
+    wanted = dict[str, Any]()
+    for target in targets:
+        for words, value in target.wishes(mechanism) if target.weight is None else ():
+            before = wanted.setdefault(words, value)
+            if np.abs(np.subtract(value, before)).max() > TOLERANCES.closed * (
+                    1.0 + np.abs(before).max()):
+                raise ValueError(f"targets contradict each other: {words} is wanted at {before} "
+                                 f"and at {value}; leave one out, or give one a weight")
+
+
+def _is_list(given: Any) -> bool:
+    return isinstance(given, list | tuple) and any(isinstance(x, Target) for x in given)
+
+
+def _plain(name: str, given: Any) -> Target:
+    if isinstance(given, pin.SE3):
+        return pose(given)
+    if np.ndim(given) == 0 and not isinstance(given, str | bytes):
+        return coordinate(finite_number(given, f"target {name!r}"))
+    if np.shape(given) == (3,):
+        return position(finite_array(given, (3,), f"target {name!r}"))
+    raise TypeError(f"target {name!r} is none: it is a point (3,), a pinocchio.SE3, a number for a "
+                    "coordinate or another output, or one of spatial_pin.targets")
