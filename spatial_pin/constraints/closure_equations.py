@@ -66,7 +66,7 @@ class Evaluation:
         self.model = model = c.mechanism.model
         self._tree = tree_of(model)
         self.data = self._tree.data
-        n, nv, r = model.njoints, model.nv, len(c.constants)
+        nv, r = model.nv, len(c.constants)
         self._n_all = r
         self.angles = np.zeros(c.n_angles)
         self.angle_reference = np.zeros(c.n_angles)
@@ -74,17 +74,16 @@ class Evaluation:
         self._zero = np.zeros(nv)
         self.q = c.mechanism.neutral
         self.placements = self._tree.placements
-        self._g = self.placements.reshape(4 * n, 3)
+        self._g = self.placements.reshape(-1, 3)
         self._twists, self._accelerations = self._tree.twists, self._tree.accelerations
-        self._all_accelerations = self._accelerations.reshape(-1)
         self._joint_jacobian = self._tree.columns
-        self._make_buffers(n, nv, r)
+        self._make_buffers(nv, r)
         self._plain = not c.composed
         self._offset = bool(np.any(c.constants))
         self.residual = self._values[: c.n_closure] if self._plain else np.zeros(c.n_closure)
         self.jacobian = np.zeros((c.n_closure + c.n_passive, nv))
 
-    def _make_buffers(self, n: int, nv: int, r: int) -> None:
+    def _make_buffers(self, nv: int, r: int) -> None:
         """Allocate once what every evaluation writes, with the views it is read through."""
         self._abx, self._cycled = np.empty((3 * r, 3)), np.empty((3 * r, 12))
         blocks = self._cycled[:r], self._cycled[r : 2 * r], self._cycled[2 * r :]
@@ -98,16 +97,6 @@ class Evaluation:
         self._halves = np.empty((r, 6))
         self._first, self._second = self._halves[:, :3], self._halves[:, 3:]
         self._products = np.zeros((r, nv))
-        self._rates_h = np.zeros((n, 4, 8))  # transposed matrices of twist and acceleration
-        self._h1, self._h2 = self._rates_h[:, :, :4], self._rates_h[:, :, 4:]
-        self._g_rates = np.zeros((n, 12, 3))  # G'', G', G of each joint
-        self._g2, self._g1, self._g0 = (self._g_rates[:, k : k + 4] for k in (0, 4, 8))
-        self._g10 = self._g_rates[:, 4:]
-        self._g_flat = self._g_rates.reshape(12 * n, 3)
-        self._ab_rates = np.zeros((6 * r, 3))
-        self._a_rates, self._b_rates = self._ab_rates[: 3 * r], self._ab_rates[3 * r :]
-        self._rate_products = np.zeros(3 * r)
-        self._bias = np.zeros(r)
 
     def update(self, q: Array) -> None:
         """Evaluate `residual` and `jacobian` at the configuration q (nq,)."""
@@ -195,35 +184,30 @@ class Evaluation:
         self._tree.move(q, v, self._zero)
         if not self._n_all:
             return np.zeros(c.n_closure)
-        shape = self._h1.shape
-        self._h1[:] = np.dot(self._twists, TWIST_MATRIX).reshape(shape)
-        self._h2[:] = np.dot(self._accelerations, TWIST_MATRIX).reshape(shape)
-        self._g0[:] = self.placements
-        np.matmul(self._h1, self.placements, out=self._g1)
-        np.matmul(self._rates_h, self._g10, out=self._g2)  # G'' = H^T G' + H'^T G
-        multiply(c.c_rates, self._g_flat, self._ab_rates)
-        np.vecdot(self._a_rates, self._b_rates, out=self._rate_products)
-        bias = self._bias
-        multiply(c.rate_sum, self._rate_products, bias)
+        g0, shape = self.placements, (-1, 4, 4)
+        h1, h2 = (np.dot(x, TWIST_MATRIX).reshape(shape) for x in (
+            self._twists, self._accelerations))
+        g1 = h1 @ g0
+        g2 = h1 @ g1 + h2 @ g0
+        vectors = c.c_rates @ np.concatenate([g2, g1, g0], axis=1).reshape(-1, 3)
+        a2, a1, a0, b0, b1, b2 = vectors.reshape(6, -1, 3)
+        first = np.vecdot(a1, b0) + np.vecdot(a0, b1)
+        bias = np.vecdot(a2, b0) + 2.0 * np.vecdot(a1, b1) + np.vecdot(a0, b2)
         if c.n_passive:
-            bias[c.passive_at :] = np.dot(c.idle_bias, self._all_accelerations)
-        return bias if self._plain else self._finish_bias(q, v, bias)
-
-    def move(self, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
-        """Move the bodies as q (nq,), v and a (nv,) say; return views as `rates`."""
-        self._tree.move(q, v, a)
-        return self.rates()
-
-    def rates(self) -> tuple[Array, Array]:
-        """Return views (njoints, 6) on the twists and spatial accelerations, joint axes."""
-        return self._twists, self._accelerations
-
-    def _finish_bias(self, q: Array, v: Array, bias: Array) -> Array:
-        c, r = self.constraints, self._n_all
-        a1, b1 = self._a_rates[r : 2 * r], self._b_rates[r : 2 * r]
-        first = np.vecdot(a1, self._b) + np.vecdot(self._a, b1)
+            bias[c.passive_at :] = np.dot(c.idle_bias, self._accelerations.reshape(-1))
+        if not c.composed:
+            return bias
         rows = composed_rates(c, [self._values, first, bias], [q, v])
         return np.concatenate([rows, bias[c.passive_at :]])
+
+    def move(self, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
+        """Move the bodies as q (nq,), v and a (nv,) say.
+
+        Returns:
+            Views (njoints, 6) on the twists and spatial accelerations, joint axes.
+        """
+        self._tree.move(q, v, a)
+        return self._twists, self._accelerations
 
     @property
     def closure_error(self) -> float:

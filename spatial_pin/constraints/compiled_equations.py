@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from spatial_pin.constraints.kinds import KINDS, Composed, Equation, Kind, Parts
-from spatial_pin.constraints.product_vectors import matrix_of, rate_matrix, sum_of_rates
+from spatial_pin.constraints.product_vectors import matrix_of, rate_matrix
 from spatial_pin.constraints.products import Products
 from spatial_pin.mechanism.coordinates import needed
 from spatial_pin.mechanism.equations import ConstraintEquation
@@ -119,7 +119,6 @@ class Constraints:
         a, b, x = (block.entries() for block in (products.a, products.b, products.x))
         self.c_abx = matrix_of([a, b, x], [0, r, 2 * r], (3 * r, 4 * model.njoints))
         self.c_rates = rate_matrix(a, b, r, model.njoints)
-        self.rate_sum = sum_of_rates(r)
         self.constants = np.array(products.constants)
         self.factors = np.array(products.factors).reshape(-1, 1)
         self.signs = np.array(products.signs).reshape(r, model.nv)

@@ -121,17 +121,6 @@ def matrix_of(blocks: list[Entries], starts: list[int], shape: tuple[int, int]) 
     return found
 
 
-def sum_of_rates(n: int) -> Any:
-    """Return the matrix that takes n values each of A''.B, A'.B', A.B'' to their Leibniz sum."""
-    if 3 * n * n <= DENSE_LIMIT:
-        return np.hstack([np.eye(n), 2.0 * np.eye(n), np.eye(n)])
-    from scipy.sparse import csr_array
-
-    at = np.arange(n)
-    weights = np.repeat([1.0, 2.0, 1.0], n)
-    return csr_array((weights, (np.tile(at, 3), np.arange(3 * n))), shape=(n, 3 * n))
-
-
 def multiply(matrix: Any, vectors: Array, out: Array) -> None:
     """Write matrix @ vectors into `out`; `np.dot` costs half of `@` here."""
     if isinstance(matrix, np.ndarray):
