@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.formats.pinocchio_model.from_model import Completed, is_identity
+from spatial_pin.formats.pinocchio_model.from_model import Completed
 from spatial_pin.formats.pinocchio_model.joints import copy_numbers
-from spatial_pin.formats.pinocchio_model.urdf_text import fresh, urdf_of
+from spatial_pin.formats.pinocchio_model.urdf_text import urdf_of
+from spatial_pin.formats.urdf.writing import fresh
 from spatial_pin.mechanism.checks import check_mechanism
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.named_frames import add_frames
@@ -59,7 +60,7 @@ class Tree:
                    and full.frame_on_joint(name)[0] in there}
         for name in full.links:
             joint, placement = full.frame_on_joint(name)
-            is_main = joint in there - met and is_identity(placement)
+            is_main = joint in there - met and placement.isIdentity(0.0)
             met.update({joint} if is_main else ())
             if is_main or name in weighed or name in links:
                 self._add_link(name, is_main and joint in self._place_of)

@@ -29,9 +29,10 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.formats.dialects.reading import Reading
-from spatial_pin.formats.dialects.tree import end, local, said
+from spatial_pin.formats.dialects.tree import local, said
 from spatial_pin.formats.sdf.poses import pose
 from spatial_pin.formats.sources import shown
+from spatial_pin.formats.urdf.checks import end_of
 from spatial_pin.numerics.linalg import Array
 
 WORLD, MODEL = "world", "__model__"
@@ -150,7 +151,7 @@ def _lead(joint: ET.Element, reading: Reading) -> float:
 def frame(name: str, joint: ET.Element, reading: Reading) -> pin.SE3:
     """Return where a link, a joint of the tree, or the model stands when all joints are at zero."""
     if name not in reading.links and name in reading.joints:
-        name = end(reading.joints[name], "child")
+        name = end_of(reading.joints[name], "child")
     if name in reading.links:
         return reading.world[name]
     if name in (MODEL, WORLD):

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.formats.dialects.tree import Tree, end, local
+from spatial_pin.formats.dialects.tree import Tree, local
+from spatial_pin.formats.urdf.checks import end_of
 from spatial_pin.mechanism.pairs import PAIRS, axes_from_z
 from spatial_pin.numerics.linalg import Array
 
@@ -69,7 +70,7 @@ class Reading(Tree):
     def link_of(self, frame: str) -> str:
         """Return the link that a frame, or a joint's frame, is fixed to."""
         frame = self.content.get("frames", {}).get(frame, {}).get("link", frame)
-        return end(self.joints[frame], "child") if frame not in self.links else frame
+        return end_of(self.joints[frame], "child") if frame not in self.links else frame
 
     def in_loops(self) -> set[str]:
         """Return the joints that the loops stated so far move."""

@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError, suggestion
 from spatial_pin.formats.sources import shown
-from spatial_pin.formats.urdf.checks import numbers
+from spatial_pin.formats.urdf.checks import end_of, numbers, placement
 from spatial_pin.numerics.linalg import Array
 
 PAIR_OF = {  # what dialects call a joint -> our pair
@@ -55,7 +55,7 @@ class Tree:
     @cached_property
     def above(self) -> dict[str, tuple[str, ET.Element]]:
         """Name and element of the joint that carries each link but the root."""
-        return {end(joint, "child"): (name, joint) for name, joint in self.joints.items()}
+        return {end_of(joint, "child"): (name, joint) for name, joint in self.joints.items()}
 
     @cached_property
     def root(self) -> str:
@@ -78,12 +78,7 @@ class Tree:
 
     def placement(self, element: ET.Element | None, where: ET.Element) -> pin.SE3:
         """Return the placement that `xyz` and `rpy` of an element give, identity without."""
-        if element is None:
-            return pin.SE3.Identity()
-        here = f"{shown(self.path)}: {said(where)}"
-        xyz, rpy = (numbers(element, key, 3, here) if key in element.attrib else np.zeros(3)
-                    for key in ("xyz", "rpy"))
-        return pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
+        return placement(element, f"{shown(self.path)}: {said(where)}")
 
     def axis(self, element: ET.Element | None, where: ET.Element) -> Array:
         """Return the unit vector `xyz` of an element, URDF's default without."""
@@ -125,7 +120,7 @@ class Tree:
             while link not in placed and link in self.above and link not in seen:
                 way.append(link)
                 seen.add(link)
-                link = end(self.above[link][1], "parent")
+                link = end_of(self.above[link][1], "parent")
             at = placed.setdefault(link, pin.SE3.Identity())
             for child in reversed(way):
                 joint = self.above[child][1]
@@ -140,7 +135,7 @@ class Tree:
             while link in self.above and self.above[link][0] not in way:
                 name, joint = self.above[link]
                 way[name] = joint
-                link = end(joint, "parent")
+                link = end_of(joint, "parent")
             ways.append(way)
         common = ways[0].keys() & ways[1].keys()
         return [[name for name, joint in way.items()
@@ -156,10 +151,3 @@ def said(element: ET.Element) -> str:
     """Return how an element is named in messages."""
     name = element.get("name")
     return f"<{local(element)} name={name!r}>" if name else f"<{local(element)}>"
-
-
-def end(joint: ET.Element, role: str) -> str:
-    """Return the link of <parent> or <child>."""
-    element = joint.find(role)
-    return element.get("link", "") if element is not None else ""
-

@@ -17,7 +17,7 @@ from spatial_pin.formats.graph.posture import coordinates_at
 from spatial_pin.formats.graph.spanning import SpanningTree, span
 from spatial_pin.formats.imported import Imported
 from spatial_pin.formats.urdf.elements import finite_text, joint_element, numbers_text
-from spatial_pin.formats.urdf.writing import unique
+from spatial_pin.formats.urdf.writing import fresh, unique
 from spatial_pin.mechanism.pairs import PAIRS
 
 BASE = "root_joint"  # the joint that lets a base float, as Pinocchio names it
@@ -99,11 +99,7 @@ class _Writer:
 
     def fresh(self, wanted: str) -> str:
         """Return a name that no link or joint has."""
-        name, k = wanted, 2
-        while name in self.taken:
-            name, k = f"{wanted}_{k}", k + 1
-        self.taken.add(name)
-        return name
+        return fresh(wanted, self.taken)
 
     def link_of(self, link: str) -> str:
         """Return the name of a link in the URDF."""
@@ -113,7 +109,7 @@ class _Writer:
 
     def frame(self, wanted: str, link: str, place: pin.SE3) -> str:
         """Return the name of a link that stands at a place on another, that itself if it does."""
-        if _is_identity(place):
+        if place.isIdentity(0.0):
             return self.link_of(link)
         name = self.fresh(wanted)
         ET.SubElement(self.robot, "link", name=name)
@@ -158,7 +154,7 @@ class _Writer:
             self.robot.append(copy.deepcopy(joint.element))
             return
         child = joint.child
-        if joint.type != "fixed" and not _is_identity(joint.on_child):
+        if joint.type != "fixed" and not joint.on_child.isIdentity(0.0):
             child = self.fresh(f"{joint.name}_frame")
             ET.SubElement(self.robot, "link", name=child)
             joint_element(self.robot, self.fresh(f"{child}_mount"), "fixed", child, joint.child,
@@ -299,10 +295,6 @@ class _Writer:
             merged[key] = [*self.given.get(key, []), *new]
         merged["guess"] = {**self.guess, **self.given.get("guess", {})}
         return merged
-
-
-def _is_identity(place: pin.SE3) -> bool:
-    return bool(np.all(place.homogeneous == np.eye(4)))
 
 
 def _urdf_type(joint: Joint) -> str:

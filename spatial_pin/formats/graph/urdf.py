@@ -8,13 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.graph.joints import Joint, JointGraph, Link
 from spatial_pin.formats.graph.open_tree import open_tree
 from spatial_pin.formats.imported import Imported
-from spatial_pin.formats.urdf.checks import check_joint, end_of, numbers
+from spatial_pin.formats.urdf.checks import check_joint, end_of, placement
 from spatial_pin.formats.urdf.model import (
     CONTAINED_PAIRS,
     PAIR_OF_URDF_TYPE,
@@ -95,13 +94,10 @@ def _has_loop(robot: ET.Element) -> bool:
 
 
 def _joint(element: ET.Element, pair: str, refined: JointRefinement | None, where: str) -> Joint:
-    place = element.find("origin")
-    xyz, rpy = (numbers(place, key, 3, where) if place is not None and key in place.attrib
-                else np.zeros(3) for key in ("xyz", "rpy"))
     axis, axis2 = joint_axes(PAIRS[pair], element, refined, where)
     joint = Joint(
         element.get("name", ""), pair, end_of(element, "parent"), end_of(element, "child"),
-        pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz), axis=axis, axis2=axis2,
+        placement(element.find("origin"), where), axis=axis, axis2=axis2,
         lead=refined.lead if refined else 0.0, element=element, **_resistance(element, refined))
     limit = element.find("limit")
     if limit is None or element.get("type") not in LIMITED:

@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 from spatial_pin.checks import finite_array
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.formats.pinocchio_model.joints import own_configuration, pair_tree
-from spatial_pin.formats.pinocchio_model.urdf_text import Bodies, fresh, urdf_of
+from spatial_pin.formats.pinocchio_model.urdf_text import Bodies, urdf_of
+from spatial_pin.formats.urdf.writing import fresh
 from spatial_pin.mechanism.checks import check_mechanism
 from spatial_pin.mechanism.closures import FramePlace, of_native
 from spatial_pin.mechanism.coordinates import check_guess, joint_vector
@@ -160,7 +161,7 @@ class Completed:
         above = self.joint_frames.get(self.names[i]) if i else 0
         if above is None:
             above = self._add(self.names[i], i, 0, here, pin.FrameType.JOINT)
-        main = next((k for k in self.links[i] if is_identity(self.model.frames[k].placement)),
+        main = next((k for k in self.links[i] if self.model.frames[k].placement.isIdentity(0.0)),
                     None)
         if main is None:
             main = self._add(self._link_name(i), i, above, here, pin.FrameType.BODY)
@@ -189,11 +190,6 @@ class Completed:
         return int(frame.parentFrame)
 
 
-def is_identity(placement: pin.SE3) -> bool:
-    """Whether a placement is the identity to the last digit."""
-    return bool(np.array_equal(placement.homogeneous, np.eye(4)))
-
-
 def _inertias(model: pin.Model, bodies: Bodies) -> dict[str, pin.Inertia]:
     """Return the own inertia of every link that has one.
 
@@ -213,7 +209,7 @@ def _inertias(model: pin.Model, bodies: Bodies) -> dict[str, pin.Inertia]:
         if rest is None:
             parts, rest = {}, total
         if rest.mass or np.any(rest.inertia):
-            mine = first.placement.actInv(rest) if not is_identity(first.placement) else rest
+            mine = first.placement.actInv(rest) if not first.placement.isIdentity(0.0) else rest
             parts[first.name] = parts[first.name] + mine if first.name in parts else mine
         found.update({k: pin.Inertia(x) for k, x in parts.items()})
     return found
@@ -271,7 +267,7 @@ class _Names:
         for k, place in enumerate(places, 1):
             on, placement = (place, None) if isinstance(place, str) else place
             names.append(self.link(on))
-            if placement is not None and not is_identity(placement):
+            if placement is not None and not placement.isIdentity(0.0):
                 names[-1] = fresh(f"{owner}_{k}", self.taken)
                 self.new[names[-1]] = _frame(names[-1], self.link(on), placement)
         return tuple(names)

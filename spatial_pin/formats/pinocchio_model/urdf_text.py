@@ -42,15 +42,6 @@ class Bodies:
     mounts: Mapping[str, str]
 
 
-def fresh(wanted: str, taken: set[str]) -> str:
-    """Return a name that is not taken, and take it."""
-    name, k = wanted, 2
-    while name in taken:
-        name, k = f"{wanted}_{k}", k + 1
-    taken.add(name)
-    return name
-
-
 def urdf_of(mechanism: Mechanism, bodies: Bodies) -> str:
     """Return the open tree as URDF text.
 

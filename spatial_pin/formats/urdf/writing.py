@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 import pinocchio as pin
 
-from spatial_pin.formats.urdf.elements import UNBOUNDED, numbers_text, origin
+from spatial_pin.formats.urdf.elements import UNBOUNDED, joint_element, numbers_text, origin
 from spatial_pin.numerics.linalg import Array
 
 
@@ -52,10 +52,7 @@ class UrdfText:
         """
         name, link = unique(wanted, self._joints), self._link(child)
         self._joints.add(name)
-        joint = ET.SubElement(self._robot, "joint", name=name, type=kind)
-        joint.append(origin(placement))
-        ET.SubElement(joint, "parent", link=parent)
-        ET.SubElement(joint, "child", link=link)
+        joint = joint_element(self._robot, name, kind, parent, link, placement)
         if axis is not None:
             ET.SubElement(joint, "axis", xyz=numbers_text(axis))
         if limits is not None:
@@ -115,4 +112,11 @@ def unique(wanted: str, taken: Iterable[str]) -> str:
     name, k = wanted, 2
     while name in known:
         name, k = f"{wanted}_{k}", k + 1
+    return name
+
+
+def fresh(wanted: str, taken: set[str]) -> str:
+    """Return a name that is not taken as `unique` does, and take it."""
+    name = unique(wanted, taken)
+    taken.add(name)
     return name

@@ -522,12 +522,7 @@ class Expansion:
         for one in several if content_only else ():
             one.childNodes = type(siblings)()
         siblings[place:place + 1] = new
-        chain = [node.previousSibling, *new, node.nextSibling]
-        for before, after in pairwise(chain):
-            if before is not None:
-                before.nextSibling = after
-            if after is not None:
-                after.previousSibling = before
+        _link([node.previousSibling, *new, node.nextSibling])
         for one in new:
             one.parentNode = parent
         node.parentNode = node.previousSibling = node.nextSibling = None
@@ -550,6 +545,15 @@ def _environment(name: str) -> str:
     return os.environ[name]
 
 
+def _link(siblings: list[Any]) -> None:
+    """Let nodes know who stands before and behind them; None at the ends."""
+    for before, after in pairwise(siblings):
+        if before is not None:
+            before.nextSibling = after
+        if after is not None:
+            after.previousSibling = before
+
+
 def _leave_out_space(document: minidom.Document, comments: bool) -> None:
     """Take out what xacro would copy with every macro and leave out in the end: half of a file.
 
@@ -564,11 +568,7 @@ def _leave_out_space(document: minidom.Document, comments: bool) -> None:
             continue
         children[:] = [child for child in children if child.nodeType not in dropped or (
             child.nodeType == Node.TEXT_NODE and child.data and not child.data.isspace())]
-        for before, after in pairwise([None, *children, None]):
-            if before is not None:
-                before.nextSibling = after
-            if after is not None:
-                after.previousSibling = before
+        _link([None, *children, None])
         stack += [child for child in children if child.nodeType == Node.ELEMENT_NODE]
 
 
