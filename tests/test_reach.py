@@ -218,7 +218,7 @@ def test_forces_pull_as_the_derivatives_say(tmp_path):
     with evaluation_of(mechanism) as evaluation:
         base = Solver(evaluation, [], [], [], 1e-12)
         wanted = [targets.Position(name="link3", point=np.array([2.0, 2.5, 0.0]), weight=1.0)]
-        least = LeastSquares(base, [], wanted, base.moves)
+        least = LeastSquares(base, [], wanted, base.stops.moves)
         sizes, ways = least.curved(state.q)
         bent = Stationary(name="", sum=least, sizes=sizes, ways=ways)
         assert len(sizes)

@@ -14,6 +14,7 @@ from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.inverse_kinematics.targets import Target
 from spatial_pin.kernel.closer import Closed
 from spatial_pin.mechanism.joint_limits import SLACK, JointLimit
+from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, Decomposition, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -34,14 +35,69 @@ class _Linear(NamedTuple):
     found: dict[tuple[bytes, int, bool], tuple[Sequence[Target], Decomposition]]
 
 
+class Stops:
+    """Which velocities may move, and the joint limits within which they do.
+
+    Attributes:
+        limits: joint limits to keep.
+        scale: (nv,) velocity of a unit of each unknown.
+        moves: (nv,) which velocities may move.
+    """
+
+    def __init__(
+        self, mechanism: Mechanism, limits: Sequence[JointLimit], still: Sequence[int]
+    ) -> None:
+        self._model, self.limits, self.scale = mechanism.model, limits, mechanism.velocity_scale
+        self._limited = np.array([limit.q for limit in limits], dtype=np.intp)
+        self._ends = np.array([(x.side, x.side * x.value + SLACK * x.size) for x in limits])
+        self.moves = np.ones(len(self.scale), dtype=bool)
+        self.moves[list(still)] = False
+
+    def free(self, held: Held) -> NDArray[np.bool_]:
+        """Return which velocities may move (nv,) where joints stand at limits."""
+        free = self.moves.copy()
+        free[list(held)] = False
+        return free
+
+    def moved(self, q: Array, step: Array, held: Held) -> Array:
+        """Return the configuration a scaled step (nv,) away, held joints at their limits."""
+        found: Array = pin.integrate(self._model, q, self.scale * step)
+        for limit in held.values():
+            found[limit.q] = limit.value
+        return found
+
+    def passed(self, q: Array, step: Array, held: Held) -> JointLimit | None:
+        """Return the limit that a step passes first, or None."""
+        first, part, ways = None, 1.0, (step * self.scale * self.moves).tolist()
+        for limit in self.limits:
+            way = limit.side * ways[limit.v]
+            if way <= 0.0 or limit.v in held:
+                continue
+            room = max(float(limit.room(q)), 0.0)
+            if way > room and room / way < part:
+                first, part = limit, room / way
+        return first
+
+    def beyond(self, q: Array, held: Held, before: Array | None = None) -> Held:
+        """Return limits that q is beyond, and farther than another configuration was."""
+        if not self.limits or np.all(q[self._limited] * self._ends[:, 0] <= self._ends[:, 1]):
+            return {}
+        found = {}
+        for limit in self.limits:
+            room = float(limit.room(q))
+            allowed = 0.0 if before is None else min(float(limit.room(before)), 0.0)
+            if limit.v not in held and self.moves[limit.v] and room < allowed - SLACK * limit.size:
+                found[limit.v] = limit
+        return found
+
+
 class Constrained:
     """A mechanism whose loops stay closed, with joint limits.
 
     Attributes:
         evaluation: its closure equations.
-        limits: joint limits to keep.
+        stops: its joint limits, and what may move.
         scale: (nv,) velocity of a unit of each unknown.
-        moves: (nv,) which velocities may move.
         tolerance: length of the residuals at which targets are reached.
 
     Args:
@@ -56,12 +112,8 @@ class Constrained:
         tolerance: float,
     ) -> None:
         self.evaluation, self.tolerance = evaluation, tolerance
-        self.limits = limits
-        self._limited = np.array([limit.q for limit in limits], dtype=np.intp)
-        self._ends = np.array([(x.side, x.side * x.value + SLACK * x.size) for x in limits])
-        self.scale = evaluation.mechanism.velocity_scale
-        self.moves = np.ones(len(self.scale), dtype=bool)
-        self.moves[list(still)] = False
+        self.stops = Stops(evaluation.mechanism, limits, still)
+        self.scale = self.stops.scale
         # the last two residuals, with configuration and targets: they are asked for again and again
         self._known: list[tuple[Array, Sequence[Target], tuple[Array, Array]]] = []
         self._linear = _Linear(np.empty(0), {})
@@ -75,21 +127,14 @@ class Constrained:
         for at, known, found in self._known:
             if at is q and known is targets:
                 return found
-        found = self._residual(targets)
+        parts = []
+        for target in targets:
+            residual, rows = target.residual(self.evaluation)
+            weight = 1.0 if target.weight is None else target.weight
+            parts.append((weight * residual, rows * (weight * self.scale)))
+        found = np.concatenate([r for r, _ in parts]), np.vstack([j for _, j in parts])
         self._known = [*self._known[-1:], (q, targets, found)]
         return found
-
-    def _residual(self, targets: Sequence[Target]) -> tuple[Array, Array]:
-        parts = [self._weighed(t) for t in targets]
-        if len(parts) == 1:
-            return parts[0]
-        return np.concatenate([r for r, _ in parts]), np.vstack([j for _, j in parts])
-
-    def _weighed(self, target: Target) -> tuple[Array, Array]:
-        residual, rows = target.residual(self.evaluation)
-        if target.weight is None:
-            return residual, rows * self.scale
-        return target.weight * residual, rows * (target.weight * self.scale)
 
     def pulled(self, targets: Sequence[Target], forces: Array) -> Array:
         """Return the sum (nv,) of forces (k,) times derivatives of residuals, where they stand."""
@@ -104,11 +149,8 @@ class Constrained:
         if self.evaluation.q is not q:
             self.evaluation.update(q)
 
-    def closed(self, q: Array) -> Array:
-        """Return a configuration with its loops closed."""
-        return self._closed(q, self.moves)
-
-    def _closed(self, q: Array, free: NDArray[np.bool_]) -> Array:
+    def closed(self, q: Array, free: NDArray[np.bool_]) -> Array:
+        """Return a configuration with its loops closed by what is free (nv,) to move."""
         evaluation, last = self.evaluation, self._last
         if last is None or last.q is not q or last.error > TOLERANCES.round_off:
             last = self._last = closed(evaluation.mechanism, q, free, evaluation.angle_reference,
@@ -154,80 +196,40 @@ class Constrained:
 
     def kept(self, q: Array, free: NDArray[np.bool_], kept: Sequence[Target]) -> Array | None:
         """Return q with its loops closed and targets met again; None if that takes too far."""
-        q, last = self._closed(q, free), np.inf
+        q, last = self.closed(q, free), np.inf
         for _ in range(CORRECTIONS):
             residual, rows = self.residual(q, kept)
             size = float(np.linalg.norm(residual))
             if size <= TOLERANCES.last_digit or (size <= self.tolerance and size > 0.5 * last):
-                return q if self.is_closed() else None
+                return q if self.is_closed(q) else None
             if size > min(TOLERANCES.unexplained, last):
                 return None
             last = size
             step = np.zeros(len(free))
             step[free] = decompose(np.vstack([self.closures(), rows])[:, free]).minimum_norm(
                 np.concatenate([-self.evaluation.residual, -residual]))
-            q = self._closed(pin.integrate(self.evaluation.model, q, self.scale * step), free)
-        return q if last <= self.tolerance and self.is_closed() else None
+            q = self.closed(pin.integrate(self.evaluation.model, q, self.scale * step), free)
+        return q if last <= self.tolerance and self.is_closed(q) else None
 
-    def is_closed(self) -> bool:
-        """Whether loops are closed where the equations stand, no axis the other way round."""
+    def is_closed(self, q: Array) -> bool:
+        """Whether loops are closed at q (nq,), no axis turned round; equations stand there."""
+        self.stand(q)
         evaluation, last = self.evaluation, self._last
-        if last is not None and last.q is evaluation.q and not last.may_be_mirrored:
+        if last is not None and last.q is q and not last.may_be_mirrored:
             return last.error <= TOLERANCES.closed
         return evaluation.closure_error <= TOLERANCES.closed and not evaluation.mirrored()
-
-    def is_closed_at(self, q: Array) -> bool:
-        """Whether loops are closed at a configuration (nq,); the equations stand there then."""
-        self.stand(q)
-        return self.is_closed()
-
-    def free(self, held: Held) -> NDArray[np.bool_]:
-        """Return which velocities may move (nv,) where joints stand at limits."""
-        free = self.moves.copy()
-        free[list(held)] = False
-        return free
-
-    def moved(self, q: Array, step: Array, held: Held) -> Array:
-        """Return the configuration a scaled step (nv,) away, held joints at their limits."""
-        found: Array = pin.integrate(self.evaluation.model, q, self.scale * step)
-        for limit in held.values():
-            found[limit.q] = limit.value
-        return found
-
-    def passed(self, q: Array, step: Array, held: Held) -> JointLimit | None:
-        """Return the limit that a step passes first, or None."""
-        first, part, ways = None, 1.0, (step * self.scale * self.moves).tolist()
-        for limit in self.limits:
-            way = limit.side * ways[limit.v]
-            if way <= 0.0 or limit.v in held:
-                continue
-            room = max(float(limit.room(q)), 0.0)
-            if way > room and room / way < part:
-                first, part = limit, room / way
-        return first
-
-    def beyond(self, q: Array, held: Held, before: Array | None = None) -> Held:
-        """Return limits that q is beyond, and farther than another configuration was."""
-        if not self.limits or np.all(q[self._limited] * self._ends[:, 0] <= self._ends[:, 1]):
-            return {}
-        found = {}
-        for limit in self.limits:
-            room = float(limit.room(q))
-            allowed = 0.0 if before is None else min(float(limit.room(before)), 0.0)
-            if limit.v not in held and self.moves[limit.v] and room < allowed - SLACK * limit.size:
-                found[limit.v] = limit
-        return found
 
     def within(self, q: Array) -> tuple[Array, Held]:
         """Return a configuration with its loops closed within the limits, if they close there.
 
         Joints that were beyond limits stand at them.
         """
-        closed, held = self.closed(q), Held()
-        while beyond := self.beyond(closed, held):
+        stops = self.stops
+        closed, held = self.closed(q, stops.moves), Held()
+        while beyond := stops.beyond(closed, held):
             held |= beyond
             tried = self.kept(
-                self.moved(closed, np.zeros(len(self.scale)), held), self.free(held), [])
+                stops.moved(closed, np.zeros(len(self.scale)), held), stops.free(held), [])
             if tried is None:
                 return closed, {}
             closed = tried

@@ -84,6 +84,43 @@ class Slope(NamedTuple):
         return way if way[np.argmax(np.abs(way))] > 0.0 else -way
 
 
+class _Pace:
+    """How steps are made, judged by those before: with which damping, and whether by Newton."""
+
+    def __init__(self) -> None:
+        self.damping, self._slow = 0.0, 0
+
+    @property
+    def is_bent(self) -> bool:
+        """Whether steps are Newton's."""
+        return self._slow >= SLOW_STEPS
+
+    @property
+    def converges(self) -> bool:
+        """Whether steps are such that the next would be far shorter, if this one is short."""
+        return self.is_bent and self.damping < TOLERANCES.half_precision
+
+    def judge(self, left: float, moved: float) -> None:
+        """Take note of what a step has left of the residuals."""
+        self.damping *= 0.1
+        if left < 0.1:
+            self._slow = 0
+        elif left > 0.5 and moved < 0.99 * TOLERANCES.damped_step:
+            self._slow += 1
+
+    def fails(self) -> bool:
+        """Damp after a step that did not help; whether nothing moves any more."""
+        self.damping = max(LEAST_DAMPING, 4.0 * self.damping)
+        self._slow += 1
+        return self.damping > MOST_DAMPING
+
+    def bends(self) -> bool:
+        """Damp no more, and let steps be Newton's; whether they were not."""
+        self.damping, was_bent = 0.0, self.is_bent
+        self._slow = max(self._slow, SLOW_STEPS)
+        return not was_bent
+
+
 class Descent:
     """The way down to where the sum of squared residuals is least.
 
@@ -97,7 +134,7 @@ class Descent:
         self, base: Constrained, kept: Sequence[Target], wanted: Sequence[Target]
     ) -> None:
         self.base, self.kept, self.wanted = base, kept, wanted
-        self._damping, self._slow = 0.0, 0
+        self._pace = _Pace()
         self._known: tuple[Array, dict[bytes, Slope]] = np.empty(0), {}  # slopes at a configuration
 
     def run(self, q: Array, held: Held) -> tuple[Array, Held, bool]:
@@ -113,33 +150,21 @@ class Descent:
             before, (step, now_held) = place.q, self._step(place)
             moved = float(np.linalg.norm(step))
             there = self._landed(place.q, step, now_held)
-            is_last = moved < (TOLERANCES.half_precision if self._converges else NO_LONGER)
+            is_last = moved < (TOLERANCES.half_precision if self._pace.converges else NO_LONGER)
             if there is not None and self._is_as_good(there, place, moved):
                 is_last = is_last and there.held.keys() == place.held.keys()
-                self._judge(there.size / place.size if place.size else 0.0, moved)
+                self._pace.judge(there.size / place.size if place.size else 0.0, moved)
                 place = there
                 if place.size <= self.base.tolerance:
                     return place.q, place.held, False
             else:
-                self._damping = max(LEAST_DAMPING, 4.0 * self._damping)
-                self._slow += 1
-                is_last = is_last or self._damping > MOST_DAMPING
+                is_last = self._pace.fails() or is_last
             if is_last:
                 onward = self._onward(place, before)
                 if onward is None:
                     return place.q, place.held, False
                 place = onward
         return place.q, place.held, moved > 0.5 * TOLERANCES.damped_step
-
-    @property
-    def _is_bent(self) -> bool:
-        """Whether steps are Newton's."""
-        return self._slow >= SLOW_STEPS
-
-    @property
-    def _converges(self) -> bool:
-        """Whether steps are such that the next would be far shorter, if this one is short."""
-        return self._is_bent and self._damping < TOLERANCES.half_precision
 
     def _size(self, q: Array) -> float:
         return float(np.linalg.norm(self.base.residual(q, self.wanted)[0]))
@@ -150,38 +175,22 @@ class Descent:
             return True
         if there.held.keys() != place.held.keys():
             return there.size <= place.size * (1.0 + TOLERANCES.nothing)
-        if self._is_bent and moved < TOLERANCES.half_precision:  # sums do not tell places apart
+        if self._pace.is_bent and moved < TOLERANCES.half_precision:  # sums tell no places apart
             return there.size <= place.size * (1.0 + TOLERANCES.tight)
         return there.size <= self.base.tolerance
-
-    def _judge(self, left: float, moved: float) -> None:
-        """Take note of what a step has left of the residuals."""
-        self._damping *= 0.1
-        if left < 0.1:
-            self._slow = 0
-        elif left > 0.5 and moved < 0.99 * TOLERANCES.damped_step:
-            self._slow += 1
-
-    def _is_known_least(self, near: Array, held: Held) -> bool:
-        """Whether the slope is known at a configuration, and bends up along all freedoms."""
-        at, known = self._known
-        slope = known.get(self.base.free(held).tobytes()) if at is near else None
-        return slope is not None and slope.off_summit() is None
 
     def _onward(self, place: Place, before: Array) -> Place | None:
         """Return where to go on from a place that steps do not leave; None if it is the least.
 
-        Args:
-            place: where it is.
-            before: (nq,) from where the last, short step came.
+        The last, short step came from the configuration `before`.
         """
         if place.size <= self.base.tolerance:
             return None
-        self._damping = 0.0
-        if not self._is_bent:
-            self._slow = SLOW_STEPS
+        if self._pace.bends():
             return place
-        if self._is_known_least(before, place.held):
+        at, known = self._known
+        slope = known.get(self.base.stops.free(place.held).tobytes()) if at is before else None
+        if slope is not None and slope.off_summit() is None:
             return None
         way = self._slope(place.q, place.held).off_summit()
         if way is None:
@@ -203,27 +212,27 @@ class Descent:
             length = np.linalg.norm(step)
             if length > TOLERANCES.damped_step:
                 step *= TOLERANCES.damped_step / length
-            passed = self.base.passed(place.q, step, held)
+            passed = self.base.stops.passed(place.q, step, held)
             if passed is None:
                 return step, held
             held[passed.v] = passed
 
     def _free_step(self, q: Array, held: Held) -> Array:
-        if self._is_bent:
-            return self._slope(q, held).step(self._damping)
-        motions = self.base.motions(q, self.base.free(held), self.kept)
+        if self._pace.is_bent:
+            return self._slope(q, held).step(self._pace.damping)
+        motions = self.base.motions(q, self.base.stops.free(held), self.kept)
         residual, rows = self.base.residual(q, self.wanted)
-        found: Array = damped(rows @ motions.T, -residual, self._damping) @ motions
+        found: Array = damped(rows @ motions.T, -residual, self._pace.damping) @ motions
         return found
 
     def _landed(self, q: Array, step: Array, held: Held) -> Place | None:
         """Return where a step leads, what is kept met again, within limits; None if too far."""
         base = self.base
         while True:
-            there = base.kept(base.moved(q, step, held), base.free(held), self.kept)
+            there = base.kept(base.stops.moved(q, step, held), base.stops.free(held), self.kept)
             if there is None:
                 return None
-            beyond = base.beyond(there, held, q)
+            beyond = base.stops.beyond(there, held, q)
             if not beyond:
                 return Place(there, held, self._size(there))
             held = held | beyond
@@ -246,7 +255,7 @@ class Descent:
     def push(self, q: Array, held: Held, v: int) -> float:
         """Return how far a free step goes beyond the limit that the joint at `v` stands at."""
         without = {k: x for k, x in held.items() if k != v}
-        motions = self.base.motions(q, self.base.free(without), self.kept)
+        motions = self.base.motions(q, self.base.stops.free(without), self.kept)
         residual, rows = self.base.residual(q, self.wanted)
         step = -(residual @ rows @ motions.T) @ motions
         return float(held[v].side * step[v])
@@ -257,7 +266,7 @@ class Descent:
         """Return gradient and curvature of half the square, along freedoms between limits held."""
         if self._known[0] is not q:
             self._known = q, {}
-        known, free = self._known[1], self.base.free(held)
+        known, free = self._known[1], self.base.stops.free(held)
         found = known.get(free.tobytes())
         if found is None:
             half = Lagrangian(self.base, self.kept, self.wanted, q, free)

@@ -102,7 +102,7 @@ def _best(start: State, solver: Solver, starts: int) -> Reached:
     best = None
     for q in _starts(start, solver, starts):
         found = solver.solve(q, start.q)
-        is_closed = solver.is_closed_at(found.q)
+        is_closed = solver.is_closed(found.q)
         if best is None:
             best = found if is_closed else solver.reached(start.q, {})
             if found.is_on_its_way:
@@ -121,7 +121,7 @@ def _starts(state: State, solver: Solver, count: int) -> Iterable[Array]:
     rng = np.random.default_rng(0)
     for _ in range(count):
         shaken = rng.uniform(-START_SPREAD, START_SPREAD, len(solver.scale))
-        way = solver.scale * solver.moves * shaken
+        way = solver.scale * solver.stops.moves * shaken
         yield pin.integrate(state.mechanism.model, state.q, way)
 
 
@@ -162,8 +162,8 @@ def _stops(start: State, solver: Solver, found: Reached) -> Iterable[Stop]:
         yield Stop("joint limit", "it is stopped by the " + _words(found.limits))
         return
     asked = len(found.exact)
-    slopes = [solver.slopes(q) for q in
-              (found.q, *map(solver.closed, _starts(start, solver, 1)))]
+    slopes = [solver.slopes(q) for q in (
+        found.q, *(solver.closed(x, solver.stops.moves) for x in _starts(start, solver, 1)))]
     least = TOLERANCES.half_precision * max(s.max(initial=0.0) for s in slopes)
     rank, *others = (int(np.count_nonzero(s > max(least, TOLERANCES.zero))) for s in slopes)
     freedom = max(rank, *others)  # where it is not stretched out

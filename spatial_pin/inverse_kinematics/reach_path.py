@@ -153,7 +153,7 @@ def _chains(state: State, tables: list[Table], s: Array, hold: Hold) -> tuple[in
         asked = read_targets(mechanism, _targets(tables, 0))
         held = held_by(mechanism, hold)
         solver = Solver(evaluation, asked, [], held.entries, EXACT)
-        motions = solver.motions(state.q, solver.moves, [], idle=False)
+        motions = solver.motions(state.q, solver.stops.moves, [], idle=False)
         chains = []
         for table in tables:
             rows = np.zeros((1, len(motions)))

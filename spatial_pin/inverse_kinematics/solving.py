@@ -114,7 +114,7 @@ class Solver(Constrained):
         is_on_its_way = False
         if self.exact:
             q, held, is_on_its_way = Descent(self, [], self.exact).run(q, held)
-        polished = self.kept(q, self.free(held), self.exact)
+        polished = self.kept(q, self.stops.free(held), self.exact)
         if polished is None:
             return self.reached(q, held)._replace(is_on_its_way=is_on_its_way)
         q = polished
@@ -125,16 +125,16 @@ class Solver(Constrained):
 
     def settled(self, found: Reached, start: Array) -> Reached:
         """Return the place nearest to the start of those that are as near to the targets."""
-        if found.beyond or found.is_on_its_way or not self.is_closed_at(found.q):
+        if found.beyond or found.is_on_its_way or not self.is_closed(found.q):
             return found
         held = {limit.v: limit for limit in found.limits}
         q = self._least_motion(found.q, start, held, Descent(self, [], self.exact))
         there = self.reached(q, held)
-        return found if found.is_nearer(there) or not self.is_closed_at(q) else there
+        return found if found.is_nearer(there) or not self.is_closed(q) else there
 
     def slopes(self, q: Array) -> Array:
         """Return how fast, along its principal directions, what is to be exact can change."""
-        rows = self.residual(q, self.exact)[1] @ self.motions(q, self.moves, []).T
+        rows = self.residual(q, self.exact)[1] @ self.motions(q, self.stops.moves, []).T
         return decompose(rows).s
 
     def _least_motion(self, q: Array, start: Array, held: Held, descent: Descent) -> Array:
@@ -154,7 +154,7 @@ class Solver(Constrained):
 
     def _nearest(self, q: Array, start: Array, held: Held, kept: Sequence[Target]) -> Array:
         """Return the configuration nearest to the start, from q on, that keeps targets met."""
-        if not held and not len(self.motions(q, self.free(held), kept)):
+        if not held and not len(self.motions(q, self.stops.free(held), kept)):
             return q
         found, _, _ = Descent(self, kept, [Unmoved(start=start)]).run(q, held)
         return found
@@ -167,7 +167,7 @@ class Solver(Constrained):
         kept, wanted = descent.kept, descent.wanted
         least_push = TOLERANCES.nothing * self._missed(q, wanted)
         pushed = [limit for v, limit in held.items() if descent.push(q, held, v) > least_push]
-        free = self.free({limit.v: limit for limit in pushed})
+        free = self.stops.free({limit.v: limit for limit in pushed})
         least = LeastSquares(self, kept, wanted, free)
         sizes, ways = least.curved(q)
         unchanged = self.motions(q, free, [*kept, *self._as_now(q, wanted)])
@@ -192,4 +192,4 @@ class Solver(Constrained):
     def reached(self, q: Array, held: Held) -> Reached:
         """Return how far targets are met at a configuration, with what holds it there."""
         return Reached(q, self.residual(q, self.exact)[0], tuple(held.values()),
-                       tuple(self.beyond(q, {}).values()))
+                       tuple(self.stops.beyond(q, {}).values()))
