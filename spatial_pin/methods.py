@@ -25,8 +25,7 @@ def offer(works: Mapping[str, str]) -> None:
 def method(name: str) -> Callable[..., Any]:
     """Return what does the work of "Class.method"."""
     module, _, function = _TABLE[name].partition(":")
-    work: Callable[..., Any] = getattr(import_module(f"spatial_pin.{module}"), function)
-    return work
+    return getattr(import_module(f"spatial_pin.{module}"), function)
 
 
 def names() -> list[str]:

@@ -195,16 +195,14 @@ class Tradeoff:
 
     def _repr_html_(self) -> str:
         """Return a small table, for a notebook."""
-        text: str = method("Tradeoff._repr_html_")(self)
-        return text
+        return method("Tradeoff._repr_html_")(self)
 
     def __repr__(self) -> str:
         return (f"Tradeoff({self.mechanism!r}, {self.task!r}: {len(self)} settings, "
                 f"{len(self.front)} of them on the front)")
 
     def __str__(self) -> str:
-        text: str = method("Tradeoff.table")(self)
-        return text
+        return method("Tradeoff.table")(self)
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything as plain data.
@@ -267,8 +265,7 @@ class Tradeoff:
             >>> len(table.plot("table.svg").axes)
             1
         """
-        figure: Figure = method("Tradeoff.plot")(self, path)
-        return figure
+        return method("Tradeoff.plot")(self, path)
 
 
 @checked

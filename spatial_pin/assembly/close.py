@@ -97,5 +97,4 @@ def pinned_rows(
 def scaled_row(mechanism: Mechanism, coordinate: Coordinate, q: Array) -> Array:
     """Return the derivative (nv,), in scaled velocities, of a coordinate relative to its size."""
     size = mechanism.velocity_scale
-    row: Array = coordinate_gradient(mechanism, coordinate, q) * size / size[coordinate.v]
-    return row
+    return coordinate_gradient(mechanism, coordinate, q) * size / size[coordinate.v]

@@ -46,8 +46,7 @@ def frame_subtrees(mechanism: Mechanism) -> list[FrameSubtree]:
     if "frame subtrees" not in mechanism.memo:
         mechanism.memo["frame subtrees"] = [
             FrameSubtree(subtree, mechanism.model) for subtree in subtrees_of(mechanism.model)]
-    found: list[FrameSubtree] = mechanism.memo["frame subtrees"]
-    return found
+    return mechanism.memo["frame subtrees"]
 
 
 class Located:

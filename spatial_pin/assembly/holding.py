@@ -35,8 +35,7 @@ def free_bases(mechanism: Mechanism) -> tuple[str, ...]:
     """
     if "free bases" not in mechanism.memo:
         mechanism.memo["free bases"] = _free_bases(mechanism)
-    found: tuple[str, ...] = mechanism.memo["free bases"]
-    return found
+    return mechanism.memo["free bases"]
 
 
 def _free_bases(mechanism: Mechanism) -> tuple[str, ...]:
@@ -74,8 +73,7 @@ def _entries(mechanism: Mechanism, joint: str) -> range:
 def _joint_names(mechanism: Mechanism) -> frozenset[str]:
     if "joint names" not in mechanism.memo:
         mechanism.memo["joint names"] = frozenset(list(mechanism.model.names)[1:])
-    found: frozenset[str] = mechanism.memo["joint names"]
-    return found
+    return mechanism.memo["joint names"]
 
 
 def held_by(mechanism: Mechanism, hold: Hold, driven: Iterable[Coordinate] = ()) -> Held:
@@ -95,8 +93,7 @@ def held_by(mechanism: Mechanism, hold: Hold, driven: Iterable[Coordinate] = ())
     key = "held", names, tuple(driven)
     if key not in mechanism.memo:
         mechanism.memo[key] = _held_by(mechanism, *key[1:])
-    found: Held = mechanism.memo[key]
-    return found
+    return mechanism.memo[key]
 
 
 def _held_by(

@@ -47,8 +47,7 @@ def driven_groups(
     key = "groups", frozenset(c.name for c in driven)
     if key not in mechanism.memo:
         mechanism.memo[key] = _groups(mechanism, key[1])
-    found: list[int] = mechanism.memo[key]
-    return found
+    return mechanism.memo[key]
 
 
 def _groups(mechanism: Mechanism, driven: frozenset[str]) -> list[int]:
@@ -74,8 +73,7 @@ def is_in_loop(mechanism: Mechanism, joint: str) -> bool:
         pairs = np.bincount([groups[body] for ends in _pairs(mechanism) for body in ends
                              if groups[ends[0]] != groups[ends[1]]], minlength=len(groups))
         mechanism.memo["in loops"] = (pairs[groups] > 1).tolist()
-    found: bool = mechanism.memo["in loops"][mechanism.joint_id(joint)]
-    return found
+    return mechanism.memo["in loops"][mechanism.joint_id(joint)]
 
 
 def _pairs(mechanism: Mechanism) -> list[tuple[int, int]]:
@@ -101,8 +99,7 @@ def chain_links(mechanism: Mechanism) -> frozenset[int]:
     """
     if "chain links" not in mechanism.memo:
         mechanism.memo["chain links"] = _chain_links(mechanism)
-    found: frozenset[int] = mechanism.memo["chain links"]
-    return found
+    return mechanism.memo["chain links"]
 
 
 def _chain_links(mechanism: Mechanism) -> frozenset[int]:
@@ -159,8 +156,7 @@ def _axis(mechanism: Mechanism, joint: int) -> Array:
     model = mechanism.model.joints[joint]
     data = model.createData()
     model.calc(data, mechanism.neutral)
-    axis: Array = np.array(data.S).reshape(6, -1)[3:, -1]
-    return axis
+    return np.array(data.S).reshape(6, -1)[3:, -1]
 
 
 # ---------------------------------------------------------------- motions
@@ -213,5 +209,4 @@ def _twists(evaluation: Evaluation, velocities: Array) -> Array:
     columns = (joint_jacobian(evaluation.data, evaluation.model.nv)
                * evaluation.constraints.supports[1:, None])
     twists = (columns @ velocities.T) * size[:, None]
-    found: Array = twists / np.abs(twists).max(initial=1e-300)
-    return found
+    return twists / np.abs(twists).max(initial=1e-300)

@@ -189,8 +189,7 @@ def _found(mechanism: Mechanism, gap: float) -> Rounded | None:
     if key not in mechanism.memo:
         with evaluation_of(mechanism) as evaluation:
             mechanism.memo[key] = _rounded(evaluation, gap)
-    found: Rounded | None = mechanism.memo[key]
-    return found
+    return mechanism.memo[key]
 
 
 def _rounded(evaluation: Evaluation, gap: float) -> Rounded | None:

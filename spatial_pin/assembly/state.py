@@ -410,8 +410,7 @@ class State:
 
     def _repr_html_(self) -> str:
         """Return a small table, for a notebook."""
-        text: str = method("State._repr_html_")(self)
-        return text
+        return method("State._repr_html_")(self)
 
     def __repr__(self) -> str:
         drivers = ", ".join(
@@ -548,5 +547,4 @@ def _rest(mechanism: Mechanism) -> Array:
     """Return the rates (nv,) of what stands still."""
     if "rest" not in mechanism.memo:
         mechanism.memo["rest"] = _frozen(np.zeros(mechanism.model.nv))
-    found: Array = mechanism.memo["rest"]
-    return found
+    return mechanism.memo["rest"]

@@ -129,8 +129,7 @@ class Constraints:
 
     def support(self, joint: int) -> Array:
         """(nv,) 1 for the freedoms that move the body of `joint`."""
-        mask: Array = self.supports[joint]
-        return mask
+        return self.supports[joint]
 
 
 def _composed(equations: tuple[Equation, ...]) -> list[Composed]:
@@ -147,5 +146,4 @@ def constraints_of(mechanism: Mechanism) -> Constraints:
     needed(mechanism)
     if "constraints" not in mechanism.memo:
         mechanism.memo["constraints"] = Constraints(mechanism)
-    found: Constraints = mechanism.memo["constraints"]
-    return found
+    return mechanism.memo["constraints"]

@@ -32,8 +32,7 @@ def split_of(mechanism: Mechanism) -> SplitModel:
     """Return the tree of a mechanism split, made once."""
     if "split" not in mechanism.memo:
         mechanism.memo["split"] = split(mechanism.model)
-    found: SplitModel = mechanism.memo["split"]
-    return found
+    return mechanism.memo["split"]
 
 
 def split(model: pin.Model) -> SplitModel:

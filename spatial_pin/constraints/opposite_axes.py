@@ -59,5 +59,4 @@ def _axis_pairs(mechanism: Mechanism) -> list[_AxisPair]:
                                        (geometry.axes1, geometry.axes2), strict=True))
             found.append(_AxisPair(closure.name, (one, two)))
         mechanism.memo["axis pairs"] = found
-    pairs: list[_AxisPair] = mechanism.memo["axis pairs"]
-    return pairs
+    return mechanism.memo["axis pairs"]

@@ -69,8 +69,7 @@ def _polynomial(x: Array, y: Array) -> Callable[[float], Array]:
         if not away.all():
             return y[np.argmin(np.abs(away))]
         parts = weights / away
-        found: Array = (parts @ y) / parts.sum()
-        return found
+        return (parts @ y) / parts.sum()
 
     return at
 

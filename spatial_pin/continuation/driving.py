@@ -91,18 +91,15 @@ class DriversLaw(OneDriver):
 
     def values(self, s: float) -> Array:
         """Return the values (k,) of what is driven."""
-        found: Array = self.law(s)
-        return found
+        return self.law(s)
 
     def rates(self, s: float) -> Array:
         """Return their derivatives (k,) with respect to the parameter."""
-        found: Array = self._rates(s)
-        return found
+        return self._rates(s)
 
     def bends(self, s: float) -> Array:
         """Return their second derivatives (k,)."""
-        found: Array = self._bends(s)
-        return found
+        return self._bends(s)
 
     def smooth(self, here: float, first: float, last: float) -> Any:
         """Return one polynomial for the law between two parameters, the same `here`.

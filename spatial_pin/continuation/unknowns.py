@@ -47,18 +47,15 @@ class Configurations:
 
     def moved(self, x: Array, step: Array) -> Array:
         """Return the unknowns after a scaled step."""
-        found: Array = pin.integrate(self.model, x, self.scale * step)
-        return found
+        return pin.integrate(self.model, x, self.scale * step)
 
     def apart(self, x: Array, y: Array) -> Array:
         """Return the scaled step from unknowns to others."""
-        step: Array = pin.difference(self.model, x, y) / self.scale
-        return step
+        return pin.difference(self.model, x, y) / self.scale
 
     def normalized(self, x: Array) -> Array:
         """Return the unknowns with quaternions of unit length."""
-        found: Array = pin.normalize(self.model, x)
-        return found
+        return pin.normalize(self.model, x)
 
     def put(self, x: Array, s: float) -> None:
         """Give what is driven its values at a leading value, which becomes x's."""
@@ -129,5 +126,4 @@ class WithParameter(Configurations):
 
     def gaps(self, x: Array) -> Array:
         """Return how far driven coordinates are from their values, relative to their sizes."""
-        found: Array = (x[self._places] - self.law.values(float(x[-1]))) / self._sizes
-        return found
+        return (x[self._places] - self.law.values(float(x[-1]))) / self._sizes

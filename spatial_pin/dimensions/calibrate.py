@@ -416,8 +416,7 @@ class _Search:
         if found.status <= 0:
             raise SpatialPinError("calibrate: the search has not ended after "
                                   f"{EVALUATIONS} steps; look for fewer unknowns, or bound them")
-        x: Array = found.x
-        return x
+        return found.x
 
     def _weights(self, errors: Array) -> Array:
         return WEIGHTS[self._loss]((errors / self._margin) ** 2)
@@ -450,8 +449,7 @@ class _Spread:
 
     def gauge(self) -> Array:
         """Return rows (k, n) that are not zero for what is not determined."""
-        found: Array = self._svd.null_space * self._lengths
-        return found
+        return self._svd.null_space * self._lengths
 
     def covariance(self, sizes: Array) -> Array:
         """Return the covariance (n, n) of unknowns of these sizes, as `Calibration` has it."""

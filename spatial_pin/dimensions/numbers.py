@@ -127,8 +127,7 @@ class DimensionNumbers:
 
     def _turned(self, joint: int) -> Array:
         """Return the axes of the kernel's joint (3, 3) in those of the joint of the model."""
-        axes: Array = self._packed.frames[self._packed.carriers[joint]]
-        return axes
+        return self._packed.frames[self._packed.carriers[joint]]
 
     def _axis(self, frame: int) -> tuple[str, str, str]:
         """Return the body of an idle rotation and the two points that its axis runs through."""

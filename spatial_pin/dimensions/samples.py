@@ -155,8 +155,7 @@ class Samples:
         rates = coordinate_rates(
             self.mechanism, name, closed.q, closed.v, closed.a, continued=False)
         if kind not in ("ratio", "advantage"):
-            value: Array = rates._asdict()[kind]
-            return value
+            return rates._asdict()[kind]
         speed = closed.v[:, self.mechanism.coordinate(drive.driver).v]
         with np.errstate(divide="ignore"):
             ratio: Array = rates.rate / speed if kind == "ratio" else speed / rates.rate

@@ -90,8 +90,7 @@ class Variants:
         key = "traced tree", tuple(self.names)
         if key not in self.mechanism.memo:
             self.mechanism.memo[key] = _traced(self.mechanism, self.names)
-        found: TracedTree | None = self.mechanism.memo[key]
-        return found
+        return self.mechanism.memo[key]
 
 
 def copied(mechanism: Mechanism, **changed: Any) -> Mechanism:
@@ -370,8 +369,7 @@ def _axis_of(joint: pin.JointModel) -> Array | None:
     if joint.nv != 1 or name[0] not in "RP":
         return None
     own = joint.extract()
-    found: Array = np.array(own.axis) if hasattr(own, "axis") else np.eye(3)["XYZ".index(name[-1])]
-    return found
+    return np.array(own.axis) if hasattr(own, "axis") else np.eye(3)["XYZ".index(name[-1])]
 
 
 def _turning(axis: Array, others: Array) -> Pose:

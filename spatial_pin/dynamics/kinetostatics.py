@@ -102,8 +102,7 @@ class Kinetostatics(_Loads, Tabular):
             >>> loads.output("crank.effort").values.round(3)  # [N·m]
             array([-0.27 ,  0.214,  0.971])
         """
-        found: Output = method("Kinetostatics.output")(self, spec)
-        return found
+        return method("Kinetostatics.output")(self, spec)
 
     def quantities(self, outputs: str | Iterable[str] | None = None) -> dict[str, Quantity]:
         """Return quantities by name: time, driver, all efforts, powers and reactions.
@@ -120,13 +119,11 @@ class Kinetostatics(_Loads, Tabular):
             >>> [(name, x.unit) for name, x in loads.quantities("crank.effort").items()]
             [('time', 's'), ('crank', 'rad'), ('crank effort', 'N·m')]
         """
-        found: dict[str, Quantity] = method("Kinetostatics.quantities")(self, outputs)
-        return found
+        return method("Kinetostatics.quantities")(self, outputs)
 
     def _repr_html_(self) -> str:
         """Return a small table, for a notebook."""
-        text: str = method("Kinetostatics._repr_html_")(self)
-        return text
+        return method("Kinetostatics._repr_html_")(self)
 
     def __repr__(self) -> str:
         units = self.motion.mechanism.coordinate

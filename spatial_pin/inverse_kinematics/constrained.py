@@ -191,8 +191,7 @@ class Constrained:
 
     def closures(self) -> Array:
         """Return the derivative (k, nv) of the loops' equations, none of idle rotations."""
-        found: Array = self.evaluation.jacobian[: self.evaluation.constraints.n_closure]
-        return found
+        return self.evaluation.jacobian[: self.evaluation.constraints.n_closure]
 
     def kept(self, q: Array, free: NDArray[np.bool_], kept: Sequence[Target]) -> Array | None:
         """Return q with its loops closed and targets met again; None if that takes too far."""

@@ -72,8 +72,7 @@ class Slope(NamedTuple):
         is_flat = size <= TOLERANCES.half_precision * most
         along[is_flat & (np.abs(along) <= TOLERANCES.regular * np.abs(along).max())] = 0.0
         parts = along / (np.maximum(size, TOLERANCES.nothing * most) + damping * most)
-        found: Array = -(self.ways @ parts) @ self.motions
-        return found
+        return -(self.ways @ parts) @ self.motions
 
     def off_summit(self) -> Array | None:
         """Return the way (nv,) that it bends down most along; None where it does not."""
@@ -222,8 +221,7 @@ class Descent:
             return self._slope(q, held).step(self._pace.damping)
         motions = self.base.motions(q, self.base.stops.free(held), self.kept)
         residual, rows = self.base.residual(q, self.wanted)
-        found: Array = damped(rows @ motions.T, -residual, self._pace.damping) @ motions
-        return found
+        return damped(rows @ motions.T, -residual, self._pace.damping) @ motions
 
     def _landed(self, q: Array, step: Array, held: Held) -> Place | None:
         """Return where a step leads, what is kept met again, within limits; None if too far."""
@@ -282,5 +280,4 @@ def damped(a: Array, b: Array, damping: float) -> Array:
         return np.zeros(a.shape[1])
     s = svd.s[: svd.rank]
     parts = s / (s * s + damping * svd.s[0] ** 2)
-    found: Array = (parts * (svd.u[:, : svd.rank].T @ b)) @ svd.vt[: svd.rank]
-    return found
+    return (parts * (svd.u[:, : svd.rank].T @ b)) @ svd.vt[: svd.rank]

@@ -127,8 +127,7 @@ def _directions(rows: Array, away: Array) -> Array:
     out = away @ turned.null_space.T
     if np.abs(out).max(initial=0.0) > TOLERANCES.closed:
         return ALL
-    found: Array = turned.vt[: turned.rank].T
-    return found
+    return turned.vt[: turned.rank].T
 
 
 # ---------------------------------------------------------------- stretches

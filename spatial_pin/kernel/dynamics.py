@@ -231,8 +231,7 @@ class Dynamics:
         """Return the branch points between two values of the chart coordinate."""
         out = np.empty(MOST_CROSSINGS)
         n = self._library.dynamics_crossed(self.handle, first, last, address(out), len(out))
-        found: list[float] = out[:n].tolist()
-        return found
+        return out[:n].tolist()
 
     def keep(self) -> float:
         """Keep the last configuration as one to restart from where closing from another fails.

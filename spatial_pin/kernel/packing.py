@@ -90,8 +90,7 @@ def packed(mechanism: Mechanism, idle: bool = True) -> Packed:
     key = "packed", idle
     if key not in mechanism.memo:
         mechanism.memo[key] = _packed(mechanism, idle)
-    found: Packed = mechanism.memo[key]
-    return found
+    return mechanism.memo[key]
 
 
 def _packed(mechanism: Mechanism, idle: bool) -> Packed:

@@ -124,9 +124,8 @@ class Path:
         """Write samples at values of the parameter (m,); return how many were reached."""
         values = numbers(values, (len(samples.q),))
         rows, code = _Rows(*map(address, samples)), ctypes.c_int()
-        reached: int = self._library.path_follow(
+        return self._library.path_follow(
             self._handle, address(values), len(values), ctypes.byref(rows), ctypes.byref(code))
-        return reached
 
     def go(self, value: float) -> bool:
         """Move to a value of the parameter; False if it stopped at a safe point before it."""

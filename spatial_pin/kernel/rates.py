@@ -188,5 +188,4 @@ def rates_of(kernel: Kernel, driven: tuple[int, ...], n_moving: int) -> Rates:
     key = driven, n_moving
     if key not in kernel.kept:
         kernel.kept[key] = Rates(kernel, driven, n_moving)
-    found: Rates = kernel.kept[key]
-    return found
+    return kernel.kept[key]

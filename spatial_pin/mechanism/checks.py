@@ -170,8 +170,7 @@ def impossible_inertias(mechanism: Mechanism) -> Impossible:
     """
     if "impossible inertias" not in mechanism.memo:
         mechanism.memo["impossible inertias"] = _impossible(mechanism)
-    found: Impossible = mechanism.memo["impossible inertias"]
-    return found
+    return mechanism.memo["impossible inertias"]
 
 
 def refuse_negative_inertias(mechanism: Mechanism) -> None:
@@ -221,5 +220,4 @@ def has_inertia(mechanism: Mechanism) -> bool:
         bodies = (x for x in list(model.inertias)[1:] if x.mass or np.any(x.inertia))
         mechanism.memo["has inertia"] = bool(
             np.any(model.armature) or next(bodies, None) is not None)
-    found: bool = mechanism.memo["has inertia"]
-    return found
+    return mechanism.memo["has inertia"]

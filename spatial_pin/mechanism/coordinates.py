@@ -87,8 +87,7 @@ def by_joint(mechanism: Mechanism) -> dict[str, list[Coordinate]]:
         for c in mechanism.coordinate_table.values():
             found.setdefault(c.joint, []).append(c)
         mechanism.memo["by joint"] = found
-    known: dict[str, list[Coordinate]] = mechanism.memo["by joint"]
-    return known
+    return mechanism.memo["by joint"]
 
 
 def driver_coordinates(mechanism: Mechanism) -> dict[str, Coordinate]:
@@ -96,8 +95,7 @@ def driver_coordinates(mechanism: Mechanism) -> dict[str, Coordinate]:
     if "driver coordinates" not in mechanism.memo:
         mechanism.memo["driver coordinates"] = {
             d.name: mechanism.prescribed_coordinate(d.joint) for d in mechanism.drivers.values()}
-    found: dict[str, Coordinate] = mechanism.memo["driver coordinates"]
-    return found
+    return mechanism.memo["driver coordinates"]
 
 
 def joint_values(mechanism: Mechanism, guess: Mapping[str, Any]) -> dict[str, float]:
@@ -260,8 +258,7 @@ def rotation_vectors(quaternions: Array) -> Array:
     """Return rotation vectors (N, 3), of length up to pi, of quaternions (N, 4)."""
     from scipy.spatial.transform import Rotation
 
-    phi: Array = Rotation.from_quat(quaternions.copy()).as_rotvec()
-    return phi
+    return Rotation.from_quat(quaternions.copy()).as_rotvec()
 
 
 def continued_rotation_vectors(quaternions: Array) -> Array:
@@ -311,9 +308,8 @@ def _spin_bias(
     _, c, db, dc = functions
     dt = 2.0 * np.sum(phi * rate, axis=1)
     u = np.cross(phi, rate)
-    bias: Array = (-(db * dt)[:, None] * u + (dc * dt)[:, None] * np.cross(phi, u)
-                   + c[:, None] * np.cross(rate, u))
-    return bias
+    return (-(db * dt)[:, None] * u + (dc * dt)[:, None] * np.cross(phi, u)
+            + c[:, None] * np.cross(rate, u))
 
 
 def _jacobian_functions(t2: Array) -> tuple[Array, Array, Array, Array]:

@@ -9,5 +9,4 @@ from typing import Any
 
 def export_urdf(mechanism: Any, path: str | Path) -> list[Path]:
     """Write the open tree as plain URDF, see `spatial_pin.formats.export.export_urdf`."""
-    written: list[Path] = import_module("spatial_pin.formats.export").export_urdf(mechanism, path)
-    return written
+    return import_module("spatial_pin.formats.export").export_urdf(mechanism, path)

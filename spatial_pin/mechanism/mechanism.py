@@ -159,10 +159,9 @@ class Mechanism:
             >>> print(f"{sp.assemble(mech, {'lever': 0.2}).coordinate('arm').value:.4f} rad")
             0.2377 rad
         """
-        made: Mechanism = method("Mechanism.from_model")(
+        return method("Mechanism.from_model")(
             model, closures, drivers, springs, passives, {} if guess is None else guess,
             frames or {}, name, visual_model, collision_model)
-        return made
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied or sent elsewhere: all but what is worked out again on use."""
@@ -201,8 +200,7 @@ class Mechanism:
             vars(other).update(whole=self, kept=kept, closures=tuple(
                 c for c in closures if c.type != COUPLING or kept.own[self.closures.index(c)]))
             self.memo[key] = other
-        found: Mechanism = self.memo[key]
-        return found
+        return self.memo[key]
 
     # ------------------------------------------------------------ coordinates
 
@@ -450,13 +448,11 @@ class Mechanism:
             >>> file.name, sp.load(file).coordinates == sp.load("rssr").coordinates
             ('rssr.toml', True)
         """
-        written: Path = method("Mechanism.save")(self, folder)
-        return written
+        return method("Mechanism.save")(self, folder)
 
     def _repr_html_(self) -> str:
         """Return a small table, for a notebook."""
-        text: str = method("Mechanism._repr_html_")(self)
-        return text
+        return method("Mechanism._repr_html_")(self)
 
     def __repr__(self) -> str:
         return (

@@ -76,8 +76,7 @@ class Mobility:
 
     def _repr_html_(self) -> str:
         """Return a small table, for a notebook."""
-        text: str = method("Mobility._repr_html_")(self)
-        return text
+        return method("Mobility._repr_html_")(self)
 
     def __repr__(self) -> str:
         return (f"Mobility({self.mechanism.name!r}: {self.dof} freedoms, {len(self.passive)} of "

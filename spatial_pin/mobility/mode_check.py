@@ -164,8 +164,7 @@ class Check:
         """Return the marks (rows, 3) at a configuration."""
         n, length = self.mechanism.model.njoints, self.mechanism.characteristic_length
         self.evaluation.update(q)
-        found: Array = rows_of(marks, n, length) @ self.evaluation.placements.reshape(4 * n, 3)
-        return found
+        return rows_of(marks, n, length) @ self.evaluation.placements.reshape(4 * n, 3)
 
     # ------------------------------------------------------------ links that stand as they like
 
@@ -196,9 +195,8 @@ class Check:
         columns = self._columns({i for rod in rods for i in rod.lines}, with_children=False)
         angles = rng.uniform(-np.pi, np.pi, len(columns))
         scale = self.mechanism.velocity_scale
-        found: Array = pin.integrate(self.mechanism.model, q,
-                                     np.where(columns, scale * angles, 0.0))
-        return found
+        return pin.integrate(self.mechanism.model, q,
+                             np.where(columns, scale * angles, 0.0))
 
     def settled(self, q: Array, base: Array, marks: Mapping[int, Mark]) -> Array:
         """Return the copy of a mode in which rods and passive links stand as in `base`, if near.

@@ -68,8 +68,7 @@ def resting(evaluation: Evaluation, idle: list[tuple[str, Array]]) -> dict[int, 
 def _twists(evaluation: Evaluation, body: int, velocities: Array) -> Array:
     """Return (k, 6) twists of a body about the world origin for joint velocities (k, nv)."""
     columns = joint_jacobian(evaluation.data, evaluation.model.nv)
-    found: Array = velocities @ (columns * evaluation.constraints.support(body)).T
-    return found
+    return velocities @ (columns * evaluation.constraints.support(body)).T
 
 
 def _speeds(evaluation: Evaluation, body: int, points: Array, velocities: Array) -> Array:
@@ -78,8 +77,7 @@ def _speeds(evaluation: Evaluation, body: int, points: Array, velocities: Array)
     places = points @ placement.rotation.T + placement.translation
     twists = _twists(evaluation, body, velocities)
     speeds = twists[:, None, :3] + np.cross(twists[:, None, 3:], places[None])
-    found: Array = speeds.reshape(len(velocities), -1) * evaluation.constraints.scale
-    return found
+    return speeds.reshape(len(velocities), -1) * evaluation.constraints.scale
 
 
 def _fastest(evaluation: Evaluation, body: int, velocities: Array) -> float:

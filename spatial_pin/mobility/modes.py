@@ -367,10 +367,9 @@ class _Search:
         found, error = self._descended(pushed)
         left = _apart(self._signatures(found), signatures)
         asked = _apart(self._signatures(pushed), signatures)
-        moving: NDArray[np.bool_] = ((width - ranks > self.generic_nullity)
-                                     & (error <= SAME_MODE * SAME_MODE)
-                                     & (left > TOLERANCES.moved * asked))
-        return moving
+        return ((width - ranks > self.generic_nullity)
+                & (error <= SAME_MODE * SAME_MODE)
+                & (left > TOLERANCES.moved * asked))
 
     # ------------------------------------------------------------ what tells modes apart
 
@@ -402,8 +401,7 @@ class _Search:
     def _signatures(self, q: Array) -> Array:
         """Return (m, rows, 3) what tells configurations q (nq, m) apart."""
         placed = self.kernel.placements(q.T)
-        found: Array = self.rows @ placed.reshape(len(placed), -1, 3)
-        return found
+        return self.rows @ placed.reshape(len(placed), -1, 3)
 
     # ------------------------------------------------------------ the answer
 
@@ -485,8 +483,7 @@ class _Search:
 
 def _apart(signatures: Array, other: Array) -> Array:
     """Return (m,) largest differences of signatures (m, rows, 3) from another (rows, 3)."""
-    found: Array = np.abs(signatures - other).max(axis=(1, 2), initial=0.0)
-    return found
+    return np.abs(signatures - other).max(axis=(1, 2), initial=0.0)
 
 
 def _random_starts(

@@ -165,8 +165,7 @@ def _swings(motion: Motion, v: NDArray[np.intp]) -> Array:
         return np.full((len(motion) - 1, len(v)), np.inf)
     h = steps[:, None]
     rates, accelerations = (np.abs(x[:-1, v]) + np.abs(x[1:, v]) for x in (motion.v, motion.a))
-    swings: Array = h * SWING_OF_RATES * rates + h * h * SWING_OF_ACCELERATIONS * accelerations
-    return swings
+    return h * SWING_OF_RATES * rates + h * h * SWING_OF_ACCELERATIONS * accelerations
 
 
 def _steps(motion: Motion) -> Array | None:

@@ -314,8 +314,7 @@ class Motion(Tabular):
                    [-0.3761,  0.2463,  0.    ],
                    [-0.3261,  0.2537,  0.    ]])
         """
-        found: FrameMotion = method("Motion.frame")(self, name)
-        return found
+        return method("Motion.frame")(self, name)
 
     @checked
     def com(self, name: str) -> FrameMotion:
@@ -338,8 +337,7 @@ class Motion(Tabular):
                    [ 0.14, -0.  ,  0.  ],
                    [-0.  , -0.06,  0.  ]])
         """
-        found: FrameMotion = method("Motion.com")(self, name)
-        return found
+        return method("Motion.com")(self, name)
 
     @checked
     def output(self, spec: str) -> Output:
@@ -373,8 +371,7 @@ class Motion(Tabular):
             >>> motion.output("coupler_b.velocity").values.shape  # (N, 3)
             (3, 3)
         """
-        found: Output = method("Motion.output")(self, spec)
-        return found
+        return method("Motion.output")(self, spec)
 
     def frame_unit(self, kind: str) -> str:
         """Return the unit of a quantity of a frame, by its name.
@@ -405,8 +402,7 @@ class Motion(Tabular):
             >>> [(name, x.unit) for name, x in motion.quantities("rocker_pin.rate").items()]
             [('time', 's'), ('crank', 'rad'), ('rocker_pin rate', 'rad/s')]
         """
-        found: dict[str, Quantity] = method("Motion.quantities")(self, outputs)
-        return found
+        return method("Motion.quantities")(self, outputs)
 
     @checked
     def save(self, path: str | Path) -> Path:
@@ -492,8 +488,7 @@ class Motion(Tabular):
 
     def _repr_html_(self) -> str:
         """Return a small table, for a notebook."""
-        text: str = method("Motion._repr_html_")(self)
-        return text
+        return method("Motion._repr_html_")(self)
 
     def __repr__(self) -> str:
         worst = float(self.closure_error.max(initial=0.0))
@@ -502,8 +497,7 @@ class Motion(Tabular):
                 f"closure error at most {worst:.1e}, {len(self.events)} events)")
 
     def __str__(self) -> str:
-        text: str = method("Motion.summary")(self)
-        return text
+        return method("Motion.summary")(self)
 
 
 def motion_needed(motion: object) -> None:

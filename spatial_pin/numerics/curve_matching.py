@@ -100,8 +100,7 @@ def lengths_along(curves: Array) -> Array:
     """Return the parts (m, n + 1) of the length of closed curves (m, n, 3) at their samples."""
     steps = np.linalg.norm(np.diff(curves, axis=1, append=curves[:, :1]), axis=2)
     found = np.concatenate([np.zeros((len(curves), 1)), np.cumsum(steps, axis=1)], axis=1)
-    parts: Array = found / np.maximum(found[:, -1:], np.finfo(float).tiny)
-    return parts
+    return found / np.maximum(found[:, -1:], np.finfo(float).tiny)
 
 
 def _even(curves: Array, n: int) -> Array:
@@ -144,8 +143,7 @@ def _turned_products(products: Array, turns: NDArray[np.bool_]) -> Array:
     if turns.all():
         values = np.linalg.svd(products, compute_uv=False)
         mirrored = np.where(np.linalg.det(products) < 0.0, -1.0, 1.0)
-        found: Array = values[..., 0] + values[..., 1] + mirrored * values[..., 2]
-        return found
+        return values[..., 0] + values[..., 1] + mirrored * values[..., 2]
     if turns.any():
         i, j, axis = _plane(turns)
         return np.hypot(products[..., i, i] + products[..., j, j],

@@ -90,8 +90,7 @@ def full_decomposition(a: Array, tolerance: float = TOLERANCES.rank) -> Decompos
 
 def singular_values(a: Array) -> Array:
     """Return the singular values (..., k), descending, of matrices (..., m, n)."""
-    found: Array = np.linalg.svd(a, compute_uv=False)
-    return found
+    return np.linalg.svd(a, compute_uv=False)
 
 
 def rank(a: Array, tolerance: float = TOLERANCES.rank) -> int:
@@ -129,8 +128,7 @@ def aligned(rows: Array, reference: Array) -> Array:
 
 def least_squares(a: Array, b: Array) -> Array:
     """Return x (n,) or (n, k) for which |a x - b| is least, the shortest of all that are."""
-    x: Array = np.linalg.lstsq(a, b, rcond=None)[0]
-    return x
+    return np.linalg.lstsq(a, b, rcond=None)[0]
 
 
 def pseudo_inverses(a: Array, tolerance: float) -> Array:

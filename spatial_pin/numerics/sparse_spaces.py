@@ -106,5 +106,4 @@ class _Projection:
     def _solved(self, rhs: Array) -> Array:
         x = self._factors.solve(rhs)
         x += self._factors.solve(rhs - self._matrix @ x)
-        found: Array = x[: self._m]
-        return found
+        return x[: self._m]

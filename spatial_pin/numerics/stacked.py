@@ -12,8 +12,7 @@ def damped_solutions(a: Array, b: Array, damping: Array) -> Array:
     """Return x (m, n) with |a x - b|² + damping |x|² least, a (m, k, n), b (m, k), damping (m,)."""
     u, s, vt = np.linalg.svd(a, full_matrices=False)
     parts = s / (s * s + damping[:, None])
-    found: Array = np.einsum("mkn,mk->mn", vt, parts * np.einsum("mik,mi->mk", u, b))
-    return found
+    return np.einsum("mkn,mk->mn", vt, parts * np.einsum("mik,mi->mk", u, b))
 
 
 def null_spaces(a: Array) -> Array:
@@ -23,8 +22,7 @@ def null_spaces(a: Array) -> Array:
     square[:, :k] = a
     _, s, vt = np.linalg.svd(square, full_matrices=False)
     free = s <= TOLERANCES.singular * s[:, :1]
-    found: Array = vt * free[:, :, None]
-    return found
+    return vt * free[:, :, None]
 
 
 def projected(b: Array, a: Array, left: Array | None = None) -> Array:
@@ -41,5 +39,4 @@ def projected(b: Array, a: Array, left: Array | None = None) -> Array:
     if left is not None:
         squares = np.maximum(s * s, np.finfo(float).tiny)
         part *= squares / (squares + np.abs(np.einsum("mkj,mk->mj", u, left)))
-    found: Array = b - (u * part[:, None]) @ (u.transpose(0, 2, 1) @ b)
-    return found
+    return b - (u * part[:, None]) @ (u.transpose(0, 2, 1) @ b)

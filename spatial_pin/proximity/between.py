@@ -43,8 +43,7 @@ class Between:
         cubic = u * u * ((3.0 - 2.0 * u) * way - v * slope1) + u * v * v * slope0
         fifth = part**self._powers @ quintic((self._at_first, way), (slope0, slope1), bends)
         step = np.where(self._is_linear, fifth, cubic)
-        found: Array = pin.integrate(self.model, q0, step)
-        return found
+        return pin.integrate(self.model, q0, step)
 
     def turned(self, row: int) -> float:
         """Return the angle [rad] that all joints together turn, on the way to the next sample.

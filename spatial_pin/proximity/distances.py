@@ -164,11 +164,10 @@ class Distances:
         (seen, back, turn), (seen_then, back_then, turn_then) = (
             self._seen(middles, rotations) for middles, rotations in (before, after))
         swing = 2.0 * _half_sine(turn, turn_then)
-        found: Array = np.min([
+        return np.min([
             first + second,
             np.linalg.norm(seen_then - seen, axis=1) + swing * self._reach[other],
             np.linalg.norm(back_then - back, axis=1) + swing * self._reach[own]], axis=0)
-        return found
 
     def _seen(self, middles: Array, rotations: Array) -> tuple[Array, Array, Array]:
         """Return where links are: the second as the first sees it, and back, and how turned."""
@@ -212,8 +211,7 @@ class Distances:
         spheres = np.sqrt(np.einsum("ki,ki->k", between, between)) - radii
         rods = (segments_apart(between, self._halves[first], self._halves[second])
                 - self._thickness[first] - self._thickness[second])
-        found: Array = np.maximum(spheres, rods) - LOWERED * radii
-        return found
+        return np.maximum(spheres, rods) - LOWERED * radii
 
     def touching(self, tolerance: float) -> tuple[str, str] | None:
         """Return the first pair of links no farther apart than that, at the last `place`."""
@@ -263,8 +261,7 @@ def segments_apart(between: Array, first: Array, second: Array) -> Array:
     t = np.clip(t, -1.0, 1.0)
     s = np.clip((b * t - d) / np.where(a > 0.0, a, 1.0), -1.0, 1.0)
     apart = between + s[:, None] * first - t[:, None] * second
-    found: Array = np.sqrt(np.einsum("ki,ki->k", apart, apart))
-    return found
+    return np.sqrt(np.einsum("ki,ki->k", apart, apart))
 
 
 def nearest(a: Solid, at_a: coal.Transform3s, b: Solid, at_b: coal.Transform3s) -> Nearest:

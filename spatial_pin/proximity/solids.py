@@ -140,8 +140,7 @@ def _round(radius: float, n: Array, height: Array | float) -> Array:
 
 
 def _ends(s: Any, n: Array) -> Array:
-    found: Array = np.copysign(s.halfLength, n[:, 2])
-    return found
+    return np.copysign(s.halfLength, n[:, 2])
 
 
 def _cone(s: Any, n: Array) -> Array:

@@ -97,8 +97,7 @@ def once(
     whole = *key, hold if hold is None or isinstance(hold, str) else tuple(names_of(hold, "hold"))
     if whole not in mechanism.memo:
         mechanism.memo[whole] = make()
-    found: Made = mechanism.memo[whole]
-    return found
+    return mechanism.memo[whole]
 
 
 class Plan(NamedTuple):

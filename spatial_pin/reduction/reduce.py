@@ -105,8 +105,7 @@ class Reduced(Mechanism):
             if len(known) >= STARTS:
                 known.clear()
             known[key] = self._start(values)
-        found: Array | None = known[key]
-        return found
+        return known[key]
 
     def _start(self, values: Mapping[str, float]) -> Array | None:
         try:
@@ -167,9 +166,8 @@ class Reduced(Mechanism):
             >>> small.verify("crank", np.linspace(0.0, 6.28, 37)).worst < 1e-10
             True
         """
-        found: Verification = method("Reduced.verify")(
+        return method("Reduced.verify")(
             self, driver, values, speed, acceleration, guess, dict(hold or {}))
-        return found
 
     def __repr__(self) -> str:
         return super().__repr__().replace("Mechanism(", "Reduced(", 1)

@@ -177,8 +177,7 @@ class _Drawn(Precision):
     ) -> Array:
         """Return how far origins (m, 3) of a frame are from their points, without unit."""
         points, _ = self.drawn(mechanism, own)
-        found: Array = (origins - points[at]) / self._size(mechanism, own)
-        return found
+        return (origins - points[at]) / self._size(mechanism, own)
 
     def _away_slopes(
         self, mechanism: Mechanism, away: Array, moved: Array, at: NDArray[np.intp], own: Array
@@ -245,8 +244,7 @@ class Path(_Drawn):
 
     def errors(self, residual: Array, mechanism: Mechanism, own: Array) -> Array:
         """See `Precision`: lengths of the world."""
-        found: Array = np.linalg.norm(residual, axis=1) * self._size(mechanism, own)
-        return found
+        return np.linalg.norm(residual, axis=1) * self._size(mechanism, own)
 
     def check(self, mechanism: Mechanism) -> None:
         """See `Goal`."""
@@ -299,8 +297,7 @@ class Poses(_Drawn):
     def errors(self, residual: Array, mechanism: Mechanism, own: Array) -> Array:
         """See `Precision`: lengths of the world in m and angles in rad, the larger of both."""
         places = np.linalg.norm(residual[:, :3], axis=1) * self._size(mechanism, own)
-        found: Array = np.maximum(places, np.linalg.norm(residual[:, 3:], axis=1))
-        return found
+        return np.maximum(places, np.linalg.norm(residual[:, 3:], axis=1))
 
     def check(self, mechanism: Mechanism) -> None:
         """See `Goal`."""
@@ -347,8 +344,7 @@ class Function(Precision):
         away = bodies.q[:, coordinate.q] - self.values[at] - zero * size
         if coordinate.unit == "rad":
             away = np.remainder(away + np.pi, 2.0 * np.pi) - np.pi
-        found: Array = away[:, None] / size
-        return found
+        return away[:, None] / size
 
     def slopes(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Slopes:
         """See `Precision`."""
@@ -361,8 +357,7 @@ class Function(Precision):
     def errors(self, residual: Array, mechanism: Mechanism, own: Array) -> Array:
         """See `Precision`."""
         size = mechanism.velocity_scale[mechanism.prescribed_coordinate(self.output).v]
-        found: Array = np.abs(residual[:, 0]) * size
-        return found
+        return np.abs(residual[:, 0]) * size
 
     def check(self, mechanism: Mechanism) -> None:
         """See `Precision`."""

@@ -542,8 +542,7 @@ class _Exactly:
         samples, raw = found
         rows = [*self.fit.goal_slopes(x, samples), *self._demand_slopes(x, samples, raw)]
         factor = np.where(self.exact, np.sqrt(self.penalty), self.weights) * self._shaped(raw)[1]
-        slopes: Array = np.concatenate([np.empty((0, len(x))), *rows]) * factor[:, None]
-        return slopes
+        return np.concatenate([np.empty((0, len(x))), *rows]) * factor[:, None]
 
     def _demand_slopes(self, x: Array, samples: list[Samples], raw: Array) -> list[Array]:
         """Return derivatives of demands, by differences of closed configurations."""

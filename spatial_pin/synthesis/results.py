@@ -469,8 +469,7 @@ def _targets(goal: Goal, mechanism: Mechanism, own: Array) -> Array:
                          for turned, point in zip(goal.rotations, points, strict=True)])
     assert isinstance(goal, Function)
     size = mechanism.velocity_scale[mechanism.prescribed_coordinate(goal.output).v]
-    found: Array = goal.values + (own[0] * size if goal.offset else 0.0)
-    return found
+    return goal.values + (own[0] * size if goal.offset else 0.0)
 
 
 def _natural(goal: Precision, mechanism: Mechanism, name: str, value: float) -> float:

@@ -289,8 +289,7 @@ class _Keyed:
 
 @lru_cache(maxsize=8)
 def _made(keyed: _Keyed, thread: int) -> Sought:
-    problem: Sought = keyed.spec.make()
-    return problem
+    return keyed.spec.make()
 
 
 def _sheet(problem: Any, seed: np.random.SeedSequence) -> list[Begin]:

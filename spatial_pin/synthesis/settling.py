@@ -194,8 +194,7 @@ class Settling:
         self, members: Members, samples: Samples, own: Array, weight: float
     ) -> Array:
         """Return the residuals (k, h + r) that are left so."""
-        found: Array = self._rows(members, samples, own)[0].together(weight)[0]
-        return found
+        return self._rows(members, samples, own)[0].together(weight)[0]
 
     def loose_slopes(
         self, members: Members, around: Members, widths: Array, samples: Samples, own: Array,
@@ -358,9 +357,8 @@ def _steps(slope: Array, residual: Array, damping: Array) -> Array:
     """Return Levenberg's steps (m, n), the longest part of each at most half a radian."""
     steps = -damped_solutions(slope, residual, damping)
     longest = np.abs(steps).max(axis=1, initial=0.0)
-    found: Array = steps * np.minimum(
+    return steps * np.minimum(
         1.0, TOLERANCES.damped_step / np.maximum(longest, TOLERANCES.nothing))[:, None]
-    return found
 
 
 def spread(mechanism: Mechanism, q: Array, k: int, rng: np.random.Generator) -> Array:

@@ -46,8 +46,7 @@ class Task(NamedTuple):
 
     def matrices(self, jacobians: Array) -> Array:
         """Return (..., r, c) Jacobians along the directions."""
-        found: Array = self.directions @ jacobians[..., TASKS[self.name], :]
-        return found
+        return self.directions @ jacobians[..., TASKS[self.name], :]
 
 
 def task_of(jacobians: Array, wanted: str | None) -> Task:

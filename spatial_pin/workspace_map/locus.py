@@ -128,8 +128,7 @@ class Locus:
         """Return the derivatives (2,) of the function along two motions; NaN if not known."""
         if self._limit is not None:
             limit = self._limit
-            found: Array = -limit.side * plane[:, limit.v]
-            return found
+            return -limit.side * plane[:, limit.v]
         ends = [[self.section.moved(q, sign * SMALL_MOVE * way) for sign in (1, -1)]
                 for way in plane]
         return np.array([np.nan if a is None or b is None else

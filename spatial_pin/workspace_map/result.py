@@ -274,8 +274,7 @@ class Workspace(Tabular):
             >>> curve.is_boundary, curve.points.shape[1]  # (m, 3) [m]
             (True, 3)
         """
-        found: tuple[Curve, ...] = method("Workspace.curves")(self, at, tolerance)
-        return found
+        return method("Workspace.curves")(self, at, tolerance)
 
     @checked
     def plot(
@@ -307,8 +306,7 @@ class Workspace(Tabular):
             >>> figure.axes[0].get_xlabel()
             'x [m]'
         """
-        figure: Figure = method("Workspace.plot")(self, path, plane, at, thickness)
-        return figure
+        return method("Workspace.plot")(self, path, plane, at, thickness)
 
     def __repr__(self) -> str:
         return (f"Workspace({self.mechanism.name!r}: {self.frame} over "

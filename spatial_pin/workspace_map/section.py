@@ -82,23 +82,20 @@ class Section:
     def matrix(self, why: str, motions: Array) -> Array:
         """Return the square matrix that loses its rank on a curve, where the equations stand."""
         if why == LIMIT:
-            found: Array = self._rows @ motions.T
-            return found
+            return self._rows @ motions.T
         if self.asked.is_posed:
             return motions[:, self._moved].T
         size = self.asked.mechanism.characteristic_length
         rows = self.evaluation.frame_jacobian(self._frame) * self.scale
         rows[:3] /= size
-        moved: Array = self.task.directions @ rows[TASKS[self.task.name]] @ motions.T
-        return moved
+        return self.task.directions @ rows[TASKS[self.task.name]] @ motions.T
 
     def plane(self, motions: Array) -> Array:
         """Return two orthonormal motions (2, nv), those of the section."""
         fixed = [row for i, row in enumerate(self._rows) if i not in self.free]
         if not fixed:
             return motions
-        found: Array = decompose(np.array(fixed) @ motions.T, 0.0).vt[len(fixed) :] @ motions
-        return found
+        return decompose(np.array(fixed) @ motions.T, 0.0).vt[len(fixed) :] @ motions
 
     def moved(self, q: Array, step: Array) -> Array | None:
         """Return the configuration a step (nv,) away, loops closed; None where they stay open."""

@@ -195,5 +195,4 @@ def _draws(mechanism: Mechanism) -> Array:
     if "draws" not in mechanism.memo:
         shape = MAX_STARTS - 1, mechanism.model.nv
         mechanism.memo["draws"] = np.random.default_rng(20110).uniform(-1.0, 1.0, shape)
-    found: Array = mechanism.memo["draws"]
-    return found
+    return mechanism.memo["draws"]

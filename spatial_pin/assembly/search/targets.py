@@ -60,8 +60,7 @@ def left_of(
             pinned, still, free, first if has_first else None,
             {name: table[name].q for name in held if table[name].q >= 0}, said, is_whole,
             further_starts(mechanism, held, named, still))
-    found: Left = mechanism.memo[key]
-    return found
+    return mechanism.memo[key]
 
 
 def _said(

@@ -21,8 +21,7 @@ def periodic(mechanism: Mechanism) -> list[Coordinate]:
     """Return the angles that mean the same after a whole turn."""
     if "periodic" not in mechanism.memo:
         mechanism.memo["periodic"] = _periodic(mechanism)
-    found: list[Coordinate] = mechanism.memo["periodic"]
-    return found
+    return mechanism.memo["periodic"]
 
 
 def _periodic(mechanism: Mechanism) -> list[Coordinate]:

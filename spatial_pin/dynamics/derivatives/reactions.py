@@ -174,8 +174,7 @@ class ReactionChanges:
         out[:, at] = inertia @ (a_by_q - falling) + turning @ v_by_q + _bar(f) @ columns
         out[:, self.nv + at] = inertia @ a_by_v + turning @ columns
         out[:, 1:] += inertia @ columns @ self.a[part.v, 1:]
-        wrench: Array = x @ out
-        return wrench
+        return x @ out
 
     # ------------------------------------------------------------ what else acts
 

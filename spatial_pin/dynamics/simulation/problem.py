@@ -33,8 +33,7 @@ def _law(name: str, law: Any) -> DriverLaw:
     if not callable(law):
         raise TypeError(f"drives: the law of {name!r} is {law!r}; it must be a function of time "
                         "that returns (value, rate, acceleration), as those of spatial_pin.laws")
-    found: DriverLaw = law
-    return found
+    return law
 
 
 class Problem:

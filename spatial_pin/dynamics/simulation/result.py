@@ -140,8 +140,7 @@ class Simulation(Motion):
             >>> motion.output("energy").values.shape, motion.output("energy").unit  # (N,)
             ((1001,), 'J')
         """
-        found: Output = method("Simulation.output")(self, spec)
-        return found
+        return method("Simulation.output")(self, spec)
 
     def quantities(self, outputs: str | Iterable[str] | None = None) -> dict[str, Quantity]:
         """Return quantities by name, as any Motion, with energies and efforts.
@@ -158,8 +157,7 @@ class Simulation(Motion):
             >>> [(name, x.unit) for name, x in motion.quantities("energy").items()]
             [('time', 's'), ('energy', 'J')]
         """
-        found: dict[str, Quantity] = method("Simulation.quantities")(self, outputs)
-        return found
+        return method("Simulation.quantities")(self, outputs)
 
     def __str__(self) -> str:
         used = f" in {', '.join(self.coordinates)}" if self.coordinates else ""

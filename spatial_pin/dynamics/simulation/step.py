@@ -49,5 +49,4 @@ class Step:
 
     def efforts(self, t: float) -> Array:
         """Return the efforts of prescribed drivers at a time."""
-        efforts: Array = self.system.samples(np.array([t]), self._at(t)[None]).efforts[0]
-        return efforts
+        return self.system.samples(np.array([t]), self._at(t)[None]).efforts[0]

@@ -104,8 +104,7 @@ class Loops:
         n = len(self.constraints.couplings)
         if not n:
             return np.zeros((0, self.model.nv))
-        found: Array = self.scaled[self.n_closure - n :] / self.scale
-        return found
+        return self.scaled[self.n_closure - n :] / self.scale
 
     # ------------------------------------------------------------ subspaces
 

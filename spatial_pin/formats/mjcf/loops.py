@@ -165,9 +165,8 @@ def _seen_from(reading: Reading, body: int, ends: tuple[End, End]) -> Array:
     """Return the point (3,) of that of two ends which is fixed to a body, in the body's frame."""
     model = reading.model
     end = next(e for e in ends if model.body_weldid[e.body] == model.body_weldid[body])
-    seen: Array = (_in_rigid(reading, body).inverse() * _in_rigid(reading, end.body)).act(
+    return (_in_rigid(reading, body).inverse() * _in_rigid(reading, end.body)).act(
         end.at.translation)
-    return seen
 
 
 def _in_rigid(reading: Reading, body: int) -> pin.SE3:

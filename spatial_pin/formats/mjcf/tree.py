@@ -199,8 +199,7 @@ def _of_actuators(reading: Reading, joint: int, key: str) -> float:
 def moves_joint(reading: Reading) -> Array:
     """Return which actuators act on a joint and not through something else."""
     kinds, found = reading.mujoco.mjtTrn, reading.model.actuator_trntype
-    direct: Array = (found == int(kinds.mjTRN_JOINT)) | (found == int(kinds.mjTRN_JOINTINPARENT))
-    return direct
+    return (found == int(kinds.mjTRN_JOINT)) | (found == int(kinds.mjTRN_JOINTINPARENT))
 
 
 def _effort(reading: Reading, joint: int) -> dict[str, float]:

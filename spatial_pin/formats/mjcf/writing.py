@@ -133,8 +133,7 @@ def is_movable(inertia: pin.Inertia) -> bool:
 
 def quaternion(rotation: Array) -> Array:
     """Return the quaternion (4,) of a rotation (3, 3), its real part first."""
-    coefficients: Array = pin.Quaternion(rotation).normalized().coeffs()[[3, 0, 1, 2]]
-    return coefficients
+    return pin.Quaternion(rotation).normalized().coeffs()[[3, 0, 1, 2]]
 
 
 def placed(placement: pin.SE3, **attributes: Any) -> dict[str, str]:

@@ -235,8 +235,7 @@ class Model:
             here, there = (self.frames.in_world(x, f"axis of joint {joint!r}").rotation
                            for x in (own, frame))
             given = here.T @ there @ given
-        direction: Array = given / size
-        return direction
+        return given / size
 
     def _two_axes(
         self, joint: Joint, element: ET.Element, where: str

@@ -146,8 +146,7 @@ def _plain(name: str) -> Callable[..., pin.CollisionGeometry]:
     def made(*sizes: float) -> pin.CollisionGeometry:
         import coal
 
-        solid: pin.CollisionGeometry = getattr(coal, name)(*sizes)
-        return solid
+        return getattr(coal, name)(*sizes)
 
     return made
 

@@ -164,8 +164,7 @@ def rotation_of(quaternion: Any) -> Array:
         return np.eye(3)
     if np.array_equal(np.abs(values) / size, [0.0, 0.0, 0.0, 1.0]):
         return np.eye(3)
-    rotation: Array = pin.Quaternion(values / size).matrix()
-    return rotation
+    return pin.Quaternion(values / size).matrix()
 
 
 def open_stage(path: Path, trusted: bool) -> Stage:

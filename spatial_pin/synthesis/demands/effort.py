@@ -48,7 +48,6 @@ class MostEffort(AtMost, Moving):
             held = motion.mechanism.driven_coordinate(driver).name
             own = next(x for name, x in efforts.items()
                        if motion.mechanism.driven_coordinate(name).name == held)
-            found: Array = np.abs(own) / self.at_most - 1.0
-            return found
+            return np.abs(own) / self.at_most - 1.0
 
         return self.worst(motion, beyond)

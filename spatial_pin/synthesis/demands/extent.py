@@ -73,8 +73,7 @@ class MostSize(AtMost, Moving):
         def beyond(motion: Motion) -> Array:
             points = np.array([motion.frame(name).position for name in dict.fromkeys(names)])
             apart = np.linalg.norm(points[:, None] - points[None], axis=3).max(axis=(0, 1))
-            found: Array = apart / self.at_most - 1.0
-            return found
+            return apart / self.at_most - 1.0
 
         return self.worst(motion, beyond)
 

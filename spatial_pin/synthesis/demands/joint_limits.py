@@ -49,8 +49,7 @@ class WithinLimits(Moving):
     def errors(self, values: Array, mechanism: Mechanism) -> Array:
         """See `Demand`."""
         sizes = np.array([limit.size for limit in self._counting(mechanism)])
-        found: Array = np.maximum(values, 0.0) * np.repeat(sizes, len(values) // len(sizes))
-        return found
+        return np.maximum(values, 0.0) * np.repeat(sizes, len(values) // len(sizes))
 
 
 def _beyond(limit: JointLimit, motion: Motion) -> Array:

@@ -119,5 +119,4 @@ class DeadCentres(Moving):
         mechanism, scale = motion.mechanism, motion.mechanism.velocity_scale
         driver = mechanism.driven_coordinate(self.moved_by(mechanism))
         rates = motion.v[:, mechanism.coordinate(self.output).v] / motion.v[:, driver.v]
-        found: Array = rates * scale[driver.v] / scale[mechanism.coordinate(self.output).v]
-        return found
+        return rates * scale[driver.v] / scale[mechanism.coordinate(self.output).v]

@@ -131,5 +131,4 @@ def _direction(axis: Array) -> str:
 def _about(degrees: np.ndarray, curve: np.ndarray) -> np.ndarray:
     """Return angles (k,) by whole turns nearest to the range of a curve's."""
     middle = 0.5 * (curve.min() + curve.max())
-    nearest: np.ndarray = degrees - 360.0 * np.round((degrees - middle) / 360.0)
-    return nearest
+    return degrees - 360.0 * np.round((degrees - middle) / 360.0)
