@@ -50,8 +50,14 @@ def test_statics_holds_weights_and_loads(run, found, rows):
     assert content["efforts"] == expected.efforts and content["units"] == {"crank": "N·m"}
     for name, force in expected.reactions.items():
         assert content["reactions"][name] == [*force.linear, *force.angular]
-    (row,) = rows(*words)
-    assert float(row["value"]) == expected.efforts["crank"] and row["unit"] == "N·m"
+    table = {row["quantity"]: row for row in rows(*words)}
+    effort = table["crank effort"]
+    assert float(effort["value"]) == expected.efforts["crank"] and effort["unit"] == "N·m"
+    moment = table["crank_pin reaction moment y"]
+    assert float(moment["value"]) == expected.reactions["crank_pin"].angular[1]
+    assert (moment["unit"], moment["unique"]) == ("N·m", "True")
+    ground = table["on ground force z"]
+    assert float(ground["value"]) == expected.on_ground.linear[2]
     text = run(*words)[1]
     assert f"{expected.efforts['crank']:.9g}" in text and "ball_b" in text
 
@@ -78,6 +84,7 @@ def test_statics_over_a_sweep_is_a_curve(found, rows):
     assert found(*words)["columns"]["arm effort [N]"] == expected.efforts["arm"].tolist()
     assert [float(row["boom effort [N]"]) for row in rows(*words)] == (
         expected.efforts["boom"].tolist())
+    assert list(rows(*words)[0]) == list(expected.columns())  # reactions too
 
 
 def test_forces_of_many_are_marked(run):
@@ -97,8 +104,9 @@ def test_jacobian_is_that_of_the_closed_loops(found, rows, run):
     assert content["drivers"] == ["arm_1", "arm_2", "arm_3"]
     assert content["units"][0] == ["m/rad"] * 3 and content["units"][3] == ["1"] * 3
     table = rows("jacobian", "delta", "platform", "arm_1=0.3")
-    assert [float(row["arm_2"]) for row in table] == expected[:, 1].tolist()
+    assert [float(row["arm_2 [rad]"]) for row in table] == expected[:, 1].tolist()
     assert [row["component"] for row in table] == ["vx", "vy", "vz", "wx", "wy", "wz"]
+    assert [row["of"] for row in table] == ["m"] * 3 + ["rad"] * 3
     assert "e-1" not in run("jacobian", "delta", "platform")[1]  # round-off is not shown
 
 
@@ -116,7 +124,8 @@ def test_transmission_at_a_configuration_and_over_a_turn(found, rows):
     assert (content["ratio"], content["angle"]) == (expected.ratio, expected.angle)
     assert content["units"] == {"ratio": "1", "angle": "rad", "mechanical_advantage": "1"}
     table = rows("transmission", "four_bar", "rocker_pin", "--over", "crank=1..7", "--steps", "7")
-    assert len(table) == 7 and float(table[0]["ratio"]) == pytest.approx(expected.ratio, abs=1e-12)
+    assert len(table) == 7
+    assert float(table[0]["ratio [-]"]) == pytest.approx(expected.ratio, abs=1e-12)
     along = found("transmission", "four_bar", "rocker_pin", "--over", "crank=1..7")
     angles = along["columns"]["transmission angle [rad]"]
     links = np.array([[0.1, 0.28, 0.24, 0.3]])  # crank, coupler, rocker, ground: closed form

@@ -197,7 +197,7 @@ def test_samples_of_tolerances_are_a_table():
     np.testing.assert_array_equal(table["a"], found.dimensions["a"])
     np.testing.assert_array_equal(table["rocker_pin [rad]"][found.is_closed],
                                   found.samples["rocker_pin"])
-    assert "coupler.position x [m]" in table and len(table["is closed"]) == 30
+    assert "coupler position x [m]" in table and len(table["is closed"]) == 30
     assert found.to_csv(outputs="a").splitlines()[0] == "a"
     with pytest.raises(sp.UnknownNameError, match="no column 'c'"):
         found.columns(["c"])

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 import spatial_pin as sp
+from spatial_pin.cli.names import check_held
 from spatial_pin.inverse_kinematics.named_targets import is_angle, is_part
 from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.units import Quantity, likely_unit
@@ -131,15 +132,19 @@ def state_at(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.State:
 def motion_over(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion | None:
     """Return the sweep that `--over` asks for, if it does, without a speed."""
     if options.over is None:
+        if options.hold:
+            options.usage_error("--hold belongs to --over: in one configuration nothing moves")
         return None
     name, ends = options.over
+    check_held(options, mechanism)
     if options.values:
         options.usage_error("--over goes from the guess on: DRIVER=VALUE belongs to one "
                             "configuration")
     for end in ends:
         fitting(options, mechanism, {name: end})
     values = np.linspace(ends[0], ends[1], options.steps)
-    return sp.sweep(mechanism, name, values, guess=guess_of(options), progress=True)
+    return sp.sweep(mechanism, name, values, guess=guess_of(options),
+                    hold=["base", *options.hold], progress=True)
 
 
 @contextlib.contextmanager

@@ -8,6 +8,7 @@ import contextlib
 import numpy as np
 
 import spatial_pin as sp
+from spatial_pin.assembly.holding import BASE, SPRINGS
 from spatial_pin.errors import UnknownNameError
 from spatial_pin.proximity.clearance import standing
 
@@ -18,9 +19,7 @@ def check_names(options: argparse.Namespace, mechanism: sp.Mechanism) -> None:
     Raises:
         UnknownNameError: says what there is instead.
     """
-    for name in getattr(options, "hold", ()):
-        if name not in (*mechanism.model.names, "base", "springs"):
-            mechanism.coordinate(name)
+    check_held(options, mechanism)
     if not any(getattr(options, key, ()) for key in ("output", "trace", "arrow")):
         return
     motion = standing(sp.State(mechanism, np.array(mechanism.neutral), closure_error=np.nan))
@@ -30,6 +29,13 @@ def check_names(options: argparse.Namespace, mechanism: sp.Mechanism) -> None:
         mechanism.frame_id(name.removesuffix(".com"))
     for name in getattr(options, "arrow", ()):
         _check_arrow(motion, name)
+
+
+def check_held(options: argparse.Namespace, mechanism: sp.Mechanism) -> None:
+    """Refuse names of what is to stand still that do not exist."""
+    for name in getattr(options, "hold", ()):
+        if name not in (*mechanism.model.names, BASE, SPRINGS):
+            mechanism.coordinate(name)
 
 
 def _ask(motion: sp.Motion, output: str) -> None:

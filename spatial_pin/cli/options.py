@@ -10,6 +10,7 @@ from spatial_pin.cli.tables import read_target
 from spatial_pin.dimensions.bounds import Bounds
 from spatial_pin.units import Quantity, quantity
 
+SPRINGS_HELP = "; springs for all joints that springs act about"
 MECHANISM_HELP = "library name (see `spatial-pin list`), or path of a .toml, .urdf or .xacro file"
 AT_HELP = "where drivers, or coordinates, stand, as crank=60deg; the others stand at the guess"
 
@@ -112,6 +113,7 @@ def over_options(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--over", type=span, metavar="DRIVER=LO..HI",
                      help="do it all along a sweep of this driver or coordinate")
     sub.add_argument("--steps", type=count, default=361, help="number of values of --over (361)")
+    hold_option(sub, f"{SPRINGS_HELP} (--over)")
 
 
 def rate_options(sub: argparse.ArgumentParser) -> None:

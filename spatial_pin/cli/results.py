@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from spatial_pin.cli.remedies import in_options
 from spatial_pin.outputs import write_columns, write_text
 
 WIDTH = 80  # columns of a terminal
@@ -22,6 +23,20 @@ NOTE = "note: "  # a sentence that stays one line, to be searched for
 DEEPEST = 40  # columns: from there on a long line goes on below its last word, not farther right
 
 Table = Mapping[str, Any]  # columns of equal length: lists or arrays
+
+
+class Told(KeyboardInterrupt):
+    """Ctrl-C cut it short, and what was found until then has been told."""
+
+
+def worded(options: argparse.Namespace, text: object) -> str:
+    """Return what the library says in the words of the command line."""
+    given, flags = vars(options), set(options.parsers[options.command]._option_string_actions)
+    if given.get("over", "") is None:
+        flags.discard("--hold")  # which is of a sweep
+    if not isinstance(given.get("speed"), list):
+        flags.discard("--speed")  # which is that of the driver alone
+    return in_options(str(text), flags)
 
 
 def on_screen(options: argparse.Namespace) -> bool:

@@ -3,47 +3,79 @@
 from __future__ import annotations
 
 import argparse
+import codecs
+import io
 import os
 import sys
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import spatial_pin as sp
 from spatial_pin.cli.parser import options_of
-from spatial_pin.cli.results import SCREEN
+from spatial_pin.cli.results import SCREEN, Told, worded
 from spatial_pin.outputs import figure_suffix
 
 DATA = ("json", "csv")  # options that take - for the screen
 FILES = ("csv", "npz", "plot", "html", "json", "movie", "urdf",
          "picture", "curves", "report", "resume")  # options that name a file to write
+PLAIN = "spatial_pin.plain"  # how signs are written that an encoding lacks
+SIGNS = {"°": " deg", "²": "2", "³": "3", "·": "*", "µ": "u", "±": "+-", "∞": "inf", "…": "...",
+         "√": "sqrt", "π": "pi", "−": "-", "≤": "<=", "×": "x", "ü": "ue"}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; return 0, 1 for a mechanism or solver error, 2 for usage."""
     words = sys.argv[1:] if arguments is None else arguments
+    _fit_streams()
     options = options_of(words)
-    warnings.showwarning = _show_warning
+    warnings.showwarning = lambda message, *_, **__: print(
+        f"spatial-pin: warning: {worded(options, message)}", file=sys.stderr)
     try:
         _check_files(options)
         options.run(options)
-        sys.stdout.flush()
+        if sys.stdout is not None:  # which it is where standard output is closed
+            sys.stdout.flush()
     except BrokenPipeError:  # the reader has seen enough; nothing is left to flush at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except (sp.SpatialPinError, ValueError) as error:
-        print("; ".join([f"spatial-pin: {error}", *_hints(options)]), file=sys.stderr)
+        print("; ".join([f"spatial-pin: {worded(options, error)}", *_hints(options)]),
+              file=sys.stderr)
+        return 1
+    except MemoryError:
+        print("spatial-pin: there is not enough memory for this; ask for fewer values",
+              file=sys.stderr)
         return 1
     except OSError as error:
         what = f"{error.filename}: " if error.filename else "cannot write: "
         print(f"spatial-pin: {what}{error.strerror or error}", file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as end:
+        if not isinstance(end, Told):
+            print("spatial-pin: interrupted before there was a result", file=sys.stderr)
         return 130
     for hint in _hints(options):
         print(f"spatial-pin: hint: {hint}", file=sys.stderr)
     return 0
+
+
+def _fit_streams() -> None:
+    """Have text printed in any encoding: signs that it lacks are written with those it has."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors=PLAIN)
+
+
+def _plain(error: UnicodeError) -> tuple[str, int]:
+    """Return what is written for signs that an encoding lacks; ? where nothing else is known."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    lacking = error.object[error.start : error.end]
+    return "".join(SIGNS.get(sign, "?") for sign in lacking), error.end
+
+
+codecs.register_error(PLAIN, _plain)
 
 
 def _hints(options: argparse.Namespace) -> list[str]:
@@ -63,8 +95,10 @@ def _check_files(options: argparse.Namespace) -> None:
         options.usage_error("standard output holds one of --json - and --csv -")
     for name in FILES:
         path = getattr(options, name, None)
-        if not path or (name in DATA and path == SCREEN):
+        if path is None or (name in DATA and path == SCREEN):
             continue
+        if path in ("", SCREEN):
+            options.usage_error(f"--{name} {path!r}: the name of a file is needed")
         if name in ("plot", "picture"):
             figure_suffix(Path(path), f"--{name}")
         folder = Path(path).parent
@@ -74,7 +108,3 @@ def _check_files(options: argparse.Namespace) -> None:
             raise ValueError(f"--{name} {path}: there is no folder {str(folder)!r}")
         if not os.access(path if Path(path).exists() else folder, os.W_OK):
             raise ValueError(f"--{name} {path}: not allowed to write there")
-
-
-def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-    print(f"spatial-pin: warning: {message}", file=sys.stderr)

@@ -25,6 +25,7 @@ from spatial_pin.errors import SpatialPinError
 from spatial_pin.formats.files import load
 from spatial_pin.mechanism.coordinates import finite_number
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.motion.outputs import label_of
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.progress import progress_bar
@@ -100,7 +101,8 @@ class Tolerance(Tabular):
             unit = self.units.get(name, "")
             table[name] = Quantity(every, "-" if unit == "1" else unit)
         found = chosen(table, outputs, "tolerance").items()
-        return {key: part for name, x in found for key, part in _parts(name, x)}
+        return {key: part for name, x in found for key, part in _parts(
+            label_of(name) if name in self.samples else name, x)}
 
     def __repr__(self) -> str:
         spreads = [f"{name} = {with_spread(x, self.linear[name], self.units.get(name, ''))}"
@@ -126,8 +128,8 @@ def _parts(name: str, x: Quantity) -> list[tuple[str, Quantity]]:
     """Return a quantity by its name, one of a reaction (N, 6) as its force and its moment."""
     if x.values.shape[1:] != (6,):
         return [(name, x)]
-    return [(f"{name}.force", Quantity(x.values[:, :3], "N")),
-            (f"{name}.moment", Quantity(x.values[:, 3:], "N·m"))]
+    return [(f"{name} force", Quantity(x.values[:, :3], "N")),
+            (f"{name} moment", Quantity(x.values[:, 3:], "N·m"))]
 
 
 @checked

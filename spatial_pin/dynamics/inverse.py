@@ -27,7 +27,7 @@ from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.motion.summary import EFFORTS
-from spatial_pin.numerics.linalg import Array, decompose
+from spatial_pin.numerics.linalg import Array, decompose, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 
@@ -243,7 +243,8 @@ def _unactuated(
     if missing:
         active = active_among(equations, spare, found)
         names = equations.moving(active)
-        example = [*actuation.names, *names[:1]] if missing == 1 else [*actuation.names, "..."]
+        example = [*actuation.names, *(
+            equations.mechanism.coordinates[v] for v in independent_rows(active.T))]
         bases = free_bases(equations.mechanism)
         floats = "".join(f"; {joint} floats freely, and no motor acts there: join what it carries "
                          "to the ground by closures, or load it without a free base"

@@ -27,6 +27,7 @@ ENDINGS = tuple(f".{kind}" for kind in FORCES)
 ON_GROUND = ("on_ground", "on_ground.force", "on_ground.moment")
 MASS, WHOLE = "mass", "com"  # of all moving links: their mass; WHOLE.position, ... of its centre
 VECTORS = (*FRAME_UNITS, "force", "moment")  # NAME.position.z, ... is a component
+KINDS = sorted({*COORDINATE_OUTPUTS, *FORCES, *FRAME_UNITS}, key=len, reverse=True)
 
 
 class Bodies(NamedTuple):
@@ -109,7 +110,7 @@ def output(motion: Motion, spec: str) -> Output:
         return _coordinate_output(motion, name, kind)
     if kind in FRAME_UNITS and name:
         body = name.removesuffix(".com")
-        label = f"{name} {kind.replace('_', ' ')}"
+        label = label_of(spec)
         unit = motion.frame_unit(kind)
         if kind == "jerk":
             rows = [j.com(body) if name.endswith(".com") else j.frame(name).linear
@@ -126,6 +127,16 @@ def output(motion: Motion, spec: str) -> Output:
              *(f"{n}.{k}" for n in mechanism.frame_ids for k in (*FRAME_UNITS, ANGLE)),
              *(f"{n}.{k}" for n in mechanism.coordinate_table for k in COORDINATE_OUTPUTS)]
     raise UnknownNameError("output", spec, valid, f"mechanism {mechanism.name!r}: ")
+
+
+def label_of(spec: str) -> str:
+    """Return the name that tables have of an output: `tip velocity` of `tip.velocity`."""
+    if spec in ON_GROUND:
+        return spec.replace("_", " ").replace(".", " ")
+    for kind in KINDS:
+        if spec.endswith(f".{kind}"):
+            return f"{spec.removesuffix(kind)[:-1]} {kind.replace('_', ' ').replace('.', ' ')}"
+    return spec
 
 
 def quantities(motion: Motion, outputs: str | Iterable[str] | None = None) -> dict[str, Quantity]:

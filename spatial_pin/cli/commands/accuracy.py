@@ -21,7 +21,10 @@ from spatial_pin.cli.options import (
     value,
 )
 from spatial_pin.cli.results import finite, tell
+from spatial_pin.columns import heading
 
+UNITS = {"time_per_step": "s", "spread": "s", **dict.fromkeys(  # of others "-", of texts none
+    ("setting", "steps", "solver_steps", "below_reference", "on_front", "said"), "")}
 PARTS = "errors of positions, velocities and accelerations one by one: --csv, --json"
 
 
@@ -51,8 +54,8 @@ def _tradeoff(options: argparse.Namespace) -> None:
         files.append(options.plot)
     content = finite(found.as_dict())
     keys = [key for key, x in content["rows"][0].items() if not isinstance(x, list | dict)]
-    tell(options, text, content, {key: [row[key] for row in content["rows"]] for key in keys},
-         files)
+    tell(options, text, content, {heading(key, UNITS.get(key, "-")): [
+        row[key] for row in content["rows"]] for key in keys}, files)
 
 
 def _task(options: argparse.Namespace, mechanism: sp.Mechanism) -> str | dict[str, Any]:

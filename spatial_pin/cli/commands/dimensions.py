@@ -20,7 +20,9 @@ from spatial_pin.cli.options import (
     workers_option,
 )
 from spatial_pin.cli.results import finite, tell
+from spatial_pin.columns import heading
 from spatial_pin.errors import UnknownNameError
+from spatial_pin.motion.outputs import label_of
 
 OUTPUT_HELP = ("as rocker_pin, rocker_pin.rate, coupler.position, crank.effort, "
                "limit.lower.rocker_pin")
@@ -85,13 +87,13 @@ def _sensitivity(options: argparse.Namespace) -> None:
 
 def _columns(motion: sp.Motion, found: sp.Sensitivity) -> dict[str, Any]:
     """Return an output and its derivatives along a sweep, by name."""
-    table: dict[str, Any] = {f"{motion.driver_name} [{motion.driver_unit}]": motion.driver}
-    unit = f" [{found.unit}]" if found.unit not in ("", "1") else ""
-    for name, x in {f"{found.output}{unit}": found.value,
-                    **{f"d/d {k}": x for k, x in found.derivatives.items()}}.items():
+    table: dict[str, Any] = {heading(motion.driver_name, motion.driver_unit): motion.driver}
+    unit = "-" if found.unit in ("", "1") else found.unit
+    for name, of, x in [(label_of(found.output), unit, found.value),
+                        *((f"d/d {k}", "", x) for k, x in found.derivatives.items())]:
         x = np.asarray(x)
-        table |= {name: x} if x.ndim == 1 else {
-            f"{name} {axis}": x[:, k] for k, axis in enumerate(COMPONENTS[x.shape[1]])}
+        table |= {heading(name, of): x} if x.ndim == 1 else {
+            heading(f"{name} {axis}", of): x[:, k] for k, axis in enumerate(COMPONENTS[x.shape[1]])}
     return table
 
 

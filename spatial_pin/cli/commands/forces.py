@@ -21,6 +21,8 @@ from spatial_pin.cli.results import finite, grid, tell
 from spatial_pin.motion.summary import EFFORTS, tidy
 from spatial_pin.numerics.linalg import Array
 
+COMPONENTS = [(part, unit, axis) for part, unit in (("force", "N"), ("moment", "N·m"))
+              for axis in "xyz"]
 MANY = "* is one of many: the loops, or the drivers, can press against each other"
 
 
@@ -33,7 +35,7 @@ def _statics_options(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--actuated", action="append", default=[], metavar="NAME",
                      help="a driver, joint or coordinate that holds it (all drivers)")
     over_options(sub)
-    data_options(sub, "efforts and reactions", "efforts, along --over one a column,")
+    data_options(sub, "efforts and reactions", "efforts and reactions, along --over one a column,")
 
 
 def _statics(options: argparse.Namespace) -> None:
@@ -101,9 +103,20 @@ def _tell_forces(
         "unique": {name: each.tolist() for name, each in found.unique.items()},
         "on_ground": [*found.on_ground.linear.tolist(), *found.on_ground.angular.tolist()],
     }
-    tell(options, "\n".join(lines), finite(content),
-         {"effort": list(found.efforts), "value": list(found.efforts.values()),
-          "unit": [units[name] for name in found.efforts]})
+    tell(options, "\n".join(lines), finite(content), _table(found, units))
+
+
+def _table(found: sp.Efforts, units: dict[str, str]) -> dict[str, list[Any]]:
+    """Return efforts and reactions, a number a row; named as `Kinetostatics.columns` names them."""
+    rows = [(f"{name} effort", x, units[name], found.unique_efforts[name])
+            for name, x in found.efforts.items()]
+    ground = {"on ground": (found.on_ground, np.ones(6, dtype=bool))}
+    for name, (force, unique) in ({f"{name} reaction": (x, found.unique[name])
+                                  for name, x in found.reactions.items()} | ground).items():
+        rows += [(f"{name} {part} {axis}", float(x), unit, bool(one)) for (part, unit, axis), x, one
+                 in zip(COMPONENTS, force.vector, unique, strict=True)]
+    return dict(zip(("quantity", "value", "unit", "unique"), map(list, zip(*rows, strict=True)),
+                    strict=True))
 
 
 def _marked(x: Array, unique: Any, whole: Array) -> list[str]:
@@ -114,13 +127,9 @@ def _marked(x: Array, unique: Any, whole: Array) -> list[str]:
 
 def _tell_curve(options: argparse.Namespace, found: sp.Kinetostatics) -> None:
     """Answer with efforts and reactions along a sweep."""
-    motion = found.motion
-    mechanism = motion.mechanism
-    table = {f"{motion.driver_name} [{motion.driver_unit}]": motion.driver}
-    table |= {f"{name} effort [{EFFORTS[mechanism.coordinate(name).unit]}]": x
-              for name, x in found.efforts.items()}
-    content = {"mechanism": mechanism.name,
-               "columns": {name: None if x is None else x.tolist() for name, x in table.items()},
+    table = found.columns()
+    content = {"mechanism": found.motion.mechanism.name,
+               "columns": {name: x.tolist() for name, x in table.items()},
                "reactions": {name: x.tolist() for name, x in found.reactions.items()},
                "on_ground": found.on_ground.tolist()}
     tell(options, found, finite(content), table)

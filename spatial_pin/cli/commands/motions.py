@@ -14,6 +14,7 @@ import spatial_pin as sp
 from spatial_pin.cli.asked import fitting, guess_of, in_units, loaded, unique
 from spatial_pin.cli.names import check_names
 from spatial_pin.cli.options import (
+    SPRINGS_HELP,
     Command,
     count,
     data_options,
@@ -25,16 +26,13 @@ from spatial_pin.cli.options import (
     sweep_arguments,
     value,
 )
-from spatial_pin.cli.results import finite, on_screen, say, tell
+from spatial_pin.cli.results import Told, finite, on_screen, say, tell
 from spatial_pin.cli.tables import read_table
 from spatial_pin.dynamics.outputs import with_forces
 from spatial_pin.motion.default_motion import default_motion
 from spatial_pin.motion.joint_limits import KIND as JOINT_LIMIT
 from spatial_pin.motion.report import motion_summary
 from spatial_pin.view.page.plots import default_outputs
-
-SPRINGS_HELP = "; springs for all joints that springs act about"
-
 
 # ---------------------------------------------------------------- how motions are written
 
@@ -55,7 +53,7 @@ def write_motion(options: argparse.Namespace, motion: sp.Motion, last: str = "")
     tell(options, "\n".join(lines), _content(motion, found), motion.columns(),
          _written(options, motion, found))
     if found is not None and not found.is_whole:
-        raise KeyboardInterrupt
+        raise Told
 
 
 def _written(
@@ -176,7 +174,8 @@ def shown(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion | s
     check_names(options, mechanism)
     if options.last is not None:
         return run_sweep(options, mechanism)
-    said = (options.first, options.speed, options.acceleration or None, options.guess or None)
+    said = (options.first, options.speed, options.acceleration or None,
+            options.guess or None, options.hold or None)
     if any(x is not None for x in said):
         options.usage_error("a sweep needs a driver, a first and a last value")
     return default_motion(mechanism, options.driver, options.steps)
@@ -256,6 +255,7 @@ def _simulate(options: argparse.Namespace) -> None:
 
 def _clearance_options(sub: argparse.ArgumentParser) -> None:
     sweep_arguments(sub, needed=False)
+    hold_option(sub, SPRINGS_HELP)
     sub.add_argument("--at", action="append", default=[], type=setting, metavar="DRIVER=VALUE",
                      help="at this configuration instead of along a sweep")
     sub.add_argument("--between", nargs=2, action="append", default=[], metavar=("LINK", "LINK"),
@@ -288,7 +288,7 @@ def _clearance(options: argparse.Namespace) -> None:
     tell(options, found, finite({"mechanism": mechanism.name, "over": over, **found.as_dict()}),
          table)
     if not found.is_whole:
-        raise KeyboardInterrupt
+        raise Told
 
 
 def _name_of_value(motion: sp.Motion) -> str:

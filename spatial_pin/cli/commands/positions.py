@@ -12,6 +12,7 @@ from spatial_pin.cli.commands.motions import look_of, write_motion
 from spatial_pin.cli.names import check_names
 from spatial_pin.cli.options import (
     AT_HELP,
+    SPRINGS_HELP,
     Command,
     configuration_options,
     count,
@@ -75,13 +76,16 @@ def _limits_options(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("driver", help="driver or coordinate")
     sub.add_argument("--joints", action="store_true",
                      help="and before a joint reaches a limit of the URDF")
+    hold_option(sub, SPRINGS_HELP)
     guess_option(sub)
     data_options(sub, "both ends", "both ends")
 
 
 def _limits(options: argparse.Namespace) -> None:
     mechanism = loaded(options)
-    found = sp.limits(mechanism, options.driver, guess_of(options), joints=options.joints)
+    check_names(options, mechanism)
+    found = sp.limits(mechanism, options.driver, guess_of(options), joints=options.joints,
+                      hold=["base", *options.hold])
     text, grashof = f"{mechanism.name}, {found}", None
     with contextlib.suppress(sp.SpatialPinError):  # most mechanisms are no plane four-bar
         grashof = sp.grashof(mechanism)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
 import numpy as np
 
@@ -18,8 +17,10 @@ from spatial_pin.cli.options import (
     over_options,
 )
 from spatial_pin.cli.results import finite, grid, tell
+from spatial_pin.columns import Quantity, flat
 from spatial_pin.motion.summary import tidy
 
+UNITS = {"v": "m", "w": "rad"}  # of what rows are rates of
 ROWS = ("vx", "vy", "vz", "wx", "wy", "wz")
 
 
@@ -41,18 +42,23 @@ def _jacobian(options: argparse.Namespace) -> None:
     state = state_at(options, mechanism)
     found = sp.jacobian(mechanism, state, options.frame, options.by or None,
                         hold=["base", *options.hold])
-    units = [[_per(base, c.unit) for c in by] for base in ("m", "m", "m", "rad", "rad", "rad")]
+    units = [[_per(UNITS[row[0]], c.unit) for c in by] for row in ROWS]
     heads = [f"{name} [{c.unit}]" for name, c in zip(names, by, strict=True)]
     lines = [f"{mechanism.name}: twist of {options.frame} at its origin, world axes, per unit "
              "speed of the drivers, loops closed",
-             grid([[row, "m" if k < 3 else "rad", *(tidy(x, found) for x in found[k])]
+             grid([[row, UNITS[row[0]], *(tidy(x, found) for x in found[k])]
                    for k, row in enumerate(ROWS)], ("", "of", *heads))]
-    table = {"component": list(ROWS), **{name: found[:, k].tolist()
-                                         for k, name in enumerate(names)}}
+    table = {"component": list(ROWS), "of": [UNITS[row[0]] for row in ROWS],
+             **{head: found[:, k].tolist() for k, head in enumerate(heads)}}
     tell(options, "\n".join(lines), finite({
         "mechanism": mechanism.name, "frame": options.frame, "rows": list(ROWS),
         "drivers": names, "units": units, "matrix": found.tolist(),
         "closure_error": state.closure_error}), table)
+
+
+def _units(output: str, driver: str) -> dict[str, str]:
+    return {"ratio": _per(output, driver), "angle": "rad",
+            "mechanical_advantage": _per(driver, output)}
 
 
 def _per(unit: str, by: str) -> str:
@@ -84,8 +90,7 @@ def _transmission(options: argparse.Namespace) -> None:
     state = state_at(options, mechanism)
     found = sp.transmission(mechanism, state, output.name, options.driver, options.pair)
     driver = mechanism.driven_coordinate(options.driver or next(iter(mechanism.drivers)))
-    units = {"ratio": _per(output.unit, driver.unit), "angle": "rad",
-             "mechanical_advantage": _per(driver.unit, output.unit)}
+    units = _units(output.unit, driver.unit)
     shown = {"speed ratio": (found.ratio, units["ratio"]),
              "mechanical advantage": (found.mechanical_advantage, units["mechanical_advantage"]),
              "transmission angle": (found.angle, f"rad ({np.degrees(found.angle):.6g}°)")}
@@ -103,23 +108,26 @@ def _tell_along(options: argparse.Namespace, motion: sp.Motion) -> None:
     mechanism, driver = motion.mechanism, options.driver or motion.driver_name
     found = [sp.transmission(mechanism, motion.state(k), options.output, driver, options.pair)
              for k in range(len(motion))]
-    values = np.asarray(motion.driver)
-    table: dict[str, Any] = {
-        f"{motion.driver_name} [{motion.driver_unit}]": values,
-        "ratio": np.array([x.ratio for x in found]),
-        "mechanical advantage": np.array([x.mechanical_advantage for x in found]),
-        "transmission angle [rad]": np.array([x.angle for x in found])}
-    angles = np.degrees(table["transmission angle [rad]"])
+    values, ratios, angles = (np.asarray(x) for x in (
+        motion.driver, [x.ratio for x in found], [x.angle for x in found]))
+    units = _units(*(mechanism.driven_coordinate(x).unit for x in (options.output, driver)))
+    table = flat({
+        motion.driver_name: Quantity(values, motion.driver_unit),
+        "ratio": Quantity(ratios, units["ratio"].replace("1", "-")),
+        "mechanical advantage": Quantity(np.array([x.mechanical_advantage for x in found]),
+                                         units["mechanical_advantage"].replace("1", "-")),
+        "transmission angle": Quantity(angles, "rad")})
     unit, rows = motion.driver_unit, []
-    for name, column, mark in (("speed ratio", table["ratio"], ""),
-                               ("transmission angle", angles, "°")):
+    for name, column, mark in (("speed ratio", ratios, ""),
+                               ("transmission angle", np.degrees(angles), "°")):
         for word, k in (("least", int(column.argmin())), ("most", int(column.argmax()))):
             rows.append([word, name, f"{column[k]:.6g}{mark}",
                          f"at {motion.driver_name} = {values[k]:.6g} {unit}"])
     head = (f"{mechanism.name}: {driver} moves {options.output} at {found[0].at}, "
             f"{len(found)} values")
     content = {"mechanism": mechanism.name, "output": options.output, "driver": driver,
-               "at": found[0].at, "columns": {name: x.tolist() for name, x in table.items()}}
+               "at": found[0].at, "units": units,
+               "columns": {name: x.tolist() for name, x in table.items()}}
     tell(options, f"{head}\n{grid(rows)}", finite(content), table)
 
 

@@ -24,7 +24,7 @@ from spatial_pin.cli.options import (
     workers_option,
 )
 from spatial_pin.cli.readings import check_sigma, read_readings
-from spatial_pin.cli.results import finite, tell
+from spatial_pin.cli.results import Told, finite, tell
 from spatial_pin.outputs import write_columns
 from spatial_pin.workspace_map.curves import curve_columns
 from spatial_pin.workspace_map.poses import PARTS
@@ -82,7 +82,7 @@ def _workspace(options: argparse.Namespace) -> None:
     tell(options, found, finite({"mechanism": mechanism.name, "frame": found.frame,
                                  "columns": columns}), table, _mapped(options, found))
     if not found.is_whole:
-        raise KeyboardInterrupt
+        raise Told
 
 
 def _mapped(options: argparse.Namespace, found: sp.Workspace) -> Iterator[Path | str]:
@@ -145,7 +145,7 @@ def _design(options: argparse.Namespace) -> None:
           **{name: [float(x.dimensions[name]) for x in found] for name in names}},
          _designed(options, found))
     if not found.is_whole:
-        raise KeyboardInterrupt
+        raise Told
 
 
 def _designed(options: argparse.Namespace, found: sp.Designs) -> Iterator[Path | str]:
@@ -204,7 +204,7 @@ def _calibrate(options: argparse.Namespace) -> None:
     files = [found.mechanism.save(options.folder)] if options.folder else []
     tell(options, found, content, table, files)
     if not found.is_whole:
-        raise KeyboardInterrupt
+        raise Told
 
 
 COMMANDS = {

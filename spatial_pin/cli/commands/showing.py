@@ -8,13 +8,21 @@ import spatial_pin as sp
 from spatial_pin.cli.asked import guess_of, loaded
 from spatial_pin.cli.commands.motions import look_of, shown
 from spatial_pin.cli.names import check_names
-from spatial_pin.cli.options import Command, data_options, look_options, sweep_arguments
+from spatial_pin.cli.options import (
+    SPRINGS_HELP,
+    Command,
+    data_options,
+    hold_option,
+    look_options,
+    sweep_arguments,
+)
 from spatial_pin.cli.results import tell, wrote
 from spatial_pin.view import Viewer
 
 
 def _show_options(sub: argparse.ArgumentParser) -> None:
     sweep_arguments(sub, needed=False)
+    hold_option(sub, SPRINGS_HELP)
     sub.add_argument("--movie", metavar="F", help="write it as a film (.gif, .mp4) instead")
     sub.add_argument("--live", action="store_true",
                      help="move it by hand instead: a slider for every driver, or the one named")
@@ -40,8 +48,8 @@ def _show(options: argparse.Namespace) -> None:
 
 def _live(options: argparse.Namespace, mechanism: sp.Mechanism) -> Viewer:
     """The page whose sliders move a mechanism from its guess on."""
-    if options.movie or options.last is not None:
-        options.usage_error("--live takes no values to sweep and makes no film")
+    if options.movie or options.last is not None or options.hold:
+        options.usage_error("--live takes no values to sweep, holds nothing and makes no film")
     check_names(options, mechanism)
     state = sp.assemble(mechanism, {}, guess_of(options))
     named = [options.driver] if options.driver else None
@@ -57,6 +65,7 @@ def _wait(mechanism: sp.Mechanism, viewer: Viewer) -> None:
 
 def _report_options(sub: argparse.ArgumentParser) -> None:
     sweep_arguments(sub, needed=False)
+    hold_option(sub, SPRINGS_HELP)
     sub.add_argument("--html", metavar="F", required=True, help="the file to write")
     sub.add_argument("--output", action="append", default=[], metavar="NAME",
                      help="what its figures show, as rocker_pin or coupler.com.position")
