@@ -459,9 +459,10 @@ def test_page_of_a_report_tells_reactions(one_browser, tmp_path):
 def test_plane_cuts_the_links_at_its_place(page, motion):
     whole = pixels(page.screenshot())
     key(page, "s")
-    page.evaluate("cutAcross(2); section.turned = false; sectionSlider.value = 0.05; cutAt(); 1")
+    page.evaluate("cutAcross(2); section.turned = false; sectionSlider.value = -0.02; cutAt(); 1")
+    page.wait_until("!viewer.needs_render")
     cut = pixels(page.screenshot())
-    assert page.evaluate("sectionPanel.querySelector('output').textContent") == "z = 50 mm"
+    assert page.evaluate("sectionPanel.querySelector('output').textContent") == "z = −20 mm"
     heights = """(() => { viewer.render(); const origin = placeInWorld(0), found = [];
       for (let y = 60; y < 600; y += 5) for (let x = 30; x < 760; x += 5) {
         const hit = hitAt(x, y);
@@ -469,12 +470,13 @@ def test_plane_cuts_the_links_at_its_place(page, motion):
       }
       return [Math.min(...found), Math.max(...found)]; })()"""
     low, high = page.evaluate(heights)
-    assert low < 0.0 and 0.045 < high <= 0.05 + 1e-6
+    assert low < -0.1 and -0.03 < high <= -0.02 + 1e-6
     assert np.mean(np.any(np.abs(cut - whole)[100:, :680] > 0.1, axis=2)) > 0.01
     page.evaluate("sectionPanel.querySelector('[data-turn]').onclick(); 1")
     low, _ = page.evaluate(heights)
-    assert low >= 0.05 - 1e-6
+    assert low >= -0.02 - 1e-6
     key(page, "s")
+    page.wait_until("!viewer.needs_render")
     np.testing.assert_allclose(pixels(page.screenshot()), whole, atol=0.02)
 
 
