@@ -573,6 +573,31 @@ def test_page_of_a_state_has_views_and_names_but_no_curves(one_browser, tmp_path
     assert one_browser.evaluate("document.getElementById('curves').hidden")
 
 
+def test_curves_can_be_added_and_taken_away(page, motion):
+    click(page, "[data-opens=curves]")
+    shown = "panels.map(p => p.data.name)"
+    first = page.evaluate(shown)
+    click(page, "#curves input")
+    page.call("Input.insertText", text="coupler_b.position")
+    for kind in ("keyDown", "keyUp"):
+        page.call("Input.dispatchKeyEvent", type=kind, key="Enter", code="Enter", text="\r",
+                  windowsVirtualKeyCode=13)
+    page.wait_until(f"({shown}).length === {len(first) + 1}")
+    values = np.array(page.evaluate("panels.at(-1).data.lines.map(l => l.values)")).T
+    np.testing.assert_allclose(values, motion.frame("coupler_b").position, atol=1e-6)
+    page.evaluate("wanted.value = 'rocker_pin.rate'; addWanted(); 1")
+    values = page.evaluate("panels.at(-1).data.lines[0].values")
+    np.testing.assert_allclose(values, motion.coordinate("rocker_pin").rate, rtol=1e-6, atol=1e-6)
+    assert page.evaluate("panels.at(-1).data.label").endswith(f"[{motion.rate_unit('rad')}]")
+    page.evaluate("wanted.value = 'rocker_pni'; addWanted(); 1")
+    assert not page.evaluate("wanted.checkValidity()")
+    assert page.evaluate(shown) == [*first, "coupler_b.position", "rocker_pin.rate"]
+    assert page.evaluate("panels.every(p => p.svg.querySelectorAll('path').length > 0)")
+    page.evaluate("panels[0].figure.querySelector('button').click(); 1")
+    assert page.evaluate(shown) == ["coupler_b.position", "rocker_pin.rate"]
+    assert first[0] in page.evaluate("[...known.children].map(o => o.value)")
+
+
 # ---------------------------------------------------------------- narrow windows
 
 

@@ -81,7 +81,8 @@ def _panel(output: Output) -> dict[str, Any]:
     names = "xyz" if len(columns) == 3 else [""] * len(columns)
     lines = [{"name": name, "values": _rounded(x)}
              for name, x in zip(names, columns, strict=True)]
-    return {"label": f"{output.label} [{unit}]" if unit else output.label, "unit": unit,
+    label = f"{output.label} [{unit}]" if unit else output.label
+    return {"name": output.label, "label": label, "unit": unit,
             "lines": lines}
 
 

@@ -36,7 +36,8 @@ if TYPE_CHECKING:
 # functions of all.
 SCRIPTS = (
     "software", "film", "play", "views", "triad", "parts", "shadow", "point", "ruler",
-    "section", "xray", "chase", "inspect", "curves", "zoom", "tools", "keys", "address", "start",
+    "section", "xray", "chase", "inspect", "curves", "zoom", "signals",
+    "tools", "keys", "address", "start",
 )
 
 

@@ -3,7 +3,7 @@ const COLOURS = ["#0072b2", "#d55e00", "#009e73"];
 const MARGIN = {left: 46, right: 8, top: 6, bottom: 18};
 const HEIGHT = 120;
 const drawer = document.getElementById("curves");
-const panels = (film.curves ? film.curves.panels : []).map(panelOf);
+const panels = [];
 
 function panelOf(data) {
   const figure = element(drawer, "figure", {});
@@ -15,8 +15,37 @@ function panelOf(data) {
     return value;
   });
   element(caption, "small", {textContent: `over ${film.curves.name}`});
+  element(caption, "button", {type: "button", textContent: "×", title: "take this curve away", onclick: () => remove(panel)});
   const svg = drawing(figure, "svg", {role: "img", "aria-label": data.label});
-  return {data, svg, values, scale: null};
+  const panel = {data, figure, svg, values, scale: null};
+  listen(panel);
+  return panel;
+}
+
+function listen(panel) {  // the film goes where the pointer is
+  const {svg} = panel;
+  svg.onpointerdown = event => {
+    svg.setPointerCapture(event.pointerId);
+    follow(panel, event);
+  };
+  svg.onpointermove = event => { if (event.buttons & 1) follow(panel, event); };
+  svg.addEventListener("wheel", event => {
+    event.preventDefault();
+    zoomAt(panel, event);
+  }, {passive: false});
+  svg.ondblclick = () => zoomTo(null);
+}
+
+function remove(panel) {
+  panels.splice(panels.indexOf(panel), 1);
+  panel.figure.remove();
+  listSignals();
+}
+
+function add(data) {  // the picture begins anew below it
+  panels.push(panelOf(data));
+  drawCurves();
+  listSignals();
 }
 
 function ticks(low, high, most) {  // round numbers between two values
@@ -107,7 +136,7 @@ function drawCursors() {
   }
 }
 
-function follow(panel, event) {  // the film goes where the pointer is
+function follow(panel, event) {
   showAt(panel.scale.back(event.clientX - panel.svg.getBoundingClientRect().left));
 }
 
@@ -115,12 +144,5 @@ function drawCurves() {
   if (hasCurves()) panels.forEach(drawPanel);
 }
 
-for (const panel of panels) {
-  panel.svg.onpointerdown = event => {
-    panel.svg.setPointerCapture(event.pointerId);
-    follow(panel, event);
-  };
-  panel.svg.onpointermove = event => { if (event.buttons & 1) follow(panel, event); };
-}
-document.body.classList.toggle("uncurved", !panels.length);
+document.body.classList.toggle("uncurved", !film.curves);
 new ResizeObserver(drawCurves).observe(drawer);

@@ -12,7 +12,7 @@ const OPENED = {
 
 function toggleTool(name, wish) {  // or shut; as it is not, unless it is said how
   const tool = document.querySelector(`[data-opens=${name}]`);
-  if (name === "curves" && !panels.length) return;
+  if (name === "curves" && !film.curves) return;
   const on = wish === undefined ? !tool.classList.contains("on") : wish;
   tool.classList.toggle("on", on);
   tool.setAttribute("aria-pressed", on);

@@ -17,11 +17,3 @@ function zoomTo(ends) {  // null: all
   zoomed = ends && ends[1] - ends[0] < whole[1] - whole[0] ? ends : null;
   drawCurves();
 }
-
-for (const panel of panels) {
-  panel.svg.addEventListener("wheel", event => {
-    event.preventDefault();
-    zoomAt(panel, event);
-  }, {passive: false});
-  panel.svg.ondblclick = () => zoomTo(null);
-}
