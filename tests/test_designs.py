@@ -7,8 +7,8 @@ import pytest
 from synthesis_forms import DATA
 
 import spatial_pin as sp
+from spatial_pin.dimensions.family import Family
 from spatial_pin.synthesis import goals
-from spatial_pin.synthesis.family import Family
 from spatial_pin.synthesis.problem import Problem, ProblemSpec
 from spatial_pin.synthesis.results import REPORT_WIDTH, Design, Designs, designs_of
 from spatial_pin.synthesis.search import searched
@@ -170,7 +170,7 @@ def test_slopes_count_what_is_missed_beyond_the_end_of_a_curve():
     problem = Problem(mechanism, [goals.path("rocker_end", points)],
                       {name: (0.2, 9.0) for name in ("r2", "r3", "r4")})
     (settling,), x = problem.settlings, problem.start
-    (near,) = problem._begin(x, None)
+    (near,) = problem.begun(x, None)
 
     def settled(x):
         found, left, is_closed = settling.exactly(problem.members(x), near, np.empty(0))

@@ -188,8 +188,8 @@ def test_the_file_of_another_search_is_refused(tmp_path, change):
     assert file.read_text() == before
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"format": "spatial_pin design 1"}', "7",
-                                  '{"format": "spatial_pin design 1", "key": "", "values": [],'
+@pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"format": "spatial_pin design 2"}', "7",
+                                  '{"format": "spatial_pin design 2", "key": "", "values": [],'
                                   ' "found": {"0": {"x": 1}}}'])
 def test_a_file_of_something_else_is_refused(tmp_path, text):
     file = tmp_path / "search.json"

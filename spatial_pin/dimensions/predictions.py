@@ -8,7 +8,7 @@ same q, the rows c and the frames, is differenced: nothing is closed for that.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 import pinocchio as pin
@@ -16,10 +16,12 @@ import pinocchio as pin
 from spatial_pin.assembly.holding import still_entries
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
+from spatial_pin.dimensions.family import Bodies, Family
 from spatial_pin.dimensions.homotopy import followed
 from spatial_pin.dimensions.measurements import Encoder, Quantity
 from spatial_pin.dimensions.variants import Variants
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.inverse_kinematics.targets import CoordinateValue
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array, Decomposition, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -66,6 +68,72 @@ class Situation(NamedTuple):
     base: pin.SE3 | None
 
 
+class _Beside(NamedTuple):
+    """Poses of a mechanism, and of those whose dimensions are a little larger and smaller.
+
+    Attributes:
+        bodies: of the poses, then of all of them for each larger dimension, then for each smaller.
+        poses: how many there are.
+        widths: (n,) between the larger and the smaller ones [m or rad].
+        known: rotations and origins of frames that were asked for.
+    """
+
+    bodies: Bodies
+    poses: int
+    widths: Array
+    known: dict[int, tuple[Array, Array]]
+
+    def _differences(self, values: Array, i: int) -> tuple[Array, Array]:
+        """Return values (n, ...) of a pose at larger, and at smaller dimensions."""
+        own = values[self.poses + i :: self.poses]
+        return own[: len(self.widths)], own[len(self.widths) :]
+
+    def opened(self, i: int) -> Array:
+        """Return how dimensions open the loops of a pose (rows, n), where no joint moves."""
+        ahead, behind = self._differences(self.bodies.residual, i)
+        found: Array = ((ahead - behind) / self.widths[:, None]).T
+        return found
+
+    def at(self, i: int, evaluation: Evaluation) -> _AtRest:
+        """Return a pose whose frames move with the dimensions."""
+        return _AtRest(evaluation.mechanism, evaluation, self, i)
+
+    def twists(self, i: int, frame: int) -> Array:
+        """Return how a frame of a pose moves (6, n): its origin, and its turn, world axes."""
+        if frame not in self.known:
+            self.known[frame] = self.bodies.frame(frame)
+        turned, origin = self.known[frame]
+        ahead, behind = self._differences(origin, i)
+        after, before = self._differences(turned, i)
+        turn = after @ before.transpose(0, 2, 1)
+        found: Array = np.hstack([ahead - behind, 0.5 * np.column_stack(
+            [turn[:, k, j] - turn[:, j, k] for j, k in ((1, 2), (2, 0), (0, 1))])]).T / self.widths
+        return found
+
+
+class _AtRest(NamedTuple):
+    """A pose as targets ask for it, in which dimensions move the frames in the place of joints."""
+
+    mechanism: Mechanism
+    evaluation: Evaluation
+    beside: _Beside
+    pose: int
+
+    def frame(self, frame: int) -> pin.SE3:
+        """Return where a frame is."""
+        return self.evaluation.frame(frame)
+
+    def frame_jacobian(self, frame: int) -> Array:
+        """Return how it moves with the dimensions (6, n)."""
+        return self.beside.twists(self.pose, frame)
+
+    def slope(self, quantity: Quantity, base: pin.SE3 | None) -> Array:
+        """Return the derivatives (k, n) of an error; of coordinates, which stand, zero."""
+        if isinstance(quantity.target, CoordinateValue):
+            return np.zeros((1, len(self.beside.widths)))
+        return quantity.error(cast(Evaluation, self), base)[1]
+
+
 class Predictions:
     """Errors of the model at values x (n,) of the unknowns, and their derivatives.
 
@@ -90,6 +158,7 @@ class Predictions:
         self._quantities, m = quantities, start.mechanism
         self._coordinates = [m.driven_coordinate(name) for name in unknowns.offsets]
         self._variants = Variants(m, unknowns.dimensions)
+        self._family = Family(m, unknowns.dimensions) if unknowns.dimensions else None
         self._near = start
         self._last: tuple[bytes, Situation] | None = None
         length = m.characteristic_length
@@ -189,58 +258,55 @@ class Predictions:
                 the loops.
         """
         here = self._near = self.at(x)
-        changes = [self._changes(here, name) for name in self.unknowns.dimensions]
-        rows = []
+        beside, rows = self._beside(here), []
         for i, state in enumerate(here.states):
             with evaluation_of(here.mechanism, state.angles) as evaluation:
                 evaluation.update(state.q)
-                rows.append(self._pose_rows(i, evaluation, here, [c[i] for c in changes]))
+                rows.append(self._pose_rows(i, evaluation, here, beside))
         k = len(self.unknowns.encoders)
         told = np.concatenate(rows) * self.sizes / self.sigmas[: len(self.sigmas) - k, None]
         return np.vstack([told, np.eye(k, len(self.sizes), len(self.sizes) - k)])
 
-    def _changes(self, here: Situation, name: str) -> list[tuple[Array, Array]]:
-        """Return by pose the derivatives for a dimension, q being the same.
-
-        Those of the loops' rows, then those of the errors.
-        """
-        value = here.mechanism.dimensions[name]
-        h = STEP * self.sizes[self.unknowns.dimensions.index(name)]
-        own = {k: here.mechanism.dimensions[k] for k in self.unknowns.dimensions}
-        ends = (float(value + h), float(value - h))
-        both = self._variants.several([{**own, name: end} for end in ends])
-        found = list[tuple[Array, Array]]()
-        for i, state in enumerate(here.states):
-            ahead, behind = (self._at_rest(there, state, i, here.base) for there in both)
-            wide = ends[0] - ends[1]
-            found.append(((ahead[0] - behind[0]) / wide, (ahead[1] - behind[1]) / wide))
-        return found
-
-    def _at_rest(
-        self, there: Mechanism, state: State, i: int, base: pin.SE3 | None
-    ) -> tuple[Array, Array]:
-        """Return the loops' rows and the errors of a pose, where no joint has moved."""
-        with evaluation_of(there, state.angles) as evaluation:
-            evaluation.update(state.q)
-            return (evaluation.residual.copy(), np.concatenate(
-                [q.error(evaluation, base)[0] for q in self._quantities[i]]))
+    def _beside(self, here: Situation) -> _Beside | None:
+        """Return the poses with every dimension a little larger and smaller, if there are any."""
+        if self._family is None:
+            return None
+        names, poses = self.unknowns.dimensions, len(here.states)
+        own = np.array([here.mechanism.dimensions[name] for name in names])
+        steps = np.diag(STEP * self.sizes[: len(own)])
+        every = own[:, None] + np.hstack([np.zeros((len(own), 1)), steps, -steps])
+        members = self._family.at(every)
+        if not members.holds.all():
+            members = self._family.loaded(every)
+        at = np.tile(np.arange(poses), every.shape[1])
+        q, angles = (np.array(a)[at] for a in zip(
+            *((s.q, s.angles) for s in here.states), strict=True))
+        bodies = self._family.bodies(
+            members.taken(np.repeat(np.arange(every.shape[1]), poses)), q, angles)
+        ahead, behind = every[:, 1 : len(own) + 1], every[:, len(own) + 1 :]
+        return _Beside(bodies, poses, np.diag(ahead - behind), {})
 
     def _pose_rows(
         self, i: int, evaluation: Evaluation, here: Situation,
-        changes: Sequence[tuple[Array, Array]],
+        beside: _Beside | None,
     ) -> Array:
         """Return the derivatives (k, n) of a pose's errors [m, rad] per unit of the unknowns."""
         m, n = here.mechanism, evaluation.constraints.n_closure
         held = [m.driven_coordinate(name) for name in self._drivers[i]]
         stands = [*(c.v for c in held), *still_entries(m, held)]
-        svd = decompose(np.vstack([evaluation.jacobian[:n], np.eye(m.model.nv)[stands]]))
-        errors = [q.error(evaluation, here.base) for q in self._quantities[i]]
-        slopes = np.vstack([s for _, s in errors]) * m.velocity_scale
+        loops = evaluation.jacobian[:n] if beside is None else beside.bodies.jacobian[i]
+        scale = self._start.mechanism.velocity_scale
+        svd = decompose(np.vstack([loops, np.eye(m.model.nv)[stands]]))
+        slopes = scale * np.vstack(
+            [q.error(evaluation, here.base)[1] for q in self._quantities[i]])
         self._check_determined(i, svd, slopes)
-        columns = [own + slopes @ self._motion(svd, -rows, name, len(stands))
-                   for name, (rows, own) in zip(self.unknowns.dimensions, changes, strict=True)]
+        columns = list[Array]()
+        if beside is not None:
+            moved = beside.at(i, evaluation)
+            own = np.vstack([moved.slope(q, here.base) for q in self._quantities[i]])
+            columns += [*(own + slopes @ self._motions(svd, -beside.opened(i), len(stands))).T]
         driven = np.eye(n + len(stands))[n : n + len(held)]
-        of = {c.name: slopes @ svd.minimum_norm(row / m.velocity_scale[c.v])
+        of = {c.name: slopes @ svd.minimum_norm(row / scale[c.v])
               for c, row in zip(held, driven, strict=True)}
         still = np.zeros(len(slopes))
         columns += [of.get(c.name, still) for c in self._coordinates]
@@ -251,17 +317,18 @@ class Predictions:
                          for e in self.unknowns.encoders]).reshape(-1, len(slopes)).T
         return np.hstack([found, *base, read])
 
-    def _motion(self, svd: Decomposition, opened: Array, name: str, n_still: int) -> Array:
-        """Return how the joints go (nv,) to keep the loops closed."""
-        wanted = np.concatenate([opened, np.zeros(n_still)])
-        found = svd.minimum_norm(wanted)
+    def _motions(self, svd: Decomposition, opened: Array, n_still: int) -> Array:
+        """Return how the joints go (nv, n) to keep loops closed that dimensions open (rows, n)."""
+        wanted = np.vstack([opened, np.zeros((n_still, opened.shape[1]))])
         kept = svd.u[:, : svd.rank]
-        left = wanted - kept @ (kept.T @ wanted)
-        if np.linalg.norm(left) > TOLERANCES.half_precision * max(
-                1.0, float(np.linalg.norm(wanted))):
+        left = np.linalg.norm(wanted - kept @ (kept.T @ wanted), axis=0)
+        opens = left > TOLERANCES.half_precision * np.maximum(1.0, np.linalg.norm(wanted, axis=0))
+        if opens.any():
+            name = self.unknowns.dimensions[int(np.argmax(opens))]
             raise SpatialPinError(
                 f"mechanism {self._start.mechanism.name!r}: the loops open where {name!r} alone is "
                 "changed (they are overconstrained); calibrate a dimension that keeps them closed")
+        found: Array = svd.vt[: svd.rank].T @ ((kept.T @ wanted) / svd.s[: svd.rank, None])
         return found
 
     def _check_determined(self, i: int, svd: Decomposition, slopes: Array) -> None:

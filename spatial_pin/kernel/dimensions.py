@@ -68,18 +68,27 @@ class EvaluatedSamples(NamedTuple):
     Attributes:
         residual: (m, n_closure) closure equations.
         angles: (m, n_angles) of screw closures [rad].
-        rotations: (m, njoints, 3, 3) of the joints of the model in the world, as Pinocchio's.
-        translations: (m, njoints, 3) [m].
+        turns: (m, n, 3, 3) of the kernel's joints in the world, by columns.
+        translations: (m, njoints, 3) of the joints of the model [m].
         jacobian: (m, n_closure, nv) of the equations with respect to v / `velocity_scale`.
         columns: (m, 6, nv) of the joint Jacobian about the world origin, by v.
+        axes: (njoints, 3, 3) of the kernel's joints in those of the model's; carriers: their
+            numbers.
     """
 
     residual: Array
     angles: Array
-    rotations: Array
+    turns: Array
     translations: Array
     jacobian: Array
     columns: Array
+    axes: Array
+    carriers: NDArray[np.int64]
+
+    def rotation(self, joint: int) -> Array:
+        """Return the rotations (m, 3, 3) of a joint of the model in the world, as Pinocchio's."""
+        own = self.turns[:, self.carriers[joint]].transpose(0, 2, 1)
+        return (own.reshape(-1, 3) @ self.axes[joint].T).reshape(own.shape)
 
 
 class _Samples(ctypes.Structure):
@@ -192,7 +201,7 @@ class DimensionEvaluator:
         places = np.array(made_of.places, np.int64)
         varied = numbers(made_of.varied, (m, len(places)))
         residual, work = np.empty((m, kernel.n_closure)), np.empty(len(base))
-        rotations, translations = np.empty((m, n, 3, 3)), np.empty((m, n, 3))
+        turns, translations = np.empty((m, n, 3, 3)), np.empty((m, n, 3))
         k = m if with_jacobian else 0
         jacobian, linear, angular = np.empty((k, size, nv)), *np.empty((2, k, nv, 3))
         asked = _Samples(base=address(base), place=address(places), varied=address(varied),
@@ -200,11 +209,10 @@ class DimensionEvaluator:
                          n_varied=len(places))
         ends = [address(x) if with_jacobian else None for x in (jacobian, linear, angular)]
         check(kernel.library.dimensions_evaluate(
-            kernel.handle, ctypes.byref(asked), m, *map(address, (residual, rotations,
+            kernel.handle, ctypes.byref(asked), m, *map(address, (residual, turns,
             translations)), *ends, address(work)))
-        carriers = kernel.packed.carriers  # rotations come by columns
-        in_pin = kernel.packed.frames[carriers] @ rotations[:, carriers]
+        carriers = kernel.packed.carriers
         return EvaluatedSamples(
-            residual, angles, in_pin.transpose(0, 1, 3, 2), translations[:, carriers],
-            jacobian[:, : kernel.n_closure],
-            np.concatenate([linear, angular], axis=2).transpose(0, 2, 1))
+            residual, angles, turns, translations[:, carriers], jacobian[:, : kernel.n_closure],
+            np.concatenate([linear, angular], axis=2).transpose(0, 2, 1),
+            kernel.packed.frames[carriers], carriers)

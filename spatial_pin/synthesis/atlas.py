@@ -16,12 +16,12 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin.dimensions.family import Members
 from spatial_pin.numerics.curve_matching import Movable, lengths_along, matches
 from spatial_pin.numerics.linalg import Array, pseudo_inverses
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.synthesis.family import Members
 from spatial_pin.synthesis.precision import Path
-from spatial_pin.synthesis.problem import Found, Problem
+from spatial_pin.synthesis.problem import WEIGHTS, Found, Problem
 from spatial_pin.synthesis.settling import Samples, Settling, spread
 
 # Curves drawn together, from random numbers of their own; where every mechanism has to be loaded,
@@ -206,7 +206,7 @@ class Atlas:
     def _points(self, members: Members, samples: Samples) -> Array:
         """Return where the frame is (m, 3), one configuration for each set of dimensions."""
         bodies = self.p.family.bodies(members, samples.q, samples.angles, with_jacobian=False)
-        return bodies.frame(self.goal.frame)[1]
+        return bodies.origin(self.goal.frame)
 
     def _movable(self, x: Array, samples: Sequence[Samples]) -> Movable:
         """Return how dimensions, or numbers of the goal, move a curve as a whole."""
@@ -274,7 +274,11 @@ class Atlas:
 
     def solved(self, begin: Begin) -> Found:
         """Return the local solution from a curve."""
-        found = self.p.solve_from(begin.x, begin.samples, self.number)
+        near = [begin.samples]
+        if len(self.p.settlings) > 1:
+            near = self.p.begun(begin.x, None)
+            near[self.number] = begin.samples
+        found = self.p.solve_from(begin.x, near, WEIGHTS[1:])
         return replace(found, evaluations=found.evaluations + begin.tried)
 
     def _drawn_there(self, alike: _Alike) -> tuple[Array, float, Array, Array]:

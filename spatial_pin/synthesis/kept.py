@@ -23,7 +23,7 @@ from spatial_pin.outputs import named_path, write_text
 from spatial_pin.synthesis.problem import Found
 from spatial_pin.synthesis.settling import Samples
 
-FORMAT = "spatial_pin design 1"
+FORMAT = "spatial_pin design 2"
 PAUSE = 1.0  # between two writings [s]: one takes some milliseconds
 
 
@@ -101,6 +101,7 @@ class Kept:
 def _table(found: Found) -> dict[str, Any]:
     return {"x": found.x.tolist(), "cost": found.cost, "hard": found.hard,
             "evaluations": found.evaluations, "why": found.why,
+            "others": [_table(one) for one in found.others],
             "samples": [{"q": s.q.tolist(), "angles": s.angles.tolist(), "at": s.at.tolist()}
                         for s in found.samples]}
 
@@ -109,7 +110,8 @@ def _found(table: Mapping[str, Any]) -> Found:
     return Found(_numbers(table["x"]), float(table["cost"]), float(table["hard"]), tuple(
         Samples(_rows(s["q"], len(s["at"])), _rows(s["angles"], len(s["at"])),
                 np.array(s["at"], dtype=np.intp))
-        for s in table["samples"]), int(table["evaluations"]), str(table["why"]))
+        for s in table["samples"]), int(table["evaluations"]), str(table["why"]),
+        tuple(_found(one) for one in table["others"]))
 
 
 def _numbers(values: Any) -> Array:

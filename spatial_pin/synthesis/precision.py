@@ -19,10 +19,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin.dimensions.family import Bodies
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.synthesis.family import Bodies
 
 FAR = 10.0  # times as large as the mechanism: a drawing in pixels, say, or in another unit
 Slopes = tuple[Array, Array, Array]  # residual (m, r), derivatives (m, r, nv) and (m, r, n_own)
@@ -233,11 +233,11 @@ class Path(_Drawn):
 
     def residual(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Array:
         """See `Precision`."""
-        return self._away(bodies.mechanism, bodies.frame(self.frame)[1], at, own)
+        return self._away(bodies.mechanism, bodies.origin(self.frame), at, own)
 
     def slopes(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Slopes:
         """See `Precision`."""
-        _, origin = bodies.frame(self.frame)
+        origin = bodies.origin(self.frame)
         away = self._away(bodies.mechanism, origin, at, own)
         moved = bodies.frame_jacobian(self.frame, origin)[:, :3]
         return (away, *self._away_slopes(bodies.mechanism, away, moved, at, own))

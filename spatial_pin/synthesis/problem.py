@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,14 +18,15 @@ from numpy.typing import NDArray
 
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State
+from spatial_pin.dimensions.family import Family, Members
 from spatial_pin.dimensions.predictions import STEP
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.synthesis.crowd import Crowd
 from spatial_pin.synthesis.demands.candidate import Candidate
 from spatial_pin.synthesis.demands.demand import Demand
-from spatial_pin.synthesis.family import Family, Members
 from spatial_pin.synthesis.precision import Goal, Precision
 from spatial_pin.synthesis.settling import Samples, Settling, spread
 
@@ -42,6 +43,7 @@ IDLE_PENALTIES = 3  # rounds that do not halve what is missed: it cannot be met
 FIRST_GAIN = 1e-6  # of the cost in a step, at which numbers close to bounds are put there
 NEAR_BOUND = 1e-3  # part of the width of the bounds: a trust region of interior points ends as far
 START_MARGIN = 1e-9  # likewise: SciPy wants starts inside of the bounds
+CROWD = 32  # starts that are fitted together: more cost as much each
 DRAWN_TRIES = 8  # configurations that a drawn start is looked for from
 
 
@@ -62,6 +64,7 @@ class Found:
         samples: configurations of every goal of precision.
         evaluations: sets of dimensions that were tried.
         why: what was said where nothing closes, or a demand cannot be judged.
+        others: further solutions from the same start.
     """
 
     x: Array
@@ -70,6 +73,7 @@ class Found:
     samples: tuple[Samples, ...]
     evaluations: int
     why: str = ""
+    others: tuple[Found, ...] = ()
 
     @property
     def is_one(self) -> bool:
@@ -185,7 +189,7 @@ class Problem:
             self._nominal = assembled(self.mechanism, {}, self._guess)
         return self._nominal
 
-    def _begin(self, x: Array, rng: np.random.Generator | None) -> list[Samples]:
+    def begun(self, x: Array, rng: np.random.Generator | None) -> list[Samples]:
         """Return configurations to start from, each sample from the one before.
 
         Args:
@@ -248,7 +252,7 @@ class Problem:
         if not members.holds.all():
             return np.inf
         total = 0.0
-        for settling, samples, own in zip(self.settlings, self._begin(x, None), self.own,
+        for settling, samples, own in zip(self.settlings, self.begun(x, None), self.own,
                                           strict=True):
             left = settling.loose_residual(members, samples, x[own], WEIGHTS[-1])
             total += float(np.sum(left**2)) * _size(settling.goal) ** 2
@@ -266,35 +270,47 @@ class Problem:
         """Return the mechanism of x with closed configurations, for demands."""
         return Candidate.of(self.family, x[: self.n], near or self.nominal(), samples)
 
-    def solve_from(self, x: Array, samples: Samples, number: int) -> Found:
-        """Return the local solution from configurations of one of the goals of precision.
+    def solve_from(self, x: Array, near: list[Samples], weights: Sequence[float]) -> Found:
+        """Return the local solution from configurations.
 
         Args:
             x: (n,) dimensions and own numbers.
-            samples: configurations of that goal.
-            number: of it.
+            near: configurations of each goal of precision.
+            weights: of open loops, one after the other; none where loops are closed.
         """
         fit = Fit(self)
         try:
-            near = self._begin(x, None) if len(self.settlings) > 1 else [samples]
-            near[number] = samples
-            return fit.solved(x, near, WEIGHTS[1:])
-        except SpatialPinError as error:
+            return fit.solved(x, near, weights)
+        except SpatialPinError as error:  # nothing closes there, or a demand cannot be judged
             return Found(x, np.inf, np.inf, (), fit.evaluations, str(error))
 
     def solve(self, x: Array, rng: np.random.Generator | None = None) -> Found:
-        """Return the local solution from a start.
+        """Return the local solution from a start; where it misses exact goals, those of a crowd.
 
         Args:
             x: (n,) dimensions and own numbers.
             rng: None: from the closed state of the guess; else configurations are drawn too.
         """
-        fit = Fit(self)
         try:
-            near = self._begin(x, rng)
-            return fit.solved(x, near, WEIGHTS if rng is None else WEIGHTS[rng.integers(2) :])
-        except SpatialPinError as error:  # nothing closes there, or a demand cannot be judged
-            return Found(x, np.inf, np.inf, (), fit.evaluations, str(error))
+            near = self.begun(x, rng)
+        except SpatialPinError as error:
+            return Found(x, np.inf, np.inf, (), 0, str(error))
+        if rng is None:
+            return self.solve_from(x, near, WEIGHTS)
+        found = self.solve_from(x, near, WEIGHTS[rng.integers(2) :])
+        exact = [s.goal.weight is None for s in self.settlings]
+        return self._best_of_crowd(found, rng) if any(exact) and all(
+            exact) and not found.is_one else found
+
+    def _best_of_crowd(self, missed: Found, rng: np.random.Generator) -> Found:
+        """Return the distinct solutions of a crowd, the first with the others, or what missed."""
+        crowd = Crowd(self, np.array([self.draw(rng) for _ in range(CROWD)]), rng)
+        crowd.fit()
+        tried = [self.solve_from(crowd.x[i], crowd.of(i), ()) for i in crowd.best()]
+        good = [one for one in tried if one.is_one]
+        first = good[0] if good else min([missed, *tried], key=lambda one: one.hard)
+        evaluations = crowd.evaluations + sum(one.evaluations for one in (missed, *tried))
+        return replace(first, others=tuple(good[1:]), evaluations=evaluations)
 
 
 def _drawn(name: str, rng: np.random.Generator) -> float:

@@ -143,8 +143,9 @@ def searched(
             if not kept.found:
                 raise
     tried = [kept.found[k] for k in sorted(kept.found) if k < starts]
-    own = [found for found in tried if found.is_one]
-    return Searched(tuple(_distinct(problem, own)), is_whole, len(tried), len(tried) - len(own),
+    own = [found for one in tried for found in (one, *one.others) if found.is_one]
+    failed = sum(not found.is_one for found in tried)
+    return Searched(tuple(_distinct(problem, own)), is_whole, len(tried), failed,
                     sum(found.evaluations for found in tried) + len(kept.values) + work.curves,
                     min((found.hard for found in tried if not found.is_one), default=np.inf),
                     next((found.why for found in tried if found.why), ""))

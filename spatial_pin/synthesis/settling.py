@@ -17,11 +17,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin.dimensions.family import Bodies, Family, Members
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, pseudo_inverses
 from spatial_pin.numerics.stacked import damped_solutions, null_spaces, projected
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.synthesis.family import Bodies, Family, Members
 from spatial_pin.synthesis.precision import Precision, simple
 
 SETTLING_STEPS = 40  # of a sample at most: from afar some twenty are usual, from nearby four
@@ -129,7 +129,13 @@ class Settling:
         wanted = self.goal.residual(bodies, at, own[: len(own) - self._n_zeros])
         return np.concatenate([bodies.residual, away], axis=1), wanted
 
-    def _rows(self, members: Members, samples: Samples, own: Array) -> tuple[Rows, Array]:
+    def equations(self, members: Members, samples: Samples, own: Array) -> tuple[Array, Array]:
+        """Return equations and residuals (m, h + r), and the angles of screws."""
+        bodies = self.family.bodies(self._each(members, len(samples.q)), samples.q, samples.angles,
+                                    with_jacobian=False)
+        return np.concatenate(self._values_only(bodies, samples.at, own), axis=1), bodies.angles
+
+    def rows(self, members: Members, samples: Samples, own: Array) -> tuple[Rows, Array]:
         """Return equations and residuals with their derivatives, and the angles of screws."""
         m, nv, at = len(samples.q), self.family.mechanism.model.nv, samples.at
         bodies = self.family.bodies(self._each(members, m), samples.q, samples.angles)
@@ -167,7 +173,7 @@ class Settling:
         self, members: Members, samples: Samples, own: Array, weight: float
     ) -> Samples:
         """Return configurations where open loops, weighted, and missed goals are least together."""
-        rows, angles = self._rows(members, samples, own)
+        rows, angles = self.rows(members, samples, own)
         residual, slope, _ = rows.together(weight)
         cost = np.einsum("mi,mi->m", residual, residual)
         damping = np.full(len(cost), FIRST_DAMPING)
@@ -175,7 +181,7 @@ class Settling:
         for _ in range(SETTLING_STEPS):
             steps = _steps(slope, residual, damping)
             there = samples._replace(q=self._moved(samples, steps))
-            rows, angles = self._rows(members, there, own)
+            rows, angles = self.rows(members, there, own)
             new, new_slope, _ = rows.together(weight)
             new_cost = np.einsum("mi,mi->m", new, new)
             better = new_cost < cost
@@ -194,14 +200,14 @@ class Settling:
         self, members: Members, samples: Samples, own: Array, weight: float
     ) -> Array:
         """Return the residuals (k, h + r) that are left so."""
-        return self._rows(members, samples, own)[0].together(weight)[0]
+        return self.rows(members, samples, own)[0].together(weight)[0]
 
     def loose_slopes(
         self, members: Members, around: Members, widths: Array, samples: Samples, own: Array,
         weight: float,
     ) -> Array:
         """Return their derivatives (k, h + r, n + n_own) for dimensions and own numbers."""
-        rows, _ = self._rows(members, samples, own)
+        rows, _ = self.rows(members, samples, own)
         _, moved, by_own = rows.together(weight)
         held, wanted = self._at_rest(members, around, widths, samples, own)
         fixed = np.concatenate(
@@ -222,7 +228,7 @@ class Settling:
         """
         k, n = len(samples.q), len(widths)
         if not n:
-            rows, _ = self._rows(members, samples, own)
+            rows, _ = self.rows(members, samples, own)
             return np.empty((*rows.held.shape, 0)), np.empty((*rows.wanted.shape, 0))
         at = np.tile(np.arange(k), 2 * n)
         bodies = self.family.bodies(around.taken(np.repeat(np.arange(2 * n), k)),
@@ -240,7 +246,7 @@ class Settling:
     ) -> tuple[Samples, Rows, NDArray[np.bool_]]:
         """Return configurations with loops closed and drivers in place, and which have them so."""
         there = self.placed(samples, own)
-        rows, angles = self._rows(members, there, own)
+        rows, angles = self.rows(members, there, own)
         there = there._replace(angles=angles)
         error = np.abs(rows.held).max(axis=1, initial=0.0)
         for _ in range(CLOSINGS):
@@ -249,7 +255,7 @@ class Settling:
             damping = np.maximum(np.einsum("mi,mi->m", rows.held, rows.held), FLOOR_DAMPING)
             steps = _steps(rows.held_moves, rows.held, damping)
             new = there._replace(q=self._moved(there, steps))
-            new_rows, angles = self._rows(members, new, own)
+            new_rows, angles = self.rows(members, new, own)
             new_error = np.abs(new_rows.held).max(axis=1, initial=0.0)
             better = new_error < error
             there = there.where(better, new._replace(angles=angles))
@@ -274,7 +280,7 @@ class Settling:
         for _ in range(SETTLING_STEPS):
             steps = along.steps(damping)
             there = samples._replace(q=self._moved(samples, steps))
-            rows, angles = self._rows(members, there, own)
+            rows, angles = self.rows(members, there, own)
             new = _Along.of(rows)
             better = (new.missed <= along.missed) & (new.open <= MOST_OPEN)
             samples = samples.where(better, there._replace(angles=angles))
@@ -297,7 +303,7 @@ class Settling:
         self, members: Members, around: Members, widths: Array, samples: Samples, own: Array
     ) -> Array:
         """Return their derivatives (k, r, n + n_own), loops closed and the best timing kept."""
-        rows, _ = self._rows(members, samples, own)
+        rows, _ = self.rows(members, samples, own)
         held, wanted = self._at_rest(members, around, widths, samples, own)
         held = np.concatenate([held, rows.held_own], axis=2)
         wanted = np.concatenate([wanted, rows.wanted_own], axis=2)

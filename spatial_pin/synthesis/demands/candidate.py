@@ -12,6 +12,7 @@ import numpy as np
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.search.whole_turns import nearest_turn
 from spatial_pin.assembly.state import State
+from spatial_pin.dimensions.family import Family
 from spatial_pin.dimensions.homotopy import followed
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.joint_limits import beyond_limits
@@ -20,7 +21,6 @@ from spatial_pin.motion.limits import FARTHEST_SLIDE
 from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.synthesis.family import Family
 
 TURN = 2.0 * np.pi
 PER_TURN = 36  # steps of a motion that is looked at

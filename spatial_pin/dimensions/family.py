@@ -14,7 +14,7 @@ from spatial_pin.dimensions.homotopy import varied
 from spatial_pin.dimensions.numbers import DimensionNumbers
 from spatial_pin.dimensions.variants import Pose, Variants
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.kernel.dimensions import DimensionEvaluator, Numbers
+from spatial_pin.kernel.dimensions import DimensionEvaluator, EvaluatedSamples, Numbers
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.packing import packed
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -53,8 +53,8 @@ class Bodies(NamedTuple):
         angles: (m, n_angles) of screw closures [rad].
         jacobian: (m, n_closure, nv) of these with respect to v / `velocity_scale`; empty if not
             asked for, like `columns`.
-        rotations, translations: (m, njoints, 3, 3) and (m, njoints, 3) of the joints.
         columns: (m, 6, nv) of the joint Jacobian about the world origin, by v / `velocity_scale`.
+        evaluated: where the joints are.
         supports: (njoints, nv) 1 for the freedoms that move the body of each joint.
     """
 
@@ -64,19 +64,31 @@ class Bodies(NamedTuple):
     residual: Array
     angles: Array
     jacobian: Array
-    rotations: Array
-    translations: Array
     columns: Array
+    evaluated: EvaluatedSamples
     supports: Array
 
-    def frame(self, name: str) -> tuple[Array, Array]:
-        """Return rotations (m, 3, 3) and origins (m, 3) of a link, frame or joint in the world."""
-        i = self.mechanism.frame_id(name)
+    def frame(self, name: str | int) -> tuple[Array, Array]:
+        """Return rotations (m, 3, 3) and origins (m, 3) of a link, frame or joint in the world.
+
+        It is named, or its number in the model is given.
+        """
+        joint, own = self._carried(name)
+        return self.evaluated.rotation(joint) @ own.rotation, self.origin(name)
+
+    def origin(self, name: str | int) -> Array:
+        """Return its origins (m, 3) alone."""
+        joint, own = self._carried(name)
+        at, place = self.evaluated.rotation(joint), self.evaluated.translations[:, joint]
+        found: Array = place + np.einsum("mij,mj->mi", at,
+                                         np.broadcast_to(own.translation, place.shape))
+        return found
+
+    def _carried(self, name: str | int) -> tuple[int, Pose]:
+        """Return the joint that carries a frame, and its placements there."""
+        i = self.mechanism.frame_id(name) if isinstance(name, str) else name
         frame = self.mechanism.model.frames[i]
-        own = self.members.frames.get(i) or Pose.of(frame.placement)
-        at, place = self.rotations[:, frame.parentJoint], self.translations[:, frame.parentJoint]
-        return (at @ own.rotation,
-                place + np.einsum("mij,mj->mi", at, np.broadcast_to(own.translation, place.shape)))
+        return frame.parentJoint, self.members.frames.get(i) or Pose.of(frame.placement)
 
     def frame_jacobian(self, name: str, origin: Array) -> Array:
         """Return its Jacobian (m, 6, nv) at its origin (m, 3), world axes."""
@@ -116,14 +128,14 @@ class Family:
     def at(self, dimensions: Array) -> Members:
         """Return the mechanism at dimensions (n, m), in the order of the names."""
         if self._tree is None or self._numbers is None:
-            return self._loaded(dimensions)
+            return self.loaded(dimensions)
         with np.errstate(all="ignore"):  # of those that are none
             found = self._tree.at(dimensions)
             numbers = self._numbers.at(found, rescaled=False)
             return Members(found.holds & np.isfinite(numbers.varied).all(axis=1), numbers,
                            self._numbers.with_own_axes(found).frames)
 
-    def _loaded(self, dimensions: Array) -> Members:
+    def loaded(self, dimensions: Array) -> Members:
         """Return the same of mechanisms loaded one by one, where the file cannot be followed."""
         mechanism = self.mechanism
         holds, reals = np.ones(dimensions.shape[1], dtype=bool), []
@@ -158,7 +170,7 @@ class Family:
             found = evaluator.evaluate(q, angles, members.numbers, with_jacobian)
         scale = self.mechanism.velocity_scale
         return Bodies(self.mechanism, members, q, found.residual, found.angles, found.jacobian,
-                      found.rotations, found.translations, found.columns * scale,
+                      found.columns * scale, found,
                       constraints_of(self.mechanism).supports)
 
     def displaced(self, q: Array, steps: Array) -> Array:
