@@ -106,7 +106,7 @@ class Crowd:
                 return
             steps, moved = _steps([_Equations(*(part[rows] for part in e)) for e in every],
                                   damping[rows])
-            there: Array = np.clip(self.x[rows] + p.sizes * steps, p.lower, p.upper)
+            there = np.clip(self.x[rows] + p.sizes * steps, p.lower, p.upper)
             samples = [self._moved(s, k, rows, part) for s, k, part in
                        zip(self.samples, self._counts, moved, strict=True)]
             values, samples = self._values(there, samples)
@@ -116,7 +116,7 @@ class Crowd:
             self.samples = [_put(s, k, new, rows, better) for s, k, new in
                             zip(self.samples, self._counts, samples, strict=True)]
             damping[rows] *= np.where(better, EASED, HARDENED)
-            damping = np.maximum(damping, LEAST_DAMPING)
+            np.maximum(damping, LEAST_DAMPING, out=damping)
             done |= (damping > MOST_DAMPING) | (self.cost < TOLERANCES.tight**2)
             if better.any():
                 for e, new in zip(every, self._equations(rows[better]), strict=True):
