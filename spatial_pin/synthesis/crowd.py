@@ -120,8 +120,8 @@ class Crowd:
             done |= (damping > MOST_DAMPING) | (self.cost < TOLERANCES.tight**2)
             if better.any():
                 for e, new in zip(every, self._equations(rows[better]), strict=True):
-                    for part, there in zip(e, new, strict=True):
-                        part[rows[better]] = there
+                    for part, renewed in zip(e, new, strict=True):
+                        part[rows[better]] = renewed
 
     def best(self) -> list[int]:
         """Return the starts that meet their goals, but for those that end together, else the best.
