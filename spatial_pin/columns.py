@@ -271,7 +271,7 @@ def write_npz(path: str | Path, arrays: Mapping[str, Any]) -> Path:
 
 
 def read_only(array: NDArray[Any]) -> NDArray[Any]:
-    """Return a view of an array that cannot be written to."""
-    view = array.view()
+    """Return a view of an array, in C order, that cannot be written to."""
+    view = np.asarray(array, order="C").view()
     view.setflags(write=False)
     return view

@@ -532,7 +532,6 @@ def test_limits_resistance_and_gravity_are_kept(tmp_path):
 
 @pytest.mark.parametrize(("more", "says"), [
     ({"damping": np.array([-1.0, 0.0])}, "'pair': damping is .* not negative"),
-    ({"armature": np.array([0.0, np.nan])}, "'last': armature"),
     ({"lowerPositionLimit": np.array([2.0, 0.0]), "upperPositionLimit": np.array([1.0, 1.0])},
      "'pair': its lower position limit"),
     ({"upperEffortLimit": np.array([0.0, np.nan])}, "'last': its lower effort limit"),
@@ -540,6 +539,47 @@ def test_limits_resistance_and_gravity_are_kept(tmp_path):
 def test_impossible_numbers_are_refused_by_joint(more, says):
     with pytest.raises(sp.SpatialPinError, match=says):
         from_model(one_joint(pin.JointModelRX(), **more))
+
+
+def spoilt(part):
+    """A model with one number that is none."""
+    model = one_joint(pin.JointModelRX())
+    none = np.array([0.0, 0.0, np.nan])
+    if part == "gravity":
+        model.gravity.linear = none
+    elif part == "armature":
+        model.armature = np.array([0.0, np.nan])
+    elif part == "placement":
+        model.jointPlacements[1] = pin.SE3(np.eye(3), none)
+    elif part == "frame":
+        model.addFrame(pin.Frame("tool", 1, 0, pin.SE3(np.eye(3), none), pin.FrameType.OP_FRAME))
+    else:
+        model.inertias[1] = pin.Inertia(1.0, none, np.eye(3))
+    return model
+
+
+@pytest.mark.parametrize("part", ["gravity", "armature", "placement", "frame", "inertia"])
+def test_a_model_with_a_number_that_is_none_is_refused(part):
+    with pytest.raises(ValueError, match=f"{part}.* has a value that is NaN or infinite"):
+        from_model(spoilt(part))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_parts_with_a_number_that_is_none_are_refused(value):
+    with pytest.raises(ValueError, match="guess: 'pair' has a value that is NaN or infinite"):
+        from_model(one_joint(pin.JointModelRX()), guess={"pair": value})
+    for name in ("stiffness", "damping", "free_length", "free_angle"):
+        with pytest.raises(ValueError, match=f"{name} of spring 's' has a value that is NaN"):
+            sp.Spring("s", joint="pair", **{name: value})
+    for name in ("xyz", "rpy"):
+        with pytest.raises(ValueError, match=f"{name} of frame 'f' has a value that is NaN"):
+            sp.Frame("f", "link", **{name: (0.0, value, 0.0)})
+
+
+@pytest.mark.parametrize("ends", [{}, {"frames": ("a",)}, {"frames": ("a", "b"), "joint": "j"}])
+def test_a_spring_acts_between_two_frames_or_at_a_joint(ends):
+    with pytest.raises(ValueError, match="spring 's' needs either two frames or a joint"):
+        sp.Spring("s", stiffness=1.0, **ends)
 
 
 # ---------------------------------------------------------------- links and frames

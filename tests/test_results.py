@@ -237,6 +237,13 @@ def test_arrays_of_results_are_read_only(motion, loads, driven):
             array[0] = 0.0
 
 
+def test_arrays_of_results_are_float64_in_c_order(motion, loads):
+    arrays = [motion.q, motion.v, motion.a, *motion.frame("coupler"), *motion.com("coupler"),
+              *motion.coordinate("rocker_pin"), *loads.efforts.values(), *loads.reactions.values()]
+    for array in arrays:
+        assert array.dtype == np.float64 and array.flags.c_contiguous and len(array) == len(motion)
+
+
 def test_arrays_of_the_user_are_left_alone():
     values = np.linspace(0.0, 1.0, 5)
     motion = sp.sweep(sp.load("four_bar"), "crank", values)

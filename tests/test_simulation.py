@@ -496,6 +496,21 @@ def test_a_state_must_start_as_the_law_does(law, tmp_path):
         sp.simulate(mech, sp.assemble(mech, {"crank": 0.4}), 1.0, drives={"crank": law})
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize(("begin", "place"), [(0.0, 0), (0.05, 0), (0.05, 2)])
+def test_a_law_that_gives_no_number_is_refused_by_name_and_time(value, begin, place):
+    mech = sp.load("four_bar")
+    state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 0.3}), {"crank": 1.0})
+
+    def law(t):
+        found = [0.3 + t, 1.0, 0.0]
+        found[place] = value if t >= begin else found[place]
+        return tuple(found)
+
+    with pytest.raises(ValueError, match="law of 'crank' has a value that is NaN or infinite at"):
+        sp.simulate(mech, state, 0.1, drives={"crank": law})
+
+
 # ---------------------------------------------------------------- integrators
 
 

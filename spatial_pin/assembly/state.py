@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from spatial_pin.assembly.frames import Located
 from spatial_pin.brief import brief
+from spatial_pin.checks import finite_array
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SpatialPinError
@@ -493,9 +494,12 @@ def moving_in_time(mechanism: Mechanism, state: State) -> State:
 
     Raises:
         SpatialPinError: as `of_mechanism`.
+        ValueError: a rate is NaN or infinite.
     """
     own = of_mechanism(mechanism, state)
     if own.in_time:
+        for rates in (own.v, own.a):
+            finite_array(rates, own.v.shape, "the state: v or a")
         return own
     return State(own.mechanism, own.q, closure_error=own.closure_error, angles=own.angles,
                  branch=own.branch, released=own.released)

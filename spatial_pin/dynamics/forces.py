@@ -214,11 +214,16 @@ def joint_efforts(mechanism: Mechanism, efforts: Mapping[str, float] | None) -> 
 
     Raises:
         UnknownNameError: a name does not exist.
-        ValueError: a value is NaN or infinite.
+        ValueError: a value is NaN or infinite, or one coordinate has two.
     """
     total = np.zeros(mechanism.model.nv)
+    given: set[int] = set()
     for name, value in mapping(efforts, "efforts").items():
-        total[mechanism.driven_coordinate(name).v] += finite_number(value, f"effort at {name!r}")
+        coordinate = mechanism.driven_coordinate(name)
+        if coordinate.v in given:
+            raise ValueError(f"effort of {coordinate.name!r} is given twice")
+        given.add(coordinate.v)
+        total[coordinate.v] = finite_number(value, f"effort at {name!r}")
     return total
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin.checks import finite_array
 from spatial_pin.errors import MechanismFileError, UnknownNameError
 
 
@@ -30,6 +31,10 @@ class Frame:
     link: str
     xyz: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        for what in ("xyz", "rpy"):
+            finite_array(getattr(self, what), (3,), f"{what} of frame {self.name!r}")
 
     @property
     def placement(self) -> pin.SE3:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+from spatial_pin.checks import finite_number
 from spatial_pin.lazy import cached_property
 from spatial_pin.mechanism.equations import ConstraintEquation
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS, Pair, PairGeometry
@@ -162,6 +163,9 @@ class Spring:
     Example:
         >>> sp.Spring("return", joint="rocker_pin", stiffness=2.0, free_angle=1.2).free  # [rad]
         1.2
+
+    Raises:
+        ValueError: a number is NaN or infinite, or it has both frames and a joint, or neither.
     """
 
     name: str
@@ -171,6 +175,12 @@ class Spring:
     damping: float = 0.0
     free_length: float = 0.0
     free_angle: float = 0.0
+
+    def __post_init__(self) -> None:
+        if (len(self.frames), bool(self.joint)) not in ((2, False), (0, True)):
+            raise ValueError(f"spring {self.name!r} needs either two frames or a joint")
+        for what in ("stiffness", "damping", "free_length", "free_angle"):
+            finite_number(getattr(self, what), f"{what} of spring {self.name!r}")
 
     @property
     def free(self) -> float:

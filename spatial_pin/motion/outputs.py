@@ -251,6 +251,6 @@ def _at(motion: Motion, joint: int, offset: pin.SE3) -> FrameMotion:
         w,
         e,
     ], axis=-1)
-    x, dx, ddx, omega, epsilon = np.moveaxis(r @ local, -1, 0)
-    x = x + b.placements[:, joint, 3]
+    x, dx, ddx, omega, epsilon = np.ascontiguousarray(np.moveaxis(r @ local, -1, 0))
+    x += b.placements[:, joint, 3]
     return FrameMotion(x, r @ offset.rotation, dx, ddx, omega, epsilon)

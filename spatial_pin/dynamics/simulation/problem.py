@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import Any
@@ -33,7 +34,15 @@ def _law(name: str, law: Any) -> DriverLaw:
     if not callable(law):
         raise TypeError(f"drives: the law of {name!r} is {law!r}; it must be a function of time "
                         "that returns (value, rate, acceleration), as those of spatial_pin.laws")
-    return law
+
+    def asked(t: float) -> tuple[float, float, float]:
+        found: tuple[float, float, float] = law(t)
+        if not all(map(math.isfinite, found)):
+            raise ValueError(f"drives: the law of {name!r} has a value that is NaN or infinite at "
+                             f"{t:.9g} s: {found}")
+        return found
+
+    return asked
 
 
 class Problem:

@@ -70,6 +70,8 @@ def _guess(
 ) -> dict[str, Any]:
     """Return a guess by joint; it may be a configuration of the model."""
     if isinstance(guess, Mapping):
+        for key, value in guess.items():
+            finite_array(value, np.shape(value), f"guess: {key!r}")
         return dict(guess)
     q = own_configuration(given, made.model, finite_array(guess, (given.nq,), "guess"))
     vectors = {name: joint_vector(made, q, name) for name in list(made.model.names)[1:]}

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin.checks import finite_array
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.formats.urdf.elements import UNBOUNDED
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS, axes_from_z, unit
@@ -60,8 +61,10 @@ def pair_tree(given: pin.Model, where: str) -> PairTree:
 
     Raises:
         SpatialPinError: a joint is no pair, or two have one name, or a number is impossible.
+        ValueError: a number is NaN or infinite.
     """
     _check_names(given, where)
+    finite_array(given.gravity.vector, (6,), f"{where}: gravity")
     new, pairs = pin.Model(), []
     new.name, new.gravity = given.name, given.gravity
     mimicking = {int(i): int(j) for i, j in zip(given.mimicking_joints, given.mimicked_joints,
@@ -73,8 +76,11 @@ def pair_tree(given: pin.Model, where: str) -> PairTree:
         copy_numbers(given, i, new, i)
     _check_numbers(new, where)
     for i, inertia in enumerate(given.inertias):
+        parts = inertia.mass, *inertia.lever, *inertia.inertia.flat
+        finite_array(parts, (13,), f"{where}: the inertia on joint {given.names[i]!r}")
         new.inertias[i] = inertia
     for frame in list(given.frames)[1:]:
+        finite_array(frame.placement.homogeneous, (4, 4), f"{where}: frame {frame.name!r}")
         new.addFrame(frame, False)
     for entry in given.referenceConfigurations:
         new.referenceConfigurations[entry.key()] = own_configuration(given, new, entry.data())
@@ -250,8 +256,8 @@ def _check_numbers(model: pin.Model, where: str) -> None:
         q = slice(model.idx_qs[i], model.idx_qs[i] + model.nqs[i])
         here = f"{where}: joint {model.names[i]!r}"
         for name in NEVER_NEGATIVE:
-            values = getattr(model, name)[v]
-            if not np.all((values >= 0.0) & np.isfinite(values)):
+            values = finite_array(getattr(model, name)[v], (model.nvs[i],), f"{here}: {name}")
+            if np.any(values < 0.0):
                 raise SpatialPinError(f"{here}: {name} is {values.tolist()}; it must be finite and "
                                       "not negative")
         for kind, own in (("Position", q), ("Velocity", v), ("Effort", v)):
@@ -259,6 +265,4 @@ def _check_numbers(model: pin.Model, where: str) -> None:
             if not np.all(low <= high):  # nor NaN
                 raise SpatialPinError(f"{here}: its lower {kind.lower()} limit {low.tolist()} is "
                                       f"not below the upper one, {high.tolist()}")
-        placement = model.jointPlacements[i].homogeneous
-        if not np.all(np.isfinite(placement)):
-            raise SpatialPinError(f"{here}: its placement is not finite")
+        finite_array(model.jointPlacements[i].homogeneous, (4, 4), f"{here}: its placement")
