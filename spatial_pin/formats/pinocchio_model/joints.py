@@ -75,13 +75,13 @@ def pair_tree(given: pin.Model, where: str) -> PairTree:
         pairs.append(pair)
         copy_numbers(given, i, new, i)
     _check_numbers(new, where)
+    for frame in list(given.frames)[1:]:
+        finite_array(frame.placement.homogeneous, (4, 4), f"{where}: frame {frame.name!r}")
+        new.addFrame(frame, False)
     for i, inertia in enumerate(given.inertias):
         parts = inertia.mass, *inertia.lever, *inertia.inertia.flat
         finite_array(parts, (13,), f"{where}: the inertia on joint {given.names[i]!r}")
         new.inertias[i] = inertia
-    for frame in list(given.frames)[1:]:
-        finite_array(frame.placement.homogeneous, (4, 4), f"{where}: frame {frame.name!r}")
-        new.addFrame(frame, False)
     for entry in given.referenceConfigurations:
         new.referenceConfigurations[entry.key()] = own_configuration(given, new, entry.data())
     mimics = tuple(
