@@ -255,8 +255,8 @@ def finite_number(value: Any, what: str) -> float:
     Raises:
         ValueError: NaN, infinite, or no number.
     """
-    if type(value) is float and math.isfinite(value):
-        return value
+    if isinstance(value, float) and math.isfinite(value):
+        return float(value)
     if value is None or isinstance(value, str | bytes | bool):
         raise ValueError(f"{what} must be a number, not {value!r}")
     return float(finite_array(value, (), what))

@@ -134,13 +134,13 @@ def assembled(
     with Lent(mechanism, guess.angles if isinstance(guess, State) else None) as lent:
         def searched(accuracy: Accuracy) -> Search:
             search = Search(Closing(
-                lent, held, standing, start.named, accuracy, start.q), limits)
-            search.run(start.q, release)
+                lent, held, standing, start, accuracy), limits)
+            search.run(release=release)
             if search.best is None and standing and release and not search.is_near:
-                search = Search(Closing(
-                    lent, held, {}, standing | start.named, accuracy,
-                    with_values(mechanism, start.q, standing), said), limits)
-                search.run(start.q)
+                goal = Guess(mechanism, with_values(mechanism, start.q, standing),
+                             {**standing, **start.values})
+                search = Search(Closing(lent, held, {}, goal, accuracy, said), limits)
+                search.run(with_values(mechanism, start.q, held))
             return search
 
         search = searched(accuracy)
@@ -208,7 +208,7 @@ def _standing(
     if not standing:
         return {}
     values = {c.name: coordinate_value(mechanism, c, start.q) for c in drivers}
-    spoken = set(joint_values(mechanism, mechanism.guess)) | set(start.named)
+    spoken = set(joint_values(mechanism, mechanism.guess)) | set(start.names)
     silent = [name for name in values if name not in spoken]
     if spoken - set(values) and not set(silent).isdisjoint(standing):
         values |= _at_home(mechanism, guess, start, values, silent)
@@ -225,7 +225,7 @@ def _at_home(
     """
     with Lent(mechanism) as lent:
         search = Search(Closing(
-            lent, {}, drivers, start.named, accuracy_of(None), start.q), False)
+            lent, {}, drivers, start, accuracy_of(None)), False)
         search.attempt(start.q)
     if search.best is not None:
         return {}
@@ -248,8 +248,8 @@ def _result(search: Search, said: Mapping[str, float]) -> State:
     """
     if search.best is None:
         raise failure(search)
-    mechanism, q, seen = search.mechanism, search.best[1], search.examined
-    gone = gone_from(mechanism, q, said)
+    mechanism, q, seen = search.mechanism, search.best[1], search.examined()
+    gone = gone_from(mechanism, q, said) if said else {}
     names = {d.joint: d.name for d in mechanism.drivers.values()} if gone else {}
     return State(mechanism, q, closure_error=seen.error, angles=seen.angles,
                  released={names[c]: x for c, x in gone.items()})

@@ -539,7 +539,7 @@ def mass_shares(mechanism: Mechanism) -> list[tuple[int, float, Array]]:
 
 
 def _frozen(array: Array) -> Array:
-    copy = np.array(array, dtype=np.float64)
+    copy = np.array(array, np.float64)
     copy.setflags(write=False)
     return copy
 
@@ -549,6 +549,7 @@ NO_ANGLES = _frozen(np.empty(0))
 
 def _rest(mechanism: Mechanism) -> Array:
     """Return the rates (nv,) of what stands still."""
-    if "rest" not in mechanism.memo:
-        mechanism.memo["rest"] = _frozen(np.zeros(mechanism.model.nv))
-    return mechanism.memo["rest"]
+    found: Array | None = mechanism.memo.get("rest")
+    if found is None:
+        found = mechanism.memo["rest"] = _frozen(np.zeros(mechanism.model.nv))
+    return found

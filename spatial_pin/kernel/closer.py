@@ -104,9 +104,10 @@ class Reaching(ctypes.Structure):
     """What loops are closed with and what is found, for C: see `closer_reach`."""
 
     _fields_ = [
-        ("m", INT), *[(name, POINTER) for name in ("q", "first", "free", "pinned", "reference")],
-        *[(name, REAL) for name in ("loose", "tolerance", "cut")], ("iterations", INT),
-        ("meant", MeantPlaces), ("n_shakes", INT), ("shakes", POINTER), ("near", REAL),
+        ("m", INT), *[(name, POINTER) for name in ("q", "first", "free")], ("loose", REAL),
+        ("tolerance", REAL), ("iterations", INT), ("pinned", POINTER), ("reference", POINTER),
+        ("cut", REAL), ("meant", MeantPlaces), ("n_shakes", INT), ("shakes", POINTER),
+        ("near", REAL),
         *[(name, POINTER) for name in ("error", "distance", "mirrored", "facts", "angle")]]
 
 
@@ -159,25 +160,29 @@ class Closer:
         rows = 1 + AT_ONCE
         self._starts, self._mirrors = np.empty((rows, kernel.nq)), np.empty(rows, np.int64)
         self._errors, self._distances = np.empty((2, rows))
-        self._value, self._lower, self._upper = np.empty((3, kernel.nq))
+        self._all_may_be = [1] * rows
+        self._value = np.empty(kernel.nq)
         self._said = np.empty(kernel.nq, np.int64)
         self.knows_mirrors = rotations.shape[1] == sum(
             c.type != COUPLING and bool(c.pair.aligned) for c in mechanism.closures)
         self._at_q, self._at_first, self._at_free, *self._at, self._at_turns = (
             address(x) for x in (self._q, self._first, self._free, self._pinned, self._reference))
-        meant = MeantPlaces(*map(address, (self._value, self._said, self._lower, self._upper)))
-        self._reached = ctypes.byref(meant), *map(
-            address, (self._errors, self._mirrors, self._distances))
+        meant = MeantPlaces(address(self._value), address(self._said))
+        found = *map(address, (self._errors, self._mirrors, self._distances)),
         self._facts = address(self._error), address(self._angles), address(self._mirrored)
         self._task = Reaching(
-            0, address(self._starts), None, self._at_free, *self._at, self._at_turns, meant=meant,
-            **dict(zip(("error", "mirrored", "distance"), self._reached[1:], strict=True)),
+            0, address(self._starts), None, self._at_free, pinned=self._at[0],
+            reference=self._at_turns, meant=meant,
+            **dict(zip(("error", "mirrored", "distance"), found, strict=True)),
             facts=self._facts[0], angle=self._facts[1])
-        self._at_task = ctypes.byref(self._task)
+        self._at_task, self._meant = ctypes.byref(self._task), self._task.meant
+        self._reached = ctypes.byref(self._meant), *found
         # read-only arrays that are there from the last call need not be copied again
         self._known_free: NDArray[np.bool_] | None = None
         self._known_first: NDArray[np.bool_] | None = None
         self._known_said: NDArray[np.int64] | None = None
+        self._known_lower: Array | None = None
+        self._known_upper: Array | None = None
         self._asked: tuple[float, int, float] | None = None
 
     def close(
@@ -216,8 +221,8 @@ class Closer:
         it is not near: those that lead to what is closed, but no nearer, are left out.
         """
         task = self._task
-        for row, start in zip(self._starts, q, strict=False):
-            row[:] = start
+        for row, start in enumerate(q):
+            self._starts[row] = start
         self._take(free, first, reference, pinned)
         self._judge_by(meant)
         if self._asked != (tolerance, iterations, cut):
@@ -229,15 +234,11 @@ class Closer:
         if shakes is not None and self.knows_mirrors:
             task.n_shakes, task.near, task.shakes = len(shakes.steps), shakes.near, shakes.at
         check(self._library.closer_reach(self.handle, self._at_task))
-        seen = self._examined(self._mirrors) if self._error.item(0) < np.inf else None
-        found = [Reached(
-            self._starts[0].copy(), self._errors.item(0), self._is_mirrored(self._mirrors),
-            self._distances.item(0), seen)]
-        for k in range(1, task.m):
-            found.append(Reached(
-                self._starts[k].copy(), self._errors.item(k), self._is_mirrored(self._mirrors, k),
-                self._distances.item(k)))
-        return found
+        mirrors = self._mirrors.tolist() if self.knows_mirrors else self._all_may_be
+        seen = self._examined(mirrors[0]) if self._error.item(0) < np.inf else None
+        return [Reached(
+            self._starts[k].copy(), self._errors.item(k), mirrors[k] != 0,
+            self._distances.item(k), None if k else seen) for k in range(task.m)]
 
     def judge(self, q: Array, reference: Array | float, meant: Meant) -> Reached:
         """Return what q (nq,) is, whole turns taken off its angles."""
@@ -249,7 +250,10 @@ class Closer:
                        self._distances.item(0))
 
     def _judge_by(self, meant: Meant) -> None:
-        self._value[:], self._lower[:], self._upper[:] = meant.value, meant.lower, meant.upper
+        self._value[:] = meant.value
+        if meant.lower is not self._known_lower:  # the model's own, where it keeps them
+            self._known_lower, self._known_upper = meant.lower, meant.upper
+            self._meant.lower, self._meant.upper = address(meant.lower), address(meant.upper)
         if meant.said is not self._known_said:
             self._said[:] = meant.said
             self._known_said = None if meant.said.flags.writeable else meant.said
@@ -272,14 +276,15 @@ class Closer:
         """Return what q (nq,) is like; turns (n_angles,) are those that angles count from [rad]."""
         self._q[:], self._reference[:] = q, reference
         check(self._library.closer_examine(self.handle, self._at_q, self._at_turns, *self._facts))
-        return self._examined(self._mirrored)
+        return self._examined(self._is_mirrored(self._mirrored))
 
-    def _examined(self, mirrored: NDArray[np.int64]) -> Examined:
+    def _examined(self, mirrored: float) -> Examined:
         error, least, left_out = self._error.tolist()
-        return Examined(error, self._angles.copy(), self._is_mirrored(mirrored), least, left_out)
+        angles = self._angles.copy() if self.kernel.n_angles else self._angles
+        return Examined(error, angles, mirrored != 0, least, left_out)
 
-    def _is_mirrored(self, mirrored: NDArray[np.int64], row: int = 0) -> bool:
-        return not self.knows_mirrors or mirrored.item(row) != 0
+    def _is_mirrored(self, mirrored: NDArray[np.int64]) -> bool:
+        return not self.knows_mirrors or mirrored.item(0) != 0
 
     def descend(
         self, q: Array, free: NDArray[np.bool_], tolerance: float, iterations: int

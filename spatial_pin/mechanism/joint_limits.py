@@ -125,11 +125,11 @@ class _Stated(NamedTuple):
 
 def _stated(mechanism: Mechanism) -> _Stated:
     """Return the limits that the model has now, which anybody may change; made once for each."""
-    bounds = position_limits(mechanism)
-    key = [x.tobytes() for x in bounds]
-    known: tuple[list[bytes], _Stated] | None = mechanism.memo.get("joint limits")
+    lower, upper = position_limits(mechanism)
+    key = lower.tobytes(), upper.tobytes()
+    known: tuple[tuple[bytes, bytes], _Stated] | None = mechanism.memo.get("joint limits")
     if known is None or known[0] != key:
-        known = mechanism.memo["joint limits"] = key, _stated_by(mechanism, *bounds)
+        known = mechanism.memo["joint limits"] = key, _stated_by(mechanism, lower, upper)
     return known[1]
 
 

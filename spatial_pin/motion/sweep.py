@@ -116,10 +116,10 @@ def sweep(
     needed(mechanism)
     check_choice("on_limit", on_limit, ("raise", "stop"))
     check_choice("on_crossing", on_crossing, ("straight", "stop", "raise"))
-    values = np.atleast_1d(as_array(values, "values"))
+    values = as_array(values, "values")
     if not values.size:
         raise ValueError("values is empty; a sweep needs at least one driver value")
-    values = finite_array(values, (max(values.size, 1),), "values")
+    values = finite_array(values if values.ndim else values[None], (values.size,), "values")
     speeds = _per_sample(1.0 if speed is None else speed, values, "speed")
     accels = None
     if type(acceleration) is not float or acceleration != 0.0:

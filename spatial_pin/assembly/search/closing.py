@@ -10,18 +10,19 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.assembly.close import DAMPED_STEPS, close, closed, finite
+from spatial_pin.assembly.close import DAMPED_STEPS, NOTHING, close, closed, finite
 from spatial_pin.assembly.rounding import cut_of
-from spatial_pin.assembly.search.guesses import NEAR_GUESS, OPEN, far_ones
+from spatial_pin.assembly.search.guesses import NEAR_GUESS, OPEN, Guess, far_ones
 from spatial_pin.assembly.search.release import least_motion
 from spatial_pin.assembly.search.targets import free_but, left_of
-from spatial_pin.assembly.search.whole_turns import meant_by, periodic
+from spatial_pin.assembly.search.whole_turns import periodic
 from spatial_pin.assembly.state import all_angles
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.kernel.closer import LOOSE, Closed, Examined, Reached, Shakes, closer_of
+from spatial_pin.kernel.closer import LOOSE, Closed, Examined, Meant, Reached, Shakes, closer_of
 from spatial_pin.lazy import cached_property
 from spatial_pin.mechanism.coordinates import coordinate_round_off, coordinate_value, with_values
+from spatial_pin.mechanism.joint_limits import position_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -43,7 +44,8 @@ class Lent:  # with Lent(...) as lent
     """
 
     def __init__(self, mechanism: Mechanism, angles: Array | None = None) -> None:
-        self.mechanism, self._acquired = mechanism, list[evaluation_of]()
+        self.mechanism = mechanism
+        self._acquired: list[evaluation_of] = []
         n = constraints_of(mechanism).n_angles
         self.reference = angles if angles is not None and len(angles) == n else np.zeros(n)
         self.whole: Evaluation | None = None
@@ -81,9 +83,8 @@ class Closing:
         lent: the equations.
         held: coordinates that were given values.
         standing: drivers that stand, by coordinate.
-        named: other coordinates that the guess names.
+        guess: where to start, and what is named; what is held need not have its value there.
         accuracy: the tolerance to reach.
-        goal: (nq,) where what the guess names has its values.
         let_go: drivers that go as little as possible from these values.
     """
 
@@ -92,26 +93,27 @@ class Closing:
         lent: Lent,
         held: Mapping[str, float],
         standing: Mapping[str, float],
-        named: Mapping[str, float],
+        guess: Guess,
         accuracy: Accuracy,
-        goal: Array,
         let_go: Mapping[str, float] | None = None,
     ) -> None:
         self.mechanism, self.lent, self.whole = lent.mechanism, lent, lent.whole
         self.given, self.standing = held, standing
-        self.held = {**held, **standing}
-        self.named = {name: value for name, value in named.items() if name not in self.held}
-        self.let_go = let_go or {}
+        self.held, self.let_go = {**held, **standing}, let_go or {}
         self.accuracy, self.tolerance = accuracy, accuracy.tolerance
         self.gap = accuracy.gap
         self._cut = cut_of(self.whole.mechanism, accuracy.gap) if self.whole else 0.0
-        left = left_of(self.mechanism, tuple(self.held), tuple(self.let_go), tuple(self.named))
-        self.pinned = {name: self.held[name] for name in left.pinned}
-        self.still, self.free = left.still, left.free
-        self.first, self._goal, self._is_whole = left.first, goal, left.is_whole
-        self.further = left.further
-        self._meant = meant_by(self.mechanism, left.said, goal,
-                               {at: self.held[name] for name, at in left.places.items()})
+        left = left_of(self.mechanism, tuple(self.held), tuple(self.let_go), guess.names)
+        self.pinned = {name: self.held[name] for name in left.pinned} if left.pinned else NOTHING
+        self.still, self.free, self.first = left.still, left.free, left.first
+        self.further, self._is_whole, self._guess = left.further, left.is_whole, guess
+        self.goal = with_values(self.mechanism, guess.q, self.held)
+        self._meant = Meant(self.goal, left.said, *position_limits(self.mechanism))
+
+    @cached_property
+    def named(self) -> dict[str, float]:
+        """What else the guess names, by coordinate."""
+        return {k: x for k, x in self._guess.values.items() if k not in self.held}
 
     @property
     def evaluation(self) -> Evaluation:

@@ -14,6 +14,7 @@ from spatial_pin.assembly.search.whole_turns import periodic
 from spatial_pin.assembly.state import State
 from spatial_pin.kernel.closer import AT_ONCE, Shakes
 from spatial_pin.kernel.kernel import kernel_of
+from spatial_pin.lazy import cached_property
 from spatial_pin.mechanism.coordinates import (
     by_joint,
     finite_array,
@@ -37,32 +38,60 @@ NEAR_GUESS = 1e-2
 ANOTHER_SIZE = 10.0
 
 
-class Guess(NamedTuple):
-    """Where to start: the configuration, and the coordinates in it that somebody named."""
+class Guess:
+    """Where to start: the configuration, and the coordinates in it that somebody named.
 
-    q: Array
-    named: dict[str, float]
+    Args:
+        mechanism: the mechanism.
+        q: (nq,) the configuration.
+        values: of the coordinates that are named; default: all, as they are at q.
+
+    Attributes:
+        names: of these coordinates.
+    """
+
+    def __init__(
+        self, mechanism: Mechanism, q: Array, values: Mapping[str, float] | None = None
+    ) -> None:
+        self.mechanism, self.q, self._values = mechanism, q, values
+        self.names = _all_names(mechanism) if values is None else tuple(values)
+
+    @cached_property
+    def values(self) -> Mapping[str, float]:
+        """What is named, by coordinate [rad, m]."""
+        return _all_values(self.mechanism, self.q) if self._values is None else self._values
 
 
 def read_guess(
     mechanism: Mechanism, guess: Mapping[str, Any] | State | Array | None
 ) -> Guess:
     """Return the guess with its angles taken to a turn where they count too many."""
-    q, named = _as_given(mechanism, guess)
-    entries = q.tolist()
-    if max(map(abs, entries), default=0.0) * COORDINATE_ERROR > OPEN:
-        q = q.copy()
-        for c in periodic(mechanism):
-            if COORDINATE_ERROR * abs(entries[c.q]) > OPEN:
-                q[c.q] = math.atan2(math.sin(entries[c.q]), math.cos(entries[c.q]))
-                if c.name in named:
-                    named[c.name] = float(q[c.q])
-    return Guess(q, named)
+    if guess is not None:
+        return _within_turns(mechanism, _as_given(mechanism, guess))
+    known = mechanism.memo.get("guess")
+    if known is None or known[0] != mechanism.guess:
+        found = _within_turns(mechanism, _as_given(mechanism, mechanism.guess))
+        found.q.flags.writeable = False
+        known = mechanism.memo["guess"] = dict(mechanism.guess), found
+    own: Guess = known[1]
+    return own
 
 
-def _as_given(
-    mechanism: Mechanism, guess: Mapping[str, Any] | State | Array | None
-) -> Guess:
+def _within_turns(mechanism: Mechanism, given: Guess) -> Guess:
+    entries = given.q.tolist()
+    if not entries or max(max(entries), -min(entries)) * COORDINATE_ERROR <= OPEN:
+        return given
+    q, turned = given.q.copy(), dict[str, float]()
+    for c in periodic(mechanism):
+        if COORDINATE_ERROR * abs(entries[c.q]) > OPEN:
+            turned[c.name] = math.atan2(math.sin(entries[c.q]), math.cos(entries[c.q]))
+            q[c.q] = turned[c.name]
+    if given.names is _all_names(mechanism):
+        return Guess(mechanism, q)
+    return Guess(mechanism, q, {k: turned.get(k, x) for k, x in given.values.items()})
+
+
+def _as_given(mechanism: Mechanism, guess: Mapping[str, Any] | State | Array) -> Guess:
     if isinstance(guess, State):
         own = guess.mechanism
         if own is not mechanism and own.coordinates != mechanism.coordinates:
@@ -71,16 +100,22 @@ def _as_given(
                 f"coordinates than {mechanism.name!r}"
             )
         q = guess.q
-    elif guess is None or isinstance(guess, Mapping):
-        base = joint_values(mechanism, mechanism.guess)
-        named = base if guess is None else joint_values(mechanism, guess)
-        return Guess(with_values(mechanism, mechanism.neutral, base | named), named)
+    elif isinstance(guess, Mapping):
+        base, named = joint_values(mechanism, mechanism.guess), joint_values(mechanism, guess)
+        return Guess(mechanism, with_values(mechanism, mechanism.neutral, base | named), named)
     else:
         q = finite_array(guess, (mechanism.model.nq,), "guess q")
         if not pin.isNormalized(mechanism.model, q, 0.5):
             raise ValueError("guess q has a quaternion whose length is far from 1")
-    q = pin.normalize(mechanism.model, q)
-    return Guess(q, _all_values(mechanism, q))
+    return Guess(mechanism, pin.normalize(mechanism.model, q))
+
+
+def _all_names(mechanism: Mechanism) -> tuple[str, ...]:
+    """Return the names of all coordinates, every time the same tuple."""
+    if "names" not in mechanism.memo:
+        mechanism.memo["names"] = mechanism.coordinates
+    found: tuple[str, ...] = mechanism.memo["names"]
+    return found
 
 
 def _all_values(mechanism: Mechanism, q: Array) -> dict[str, float]:
@@ -159,18 +194,13 @@ def further_starts(
 
 
 def starts_from(
-    mechanism: Mechanism, q: Array, held: Mapping[str, float], named: Mapping[str, float],
-    further: Further | None,
+    mechanism: Mechanism, fixed: Array, held: Mapping[str, float], named: Mapping[str, float],
+    further: Further,
 ) -> Iterator[Array]:
-    """Yield start configurations: the guess q (nq,), then others that keep what it names.
+    """Yield start configurations that keep what a guess names: it has its values in `fixed` (nq,).
 
-    What it names has its values in q. Named lengths far beyond the mechanism's size are cut where
-    they are shaken.
+    Named lengths far beyond the mechanism's size are cut where they are shaken.
     """
-    fixed = with_values(mechanism, q, held)
-    yield fixed
-    if further is None:
-        return
     far = far_ones(mechanism, named, further)
     near = with_values(mechanism, fixed, {**far, **held}) if far else fixed
     for i in range(0, MAX_STARTS - 1, AT_ONCE):

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from spatial_pin.assembly.search.closing import ACCEPTED, Closing, coordinate_sizes, size_of
-from spatial_pin.assembly.search.guesses import COORDINATE_ERROR, MAX_STARTS
+from spatial_pin.assembly.search.guesses import COORDINATE_ERROR, MAX_STARTS, Guess
 from spatial_pin.assembly.search.search import Search
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation
@@ -118,9 +118,9 @@ def _closed_elsewhere(search: Search, q: Array) -> dict[str, float]:
     named = {**closing.named, **closing.held}
     start = with_values(closing.mechanism, q, named)
     other = Search(Closing(
-        closing.lent, {}, {}, named,
-        replace(closing.accuracy, gap=closing.gap if closing.whole else 0.0), start), search.limits)
-    other.run(start)
+        closing.lent, {}, {}, Guess(closing.mechanism, start, named),
+        replace(closing.accuracy, gap=closing.gap if closing.whole else 0.0)), search.limits)
+    other.run()
     if other.best is None:
         return {}
     closing.evaluation.update(other.best[1])

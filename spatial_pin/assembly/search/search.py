@@ -21,7 +21,6 @@ from spatial_pin.assembly.search.guesses import (
 from spatial_pin.assembly.search.release import can_move, can_stand, least_motion
 from spatial_pin.assembly.search.within_limits import violated_limit, within_limits
 from spatial_pin.kernel.closer import AT_ONCE, Examined, Reached, Shakes
-from spatial_pin.lazy import cached_property
 from spatial_pin.numerics.linalg import Array
 
 # Starts of drivers that stand, where they need go a little only for the loops to close: a place
@@ -56,28 +55,35 @@ class Search:
         self._known: Examined | None = None
         self._found_at = -1
 
-    def run(self, q: Array, release: bool = False) -> None:
-        """Try starts, the first at q (nq,), until one is surely the nearest, or all have failed.
+    def run(self, q: Array | None = None, release: bool = False) -> None:
+        """Try starts until one is surely the nearest, or all have failed.
 
         Args:
-            q: the guess.
+            q: (nq,) the first one, where what is held has its values; default: the guess.
             release: whether to give up where the drivers that stand cannot.
         """
         closing, most = self.closing, MAX_STARTS
-        starts = starts_from(self.mechanism, q, closing.held, closing.named, closing.further)
-        shakes, compared = None if self.limits else closing.shakes(), False
-        for k, start in enumerate(starts):
-            if size_of(self.mechanism, start) * COORDINATE_ERROR < 1.0:  # else it has no digit
-                compared = self.attempt(start, None if k else shakes)
-            if compared or self._done(k) or self.is_near:
-                break
+        first = closing.goal if q is None else q
+        if self._try(first, 0, None if self.limits else closing.shakes()):
+            return
+        if self.best is None and release and closing.standing:
+            most = self._worth_trying(first)
+        if closing.further is None:
+            return
+        starts = starts_from(self.mechanism, first, closing.held, closing.named, closing.further)
+        for k in range(1, most):
             if self.best is not None:
-                self._compare(list(islice(starts, min(MORE_STARTS, most - 1 - k))), k + 1)
+                self._compare(list(islice(starts, min(MORE_STARTS, most - k))), k)
                 break
-            if k == 0 and release and closing.standing:
-                most = self._worth_trying(start)
-            if k + 1 == most:
+            if self._try(next(starts), k):
                 break
+
+    def _try(self, start: Array, k: int, shakes: Shakes | None = None) -> bool:
+        """Solve from start number `k`, (nq,); return whether no further one is wanted."""
+        compared = False
+        if size_of(self.mechanism, start) * COORDINATE_ERROR < 1.0:  # else it has no digit
+            compared = self.attempt(start, shakes)
+        return compared or self._done(k) or self.is_near
 
     def _compare(self, starts: Sequence[Array], first: int) -> None:
         """Try starts after one that has led to a closed configuration: mostly all of them count.
@@ -157,18 +163,19 @@ class Search:
         if self.best is None or distance < self.best[0] * (1.0 - 1e-6) - 1e-9:
             self.best, self._known = (distance, q), found.examined
 
-    @cached_property
     def examined(self) -> Examined:
-        """What the best closed configuration is like, once there is one."""
-        assert self.best is not None
-        return self._known or self.closing.examined(self.best[1])
+        """Return what the best closed configuration is like, once there is one."""
+        if self._known is None:
+            assert self.best is not None
+            self._known = self.closing.examined(self.best[1])
+        return self._known
 
     def may_be_rounded(self) -> bool:
         """Whether loops closed nearly, or some equations nearly follow from others."""
         closing = self.closing
         if self.best is None or closing.whole is not None:
             return self.is_near
-        seen = self.examined
+        seen = self.examined()
         return not is_clear(seen) and may_be_rounded(
             closing.evaluation, self.best[1], closing.gap, seen)
 

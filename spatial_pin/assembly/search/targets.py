@@ -25,7 +25,6 @@ class Left(NamedTuple):
         free: (nv,) the velocities that may move.
         first: (nv,) those that may move first, while what the guess names is held too; None if
             these are none, or the same.
-        places: in q of what is held there, by coordinate.
         said: (nq,) of the entries of q, for `Meant`.
         is_whole: whether all components are named of each joint of which some others are.
         further: starts other than the guess; None where all is held.
@@ -35,30 +34,29 @@ class Left(NamedTuple):
     still: tuple[int, ...]
     free: NDArray[np.bool_]
     first: NDArray[np.bool_] | None
-    places: dict[str, int]
     said: NDArray[np.int64]
     is_whole: bool
     further: Further | None
 
 
 def left_of(
-    mechanism: Mechanism, held: tuple[str, ...], let_go: tuple[str, ...], named: tuple[str, ...]
+    mechanism: Mechanism, held: tuple[str, ...], let_go: tuple[str, ...], said: tuple[str, ...]
 ) -> Left:
     """Return what may move; looked up once for the same coordinates held, let go and named."""
-    key = "left", held, let_go, named
+    key = "left", held, let_go, said
     if key not in mechanism.memo:
-        table = mechanism.coordinate_table
+        table, named = mechanism.coordinate_table, [name for name in said if name not in held]
         pinned = tuple(name for name in held if table[name].q < 0)
         still = still_entries(mechanism, (table[name] for name in (*held, *let_go)))
         free = free_but(mechanism, still, (name for name in held if name not in pinned))
         first = free & free_but(mechanism, still, named)
         has_first = bool(first.any()) and not np.array_equal(first, free)
-        is_whole, said = _said(mechanism, held, named)
-        for array in (free, first, said):
+        is_whole, entries = _said(mechanism, held, named)
+        for array in (free, first, entries):
             array.flags.writeable = False
         mechanism.memo[key] = Left(
             pinned, still, free, first if has_first else None,
-            {name: table[name].q for name in held if table[name].q >= 0}, said, is_whole,
+            entries, is_whole,
             further_starts(mechanism, held, named, still))
     return mechanism.memo[key]
 

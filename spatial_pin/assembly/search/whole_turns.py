@@ -45,29 +45,15 @@ def said_of(
     return said
 
 
-def meant_by(
-    mechanism: Mechanism, said: NDArray[np.int64], q: Array, values: Mapping[int, float]
-) -> Meant:
-    """Return what configurations are judged by.
-
-    Args:
-        mechanism: the mechanism, whose model has the limits that count now.
-        said: of the entries of q.
-        q: (nq,) has the named orientations.
-        values: of the other entries that are named or held.
-    """
-    q = q.copy()
-    for at, value in values.items():
-        q[at] = value
-    return Meant(q, said, *position_limits(mechanism))
-
-
 def nearest_turn(
     mechanism: Mechanism, q: Array, held: Mapping[str, float], named: Mapping[str, float]
 ) -> Array:
     """Take whole turns off the angles: nearest to the named value, else to zero, in limits."""
     table = mechanism.coordinate_table
-    values = {table[name].q: x for name, x in {**named, **held}.items() if table[name].q >= 0}
-    meant = meant_by(mechanism, said_of(mechanism, held, named), q, values)
+    value = q.copy()
+    for name, x in {**named, **held}.items():
+        if table[name].q >= 0:
+            value[table[name].q] = x
+    meant = Meant(value, said_of(mechanism, held, named), *position_limits(mechanism))
     with closer_of(mechanism) as closer:
         return closer.judge(q, 0.0, meant).q

@@ -45,9 +45,17 @@
 /* Part of a residual that a step leaves, at most, to be followed by one: less progress is that
    of a local minimum */
 #define WORTHWHILE 0.9999
+/* The same of a whole step of a further start, where more is released afterwards: one towards closed
+   loops leaves less */
+#define WORTHWHILE_FURTHER 0.9
 /* Undamped steps at most: near a dead centre each leaves a quarter, which comes from 1e-2 to
    1e-20 */
 #define POLISHED 30
+/* Part of a distance that makes no branch the nearer one: half of the digits */
+#define AS_NEAR TOLERANCE_HALF_PRECISION
+/* Residual, and what is left to go, from which it is seen how far a branch is: what is left is known
+   from how fast steps grow shorter */
+#define SEEN 1e-4
 #define SQUARED (1e2 * DBL_EPSILON) /* of J Jᵀ by its size: redundant equations leave it singular */
 /* Equations up to which steps are worked out without squares, whole: 0.5 ms each. Squares are
    sparse, and for many loops the only way. */
@@ -64,8 +72,9 @@ struct Closer {
     Envelope square;
     LeastMotion whole;           /* of few equations */
     Real *dense, *few;           /* (n, nv), (nv) of free velocities */
-    Int *place;                  /* (nv) of each velocity among the free ones */
+    Int *place, n_free;          /* (nv) of each velocity among the free ones; how many */
     Real *q, *trial, *step;
+    Real size, rest;     /* of the step tried last, of what is left to go, by entries of v / scale */
     Real *begin;         /* (nq) what further starts are shaken from */
     Int *order;          /* (n) scratch */
     /* ---- of the call ---- */
@@ -75,6 +84,13 @@ struct Closer {
     int squares;         /* whether steps are worked out by squares */
 };
 
+/* What loops are closed with. */
+typedef struct {
+    const Int *first, *free;  /* (nv) velocities that may move first, or NULL, and then */
+    Real loose, tolerance;    /* residuals to which, then and then */
+    Int iterations;           /* damped steps at most */
+} Closing;
+
 /* How a descent ends, and what leads it. */
 typedef struct {
     Real tolerance;
@@ -82,6 +98,7 @@ typedef struct {
     int far;     /* the logarithms of rotations lead */
     int counts;  /* angles of screws count turns from step to step */
     Int stalled; /* steps after which the residual must have become less */
+    Real worthwhile; /* see WORTHWHILE */
 } Descent;
 
 /* ---------------------------------------------------------------- pinned coordinates */
@@ -109,19 +126,25 @@ static Real residual_at(Closer *c, const Real *q, int far)
     return norm(c->k->residual, c->k->n_closure);
 }
 
-/* The derivatives with respect to free velocities as a matrix; returns the number of these. What
-   is held takes no part: it is to stand to the last bit. */
-static Int fill_dense(Closer *c)
+static void let_move(Closer *c, const Int *free)
 {
-    Int m = 0;
-    for (Int v = 0; v < c->k->nv; v++)
-        c->place[v] = c->free[v] ? m++ : -1;
-    memset(c->dense, 0, (size_t)(c->n * m) * sizeof(Real));
-    for (Int r = 0; r < c->n; r++)
+    c->free = free;
+    c->n_free = 0;
+    for (Int v = 0; v < c->k->nv && c->place; v++)
+        c->place[v] = free[v] ? c->n_free++ : -1;
+}
+
+/* The derivatives with respect to free velocities as a matrix. What is held takes no part: it is to
+   stand to the last bit. */
+static void fill_dense(Closer *c)
+{
+    memset(c->dense, 0, (size_t)(c->n * c->n_free) * sizeof(Real));
+    for (Int r = 0; r < c->n; r++) {
+        Real *row = c->dense + r * c->n_free;
         for (Int i = c->start[r]; i < c->start[r + 1]; i++)
             if (c->place[c->column[i]] >= 0)
-                c->dense[r * m + c->place[c->column[i]]] = c->value[i];
-    return m;
+                row[c->place[c->column[i]]] = c->value[i];
+    }
 }
 
 /* Linearise the equations where they were evaluated last, at c->q. */
@@ -134,14 +157,14 @@ static void linearise(Closer *c, int far)
     memcpy(c->residual, k->residual, (size_t)k->n_closure * sizeof(Real));
     memcpy(c->value, k->entry, (size_t)k->entry_start[k->n_closure] * sizeof(Real));
     put_pinned_rows(c);
-    for (Int i = 0; i < c->start[c->n]; i++)
-        c->value[i] = c->free[c->column[i]] ? c->value[i] : 0.0;
-    if (c->squares) {
-        envelope_square(&c->square, c->value);
+    if (!c->squares) {
+        fill_dense(c);
+        least_motion_factor(&c->whole, c->dense, c->n_free, c->cut);
         return;
     }
-    const Int m = fill_dense(c);
-    least_motion_factor(&c->whole, c->dense, m, c->cut);
+    for (Int i = 0; i < c->start[c->n]; i++)
+        c->value[i] = c->free[c->column[i]] ? c->value[i] : 0.0;
+    envelope_square(&c->square, c->value);
 }
 
 /* The step -Jᵀ (J Jᵀ + damping)⁻¹ r by the sparse squares; 0 where there is none. */
@@ -178,6 +201,7 @@ static int try_step(Closer *c, Real damping, Real longest)
     for (Int v = 0; v < nv; v++)
         size = fabs(c->step[v]) > size ? fabs(c->step[v]) : size;
     const Real part = size > longest ? longest / size : 1.0;
+    c->size = part * size;
     for (Int v = 0; v < nv; v++)
         c->step[v] *= part * c->k->scale[v];
     memcpy(c->trial, c->q, (size_t)c->k->nq * sizeof(Real));
@@ -200,8 +224,10 @@ static int damped_step(Closer *c, const Descent *d, Real *error, Real *damping)
         if (try_step(c, *damping * *error, TOLERANCE_DAMPED_STEP)) {
             const Real there = residual_at(c, c->trial, d->far);
             if (there < *error) {
-                const int worthwhile = there < WORTHWHILE * *error;
+                const int is_whole = c->size < TOLERANCE_DAMPED_STEP;
+                const int worthwhile = there < (is_whole ? d->worthwhile : WORTHWHILE) * *error;
                 accept(c);
+                c->rest = sqrt((Real)c->k->nv) * c->size * there / (*error - there);
                 if (d->counts)
                     memcpy(c->k->angle_reference, c->k->angle, (size_t)c->k->n_angles * sizeof(Real));
                 *error = there;
@@ -218,6 +244,7 @@ static int damped_step(Closer *c, const Descent *d, Real *error, Real *damping)
 static Real descend(Closer *c, const Descent *d)
 {
     Real damping = DAMPING, error = residual_at(c, c->q, d->far), marked = INFINITY;
+    c->rest = INFINITY;
     for (Int i = 0; i < d->iterations && error > d->tolerance; i++) {
         if (i % d->stalled == 0) {
             if (error > STALLED_LEFT * marked)
@@ -253,18 +280,38 @@ static Real polish(Closer *c)
     return error;
 }
 
-static Real close_one(Closer *c, const Int *free, Real tolerance, Int iterations)
+/* Descend from c->q to a residual of a length, or as far as that goes; returns what is left. */
+static Real come_near(Closer *c, const Int *free, Real tolerance, Int iterations, Real worthwhile)
 {
-    Descent d = {PRODUCTS_LEAD, iterations, 1, 0, STALLED};
-    c->free = free;
+    Descent d = {PRODUCTS_LEAD, iterations, 1, 0, STALLED, worthwhile};
+    let_move(c, free);
     pins_put(c->pin, c->n_pins, c->wanted, c->q);
-    residual_at(c, c->q, 0);
-    if (rotations_are_far(c->k, &c->rotations))
-        descend(c, &d);
+    if (c->rotations.n) {
+        residual_at(c, c->q, 0);
+        if (rotations_are_far(c->k, &c->rotations))
+            descend(c, &d);
+    }
     d.far = 0;
     d.tolerance = tolerance;
-    descend(c, &d);
+    return descend(c, &d);
+}
+
+/* Close from c->q to the least residual; returns the closure error. */
+static Real close_one(Closer *c, const Closing *how)
+{
+    come_near(c, how->free, how->tolerance, how->iterations, WORTHWHILE);
     return polish(c);
+}
+
+/* Take a configuration to c->q, and close it as far as what moves first can; whether what is left is
+   a number. */
+static int begin_from(Closer *c, const Closing *how, const Real *q, Real worthwhile)
+{
+    memcpy(c->q, q, (size_t)c->k->nq * sizeof(Real));
+    if (!how->first)
+        return 1;
+    const Real left = come_near(c, how->first, how->loose, how->iterations, worthwhile);
+    return isfinite(left <= how->loose ? polish(c) : left);
 }
 
 /* ---------------------------------------------------------------- what Python calls */
@@ -347,6 +394,14 @@ EXPORT int closer_create(Kernel *k, const Int *rotations, Int n_rotations, const
     return *out ? DONE : NO_MEMORY;
 }
 
+static void begin(Closer *c, const Real *pinned, const Real *reference, Real cut)
+{
+    c->wanted = pinned;
+    c->cut = cut;
+    c->squares = c->n > FEW_EQUATIONS;
+    memcpy(c->k->angle_reference, reference, (size_t)c->k->n_angles * sizeof(Real));
+}
+
 /* Close the loops from configurations q (m, nq), one after the other.
 
    free: (nv) the velocities that may move; first: those that may move before, to a looser tolerance,
@@ -358,18 +413,13 @@ EXPORT void closer_close(Closer *c, Int m, Real *q, const Int *first, const Int 
                          Int iterations, Real cut, Real *error, Int *mirrored)
 {
     const size_t nq = (size_t)c->k->nq;
-    c->wanted = pinned;
-    c->cut = cut;
-    c->squares = c->n > FEW_EQUATIONS;
-    memcpy(c->k->angle_reference, reference, (size_t)c->k->n_angles * sizeof(Real));
-    for (Int i = 0; i < m; i++) {
-        memcpy(c->q, q + (size_t)i * nq, nq * sizeof(Real));
-        error[i] = first ? close_one(c, first, loose, iterations) : 0.0;
-        if (isfinite(error[i]))
-            error[i] = close_one(c, free, tolerance, iterations);
+    const Closing how = {first, free, loose, tolerance, iterations};
+    begin(c, pinned, reference, cut);
+    for (Int i = 0; i < m; i++, q += nq) {
+        error[i] = begin_from(c, &how, q, WORTHWHILE) ? close_one(c, &how) : INFINITY;
         equations_values(c->k, c->q);
         mirrored[i] = rotations_are_mirrored(c->k, &c->rotations);
-        memcpy(q + (size_t)i * nq, c->q, nq * sizeof(Real));
+        memcpy(q, c->q, nq * sizeof(Real));
     }
 }
 
@@ -438,10 +488,9 @@ EXPORT int closer_examine(Closer *c, const Real *q, const Real *reference, Real 
 typedef struct {
     Int m;                        /* starts, then rows found */
     Real *q;                      /* (m, nq) */
-    const Int *first, *free;      /* as closer_close has them */
-    const Real *pinned, *reference;
-    Real loose, tolerance, cut;
-    Int iterations;
+    Closing how;
+    const Real *pinned, *reference; /* as closer_close has them */
+    Real cut;
     Meant meant;
     Int n_shakes;
     const Real *shakes;           /* (n_shakes, nv) of further starts, from the first one */
@@ -451,12 +500,19 @@ typedef struct {
     Real *facts, *angle;          /* as closer_examine has them */
 } Reaching;
 
-static void reach_one(Closer *c, Reaching *r, Int i)
+/* Where c->q is, turns taken off: row i. */
+static void judge_one(Closer *c, Reaching *r, Int i)
 {
     Real *q = r->q + i * c->k->nq;
-    closer_close(c, 1, q, r->first, r->free, r->pinned, r->reference, r->loose, r->tolerance,
-                 r->iterations, r->cut, r->error + i, r->mirrored + i);
+    memcpy(q, c->q, (size_t)c->k->nq * sizeof(Real));
     closer_judge(c, 1, q, r->reference, &r->meant, r->error + i, r->mirrored + i, r->distance + i);
+}
+
+static void reach_one(Closer *c, Reaching *r, Int i)
+{
+    if (begin_from(c, &r->how, r->q + i * c->k->nq, WORTHWHILE))
+        close_one(c, &r->how);
+    judge_one(c, r, i);
 }
 
 static int is_sound(const Reaching *r, Int i)
@@ -464,20 +520,47 @@ static int is_sound(const Reaching *r, Int i)
     return r->error[i] <= TOLERANCE_CLOSED && !r->mirrored[i];
 }
 
+/* Whether the last row, from where not much is left to go, leads no nearer than another: that is less
+   than the difference, or both are at the same place, of all that is named. */
+static int leads_no_nearer(const Closer *c, const Reaching *r, Int nearest)
+{
+    Meant there = r->meant;
+    there.value = r->q + nearest * c->k->nq;
+    return r->distance[r->m] - c->rest >= r->distance[nearest] * (1.0 - AS_NEAR) ||
+           meant_distance(c->k, &there, r->q + r->m * c->k->nq) <= c->rest;
+}
+
+/* Close from the start in the last row; 0 where that leads no nearer than another row, which is seen
+   before the last steps. */
+static int reaches_nearer(Closer *c, Reaching *r, Int nearest)
+{
+    const Closing *how = &r->how;
+    if (begin_from(c, how, r->q + r->m * c->k->nq, WORTHWHILE_FURTHER)) {
+        if (come_near(c, how->free, SEEN, how->iterations, WORTHWHILE) <= SEEN) {
+            judge_one(c, r, r->m);
+            if (c->rest < SEEN && leads_no_nearer(c, r, nearest))
+                return 0;
+            come_near(c, how->free, how->tolerance, how->iterations, WORTHWHILE);
+        }
+        polish(c);
+    }
+    judge_one(c, r, r->m);
+    return !is_sound(r, r->m) || r->distance[r->m] < r->distance[nearest];
+}
+
 /* Close from further starts, until one leads near to what is named. Of places where nothing is at
    fault only those nearer than all before them are kept. */
 static void reach_nearer(Closer *c, Reaching *r)
 {
-    Real nearest = r->distance[0];
-    for (Int i = 0; i < r->n_shakes && !(nearest < r->near); i++) {
+    Int nearest = 0;
+    for (Int i = 0; i < r->n_shakes && !(r->distance[nearest] < r->near); i++) {
         Real *q = r->q + r->m * c->k->nq;
         memcpy(q, c->begin, (size_t)c->k->nq * sizeof(Real));
         tree_integrate(c->k, q, r->shakes + i * c->k->nv);
-        reach_one(c, r, r->m);
-        if (is_sound(r, r->m) && !(r->distance[r->m] < nearest))
+        if (!reaches_nearer(c, r, nearest))
             continue;
         if (is_sound(r, r->m))
-            nearest = r->distance[r->m];
+            nearest = r->m;
         r->m++;
     }
 }
@@ -488,6 +571,7 @@ static void reach_nearer(Closer *c, Reaching *r)
 EXPORT int closer_reach(Closer *c, Reaching *r)
 {
     const Int starts = r->m;
+    begin(c, r->pinned, r->reference, r->cut);
     memcpy(c->begin, r->q, (size_t)c->k->nq * sizeof(Real));
     for (Int i = 0; i < starts; i++)
         reach_one(c, r, i);
@@ -507,8 +591,8 @@ EXPORT void closer_descend(Closer *c, Int m, Real *q, const Int *free, Real tole
                            Int iterations, Real *error)
 {
     const size_t nq = (size_t)c->k->nq;
-    const Descent d = {tolerance, iterations, 0, 1, PATIENT};
-    c->free = free;
+    const Descent d = {tolerance, iterations, 0, 1, PATIENT, WORTHWHILE};
+    let_move(c, free);
     c->cut = 0.0;
     c->squares = 1; /* which leave enough digits for a start */
     for (Int i = 0; i < m; i++) {

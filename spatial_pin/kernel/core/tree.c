@@ -16,9 +16,18 @@ void quaternion_rotation(const Real *quaternion, Real *R)
     R[6] = xz + wy, R[7] = yz - wx, R[8] = 1.0 - xx - yy;
 }
 
-/* Rotation of the joint's frame before it moves: the parent's, or put into `own`. */
-static const Real *fixed_rotation(const Kernel *k, Int j, const Real *parent, Real *own)
+/* Placement of the joint's frame before it moves: its origin, and its rotation: one that is there, or
+   put into `own`. The world's frame changes nothing. */
+static const Real *fixed_placement(const Kernel *k, Int j, Real *p, Real *own)
 {
+    const Int up = k->parent[j];
+    const Real *parent = k->R + 9 * up;
+    if (up == 0) {
+        copy3(k->translation + 3 * j, p);
+        return k->rotation + 9 * j;
+    }
+    rotate3(parent, k->translation + 3 * j, p);
+    add3(1.0, k->p + 3 * up, p);
     if (k->plain[j])
         return parent;
     product3(parent, k->rotation + 9 * j, own);
@@ -39,11 +48,8 @@ static inline void turn_about_z(const Real *fixed, Real angle, Real *R)
 void tree_place(Kernel *k, const Real *q)
 {
     for (Int j = 1; j < k->n_joints; j++) {
-        const Real *parent = k->R + 9 * k->parent[j], *x = q + k->iq[j];
         Real *R = k->R + 9 * j, *p = k->p + 3 * j, turned[9], own[9];
-        rotate3(parent, k->translation + 3 * j, p);
-        add3(1.0, k->p + 3 * k->parent[j], p);
-        const Real *fixed = fixed_rotation(k, j, parent, turned);
+        const Real *x = q + k->iq[j], *fixed = fixed_placement(k, j, p, turned);
         switch (k->kind[j]) {
         case SLIDE:
             for (int i = 0; i < 9; i++)
@@ -137,6 +143,14 @@ void tree_rates(Kernel *k, const Real *v, const Real *a)
         joint_rate(k, j, v, slide, turn);
         if (a)
             joint_rate(k, j, a, slide_rate, turn_rate);
+        if (up == 0) { /* the world stands still */
+            copy3(slide, k->velocity + at);
+            copy3(turn, k->omega + at);
+            cross3(turn, slide, k->acceleration + at);
+            add3(1.0, slide_rate, k->acceleration + at);
+            copy3(turn_rate, k->alpha + at);
+            continue;
+        }
         copy3(k->p + at, arm);
         add3(-1.0, k->p + up, arm);
         cross3(k->omega + up, arm, swing);
