@@ -145,7 +145,7 @@ def sweep(
             samples = start.samples(n)
             passed = crossed if on_crossing == "straight" else None
             n, stop, is_cut = followed_as_far(start, values, samples, passed, bar)
-    motion = _motion(mechanism, driver, samples, values[:n], speeds[:n],
+    motion = _motion(mechanism, driver, samples, values[:n], speeds[:n], type(speed) is float,
                      None if accels is None else accels[:n],
                      coordinate.unit if speed is None else "s")
     motion.held = held
@@ -172,10 +172,10 @@ def _released(
 
     A coordinate that moves the only freedoms there are moves the drivers: that is no event.
     """
-    mechanism, texts = state.mechanism, []
+    mechanism, texts = state.mechanism, list[str]()
     drivers = driver_coordinates(mechanism)
     moving = {name for name, c in drivers.items() if c not in driven and c.v not in still}
-    if len(moving) == len(drivers):
+    if len(moving) == len(drivers) or not (moving or state.released):
         return []
     for name, by in state.released.items():
         if name not in moving:
@@ -213,12 +213,12 @@ def _per_sample(value: Any, values: Array, what: str) -> Array:
 
 def _motion(
     mechanism: Mechanism, driver: str, samples: Samples, values: Array, speeds: Array,
-    accels: Array | None, per: str,
+    is_steady: bool, accels: Array | None, per: str,
 ) -> Motion:
     n = len(values)
     v, a, time = samples.t[:n], samples.c[:n], None
     if per == "s":
-        is_steady = n > 0 and bool((speeds == speeds[0]).all())
+        is_steady = n > 0 and (is_steady or bool((speeds == speeds[0]).all()))
         speed = float(speeds[0]) if is_steady else speeds[:, None]
         with np.errstate(over="ignore", invalid="ignore"):
             a = a * (speed * speed)

@@ -228,7 +228,7 @@ class Closing:
         pinned = {name: x for name, x in kept.items() if table[name].q < 0}
         there, open_by = close(self.evaluation, with_values(self.mechanism, q, kept),
                                free & self.left_by(entries), self.tolerance,
-                               pinned=self.pinned | pinned)
+                               pinned={**self.pinned, **pinned})
         moved = pin.difference(self.mechanism.model, q, there) / self.mechanism.velocity_scale
         near = bool(np.abs(moved).max(initial=0.0) < NEAR_GUESS)
         return (there, open_by) if open_by <= ACCEPTED and near else (q, error)

@@ -64,7 +64,8 @@ class Search:
         """
         closing, most = self.closing, MAX_STARTS
         first = closing.goal if q is None else q
-        if self._try(first, 0, None if self.limits else closing.shakes()):
+        compared = self.attempt(first, None if self.limits else closing.shakes())
+        if compared or self._done(0) or self.is_near:
             return
         if self.best is None and release and closing.standing:
             most = self._worth_trying(first)
@@ -75,15 +76,9 @@ class Search:
             if self.best is not None:
                 self._compare(list(islice(starts, min(MORE_STARTS, most - k))), k)
                 break
-            if self._try(next(starts), k):
+            self.attempt(next(starts))
+            if self._done(k) or self.is_near:
                 break
-
-    def _try(self, start: Array, k: int, shakes: Shakes | None = None) -> bool:
-        """Solve from start number `k`, (nq,); return whether no further one is wanted."""
-        compared = False
-        if size_of(self.mechanism, start) * COORDINATE_ERROR < 1.0:  # else it has no digit
-            compared = self.attempt(start, shakes)
-        return compared or self._done(k) or self.is_near
 
     def _compare(self, starts: Sequence[Array], first: int) -> None:
         """Try starts after one that has led to a closed configuration: mostly all of them count.
@@ -128,6 +123,8 @@ class Search:
         Returns:
             Whether the further starts have been tried with it, see `Closing.reached`.
         """
+        if size_of(self.mechanism, q) * COORDINATE_ERROR >= 1.0:  # it has no digit
+            return False
         found = list(self.closing.reached([q], shakes))
         for place in found:
             self._keep(place)

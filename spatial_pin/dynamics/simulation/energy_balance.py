@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from spatial_pin.dynamics.simulation.problem import Problem
-from spatial_pin.dynamics.simulation.result import Energies, LeastExchange
+from spatial_pin.dynamics.simulation.result import Energies
 from spatial_pin.settings import INTEGRATORS, Accuracy
 
 LOST = 1e-2  # of what is exchanged: beyond any error of steps of usual tolerance
@@ -29,7 +29,7 @@ class Balance:
         self._watches = problem.is_steady and not creeps
         self._part = WORST if fixed else min(
             WORST, max(LOST, TOLERANCES * accuracy.time_tolerance))
-        self._least_exchange = LeastExchange(problem.mechanism, problem.constant)
+        self._least_exchange = problem.least_exchange
         self.keeps(start)
 
     def keeps(self, now: Energies) -> bool:

@@ -15,6 +15,7 @@ from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.trees import is_large
 from spatial_pin.dynamics.forces import Forces, Law, joint_efforts
 from spatial_pin.dynamics.simulation.independent_coordinates import Freedoms, Lost
+from spatial_pin.dynamics.simulation.result import LeastExchange
 from spatial_pin.dynamics.solvers.accelerations import no_inertia
 from spatial_pin.dynamics.solvers.bodies import Bodies, bodies_of
 from spatial_pin.dynamics.solvers.independent_coordinates import Bounded
@@ -88,6 +89,11 @@ class Problem:
     def packed(self) -> Packed:
         """What a kernel is made of that knows its masses."""
         return with_masses(packed(self.mechanism, idle=False), self.model)
+
+    @cached_property
+    def least_exchange(self) -> LeastExchange:
+        """The least energy that counts as exchanged."""
+        return LeastExchange(self.mechanism, self.constant)
 
     @cached_property
     def bodies(self) -> Bodies:

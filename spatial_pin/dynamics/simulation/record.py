@@ -128,8 +128,7 @@ class Record:
             mechanism=problem.mechanism, driver=None, driver_name="", time=times, q=q, v=v, a=a,
             closure_error=error, driver_speed=np.empty(0), events=self.events,
             angles=angles, energy=energy, work=work,
-            energy_drift=energy_drift(
-                problem.mechanism, kinetic, energy, work, start, problem.constant),
+            energy_drift=energy_drift(problem.least_exchange, kinetic, energy, work, start),
             efforts=ByDriver(problem.mechanism, dict(zip(names, efforts.T.copy(), strict=True))),
             coordinates=list(dict.fromkeys(self._coordinates)), evaluations=evaluations,
             steps=self.steps, by_drivers=problem.by_drivers, joint_limits=self._passed,

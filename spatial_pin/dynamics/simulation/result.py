@@ -212,22 +212,20 @@ class LeastExchange:
 
 
 def energy_drift(
-    mechanism: Mechanism, kinetic: Array, energy: Array, work: Array, start: Energies,
-    efforts: Array,
+    least: LeastExchange, kinetic: Array, energy: Array, work: Array, start: Energies
 ) -> float:
     """Return the largest error of the energy balance, relative to the energy exchanged.
 
     Args:
-        mechanism: what moves.
+        least: that counts as exchanged.
         kinetic: (N,) kinetic energy [J].
         energy: (N,) kinetic, potential and of springs [J].
         work: (N,) done since the start [J].
         start: the energies it started with.
-        efforts: (nv,) that act all the time [N·m, N].
     """
     kinetic, energy, work = (np.append(x, y) for x, y in zip(start, (
         kinetic, energy, work), strict=True))
     size = max(float(kinetic.max()), float(np.ptp(energy - kinetic)),
-               LeastExchange(mechanism, efforts)(float(np.abs(energy).max())))
+               least(float(np.abs(energy).max())))
     drift = float(np.abs(energy - work - energy[0]).max())
     return drift / size if size > 0.0 else 0.0

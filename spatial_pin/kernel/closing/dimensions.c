@@ -176,7 +176,8 @@ static Real solve_rates(Work *w, Real *v, Real *a)
 static void write_points(Work *w, const Real *v, const Real *a, Real *out)
 {
     Kernel *k = w->k;
-    tree_rates(k, v, a);
+    tree_rates(k, v);
+    tree_accelerate(k, a);
     for (Int i = 0; i < w->s->n_points; i++, out += 15) {
         const Int at = 3 * w->s->joint[i];
         Real arm[3], swing[3], more[3];

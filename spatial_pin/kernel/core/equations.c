@@ -403,7 +403,7 @@ static void vector_rates(Kernel *k, const Parts *of)
 
 void equations_bias(Kernel *k, const Parts *of, const Real *v)
 {
-    tree_rates(k, v, NULL);
+    tree_rates(k, v);
     vector_rates(k, of);
     for (Int p = 0; p < of->n_products; p++) {
         const Int i = of->product[p];

@@ -113,6 +113,7 @@ typedef struct Kernel {
     Real *entry;                    /* Jacobian with respect to v / scale, in the pattern's order */
     Real *omega, *velocity;         /* (3) of each joint's body and origin, world axes */
     Real *alpha, *acceleration;     /* (3) classical accelerations */
+    Real *added;                    /* (6) what joint accelerations add to these two, in turn */
     Real *bias;                     /* (n_equations) second derivatives at zero joint acceleration */
     Real *product_rate, *product_bias, *angle_rate; /* angle_rate: (n_angles) */
     Real *vector_rate, *vector_bias;
@@ -154,7 +155,9 @@ void *kernel_memory(Kernel *k, Int count, size_t size); /* zeroed, freed with k;
 /* ---- tree.c ---- */
 void tree_place(Kernel *k, const Real *q);   /* R, p */
 void tree_columns(Kernel *k);                /* linear, angular, after tree_place */
-void tree_rates(Kernel *k, const Real *v, const Real *a); /* omega ... acceleration; a may be NULL */
+/* omega ... acceleration of bodies at joint rates v, without joint accelerations */
+void tree_rates(Kernel *k, const Real *v);
+void tree_accelerate(Kernel *k, const Real *a); /* what joint accelerations add, after tree_rates */
 void tree_integrate(const Kernel *k, Real *q, const Real *step);   /* as pin.integrate */
 void tree_normalize(const Kernel *k, Real *q);
 void quaternion_rotation(const Real *quaternion, Real *R); /* of length one; by columns */

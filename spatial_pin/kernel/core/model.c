@@ -185,7 +185,7 @@ static int make_room(Kernel *k)
         {&k->residual, k->n_closure}, {&k->angle, k->n_angles}, {&k->angle_reference, k->n_angles},
         {&k->angle_rate, k->n_angles},
         {&k->entry, k->entry_start[ne]}, {&k->omega, 3 * n}, {&k->velocity, 3 * n},
-        {&k->alpha, 3 * n},       {&k->acceleration, 3 * n}, {&k->bias, ne},
+        {&k->alpha, 3 * n},       {&k->acceleration, 3 * n}, {&k->added, 6 * n}, {&k->bias, ne},
         {&k->product_rate, np},   {&k->product_bias, np},   {&k->vector_rate, 3 * k->n_vectors},
         {&k->vector_bias, 3 * k->n_vectors}, {&k->row, nv}, {&k->right, nv},
         {&k->scratch_q, k->nq},   {&k->scratch_v, nv},

@@ -133,22 +133,19 @@ static inline void joint_rate(const Kernel *k, Int j, const Real *v, Real *slide
 
 /* With w the parent's angular velocity, r the arm from its origin to the joint's, u and t the
  * slide and turn of the joint:  velocity = vp + w x r + u,  acceleration = ap + alphap x r +
- * w x (w x r) + w x u + (w + t) x u + du,  omega = w + t,  alpha = alphap + w x t + dt. */
-void tree_rates(Kernel *k, const Real *v, const Real *a)
+ * w x (w x r) + w x u + (w + t) x u,  omega = w + t,  alpha = alphap + w x t. */
+void tree_rates(Kernel *k, const Real *v)
 {
     for (Int j = 1; j < k->n_joints; j++) {
         const Int up = 3 * k->parent[j], at = 3 * j;
         Real arm[3], swing[3], slide[3], turn[3], more[3], body[3];
-        Real slide_rate[3] = {0.0, 0.0, 0.0}, turn_rate[3] = {0.0, 0.0, 0.0};
+        Real *acceleration = k->acceleration + at;
         joint_rate(k, j, v, slide, turn);
-        if (a)
-            joint_rate(k, j, a, slide_rate, turn_rate);
         if (up == 0) { /* the world stands still */
             copy3(slide, k->velocity + at);
             copy3(turn, k->omega + at);
-            cross3(turn, slide, k->acceleration + at);
-            add3(1.0, slide_rate, k->acceleration + at);
-            copy3(turn_rate, k->alpha + at);
+            cross3(turn, slide, acceleration);
+            zero3(k->alpha + at);
             continue;
         }
         copy3(k->p + at, arm);
@@ -159,7 +156,6 @@ void tree_rates(Kernel *k, const Real *v, const Real *a)
         add3(1.0, slide, k->velocity + at);
         copy3(k->omega + up, body);
         add3(1.0, turn, body);
-        Real *acceleration = k->acceleration + at;
         copy3(k->acceleration + up, acceleration);
         cross3(k->alpha + up, arm, more);
         add3(1.0, more, acceleration);
@@ -168,12 +164,31 @@ void tree_rates(Kernel *k, const Real *v, const Real *a)
         add3(1.0, more, acceleration);
         cross3(body, slide, more);
         add3(1.0, more, acceleration);
-        add3(1.0, slide_rate, acceleration);
         cross3(k->omega + up, turn, more);
         copy3(k->alpha + up, k->alpha + at);
         add3(1.0, more, k->alpha + at);
-        add3(1.0, turn_rate, k->alpha + at);
         copy3(body, k->omega + at);
+    }
+}
+
+/* They are linear: a joint adds du to the acceleration and dt to alpha of what it carries, besides
+ * what reaches it from the ground. */
+void tree_accelerate(Kernel *k, const Real *a)
+{
+    for (Int j = 1; j < k->n_joints; j++) {
+        const Int up = k->parent[j];
+        Real *slide = k->added + 6 * j, *turn = slide + 3, arm[3], more[3];
+        joint_rate(k, j, a, slide, turn);
+        if (up > 0) {
+            copy3(k->p + 3 * j, arm);
+            add3(-1.0, k->p + 3 * up, arm);
+            cross3(k->added + 6 * up + 3, arm, more);
+            add3(1.0, more, slide);
+            add3(1.0, k->added + 6 * up, slide);
+            add3(1.0, k->added + 6 * up + 3, turn);
+        }
+        add3(1.0, slide, k->acceleration + 3 * j);
+        add3(1.0, turn, k->alpha + 3 * j);
     }
 }
 

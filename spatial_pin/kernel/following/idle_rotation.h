@@ -18,7 +18,7 @@ typedef struct {
     Real mark[3];   /* a unit vector of the link normal to it */
 } IdleAxis;
 
-/* The axis of idle rotation number `idle`, after tree_rates(k, dq/ds, d2q/ds2). */
+/* The axis of idle rotation number `idle`, after the rates and accelerations dq/ds, d2q/ds2. */
 void idle_axis(const Kernel *k, Int idle, IdleAxis *axis);
 
 /* How far the link has turned about its axis from one point to one a step h later [rad].

@@ -49,7 +49,7 @@ int point_rates(Kernel *k, const Prescribed *prescribed, Point *point)
         point->angle_rate[i] = k->angle_rate[i]; /* at the rates t */
     }
     if (k->n_idle)
-        tree_rates(k, point->t, point->c);
+        tree_accelerate(k, point->c); /* after the rates t, see system_path_rates */
     for (Int i = 0; i < k->n_idle; i++)
         idle_axis(k, i, point->axis + i);
     tree_entry_rates(k, point->q, point->t, point->c, point->first, point->second);

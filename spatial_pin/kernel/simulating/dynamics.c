@@ -382,7 +382,9 @@ static int accelerate(Dynamics *d, Real t, const Real *y)
     const Int n = d->n_free;
     const Real *q = d->q;
     d->power = 0.0;
-    tree_rates(k, d->v, d->a0);
+    if (d->n_spins || d->passage >= 0) /* else independent_bias has worked them out */
+        tree_rates(k, d->v);
+    tree_accelerate(k, d->a0);
     bodies_need(d);
     if (d->n_spins && d->asked.efforts) { /* a law sees the bodies as they are turned */
         memcpy(d->trial, d->q, (size_t)k->nq * sizeof *d->q);
@@ -413,7 +415,8 @@ static int accelerate(Dynamics *d, Real t, const Real *y)
 static int drive_efforts(Dynamics *d)
 {
     Kernel *k = d->k;
-    tree_rates(k, d->v, d->a);
+    tree_rates(k, d->v);
+    tree_accelerate(k, d->a);
     bodies_need(d);
     const Real power = d->power; /* that of springs is counted already */
     if (springs_on_bodies(d) != DONE)

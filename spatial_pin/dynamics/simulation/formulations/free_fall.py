@@ -19,7 +19,12 @@ from spatial_pin.assembly.close import close
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.dynamics.simulation.problem import Problem
-from spatial_pin.dynamics.simulation.result import Energies, Simulation, energy_drift
+from spatial_pin.dynamics.simulation.result import (
+    Energies,
+    LeastExchange,
+    Simulation,
+    energy_drift,
+)
 from spatial_pin.mechanism.inertia import KineticEnergy
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
@@ -127,4 +132,5 @@ class FreeFall:
         kinetic = np.array(list(map(KineticEnergy(self._whole.model), q, v)))
         return replace(
             seen, mechanism=self._whole, q=q, v=v, a=a, energy=energy,
-            energy_drift=energy_drift(self._whole, kinetic, energy, seen.work, start, efforts))
+            energy_drift=energy_drift(
+                LeastExchange(self._whole, efforts), kinetic, energy, seen.work, start))
