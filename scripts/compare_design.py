@@ -1,13 +1,14 @@
 """Published problems of dimensional synthesis: what `sp.design` finds, beside what is published.
 
     python scripts/compare_design.py [NAME ...] [--seed 0] [--starts 20] [--pylinkage PYTHON]
+    python scripts/compare_design.py --page docs/design.md
 
 The problems stand in `benchmark/designs.py`, their sources in `tests/data/synthesis`. The tutorial
 problems of pylinkage are solved by pylinkage as well, in the same run: by this interpreter if it
 has pylinkage, by the one that is named, or by that of `bench.py --peers`; else that is left out.
 Evaluations are sets of dimensions at which loops are closed, or fitted to goals; for derivatives
 `sp.design` looks at dimensions beside them as well, where nothing is solved. Times are those of the
-processor.
+processor. `--page` writes the tables of a page of the documentation, all problems solved anew.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices: threads on
 sys.path.insert(0, str(Path(__file__).parent))
 
 import numpy as np
-from benchmark import designs, tools
+from benchmark import designs, pages, tools
 
 TUTORIALS = Path(__file__).parent / "benchmark" / "tutorials_of_pylinkage.py"
 
@@ -86,6 +87,14 @@ def line(words: Sequence[Any]) -> str:
     return "| " + " | ".join(str(w) for w in words) + " |"
 
 
+def said(table: list[str], words: Sequence[Any]) -> list[str]:
+    """Print and add a line to a table, behind its first one the rule; return the table."""
+    new = [line(words)] if table else [line(words), line(["---"] * len(words))]
+    print("\n".join(new), flush=True)
+    table += new
+    return table
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -93,30 +102,36 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--starts", type=int)
     parser.add_argument("--pylinkage", metavar="PYTHON")
+    parser.add_argument("--page", type=Path, metavar="FILE", help="write its tables anew")
     options = parser.parse_args(arguments)
     unknown = sorted(set(options.names) - set(designs.PROBLEMS))
     if unknown:
         parser.error(f"no problem {', '.join(unknown)}; there are {', '.join(designs.PROBLEMS)}")
+    if options.page and set(options.names) != set(designs.PROBLEMS):
+        parser.error("--page is of all problems: name none")
     keywords = {} if options.starts is None else {"starts": options.starts}
-    print(line(["problem", "published", "sp.design", "designs", "evaluations", "s", "defects"]))
-    print(line(["---"] * 7), flush=True)
     links: list[float] = []
+    table = said([], ["problem", "published", "sp.design", "designs", "evaluations", "s",
+                      "defects"])
     for name in options.names:
         row = solved(name, seed=options.seed, **keywords)
         if name == "tutorial_quadrant":
             links = [row["dimensions"][link] for link in ("r2", "r3", "r4") if row["designs"]]
-        print(line([designs.PROBLEMS[name].title, *map(number, (
+        said(table, [designs.PROBLEMS[name].title, *map(number, (
             row["published"], row["error"], row["designs"], row["evaluations"], row["seconds"])),
-            ", ".join(row["defects"]) or "none"]), flush=True)
+            ", ".join(row["defects"]) or "none"])
     rows, reason = tutorials(interpreter(options.pylinkage), links)
     if not rows:
         print(f"\n{reason}")
-        return
-    print("\n" + line(["pylinkage, its own tutorials", "error", "evaluations", "s"]))
-    print(line(["---"] * 4))
+    print()
+    others = said([], ["pylinkage, its own tutorials", "error", "evaluations", "s"]) if rows else []
     for row in rows:
-        print(line([row["problem"], *map(number, (row["error"], row["evaluations"],
-                                                  row["seconds"]))]))
+        said(others, [row["problem"], *map(number, (row["error"], row["evaluations"],
+                                                    row["seconds"]))])
+    if options.page:
+        pages.put(options.page, "designs", table)
+        if others:
+            pages.put(options.page, "tutorials", others)
 
 
 if __name__ == "__main__":

@@ -60,7 +60,7 @@ def test_tables_of_a_page_are_written_below_their_marks(bench, capsys, tmp_path)
     page.write_text("before\n" + "".join(f"<!-- table: {x} -->\n| old |\n\n{x}\n" for x in names))
     report_of(bench, capsys, "--read", str(saved), "--page", str(page))
     text = page.read_text()
-    assert "old" not in text and text.startswith("before\n") and text.endswith("single\n")
+    assert "old" not in text and text.startswith("before\n") and text.endswith("excavator\n")
     line = next(x for x in text.splitlines() if x.startswith("| `jacobian` | "))
     assert line.count("µs") == 2 and "Pinocchio by hand" in line
     with pytest.raises(ValueError, match="has no"):
@@ -77,8 +77,13 @@ def test_every_line_of_a_page_has_its_rows(bench):
     for task, (_, lines) in bench.pages.SIMULATIONS.items():
         for line in lines[:2]:
             assert {bench.report.key(task, 0, how, line.tool) for how in line.hows} <= there
-    accuracy = (SCRIPTS.parent / "docs" / "accuracy.md").read_text(encoding="utf-8")
-    assert all(f"<!-- table: {name} -->" in accuracy for name in (*bench.pages.TABLES, "reduce"))
+    for kind, (line, *_) in bench.pages.REACHES.items():
+        assert {bench.report.key(f"{kind}-{robot}", 0, line.hows[0], line.tool)
+                for robot in bench.pages.ROBOTS} <= there
+    assert {x for names in bench.pages.PAGES.values() for x in names} == set(bench.pages.TABLES)
+    for page, names in (*bench.pages.PAGES.items(), ("accuracy.md", ("reduce",))):
+        text = (SCRIPTS.parent / "docs" / page).read_text(encoding="utf-8")
+        assert all(f"<!-- table: {name} -->" in text for name in names)
 
 
 def test_only_what_lies_beyond_the_spread_is_marked(bench):

@@ -263,7 +263,7 @@ def test_derivatives_of_every_kind_are_those_of_differences(tmp_path):
         "platform_2": targets.direction([0, 0.6, 0.8], [1, 0, 0]),
         "platform_3": targets.distance("ground", 0.7), "leg_1": 0.3,
         "hook_2.first": 0.2, "all": targets.centre_of_mass(0.1, None, 0.3),
-        "platform.position.z": 0.4, "platform.com.position": [0.1, 0.2, 0.3],
+        "platform_2.position.z": 0.4, "platform.com.position": [0.1, 0.2, 0.3],
         "com.position.y": 0.1, "platform.angle.z": 0.3, "platform_1.angle.x": 0.2}
     from spatial_pin.inverse_kinematics.named_targets import read_targets
     with evaluation_of(mechanism) as evaluation:

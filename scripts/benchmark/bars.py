@@ -54,6 +54,11 @@ BARS = (
     Bar("sweep Gough platform, 360 values", key("stewart", 360, "sweep"), 2.5e-3),
     Bar("sweep Gough platform, 3600 values", key("stewart", 3600, "sweep"), 2e-2),
     Bar("excavator, 1000 samples of three cylinders", key("excavator", 1000, "follow"), 0.1),
+    *(Bar(f"reach {name}, 20 targets", key(f"reach-{robot}", 0, "reach"), 2e-2)
+      for robot, name in (("gough", "Gough platform"), ("delta", "delta robot"),
+                          ("excavator", "excavator"), ("ankle", "G1's ankle"))),
+    Bar("reach_path Gough platform, 200 placements", key("path-gough", 0, "reach_path, with rates"),
+        1e-2),
     Bar("assemble RSSR from the file", key("assembly", 0, "assemble"), 5e-5),
     Bar("assemble RSSR from the file, crank at 40°",
         key("assembly", 0, "assemble, 40° from the guess of the file"), 5e-5),

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from benchmark.case import FACTORS
+from benchmark.case import FACTORS, ROBOTS
 from benchmark.report import HAND, OWN, key
 
 Rows = Mapping[str, Any]
@@ -79,6 +79,17 @@ SIMULATIONS = {
              ("generalized-α, index 3, one equation left out, 0.005 s",
               "generalized-α, index 3, one equation left out, 0.001 s")))),
 }
+REACHES = {  # task: its lines
+    "reach": (
+        Line("`sp.reach`", OWN, ("reach",)),
+        Line("pink: closures and target as tasks", "pink",
+             ("tasks for closures and target, daqp, q only",)),
+        Line("placo: closures as hard tasks", "placo",
+             ("hard closing tasks, soft target, q only",)),
+        Line("Drake's InverseKinematics, SNOPT", "Drake", ("InverseKinematics, SNOPT, q only",))),
+}
+REACHES["path"] = (Line("`sp.reach_path`, with rates", OWN, ("reach_path, with rates",)),
+                   *REACHES["reach"][1:])
 ASKED = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10)  # errors
 FORWARD = "forward_dynamics, reactions too"
 SINGLE = (  # title, our row, what stands beside it, its row
@@ -175,6 +186,32 @@ def dial(rows: Rows) -> Iterator[str]:
                     joined(rows, a02, lambda row: time(row["least"])), largest(rows, a02, "angle"))
 
 
+def reaches(rows: Rows, kind: str) -> Iterator[str]:
+    """Yield the table of targets of closed mechanisms: time and error of one, and those missed."""
+    yield f"| | {' | '.join(ROBOTS.values())} |"
+    yield f"|---|{'---|' * len(ROBOTS)}"
+
+    def told(row: Any) -> str:
+        errors = row["errors"]
+        missed = int(errors["missed"])
+        worst = power(max(errors["closure"], errors["target"]))
+        return f"{time(row['least'])}, {worst}" + f", {missed} not met" * bool(missed)
+
+    for line in REACHES[kind]:
+        yield cells(line.title, *(
+            joined(rows, [key(f"{kind}-{robot}", 0, how, line.tool) for how in line.hows], told)
+            for robot in ROBOTS))
+
+
+def excavated(rows: Rows) -> Iterator[str]:
+    """Yield the table of an excavator's three cylinders along a dig."""
+    yield "| | 1000 samples | closure | lengths [m] |"
+    yield "|---|---|---|---|"
+    own = [key("excavator", 1000, "follow")]
+    yield cells("`sp.follow`", joined(rows, own, lambda row: time(row["count"] * row["least"])),
+                *(largest(rows, own, error) for error in ("closure", "length")))
+
+
 def single(rows: Rows) -> Iterator[str]:
     """Yield the table of single states and short sweeps: one whole call."""
     yield "| | spatial_pin | beside |"
@@ -195,6 +232,13 @@ TABLES: dict[str, Callable[[Rows], Iterator[str]]] = {
     "a04": lambda rows: simulations(rows, "a04"),
     "dial": dial,
     "single": single,
+    "reach": lambda rows: reaches(rows, "reach"),
+    "path": lambda rows: reaches(rows, "path"),
+    "excavator": excavated,
+}
+PAGES = {  # of docs/, with the tables that they have
+    "accuracy.md": ("sweep", "a02", "a04", "dial", "single"), "reach.md": ("reach",),
+    "reach_path.md": ("path",), "follow.md": ("excavator",),
 }
 
 
@@ -213,8 +257,16 @@ def put(page: Path, name: str, lines: Sequence[str]) -> None:
 
 
 def put_all(page: Path, report: Mapping[str, Any]) -> None:
-    """Write the tables of a page whose task was measured."""
-    for name, table in TABLES.items():
-        lines = list(table(report["rows"]))
+    """Write the tables that a page has a mark for.
+
+    Raises:
+        ValueError: it has none.
+    """
+    text = page.read_text(encoding="utf-8")
+    marked = [name for name in TABLES if f"<!-- table: {name} -->" in text]
+    if not marked:
+        raise ValueError(f"{page} has no <!-- table: NAME -->")
+    for name in marked:
+        lines = list(TABLES[name](report["rows"]))
         print("\n".join(["", *lines]))
         put(page, name, lines)

@@ -193,13 +193,23 @@ class Constrained:
         """Return the derivative (k, nv) of the loops' equations, none of idle rotations."""
         return self.evaluation.jacobian[: self.evaluation.constraints.n_closure]
 
-    def kept(self, q: Array, free: NDArray[np.bool_], kept: Sequence[Target]) -> Array | None:
-        """Return q with its loops closed and targets met again; None if that takes too far."""
+    def kept(
+        self, q: Array, free: NDArray[np.bool_], kept: Sequence[Target], off: float = 0.0
+    ) -> Array | None:
+        """Return q with its loops closed and targets met again; None if that takes too far.
+
+        Args:
+            q: (nq,) where it begins.
+            free: (nv,) which velocities may move.
+            kept: the targets.
+            off: length of the residuals that may be left.
+        """
         q, last = self.closed(q, free), np.inf
         for _ in range(CORRECTIONS):
             residual, rows = self.residual(q, kept)
             size = float(np.linalg.norm(residual))
-            if size <= TOLERANCES.last_digit or (size <= self.tolerance and size > 0.5 * last):
+            if size <= max(TOLERANCES.last_digit, off) or (
+                    size <= self.tolerance and size > 0.5 * last):
                 return q if self.is_closed(q) else None
             if size > min(TOLERANCES.unexplained, last):
                 return None

@@ -28,6 +28,11 @@ SLOW_STEPS = 2  # that leave more than half, after which Newton's are made: Gaus
 LEAST_DAMPING = 1e-3
 MOST_DAMPING = 1e6  # with which nothing moves any more
 NO_LONGER = 1e-9  # rad, characteristic lengths: how far off a least sum may be
+# By how much of the square of a Gauss step what is kept may be off on the way: such a step itself
+# misses by its square, and the last ones are so short that all digits are kept.
+OFF_ON_THE_WAY = 1e-3
+# Residuals that a step leaves where it goes to a dead centre, a double root: about a quarter.
+DOUBLE_ROOT = 0.15, 0.35
 
 
 class Place(NamedTuple):
@@ -143,7 +148,13 @@ class Descent:
             The configuration, the limits that hold it, and whether it went on by long steps until
             these ran out.
         """
-        place, moved = Place(q, held, self._size(q)), 0.0
+        place, is_on_its_way = self._down(Place(q, held, self._size(q)))
+        q = self.base.kept(place.q, self.base.free(place.held), self.kept)
+        return place.q if q is None else q, place.held, is_on_its_way
+
+    def _down(self, place: Place) -> tuple[Place, bool]:
+        """Return where the way down ends, as `run`; what is kept may be off by a little."""
+        moved = 0.0
         for _ in range(STEPS_AT_MOST):
             place = place._replace(held=self._released(place))
             before, (step, now_held) = place.q, self._step(place)
@@ -152,18 +163,35 @@ class Descent:
             is_last = moved < (TOLERANCES.half_precision if self._pace.converges else NO_LONGER)
             if there is not None and self._is_as_good(there, place, moved):
                 is_last = is_last and there.held.keys() == place.held.keys()
+                there = self._at_double_root(place, step, there)
                 self._pace.judge(there.size / place.size if place.size else 0.0, moved)
                 place = there
                 if place.size <= self.base.tolerance:
-                    return place.q, place.held, False
+                    return place, False
             else:
                 is_last = self._pace.fails() or is_last
             if is_last:
                 onward = self._onward(place, before)
                 if onward is None:
-                    return place.q, place.held, False
+                    return place, False
                 place = onward
-        return place.q, place.held, moved > 0.5 * TOLERANCES.damped_step
+        return place, moved > 0.5 * TOLERANCES.damped_step
+
+    def _at_double_root(self, place: Place, step: Array, there: Place) -> Place:
+        """Return where a Gauss step leads, or farther on where residuals go as a parabola along it.
+
+        Towards a dead centre every step is half as long as the one before. With r at its start
+        and c where it ends, (1 - t) r + t² c is zero farther on, at a t up to 2.
+        """
+        least, most = DOUBLE_ROOT
+        if self._pace.is_bent or there.held.keys() != place.held.keys() or not (
+                least * place.size < there.size < most * place.size):
+            return there
+        first, last = (self.base.residual(x.q, self.wanted)[0] for x in (place, there))
+        bent = float(first @ last) / place.size**2
+        t = 2.0 / (1.0 + max(1.0 - 4.0 * bent, 0.0) ** 0.5)
+        farther = self._landed(place.q, t * step, place.held)
+        return farther if farther and farther.size < 0.5 * there.size else there
 
     def _size(self, q: Array) -> float:
         return float(np.linalg.norm(self.base.residual(q, self.wanted)[0]))
@@ -227,7 +255,8 @@ class Descent:
         """Return where a step leads, what is kept met again, within limits; None if too far."""
         base = self.base
         while True:
-            there = base.kept(base.stops.moved(q, step, held), base.stops.free(held), self.kept)
+            off = 0.0 if self._pace.is_bent else OFF_ON_THE_WAY * float(step @ step)
+            there = base.kept(base.stops.moved(q, step, held), base.stops.free(held), self.kept, off)
             if there is None:
                 return None
             beyond = base.stops.beyond(there, held, q)
