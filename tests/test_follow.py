@@ -351,16 +351,39 @@ def test_the_command_line_follows_a_table_and_writes_one(tmp_path, capfd):
 
 
 @pytest.mark.parametrize(("text", "words"), [
+    ("boom\n1,2\n", "line 2 has more numbers than there are names"),
+    ("arm_1\n1mm\n", "column 'arm_1' is in rad, not in mm"), ("\xff\n1\n", "no table in UTF-8"),
     ("boom\n", "no table"), ("boom [ft]\n1\n", "has the unit 'ft'"), ("boom\nx\n", "'x' is no"),
     ("boom,arm\n1\n", "line 2, column 2: nothing is no number"), ("a,a\n1,2\n", "two columns"),
     ("[rad]\n1\n", "is no name of a column"),
 ])
 def test_a_bad_table_is_refused_with_its_place(tmp_path, capfd, text, words):
     table = tmp_path / "bad.csv"
-    table.write_text(text)
+    table.write_text(text, encoding="latin-1")
     assert main(["follow", "delta", str(table)]) == 1
     told = capfd.readouterr().err
     assert words in told and "bad.csv" in told and "Traceback" not in told
+
+
+@pytest.mark.parametrize("text", [
+    "time [ms],arm_1 [deg],\r\n0,0,\r\n500,22.5,\r\n", "\ufefftime;arm_1 [deg]\n0;0\n0,5;22,5\n",
+    "time [s]\tarm_1\r0\t0deg\r500ms\t 22.5 ° \r", 'time,arm_1,arm_1 rate [rad/s],tip jerk x\n'
+    '0,"0",9,9\n.5,22.5deg,9,9\n\n',
+], ids=["commas at line ends", "semicolons", "tabs", "units"])
+def test_tables_as_other_programs_write_them(tmp_path, text):
+    table = tmp_path / "table.csv"
+    table.write_bytes(text.encode())
+    found, times = read_table(table, sp.load("delta"))
+    assert list(found) == ["arm_1"] and times.tolist() == [0.0, 0.5]
+    assert found["arm_1"] == pytest.approx([0.0, np.pi / 8], abs=1e-16)
+
+
+def test_points_are_read_as_a_motion_writes_them(tmp_path):
+    motion = sp.sweep(sp.load("delta"), "arm_1", [0.0, 0.1, 0.2])
+    found, _ = read_table(motion.to_csv(tmp_path / "p.csv", ["platform.position", "arm_1.rate"]))
+    points = np.column_stack([found[f"platform.{x}"] for x in "xyz"])
+    np.testing.assert_array_equal(points, motion.frame("platform").position)
+    assert "arm_1 rate" not in found
 
 
 def test_a_table_that_is_not_there_is_told(capfd):

@@ -263,6 +263,42 @@ def test_forces_scatter_with_dimensions(beam):
     assert heads[0] == "hinge reaction force x [N]" and heads[-1] == "hinge reaction moment z [N·m]"
 
 
+IDLE = """<robot name="idle" xmlns:xacro="http://www.ros.org/wiki/xacro">
+<xacro:arg name="length" default="0.4"/> <xacro:arg name="paint" default="0.3"/>
+<xacro:arg name="wear" default="0.0"/> <xacro:property name="worn" value="$(arg wear)"/>
+<xacro:arg name="mass" default="2.0"/>
+<link name="ground"/> <link name="bar"><inertial><mass value="$(arg mass)"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link> <link name="tip"/>
+<joint name="hinge" type="continuous"><parent link="ground"/><child link="bar"/></joint>
+<joint name="end" type="fixed"><parent link="bar"/><child link="tip"/>
+<origin xyz="$(arg length) 0 0"/></joint>{more}</robot>"""
+ROUNDED = '<link name="far${round(1e4 * $(arg length))}"/>'  # a name: nothing follows it
+
+
+@pytest.fixture(params=["", ROUNDED], ids=["traced", "expanded"])
+def idle(request, tmp_path):
+    file = tmp_path / "idle.urdf.xacro"
+    more = request.param and (request.param + '<joint name="far" type="fixed"><parent link="bar"/>'
+                              f'<child link={request.param[11:-2]}/></joint>')
+    file.write_text(IDLE.replace("{more}", more))
+    return sp.load(file)
+
+
+def test_dimensions_that_change_nothing_are_told(idle):
+    state = sp.assemble(idle, {"hinge": 0.5})
+    found = sp.sensitivity(idle, state, "tip.position")
+    assert found.idle == ("paint", "wear")  # the mass changes the file, though not the output
+    assert "d/d paint = 0: it changes nothing in the file" in str(found)
+    assert sp.sensitivity(idle, state, "tip.position", ["length", "mass"]).idle == ()
+    with pytest.warns(sp.SpatialPinWarning, match="wear changes nothing in"):
+        sp.sensitivity(idle, state, "tip.position", ["wear", "length"])
+    with pytest.warns(sp.SpatialPinWarning, match="paint changes nothing in"):
+        sp.tolerance(idle, "tip.position", {"length": 1e-3, "paint": 0.1, "mass": 0.1}, state)
+    with pytest.warns(sp.SpatialPinWarning, match="paint, wear change nothing in"):
+        sp.design(idle, sp.goals.path("tip", [[0.5, 0.0, 0.0]], drivers={"hinge": [0.0]}),
+                  {"length": (0.3, 0.6), "paint": (0.0, 1.0), "wear": (0.0, 1.0)}, method="local")
+
+
 def test_forces_that_do_not_exist_are_refused(beam):
     state = sp.assemble(beam)
     for name in ("hinje.effort", "beam.reaction"):

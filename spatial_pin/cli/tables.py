@@ -6,7 +6,7 @@ import csv
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -21,6 +21,8 @@ from spatial_pin.units import UNITS, Quantity, quantity
 TIME = "time"
 POINT, TURNED = ("x", "y", "z"), ("rx", "ry", "rz")  # columns of a frame: NAME.x, NAME.rx
 NOT_READ = (" rate", " acceleration", " effort", " power", "closure error")  # what names end with
+POSITION = re.compile(r" position ([xyz])$")  # of a frame, as tables are written
+NO_POSITION = re.compile(r" (velocity|acceleration|jerk|force|moment) [xyz]$")  # not read either
 ENERGY = "J"  # unit of other columns that `--csv` writes
 KINDS = {  # of targets: what units their numbers have, " " for none
     "position": ("m", "m", "m"), "pose": ("m", "m", "m", "rad", "rad", "rad"),
@@ -35,8 +37,10 @@ def read_table(
     """Return columns (N,) by their names [rad, m], and times (N,) [s] where it has some.
 
     The first line of the file has names, each with or without its unit: `boom`, `boom [deg]`,
-    `time [s]`. Columns of rates, accelerations, efforts and energies,
-    as `--csv` writes them, are left out.
+    `time [s]`; `tip position x [m]` is `tip.x`. Numbers may have units of their own, `20deg`.
+    Between them are commas, or semicolons or tabs where the first line has no comma; numbers
+    between semicolons may have decimal commas. Columns of rates, accelerations, efforts and
+    energies, as `--csv` writes them, are left out.
 
     Args:
         path: of the file.
@@ -47,22 +51,39 @@ def read_table(
         OSError: it cannot be read.
         SpatialPinError: it is no such table; says where.
     """
-    with open(path, newline="", encoding="utf-8-sig") as file:
-        lines = [line for line in csv.reader(file) if any(word.strip() for word in line)]
+    lines = _lines(path)
     if len(lines) < 2:
         raise SpatialPinError(f"{path}: no table: a line of names and lines of numbers are needed")
     found: dict[str, Array] = {}
     for k, head in enumerate(lines[0]):
+        if not "".join(word for line in lines for word in line[k : k + 1]).strip():
+            continue  # what a comma at the end of every line leaves
         name, unit = _head(path, head)
-        if name.endswith(NOT_READ) or unit == ENERGY:
+        if name.endswith(NOT_READ) or NO_POSITION.search(name) or unit == ENERGY:
             continue
         if name in found:
             raise SpatialPinError(f"{path}: two columns are named {name!r}")
         _check_unit(path, mechanism, name, unit)
-        found[name] = UNITS[unit] * np.array([
-            _number(path, line, k, row, with_blanks)
-            for row, line in enumerate(lines[1:], start=2)])
+        read = _Column(path, mechanism, name, unit, k, with_blanks)
+        found[name] = np.array([read(line, row) for row, line in enumerate(lines[1:], start=2)])
     return found, found.pop(TIME, None)
+
+
+def _lines(path: str | Path) -> list[list[str]]:
+    """Return the words of a table's lines, but for those that are blank."""
+    try:
+        with open(path, encoding="utf-8-sig") as file:
+            text = file.read()
+        first = text.partition("\n")[0]
+        mark = next((mark for mark in ",;\t" if mark in first), ",")
+        lines = [line for line in csv.reader(text.splitlines(), delimiter=mark)
+                 if any(word.strip() for word in line)]
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise SpatialPinError(f"{path}: no table in UTF-8: {error}") from None
+    for row, line in enumerate(lines, start=1):
+        if any(word.strip() for word in line[len(lines[0]):]):
+            raise SpatialPinError(f"{path}: line {row} has more numbers than there are names")
+    return [[word.replace(",", ".") for word in line] for line in lines] if mark == ";" else lines
 
 
 def _check_unit(path: str | Path, mechanism: Mechanism | None, name: str, unit: str) -> None:
@@ -132,25 +153,49 @@ def _head(path: str | Path, text: str) -> tuple[str, str]:
     match = re.fullmatch(r"\s*([^\[\]]+?)\s*(?:\[\s*([^\[\]]*?)\s*\])?\s*", text)
     if match is None:
         raise SpatialPinError(f"{path}: {text!r} is no name of a column, as 'boom' or 'boom [deg]'")
-    name, unit = match[1], match[2] or ""
+    name, unit = POSITION.sub(r".\1", match[1]), match[2] or ""
     if unit not in UNITS:
-        if name.endswith(NOT_READ) or unit == ENERGY:
+        if name.endswith(NOT_READ) or NO_POSITION.search(name) or unit == ENERGY:
             return name, unit
         known = ", ".join(u for u in UNITS if u)
         raise SpatialPinError(f"{path}: column {name!r} has the unit {unit!r}; known are {known}")
     return name, unit
 
 
-def _number(
-    path: str | Path, line: list[str], k: int, row: int, may_be_blank: bool = False
-) -> float:
-    if may_be_blank and not "".join(line[k : k + 1]).strip():
-        return float("nan")
-    try:
-        return float(line[k])
-    except (ValueError, IndexError):
-        word = repr(line[k]) if k < len(line) else "nothing"
-        raise SpatialPinError(f"{path}: line {row}, column {k + 1}: {word} is no number") from None
+class _Column(NamedTuple):
+    """What reads the numbers of a column.
+
+    Attributes:
+        path: of the file.
+        mechanism: whose names these are.
+        name, unit: of the column.
+        k: its number, from 0.
+        may_be_blank: whether fields may be empty, which are NaN then.
+    """
+
+    path: str | Path
+    mechanism: Mechanism | None
+    name: str
+    unit: str
+    k: int
+    may_be_blank: bool
+
+    def __call__(self, line: list[str], row: int) -> float:
+        """Return the number of a line [rad, m, s]."""
+        word = line[self.k].strip() if self.k < len(line) else ""
+        try:
+            return UNITS[self.unit] * float(word)
+        except ValueError:
+            if self.may_be_blank and not word:
+                return float("nan")
+        try:
+            found = quantity(word)
+        except ValueError:
+            said = repr(word) if word else "nothing"
+            raise SpatialPinError(f"{self.path}: line {row}, column {self.k + 1}: {said} is no "
+                                  "number") from None
+        _check_unit(self.path, self.mechanism, self.name, found.unit)
+        return float(found)
 
 
 def read_target(text: str) -> tuple[str, Any]:

@@ -8,7 +8,7 @@ same points tells how far they can be trusted. The file is expanded once (`varia
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from spatial_pin.brief import brief
 from spatial_pin.checks import checked, names_of
 from spatial_pin.dimensions.drive import Drive, end_of_range, with_forces, with_masses
 from spatial_pin.dimensions.samples import Samples
-from spatial_pin.dimensions.variants import Variants
+from spatial_pin.dimensions.variants import Variants, idle_dimensions, tell_idle
 from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -49,6 +49,7 @@ class Sensitivity:
         derivatives: by dimension, shaped like the value [output unit per m or rad].
         errors: estimated largest error of each derivative; (N,) of a motion.
         unit: of the value, "" or "1" when it has none.
+        idle: dimensions that change nothing in the mechanism's file.
 
     Example:
         >>> mech = sp.load("rssr")
@@ -62,20 +63,27 @@ class Sensitivity:
     derivatives: dict[str, Any]
     errors: dict[str, Any]
     unit: str = ""
+    idle: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return brief(self, value=self.unit.removeprefix("1"))
 
     def __str__(self) -> str:
-        lines = [f"{self.output} = {np.array2string(np.asarray(self.value), precision=10)}"
-                 f" {self.unit.removeprefix('1')}".rstrip()]
+        lines = [f"{self.output} = {_words(self.value)} {self.unit.removeprefix('1')}".rstrip()]
         for name, derivative in self.derivatives.items():
             error = np.reshape(self.errors[name], np.shape(self.errors[name]) + (1,) * (
                 np.ndim(derivative) - np.ndim(self.errors[name])))
             d = np.where(np.abs(derivative) <= error, 0.0, derivative)  # what is left is noise
-            lines.append(f"  d/d {name} = {np.array2string(d, precision=10)}"
-                         f"  (± {np.max(error, initial=0.0):.0e})")
+            lines.append(f"  d/d {name} = 0: it changes nothing in the file" if name in self.idle
+                         else f"  d/d {name} = {_words(d)}  (± {np.max(error, initial=0.0):.0e})")
         return "\n".join(lines)
+
+
+def _words(x: Any) -> str:
+    """Return a number, or a short array, with ten decimals, of what is large ten digits."""
+    return np.array2string(np.asarray(x), precision=10, max_line_width=10**6, formatter={
+        "float": lambda v: f"{v:.10f}".rstrip("0").rstrip(".") if 1e-3 <= abs(v) < 1e6 or v == 0.0
+        else f"{v:.10g}"})
 
 
 @checked
@@ -101,7 +109,8 @@ def sensitivity(
         parameters: names of dimensions; default all.
 
     Returns:
-        The derivatives with an estimate of their error.
+        The derivatives with an estimate of their error. A warning names dimensions asked for that
+        change nothing in the file.
 
     Raises:
         UnknownNameError: no such dimension or output.
@@ -115,8 +124,14 @@ def sensitivity(
         {'b': -5.8005, 'd': 4.1254}
     """
     if isinstance(state, Motion):
-        return _over_motion(mechanism, state, output, parameters)
-    return sensitivities(mechanism, state, [output], parameters)[0]
+        found = _over_motion(mechanism, state, output, parameters)
+    else:
+        found = sensitivities(mechanism, state, [output], parameters)[0]
+    still = [name for name, x in found.derivatives.items()
+             if np.all(np.abs(x).T <= np.asarray(found.errors[name]).T)]
+    if parameters is not None:
+        tell_idle(mechanism, found.derivatives, still)
+    return replace(found, idle=idle_dimensions(mechanism, found.derivatives, still))
 
 
 def _over_motion(

@@ -20,7 +20,7 @@ from spatial_pin.columns import Quantity, Tabular, chosen
 from spatial_pin.dimensions.drive import Drive, with_masses
 from spatial_pin.dimensions.samples import Samples
 from spatial_pin.dimensions.sensitivity import sensitivities, with_spread, within_half_turn
-from spatial_pin.dimensions.variants import Variants
+from spatial_pin.dimensions.variants import Variants, tell_idle
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.formats.files import load
 from spatial_pin.mechanism.coordinates import finite_number
@@ -198,6 +198,8 @@ def tolerance(
         raise ValueError(f"samples is {samples}; it is 0 for none, or from 2, for a spread, to "
                          f"{MOST_DRAWN}")
     found = sensitivities(mechanism, state, names, spread)
+    tell_idle(mechanism, spread, [name for name in spread if not any(
+        np.any(np.abs(one.derivatives[name]) > one.errors[name]) for one in found)])
     nominal = {one.output: one.value for one in found}
     units = {one.output: one.unit for one in found}
     linear = {one.output: _propagated(one.derivatives, spread) for one in found}

@@ -12,7 +12,7 @@ other numbers in the places of the traced ones.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from typing import Any, NamedTuple
 
@@ -21,15 +21,17 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.dimensions.homotopy import varied
-from spatial_pin.errors import SpatialPinError
+from spatial_pin.errors import SpatialPinError, warn
 from spatial_pin.formats.files import load_expanded
-from spatial_pin.formats.xacro.expansion import parse_urdf, traced
+from spatial_pin.formats.sources import shown
+from spatial_pin.formats.xacro.expansion import expand, parse_urdf, traced
 from spatial_pin.formats.xacro.tracing import depends
 from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array
 
 PLACE_ROUND_OFF = 64 * EPS  # of the largest length: round-off of placements
+NEARBY = 0.01  # of a dimension: how far it goes to see whether its file changes
 WITHOUT_MOTION = ("visual", "collision", "dynamics", "safety_controller", "mass", "inertia")
 FIELDS = [field.name for field in fields(Mechanism) if field.init]
 
@@ -91,6 +93,56 @@ class Variants:
         if key not in self.mechanism.memo:
             self.mechanism.memo[key] = _traced(self.mechanism, self.names)
         return self.mechanism.memo[key]
+
+
+def idle_dimensions(
+    mechanism: Mechanism, names: Iterable[str], among: Container[str] | None = None
+) -> tuple[str, ...]:
+    """Return the dimensions that change nothing in the mechanism's file near their values.
+
+    Args:
+        mechanism: the mechanism.
+        names: the dimensions, as they are traced together.
+        among: those that are asked about; default all.
+    """
+    names = list(names)
+    asked = [name for name in names if among is None or name in among]
+    if mechanism.tree is None or not asked:
+        return ()
+    tree = Variants(mechanism, names).tree
+    texts = None if tree is None else tree.texts_change(asked)
+    if texts is None:
+        texts = {name: _text_changes(mechanism, name) for name in asked}
+    return tuple(name for name in asked if not texts[name])
+
+
+def _text_changes(mechanism: Mechanism, name: str) -> bool:
+    """Whether the expanded file changes with a dimension."""
+    file, own, found = mechanism.tree, mechanism.dimensions[name], set[str]()
+    assert file is not None
+    try:
+        for value in _near(own):
+            found.add(expand(file, {**mechanism.parameters, name: value}, mechanism.trusted,
+                             mechanism.packages))
+    except SpatialPinError:  # a value that it cannot have is a change
+        return True
+    return len(found) > 1
+
+
+def _near(own: float) -> list[float]:
+    """Return a dimension, and values to both sides of it."""
+    return [own + k * NEARBY * (abs(own) or 1.0) for k in (0, -1, 1)]
+
+
+def tell_idle(
+    mechanism: Mechanism, names: Iterable[str], among: Container[str] | None = None
+) -> None:
+    """Warn of dimensions that change nothing in the mechanism's file; see `idle_dimensions`."""
+    idle = idle_dimensions(mechanism, names, among)
+    if idle:
+        warn(f"mechanism {mechanism.name!r}: {', '.join(idle)} "
+             f"change{'s' * (len(idle) == 1)} nothing in {shown(str(mechanism.tree))}: "
+             "nothing of what the file describes depends on it")
 
 
 def copied(mechanism: Mechanism, **changed: Any) -> Mechanism:
@@ -309,6 +361,23 @@ class TracedTree:
             return None
         words = [repr(x) for x in numbers[:, 0].tolist()]
         return "".join(x for pair in zip(between, [*words, ""], strict=True) for x in pair)
+
+    def texts_change(self, names: Sequence[str]) -> dict[str, bool] | None:
+        """Return by dimension whether what the file expands to changes near its value.
+
+        Returns:
+            None where that is not known.
+        """
+        if self._pieces is None:
+            return None
+        own = [*self.dimensions.values()]
+        given = np.array([[own] * 3] * len(names), dtype=float).reshape(len(names), 3, len(own))
+        for k, name in enumerate(names):
+            given[k, :, [*self.dimensions].index(name)] = _near(self.dimensions[name])
+        numbers, holds = self._tape.at(given.reshape(-1, len(own)).T, self._pieces[1])
+        several = numbers.reshape(-1, len(names), 3)
+        changes = np.any(several != several[:, :, :1], axis=(0, 2)) | ~holds.reshape(-1, 3).all(1)
+        return dict(zip(names, changes.tolist(), strict=True))
 
     def mechanism_at(
         self, dimensions: Mapping[str, float], found: TracedGeometry, k: int

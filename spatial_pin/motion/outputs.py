@@ -131,6 +131,9 @@ def output(motion: Motion, spec: str) -> Output:
 
 def label_of(spec: str) -> str:
     """Return the name that tables have of an output: `tip velocity` of `tip.velocity`."""
+    whole, k = component(spec)
+    if k is not None:
+        return f"{label_of(whole)} {XYZ[k]}"
     if spec in ON_GROUND:
         return spec.replace("_", " ").replace(".", " ")
     for kind in KINDS:

@@ -11,6 +11,7 @@ from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State
 from spatial_pin.checks import checked, whole_number
 from spatial_pin.dimensions.bounds import bounds_of
+from spatial_pin.dimensions.variants import tell_idle
 from spatial_pin.mechanism.coordinates import needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
@@ -98,6 +99,7 @@ def design(
         raise ValueError("dimensions names none: nothing may change")
     if whole_number(most, "most") < 1:
         raise ValueError(f"most is {most}; it is 1 at least")
+    tell_idle(mechanism, bounds)
     for goal in asked:
         goal.check(mechanism)
     refuse_contradictions(mechanism, asked)

@@ -71,7 +71,8 @@ def _sensitivity(options: argparse.Namespace) -> None:
     content = {"mechanism": mechanism.name, "output": found.output, "unit": found.unit,
                "value": np.asarray(found.value).tolist(),
                "derivatives": {k: np.asarray(x).tolist() for k, x in found.derivatives.items()},
-               "errors": {k: np.asarray(x).tolist() for k, x in found.errors.items()}}
+               "errors": {k: np.asarray(x).tolist() for k, x in found.errors.items()},
+               "idle": found.idle}
     if isinstance(subject, sp.Motion):
         content["driver"] = {"name": subject.driver_name, "unit": subject.driver_unit,
                              "values": np.asarray(subject.driver).tolist()}
@@ -102,7 +103,10 @@ def _along(motion: sp.Motion, found: sp.Sensitivity) -> str:
     values = np.asarray(motion.driver)
     lines = [f"{motion.mechanism.name}: {found.output} over {motion.driver_name}, "
              f"{len(values)} values"]
+    lines += [f"  d/d {name} = 0: it changes nothing in the file" for name in found.idle]
     for name, x in found.derivatives.items():
+        if name in found.idle:
+            continue
         size = np.abs(x) if np.ndim(x) == 1 else np.linalg.norm(x, axis=1)
         k = int(size.argmax())
         lines.append(f"  d/d {name}: at most {size[k]:.9g}, at {motion.driver_name} = "
