@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import json
 import os
 import re
 import subprocess
@@ -138,3 +139,28 @@ def test_only_data_goes_to_standard_output(words, capsys):
     with pytest.raises(SystemExit, match="2"):
         main(["sweep", "four_bar", "crank", "0", "1", *words])
     assert "the name of a file is needed" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", [("sweep", "four_bar", "crank", 0, 1, "--clearance")])
+def test_what_was_followed_before_it_was_interrupted_is_written(words, capsys, monkeypatch):
+    part = sp.sweep(sp.load("four_bar"), "crank", [0.0, 0.1, 0.2])
+
+    def interrupted(*_, **__):
+        raise sp.Interrupted(part)
+
+    monkeypatch.setattr(sp, "sweep", interrupted)
+    assert main([*map(str, words)]) == 130
+    out, err = capsys.readouterr()
+    assert "3 steps" in out and "cut short after 3 steps" in out and err == ""
+    assert main([*map(str, words), "--json", "-"]) == 130
+    content = json.loads(capsys.readouterr().out)
+    assert content["is_whole"] is False and len(content["columns"]["crank [rad]"]) == 3
+
+
+def test_nothing_found_before_it_was_interrupted_is_said(capsys, monkeypatch):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(sp, "assembly_modes", interrupted)
+    assert main(["modes", "four_bar"]) == 130
+    assert capsys.readouterr().err == "spatial-pin: interrupted before there was a result\n"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -43,14 +43,26 @@ def look_of(options: argparse.Namespace, clearance: sp.Clearance | None = None) 
                    arrows=tuple(options.arrow), centres=options.centres, clearance=clearance)
 
 
-def write_motion(options: argparse.Namespace, motion: sp.Motion, last: str = "") -> None:
+def write_followed(options: argparse.Namespace, follow: Callable[[], sp.Motion]) -> None:
+    """Follow a motion and write it; after Ctrl-C what was followed until then."""
+    try:
+        write_motion(options, follow())
+    except sp.Interrupted as stopped:
+        options.clearance = False
+        write_motion(options, stopped.motion, f"cut short after {len(stopped.motion)} steps", False)
+        raise Told from None
+
+
+def write_motion(
+    options: argparse.Namespace, motion: sp.Motion, last: str = "", is_whole: bool = True
+) -> None:
     """Say what a motion is, and write it as asked; `last` goes below."""
     found = sp.clearance(motion, progress=True) if options.clearance else None
     if found is not None:
         motion = found.motion
     lines = [motion_summary(motion), *([str(found)] if found is not None else []),
              *([last] if last else [])]
-    tell(options, "\n".join(lines), _content(motion, found), motion.columns(),
+    tell(options, "\n".join(lines), _content(motion, found, is_whole), motion.columns(),
          _written(options, motion, found))
     if found is not None and not found.is_whole:
         raise Told
@@ -71,10 +83,12 @@ def _written(
         yield sp.export_html(motion, options.html, look=look_of(options, found))
 
 
-def _content(motion: sp.Motion, found: sp.Clearance | None) -> dict[str, Any]:
+def _content(
+    motion: sp.Motion, found: sp.Clearance | None, is_whole: bool
+) -> dict[str, Any]:
     """Return what a motion is, as JSON has it."""
     columns = {name: column.tolist() for name, column in motion.columns().items()}
-    content = {"mechanism": motion.mechanism.name, "columns": columns,
+    content = {"mechanism": motion.mechanism.name, "is_whole": is_whole, "columns": columns,
                "events": [event._asdict() for event in motion.events]}
     return finite(content if found is None else {**content, "clearance": found.as_dict()})
 
@@ -164,7 +178,7 @@ def _sweep(options: argparse.Namespace) -> None:
     mechanism = loaded(options)
     mechanism.coordinate(options.driver)
     check_names(options, mechanism)
-    write_motion(options, run_sweep(options, mechanism))
+    write_followed(options, lambda: run_sweep(options, mechanism))
 
 
 def shown(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion | sp.State:
@@ -198,7 +212,7 @@ def _follow(options: argparse.Namespace) -> None:
     mechanism = loaded(options)
     check_names(options, mechanism)
     values, times = read_table(options.table, mechanism)
-    write_motion(options, sp.follow(
+    write_followed(options, lambda: sp.follow(
         mechanism, values, times, guess=guess_of(options), hold=["base", *options.hold],
         on_limit="stop" if options.stop else "raise",
         on_crossing="stop" if options.stop else "straight", progress=True))

@@ -8,7 +8,7 @@ from typing import Any
 
 import spatial_pin as sp
 from spatial_pin.cli.asked import fitting, guess_of, loaded, unique
-from spatial_pin.cli.commands.motions import look_of, write_motion
+from spatial_pin.cli.commands.motions import look_of, write_followed
 from spatial_pin.cli.names import check_names
 from spatial_pin.cli.options import (
     AT_HELP,
@@ -216,7 +216,7 @@ def _reach_path(
     columns, times = read_table(options.path, mechanism)
     targets = targets_of(options.path, mechanism, columns)
     state = sp.assemble(mechanism, {}, guess_of(options))
-    write_motion(options, sp.reach_path(
+    write_followed(options, lambda: sp.reach_path(
         mechanism, {**targets, **fitting(options, mechanism, standing)}, times, state,
         hold=["base", *options.hold], progress=True))
 
