@@ -28,7 +28,8 @@ from spatial_pin.view.scene.layers.bodies import colour
 from spatial_pin.view.scene.layers.gaps import COLOUR as GAP_COLOUR
 from spatial_pin.view.scene.layers.traces import COLOURS as TRACE_COLOURS
 from spatial_pin.view.scene.look import Look
-from spatial_pin.view.scene.meshcat_commands import joint_poses, scene, upright
+from spatial_pin.view.scene.meshcat_commands import scene
+from spatial_pin.view.scene.stage import joint_poses, upright
 
 SIZE = (480, 360)
 REPORT_READY = "frames.length === 1 && typeof frames[0].seek === 'function'"

@@ -60,7 +60,7 @@ def test_one_name_is_as_good_as_a_tuple_of_one() -> None:
     state = sp.assemble(sp.load("four_bar"))
     assert sp.Look(traces="coupler", arrows="coupler.velocity").traces == ("coupler",)
     assert sp.Look(arrows=["coupler.velocity"], ghosts=[state]).arrows == ("coupler.velocity",)
-    with pytest.raises(TypeError, match="Look: ghosts: a State is needed, not int"):
+    with pytest.raises(TypeError, match="Look: ghosts: a State or Motion is needed, not int"):
         sp.Look(ghosts=(3,))
     with pytest.raises(TypeError, match="Look: axes must be True or False, not 'no'"):
         sp.Look(axes="no")

@@ -28,7 +28,8 @@ from spatial_pin.view.page.html import page
 from spatial_pin.view.page.live import live
 from spatial_pin.view.page.server import LONGEST_QUESTION, Viewer
 from spatial_pin.view.scene.look import Look
-from spatial_pin.view.scene.meshcat_commands import joint_paths, joint_poses
+from spatial_pin.view.scene.meshcat_commands import joint_paths
+from spatial_pin.view.scene.stage import joint_poses
 
 DOUBLE_ROCKER = {"r1": 0.3, "r2": 0.24, "r3": 0.1, "r4": 0.28}
 PARALLELOGRAM = {"r1": 0.3, "r2": 0.1, "r3": 0.3, "r4": 0.1}

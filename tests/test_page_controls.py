@@ -598,6 +598,25 @@ def test_curves_can_be_added_and_taken_away(page, motion):
     assert first[0] in page.evaluate("[...known.children].map(o => o.value)")
 
 
+def test_curves_of_another_motion_are_dashed_where_it_is_shown(one_browser, motion, tmp_path):
+    other = sp.sweep(sp.load("rssr", d=0.33), "crank", np.linspace(1.0, 3.0, 31))
+    look = Look(curves="rocker_pin", ghosts=other)
+    one_browser.resize(SIZE)
+    one_browser.open(sp.export_html(motion, tmp_path / "a.html", look=look), READY)
+    values = one_browser.evaluate("film.curves.panels[0].lines[1].values")
+    inside = (motion.driver >= 1.0) & (motion.driver <= 3.0)
+    assert [v is not None for v in values] == inside.tolist()
+    expected = np.rad2deg(np.interp(motion.driver[inside], other.driver,
+                                    other.coordinate("rocker_pin").value))
+    np.testing.assert_allclose([v for v in values if v is not None], expected, rtol=1e-5)
+    paths = "[...panels[0].svg.querySelectorAll('path')]"
+    assert one_browser.evaluate(f"{paths}.map(p => p.hasAttribute('stroke-dasharray'))") == [
+        False, True]
+    one_browser.evaluate("go(film.seconds.at(-1)); drawCursors(); 1")
+    assert one_browser.evaluate("panels[0].values[1].textContent") == "other – °"
+    assert "at the same crank" in one_browser.evaluate("document.body.innerText")
+
+
 # ---------------------------------------------------------------- narrow windows
 
 

@@ -35,9 +35,9 @@ from spatial_pin.view.scene.layers.bodies import link_of
 from spatial_pin.view.scene.layers.glyphs import GLYPHS, glyphs
 from spatial_pin.view.scene.layers.places import places
 from spatial_pin.view.scene.look import Look
-from spatial_pin.view.scene.meshcat_commands import joint_poses, scene, upright
+from spatial_pin.view.scene.meshcat_commands import scene
 from spatial_pin.view.scene.skeleton import skeleton
-from spatial_pin.view.scene.stage import Stage, quaternions_along
+from spatial_pin.view.scene.stage import Stage, joint_poses, quaternions_along, upright
 
 TURN = np.linspace(0.0, 2 * np.pi, 37)
 MAGENTA = (1.0, 0.0, 0.62)
@@ -557,6 +557,52 @@ def test_assembly_modes_stand_beside_each_other_with_their_names():
     steps = [labels[k].point - labels[0].point for k in range(1, len(labels))]
     assert min(map(np.linalg.norm, steps)) > 0.5 * alone.radius
     assert drawn.framing.radius > 1.2 * alone.radius
+
+
+def test_ghost_has_the_dimensions_of_its_own_mechanism():
+    first = sp.assemble(sp.load("four_bar"), {"crank": 0.3})
+    other = sp.assemble(sp.load("four_bar", r3=0.34), {"crank": 0.3})
+    layer = scene(film(first), Look(ghosts=other)).layer
+    drawn = [item for item in layer.items if item.name.startswith("ghost 1")]
+    visuals = [v for v in other.mechanism.visual_model.geometryObjects if v.parentJoint != 0]
+    for item, visual in zip(drawn, visuals, strict=True):
+        expected = other.data.oMi[visual.parentJoint] * visual.placement
+        np.testing.assert_allclose(item.placement, expected.homogeneous, atol=1e-12)
+
+
+def swept(first: float, last: float, n: int, **changes: float) -> sp.Motion:
+    mechanism = sp.load("four_bar", **{k: v for k, v in changes.items() if k != "speed"})
+    speed = {"speed": changes["speed"]} if "speed" in changes else {}
+    return sp.sweep(mechanism, "crank", np.linspace(first, last, n), **speed)
+
+
+@pytest.mark.parametrize(("one", "other", "words", "crank"), [
+    ((0.0, 6.0, 61, 1.0), (0.5, 5.0, 31, 2.0), "at the same times", lambda s: 0.5 + 2.0 * s),
+    ((0.0, 6.0, 61, None), (5.0, 0.5, 31, None), "at the same crank", lambda s: s),
+    ((0.0, 6.0, 61, 1.0), (0.5, 5.0, 31, None), "at the same crank", lambda s: s),
+    ((0.0, 1.0, 61, None), (3.0, 5.0, 31, None), "from beginning to end", lambda s: 3.0 + s),
+], ids=["time", "driver", "one has no time", "nothing in common"])
+def test_motion_as_a_ghost_goes_with_the_film(one, other, words, crank):
+    shown = swept(*one[:3], **({"speed": one[3]} if one[3] else {}))
+    ghost = swept(*other[:3], r3=0.34, **({"speed": other[3]} if other[3] else {}))
+    layer = scene(film(shown), Look(ghosts=ghost)).layer
+    assert any(words in entry.text for entry in layer.legend)
+    drawn = [item for item in layer.items if item.name.startswith("ghost 1")]
+    assert drawn and all(item.colour[3] < 0.5 for item in drawn)
+    joint = ghost.mechanism.joint_id("crank_pin")
+    (visual,) = [v for v in ghost.mechanism.visual_model.geometryObjects
+                 if v.parentJoint == joint][:1]
+    (item,) = [x for x in drawn if x.name.endswith(visual.name)][:1]
+    made = film(shown)
+    for seconds, pose in list(zip(item.track.seconds, item.track.poses, strict=True))[::7]:
+        here = np.interp(seconds, made.seconds, shown.time if shown.time is not None
+                         else np.linspace(*one[:3])) if "same" in words else \
+            2.0 * seconds / made.seconds[-1]
+        values = [ghost.driver[0], crank(here)]
+        state = sp.sweep(ghost.mechanism, "crank", values, guess=ghost.state(0)).state(-1)
+        expected = pin.SE3ToXYZQUAT(state.data.oMi[joint])
+        np.testing.assert_allclose(pose[:3], expected[:3], atol=1e-9)
+        assert abs(pose[3:] @ expected[3:]) == pytest.approx(1.0, abs=1e-9)
 
 
 def test_ghost_of_another_mechanism_is_refused():

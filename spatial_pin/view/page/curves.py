@@ -8,22 +8,26 @@ from typing import Any
 
 import numpy as np
 
-from spatial_pin.errors import SpatialPinError
+from spatial_pin.assembly.state import State
+from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.motion.motion import Motion, Output
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.page.plots import abscissa, default_outputs, drawn_parts
-from spatial_pin.view.scene.film import Film
+from spatial_pin.view.scene.film import Film, film, moments
 
 NO_RATES = "output {!r}: a page that is moved by hand knows no rates"
 
 
-def curves_of(shown: Film, names: Sequence[str]) -> dict[str, Any] | None:
+def curves_of(
+    shown: Film, names: Sequence[str], others: Sequence[State | Motion] = ()
+) -> dict[str, Any] | None:
     """Return the curves under the picture, for its script; None where nothing moves.
 
     Args:
         shown: the film.
         names: of outputs, as `Motion.output` takes them: the page opens with them. Without any it
             has those of `default_outputs`, behind a button.
+        others: what is shown beside it; motions that have an output too have dashed curves.
 
     Raises:
         UnknownNameError: there is no such output.
@@ -36,7 +40,10 @@ def curves_of(shown: Film, names: Sequence[str]) -> dict[str, Any] | None:
         return None
     motion = shown.motion
     x, name, unit = abscissa(motion)
-    panels = _panels(motion, names or default_outputs(motion))
+    drawn = names or default_outputs(motion)
+    panels = _panels(motion, drawn)
+    for k, other in enumerate((x for x in others if isinstance(x, Motion)), start=1):
+        _add_other(panels, shown, film(other), drawn, f"other {k}" if k > 1 else "other")
     title = f"{name} [{unit}]" if unit else name
     return {"x": _rounded(x), "name": title, "panels": panels, "open": bool(names)}
 
@@ -69,6 +76,28 @@ def points_now(now: Motion, names: Sequence[str]) -> list[list[float | None]]:
     return [[line["values"][0] for line in panel["lines"]] for panel in _panels(now, names)]
 
 
+def _add_other(
+    panels: list[dict[str, Any]], shown: Film, other: Film, names: Sequence[str], called: str
+) -> None:
+    """Add the curves of another motion to those of a film, where they are shown together."""
+    seconds, rows, _ = moments(shown, other)
+    panel = iter(panels)
+    for name in names:
+        own = drawn_parts(shown.motion, shown.motion.output(name))
+        try:
+            found = drawn_parts(other.motion, other.motion.output(name))
+        except UnknownNameError:
+            found = ()
+        for k, _ in enumerate(own):
+            there = next(panel)
+            for line in _panel(found[k])["lines"] if k < len(found) else ():
+                given = np.array(line["values"], float)[rows]
+                values = np.interp(shown.seconds, seconds, given, left=np.nan, right=np.nan)
+                both = f"{line['name']} {called}".strip()
+                there["lines"].append({"name": both, "values": _rounded(values),
+                                       "of": line["of"]})
+
+
 def _panels(motion: Motion, names: Sequence[str]) -> list[dict[str, Any]]:
     return [_panel(part) for name in names for part in drawn_parts(motion, motion.output(name))]
 
@@ -79,8 +108,8 @@ def _panel(output: Output) -> dict[str, Any]:
         values, unit = np.rad2deg(values), "°"
     columns = values.reshape(len(values), -1).T
     names = "xyz" if len(columns) == 3 else [""] * len(columns)
-    lines = [{"name": name, "values": _rounded(x)}
-             for name, x in zip(names, columns, strict=True)]
+    lines = [{"name": name, "values": _rounded(x), "of": k}
+             for k, (name, x) in enumerate(zip(names, columns, strict=True))]
     label = f"{output.label} [{unit}]" if unit else output.label
     return {"name": output.label, "label": label, "unit": unit,
             "lines": lines}

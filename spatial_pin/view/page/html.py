@@ -103,7 +103,8 @@ def _data(
 ) -> str:
     """Return what the page's script reads, as JSON that is safe inside a script element."""
     from spatial_pin.view.scene.anatomy import anatomy
-    from spatial_pin.view.scene.meshcat_commands import GRID, joint_paths, upright
+    from spatial_pin.view.scene.meshcat_commands import GRID, joint_paths
+    from spatial_pin.view.scene.stage import upright
 
     framing, mechanism = drawn.framing, shown.mechanism
     data = {
@@ -182,7 +183,7 @@ def page(
 
     motion_or_state, look = overlaid(motion_or_state, look)
     shown = film(motion_or_state)
-    curves = curves_of(shown, () if look is None else look.curves)
+    curves = curves_of(shown, *((look.curves, look.ghosts) if look else ((), ())))
     return filled(parts_of(shown, scene(shown, look), title, curves, signals(shown, loads)))
 
 

@@ -133,7 +133,8 @@ class Desk:
 
     def poses(self) -> list[tuple[str, list[float]]]:
         """Return the meshcat path and pose of everything that moves: x y z, x y z w, scales."""
-        from spatial_pin.view.scene.meshcat_commands import joint_paths, joint_poses
+        from spatial_pin.view.scene.meshcat_commands import joint_paths
+        from spatial_pin.view.scene.stage import joint_poses
 
         model = self.drive.mechanism.model
         joints = joint_poses(model, self.drive.state.q[None])
@@ -305,7 +306,7 @@ def _range(dial: Dial, reach: Reach) -> Answer:
 
 def _nearest(state: State, modes: list[State]) -> int:
     """Return which of the modes a state is, by the placements of its bodies."""
-    from spatial_pin.view.scene.meshcat_commands import joint_poses
+    from spatial_pin.view.scene.stage import joint_poses
 
     if not modes:
         return -1
@@ -336,8 +337,8 @@ def _rods(film: Film, joints: Array) -> list[tuple[str, Track]]:
     """
     from spatial_pin.view.scene.layers.glyphs import glyphs
     from spatial_pin.view.scene.layers.springs import springs
-    from spatial_pin.view.scene.meshcat_commands import item_path, upright
-    from spatial_pin.view.scene.stage import Stage
+    from spatial_pin.view.scene.meshcat_commands import item_path
+    from spatial_pin.view.scene.stage import Stage, upright
 
     model = film.mechanism.model
     stage = Stage(film, (), joints, upright(model), 1.0)

@@ -16,6 +16,7 @@ from spatial_pin.checks import checked, plain_text
 from spatial_pin.motion.motion import Output, motion_needed
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.outputs import literal, save_figure
+from spatial_pin.view.scene.film import one_way
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,16 +50,10 @@ def abscissa(motion: Motion) -> tuple[Array, str, str]:
     """Return values, name and unit of what outputs are drawn over: driver, time, or samples."""
     if motion.time is None and motion.driver is None:
         return np.arange(len(motion), dtype=float), "sample", ""
-    if motion.time is not None and (motion.driver is None or not _one_way(motion.driver)):
+    if motion.time is not None and (motion.driver is None or not one_way(motion.driver)):
         return np.asarray(motion.time, float), "time", "s"
     values, unit = _in_degrees(np.asarray(motion.driver, float), motion.driver_unit)
     return values, motion.driver_name, unit
-
-
-def _one_way(driver: Array) -> bool:
-    """Whether the driver never turns back nor stands still."""
-    steps = np.diff(driver)
-    return bool(np.all(steps > 0) or np.all(steps < 0))
 
 
 def _label(name: str, unit: str) -> str:

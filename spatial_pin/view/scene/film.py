@@ -250,6 +250,49 @@ def not_shown(given: object) -> str:
     return f"a {kind} cannot be shown; give a State or a Motion: {remedy}"
 
 
+def one_way(values: Array) -> bool:
+    """Return whether values never turn back nor stand still."""
+    steps = np.diff(values)
+    return bool(np.all(steps > 0) or np.all(steps < 0))
+
+
+def moments(shown: Film, other: Film) -> tuple[Array, NDArray[np.intp], str]:
+    """Return when samples of another motion are shown with a film.
+
+    They are where both have the same time, else the same driver value; else both begin and end
+    together.
+
+    Returns:
+        Seconds of the film, shape (K,), rising; which samples of the other, shape (K,); how they
+        belong together, in words.
+    """
+    x, y, words = _common(shown.motion, other.motion)
+    rising = np.argsort(x)
+    inside = np.flatnonzero((y >= x.min()) & (y <= x.max()))
+    if not len(inside):
+        x, y, words = _ends(shown.motion, other.motion)
+        rising, inside = np.arange(len(x)), np.arange(len(y))
+    seconds = np.interp(y[inside], x[rising], shown.seconds[rising])
+    order = np.argsort(seconds)
+    return seconds[order], inside[order], words
+
+
+def _common(one: Motion, other: Motion) -> tuple[Array, Array, str]:
+    """Return what two motions have in common, sample by sample, and what it is."""
+    if one.time is not None and other.time is not None:
+        if one_way(one.time) and one_way(other.time):
+            return one.time, other.time, "at the same times"
+    elif one.driver_name == other.driver_name and one.driver is not None and one_way(
+            one.driver) and other.driver is not None and one_way(other.driver):
+        return one.driver, other.driver, f"at the same {one.driver_name}"
+    return _ends(one, other)
+
+
+def _ends(one: Motion, other: Motion) -> tuple[Array, Array, str]:
+    parts = [np.linspace(0.0, 1.0, len(x)) for x in (one, other)]
+    return parts[0], parts[1], "from beginning to end"
+
+
 def film(motion_or_state: Motion | State) -> Film:
     """Return what to show of a Motion or State, and when.
 

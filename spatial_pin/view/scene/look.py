@@ -9,6 +9,7 @@ from spatial_pin.checks import check_kind, names_of
 
 if TYPE_CHECKING:
     from spatial_pin.assembly.state import State
+    from spatial_pin.motion.motion import Motion
     from spatial_pin.proximity.clearance import Clearance
     from spatial_pin.synthesis.results import Design
     from spatial_pin.view.scene.layers.arrows import Vectors
@@ -37,7 +38,9 @@ class Look:
             `PAIR.reaction`, `PAIR.moment` of a joint or closure, or any
             `spatial_pin.Vectors`.
         centres: whether the centres of mass are marked.
-        ghosts: other configurations of the same mechanism, drawn half transparent.
+        ghosts: other states of the same mechanism, or motions of any, drawn half transparent. A
+            motion goes with the one that is shown: at the same times, else at the same driver
+            values, else from beginning to end; its outputs are dashed curves.
         clearance: what `spatial_pin.clearance` found over the motion that is shown: links are red
             where they touch, and a line joins the nearest points of those that come nearest.
         beside: whether ghosts stand side by side with the first, as solid as it is, instead.
@@ -60,7 +63,7 @@ class Look:
     traces: tuple[str, ...] = ()
     arrows: tuple[str | Vectors, ...] = ()
     centres: bool = False
-    ghosts: tuple[State, ...] = ()
+    ghosts: tuple[State | Motion, ...] = ()
     clearance: Clearance | None = None
     beside: bool = False
     workspace: Workspace | None = None
@@ -80,13 +83,13 @@ class Look:
         for name in ("traces", "curves"):
             names = tuple(names_of(getattr(self, name), f"Look: {name}"))
             object.__setattr__(self, name, names)
-        for name, kind in (("arrows", "str | Vectors"), ("ghosts", "State")):
+        for name, kind in (("arrows", "str | Vectors"), ("ghosts", "State | Motion")):
             object.__setattr__(self, name, _all(f"Look: {name}", kind, getattr(self, name)))
 
 
 def _all(where: str, kind: str, values: Any) -> tuple[Any, ...]:
     """Return values, or a single one, of a kind as a tuple."""
-    if isinstance(values, str) or hasattr(values, "_fields"):
+    if isinstance(values, str) or hasattr(values, "_fields") or hasattr(values, "mechanism"):
         values = (values,)
     check_kind(where, "Iterable", values)
     found = tuple(values)

@@ -9,9 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 import umsgpack
-from scipy.spatial.transform import Rotation
 
-from spatial_pin.constraints.pinocchio_views import placements
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.scene.film import Film
 from spatial_pin.view.scene.framing import FIELD_OF_VIEW, Framing, direction, frame, occupied
@@ -30,7 +28,16 @@ from spatial_pin.view.scene.layers.workspaces import workspaces
 from spatial_pin.view.scene.look import Look
 from spatial_pin.view.scene.quiet_meshcat import meshcat, mg
 from spatial_pin.view.scene.skeleton import with_skeleton
-from spatial_pin.view.scene.stage import Item, Layer, Stage, Track, grouped, joined
+from spatial_pin.view.scene.stage import (
+    Item,
+    Layer,
+    Stage,
+    Track,
+    grouped,
+    joined,
+    joint_poses,
+    upright,
+)
 
 __all__ = [
     "Scene",
@@ -38,9 +45,7 @@ __all__ = [
     "grid_lines",
     "item_path",
     "joint_paths",
-    "joint_poses",
     "scene",
-    "upright",
 ]
 
 
@@ -139,7 +144,7 @@ class Tracks:
         parts = [("position", "vector3", poses[:, :3]), ("quaternion", "quaternion", poses[:, 3:])]
         if track.scales is not None:
             parts.append(("scale", "vector3", track.scales))
-        times = _float32(self.seconds)
+        times = _float32(self.seconds if track.seconds is None else track.seconds)
         tracks = [
             {"name": f".{name}", "type": kind, "times": times, "values": _float32(x)}
             for name, kind, x in parts
@@ -149,30 +154,6 @@ class Tracks:
 
 def _float32(x: Array) -> Any:
     return umsgpack.Ext(FLOAT32, np.asarray(x, "<f4").tobytes())
-
-
-def joint_poses(model: pin.Model, q: Array) -> Array:
-    """Return the placements of all joints, shape (N, n_joints, 7), x y z and quaternion x y z w.
-
-    The scene stands upright: it is turned so that gravity points down the z axis of the view.
-    """
-    data = model.createData()
-    view = placements(data)
-    rows = np.empty((len(q), *view.shape))
-    for row, configuration in zip(rows, q, strict=True):
-        pin.forwardKinematics(model, data, configuration)
-        row[:] = view
-    rows = rows @ upright(model).T
-    turns = Rotation.from_matrix(rows[..., :3, :].swapaxes(-1, -2).reshape(-1, 3, 3)).as_quat()
-    return np.concatenate([rows[..., 3, :], turns.reshape(*rows.shape[:2], 4)], axis=-1)
-
-
-def upright(model: pin.Model) -> Array:
-    """Return the rotation (3, 3) from the world to a view in which gravity points down."""
-    gravity = model.gravity.linear
-    if not np.any(gravity) or (np.allclose(gravity[:2], 0.0) and gravity[2] < 0.0):
-        return np.eye(3)
-    return pin.Quaternion.FromTwoVectors(-gravity, np.array([0.0, 0.0, 1.0])).matrix()
 
 
 def joint_paths(model: pin.Model) -> list[str]:

@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
+from spatial_pin.constraints.pinocchio_views import placements
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.scene.film import Film, Reading
 from spatial_pin.view.scene.framing import rotate
@@ -30,10 +31,12 @@ class Track(NamedTuple):
     Attributes:
         poses: x y z [m] and quaternion x y z w in the view, shape (N, 7).
         scales: along its own axes, shape (N, 3); None for 1.
+        seconds: when each sample is shown, shape (N,) [s]; None: as those of the film.
     """
 
     poses: Array
     scales: Array | None = None
+    seconds: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,6 +131,30 @@ class Stage:
     def seen(self, world: Array) -> Array:
         """Return vectors (..., 3) of the world in the view."""
         return world @ self.upright.T
+
+
+def joint_poses(model: pin.Model, q: Array) -> Array:
+    """Return the placements of all joints, shape (N, n_joints, 7), x y z and quaternion x y z w.
+
+    The scene stands upright: it is turned so that gravity points down the z axis of the view.
+    """
+    data = model.createData()
+    view = placements(data)
+    rows = np.empty((len(q), *view.shape))
+    for row, configuration in zip(rows, q, strict=True):
+        pin.forwardKinematics(model, data, configuration)
+        row[:] = view
+    rows = rows @ upright(model).T
+    turns = Rotation.from_matrix(rows[..., :3, :].swapaxes(-1, -2).reshape(-1, 3, 3)).as_quat()
+    return np.concatenate([rows[..., 3, :], turns.reshape(*rows.shape[:2], 4)], axis=-1)
+
+
+def upright(model: pin.Model) -> Array:
+    """Return the rotation (3, 3) from the world to a view in which gravity points down."""
+    gravity = model.gravity.linear
+    if not np.any(gravity) or (np.allclose(gravity[:2], 0.0) and gravity[2] < 0.0):
+        return np.eye(3)
+    return pin.Quaternion.FromTwoVectors(-gravity, np.array([0.0, 0.0, 1.0])).matrix()
 
 
 def quaternions_along(v: Array) -> Array:

@@ -11,7 +11,7 @@ function panelOf(data) {
   element(caption, "b", {textContent: data.label});
   const values = data.lines.map((line, k) => {
     const value = element(caption, "span", {});
-    value.style.color = COLOURS[k % COLOURS.length];
+    value.style.color = colourOf(data, k);
     return value;
   });
   element(caption, "small", {textContent: `over ${film.curves.name}`});
@@ -21,6 +21,9 @@ function panelOf(data) {
   listen(panel);
   return panel;
 }
+
+const colourOf = ({lines}, k) => COLOURS[(lines[k].of ?? k) % COLOURS.length];
+const isOther = ({lines}, k) => (lines[k].of ?? k) !== k;  // of another motion that is shown too
 
 function listen(panel) {  // the film goes where the pointer is
   const {svg} = panel;
@@ -116,7 +119,8 @@ function drawPanel(panel) {
   panel.data.lines.forEach((line, k) => {
     const points = panel.scale.rows.map(row => line.values[row] === null ? "" : `${panel.scale.across(film.curves.x[row]).toFixed(1)},${panel.scale.up(line.values[row]).toFixed(1)}`);
     const d = points.map((p, row) => p && (points[row - 1] ? "L" : "M") + p).join("");  // a gap where there is none
-    drawing(paper, "path", {d, stroke: COLOURS[k % COLOURS.length]});
+    const dashes = isOther(panel.data, k) ? {"stroke-dasharray": "6 4"} : {};
+    drawing(paper, "path", {d, stroke: colourOf(panel.data, k), ...dashes});
   });
   panel.cursor = drawing(panel.svg, "line", {class: "cursor", y1: MARGIN.top, y2: HEIGHT - MARGIN.bottom});
 }
@@ -131,7 +135,8 @@ function drawCursors() {
     panel.cursor.setAttribute("x2", at);
     panel.data.lines.forEach((line, k) => {
       const name = line.name ? `${line.name} ` : "";
-      panel.values[k].textContent = `${name}${briefly(here(line.values))} ${panel.data.unit}`;
+      const value = here(line.values);
+      panel.values[k].textContent = `${name}${value === null ? "–" : briefly(value)} ${panel.data.unit}`;
     });
   }
 }

@@ -42,6 +42,7 @@ function between(x, from, to) {  // the value at x of a line through points (fro
   if (next < 0) return to[to.length - 1];
   if (next === 0) return to[0];
   const [s, t] = [from[next - 1], from[next]];
+  if (to[next - 1] === null || to[next] === null) return null;
   return to[next - 1] + (x - s) / (t - s) * (to[next] - to[next - 1]);
 }
 

@@ -1,43 +1,42 @@
-"""Other configurations of the same mechanism, in the same place or side by side."""
+"""Other states and motions, in the same place as the film or side by side with it."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from spatial_pin.assembly.state import State
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.view.scene.film import driver_readings
+from spatial_pin.view.scene.film import driver_readings, film, moments
 from spatial_pin.view.scene.framing import axes_of_view, occupied
 from spatial_pin.view.scene.layers.bodies import body_items
-from spatial_pin.view.scene.stage import Colour, Entry, Item, Label, Layer, Stage
+from spatial_pin.view.scene.skeleton import with_skeleton
+from spatial_pin.view.scene.stage import Entry, Item, Label, Layer, Stage, Track, joint_poses
 
 OPACITY = 0.28  # of four that lie on each other a body behind is still seen
 SPACING = 1.12  # from one picture to the next relative to their width and height
 LABEL_COLOUR = (0.75, 0.78, 0.81, 1.0)
 
 
-def in_view(state: State, stage: Stage) -> Array:
-    """Return the joint placements of a state in the view, shape (n_joints, 4, 4).
+class Other(NamedTuple):
+    """Something else of a mechanism that stands or moves in the picture.
 
-    Raises:
-        SpatialPinError: it is a state of another mechanism.
+    Attributes:
+        items: its solids.
+        points: corners of its bodies, shape (K, 3) [m].
+        words: what tells it from others.
     """
-    model = stage.film.mechanism.model
-    if state.mechanism.coordinates != stage.film.mechanism.coordinates:
-        raise SpatialPinError(
-            f"a ghost is a state of mechanism {state.mechanism.name!r}; "
-            f"the picture is of {stage.film.mechanism.name!r}"
-        )
-    data = model.createData()
-    pin.forwardKinematics(model, data, state.q)
-    turn = np.eye(4)
-    turn[:3, :3] = stage.upright
-    return np.array([turn @ M.homogeneous for M in data.oMi])
+
+    items: list[Item]
+    points: Array
+    words: str
 
 
 def words(state: State) -> str:
@@ -47,51 +46,67 @@ def words(state: State) -> str:
     return ", ".join(branch + values) or "another configuration"
 
 
-def _copies(
-    stage: Stage, parts: tuple[Item, ...], joints: Array, name: str, fade: float, shift: Array
-) -> list[Item]:
-    """Return the bodies at other joint placements (n_joints, 4, 4), moved by shift (3,) [m]."""
-    move = np.eye(4)
-    move[:3, 3] = shift
-    return [
-        replace(
-            part,
-            name=f"{name} {part.name}",
-            joint=None,
-            colour=_faded(part.colour, fade),
-            placement=move @ joints[part.joint] @ part.placement,
-        )
-        for part in parts
-    ]
-
-
-def _faded(colour: Colour, fade: float) -> Colour:
-    return (*colour[:3], fade * colour[3])
-
-
-def _held(stage: Stage, joints: Array) -> Array:
-    """Return the corners (K, 3) [m] of the bodies at joint placements (n_joints, 4, 4)."""
-    poses = np.array([pin.SE3ToXYZQUAT(pin.SE3(M)) for M in joints])[None]
-    return occupied(list(stage.visuals), poses)
-
-
-def ghosts(stage: Stage, states: tuple[State, ...]) -> Layer:
-    """Return other configurations in the same place, half transparent.
+def others_of(stage: Stage, shown: Iterable[State | Motion], name: str) -> list[Other]:
+    """Return other states and motions, each with the bodies of its own mechanism.
 
     Raises:
         SpatialPinError: one is a state of another mechanism.
     """
-    everything = body_items(stage.visuals, stage)
-    parts = tuple(part for part in everything if part.joint != 0)  # the ground is there already
-    items: list[Item] = []
-    legend: list[Entry] = []
-    points: list[Array] = [np.zeros((0, 3))]
-    for k, state in enumerate(states, start=1):
-        joints = in_view(state, stage)
-        items += _copies(stage, parts, joints, f"ghost {k}", OPACITY, np.zeros(3))
-        points.append(_held(stage, joints))
-        legend.append(Entry(LABEL_COLOUR, f"faint: {words(state)}"))
-    return Layer(tuple(items), np.concatenate(points), tuple(legend))
+    return [_other(stage, one, f"{name} {k}") for k, one in enumerate(shown, start=1)]
+
+
+def _other(stage: Stage, shown: State | Motion, name: str) -> Other:
+    own, mechanism = film(shown), shown.mechanism
+    visuals = tuple(with_skeleton(mechanism.model, mechanism.visual_model, None))
+    poses = joint_poses(mechanism.model, own.q)
+    there = Stage(own, visuals, poses, stage.upright, stage.size)
+    parts = [replace(part, name=f"{name} {part.name}") for part in body_items(visuals, there)]
+    points = occupied(list(visuals), poses)
+    if isinstance(shown, State):
+        if mechanism.coordinates != stage.film.mechanism.coordinates:
+            raise SpatialPinError(
+                f"a ghost is a state of mechanism {mechanism.name!r}; "
+                f"the picture is of {stage.film.mechanism.name!r}"
+            )
+        items = [_standing(part, poses[0]) for part in parts]
+        return Other(items, points, words(shown))
+    seconds, rows, how = moments(stage.film, own)
+    items = [part if part.joint == 0 else replace(part, joint=None, track=Track(
+        poses[rows, part.joint], None, seconds)) for part in parts]
+    return Other(items, points, f"another motion, {how}")
+
+
+def _standing(part: Item, poses: Array) -> Item:
+    """Return a part of a body where its joint stands, poses (n_joints, 7)."""
+    if part.joint == 0:
+        return part
+    placement = pin.XYZQUATToSE3(poses[part.joint]).homogeneous @ part.placement
+    return replace(part, joint=None, placement=placement)
+
+
+def _shifted(item: Item, shift: Array) -> Item:
+    """Return an item moved by shift (3,) [m] in the view."""
+    if item.track is not None:
+        poses = item.track.poses + np.concatenate([shift, np.zeros(4)])
+        return replace(item, track=item.track._replace(poses=poses))
+    move = np.eye(4)
+    move[:3, 3] = shift
+    return replace(item, joint=None, placement=move @ item.placement)
+
+
+def ghosts(stage: Stage, shown: tuple[State | Motion, ...]) -> Layer:
+    """Return other states and motions in the same place, half transparent.
+
+    Raises:
+        SpatialPinError: one is a state of another mechanism.
+    """
+    others = others_of(stage, shown, "ghost")
+    items = [replace(item, colour=(*item.colour[:3], OPACITY * item.colour[3]))
+             for other in others for item in other.items
+             if item.joint is None]  # the ground is there already
+    points = np.concatenate([np.zeros((0, 3)), *(other.points for other in others)])
+    legend = tuple(Entry(LABEL_COLOUR, f"faint: {other.words}") for other in others)
+    return Layer(tuple(items), points, legend)
 
 
 def _steps(points: Array, direction: Array, n: int) -> Array:
@@ -103,26 +118,24 @@ def _steps(points: Array, direction: Array, n: int) -> Array:
     return column[:, None] * wide * axes[0] - row[:, None] * high * axes[1]
 
 
-def beside(stage: Stage, states: tuple[State, ...], direction: Array) -> Layer:
-    """Return other configurations side by side with the first, which is the film itself.
+def beside(stage: Stage, shown: tuple[State | Motion, ...], direction: Array) -> Layer:
+    """Return other states and motions side by side with the first, which is the film itself.
 
     Args:
         stage: the film.
-        states: what stands beside it.
+        shown: what stands beside it.
         direction: unit vector from the middle to the camera, shape (3,).
 
     Raises:
         SpatialPinError: one is a state of another mechanism.
     """
-    parts = body_items(stage.visuals, stage)
-    placed = [in_view(state, stage) for state in states]
-    corners = [occupied(list(stage.visuals), stage.poses), *(_held(stage, M) for M in placed)]
+    others = others_of(stage, shown, "beside")
+    corners = [occupied(list(stage.visuals), stage.poses), *(other.points for other in others)]
     steps = _steps(np.concatenate(corners), direction, len(corners))
-    items: list[Item] = []
-    for k, (joints, step) in enumerate(zip(placed, steps[1:], strict=True), start=1):
-        items += _copies(stage, parts, joints, f"beside {k}", 1.0, step)
+    items = [_shifted(item, step) for other, step in zip(others, steps[1:], strict=True)
+             for item in other.items]
     moved = [points + step for points, step in zip(corners, steps, strict=True)]
-    names = [_first_words(stage), *map(words, states)]
+    names = [_first_words(stage), *(other.words for other in others)]
     labels = [
         Label(name, _foot(points, direction)) for name, points in zip(names, moved, strict=True)
     ]
