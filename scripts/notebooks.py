@@ -19,7 +19,7 @@ from nbclient import NotebookClient
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "notebooks"
-MOST_BYTES = 300_000  # of a notebook that is stored: a page in a clone, not a film
+MOST_BYTES = 700_000  # of a notebook that is stored: pictures and one page that plays, not a film
 LONGEST = 300  # of a cell [s]
 
 

@@ -172,7 +172,7 @@ def shown_by(cell: dict) -> list[set[str]]:
 def test_stored_notebooks_are_run_small_and_without_errors(path):
     book = json.loads(path.read_text("utf-8"))
     code = [cell for cell in book["cells"] if cell["cell_type"] == "code"]
-    assert path.stat().st_size < 300_000 and 10 <= len(book["cells"]) <= 15
+    assert path.stat().st_size < runner().MOST_BYTES and 10 <= len(book["cells"]) <= 15
     assert [cell["execution_count"] for cell in code] == list(range(1, len(code) + 1))
     assert all(shown_by(cell) for cell in code)
     assert any("image/png" in kinds for cell in code for kinds in shown_by(cell))

@@ -280,19 +280,19 @@ def tradeoff(
 ) -> Tradeoff:
     """Measure what accuracy settings cost and lose on a mechanism and a task.
 
-    Every setting does the whole task, by turns with the others and in changing order, so that
-    noise hits all alike and shows as a spread. Its motion is compared with a reference that does
-    not depend on settings: sweeps with samples refined in extended precision, simulations with a
-    tight integration that is itself compared with others. Sweeps of all settings begin at the same
-    state; only values that can be reached are swept. Passive freedoms, which move no other body,
-    are judged apart (`Errors.spin`).
+    The settings take turns in changing order, and each does the whole task, so that noise affects
+    all alike and shows as a spread. Its motion is compared with a reference that does not depend on
+    settings: sweeps with samples refined in extended precision, simulations with a tight
+    integration that is itself compared with others. Sweeps of all settings begin at the same state;
+    only values that can be reached are swept. Passive freedoms, which move no other body, are
+    judged apart (`Errors.spin`).
 
     Args:
         mechanism: the mechanism.
         task: a mapping with the arguments of `sweep` (driver, values, speed, ...) or `simulate`
             (duration, state, efforts, ...; default state the assembled guess at rest); a swept
-            Motion; "sweep" for the usual move of the first driver (the default); "simulate" for a
-            few seconds under gravity.
+            Motion; "sweep" for the default motion of the first driver (the default); "simulate" for
+            a few seconds under gravity.
         settings: what to try; default a grid of all kinds.
         repeats: how often each setting is timed.
         budget: time after which no run is repeated any more [s]; after twice that time settings

@@ -47,16 +47,16 @@ def assemble(
     driver that the guess does not name stands at neutral. (Where the guess names other joints
     only, and the loops do not close with the drivers at neutral, the loops take them along.)
 
-    The guess decides on the branch. The coordinates that it names are held first, while the rest
-    is solved; then they are released too. Of the branches in reach the one nearest to the named
-    values is returned. A free base (a floating joint that alone carries a whole machine) stays
-    where the guess has it.
+    The guess decides the branch. The coordinates that it names are held first, while the rest is
+    solved; then they are released too. Of the branches in reach the one nearest to the named values
+    is returned. A free base (a floating joint that alone carries a whole machine) stays where the
+    guess has it.
 
-    Where the loops cannot close so, the drivers without a value are released, and go as little as
-    possible: the sum of the squares of how far they go is the least of the branch (angles in rad,
-    slides in characteristic lengths). `State.released` tells which have gone how far. Mostly this
-    ends at a dead centre of theirs, from which they could not move on; therefore, where no driver
-    has a value at all, the guess as a whole is closed instead.
+    If the loops cannot close that way, the drivers without a value are released and move as little
+    as possible: the sum of the squares of their moves is the least on the branch (angles in rad,
+    slides in characteristic lengths). `State.released` names each and how far it went. This usually
+    ends at a dead centre of these drivers, from which they could not move on. Therefore, if no
+    driver has a value at all, the guess as a whole is closed instead.
 
     Args:
         mechanism: the mechanism.
@@ -65,8 +65,8 @@ def assemble(
             (nq,); default the file's guess, and neutral where nothing is said. Whole turns are
             taken off angles so large that their round-off would open the loops.
         limits: keep the joint limits of the URDF.
-        release: let drivers without a value move where the loops cannot close otherwise; False
-            raises instead.
+        release: let drivers without a value move if the loops cannot close otherwise; False raises
+            instead.
         free: names of drivers that move with the loops from the first; not among `released`.
         gap: largest closure error that redundant equations may keep where the file's numbers are
             rounded [-], default that of `accuracy`; 0 refuses them. A `SpatialPinWarning` tells of

@@ -191,10 +191,11 @@ def calibrate(
 ) -> Calibration:
     """Find dimensions, offsets of encoders and the base, so that measurements are met best.
 
-    The least sum of the squares of the residuals is found: differences between model and
-    measurement, in standard deviations. Encoders are taken to be exact but for their offsets. Where
-    `sigma` says how well they read, the drivers' values at each pose are unknown too. The branch is
-    that of the guess, followed with straight lines of the drivers from one measurement to the next.
+    The sum of the squares of the residuals is made as small as possible. A residual is the
+    difference between model and measurement, in standard deviations. Except for their offsets,
+    encoders are taken to be exact. If `sigma` says how well they read, the drivers' values at each
+    pose are unknown too. The guess decides the branch, which is followed along straight lines of
+    the drivers from one measurement to the next.
 
     Args:
         mechanism: at its nominal dimensions.

@@ -95,16 +95,15 @@ def sensitivity(
 ) -> Sensitivity:
     """Differentiate an output with respect to dimensions, the drivers' motion being the same.
 
-    Of a motion the answer is that of each of its samples, as states by themselves, one below the
-    other: values and derivatives (N,) or (N, 3), errors (N,). Its driver is held, and the other
-    drivers.
+    In a motion, each sample counts as a state by itself: values and derivatives are (N,) or (N, 3),
+    errors (N,). All drivers are held.
 
     Args:
         mechanism: a mechanism with a xacro tree.
         state: a closed state, whose driver values, speeds and accelerations are kept; or a motion.
         output: as for `Motion.output` (`rocker_pin`, `rocker_pin.rate`, `coupler.com.velocity`,
             ...), or for `Kinetostatics.output` (`crank.effort`, `ball_b.reaction.force`, ...; at
-            rest where rates are not those in time; of reactions that are one of many the least),
+            rest where rates are not those in time; the least one where a reaction is not unique),
             or `limit.lower.DRIVER`, `limit.upper.DRIVER` for the ends of a driver's range.
         parameters: names of dimensions; default all.
 

@@ -152,11 +152,12 @@ def tolerance(
 
     Most samples are solved together in the kernel, with the least motion from the state: the file
     is expanded once with its dimensions traced. Those that move a joint by more than 0.25 rad or
-    characteristic lengths go again in 4 and then 16 steps of their dimensions. A sample is made
-    from the file and followed by itself where that does not do, where the determinant of the loops
-    has fallen below a fiftieth, or where the file decides otherwise at its dimensions (an `if` or
-    `max`). All are if the file rounds or prints what follows from a dimension, if the state is all
-    but singular, and for jerks, transmission angles and limits. Results agree to round-off.
+    characteristic lengths are solved again in 4 and then 16 steps of their dimensions. A sample is
+    made from the file and followed by itself if that fails, if the determinant of the loops has
+    fallen below a fiftieth, or if an `if` or `max` of the file decides otherwise at its dimensions.
+    All samples are solved so if the file rounds or prints what follows from a dimension, if the
+    state is almost singular, and for jerks, transmission angles and limits. Results agree to
+    round-off.
 
     Args:
         mechanism: a mechanism with a xacro tree.

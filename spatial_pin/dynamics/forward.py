@@ -173,9 +173,10 @@ def forward_dynamics(
         external: by link, frame or joint, the force on it at its origin, world axes.
         laws: by spring, force as a function of (length, rate) instead of stiffness and damping,
             positive pulling together; about a joint torque of (angle, rate), positive turning back.
-        slip_speed: speed at which dry friction is nearly whole, instead of the file's: one for all
-            coordinates [rad/s, characteristic lengths per second], or by driver, joint or
-            coordinate [rad/s, m/s]. Slower joints rub less, joints at rest not at all.
+        slip_speed: speed at which dry friction has 76 % of its full value (tanh 1), instead of the
+            file's: one for all coordinates [rad/s, characteristic lengths per second], or by
+            driver, joint or coordinate [rad/s, m/s]. Slower joints rub less, joints at rest not at
+            all.
 
     Returns:
         The Dynamics.

@@ -218,8 +218,8 @@ def kinetostatics(
 ) -> Kinetostatics:
     """Solve the efforts that a motion needs and the reactions it causes, sample by sample.
 
-    The same as `inverse_dynamics` of every `motion.state(row)`, at a fraction of the cost. Of a
-    sweep without a speed they are statics: the mechanism is held at rest in every sample.
+    The same as `inverse_dynamics` of every `motion.state(row)`, at a fraction of the cost. For a
+    sweep without a speed this is statics: the mechanism is held at rest in every sample.
 
     Args:
         mechanism: the mechanism.

@@ -20,8 +20,8 @@ from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
 
-MANY = ("* one of many (along these axes): loops, or more actuators than freedoms, can be under "
-        "stress by themselves; the least")
+MANY = ("* one of many (along these axes), the least: loops, or more actuators than freedoms, "
+        "can be under stress by themselves")
 UNMOVED = 1e-8  # reaction to a unit self-stress that is none
 
 

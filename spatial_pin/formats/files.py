@@ -57,7 +57,7 @@ def load(
 ) -> Mechanism:
     """Load a mechanism.
 
-    A file need not be trusted to be loaded: nothing in it is run as a program. In a xacro file
+    You may load a file that you do not trust: nothing in it is run as a program. In a xacro file
     `${...}` may hold numbers, texts, names, arithmetic, comparisons, `and`, `or`, `not`, `in`,
     `a if b else c`, lists, tuples, entries `a[i]` and `a.b`, list comprehensions, `%` of texts,
     the functions that xacro offers (those of `math`, and `len`, `min`, `python.sum`,
@@ -81,13 +81,13 @@ def load(
         **parameters: values of the xacro arguments of its tree [SI, rad].
 
     Returns:
-        The mechanism; its loops are not yet closed, see `assemble`. A warning tells of faults in
-        the file that it could be loaded with; `Mechanism.notices` has them all. Meshes are read
-        when `visual_model` or `collision_model` is first asked for.
+        The mechanism; its loops are not yet closed, see `assemble`. A warning lists faults of the
+        file that do not prevent loading; `Mechanism.notices` has them all. Meshes are read when
+        `visual_model` or `collision_model` is first asked for.
 
     Raises:
         MechanismFileError: a file cannot be used; says which key, joint or closure, and why. Or
-            its root floats already where it is to be made floating.
+            `free_flyer` is asked for and the root floats already.
         TypeError: the source is neither a name nor a path, or `trusted` or `free_flyer` neither
             True nor False, or `packages` no dictionary of paths, or a parameter is neither a
             number nor a text.

@@ -58,9 +58,8 @@ def reach_path(
     their rotation vectors from the first one, which are continued past half a turn.
 
     What ends the path is that the targets can go no further, or do not determine the motion. A
-    configuration in which the drivers would not determine it, as a Gough platform's that is turned
-    by a right angle, is passed, with an event of kind "singular"; efforts grow without bound
-    towards it.
+    configuration in which the drivers do not determine it, such as a Gough platform turned by a
+    right angle, is passed, with an event of kind "singular"; efforts grow without bound towards it.
 
     Where there are more freedoms than the targets ask for, they do not determine the motion: each
     sample is then reached from the one before with the least motion, within joint limits, and the

@@ -101,7 +101,7 @@ def assembly_modes(
         The modes, sorted by their coordinates. `State.branch` labels each: the sign of the
         determinant of the closed loops ("+" or "-"), numbered if there are several of a sign; ""
         where passive freedoms or missing drivers leave it open; "singular" where the mode can move
-        to first order. Configurations that can really move are no modes; those found beside modes
+        to first order. Configurations that can really move are not modes; those found beside modes
         are in `AssemblyModes.continua`.
 
     Raises:

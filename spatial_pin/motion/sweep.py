@@ -68,7 +68,7 @@ def sweep(
         speed: the driver's speed at every sample, one number or (N,) [rad/s or m/s]. Without one
             the motion has no time: v and a are derivatives with respect to the driver's value,
             and forces of it (`kinetostatics`, `report`) are statics.
-        acceleration: likewise [rad/s² or m/s²]; it needs a speed.
+        acceleration: the driver's acceleration, likewise [rad/s² or m/s²]; it needs a speed.
         guess: where to assemble, as for `assemble`.
         hold: what else stands still: {name: value} of other drivers or coordinates [rad or m] (a
             free base then stands still too); or names alone of joints and coordinates, to hold
@@ -87,16 +87,16 @@ def sweep(
 
     Returns:
         The Motion, one sample per value. Joint limits that are passed are events, located exactly
-        however far samples are apart. A joint that goes out and back between two samples, with
-        rates of the same sign at both, is missed.
+        however far samples are apart. A joint that passes a limit and comes back between two
+        samples, with rates of the same sign at both, is missed.
 
     Raises:
         AssemblyError: the first value cannot be assembled.
         LimitError: a later value cannot be reached; has the limit and the motion so far.
         SingularError: the branch is not determined at a configuration, or crosses another one
             where that is not allowed, or where none goes straight on.
-        Interrupted: after Ctrl-C; has the motion until then. Of values that go to and fro there is
-            none, as they are followed in another order.
+        Interrupted: after Ctrl-C; has the motion until then. There is none if the values go to and
+            fro, because these are followed in another order.
         SpatialPinError: a value is more than 640 000 rad or characteristic lengths, of the joint
             that moves most, away from the sample before.
         UnknownNameError: a name does not exist.

@@ -202,11 +202,11 @@ def reduce(
 ) -> Reduced:
     """Return the smallest model that yields the outputs asked for.
 
-    What goes: geometry; loops and branches that no output depends on; links with two pairs that
-    are no more than equations between their neighbours (a rod with two balls is one distance; a
-    leg with a slide that is asked for or driven is a distance of variable length); equations that
-    hold of themselves (in planar loops); and, unless `dynamics`, inertias and springs. Drivers
-    stay. A loop that is left out no longer limits the drivers: `Reduced.verify` tells.
+    What is left out: geometry; loops and branches that no output depends on; links with two pairs
+    that are no more than equations between their neighbours (a rod with two balls is one distance;
+    a leg with a slide that is asked for or driven is a distance of variable length); redundant
+    equations (of plane loops); and, unless `dynamics`, inertias and springs. Drivers stay. A loop
+    that is left out no longer limits the drivers; `Reduced.verify` tells where that matters.
 
     Args:
         mechanism: the mechanism.

@@ -83,9 +83,9 @@ def workspace(
     `sweep`; where the determinant of the closed-loop Jacobian changes its sign between two
     points, to 1e-9 of their distance. Ctrl-C ends it with what was found until then.
 
-    Of a grid of poses each point is a place where the frame is to be: the drivers follow, as by
-    `reach_path`. What is not given of its pose stands where the guess has it, as far as it can
-    change for itself: a Gough platform keeps its orientation.
+    In a grid of poses each point is a pose of the frame: the drivers follow, as in `reach_path`.
+    Parts of the pose that are not given keep the guess's value, if they can be chosen
+    independently: a Gough platform keeps its orientation.
 
     Args:
         mechanism: the mechanism.
@@ -95,7 +95,7 @@ def workspace(
             world, "turn_x", "turn_y", "turn_z" [rad], Cardan angles about its own axes, one after
             the other, from the orientation that the guess has; below a right angle.
         points: how many values each has, or by name; default some 10 000 in all, and 41 at most.
-        guess: where to assemble, as for `assemble`: it decides on the branch.
+        guess: where to assemble, as for `assemble`: it decides the branch.
         task: whether dexterity is of the frame's "position" or its "pose"; default the one which
             has a direction for each driver, position first. Of a grid of poses, whether its
             orientation is kept ("pose") or free.
@@ -103,7 +103,7 @@ def workspace(
         on_crossing: "stop" where branches cross, beyond which the drivers do not determine where
             the mechanism goes, or "straight" to follow the one that goes straight on.
         clearance: least distance [m] that links which are not joined keep, as `sp.clearance`
-            measures it; 0: they do not touch. None: nobody looks.
+            measures it; 0: they do not touch. None: not checked.
         sheets: whether other branches are looked for: other assembly modes that lie over the grid,
             or, where it is one of poses, other ways to reach them. Each is one of `sheets`.
         executor: where lines are followed (any `concurrent.futures` executor, a Dask client's too);
@@ -118,9 +118,9 @@ def workspace(
         SpatialPinError: the branch leads to no point of the grid near the assembled state; the
             pose leaves freedoms open.
         UnknownNameError: there is no such frame, or driver.
-        ValueError: bounds are no two numbers, the first the smaller one, or there are too many
-            points, 200 000 at most, or fewer than 2 of a coordinate; ranges are of drivers and of
-            poses, or of parts of a pose that cannot change each for itself.
+        ValueError: bounds are not two numbers, the smaller one first, or there are too many points,
+            200 000 at most, or fewer than 2 of a coordinate; ranges are of drivers and of poses, or
+            of parts of a pose that cannot change each for itself.
 
     Example:
         >>> mech = sp.load("delta")

@@ -57,9 +57,9 @@ def simulate(
     The equations of motion are solved in independent coordinates, chosen anew when others move
     faster; every evaluation closes the loops to `accuracy.tolerance`, so that nothing drifts. With
     one freedom, links that spin freely about a line of symmetry not counted, change points
-    (branches that cross) are passed straight on, with an event. What nothing holds, all its bodies
-    hanging on floating joints, is seen from its falling centre of mass: far from the origin, and
-    at any speed, it moves as it does at the origin.
+    (branches that cross) are passed straight on, with an event. A mechanism that nothing holds, all
+    its bodies hanging on floating joints, is solved relative to its falling centre of mass: far
+    from the origin, and at any speed, it moves as it does at the origin.
 
     Args:
         mechanism: the mechanism.
@@ -71,8 +71,8 @@ def simulate(
         accuracy: integrator, its tolerance or step, and closure; default "engineering".
         drives: by driver or coordinate, a law (see `spatial_pin.laws`) that prescribes it.
         laws: by spring, force as a function of (length, rate), see `forward_dynamics`.
-        slip_speed: speed at which dry friction is nearly whole, see `forward_dynamics`: joints
-            that friction should hold creep at a part of it.
+        slip_speed: speed at which dry friction has 76 % of its full value, see `forward_dynamics`.
+            Joints that friction should hold creep at a fraction of this speed.
         stop_when: ends the simulation where this function (t, State) crosses zero, with an event
             and a last sample there.
         on_joint_limit: where a joint passes a limit of the URDF: "report" to go on with an event
@@ -88,8 +88,8 @@ def simulate(
     Raises:
         SingularError: the motion is not determined at some configuration; `.motion` holds what
             came before.
-        EnergyError: a step would go on with energy that came from nowhere; so does it.
-        StepLimitError: it would take more steps than `accuracy.most_steps`; so does it.
+        EnergyError: a step would gain energy without work; `.motion` as well.
+        StepLimitError: it would take more steps than `accuracy.most_steps`; `.motion` as well.
         SpatialPinError: the state does not fit the laws, or is beyond a joint limit at which the
             simulation is to stop, or the integrator gives up.
         UnknownNameError: a name does not exist.

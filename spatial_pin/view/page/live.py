@@ -416,9 +416,9 @@ def live(
     The mechanism follows its branch and never leaves it; where branches cross it goes straight on.
     Where a driver cannot go on (a limit, a singular configuration, a joint limit of any joint) the
     slider stops and the page says so; a switch lets joints pass their limits. A link that is
-    dragged follows the pointer as far as the drivers can take it. The page needs this
-    process: `live(mechanism).wait()` keeps it until Ctrl-C. Only this
-    machine, and only the page itself, is answered.
+    dragged follows the pointer as far as the drivers can take it. The page needs this process:
+    `live(mechanism).wait()` keeps it until Ctrl-C. The server answers only this machine, and only
+    the page itself.
 
     Args:
         mechanism: the mechanism.

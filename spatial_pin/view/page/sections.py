@@ -312,8 +312,8 @@ def _reactions(subject: Subject) -> str | None:
         marks = loads.marks(name)
         rows.append((name, number(force, "N") + marks[0], number(moment, "N·m") + marks[1]))
     many = any(" *" in part for row in rows for part in row[1:])
-    note = paragraph("* one of many along these axes: the loop is overconstrained and can be under "
-                     "stress by itself; the least.") if many else ""
+    note = paragraph("* one of many along these axes, the least: the loop is overconstrained and "
+                     "can be under stress by itself.") if many else ""
     return section("Reactions", table(("pair", "largest force", "largest moment"), rows, 2) + note)
 
 
