@@ -47,7 +47,8 @@ def main(folder: Path) -> None:
     try:
         sp.sweep(sp.load("rssr", b=0.5), "crank", np.linspace(pi, 2 * pi, 181))
     except sp.LimitError as limit:
-        print(f"with a coupler of 500 mm: {limit}")
+        print("with a coupler of 500 mm the crank cannot turn fully, and an error tells where it "
+              f"stops:\n  {limit}")
 
     outputs = ["rocker_pin", "rocker_pin.ratio", "coupler.com.acceleration"]
     written = [

@@ -43,7 +43,7 @@ def shown(name: str, motion: sp.Motion):
         "Mechanism": lambda: mechanism, "Motion": lambda: motion,
         "State": lambda: motion.state(7), "Mobility": lambda: sp.mobility(mechanism),
         "Kinetostatics": lambda: sp.kinetostatics(mechanism, motion),
-        "Tradeoff": lambda: sp.tradeoff(mechanism, budget=0.3),
+        "Tradeoff": lambda: sp.tradeoff(mechanism, settings=[sp.Accuracy()], repeats=1),
     }
     return makers[name]()
 
