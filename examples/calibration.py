@@ -1,7 +1,8 @@
 """A Gough platform calibrated by a laser tracker: from a millimetre off to below its noise.
 
 The platform is not quite as drawn, its encoders are off, nobody knows where it stands, and some of
-the tracker's readings are wrong. Forty poses tell all of it; sixty others show what it is worth.
+the tracker's readings are wrong. Forty measured poses give all of these; other poses show how far
+off the platform was before, and is after.
 
     python examples/calibration.py [FOLDER]
 

@@ -1,7 +1,7 @@
 """How far one arm of a delta robot can go before its rods run into each other.
 
-As the arm swings down and in, it pushes the platform away. The two rods of each other arm come
-nearer to each other then, until they would lie in one line: they touch before that.
+As the arm swings down and in, it pushes the platform away. The two rods of every other arm then
+come nearer to each other. They would end in one line, but touch before.
 
     python examples/clearance.py [FOLDER]
 

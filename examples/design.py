@@ -1,9 +1,9 @@
 """A four-bar that draws a closed curve, one that draws a line, and one that works out a logarithm.
 
-Where a four-bar stands, how long its links are and where its tracer is: nine numbers are looked
-for. The eighteen points of the curve are to be passed while the crank turns by 20° from one to the
-next; the best that could be found in the literature misses them by 0.0954 in all [Bulatovic2016].
-The points of the line are met as well as can be, three of the logarithm exactly.
+Nine numbers are unknown: where the four-bar stands, how long its links are, and where its tracer
+is. The crank turns by 20° from each of the eighteen points of the curve to the next; the best
+published dimensions that we know miss them by 0.0954 in all [Bulatovic2016]. The points of the line
+are met as well as possible, three of the logarithm exactly.
 
     python examples/design.py [FOLDER]
 

@@ -1,8 +1,9 @@
 """An excavator is asked to put its teeth everywhere, and tells how near it comes and what stops it.
 
-One point is reached in three ways: with the least motion, with the teeth as level as can be, and
-with the boom where it is. Then a grid of points in the plane of the boom is asked for: from those
-that are out of reach a line goes to the nearest place, and together these draw the digging range.
+One point is reached in three ways: with the least motion, with the teeth as level as possible, and
+with the boom where it is. Then every point of a grid in the plane of the boom is a target. From a
+point that is out of reach, a line goes to the nearest place; together the lines draw the digging
+range.
 
     python examples/digging_range.py [FOLDER]
 

@@ -5,7 +5,7 @@ What the legs have to do for that, and the forces in them, follow from the tool'
 
     python examples/gough_platform.py [FOLDER]
 
-writes machine/ (the platform with its tool, as files), platform.png (it writing the figure),
+writes machine/ (the platform with its tool, as files), platform.png (the platform as it writes),
 curves.png (lengths of the legs and forces in them) and motion.csv (all numbers of the motion).
 """
 

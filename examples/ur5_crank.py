@@ -1,4 +1,4 @@
-"""A UR5 turns a crank: a closed loop of arm, handle and table. Which joint sets the pace?
+"""A UR5 turns a crank: a closed loop of arm, handle and table. Which joint is nearest to a limit?
 
     python examples/ur5_crank.py [FOLDER]      needs: pip install 'spatial_pin[robots]'
 

@@ -1,8 +1,8 @@
 """Where a five-bar and a delta robot get to, how well, and what ends it.
 
-The tip of the five-bar is moved by two motors on the ground. Its workspace ends where the rods are
-in line, and is bounded by curves on which an arm and its rod are: there one direction is lost. The
-delta is looked at in a plane through its middle.
+Two motors on the ground move the tip of the five-bar. Its workspace ends where the two rods are in
+line. It is also bounded by curves on which an arm and its rod are in line: there the tip cannot
+move in one direction. Of the delta, a plane through the middle is drawn.
 
     python examples/workspace.py [FOLDER]
 
