@@ -149,8 +149,8 @@ class Descent:
             these ran out.
         """
         place, is_on_its_way = self._down(Place(q, held, self._size(q)))
-        q = self.base.kept(place.q, self.base.free(place.held), self.kept)
-        return place.q if q is None else q, place.held, is_on_its_way
+        met = self.base.kept(place.q, self.base.stops.free(place.held), self.kept)
+        return place.q if met is None else met, place.held, is_on_its_way
 
     def _down(self, place: Place) -> tuple[Place, bool]:
         """Return where the way down ends, as `run`; what is kept may be off by a little."""
@@ -256,7 +256,8 @@ class Descent:
         base = self.base
         while True:
             off = 0.0 if self._pace.is_bent else OFF_ON_THE_WAY * float(step @ step)
-            there = base.kept(base.stops.moved(q, step, held), base.stops.free(held), self.kept, off)
+            there = base.kept(
+                base.stops.moved(q, step, held), base.stops.free(held), self.kept, off)
             if there is None:
                 return None
             beyond = base.stops.beyond(there, held, q)
