@@ -71,8 +71,12 @@ def test_the_conda_recipe_asks_for_what_the_package_asks_for():
     recipe = yaml.safe_load((ROOT / "packaging/conda/recipe.yaml").read_text(encoding="utf-8"))
     other_names = {"pinocchio": "pin", "meshcat-python": "meshcat", "matplotlib-base": "matplotlib"}
     run = [entry.split() for entry in recipe["requirements"]["run"]]
-    asked = {other_names.get(name, name) + bound for name, bound, *_ in run if name != "python"}
+    asked = {other_names.get(name, name) + bound for name, bound, *_ in
+             (entry for entry in run if entry[0] != "python")}
+    assert ["python"] in run  # whose versions a package of one Python leaves to `skip`
     assert asked == set(PROJECT["dependencies"])
+    oldest = PROJECT["requires-python"].removeprefix(">=")
+    assert f'match(python, "<{oldest}")' in recipe["build"]["skip"]
 
 
 def test_the_workflow_runs_the_scripts_that_exist_under_the_promised_pythons():
