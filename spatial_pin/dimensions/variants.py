@@ -31,7 +31,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array
 
 PLACE_ROUND_OFF = 64 * EPS  # of the largest length: round-off of placements
-NEARBY = 0.01  # of a dimension: how far it goes to see whether its file changes
+IDLE_STEP = 0.01  # of a dimension: how far it goes to see whether its file changes
 WITHOUT_MOTION = ("visual", "collision", "dynamics", "safety_controller", "mass", "inertia")
 FIELDS = [field.name for field in fields(Mechanism) if field.init]
 
@@ -131,7 +131,7 @@ def _text_changes(mechanism: Mechanism, name: str) -> bool:
 
 def _near(own: float) -> list[float]:
     """Return a dimension, and values to both sides of it."""
-    return [own + k * NEARBY * (abs(own) or 1.0) for k in (0, -1, 1)]
+    return [own + k * IDLE_STEP * (abs(own) or 1.0) for k in (0, -1, 1)]
 
 
 def tell_idle(
