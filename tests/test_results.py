@@ -2,6 +2,7 @@
 
 import copy
 import csv
+import dataclasses
 import io
 import pickle
 import sys
@@ -235,6 +236,47 @@ def test_arrays_of_results_are_read_only(motion, loads, driven):
     for array in kept:
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0.0
+
+
+def same(one: sp.Motion, other: sp.Motion) -> bool:
+    """Whether two motions have the same in every field, to the bit."""
+    assert type(one) is type(other)
+    for field in dataclasses.fields(one):
+        x, y = getattr(one, field.name), getattr(other, field.name)
+        if isinstance(x, dict):
+            assert list(x) == list(y)
+            x, y = list(x.values()), list(y.values())
+        np.testing.assert_equal(x, y, err_msg=field.name)
+    return True
+
+
+@pytest.mark.parametrize("case", ["driven", "limits", "projected"])
+def test_a_simulation_comes_back_from_its_file_whole(case, driven, tmp_path):
+    run = driven
+    if case == "limits":
+        mech = sp.load("excavator")
+        run = sp.simulate(mech, sp.assemble(mech, {"boom": 2.05}), 0.4)
+        assert run.joint_limits
+    elif case == "projected":
+        mech = sp.load("four_bar")
+        run = sp.simulate(mech, sp.assemble(mech, {"crank": 1.0}), 0.1,
+                          accuracy=sp.Accuracy(formulation="projected"))
+    file = run.save(tmp_path / "run")
+    again = sp.Simulation.load(file, run.mechanism)
+    assert same(again, run) and str(again) == str(run)
+    if case == "driven":
+        joint = run.mechanism.drivers["crank"].joint
+        np.testing.assert_array_equal(again.efforts[joint], run.efforts["crank"])
+    assert type(sp.Motion.load(file, run.mechanism)) is sp.Motion
+
+
+def test_a_motion_comes_back_from_its_file_whole_and_is_no_simulation(motion, tmp_path):
+    mech = motion.mechanism
+    for each in (motion, sp.sweep(mech, "crank", [0.0, 0.1], hold=None)):
+        file = each.save(tmp_path / "motion")
+        assert same(sp.Motion.load(file, mech), each)
+        with pytest.raises(sp.SpatialPinError, match="not a simulation"):
+            sp.Simulation.load(file, mech)
 
 
 def test_arrays_of_results_are_float64_in_c_order(motion, loads):

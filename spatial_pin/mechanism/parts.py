@@ -160,12 +160,12 @@ class Spring:
         free_angle: of a coordinate that turns, at no torque [rad]; of one that slides it is taken
             as [m].
 
+    Raises:
+        ValueError: a number is NaN or infinite, or it has both frames and a joint, or neither.
+
     Example:
         >>> sp.Spring("return", joint="rocker_pin", stiffness=2.0, free_angle=1.2).free  # [rad]
         1.2
-
-    Raises:
-        ValueError: a number is NaN or infinite, or it has both frames and a joint, or neither.
     """
 
     name: str

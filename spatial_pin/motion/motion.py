@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import zipfile
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State
@@ -424,19 +425,7 @@ class Motion(Tabular):
             >>> motion.save("motion").name
             'motion.npz'
         """
-        return write_npz(path, {
-            "driver": self.driver if self.driver is not None else np.empty(0),
-            "driver_name": self.driver_name,
-            "time": self.time if self.time is not None else np.empty(0),
-            "q": self.q, "v": self.v, "a": self.a, "closure_error": self.closure_error,
-            "driver_speed": self.driver_speed, "angles": self.angles,
-            "mechanism": self.mechanism.name, "per": self.per,
-            "coordinates": np.array(self.mechanism.coordinates),
-            "event_kind": np.array([e.kind for e in self.events], dtype=str),
-            "event_value": np.array([e.value for e in self.events], dtype=float),
-            "event_row": np.array([e.row for e in self.events], dtype=int),
-            "event_text": np.array([e.text for e in self.events], dtype=str),
-        })
+        return write_npz(path, content_of(self))
 
     @classmethod
     @checked
@@ -461,30 +450,7 @@ class Motion(Tabular):
             >>> sp.Motion.load(file, mech).q.shape  # (N, nq)
             (3, 3)
         """
-        path = named_path(path)
-        try:
-            with path.open("rb") as opened, np.load(opened) as file:
-                content = {key: file[key] for key in file.files}
-            missing = SAVED - set(content)
-        except (ValueError, TypeError, EOFError, AttributeError, zipfile.BadZipFile, zlib.error):
-            missing = SAVED
-        if missing:
-            raise SpatialPinError(f"{path}: not a motion that Motion.save wrote")
-        if content["coordinates"].tolist() != list(mechanism.coordinates):
-            raise SpatialPinError(
-                f"{path}: a motion of mechanism {str(content['mechanism'])!r} with coordinates "
-                f"{', '.join(content['coordinates'].tolist())}; {mechanism.name!r} has others"
-            )
-        events = zip(content["event_kind"].tolist(), content["event_value"].tolist(),
-                     content["event_row"].tolist(), content["event_text"].tolist(), strict=True)
-        return cls(
-            mechanism, content["driver"] if content["driver_name"] else None,
-            str(content["driver_name"]),
-            content["time"] if content["time"].size else None,
-            content["q"], content["v"], content["a"], content["closure_error"],
-            content["driver_speed"], [Event(*e) for e in events], content["angles"],
-            str(content.get("per", "s")),
-        )
+        return cls(mechanism, **fields_of(read_content(path, mechanism)))
 
     def _repr_html_(self) -> str:
         """Return a small table, for a notebook."""
@@ -498,6 +464,61 @@ class Motion(Tabular):
 
     def __str__(self) -> str:
         return method("Motion.summary")(self)
+
+
+def content_of(motion: Motion) -> dict[str, Any]:
+    """Return what the file of a motion holds, by name."""
+    return {
+        "driver": motion.driver if motion.driver is not None else np.empty(0),
+        "driver_name": motion.driver_name,
+        "time": motion.time if motion.time is not None else np.empty(0),
+        "q": motion.q, "v": motion.v, "a": motion.a, "closure_error": motion.closure_error,
+        "driver_speed": motion.driver_speed, "angles": motion.angles,
+        "mechanism": motion.mechanism.name, "per": motion.per, "held": np.array(motion.held, str),
+        "coordinates": np.array(motion.mechanism.coordinates),
+        "event_kind": np.array([e.kind for e in motion.events], dtype=str),
+        "event_value": np.array([e.value for e in motion.events], dtype=float),
+        "event_row": np.array([e.row for e in motion.events], dtype=int),
+        "event_text": np.array([e.text for e in motion.events], dtype=str),
+    }
+
+
+def read_content(path: str | Path, mechanism: Mechanism) -> dict[str, NDArray[Any]]:
+    """Read what `content_of` has written to a file, of a mechanism with the same coordinates.
+
+    Raises:
+        SpatialPinError: it is the file of no motion, or the coordinates are others.
+        OSError: it cannot be read.
+    """
+    path = named_path(path)
+    try:
+        with path.open("rb") as opened, np.load(opened) as file:
+            content = {key: file[key] for key in file.files}
+        missing = SAVED - set(content)
+    except (ValueError, TypeError, EOFError, AttributeError, zipfile.BadZipFile, zlib.error):
+        missing = SAVED
+    if missing:
+        raise SpatialPinError(f"{path}: not a motion that Motion.save wrote")
+    if content["coordinates"].tolist() != list(mechanism.coordinates):
+        raise SpatialPinError(
+            f"{path}: a motion of mechanism {str(content['mechanism'])!r} with coordinates "
+            f"{', '.join(content['coordinates'].tolist())}; {mechanism.name!r} has others"
+        )
+    return content
+
+
+def fields_of(content: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
+    """Return the fields of a motion that a file holds."""
+    events = zip(*(content[f"event_{x}"].tolist() for x in Event._fields), strict=True)
+    arrays = ("q", "v", "a", "closure_error", "driver_speed", "angles")
+    return {
+        "driver": content["driver"] if content["driver_name"] else None,
+        "driver_name": str(content["driver_name"]),
+        "time": content["time"] if content["time"].size else None,
+        "events": [Event(*e) for e in events], "per": str(content.get("per", "s")),
+        "held": tuple(content["held"].tolist()) if "held" in content else (BASE,),
+        **{name: content[name] for name in arrays},
+    }
 
 
 def motion_needed(motion: object) -> None:

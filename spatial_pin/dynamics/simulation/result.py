@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from spatial_pin.checks import checked
-from spatial_pin.columns import Quantity
-from spatial_pin.errors import UnknownNameError
+from spatial_pin.columns import Quantity, write_npz
+from spatial_pin.errors import SpatialPinError, UnknownNameError
+from spatial_pin.mechanism.joint_limits import JointLimit
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.methods import method
 from spatial_pin.motion.joint_limits import Passing
-from spatial_pin.motion.motion import Motion, Output
+from spatial_pin.motion.motion import Motion, Output, content_of, fields_of, read_content
 from spatial_pin.motion.summary import effort_lines, first_of
 from spatial_pin.numerics.linalg import Array
 
 SMALL = 1e-2  # of the energy, or of that of a fall over its size, that counts as exchanged
 EPS = float(np.finfo(float).eps)
+WITH_ENERGIES = frozenset(("energy", "work", "effort_names", "efforts", "told"))  # in a file
+TOLD = ("energy_drift", "coordinates", "evaluations", "steps", "by_drivers", "joint_limits",
+        "projection", "integrators")  # fields of a simulation that are no samples
 
 
 class Projection(NamedTuple):
@@ -158,6 +164,64 @@ class Simulation(Motion):
             [('time', 's'), ('energy', 'J')]
         """
         return method("Simulation.quantities")(self, outputs)
+
+    @checked
+    def save(self, path: str | Path) -> Path:
+        """Write all of it to an .npz file that `Simulation.load` reads; returns the path.
+
+        Args:
+            path: of the file; the suffix is added where it is missing.
+
+        Raises:
+            OSError: it cannot be written; what was there before stays.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> motion = sp.simulate(mech, sp.assemble(mech, {"crank": 1.0}), 0.1)
+            >>> motion.save("fall").name
+            'fall.npz'
+        """
+        coordinate = self.mechanism.driven_coordinate
+        return write_npz(path, content_of(self) | {
+            "energy": self.energy, "work": self.work,
+            "effort_names": np.array([coordinate(name).name for name in self.efforts], str),
+            "efforts": np.array(list(self.efforts.values())),
+            "told": json.dumps({name: getattr(self, name) for name in TOLD},
+                               default=lambda x: x.item())})
+
+    @classmethod
+    @checked
+    def load(cls, path: str | Path, mechanism: Mechanism) -> Simulation:
+        """Read a simulation of `mechanism` that `save` wrote; `Motion.load` reads its motion.
+
+        Args:
+            path: the .npz file.
+            mechanism: the mechanism that it is a simulation of: `save` does not write it.
+
+        Returns:
+            The Simulation.
+
+        Raises:
+            SpatialPinError: `save` did not write it, or it is the motion of a mechanism with other
+                coordinates.
+            OSError: it cannot be read.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> file = sp.simulate(mech, sp.assemble(mech, {"crank": 1.0}), 0.1).save("fall")
+            >>> sp.Simulation.load(file, mech).energy.shape  # (N,) [J]
+            (1001,)
+        """
+        content = read_content(path, mechanism)
+        if not content.keys() >= WITH_ENERGIES:
+            raise SpatialPinError(f"{path}: not a simulation that Simulation.save wrote")
+        told = json.loads(str(content["told"]))
+        told["joint_limits"] = [Passing(JointLimit(*limit), *where)
+                                for limit, *where in told["joint_limits"]]
+        told["projection"] = Projection(*told["projection"]) if told["projection"] else None
+        efforts = dict(zip(content["effort_names"].tolist(), content["efforts"], strict=True))
+        return cls(mechanism, **fields_of(content), energy=content["energy"],
+                   work=content["work"], efforts=ByDriver(mechanism, efforts), **told)
 
     def __str__(self) -> str:
         used = f" in {', '.join(self.coordinates)}" if self.coordinates else ""
