@@ -129,15 +129,21 @@ def test_configurations_closed_in_one_go_are_those_closed_one_by_one(name: str) 
         assert found[1:3] == known[1:]
 
 
-@pytest.mark.parametrize(("name", "near"), [
-    ("rssr", 0.0), ("rssr", 3.0), ("watt_six_bar", 0.0), ("stewart", 0.5)])
-def test_further_starts_tried_in_one_go_are_those_tried_one_by_one(name: str, near: float) -> None:
+@pytest.mark.parametrize(("name", "near", "stays"), [
+    ("rssr", 0.0, ""), ("rssr", 0.0, "rocker_pin"), ("rssr", 3.0, ""), ("watt_six_bar", 0.0, ""),
+    ("four_bar", 0.0, "rocker_pin"), ("stewart", 0.5, "")])
+def test_further_starts_tried_in_one_go_are_those_tried_one_by_one(
+    name: str, near: float, stays: str
+) -> None:
     """Of places where nothing is at fault only those nearer than all before are told."""
     mechanism = sp.load(name)
     model, q = mechanism.model, mechanism.neutral.copy()
     free, turns = np.ones(model.nv, dtype=bool), np.empty(0)
     free[mechanism.coordinate(next(iter(mechanism.drivers))).v] = False
-    rest = free, turns, 1e-13, 60, (), 1e-9, None
+    first = free.copy()
+    if stays:  # named too, and held first
+        first[mechanism.coordinate(stays).v] = False
+    rest = free, turns, 1e-13, 60, (), 1e-9, first if stays else None
     said = np.zeros(model.nq, np.int64)
     said[[c.q for c in mechanism.coordinate_table.values() if c.q >= 0]] = NAMED
     start = Closer(mechanism).reach([_near(mechanism, 3, 0.5)], *rest, Meant(q, said, q, q))[0].q
@@ -155,7 +161,8 @@ def test_further_starts_tried_in_one_go_are_those_tried_one_by_one(name: str, ne
             break
     assert len(told) == len(wanted)
     for one, other in zip(told, wanted, strict=True):
-        np.testing.assert_allclose(one.q, other.q, atol=1e-12)
+        # what nothing determines stays where the first steps lead, which end a little earlier
+        np.testing.assert_allclose(one.q, other.q, rtol=0.0, atol=1e-6 if stays else 1e-12)
         assert one.may_be_mirrored == other.may_be_mirrored
 
 
