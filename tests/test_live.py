@@ -795,6 +795,17 @@ class TestBrowser:
         assert np.mean(np.any(np.abs(picture(browser) - first) > 0.1, axis=2)) > 0.01
 
     @pytest.mark.slow
+    def test_inspector_tells_coordinates_where_the_mechanism_stands(self, browser, rssr):
+        browser.open(rssr.url, READY)
+        browser.evaluate("toggleTool('inspector'); inspect('pair rocker_pin'); 1")
+        typed(browser, "75.5")
+        browser.evaluate("tellInspected(); 1")
+        said = browser.evaluate("table.innerText").replace("−", "-").split()
+        angle = float(said[said.index("rocker_pin") + 1].rstrip("°"))
+        state = sp.assemble(sp.load("rssr"), {"crank": np.deg2rad(75.5)})
+        assert angle == pytest.approx(np.rad2deg(state.coordinate("rocker_pin").value), rel=1e-4)
+
+    @pytest.mark.slow
     def test_dragged_slider_moves_the_picture_as_the_typed_value_does(self, browser, rssr):
         browser.open(rssr.url, READY)
         dragged(browser, 0.5, 0.75)

@@ -32,10 +32,11 @@ from spatial_pin.view.page.dragging import Grip, pulled
 from spatial_pin.view.page.drive import STOPS, Drive, Reach, Stop
 from spatial_pin.view.page.html import filled, packed_script, page, parts_of
 from spatial_pin.view.page.server import Service, Viewer, open_in_browser
-from spatial_pin.view.scene.film import Film, as_motion, length_words, reading, unit_of_length
+from spatial_pin.view.scene.film import Film, as_motion, film, length_words, reading, unit_of_length
 
 if TYPE_CHECKING:
     from spatial_pin.mechanism.mechanism import Mechanism
+    from spatial_pin.view.scene.anatomy import Signal
     from spatial_pin.view.scene.look import Look
     from spatial_pin.view.scene.stage import Track
 
@@ -127,7 +128,7 @@ class Desk:
         with self._lock:
             said = ANSWERS[kind](self, question)
             return {"poses": self.poses(), "values": self.values(), "says": self.says(),
-                    "points": self.points(), **said}
+                    "points": self.points(), "signals": self.signals(), **said}
 
     # ------------------------------------------------------------ what is told with every answer
 
@@ -163,6 +164,10 @@ class Desk:
     def points(self) -> list[list[float | None]]:
         """Return what the place adds to the curves; nothing without any."""
         return points_now(_now(self.drive), self.curves) if self.curves else []
+
+    def signals(self) -> list[float]:
+        """Return the coordinates, as the inspector of the page tells them."""
+        return [float(signal.values[0]) for signal in _signals(self.drive)]
 
     # ------------------------------------------------------------ what is asked for
 
@@ -221,6 +226,13 @@ class Desk:
 def _now(drive: Drive) -> Motion:
     """Return where a mechanism stands as a motion of one sample."""
     return replace(as_motion(drive.state), driver_name=drive.names[0])
+
+
+def _signals(drive: Drive) -> list[Signal]:
+    """Return the coordinates where a mechanism stands."""
+    from spatial_pin.view.scene.anatomy import signals
+
+    return signals(film(drive.state))
 
 
 def _stopped(dial: Dial, stop: Stop | None) -> Answer:
@@ -376,7 +388,7 @@ def _page(desk: Desk, token: str, title: str | None, look: Look | None) -> str:
     over = _over(desk)
     abscissa = f"{over} [{desk.dials[over].unit.strip()}]" if over else "movements"
     curves = growing_curves(_now(desk.drive), desk.curves, abscissa)
-    parts = parts_of(desk.film, drawn, title, curves)
+    parts = parts_of(desk.film, drawn, title, curves, _signals(desk.drive))
     told = {
         "token": token,
         "dials": [dial._asdict() for dial in desk.dials.values()],

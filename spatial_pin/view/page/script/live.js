@@ -81,6 +81,7 @@ function obeyed(question, answer) {
     dial.row.classList.toggle("held", dial.stop !== null);
     write(dial);
   }
+  answer.signals.forEach((x, k) => { film.values[k][0] = x; });
   read(answer.says);
   grow(question, answer);
   refit();

@@ -49,30 +49,25 @@ function closest(from, along, other, direction) {  // how far along the first li
   return det < 1e-9 ? null : (d.dot(along) - b * d.dot(direction)) / det;
 }
 
-function surfacePick(hit) {
-  const frame = hit.object;
-  return {frame, point: frame.worldToLocal(hit.point.clone()), axis: null, name: `surface of ${frame.userData.solid.name}`};
-}
-
-function pickOf(hit) {  // of a click on a sign or an axis: its pair's
-  const {at, along, node} = hit.object.userData.solid;
-  const name = hit.object.userData.solid.name;
-  if (at) return {frame: node.parent, point: framed3(at), axis: along ? framed3(along) : null, name: `middle of ${name}`};
-  if (along) return {...surfacePick(hit), frame: node.parent, point: node.parent.worldToLocal(hit.point.clone()), axis: framed3(along), name};
-  return null;
+function pickOf(hit) {  // of a sign the middle of its pair, of an axis a point of it, else one of the surface
+  const {solid} = hit.object.userData, axis = solid.along ? framed3(solid.along) : null;
+  const frame = axis || solid.at ? solid.node.parent : hit.object;
+  const point = solid.at ? framed3(solid.at) : frame.worldToLocal(hit.point.clone());
+  const what = solid.at ? "middle of " : axis ? "" : "surface of ";
+  return {frame, point, axis, line: !solid.at && axis !== null, name: what + solid.name};
 }
 
 function snapAt(x, y) {  // what a click there would take; null where there is nothing
   const hit = hitAt(x, y);
-  const sign = hit && pickOf(hit);
-  if (sign) return sign;
+  const solid = hit && hit.object.userData.solid;
+  if (hit && (solid.at || solid.along)) return pickOf(hit);  // a sign or an axis that is shown
   const shown = picks => picks.filter(pick => !isBeyondCut(inWorld(pick)));
   const named = [pairCentres, frameOrigins, hit ? corner(hit) : [], pairAxes.map(onAxis).filter(Boolean)];
   for (const picks of named) {
     const found = nearestPick(shown(picks), x, y);
     if (found) return found;
   }
-  return hit ? surfacePick(hit) : null;
+  return hit ? pickOf(hit) : null;
 }
 
 function hoverAt(x, y) {  // words of what a click there would take

@@ -40,6 +40,6 @@ function addWanted() {
 }
 
 wanted.onchange = addWanted;
-wanted.parentNode.hidden = !film.curves || film.values.length === 0;
+wanted.parentNode.hidden = !film.curves || animator.duration === 0;
 for (const data of film.curves ? film.curves.panels : []) panels.push(panelOf(data));
 listSignals();
