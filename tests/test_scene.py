@@ -31,7 +31,7 @@ from spatial_pin.view.scene.film import film, length_words
 from spatial_pin.view.scene.framing import rotate
 from spatial_pin.view.scene.layers import arrows
 from spatial_pin.view.scene.layers.arrows import Vectors
-from spatial_pin.view.scene.layers.bodies import link_of
+from spatial_pin.view.scene.layers.bodies import BODY_COLOURS, GROUND_COLOUR, link_of
 from spatial_pin.view.scene.layers.glyphs import GLYPHS, glyphs
 from spatial_pin.view.scene.layers.places import places
 from spatial_pin.view.scene.look import Look
@@ -603,6 +603,34 @@ def test_motion_as_a_ghost_goes_with_the_film(one, other, words, crank):
         expected = pin.SE3ToXYZQUAT(state.data.oMi[joint])
         np.testing.assert_allclose(pose[:3], expected[:3], atol=1e-9)
         assert abs(pose[3:] @ expected[3:]) == pytest.approx(1.0, abs=1e-9)
+
+
+# How those see linear red, green, blue who lack a kind of cones (Machado, Oliveira, Fernandes 2009).
+CONES = {
+    "all": np.eye(3),
+    "no red": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216],
+               [-0.003882, -0.048116, 1.051998]],
+    "no green": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413],
+                 [-0.011820, 0.042940, 0.968881]],
+    "no blue": [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602],
+                [0.004733, 0.691367, 0.303900]],
+}
+TO_XYZ = np.array([[0.4339, 0.3762, 0.1899], [0.2126, 0.7152, 0.0722],  # white is (1, 1, 1)
+                   [0.0178, 0.1095, 0.8730]])
+
+
+def lab(colours: np.ndarray, cones: np.ndarray) -> np.ndarray:
+    """CIE L*a*b* of sRGB colours (K, 3), as they are seen."""
+    linear = np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
+    x, y, z = np.cbrt(np.clip(linear @ np.transpose(cones), 0, 1) @ TO_XYZ.T).T
+    return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=1)
+
+
+@pytest.mark.parametrize("missing", CONES)
+def test_colours_of_bodies_can_be_told_apart(missing):
+    seen = lab(np.array([GROUND_COLOUR, *BODY_COLOURS])[:, :3], np.array(CONES[missing]))
+    apart = np.linalg.norm(seen[:, None] - seen, axis=2)
+    assert apart[np.triu_indices(len(seen), 1)].min() > 14  # 2 is just seen, side by side
 
 
 def test_ghost_of_another_mechanism_is_refused():

@@ -11,14 +11,15 @@ from spatial_pin.errors import warn
 from spatial_pin.view.scene.shapes import coloured, solid
 from spatial_pin.view.scene.stage import Item, Layer, Stage
 
-# bodies without a colour of their own: steel grey ground, then the colours of Okabe and Ito
+# bodies without a colour of their own: steel grey ground, then colours of Okabe and Ito, and wine
+# instead of their purple, which is this grey to who cannot tell red from green
 GROUND_COLOUR = (0.62, 0.66, 0.70, 1.0)
 BODY_COLOURS = (
     (0.835, 0.369, 0.000, 1.0),
     (0.000, 0.447, 0.698, 1.0),
     (0.000, 0.620, 0.451, 1.0),
     (0.902, 0.624, 0.000, 1.0),
-    (0.800, 0.475, 0.655, 1.0),
+    (0.533, 0.133, 0.333, 1.0),
     (0.337, 0.706, 0.914, 1.0),
 )
 
