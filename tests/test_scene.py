@@ -605,7 +605,7 @@ def test_motion_as_a_ghost_goes_with_the_film(one, other, words, crank):
         assert abs(pose[3:] @ expected[3:]) == pytest.approx(1.0, abs=1e-9)
 
 
-# How those see linear red, green, blue who lack a kind of cones (Machado, Oliveira, Fernandes 2009).
+# How linear red, green, blue are seen without a kind of cones (Machado, Oliveira, Fernandes 2009).
 CONES = {
     "all": np.eye(3),
     "no red": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216],
