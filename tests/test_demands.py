@@ -252,7 +252,7 @@ def test_the_gradient_of_demands_and_goals_is_that_of_what_is_made_least():
 
     fit = Fit(problem)
     x = problem.start + 0.01
-    fit._near = problem._begin(x, None)
+    fit._near = problem.begun(x, None)
     exact = _Exactly(fit, x)
     gradient, step = exact.slopes(x).T @ exact.residual(x), 1e-6
     for k in range(len(x)):

@@ -49,6 +49,10 @@ def same(one: sp.Mechanism, two: sp.Mechanism, length: float) -> None:
     assert one.characteristic_length == pytest.approx(two.characteristic_length, rel=8 * EPS)
     for name, inertia in one.inertias.items():
         assert two.inertias[name].lever == pytest.approx(inertia.lever, abs=8 * EPS * length)
+        assert two.inertias[name].mass == pytest.approx(inertia.mass, rel=16 * EPS)
+    for x, y in zip(own.inertias, other.inertias, strict=True):
+        assert x.toDynamicParameters() == pytest.approx(
+            y.toDynamicParameters(), rel=1e-12, abs=1e-15 * (1.0 + x.mass))
     for x, y in ((one.model.lowerPositionLimit, two.model.lowerPositionLimit),
                  (one.model.upperPositionLimit, two.model.upperPositionLimit)):
         assert np.array_equal(np.isfinite(x), np.isfinite(y))

@@ -98,6 +98,32 @@ def path(name: str, bounds: Mapping[str, tuple[float, float]], driver: Any = Non
                    keywords=keywords)
 
 
+def through_drawn(count: int, seed: int, timed: bool = False) -> Problem:
+    """Return the problem of a four-bar through points of one that is drawn, which it may not know.
+
+    Lengths of that are 0.5 to 2, its tracer within 2 of the crank's tip, its crank angles 0.2 rad
+    apart at least. Where they are given, the crank may count from anywhere: then five points ask
+    for as many numbers as there are. Through free ones a four-bar has as many at nine.
+    """
+    rng = np.random.default_rng(seed)
+    while True:
+        r1, r2, r3, r4 = rng.uniform(0.5, 2.0, 4)
+        tracer, base = rng.uniform(-2.0, 2.0, 2) @ [1, 1j], rng.uniform(-1.0, 1.0, 2) @ [1, 1j]
+        angles, side = np.sort(rng.uniform(0.0, TURN, count)), rng.choice([-1.0, 1.0])
+        rest = r1 - r2 * np.exp(1j * angles)
+        inner = (r3**2 + abs(rest) ** 2 - r4**2) / (2.0 * r3 * abs(rest))
+        if abs(inner).max() < 1.0 and np.diff(angles).min() > 0.2:
+            break
+    coupler = np.angle(rest) + side * np.arccos(inner)
+    drawn = base + np.exp(1j * rng.uniform(0.0, TURN)) * (
+        r2 * np.exp(1j * angles) + tracer * np.exp(1j * coupler))
+    goal = sp.goals.path("tracer", np.column_stack([drawn.real, drawn.imag]),
+                         {"crank": angles} if timed else None, input_offset=timed, weight=None)
+    return Problem(f"{count} {'timed ' if timed else ''}points of a drawn four-bar",
+                   "four_bar_path", lambda: [goal], four_bar((0.05, 5.0), (-5.0, 5.0)),
+                   squared=True, published=0.0)
+
+
 def within(centre: float, reach: float) -> tuple[float, float]:
     return centre - reach, centre + reach
 

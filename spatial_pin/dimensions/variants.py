@@ -5,15 +5,17 @@ other dimensions is a copy of this one with the places of joints and frames that
 to a last digit or two those that loading gives. Where the file cannot be followed, or decides
 otherwise at those dimensions, the mechanism is loaded.
 
-Masses and shapes take as long as reading the expanded text takes: they are those of the text with
-other numbers in the places of the traced ones.
+Masses follow likewise. Shapes take as long as reading the expanded text takes: they are those of
+the text with other numbers in the places of the traced ones.
 """
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import fields
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,11 +24,13 @@ from numpy.typing import NDArray
 
 from spatial_pin.dimensions.homotopy import varied
 from spatial_pin.errors import SpatialPinError, warn
+from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.files import load_expanded
 from spatial_pin.formats.sources import shown
+from spatial_pin.formats.urdf.checks import check_links
 from spatial_pin.formats.xacro.expansion import expand, parse_urdf, traced
 from spatial_pin.formats.xacro.tracing import depends
-from spatial_pin.mechanism.inertia import inertia_as_given
+from spatial_pin.mechanism.inertia import inertia_as_given, put_inertias
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array
 
@@ -70,7 +74,7 @@ class Variants:
                 name not in tree.dimensions for x in many for name in x):
             return [varied(self.mechanism, x) for x in many]
         own = tree.dimensions.items()
-        found = tree.at(np.array([[x.get(name, value) for x in many] for name, value in own]))
+        found = tree.at(np.array([[x.get(name, value) for x in many] for name, value in own]), True)
         return [tree.mechanism_at(x, found, k) if good else varied(self.mechanism, x)
                 for k, (x, good) in enumerate(zip(many, found.holds, strict=True))]
 
@@ -85,6 +89,11 @@ class Variants:
         if text is None:
             return varied(self.mechanism, dimensions)
         return load_expanded(self.mechanism, dimensions, text)
+
+    @property
+    def has_masses(self) -> bool:
+        """Whether those of `at` have their masses, too, and lack but their shapes."""
+        return self.tree is None or self.tree.turns_axes or self.tree.has_masses
 
     @property
     def tree(self) -> TracedTree | None:
@@ -207,6 +216,7 @@ class TracedGeometry(NamedTuple):
         turns: by joint, the least rotations that take its axis to where it is then.
         levers: (m or 1, 3) by link, its centre of mass [m].
         limits: (m,) by bound ("lower" or "upper") and place in q.
+        inertials: (k, m) numbers of the inertias of links; none if not asked for.
     """
 
     holds: NDArray[np.bool_]
@@ -215,6 +225,7 @@ class TracedGeometry(NamedTuple):
     turns: dict[int, Pose]
     levers: dict[str, Array]
     limits: dict[tuple[str, int], Array]
+    inertials: Array
 
 
 class _Words(NamedTuple):
@@ -245,6 +256,7 @@ class TracedTree:
 
     Attributes:
         dimensions: those that are traced, and the mechanism's own values of them.
+        has_masses: whether masses follow from them too.
 
     Raises:
         _Untraced: something cannot be followed.
@@ -260,6 +272,8 @@ class TracedTree:
         self._origins: dict[str, tuple[_Words, _Words]] = {}
         self._axes: dict[int, _Words] = {}
         self._levers: dict[str, _Words] = {}
+        self._inertial_places = [0]
+        self._inertials: dict[str, tuple[ET.Element, list[tuple[int, str, _Words]]]] = {}
         self._limits: dict[str, list[_Words]] = {}
         self._pieces = self._tape.pieces(text)
         self._read(parse_urdf(text, file))
@@ -286,6 +300,9 @@ class TracedTree:
         elif (of, part.tag) == ("joint", "limit"):
             self._limits[name] = [self._words(part, key) for key in ("lower", "upper")]
         elif (of, part.tag) == ("link", "inertial"):
+            self._inertials[name] = part, [
+                (i, key, self._words(element, key, self._inertial_places))
+                for i, element in enumerate(part.iter()) for key in element.attrib]
             origin = part.find("origin")
             if origin is not None:
                 self._levers[name] = self._words(origin, "xyz")
@@ -304,13 +321,16 @@ class TracedTree:
             raise _Untraced
         self._axes[i] = words
 
-    def _words(self, element: ET.Element, key: str) -> _Words:
+    def _words(
+        self, element: ET.Element, key: str, at: list[int] | None = None
+    ) -> _Words:
+        known = self._places if at is None else at
         words = element.get(key, "0 0 0" if key in ("xyz", "rpy") else "0").split()
         found = [self._tape.read(word) for word in words]
         places = []
         for number in found:
-            places.append(-1 if number is None else len(self._places))
-            self._places += [] if number is None else [number.place]
+            places.append(-1 if number is None else len(known))
+            known += [] if number is None else [number.place]
         return _Words(np.array([float(word) for word in words]), np.array(places, dtype=np.intp))
 
     def _check(self) -> None:
@@ -324,6 +344,10 @@ class TracedTree:
                 for was, found in zip(old, (own.joints, own.frames), strict=True)
                 for i, new in found.items()):
             raise _Untraced
+        known = self._mechanism.inertias
+        self.has_masses = all(
+            name in known and inertia.isApprox(known[name], PLACE_ROUND_OFF)
+            for name, inertia in self._inertias_at(own.inertials[:, 0]).items())
 
     # ------------------------------------------------------------ other dimensions
 
@@ -334,17 +358,19 @@ class TracedTree:
 
     def own(self) -> TracedGeometry:
         """Return what follows from the mechanism's own dimensions."""
-        return self.at(np.array([[*self.dimensions.values()]]).T)
+        return self.at(np.array([[*self.dimensions.values()]]).T, with_masses=True)
 
-    def at(self, given: Array) -> TracedGeometry:
+    def at(self, given: Array, with_masses: bool = False) -> TracedGeometry:
         """Return what follows from dimensions (k, m), in the order of `dimensions`."""
-        numbers, holds = self._tape.at(np.asarray(given, np.float64), self._places)
+        n, heavy = len(self._places), self._inertial_places if with_masses else []
+        numbers, holds = self._tape.at(np.asarray(given, np.float64), [*self._places, *heavy])
+        numbers, inertials = numbers[:n], numbers[n:]
         return TracedGeometry(
             holds, *self._placed(numbers),
             {i: _turning(_unit(words.values), _unit(words.at(numbers)))
              for i, words in self._axes.items()},
             {name: words.at(numbers) for name, words in self._levers.items() if words.vary},
-            dict(self._limits_at(numbers)))
+            dict(self._limits_at(numbers)), inertials)
 
     def text_at(self, dimensions: Mapping[str, float]) -> str | None:
         """Return what the file expands to at other dimensions.
@@ -379,6 +405,23 @@ class TracedTree:
         changes = np.any(several != several[:, :, :1], axis=(0, 2)) | ~holds.reshape(-1, 3).all(1)
         return dict(zip(names, changes.tolist(), strict=True))
 
+    def _inertias_at(self, numbers: Array) -> dict[str, pin.Inertia]:
+        """Return inertias of links from their traced numbers (k,), as reading the file gives them.
+
+        Raises:
+            MechanismFileError: one cannot be.
+        """
+        robot = ET.Element("robot")
+        for name, (inertial, words) in self._inertials.items():
+            if any(x.vary for *_, x in words):
+                link = ET.SubElement(robot, "link", name=name)
+                link.append(deepcopy(inertial))
+                parts = list(link[0].iter())
+                for i, key, word in words:
+                    own = word.at(numbers[:, None])[0].tolist()
+                    parts[i].set(key, " ".join(map(repr, own)))
+        return check_links(robot, self._mechanism.tree or Path(), Faults())
+
     def mechanism_at(
         self, dimensions: Mapping[str, float], found: TracedGeometry, k: int
     ) -> Mechanism:
@@ -395,6 +438,9 @@ class TracedTree:
             if name in inertias:
                 inertias[name] = inertia_as_given(
                     inertias[name].mass, lever[k], inertias[name].inertia)
+        if self.has_masses:
+            inertias |= self._inertias_at(found.inertials[:, k])
+            put_inertias(model, inertias)
         other = copied(m, model=model, inertias=inertias,
                        parameters={**m.parameters, **dimensions})
         other.__dict__["dimensions"] = {**m.dimensions, **dimensions}

@@ -246,7 +246,8 @@ def external_wrenches(
         if not np.all(np.isfinite(force.vector)):
             raise ValueError(f"external force at {name!r} is NaN or infinite")
         point = np.append(placement.translation, 1.0) @ evaluation.placements[joint]
-        moment = force.angular + np.cross(point, force.linear)
+        (x, y, z), (fx, fy, fz) = point.tolist(), force.linear.tolist()  # np.cross takes 40 us
+        moment = force.angular + np.array([y * fz - z * fy, z * fx - x * fz, x * fy - y * fx])
         found.append((joint, np.concatenate([force.linear, moment])))
     return found
 

@@ -70,7 +70,7 @@ class Tape:
         self._operations: list[Operation | None] = [None] * len(arguments)
         self._values = list(arguments.values())
         self._decisions: list[tuple[Operation, Any]] = []
-        self._ordered: tuple[Any, list[int]] = None, []  # of the last call of `_needed`
+        self._ordered: dict[Any, list[int]] = {}  # by what `_needed` was asked for
 
     def give_up(self) -> None:
         """Note that something cannot be followed."""
@@ -200,8 +200,8 @@ class Tape:
 
     def _needed(self, wanted: tuple[int, ...]) -> list[int]:
         """Return the places, in order, of the operations that numbers and decisions are made of."""
-        key, order = self._ordered
-        if key != (wanted, len(self._operations), len(self._decisions)):
+        key = wanted, len(self._operations), len(self._decisions)
+        if key not in self._ordered:
             todo, seen = [*wanted, *(p for o, _ in self._decisions for p in _places(o))], set()
             while todo:
                 place = todo.pop()
@@ -209,9 +209,8 @@ class Tape:
                 if operation is not None and place not in seen:
                     seen.add(place)
                     todo += _places(operation)
-            order = sorted(seen)
-            self._ordered = (wanted, len(self._operations), len(self._decisions)), order
-        return order
+            self._ordered[key] = sorted(seen)
+        return self._ordered[key]
 
 
 def _places(operation: Operation) -> list[int]:

@@ -37,13 +37,15 @@ class Candidate:
         mechanism: for its motion; its masses and shapes may be those at other dimensions.
         states: closed states.
         whole: the mechanism loaded at these dimensions; default the same one.
+        has_masses: whether the mechanism has its masses.
     """
 
     def __init__(
         self, mechanism: Mechanism, states: tuple[State, ...],
-        whole: Callable[[], Mechanism] | None = None,
+        whole: Callable[[], Mechanism] | None = None, has_masses: bool = True,
     ) -> None:
         self.mechanism, self.states, self._whole = mechanism, states, whole
+        self.has_masses = has_masses
         self._motions: dict[Any, tuple[Motion, bool]] = {}
 
     @classmethod
@@ -66,7 +68,8 @@ class Candidate:
                       for s in samples for q, a in zip(s.q, s.angles, strict=True)]
         else:
             states = [_closed(there, near)]
-        return cls(there, tuple(states), lambda: family.mechanism_at(names))
+        return cls(there, tuple(states), lambda: family.mechanism_at(names),
+                   family.variants.has_masses)
 
     @cached_property
     def whole(self) -> Mechanism:

@@ -98,4 +98,5 @@ class MostMass(AtMost):
 
     def values(self, candidate: Candidate) -> Array:
         """See `Demand`: relative to the largest one allowed."""
-        return np.array([moving_mass(candidate.whole.model) / self.at_most - 1.0])
+        heavy = candidate.mechanism if candidate.has_masses else candidate.whole
+        return np.array([moving_mass(heavy.model) / self.at_most - 1.0])
