@@ -262,3 +262,15 @@ def test_more_starts_find_at_least_as_much(four_bar, alone):
     more = sp.design(four_bar, FUNCTION, BOUNDS, starts=6)
     assert more[0].error <= alone[0].error + 1e-12 and len(more) >= len(alone)
     assert len(sp.design(four_bar, FUNCTION, BOUNDS, starts=6, most=1)) == 1
+
+
+def test_a_design_begins_where_branches_cross(problems):
+    """A folded parallelogram: the crank alone does not say which way it goes."""
+    mechanism = sp.load(problems["nine"].mechanism().path, r1=2.0, r2=1.0, r3=2.0, r4=1.0)
+    folded = {"crank": 0.0, "coupler_pin": 0.0, "rocker_pin": 0.0}
+    found = sp.design(mechanism, sp.goals.swing("rocker_pin", 1.0),
+                      {"r2": (0.3, 1.5), "r4": (0.5, 2.5)}, guess=folded, starts=2)
+    assert len(found)
+    own = found[0]
+    state = own.motion().coordinate("rocker_pin").value
+    assert np.ptp(state) == pytest.approx(1.0, abs=1e-2)  # between its samples

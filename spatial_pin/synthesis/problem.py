@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,11 +23,12 @@ from spatial_pin.dimensions.family import Family, Members
 from spatial_pin.dimensions.predictions import STEP
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.synthesis.crowd import Crowd
 from spatial_pin.synthesis.demands.candidate import Candidate
-from spatial_pin.synthesis.demands.demand import Demand
+from spatial_pin.synthesis.demands.demand import Demand, Moving
 from spatial_pin.synthesis.precision import Goal, Precision
 from spatial_pin.synthesis.settling import Samples, Settling, spread
 
@@ -180,13 +182,14 @@ class Problem:
         return np.clip(np.where(np.isfinite(high - low), inside, free), low, high)
 
     def nominal(self) -> State:
-        """Return the closed state at the mechanism's own dimensions.
+        """Return the closed state at the mechanism's own dimensions, or one next to a singular one.
 
         Raises:
             AssemblyError: it does not close.
         """
         if self._nominal is None:
-            self._nominal = assembled(self.mechanism, {}, self._guess)
+            moved = [d.moved_by(self.mechanism) for d in self.demands if isinstance(d, Moving)]
+            self._nominal = _beside(assembled(self.mechanism, {}, self._guess), moved)
         return self._nominal
 
     def begun(self, x: Array, rng: np.random.Generator | None) -> list[Samples]:
@@ -311,6 +314,25 @@ class Problem:
         first = good[0] if good else min([missed, *tried], key=lambda one: one.hard)
         evaluations = crowd.evaluations + sum(one.evaluations for one in (missed, *tried))
         return replace(first, others=tuple(good[1:]), evaluations=evaluations)
+
+
+def _beside(state: State, drivers: Sequence[str]) -> State:
+    """Return a closed state, or, if branches cross there, one on a branch that drivers lead along.
+
+    Dimensions that are changed leave such a place: from it no motion is followed, and none that
+    begins at other dimensions.
+    """
+    for name in drivers:
+        driver = state.mechanism.driven_coordinate(name)
+        own = state.coordinate(driver.name).value
+        try:
+            sweep(state.mechanism, name, [own], guess=state)
+        except SpatialPinError:
+            size = TOLERANCES.moved * state.mechanism.velocity_scale[driver.v]
+            for value in (own + size, own - size):
+                with suppress(SpatialPinError):
+                    return assembled(state.mechanism, {name: value}, state.q)
+    return state
 
 
 def _drawn(name: str, rng: np.random.Generator) -> float:
