@@ -5,9 +5,16 @@ import ctypes
 import numpy as np
 import pytest
 
+from spatial_pin.errors import SingularError
 from spatial_pin.kernel.library import library
 from spatial_pin.numerics import dense
-from spatial_pin.numerics.linalg import Factors, decompose, independent_rows, pivots_of
+from spatial_pin.numerics.linalg import (
+    Factors,
+    Triangular,
+    decompose,
+    independent_rows,
+    pivots_of,
+)
 
 REALS, COUNTS = ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_int64)
 EPS = np.finfo(float).eps
@@ -184,3 +191,24 @@ def test_entries_that_are_no_numbers_are_refused():
         a[1, 1] = bad
         with pytest.raises(SingularError, match="no finite numbers"):
             decompose(a)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_triangular_factors_tell_what_singular_values_do(seed):
+    """Rank, null space, shortest least squares: of full rank, of less, of none, wide and tall."""
+    rng = np.random.default_rng(seed)
+    m, n = rng.integers(0, 25, 2)
+    r = int(rng.integers(0, min(m, n) + 1))
+    a = rng.normal(size=(m, r)) @ rng.normal(size=(r, n))
+    found, known = Triangular(a), decompose(a)
+    assert found.rank == known.rank
+    rows = found.null_space
+    assert rows.shape == (n - found.rank, n)
+    assert np.abs(rows @ rows.T - np.eye(len(rows))).max(initial=0.0) < 1e-13
+    assert np.abs(a @ rows.T).max(initial=0.0) < 1e-11
+    b = rng.normal(size=m)  # which rows that depend on others contradict
+    x = found.minimum_norm(b)
+    best = np.linalg.pinv(a, rcond=1e-10) @ b if a.size else np.zeros(n)
+    assert np.abs(x - best).max(initial=0.0) < 1e-9 * (1.0 + np.abs(best).max(initial=0.0))
+    with pytest.raises(SingularError):
+        Triangular(np.array([[1.0, np.nan]]))

@@ -280,6 +280,21 @@ def test_derivatives_of_every_kind_are_those_of_differences(tmp_path):
                 assert (ends[0] - ends[1]) / 2e-6 == pytest.approx(slope[:, v], abs=2e-8)
 
 
+def test_a_dead_centre_is_reached_in_few_steps(monkeypatch):
+    """A double root: Newton's steps halve the way there, a parabola leads on to its vertex."""
+    from spatial_pin.inverse_kinematics.descending import Descent
+    mechanism = sp.load("four_bar")
+    end = sp.limits(mechanism, "rocker_pin").upper
+    start = sp.assemble(mechanism)
+    steps, own = [], Descent._step
+    monkeypatch.setattr(Descent, "_step", lambda self, place: steps.append(1) or own(self, place))
+    for short in (0.0, 1e-9, 1e-5):
+        steps.clear()
+        state = sp.reach(mechanism, {"rocker_pin": end.value - short}, start)
+        assert state.coordinate("rocker_pin").value == pytest.approx(end.value - short, abs=1e-12)
+        assert len(steps) < 15
+
+
 # ---------------------------------------------------------------- limits, and what is out of reach
 
 

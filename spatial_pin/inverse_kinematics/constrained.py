@@ -15,7 +15,7 @@ from spatial_pin.inverse_kinematics.targets import Target
 from spatial_pin.kernel.closer import Closed
 from spatial_pin.mechanism.joint_limits import SLACK, JointLimit
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.numerics.linalg import Array, Decomposition, decompose
+from spatial_pin.numerics.linalg import Array, Decomposition, Triangular, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 CORRECTIONS = 8  # Newton's, after steps that nearly keep what is kept: four do as a rule
@@ -29,10 +29,12 @@ class _Linear(NamedTuple):
         q: the configuration.
         found: by what moves, the identity of what is kept, and whether idle rotations count: what
             is kept, so that its identity is its own, and the decomposed derivatives.
+        motions: likewise, motions that keep it.
     """
 
     q: Array
     found: dict[tuple[bytes, int, bool], tuple[Sequence[Target], Decomposition]]
+    motions: dict[tuple[bytes, int, bool], tuple[Sequence[Target], Array]]
 
 
 class Stops:
@@ -116,7 +118,7 @@ class Constrained:
         self.scale = self.stops.scale
         # the last two residuals, with configuration and targets: they are asked for again and again
         self._known: list[tuple[Array, Sequence[Target], tuple[Array, Array]]] = []
-        self._linear = _Linear(np.empty(0), {})
+        self._linear = _Linear(np.empty(0), {}, {})
         self._last: Closed | None = None  # where closing led
 
     def residual(self, q: Array, targets: Sequence[Target]) -> tuple[Array, Array]:
@@ -165,12 +167,13 @@ class Constrained:
 
         Idle rotations are among them, unless they are not wanted: a target may ask for one.
         """
-        basis = self.linearised(q, free, kept, idle).null_space
-        if basis.shape[1] == len(free):
-            return basis
-        found = np.zeros((len(basis), len(free)))
-        found[:, free] = basis
-        return found
+        known, key = self._at(q), (free.tobytes(), id(kept), idle)
+        if key not in known.motions:
+            basis = Triangular(self._rows(q, free, kept, idle)).null_space
+            found = np.zeros((len(basis), len(free)))
+            found[:, free] = basis
+            known.motions[key] = kept, found
+        return known.motions[key][1]
 
     def linearised(
         self, q: Array, free: NDArray[np.bool_], kept: Sequence[Target], idle: bool = True
@@ -179,15 +182,24 @@ class Constrained:
 
         Those of idle rotations are among them, where these are not motions that are wanted.
         """
-        if self._linear.q is not q:
-            self._linear = _Linear(q, {})
-        found, key = self._linear.found, (free.tobytes(), id(kept), idle)
+        found, key = self._at(q).found, (free.tobytes(), id(kept), idle)
         if key not in found:
-            _, rows = self.residual(q, kept)
-            closures = self.closures() if idle else self.evaluation.jacobian
-            all_rows = np.vstack([closures, rows])
-            found[key] = kept, decompose(all_rows if free.all() else all_rows[:, free])
+            found[key] = kept, decompose(self._rows(q, free, kept, idle))
         return found[key][1]
+
+    def _at(self, q: Array) -> _Linear:
+        """Return what is known at a configuration, nothing where it is another than before."""
+        if self._linear.q is not q:
+            self._linear = _Linear(q, {}, {})
+        return self._linear
+
+    def _rows(
+        self, q: Array, free: NDArray[np.bool_], kept: Sequence[Target], idle: bool
+    ) -> Array:
+        """Return the derivatives (k, n) of loops and targets for what is free (n,)."""
+        _, rows = self.residual(q, kept)
+        closures = self.closures() if idle else self.evaluation.jacobian
+        return np.vstack([closures, rows])[:, free]
 
     def closures(self) -> Array:
         """Return the derivative (k, nv) of the loops' equations, none of idle rotations."""
@@ -206,7 +218,7 @@ class Constrained:
         """
         q, last = self.closed(q, free), np.inf
         for _ in range(CORRECTIONS):
-            residual, rows = self.residual(q, kept)
+            residual, _ = self.residual(q, kept)
             size = float(np.linalg.norm(residual))
             if size <= max(TOLERANCES.last_digit, off) or (
                     size <= self.tolerance and size > 0.5 * last):
@@ -215,7 +227,7 @@ class Constrained:
                 return None
             last = size
             step = np.zeros(len(free))
-            step[free] = decompose(np.vstack([self.closures(), rows])[:, free]).minimum_norm(
+            step[free] = Triangular(self._rows(q, free, kept, True)).minimum_norm(
                 np.concatenate([-self.evaluation.residual, -residual]))
             q = self.closed(pin.integrate(self.evaluation.model, q, self.scale * step), free)
         return q if last <= self.tolerance and self.is_closed(q) else None

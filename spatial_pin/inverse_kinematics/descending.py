@@ -33,6 +33,9 @@ NO_LONGER = 1e-9  # rad, characteristic lengths: how far off a least sum may be
 OFF_ON_THE_WAY = 1e-3
 # Residuals that a step leaves where it goes to a dead centre, a double root: about a quarter.
 DOUBLE_ROOT = 0.15, 0.35
+# Part of the way to the vertex that is gone, so that what is asked for keeps a slope: what is left
+# of residuals is a quarter of a millionth.
+NEARLY_THERE = 0.9995
 
 
 class Place(NamedTuple):
@@ -89,10 +92,18 @@ class Slope(NamedTuple):
 
 
 class _Pace:
-    """How steps are made, judged by those before: with which damping, and whether by Newton."""
+    """How steps are made, judged by those before: with which damping, and whether by Newton.
 
-    def __init__(self) -> None:
-        self.damping, self._slow = 0.0, 0
+    Args:
+        off: part of a Gauss step's square by which what is kept may be off behind it.
+    """
+
+    def __init__(self, off: float) -> None:
+        self.damping, self._slow, self._off = 0.0, 0, off
+
+    def off(self, step: Array) -> float:
+        """Return by how much what is kept may be off behind a step."""
+        return 0.0 if self.is_bent else self._off * float(step @ step)
 
     @property
     def is_bent(self) -> bool:
@@ -138,7 +149,7 @@ class Descent:
         self, base: Constrained, kept: Sequence[Target], wanted: Sequence[Target]
     ) -> None:
         self.base, self.kept, self.wanted = base, kept, wanted
-        self._pace = _Pace()
+        self._pace = _Pace(OFF_ON_THE_WAY)
         self._known: tuple[Array, dict[bytes, Slope]] = np.empty(0), {}  # slopes at a configuration
 
     def run(self, q: Array, held: Held) -> tuple[Array, Held, bool]:
@@ -148,22 +159,29 @@ class Descent:
             The configuration, the limits that hold it, and whether it went on by long steps until
             these ran out.
         """
-        place, is_on_its_way = self._down(Place(q, held, self._size(q)))
-        met = self.base.kept(place.q, self.base.stops.free(place.held), self.kept)
-        return place.q if met is None else met, place.held, is_on_its_way
+        for off in (OFF_ON_THE_WAY, 0.0):
+            self._pace = _Pace(off)
+            place, is_on_its_way = self._down(Place(q, held, self._size(q)))
+            whole = self.base.kept(place.q, self.base.stops.free(place.held), self.kept)
+            if whole is not None:  # else it went where what is kept cannot be met
+                return whole, place.held, is_on_its_way
+        return place.q, place.held, is_on_its_way
 
     def _down(self, place: Place) -> tuple[Place, bool]:
         """Return where the way down ends, as `run`; what is kept may be off by a little."""
         moved = 0.0
         for _ in range(STEPS_AT_MOST):
-            place = place._replace(held=self._released(place))
+            place = place._replace(held=_released(self, place))
             before, (step, now_held) = place.q, self._step(place)
             moved = float(np.linalg.norm(step))
             there = self._landed(place.q, step, now_held)
             is_last = moved < (TOLERANCES.half_precision if self._pace.converges else NO_LONGER)
             if there is not None and self._is_as_good(there, place, moved):
                 is_last = is_last and there.held.keys() == place.held.keys()
-                there = self._at_double_root(place, step, there)
+                if not self._pace.is_bent and _is_at_double_root(place, there):
+                    farther = self._landed(
+                        place.q, _to_vertex(self, place, there) * step, place.held)
+                    there = farther if farther and farther.size < 0.5 * there.size else there
                 self._pace.judge(there.size / place.size if place.size else 0.0, moved)
                 place = there
                 if place.size <= self.base.tolerance:
@@ -176,22 +194,6 @@ class Descent:
                     return place, False
                 place = onward
         return place, moved > 0.5 * TOLERANCES.damped_step
-
-    def _at_double_root(self, place: Place, step: Array, there: Place) -> Place:
-        """Return where a Gauss step leads, or farther on where residuals go as a parabola along it.
-
-        Towards a dead centre every step is half as long as the one before. With r at its start
-        and c where it ends, (1 - t) r + t² c is zero farther on, at a t up to 2.
-        """
-        least, most = DOUBLE_ROOT
-        if self._pace.is_bent or there.held.keys() != place.held.keys() or not (
-                least * place.size < there.size < most * place.size):
-            return there
-        first, last = (self.base.residual(x.q, self.wanted)[0] for x in (place, there))
-        bent = float(first @ last) / place.size**2
-        t = 2.0 / (1.0 + max(1.0 - 4.0 * bent, 0.0) ** 0.5)
-        farther = self._landed(place.q, t * step, place.held)
-        return farther if farther and farther.size < 0.5 * there.size else there
 
     def _size(self, q: Array) -> float:
         return float(np.linalg.norm(self.base.residual(q, self.wanted)[0]))
@@ -255,23 +257,14 @@ class Descent:
         """Return where a step leads, what is kept met again, within limits; None if too far."""
         base = self.base
         while True:
-            off = 0.0 if self._pace.is_bent else OFF_ON_THE_WAY * float(step @ step)
-            there = base.kept(
-                base.stops.moved(q, step, held), base.stops.free(held), self.kept, off)
+            there = base.kept(base.stops.moved(q, step, held), base.stops.free(held), self.kept,
+                              self._pace.off(step))
             if there is None:
                 return None
             beyond = base.stops.beyond(there, held, q)
             if not beyond:
                 return Place(there, held, self._size(there))
             held = held | beyond
-
-    def _released(self, place: Place) -> Held:
-        """Return limits that a free step, of some of them released, would not leave."""
-        held = dict(place.held)
-        for v in place.held:
-            if self.push(place.q, held, v) < -TOLERANCES.nothing * place.size:
-                del held[v]
-        return held
 
     def is_single(self, q: Array, held: Held) -> bool:
         """Whether the sum is clearly curved along all motions at a place where it is least."""
@@ -301,6 +294,33 @@ class Descent:
             found = known[free.tobytes()] = Slope(
                 half.motions, half.gradient, *np.linalg.eigh(half.curvature()), half.least)
         return found
+
+
+def _released(descent: Descent, place: Place) -> Held:
+    """Return limits that a free step, of some of them released, would not leave."""
+    held = dict(place.held)
+    for v in place.held:
+        if descent.push(place.q, held, v) < -TOLERANCES.nothing * place.size:
+            del held[v]
+    return held
+
+
+def _is_at_double_root(place: Place, there: Place) -> bool:
+    """Whether a step has left what it leaves towards a dead centre."""
+    least, most = DOUBLE_ROOT
+    return place.held.keys() == there.held.keys() and (
+        least * place.size < there.size < most * place.size)
+
+
+def _to_vertex(descent: Descent, place: Place, there: Place) -> float:
+    """Return by how much a Gauss step is too short where residuals go as a parabola along it.
+
+    Towards a dead centre every step is half as long as the one before. With r at its start and c
+    where it ends, (1 - t) r + t² c is zero farther on, at a t up to 2.
+    """
+    first, last = (descent.base.residual(x.q, descent.wanted)[0] for x in (place, there))
+    bent = float(first @ last) / place.size**2
+    return min(2.0 * NEARLY_THERE, 2.0 / (1.0 + max(1.0 - 4.0 * bent, 0.0) ** 0.5))
 
 
 def damped(a: Array, b: Array, damping: float) -> Array:

@@ -103,6 +103,45 @@ def null_space(a: Array, tolerance: float = TOLERANCES.rank) -> Array:
     return decompose(a, tolerance).null_space
 
 
+class Triangular:
+    """QR of the transpose of a matrix (m, n), rows pivoted: a third of the price of `decompose`.
+
+    A complete orthogonal decomposition where rows are dependent [GolubVanLoan2013, 5.4.7].
+
+    Attributes:
+        rank: number of rows that are independent of those before.
+
+    Args:
+        a: the matrix; columns and rows are expected to be scaled alike.
+        tolerance: below which part of the longest row what is left of one is none.
+    """
+
+    def __init__(self, a: Array, tolerance: float = TOLERANCES.rank) -> None:
+        if not np.isfinite(a).all():
+            raise SingularError(NOT_FINITE)
+        self._rows, self._n = a.shape
+        self._factors, self._order, self._tau = dense.qr(a.T)
+        sizes = np.abs(self._factors.diagonal())
+        least = max(tolerance * float(sizes.max(initial=0.0)), TOLERANCES.zero)
+        self.rank = int(np.count_nonzero(sizes > least))
+
+    @property
+    def null_space(self) -> Array:
+        """(n - rank, n) orthonormal rows that span {x: a x = 0}."""
+        return dense.qr_turn(self._factors, self._tau, np.eye(self._n)[:, self.rank :]).T
+
+    def minimum_norm(self, b: Array) -> Array:
+        """Return the least-squares solution x (n,) of a x = b (m,) of least norm."""
+        r, x, b = self.rank, np.zeros(self._n), b[self._order]
+        if r == self._rows:
+            x[:r] = dense.upper_solve(self._factors[:r, :r], b, transposed=True)
+        elif r:  # rows that depend on others need not agree with them
+            factors, order, tau = dense.qr(np.triu(self._factors[:r]).T)
+            x[order] = dense.upper_solve(
+                factors[:r], dense.qr_turn(factors, tau, b, transposed=True)[:r])
+        return dense.qr_turn(self._factors, self._tau, x)
+
+
 def null_vectors(a: Array, tolerance: float) -> tuple[Array, NDArray[np.intp]]:
     """Return of matrices (m, r, n) the sum of the null space's rows (m, n), and ranks (m,)."""
     _, s, vt = np.linalg.svd(a)
