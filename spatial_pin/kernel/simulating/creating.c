@@ -174,7 +174,8 @@ static int make_room(Dynamics *d)
     for (size_t i = 0; i < sizeof fields / sizeof *fields; i++)
         if (!(*fields[i].to = memory(d, fields[i].count, sizeof(Real))))
             return 0;
-    Int **indices[] = {&d->held, &d->held_q, &d->held_joint, &d->held_component, &d->best};
+    Int **indices[] = {&d->held, &d->held_q, &d->held_joint, &d->held_component, &d->order,
+                       &d->best};
     for (size_t i = 0; i < sizeof indices / sizeof *indices; i++)
         if (!(*indices[i] = memory(d, n, sizeof(Int))))
             return 0;

@@ -104,6 +104,7 @@ typedef struct Dynamics {
     const Real *wanted; /* (n_held) chart coordinates to be reached by corrections */
     Real *step, *trial, *solved, *goal, *before, *off, *force, *moment, *twist, *mass, *asking,
         *laws, *rates, *freedoms; /* freedoms: (nv, n_free) */
+    Int *order;  /* (n_held) of rows in the inverse's factors */
     Int *best;   /* (n_free) coordinates that would be best */
     Int *former; /* (nv) equations chosen before others were tried */
     Place aside, ended;

@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "correcting.h"
+#include "dense.h"
 #include "dynamics.h"
 #include "tolerances.h"
 
@@ -52,36 +53,6 @@ void independent_rates(Dynamics *d, const Real *v, Real *rates)
         rates[i] = chart_rate(d, i, d->step);
 }
 
-/* Gauss-Jordan with pivots; the matrix becomes its inverse. */
-static void invert(Real *a, Int n, Real *out)
-{
-    memset(out, 0, (size_t)(n * n) * sizeof *out);
-    for (Int i = 0; i < n; i++)
-        out[i * n + i] = 1.0;
-    for (Int c = 0; c < n; c++) {
-        Int best = c;
-        for (Int r = c + 1; r < n; r++)
-            if (fabs(a[r * n + c]) > fabs(a[best * n + c]))
-                best = r;
-        for (Int j = 0; best != c && j < n; j++) {
-            Real keep = a[c * n + j];
-            a[c * n + j] = a[best * n + j], a[best * n + j] = keep;
-            keep = out[c * n + j];
-            out[c * n + j] = out[best * n + j], out[best * n + j] = keep;
-        }
-        const Real pivot = a[c * n + c];
-        for (Int j = 0; j < n; j++)
-            a[c * n + j] /= pivot, out[c * n + j] /= pivot;
-        for (Int r = 0; r < n; r++) {
-            const Real factor = r == c ? 0.0 : a[r * n + c];
-            for (Int j = 0; factor != 0.0 && j < n; j++) {
-                a[r * n + j] -= factor * a[c * n + j];
-                out[r * n + j] -= factor * out[c * n + j];
-            }
-        }
-    }
-}
-
 /* ---- solving ---- */
 
 /* Rows that hold the spins: the angular velocity of a body about its line. */
@@ -120,7 +91,11 @@ void independent_columns(Dynamics *d)
     for (Int i = 0; i < n; i++)
         for (Int j = 0; j < n; j++)
             d->goal[i * n + j] = chart_rate(d, i, d->columns + j * nv);
-    invert(d->goal, n, d->inverse);
+    memset(d->inverse, 0, (size_t)(n * n) * sizeof *d->inverse);
+    for (Int i = 0; i < n; i++)
+        d->inverse[i * n + i] = 1.0;
+    dense_lu(n, d->goal, d->order);
+    dense_lu_solve(n, d->goal, d->order, 0, n, d->inverse);
 }
 
 /* Add the motion of held coordinates that changes x by dx. */
