@@ -16,11 +16,6 @@ from spatial_pin.formats.xacro.expansion import parse_xml
 PLACES = ("", "urdf", "robots")  # where in a folder, or package, its URDF lies
 
 
-def is_folder(path: Path) -> bool:
-    """Return whether a folder holds a URDF."""
-    return bool(_candidates(path))
-
-
 def is_statement(path: Path) -> bool:
     """Return whether a YAML file states the loops of a URDF."""
     return path.name == loop_closures.NAME or gepetto.is_robot(path)
@@ -88,6 +83,6 @@ def _only(folder: Path) -> Path:
     return chosen[0]
 
 
-FOLDER = Importer("a folder with a URDF", ("/",), is_folder, read_folder)
+FOLDER = Importer("a folder with a URDF", ("/",), lambda path: bool(_candidates(path)), read_folder)
 STATEMENT = Importer("robot.yaml or loop_closures.yaml beside a URDF", (".yaml", ".yml"),
                      is_statement, read_statement)

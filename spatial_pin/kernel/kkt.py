@@ -61,8 +61,7 @@ class KKT:
             self._a, self.closures, self.multipliers, self._facts)]
 
     def accelerations(
-        self, q: Array, v: Array, reference: Array | Sequence[float], given: Array, needed: Array,
-        anew: bool = True,
+        self, q: Array, v: Array, reference: Array | Sequence[float], given: Array, needed: Array
     ) -> Array:
         """Return accelerations (nv,), 0 where they are not determined; the next call overwrites.
 
@@ -72,11 +71,10 @@ class KKT:
             reference: (n_angles,) from which the angles of screws count [rad].
             given: (nv,) joint forces f.
             needed: (nv,) joint forces b that the motion needs without acceleration.
-            anew: whether to choose independent equations, and the scaling, again.
         """
         self._q[:], self._v[:], self._reference[:] = q, v, reference
         self._given[:], self._needed[:] = given, needed
-        check(self._library.kkt_accelerations(*self._inputs, anew, *self._outputs))
+        check(self._library.kkt_accelerations(*self._inputs, *self._outputs))
         self.pivot, self.error, rank = self._facts.tolist()
         self.rank = int(rank)
         return self._a

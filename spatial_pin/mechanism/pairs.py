@@ -129,21 +129,9 @@ def _composite(*joints: pin.JointModel) -> pin.JointModel:
     return composite
 
 
-def _screw_joint(axis: Array, _: Array, lead: float) -> pin.JointModel:
-    return pin.JointModelHelicalUnaligned(axis, lead / (2.0 * np.pi))
-
-
-def _cylindrical_joint(axis: Array, *_: object) -> pin.JointModel:
-    return _composite(revolute_joint(axis), prismatic_joint(axis))
-
-
 def _planar_joint(axis: Array, *_: object) -> pin.JointModel:
     x, y, z = axes_from_z(axis).T
     return _composite(prismatic_joint(x), prismatic_joint(y), revolute_joint(z))
-
-
-def _universal_joint(axis: Array, axis2: Array, _: float) -> pin.JointModel:
-    return pin.JointModelUniversal(axis, axis2)
 
 
 def _coincident(g: PairGeometry) -> tuple[ConstraintEquation, ...]:
@@ -194,11 +182,14 @@ _WELD = Pair(0, _stack(_coincident, _same_orientation), aligned="xyz", uses_axis
 PAIRS: dict[str, Pair] = {
     "revolute": Pair(1, _stack(_coincident, _parallel), revolute_joint, (("", "rad"),), "z"),
     "prismatic": Pair(1, _stack(_on_line, _same_orientation), prismatic_joint, (("", "m"),), "xyz"),
-    "screw": Pair(1, _stack(_on_line, _parallel, _screw), _screw_joint, (("", "rad"),), "z",
-                  uses_lead=True),
-    "cylindrical": Pair(2, _stack(_on_line, _parallel), _cylindrical_joint,
+    "screw": Pair(1, _stack(_on_line, _parallel, _screw),
+                  lambda axis, _, lead: pin.JointModelHelicalUnaligned(axis, lead / (2.0 * np.pi)),
+                  (("", "rad"),), "z", uses_lead=True),
+    "cylindrical": Pair(2, _stack(_on_line, _parallel),
+                        lambda axis, *_: _composite(revolute_joint(axis), prismatic_joint(axis)),
                         (("angle", "rad"), ("slide", "m")), "z"),
-    "universal": Pair(2, _stack(_coincident, _perpendicular), _universal_joint,
+    "universal": Pair(2, _stack(_coincident, _perpendicular),
+                      lambda axis, axis2, _: pin.JointModelUniversal(axis, axis2),
                       (("first", "rad"), ("second", "rad")), axis=(1.0, 0.0, 0.0),
                       uses_axis2=True),
     "spherical": Pair(3, _coincident, lambda *_: pin.JointModelSpherical(), _ROTATION_VECTOR,

@@ -8,7 +8,7 @@ mechanism has these equations instead of its rods.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from functools import cached_property
 from typing import NamedTuple
 
@@ -124,13 +124,9 @@ def _aligned(mechanism: Mechanism, end: End) -> End:
         joint.calc(own, mechanism.neutral)
         subspace = np.array(own.S).reshape(6, -1)
         axis = subspace[:3, np.linalg.norm(subspace[:3], axis=0).argmax()]
-        axes = [_frame_along(axis / np.linalg.norm(axis))] * 2
+        axes = [pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis).matrix()] * 2
     turned = [pin.SE3(rotation, np.zeros(3)) for rotation in axes]
     return end._replace(at=end.at * turned[0], there=end.there * turned[1])
-
-
-def _frame_along(axis: Array) -> Array:
-    return pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis).matrix()
 
 
 def _rod(ends: list[list[End]], body: int, limit: float) -> Rod | None:
@@ -288,8 +284,9 @@ def _of_given_length(
     kinds = sorted(end.kind for end in ends)
     if kinds not in (["spherical", "spherical"], ["spherical", "universal"]):
         return ()
-    if ends[0].other == ends[1].other or not all(_is_held(mechanism, end, held)
-                                                 for end in rod.slides):
+    if ends[0].other == ends[1].other or not all(
+            end.kind == "prismatic" and end.joint and model.names[end.joint] in held
+            for end in rod.slides):
         return ()
     names = {model.names[i] for i in rod.lines} - {model.names[end.joint] for end in rod.slides}
     if any(mechanism.coordinate_table[name].joint in names for name in held):
@@ -300,10 +297,6 @@ def _of_given_length(
         return ()  # it carries something, or hangs together by a closure
     is_loose = mechanism.pairs[roots[0] - 1] == "floating"
     return ends if is_loose != bool(hanging) else ()
-
-
-def _is_held(mechanism: Mechanism, end: End, held: Mapping[str, float]) -> bool:
-    return end.kind == "prismatic" and bool(end.joint) and mechanism.model.names[end.joint] in held
 
 
 def _locked(mechanism: Mechanism, held: Mapping[str, float]) -> set[int]:
@@ -320,7 +313,7 @@ def _without(
     """Return a tree without joints, where each body is in it, and the joints that are left."""
     out, joints = pin.Model(), []
     places = {0: (0, pin.SE3.Identity())}
-    for i in _but(model.njoints, gone):
+    for i in (i for i in range(1, model.njoints) if i not in gone):
         at, on = places[int(model.parents[i])]
         on = on * model.jointPlacements[i]
         if i in locked:
@@ -331,7 +324,3 @@ def _without(
         k = out.addJoint(at, model.joints[i].extract(), on, model.names[i])
         places[i] = k, pin.SE3.Identity()
     return out, places, joints
-
-
-def _but(n: int, gone: set[int]) -> Iterator[int]:
-    return (i for i in range(1, n) if i not in gone)

@@ -62,7 +62,7 @@ def verification(
         rows += count
         remarks += _remarks(pair[0], pair[1], name, np.size(asked_values))
         if count:
-            differences += [_difference(output, name, a, b, full) for output, a, b in
+            differences += [_difference(output, name, a, b) for output, a, b in
                             _outputs(pair[0], pair[1], asked, count)]
             if reduced.dynamics:
                 differences += _dynamics(reduced, pair[0], asked)
@@ -199,8 +199,7 @@ def _frame(motion: Motion, name: str, count: int, centre: bool = False) -> tuple
 
 
 def _difference(
-    output: str, driver: str, a: tuple[list[Array], ...], b: tuple[list[Array], ...],
-    full: Mechanism,
+    output: str, driver: str, a: tuple[list[Array], ...], b: tuple[list[Array], ...]
 ) -> Difference:
     worst = []
     for order, (first, second) in enumerate(zip(a, b, strict=True)):

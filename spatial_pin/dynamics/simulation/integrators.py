@@ -139,11 +139,6 @@ def first_step(
     return min(units.time * min(100.0 * trial, step), span)
 
 
-def _finite(fun: Function) -> Function:
-    """Return a function without NaN: LSODA does not see them, but shortens its step for HUGE."""
-    return lambda t, y: np.nan_to_num(fun(t, y), nan=HUGE)
-
-
 def _like_scipy(name: str) -> Callable[..., Any]:
     def make(
         fun: Function, t0: float, y0: Array, t_end: float, accuracy: Accuracy, units: Units,
@@ -161,9 +156,9 @@ def _like_scipy(name: str) -> Callable[..., Any]:
         if order:
             more["first_step"] = first_step(fun, t0, y0, min(t_end - t0, longest), order,
                                             tolerance, units)
-        else:
-            fun = _finite(fun)
-        return made(fun, t0, y0, t_end, **more)
+            return made(fun, t0, y0, t_end, **more)
+        # LSODA does not see NaN, but shortens its step for HUGE
+        return made(lambda t, y: np.nan_to_num(fun(t, y), nan=HUGE), t0, y0, t_end, **more)
     return make
 
 

@@ -70,7 +70,7 @@ class MotionEquations(Loops):
         return Solution(found.a, self.bodies.needed(state.q, state.v, found.a) - given, found.error)
 
     def by_kkt(
-        self, q: Array, v: Array, reference: Array, given: Array, needed: Array, anew: bool = True
+        self, q: Array, v: Array, reference: Array, given: Array, needed: Array
     ) -> Array:
         """Return accelerations (nv,) from the KKT system; the next call overwrites them.
 
@@ -80,10 +80,9 @@ class MotionEquations(Loops):
             reference: (n_angles,) from which the angles of screws count [rad].
             given: (nv,) joint forces.
             needed: (nv,) joint forces that the motion needs without acceleration.
-            anew: whether to choose independent equations again.
         """
         self.kkt.mass[:] = self.bodies.masses(q)
-        return self.kkt.accelerations(q, v, reference, given, needed, anew)
+        return self.kkt.accelerations(q, v, reference, given, needed)
 
     @property
     def _is_sure(self) -> bool:
@@ -113,7 +112,8 @@ class MotionEquations(Loops):
             SingularError: forces act on a motion without inertia, or no digit is left.
         """
         if found.pulled:
-            raise self.no_inertia(_by_size(found.still / self.scale))
+            still = found.still / self.scale
+            raise self.no_inertia(still / np.abs(still).max(axis=1, keepdims=True, initial=1e-300))
         if found.lost:
             worst = self.mechanism.coordinates[int(np.argmax(found.off / self.scale))]
             raise SingularError(
@@ -133,8 +133,3 @@ def no_inertia(
     return SingularError(
         f"mechanism {mechanism.name!r}: a motion of {', '.join(names)} has no inertia but a force "
         "works on it: give its links a mass or a moment of inertia", state=state)
-
-
-def _by_size(motions: Array) -> Array:
-    """Return motions (k, nv), each divided by its largest entry."""
-    return motions / np.abs(motions).max(axis=1, keepdims=True, initial=1e-300)

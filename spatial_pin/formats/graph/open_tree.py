@@ -92,7 +92,9 @@ class _Writer:
             self.closure(joint)
         self.tell_parallel()
         self.posture()
-        self.tell_bases()
+        if self.bases:
+            self.notices.append(f"not joined to the world, so that it floats there: "
+                                f"{', '.join(self.bases)}")
         self.tell_cut()
 
     # ------------------------------------------------------------ names
@@ -127,12 +129,6 @@ class _Writer:
             self.bases.append(f"link {root.name!r} (joint {name!r})")
         else:
             self.bodies[root.name] = WORLD, place
-
-    def tell_bases(self) -> None:
-        """Tell which links float."""
-        if self.bases:
-            self.notices.append(f"not joined to the world, so that it floats there: "
-                                f"{', '.join(self.bases)}")
 
     # ------------------------------------------------------------ joints of the tree
 
@@ -227,8 +223,10 @@ class _Writer:
                 f"{self.where}: joint {joint.name!r} closes a loop and would be cut, but a driver, "
                 "spring, coupling, mimic, transmission or guess refers to its coordinate, as to "
                 "those of all other joints of the loop that could be cut; take one of them out")
+        known = [table.get("name", "") for table in self.given.get("closures", ())
+                 if isinstance(table, dict)]
         table: dict[str, Any] = {
-            "name": self.closure_name(joint.name), "frames": [
+            "name": unique(joint.name, known), "frames": [
                 self.frame(f"{joint.name}_on_{self.link_of(link)}", link, place)
                 for link, place in ((joint.parent, joint.on_parent), (joint.child, joint.on_child))
             ], **_pair_table(joint)}
@@ -236,11 +234,6 @@ class _Writer:
         lost = _lost(joint)
         if lost:
             self.lost.append(f"{joint.name!r} ({', '.join(lost)})")
-
-    def closure_name(self, joint: str) -> str:
-        """Return the joint's name, or another where a closure has that already."""
-        return unique(joint, [table.get("name", "") for table in self.given.get("closures", ())
-                              if isinstance(table, dict)])
 
     def redundant(self, joint: Joint, one: pin.SE3, two: pin.SE3) -> None:
         """Tell of a joint between links that are fixed to each other.

@@ -53,7 +53,7 @@ def _driven_joint(
         return (joint, "") if single else (None, f"joint {joint!r} has several coordinates")
     if kind == kinds.mjTRN_TENDON:
         name = model.tendon(target).name
-        joints = _tendon_joints(reading, target)
+        joints = {reading.joints[joint].name for joint in fixed_lengths(reading, target)}
         if len(joints) == 1 or (joints and joints <= _coupled(joints, closures)):
             return next(x.name for x in reading.joints if x.name in joints), ""
         return None, f"tendon {name!r} moves more than one coordinate"
@@ -65,11 +65,6 @@ def _single(reading: Reading) -> tuple[int, int]:
     """Return the numbers of the kinds of joint with one coordinate: a hinge and a slide."""
     kinds = reading.mujoco.mjtJoint
     return int(kinds.mjJNT_HINGE), int(kinds.mjJNT_SLIDE)
-
-
-def _tendon_joints(reading: Reading, tendon: int) -> set[str]:
-    """Return the joints of a fixed tendon; none of a spatial one."""
-    return {reading.joints[joint].name for joint in fixed_lengths(reading, tendon)}
 
 
 def _coupled(joints: set[str], closures: list[dict[str, Any]]) -> set[str]:

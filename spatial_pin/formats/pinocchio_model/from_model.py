@@ -57,7 +57,7 @@ def mechanism_of(
         name=title, model=tree.model, visual_model=_shapes(visual, tree.model, "visual_model"),
         collision_model=_shapes(collision, tree.model, "collision_model"), pairs=tree.pairs,
         closures=closed, drivers=driven, springs=tuple(sprung),
-        passives=tuple(resolved), inertias=_inertias(tree.model, bodies), frames=names.frames)
+        passives=tuple(resolved), inertias=_inertias(tree.model), frames=names.frames)
     made.characteristic_length  # noqa: B018 - refused here where it is no number
     check_mechanism(made, where)
     made = made.with_fields(guess=_guess(given, made, guess), urdf=urdf_of(made, bodies))
@@ -192,7 +192,7 @@ class Completed:
         return int(frame.parentFrame)
 
 
-def _inertias(model: pin.Model, bodies: Bodies) -> dict[str, pin.Inertia]:
+def _inertias(model: pin.Model) -> dict[str, pin.Inertia]:
     """Return the own inertia of every link that has one.
 
     Frames keep the inertia that they were added with; what a joint carries beyond that, as after

@@ -1,13 +1,6 @@
 """SDFormat, read with standard XML: one model, or a world with one, as a joint graph."""
 
-from pathlib import Path
-
 from spatial_pin.formats.imported import Imported, Importer, Request
-
-
-def is_sdf(path: Path) -> bool:
-    """Return whether a file is one; its name says so."""
-    return True
 
 
 def read_sdf(request: Request) -> Imported:
@@ -21,6 +14,6 @@ def read_sdf(request: Request) -> Imported:
     return reading.read_sdf(request)
 
 
-IMPORTER = Importer("SDFormat", (".sdf", ".world"), is_sdf, read_sdf)
+IMPORTER = Importer("SDFormat", (".sdf", ".world"), lambda path: True, read_sdf)
 
 __all__ = ["IMPORTER", "read_sdf"]

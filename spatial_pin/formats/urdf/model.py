@@ -271,13 +271,13 @@ def _rebuild(
         name = model.names[i]
         pair = PAIRS[pairs[name]]
         where = f"{path}: joint {name!r}"
-        axis, axis2 = joint_axes(pair, elements[name], refinements.get(name), where)
-        lead = refinements[name].lead if name in refinements else 0.0
+        refined = refinements.get(name, JointRefinement())
+        axis, axis2 = joint_axes(pair, elements[name], refined, where)
         assert pair.joint is not None
         kind = elements[name].get("type", "")
         as_read = PAIR_OF_URDF_TYPE.get(kind, kind) == pairs[name] \
-            and pairs[name] in ("revolute", "prismatic") and not _given_axis(refinements.get(name))
-        joint = model.joints[i] if as_read else pair.joint(axis, axis2, lead)
+            and pairs[name] in ("revolute", "prismatic") and refined.axis is None
+        joint = model.joints[i] if as_read else pair.joint(axis, axis2, refined.lead)
         places[i] = new.addJoint(places[model.parents[i]], joint, model.jointPlacements[i], name,
                                  *stated_limits(elements[name], joint.nq, joint.nv))
     new.lowerVelocityLimit = -new.upperVelocityLimit  # addJoint of Pinocchio 4.1 stores the upper
@@ -285,10 +285,6 @@ def _rebuild(
         frame.parentJoint = places[frame.parentJoint]
         new.addFrame(frame, False)
     return new
-
-
-def _given_axis(refined: JointRefinement | None) -> bool:
-    return refined is not None and refined.axis is not None
 
 
 def urdf_order(robot: ET.Element) -> list[str]:

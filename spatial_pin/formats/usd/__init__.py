@@ -2,16 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.imported import Imported, Importer, Request
 from spatial_pin.formats.sources import shown
-
-
-def is_usd(path: Path) -> bool:
-    """Return whether a file is one; its name says so."""
-    return True
 
 
 def read_usd(request: Request) -> Imported:
@@ -34,6 +27,6 @@ def read_usd(request: Request) -> Imported:
     return read_stage(request)
 
 
-IMPORTER = Importer("USD", (".usd", ".usda", ".usdc", ".usdz"), is_usd, read_usd)
+IMPORTER = Importer("USD", (".usd", ".usda", ".usdc", ".usdz"), lambda path: True, read_usd)
 
 __all__ = ["IMPORTER", "read_usd"]

@@ -267,12 +267,6 @@ static int factor(Kkt *s, const Real *mass)
     return factors_make(s->matrix);
 }
 
-static int factor_anew(Kkt *s, const Real *mass)
-{
-    measure_equations(s);
-    return factor(s, mass);
-}
-
 /* Choose independent equations and factor: all if they are that, then those of each closure by itself,
    then, in doubt, those of all together. */
 static int choose_and_factor(Kkt *s, const Real *mass)
@@ -283,8 +277,10 @@ static int choose_and_factor(Kkt *s, const Real *mass)
     for (int way = 0; way < 3; way++) {
         const Int before = s->n_chosen;
         int code = ways[way](s);
-        if (code == DONE && s->n_chosen <= s->k->nv && (!way || s->n_chosen != before))
-            code = factor_anew(s, mass);
+        if (code == DONE && s->n_chosen <= s->k->nv && (!way || s->n_chosen != before)) {
+            measure_equations(s);
+            code = factor(s, mass);
+        }
         if (code != DONE || s->matrix->pivot > SURE)
             return code;
     }
@@ -359,21 +355,21 @@ static void forces_of(const Kernel *k, const Real *multipliers, Real *force)
         force[v] /= k->scale[v];
 }
 
-/* Evaluate at q, choose equations if `anew`, factor and solve.
+/* Evaluate at q, choose equations, factor and solve.
  *
  * mass: entries of M; given, needed (nv): f and b. Returns accelerations (nv), joint forces (nv) and
  * multipliers (n_closure) of the closures, and facts (3): smallest over largest pivot, estimated
  * error of the accelerations, how many equations are chosen. */
 EXPORT int kkt_accelerations(Kkt *s, const Real *q, const Real *v, const Real *reference,
-                             const Real *mass, const Real *given, const Real *needed, Int anew,
-                             Real *a, Real *closures, Real *multipliers, Real *facts)
+                             const Real *mass, const Real *given, const Real *needed, Real *a,
+                             Real *closures, Real *multipliers, Real *facts)
 {
     Kernel *k = s->k;
     if (k->n_angles)
         memcpy(k->angle_reference, reference, (size_t)k->n_angles * sizeof *reference);
     equations_values(k, q);
     equations_jacobian(k, &k->all);
-    const int code = anew ? choose_and_factor(s, mass) : factor(s, mass);
+    const int code = choose_and_factor(s, mass);
     if (code != DONE)
         return code;
     equations_bias(k, &k->all, v);
