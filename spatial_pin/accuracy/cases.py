@@ -181,8 +181,7 @@ def _adams_case(
     **answers: tuple[float, ...],
 ) -> Case:
     sized = {name: Answer(values, max(1.0, *map(abs, values))) for name, values in answers.items()}
-    return Case(title, ADAMS + source, build, at, 5.0, partial(_on_pair, pair), sized,
-                accuracy)
+    return Case(title, ADAMS + source, build, at, 5.0, partial(_on_pair, pair), sized, accuracy)
 
 
 HANGING = -math.pi / 2

@@ -185,9 +185,7 @@ class Composed:
                                    [rest] * len(changes)))
         return found
 
-    def seeded(
-        self, products: Sequence[Array], coordinates: Sequence[Array]
-    ) -> list[Taylor]:
+    def seeded(self, products: Sequence[Array], coordinates: Sequence[Array]) -> list[Taylor]:
         """Return products (N, 1, ...) and coordinates that change each by itself (m, n, ...)."""
         inputs = self.inputs(products, coordinates)
         seeds = np.eye(len(inputs)).reshape(len(inputs), 1, -1, *[1] * (np.ndim(products[0]) - 2))

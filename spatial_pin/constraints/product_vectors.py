@@ -85,8 +85,7 @@ class Vectors:
                     cells[at] = cells.get(at, 0.0) + term.factor * x
         found = [(*at, x) for at, x in cells.items() if x]
         rows, columns, values = zip(*found, strict=True) if found else ((), (), ())
-        return Entries(np.array(rows, np.intp), np.array(columns, np.intp),
-                        np.array(values, float))
+        return Entries(np.array(rows, np.intp), np.array(columns, np.intp), np.array(values, float))
 
 
 class Entries(NamedTuple):

@@ -21,9 +21,7 @@ class acquired(Generic[Workspace]):  # with acquired(...) as workspace
         make: makes one when the pool has none.
     """
 
-    def __init__(
-        self, mechanism: Mechanism, key: Hashable, make: Callable[[], Workspace]
-    ) -> None:
+    def __init__(self, mechanism: Mechanism, key: Hashable, make: Callable[[], Workspace]) -> None:
         self._idle: list[Workspace] = mechanism.memo.setdefault(("idle", key), [])
         self._make = make
 

@@ -309,9 +309,7 @@ def _second_rates(system: SquareSystem, q: Array, first: Array) -> Array:
     return found
 
 
-def _joined(
-    cursor: Cursor, curve: Curve, near: list[_Node], far: list[_Node]
-) -> Passage | None:
+def _joined(cursor: Cursor, curve: Curve, near: list[_Node], far: list[_Node]) -> Passage | None:
     """Return the passage between two sides; None if it is not accurate, or no branch crosses."""
     nodes = [*near, *far]
     places = [node.place for node in nodes]

@@ -186,9 +186,7 @@ class _Rows:
                            np.empty((n, wrenches, 6)))
         self.unique = np.ones((n, len(equations.pairs.names), 6), dtype=bool)
 
-    def fill(
-        self, k: int, equations: Equations, bearing: Equations, actuation: Actuation
-    ) -> None:
+    def fill(self, k: int, equations: Equations, bearing: Equations, actuation: Actuation) -> None:
         """Solve sample k at the equations' state; the bearing ones have all rows of its file."""
         x, a, closures = balance(equations, actuation)
         self.efforts[k], self.a[k] = x, a

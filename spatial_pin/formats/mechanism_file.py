@@ -82,9 +82,7 @@ class Said:
         self.is_whole["frames"] = False
         return {}
 
-    def _tables(
-        self, top: Table, key: str, read: Callable[[str, Table], Any]
-    ) -> dict[str, Any]:
+    def _tables(self, top: Table, key: str, read: Callable[[str, Table], Any]) -> dict[str, Any]:
         """Return what the tables `[KEY.NAME]` that can be read say, by name."""
         found: dict[str, Any] = {}
         before = len(self._mistakes)
@@ -129,9 +127,7 @@ class Said:
         return tuple(found)
 
 
-def mechanism_of(
-    top: Table, file: Path, urdf: str, request: Request, faults: Faults
-) -> Mechanism:
+def mechanism_of(top: Table, file: Path, urdf: str, request: Request, faults: Faults) -> Mechanism:
     """Return the mechanism of the expanded URDF of `file` and the table of the file asked for.
 
     Raises:

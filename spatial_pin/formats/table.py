@@ -52,5 +52,4 @@ def importer_of(path: Path) -> Importer | None:
     if ending == FOLDER:
         raise MechanismFileError(f"{shown(path)}: there is no URDF in this folder; "
                                  "load a file by its own path")
-    raise MechanismFileError(
-        f"{shown(path)}: none of: {', '.join(x.title for x in candidates)}")
+    raise MechanismFileError(f"{shown(path)}: none of: {', '.join(x.title for x in candidates)}")

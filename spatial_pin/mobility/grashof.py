@@ -109,5 +109,4 @@ def _four_bar(mechanism: Mechanism, state: State) -> tuple[list[str], Array]:
 
 
 def _link(mechanism: Mechanism, joint: int) -> str:
-    return next(name for name in mechanism.links
-                if mechanism.frame_on_joint(name)[0] == joint)
+    return next(name for name in mechanism.links if mechanism.frame_on_joint(name)[0] == joint)

@@ -141,9 +141,7 @@ class Check:
                                   if mechanism.driven_coordinate(x.joint) == c), c.name))
         return Continuum(self.state(q), len(motions), tuple(c.name for c in moving), tuple(hold))
 
-    def marks(
-        self, q: Array, idle: list[tuple[str, Array]], all_copies: bool
-    ) -> dict[int, Mark]:
+    def marks(self, q: Array, idle: list[tuple[str, Array]], all_copies: bool) -> dict[int, Mark]:
         """Return what tells modes apart of every body.
 
         Args:
@@ -195,8 +193,7 @@ class Check:
         columns = self._columns({i for rod in rods for i in rod.lines}, with_children=False)
         angles = rng.uniform(-np.pi, np.pi, len(columns))
         scale = self.mechanism.velocity_scale
-        return pin.integrate(self.mechanism.model, q,
-                             np.where(columns, scale * angles, 0.0))
+        return pin.integrate(self.mechanism.model, q, np.where(columns, scale * angles, 0.0))
 
     def settled(self, q: Array, base: Array, marks: Mapping[int, Mark]) -> Array:
         """Return the copy of a mode in which rods and passive links stand as in `base`, if near.

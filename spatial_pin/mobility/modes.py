@@ -283,8 +283,7 @@ class _Search:
         """
         low, high = self.low, self.high
         beyond = BEYOND * (high - low)
-        return rng.uniform((low - beyond)[:, None], (high + beyond)[:, None],
-                           (len(self.slides), m))
+        return rng.uniform((low - beyond)[:, None], (high + beyond)[:, None], (len(self.slides), m))
 
     # ------------------------------------------------------------ sorting
 

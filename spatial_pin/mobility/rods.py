@@ -273,9 +273,7 @@ def _aligned_closure(closure: Closure) -> Closure:
                    equations=closure.equations)
 
 
-def _of_given_length(
-    mechanism: Mechanism, rod: Rod, held: Mapping[str, float]
-) -> tuple[End, ...]:
+def _of_given_length(mechanism: Mechanism, rod: Rod, held: Mapping[str, float]) -> tuple[End, ...]:
     """Return the two ends of a rod that is one distance equation, else nothing.
 
     One end at least is a ball: the rod may take any direction, and turn as it likes.

@@ -49,9 +49,7 @@ class EulerAngles(NamedTuple):
 
 
 @checked
-def elementary_matrix(
-    case: int, offset: Any, angle: float = 0.0, lead: float = 0.0
-) -> pin.SE3:
+def elementary_matrix(case: int, offset: Any, angle: float = 0.0, lead: float = 0.0) -> pin.SE3:
     """Return elementary matrix 1 to 7 as a placement; `.homogeneous` is the 4x4.
 
     Args:
@@ -146,9 +144,7 @@ def screw_placement(offset: Any, angle: float, lead: float, axis: str = "z") -> 
 
 
 @checked
-def cylindrical_placement(
-    offset: Any, angle: float, slide: float, axis: str = "z"
-) -> pin.SE3:
+def cylindrical_placement(offset: Any, angle: float, slide: float, axis: str = "z") -> pin.SE3:
     """Return link and cylindrical joint (a composite of a revolute and a prismatic joint).
 
     Args:

@@ -191,9 +191,7 @@ class Distances:
         return [self._least(first, second, apart)
                 for (first, second), apart in zip(self._parts, bounds, strict=True)]
 
-    def _least(
-        self, first: NDArray[np.intp], second: NDArray[np.intp], apart: Array
-    ) -> Nearest:
+    def _least(self, first: NDArray[np.intp], second: NDArray[np.intp], apart: Array) -> Nearest:
         """Return the nearest of pairs of solids that are farther apart than bounds (n,)."""
         best = NOWHERE
         for k in np.argsort(apart):

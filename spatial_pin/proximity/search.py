@@ -120,9 +120,7 @@ class Search:
             self._known_places[place] = go(row, part)
         return self._known_places[place]
 
-    def _way_to(
-        self, row: int, before: tuple[Array, Array], here: tuple[Array, Array]
-    ) -> Array:
+    def _way_to(self, row: int, before: tuple[Array, Array], here: tuple[Array, Array]) -> Array:
         """Return how far links have come towards each other at even parts of the way to a sample.
 
         Returns:

@@ -90,9 +90,7 @@ def chosen_at(state: State, given: Prescription) -> Chosen:
         return system.chosen
 
 
-def once(
-    mechanism: Mechanism, key: tuple[Any, ...], hold: Hold, make: Callable[[], Made]
-) -> Made:
+def once(mechanism: Mechanism, key: tuple[Any, ...], hold: Hold, make: Callable[[], Made]) -> Made:
     """Return what is made once for a key and what stands still; what raises is made again."""
     whole = *key, hold if hold is None or isinstance(hold, str) else tuple(names_of(hold, "hold"))
     if whole not in mechanism.memo:

@@ -106,9 +106,7 @@ def jacobian(
         return rates.jacobian(joint, kernel.packed.frames[joint].T @ own.placement.translation)
 
 
-def _prescribed(
-    mechanism: Mechanism, drivers: tuple[str, ...] | None, hold: Hold
-) -> Prescription:
+def _prescribed(mechanism: Mechanism, drivers: tuple[str, ...] | None, hold: Hold) -> Prescription:
     """Return what is prescribed when the columns of a Jacobian belong to drivers."""
     return once(mechanism, ("jacobian of", drivers), hold, lambda: Prescription.of(
         mechanism, moving_coordinates(mechanism, drivers, hold), hold))
@@ -197,8 +195,7 @@ def jacobian_rate(
     given = Prescription.of(mechanism, moving_coordinates(mechanism, drivers, hold), hold)
     refuse_components(mechanism, given.driven)
     moving = _Moving(mechanism, state, frame)
-    with (kernel_of(mechanism) as kernel,
-          evaluation_of(mechanism, state.angles) as evaluation):
+    with (kernel_of(mechanism) as kernel, evaluation_of(mechanism, state.angles) as evaluation):
         rates = placed(kernel, state, given)
         evaluation.update(state.q)
         columns = []

@@ -168,8 +168,7 @@ def solve_jerks(
     given = Prescription.of(mechanism, driven_coordinates(mechanism, jerks), hold)
     refuse_components(mechanism, given.driven)
     drive = np.array([j_of.get(c.name, 0.0) for c in given.driven])
-    with (kernel_of(mechanism) as kernel,
-          evaluation_of(mechanism, state.angles) as evaluation):
+    with (kernel_of(mechanism) as kernel, evaluation_of(mechanism, state.angles) as evaluation):
         rates = placed(kernel, state, given)
         evaluation.update(state.q)
         j = rates.answer(_row_jerks(evaluation, state, bodies), drive)

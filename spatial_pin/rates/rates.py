@@ -156,9 +156,7 @@ def _are_independent(state: State, driven: list[Coordinate], hold: Hold) -> bool
         return rank(np.vstack([closed, *rows])) == rank(closed) + len(driven)
 
 
-def _tried(
-    state: State, named: list[Coordinate], hold: Hold
-) -> tuple[Prescription, Chosen]:
+def _tried(state: State, named: list[Coordinate], hold: Hold) -> tuple[Prescription, Chosen]:
     """Return what determines the rates when some coordinates are named.
 
     Raises:

@@ -135,9 +135,7 @@ def _is_alike(one: Relation, other: Relation, length: float) -> bool:
         for p, o in zip(one.places, other.places, strict=True))
 
 
-def _ends(
-    a: Pin, bodies: tuple[int, int], made: Relation, placement: pin.SE3
-) -> tuple[Place, ...]:
+def _ends(a: Pin, bodies: tuple[int, int], made: Relation, placement: pin.SE3) -> tuple[Place, ...]:
     """Return the ends of a distance on the bodies of a leg, in the order of its places."""
     return tuple(
         Place(bodies[0], end) if place.body == a.body else Place(bodies[1], placement.actInv(end))

@@ -144,9 +144,7 @@ class Surroundings:
                    <= TOLERANCES.tight * self.length for place in self._placements)
 
 
-def open_configurations(
-    mechanism: Mechanism, q: Array, free: Array | float = 1.0
-) -> list[Array]:
+def open_configurations(mechanism: Mechanism, q: Array, free: Array | float = 1.0) -> list[Array]:
     """Return random configurations about q, with all loops open.
 
     Args:

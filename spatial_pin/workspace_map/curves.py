@@ -62,9 +62,7 @@ def curves_of(
         return [_curve(section, chain, tolerance) for chain in joined(pieces)]
 
 
-def _follow(
-    locus: Locus, q: Array, pieces: list[Piece]
-) -> list[tuple[str, Array, Array]]:
+def _follow(locus: Locus, q: Array, pieces: list[Piece]) -> list[tuple[str, Array, Array]]:
     """Add the curve near a configuration to the pieces; return where others go on from its ends."""
     start = locus.beginning(q)
     if start is None or _is_known(start.y, locus, pieces):
@@ -143,9 +141,7 @@ def _curve(section: Section, chain: list[Piece], tolerance: float) -> Curve:
     return Curve(drivers, points, tuple(why), is_closed, tolerance)
 
 
-def curves(
-    found: Workspace, at: Mapping[str, float] | None, tolerance: float
-) -> tuple[Curve, ...]:
+def curves(found: Workspace, at: Mapping[str, float] | None, tolerance: float) -> tuple[Curve, ...]:
     """Return the curves in a section of a grid; see `Workspace.curves`."""
     asked, ticks, borders, task = found._source
     positive_number(tolerance, "tolerance")

@@ -180,8 +180,7 @@ def _vanishing(task: Task, asked: Asked, cell: Cell) -> Border | None:
     if motion is None or n < 2:
         return None
     place = begun(run, float(value), motion, 1)
-    return Border(place.at, motion.frame(asked.frame).position[1], SINGULAR, place.q,
-                  place.angles)
+    return Border(place.at, motion.frame(asked.frame).position[1], SINGULAR, place.q, place.angles)
 
 
 def work_of(task: Task) -> partial[list[Border | None]]:

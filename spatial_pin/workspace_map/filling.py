@@ -98,8 +98,7 @@ class Filling:
             ways = list(self._ways(axis))
             runs = [self.run(axis, way[0], self.ticks[axis][[i[axis] for i in way[1:]]])
                     for way in ways]
-            for way, found in zip(ways, spread(followed, self.asked, runs, executor),
-                                  strict=False):
+            for way, found in zip(ways, spread(followed, self.asked, runs, executor), strict=False):
                 tell(self._take(axis, way, found))
             idle = 0 if ways else idle + 1
             axis = (axis + 1) % len(self.shape)

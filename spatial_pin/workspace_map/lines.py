@@ -127,9 +127,7 @@ def followed(asked: Asked, runs: Sequence[Run]) -> list[Followed]:
     return [_along(asked, run, distances) for run in runs]
 
 
-def motion_along(
-    asked: Asked, run: Run, values: Array
-) -> tuple[Motion | None, int, End | None]:
+def motion_along(asked: Asked, run: Run, values: Array) -> tuple[Motion | None, int, End | None]:
     """Follow the branch from where a run begins to values of its coordinate.
 
     Returns:

@@ -248,9 +248,7 @@ def _passes(spot: Spot, there: Spot, start: Spot) -> bool:
     return 0.0 < along <= length and off < 0.1 * length and bool(start.dy @ chord > 0.0)
 
 
-def _stop(
-    locus: Locus, spot: Spot, there: Spot, length: float
-) -> tuple[str, Spot | None] | None:
+def _stop(locus: Locus, spot: Spot, there: Spot, length: float) -> tuple[str, Spot | None] | None:
     """Return what ends a curve within a step, and the point there (None: where the step begins)."""
     found = [(_root(locus, spot, function, length), why)
              for why, function in _ends(locus, spot, there)]
@@ -263,9 +261,7 @@ def _stop(
     return why, None if q is None else locus.spot(q, spot.t)
 
 
-def _ends(
-    locus: Locus, spot: Spot, there: Spot
-) -> Iterator[tuple[str, Callable[[Array], float]]]:
+def _ends(locus: Locus, spot: Spot, there: Spot) -> Iterator[tuple[str, Callable[[Array], float]]]:
     """Yield what becomes negative within a step: words, and function of the configuration."""
     s = locus.section
 

@@ -81,9 +81,7 @@ class _Slab:
         self._normal, self._at, self._half = normal, at, half
 
     @classmethod
-    def of(
-        cls, points: Array, normal: int, at: float | None, thickness: float | None
-    ) -> _Slab:
+    def of(cls, points: Array, normal: int, at: float | None, thickness: float | None) -> _Slab:
         """Return the slab that is asked for, among points (N, 3).
 
         Raises:

@@ -249,9 +249,7 @@ def _flat(filling: Filling, name: str) -> Array:
     return data.reshape(filling.reached.size, *data.shape[len(filling.shape) :])
 
 
-def _crossings(
-    filling: Filling, task: str | None, executor: Executor | None
-) -> Iterator[Border]:
+def _crossings(filling: Filling, task: str | None, executor: Executor | None) -> Iterator[Border]:
     """Yield where the determinant vanishes on lines of the grid."""
     asked_of = task_of(_flat(filling, "jacobians"), task)
     cells = crossed_cells(filling, asked_of)

@@ -118,9 +118,7 @@ class Springs:
         return found
 
 
-def spring_slopes(
-    lines: list[Pull], turns: list[Pull], nv: int
-) -> tuple[Array, Array]:
+def spring_slopes(lines: list[Pull], turns: list[Pull], nv: int) -> tuple[Array, Array]:
     """Return the derivatives (nv, nv) of the springs' joint forces with respect to q and v.
 
     Those along lines that bend, at the same force by half the squared length, are left out: see

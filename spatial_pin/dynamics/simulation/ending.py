@@ -33,9 +33,7 @@ class Place(NamedTuple):
     error: float
 
 
-def why_it_ends(
-    problem: Problem, accuracy: Accuracy, first: State, t: float, last: State
-) -> str:
+def why_it_ends(problem: Problem, accuracy: Accuracy, first: State, t: float, last: State) -> str:
     """Return the cause, in words.
 
     The loops are looked at first, then the forces, then the masses: each makes what comes after

@@ -69,9 +69,7 @@ class MotionEquations(Loops):
         self._refuse(found)
         return Solution(found.a, self.bodies.needed(state.q, state.v, found.a) - given, found.error)
 
-    def by_kkt(
-        self, q: Array, v: Array, reference: Array, given: Array, needed: Array
-    ) -> Array:
+    def by_kkt(self, q: Array, v: Array, reference: Array, given: Array, needed: Array) -> Array:
         """Return accelerations (nv,) from the KKT system; the next call overwrites them.
 
         Args:
@@ -126,9 +124,7 @@ class MotionEquations(Loops):
         return no_inertia(self.mechanism, self.moving(motions), self.state)
 
 
-def no_inertia(
-    mechanism: Mechanism, names: list[str], state: State | None = None
-) -> SingularError:
+def no_inertia(mechanism: Mechanism, names: list[str], state: State | None = None) -> SingularError:
     """Return the error for forces on a motion of these coordinates that has no inertia."""
     return SingularError(
         f"mechanism {mechanism.name!r}: a motion of {', '.join(names)} has no inertia but a force "

@@ -77,9 +77,7 @@ class LeastConstraint:
         self._rotors = np.flatnonzero(model.armature)
         self._weights = np.sqrt(model.armature[self._rotors])
 
-    def solve(
-        self, q: Array, v: Array, a: Bounded, columns: Bounded, given: Array
-    ) -> Least:
+    def solve(self, q: Array, v: Array, a: Bounded, columns: Bounded, given: Array) -> Least:
         """Return the accelerations; motions without inertia keep their velocities.
 
         Args:

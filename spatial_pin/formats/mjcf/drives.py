@@ -15,9 +15,7 @@ HOME = "home"  # the key that is the guess, if there is one
 # ---------------------------------------------------------------- drivers
 
 
-def read_drivers(
-    reading: Reading, closures: list[dict[str, Any]]
-) -> dict[str, dict[str, str]]:
+def read_drivers(reading: Reading, closures: list[dict[str, Any]]) -> dict[str, dict[str, str]]:
     """Return a driver for every joint that an actuator moves, by name of the actuator.
 
     Of joints that are coupled the first has one.

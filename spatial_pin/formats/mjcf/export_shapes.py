@@ -64,9 +64,7 @@ def _geom(
     return {**geom, "type": solid.tag, "size": numbers_text(size)}
 
 
-def _asset(
-    writing: Writing, mesh: ET.Element, assets: dict[tuple[str, str], str]
-) -> str | None:
+def _asset(writing: Writing, mesh: ET.Element, assets: dict[tuple[str, str], str]) -> str | None:
     file, scale = mesh.get("filename", ""), mesh.get("scale", "1 1 1")
     if Path(file).suffix.lower() not in MESHES or not is_file(Path(file)):
         return None

@@ -282,5 +282,4 @@ def _held(reading: Reading, joint: int, value: float, name: str) -> dict[str, An
              else shift(value * place.axis))
     frames = [reading.urdf.frame(f"{name}_1", place.parent, place.placement * moved * axes),
               reading.urdf.frame(f"{name}_2", place.child, axes)]
-    return {"name": name, "type": "weld", "frames": frames,
-            "equations": [TURN if turns else SLIDE]}
+    return {"name": name, "type": "weld", "frames": frames, "equations": [TURN if turns else SLIDE]}

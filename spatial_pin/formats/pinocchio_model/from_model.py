@@ -252,8 +252,7 @@ class _Names:
         """Add a frame that is asked for by name."""
         is_place = isinstance(place, tuple | list) and len(place) == 2
         link, placement = place if is_place else (place, pin.SE3.Identity())
-        if not (isinstance(name, str) and isinstance(link, str)
-                and isinstance(placement, pin.SE3)):
+        if not (isinstance(name, str) and isinstance(link, str) and isinstance(placement, pin.SE3)):
             raise TypeError(f"frames: {name!r} is given as (link or joint, pin.SE3), not "
                             f"{str(place)[:60]!r}")
         self.new[name] = _frame(name, self.link(link), placement)

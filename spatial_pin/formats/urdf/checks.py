@@ -54,9 +54,7 @@ def check_structure(robot: ET.Element, path: Path, faults: Faults) -> None:
         _join(robot, roots, {*links, *names} - set(roots), faults)
 
 
-def _join(
-    robot: ET.Element, roots: Sequence[str], taken: Container[str], faults: Faults
-) -> None:
+def _join(robot: ET.Element, roots: Sequence[str], taken: Container[str], faults: Faults) -> None:
     """Fix several roots to one link, the world."""
     world = _free("world", taken)
     if world not in roots:
@@ -76,9 +74,7 @@ def _free(name: str, taken: Container[str]) -> str:
     return name
 
 
-def by_name(
-    elements: list[ET.Element], kind: str, where: Path | str
-) -> dict[str, ET.Element]:
+def by_name(elements: list[ET.Element], kind: str, where: Path | str) -> dict[str, ET.Element]:
     """Return elements by their names.
 
     Raises:
@@ -117,9 +113,7 @@ def numbers(element: ET.Element, attribute: str, count: int, where: str) -> Arra
     if values.size != count or not np.all(np.isfinite(values)):
         wanted = "one finite number" if count == 1 else f"{count} finite numbers"
         tag = str(element.tag).rpartition("}")[2]
-        raise MechanismFileError(
-            f"{where}: <{tag} {attribute}={text!r}> needs {wanted}"
-        )
+        raise MechanismFileError(f"{where}: <{tag} {attribute}={text!r}> needs {wanted}")
     return values
 
 

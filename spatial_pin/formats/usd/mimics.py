@@ -12,9 +12,7 @@ from spatial_pin.formats.usd.stage import DEGREE, Stage, applied
 PHYSX, NEWTON, EQUALITY = "PhysxMimicJointAPI", "NewtonMimicAPI", "MjcEqualityJointAPI"
 
 
-def mimics(
-    stage: Stage, prim: Any, name: str, of_path: Mapping[str, str]
-) -> list[dict[str, Any]]:
+def mimics(stage: Stage, prim: Any, name: str, of_path: Mapping[str, str]) -> list[dict[str, Any]]:
     """Return the mimics that a joint states, as a mechanism file has couplings.
 
     Args:

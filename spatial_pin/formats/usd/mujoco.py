@@ -46,9 +46,7 @@ def actuated(stage: Stage, of_path: Mapping[str, str]) -> list[str]:
     return list(dict.fromkeys(found))
 
 
-def in_series(
-    joints: Iterable[Joint], named: Collection[str]
-) -> tuple[list[Link], list[Joint]]:
+def in_series(joints: Iterable[Joint], named: Collection[str]) -> tuple[list[Link], list[Joint]]:
     """Return joints of which those in series have massless links between them, and these links.
 
     Args:
