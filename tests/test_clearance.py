@@ -8,7 +8,7 @@ import struct
 import coal
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -194,6 +194,8 @@ def placed(shape, seed: int) -> tuple[Solid, coal.Transform3s]:
 
 @given(st.sampled_from(sorted(SHAPES)), st.sampled_from(sorted(SHAPES)), SIZES, SIZES,
        st.integers(0, 1000))
+@example("cylinder", "cone", (0.05000000000000001, 0.5887742445735251, 1.0),
+         (0.9477363483439257, 0.4123244314193745, 1.0), 345)  # apart, and coal finds half of it
 def test_no_direction_holds_two_solids_farther_apart_than_their_distance(a, b, one, two, seed):
     first, at_first = placed(SHAPES[a](*one), seed)
     second, at_second = placed(SHAPES[b](*two), seed + 5000)

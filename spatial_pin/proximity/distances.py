@@ -266,19 +266,19 @@ def nearest(a: Solid, at_a: coal.Transform3s, b: Solid, at_b: coal.Transform3s) 
     """Return where two solids are nearest to each other.
 
     Two convex solids are as far apart as they are along the best direction, overlapping ones too:
-    no direction gives more than their distance, and that of the nearest points gives it. How deep
-    solids overlap coal finds wrong at times, where another tolerance or direction tells it.
+    no direction gives more than their distance, and that of the nearest points gives it. What coal
+    finds is wrong at times, where another tolerance or direction tells it.
     """
     normals = []
     for request in _requests():
         result = coal.DistanceResult()
         distance = float(coal.distance(a.shape, at_a, b.shape, at_b, request, result))
         found = Nearest(distance, np.array([result.getNearestPoint1(), result.getNearestPoint2()]))
-        if distance > 0.0:
-            return found
         normals.append(result.normal)
         told = _along(result.normal[None], a, at_a, b, at_b)[0].distance
         if abs(distance - told) <= ALIKE * (a.radius + b.radius):
+            if distance > 0.0:
+                return found
             break
     return _deepest(found, normals, a, at_a, b, at_b)
 
