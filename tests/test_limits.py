@@ -55,7 +55,7 @@ def test_a_curve_that_is_not_closed_within_its_rows_says_so():
     part = sp.trace(mechanism, "crank", step=0.1, most_rows=len(whole) - 2)
     last = part.events[-1]
     assert (last.kind, last.row, last.value) == ("not closed", len(part), part.driver[-1])
-    assert f"not closed within {len(part)} rows" in last.text
+    assert f"not closed within {len(part)} samples" in last.text
     np.testing.assert_array_equal(part.q, whole.q[: len(part)])
 
 

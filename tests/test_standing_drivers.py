@@ -359,7 +359,7 @@ def test_the_command_line_says_who_was_released(capsys):
     for arm in (2, 3):
         assert f"released: driver arm_{arm} went +0.304141578 rad" in said
     assert main(["assemble", "delta", "arm_1=3", "--no-release"]) == 1
-    assert "let them go with release=True" in " ".join(capsys.readouterr().err.split())
+    assert "or let them go by --release or --free NAME" in " ".join(capsys.readouterr().err.split())
     assert main(["assemble", "delta", "arm_1=3", "--free", "arm_2"]) == 0
     assert "released" not in capsys.readouterr().out
     assert main(["assemble", "stewart", "leg_1=0.5"]) == 0

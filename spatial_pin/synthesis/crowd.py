@@ -23,8 +23,8 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.synthesis.settling import Samples, Settling, spread
 
-STEPS = 120  # of Levenberg's: half of those that lead somewhere need seventy
-FIRST_DAMPING = 1e-2  # relative to equations of order one
+CROWD_STEPS = 120  # of Levenberg's: half of those that lead somewhere need seventy
+CROWD_DAMPING = 1e-2  # relative to equations of order one
 EASED, HARDENED = 0.3, 4.0  # by what damping goes after a step that helped, and one that did not
 LEAST_DAMPING, MOST_DAMPING = 1e-15, 1e6  # round-off of the equations; nothing moves any more
 MET, NEAR = TOLERANCES.nothing**2, TOLERANCES.nothing  # sums of squares, of this size and less
@@ -98,9 +98,9 @@ class Crowd:
     def fit(self) -> None:
         """Move all of them, until each is at rest or its goals are met."""
         p, m = self._p, len(self.x)
-        damping, done = np.full(m, FIRST_DAMPING), ~np.isfinite(self.cost)
+        damping, done = np.full(m, CROWD_DAMPING), ~np.isfinite(self.cost)
         every = self._equations(np.arange(m))
-        for _ in range(STEPS):
+        for _ in range(CROWD_STEPS):
             rows = np.flatnonzero(~done)
             if not rows.size:
                 return
