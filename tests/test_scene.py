@@ -770,7 +770,14 @@ def test_page_fits_its_window_until_the_user_moves_the_camera_and_hides_the_cont
         home = browser.evaluate(away)
         browser.resize((400, 900))
         browser.wait_until(f"{away} > {1.01 * home}")
-        assert browser.evaluate(away) == pytest.approx(4 / 3 * 900 / 400 * home)
+        browser.evaluate("viewer.render(); 1")
+        x, y = np.transpose(browser.evaluate(
+            "extent().map(p => p.clone().project(viewer.camera)).map(p =>"
+            " [(1 + p.x) / 2 * pane.clientWidth, (1 - p.y) / 2 * pane.clientHeight])"))
+        left, bottom = browser.evaluate("(box => [box.left, box.bottom])("
+                                        "document.getElementById('tools').getBoundingClientRect())")
+        assert min(x) > 0.0 and max(x) < 400.0 and min(y) > 0.0 and max(y) < 900.0
+        assert max(x) - min(x) > 200.0 and not np.any((x > left) & (y < bottom))
         browser.evaluate("viewer.controls.dispatchEvent({type: 'start'})")
         browser.resize((1200, 800))
         browser.wait_until("innerWidth === 1200")
