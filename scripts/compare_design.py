@@ -126,8 +126,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print()
     others = said([], ["pylinkage, its own tutorials", "error", "evaluations", "s"]) if rows else []
     for row in rows:
-        said(others, [row["problem"], *map(number, (row["error"], row["evaluations"],
-                                                    row["seconds"]))])
+        name, comma, what = row["problem"].partition(",")
+        said(others, [designs.PROBLEMS[name].title + comma + what, *map(number, (
+            row["error"], row["evaluations"], row["seconds"]))])
     if options.page:
         pages.put(options.page, "designs", table)
         if others:
