@@ -5,7 +5,8 @@ come nearer to each other. They would end in one line, but touch before.
 
     python examples/clearance.py [FOLDER]
 
-writes clearance.png (links that touch are red), clearance.html and curves.png.
+writes clearance.png (links that touch are red, the beginning is faint), clearance.html and
+curves.png.
 """
 
 import sys
@@ -36,8 +37,8 @@ safe = sp.sweep(mechanism, "arm_1", np.linspace(motion.driver[0], early, 51))
 print(f"Up to {np.rad2deg(early):.3f} degrees these two come no nearer than "
       f"{1e3 * sp.clearance(safe, rods).least.distance:.3f} mm.")
 
-look = sp.Look(clearance=found)
-sp.screenshot(motion, folder / "clearance.png", look=look, row=-1)
+look = sp.Look(clearance=found, ghosts=[motion.state(0)])
+sp.screenshot(motion, folder / "clearance.png", look=look, row=-1, size=(1280, 800))
 sp.export_html(motion, folder / "clearance.html", look=look)
 
 figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
