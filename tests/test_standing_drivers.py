@@ -243,6 +243,15 @@ def test_nobody_is_released_when_that_is_forbidden(folder):
     assert sp.assemble(mechanism, {"left": 2.2}, release=False).released == {}
 
 
+def test_drivers_that_the_guess_leaves_out_are_not_moved_either_when_that_is_forbidden():
+    mechanism = sp.load("stewart")  # its guess names the platform, not the legs
+    with pytest.raises(sp.AssemblyError, match="stand at slide_1 = 0"):
+        sp.assemble(mechanism, {}, release=False)
+    lengths = {f"leg_{k}": sp.assemble(mechanism).coordinate(f"leg_{k}").value
+               for k in range(1, 7)}
+    assert sp.assemble(mechanism, lengths, release=False).released == {}
+
+
 def test_free_drivers_go_where_the_loops_take_them(folder):
     mechanism = two_motors(folder)
     state = sp.assemble(mechanism, {"first": 0.9}, free=["second"], release=False)

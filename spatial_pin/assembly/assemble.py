@@ -45,7 +45,8 @@ def assemble(
 
     Drivers that are given a value have it exactly. The others stand where the guess has them; a
     driver that the guess does not name stands at neutral. (Where the guess names other joints
-    only, and the loops do not close with the drivers at neutral, the loops take them along.)
+    only, and the loops do not close with the drivers at neutral, the loops take them along; with
+    `release=False` they do not.)
 
     The guess decides the branch. The coordinates that it names are held first, while the rest is
     solved; then they are released too. Of the branches in reach the one nearest to the named values
@@ -124,7 +125,7 @@ def assembled(
             raise ValueError(f"{coordinate!r} is given two values")
         held[coordinate] = finite_number(value, f"driver {name!r}")
     start = read_guess(mechanism, guess)
-    said = _standing(mechanism, held, guess, start, free)
+    said = _standing(mechanism, held, guess, start, free, taken_along=release)
     beginning = mechanism.start(held) if guess is None else None
     if beginning is not None:
         start = read_guess(mechanism, beginning)
@@ -191,9 +192,13 @@ def standing_drivers(
 
 
 def _standing(
-    mechanism: Mechanism, held: Iterable[str], guess: Any, start: Guess, free: Iterable[str]
+    mechanism: Mechanism, held: Iterable[str], guess: Any, start: Guess, free: Iterable[str],
+    taken_along: bool = True,
 ) -> dict[str, float]:
-    """Do as `standing_drivers` with a guess that has been read."""
+    """Do as `standing_drivers` with a guess that has been read.
+
+    With `taken_along` drivers that the guess leaves out stand where its other joints take them.
+    """
     drivers = driver_coordinates(mechanism).values()
     loose = set()
     for name in (free,) if isinstance(free, str) else free:
@@ -210,7 +215,7 @@ def _standing(
     values = {c.name: coordinate_value(mechanism, c, start.q) for c in drivers}
     spoken = set(joint_values(mechanism, mechanism.guess)) | set(start.names)
     silent = [name for name in values if name not in spoken]
-    if spoken - set(values) and not set(silent).isdisjoint(standing):
+    if taken_along and spoken - set(values) and not set(silent).isdisjoint(standing):
         values |= _at_home(mechanism, guess, start, values, silent)
     return {name: values[name] for name in standing}
 
