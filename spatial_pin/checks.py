@@ -17,6 +17,7 @@ Row = TypeVar("Row")
 Function = TypeVar("Function", bound=Callable[..., Any])
 LARGEST_INTEGER = 2**63  # of whole numbers: what NumPy counts with
 NO_NUMBERS = "USmMcV"  # kinds of arrays: texts, dates, complex numbers, records
+FEW = 64  # numbers that Python has looked at before NumPy begins
 MOST_PIXELS = 16384  # along a side of what a browser draws
 # How far the length of a unit vector may be from 1: nine digits written out, one more lost.
 UNIT_TOLERANCE = 1e-9
@@ -223,6 +224,13 @@ def checked(function: Function) -> Function:
 # ---------------------------------------------------------------- values
 
 
+def is_finite(array: Array) -> bool:
+    """Whether no value of an array is NaN or infinite."""
+    if array.size < FEW:
+        return all(map(math.isfinite, array.ravel().tolist()))
+    return bool(np.isfinite(array).all())
+
+
 def finite_array(values: Any, shape: tuple[int, ...], what: str) -> Array:
     """Return `values` as float64 of that shape.
 
@@ -233,7 +241,7 @@ def finite_array(values: Any, shape: tuple[int, ...], what: str) -> Array:
     if array.shape != shape:
         needed = shape or "a single number"
         raise ValueError(f"{what} has shape {array.shape}; {needed} is needed")
-    if not np.isfinite(array).all():
+    if not is_finite(array):
         raise ValueError(f"{what} has a value that is NaN or infinite")
     return array
 

@@ -90,17 +90,6 @@ def test_gravity_can_be_off_and_a_force_from_outside_acts_at_its_frame(tmp_path)
     assert answer.reactions["pin"].angular == pytest.approx([0, 0, -0.1], abs=1e-14)
 
 
-@pytest.mark.parametrize("verb", [sp.forward_dynamics, sp.inverse_dynamics,
-                                  lambda mech, state: sp.simulate(mech, state, 0.1)])
-def test_a_state_with_a_rate_that_is_no_number_bears_no_forces(verb):
-    mech = sp.load("four_bar")
-    q = sp.assemble(mech, {"crank": 0.3}).q
-    for v, a in ((np.nan, 0.0), (0.0, np.inf)):
-        state = sp.State(mech, q, np.full(3, v), np.full(3, a), closure_error=0.0)
-        with pytest.raises(ValueError, match="v or a has a value that is NaN or infinite"):
-            verb(mech, state)
-
-
 def test_a_coordinate_has_one_effort():
     mech = sp.load("four_bar")
     with pytest.raises(ValueError, match="effort of 'crank_pin' is given twice"):

@@ -2,6 +2,7 @@
 
 import gc
 import weakref
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -164,3 +165,24 @@ def test_what_is_of_the_wrong_kind_is_refused_in_words(call, says):
 def test_what_cannot_be_asked_for_is_refused_in_words(call, error, says):
     with pytest.raises(error, match=says):
         call(sp.load("rssr"))
+
+
+@pytest.mark.parametrize("what", ["q", "v", "a"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_states_and_motions_are_made_of_numbers(what, value):
+    motion = sp.sweep(sp.load("rssr"), "crank", np.linspace(0.0, 1.0, 30), speed=1.0)
+    wrong = {name: getattr(motion, name).copy() for name in ("q", "v", "a")}
+    wrong[what][-1, 2] = value
+    rows = {name: x[-1] for name, x in wrong.items()}
+    with pytest.raises(ValueError, match=f"State: {what} has a value that is NaN or infinite"):
+        sp.State(motion.mechanism, **rows, closure_error=0.0)
+    with pytest.raises(ValueError, match=f"Motion: {what} has a value that is NaN or infinite"):
+        replace(motion, **wrong)
+
+
+def test_a_state_of_another_shape_is_refused_and_a_fast_one_is_not():
+    mechanism = sp.load("rssr")
+    with pytest.raises(ValueError, match=r"State: q has shape \(3,\); \(6,\) is needed"):
+        sp.State(mechanism, np.zeros(3), closure_error=0.0)
+    fast = sp.State(mechanism, mechanism.neutral, np.full(5, 1e200), closure_error=0.0)
+    assert fast.v[0] == 1e200

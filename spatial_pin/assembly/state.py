@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from spatial_pin.assembly.frames import Located
 from spatial_pin.brief import brief
-from spatial_pin.checks import finite_array
+from spatial_pin.checks import finite_array, is_finite
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SpatialPinError
@@ -147,6 +147,9 @@ class State:
         in_time: whether v and a are rates in time; those of a sample of a sweep without speed are
             not, and forces there are those at rest.
 
+    Raises:
+        ValueError: q, v, a or angles has a value that is NaN or infinite, or another shape.
+
     Example:
         >>> mech = sp.load("rssr")
         >>> state = sp.assemble(mech, {"crank": 1.0})
@@ -175,11 +178,13 @@ class State:
         in_time: bool = True,
     ) -> None:
         self.mechanism = mechanism
-        self.q = _frozen(q)
-        self.v = _rest(mechanism) if v is None else _frozen(v)
-        self.a = _rest(mechanism) if a is None else _frozen(a)
+        rest = _rest(mechanism)
+        self.q = _given(q, mechanism.neutral, "q")
+        self.v = rest if v is None else _given(v, rest, "v")
+        self.a = rest if a is None else _given(a, rest, "a")
         self.closure_error = float(closure_error)
-        self.angles = NO_ANGLES if angles is None or not angles.size else _frozen(angles)
+        self.angles = NO_ANGLES if angles is None or not angles.size else _given(
+            angles, angles, "angles")
         self.branch = branch
         self.released = dict(released)
         self._rate_error = rate_error
@@ -494,12 +499,9 @@ def moving_in_time(mechanism: Mechanism, state: State) -> State:
 
     Raises:
         SpatialPinError: as `of_mechanism`.
-        ValueError: a rate is NaN or infinite.
     """
     own = of_mechanism(mechanism, state)
     if own.in_time:
-        for rates in (own.v, own.a):
-            finite_array(rates, own.v.shape, "the state: v or a")
         return own
     return State(own.mechanism, own.q, closure_error=own.closure_error, angles=own.angles,
                  branch=own.branch, released=own.released)
@@ -536,6 +538,18 @@ def mass_shares(mechanism: Mechanism) -> list[tuple[int, float, Array]]:
                               "that they have no centre of mass")
     return [(joint, body.mass / total, body.lever)
             for joint, body in enumerate(model.inertias) if joint and body.mass]
+
+
+def _given(values: Array, like: Array, what: str) -> Array:
+    """Return a read-only copy of what a State is made of.
+
+    Raises:
+        ValueError: NaN, infinite, or another shape than `like` has.
+    """
+    copy = _frozen(values)
+    if copy.shape != like.shape or not is_finite(copy):
+        finite_array(copy, like.shape, f"State: {what}")
+    return copy
 
 
 def _frozen(array: Array) -> Array:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State
 from spatial_pin.brief import brief, words
-from spatial_pin.checks import checked
+from spatial_pin.checks import checked, is_finite
 from spatial_pin.columns import Quantity, Tabular, read_only, write_npz
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.coordinates import CoordinateRates, coordinate_rates
@@ -124,6 +124,7 @@ class Output(NamedTuple):
 # Distance from a branch point [rad, characteristic lengths] up to which the path is continued
 # through it, not solved: that of the farthest node of its polynomial.
 ACROSS = 0.12
+SAMPLED = frozenset(("driver", "time", "q", "v", "a"))  # without which there is no sample
 SAVED = frozenset((  # arrays of a file
     "driver", "driver_name", "time", "q", "v", "a", "closure_error", "driver_speed", "angles",
     "mechanism", "coordinates", "event_kind", "event_value", "event_row", "event_text"))
@@ -154,6 +155,9 @@ class Motion(Tabular):
             not "s", forces are those at rest.
         held: what was held by name as the driver was swept, see `sweep`.
 
+    Raises:
+        ValueError: a value of the driver, of time, q, v or a is NaN or infinite.
+
     Example:
         >>> mech = sp.load("rssr")
         >>> motion = sp.sweep(mech, "crank", np.linspace(0.0, 6.0, 61), speed=25.0)  # [rad/s]
@@ -183,6 +187,8 @@ class Motion(Tabular):
         for name, x in self.__dict__.items():
             if isinstance(x, np.ndarray):
                 self.__dict__[name] = read_only(x)
+                if name in SAMPLED and not is_finite(x):
+                    raise ValueError(f"Motion: {name} has a value that is NaN or infinite")
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied or sent elsewhere: all but what is worked out again on use."""
