@@ -581,3 +581,12 @@ def test_a_file_or_table_of_measurements_is_refused_in_words():
     for measurements in ("poses.csv", {"crank": [0.0, 1.0]}):
         with pytest.raises(TypeError, match="spatial-pin calibrate"):
             sp.calibrate(sp.load("four_bar"), measurements, ["r3"])
+
+
+def test_where_nothing_has_an_effect_round_off_is_not_taken_for_one():
+    m = sp.load("geared_five_bar")  # a gear carries this crank whatever the links' lengths are
+    table = [({"crank": x}, {"right_pin": sp.assemble(m, {"crank": x}).coordinate("right_pin")[0]})
+             for x in np.linspace(0.0, 1.0, 6)]
+    found = sp.calibrate(m, table, ["a", "b"])
+    assert found.undetermined == tuple(f"{x} has no effect on what was measured" for x in "ab")
+    assert np.isinf([*found.sigma.values()]).all()

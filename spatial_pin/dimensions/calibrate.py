@@ -351,12 +351,12 @@ class _Search:
         x = self._solved(bounds)
         errors, here = p.errors(x), p.at(x)
         weights = self._weights(errors)
-        spread = _Spread(np.sqrt(weights)[:, None] * p.slopes(x))
+        spread = _Spread(np.sqrt(weights)[:, None] * p.slopes(x), p.whole)
         factor = 1.0
         if scattered:
             left = len(errors) - spread.rank
             factor = float(errors @ errors) / left if left else np.nan
-        covariance = spread.covariance(p.sizes)[:n, :n] * factor
+        covariance = spread.covariance(p.sizes, factor)[:n, :n]
         changed = p.dimensions_at(x)
         told = [(i, label, UNITS[q.kind]) for i, some in enumerate(quantities)
                 for q in some for label in q.labels()]
@@ -381,10 +381,10 @@ class _Search:
         p = self._predictions
         x: Array = np.zeros(len(p.sizes))
         try:
-            spread = _Spread(p.jacobian(x))
+            spread = _Spread(p.jacobian(x), p.whole)
             while True:
                 x = self._descended(x, spread.gauge(), bounds)
-                after = _Spread(p.jacobian(x))
+                after = _Spread(p.jacobian(x), p.whole)
                 if after.rank <= spread.rank:
                     return x
                 spread = after
@@ -434,13 +434,17 @@ class _Search:
 class _Spread:
     """What a Jacobian tells of the unknowns, its columns scaled to length one.
 
+    Args:
+        jacobian: (m, n) of errors in standard deviations.
+        whole: length of errors as large as the mechanism; `nothing` of it is round-off.
+
     Attributes:
         rank: how many combinations of unknowns it determines.
     """
 
-    def __init__(self, jacobian: Array) -> None:
+    def __init__(self, jacobian: Array, whole: float) -> None:
         lengths = np.linalg.norm(jacobian, axis=0)
-        longest = float(lengths.max(initial=0.0)) or 1.0
+        longest = max(float(lengths.max(initial=0.0)), whole)
         nothing = lengths <= TOLERANCES.nothing * longest  # round-off
         self._lengths: Array = np.where(nothing, longest, lengths)
         # differences have ten digits: what depends on each other has singular values of 1e-10
@@ -452,11 +456,11 @@ class _Spread:
         """Return rows (k, n) that are not zero for what is not determined."""
         return self._svd.null_space * self._lengths
 
-    def covariance(self, sizes: Array) -> Array:
+    def covariance(self, sizes: Array, variance: float) -> Array:
         """Return the covariance (n, n) of unknowns of these sizes, as `Calibration` has it."""
         half = self._svd.vt[: self.rank].T / self._svd.s[: self.rank]
         half = half * (sizes / self._lengths)[:, None]
-        found: Array = half @ half.T
+        found: Array = variance * (half @ half.T)
         free = np.abs(self._svd.null_space).max(axis=0, initial=0.0) > TOLERANCES.half_precision
         found[free] = found[:, free] = np.nan
         found[free, free] = np.inf

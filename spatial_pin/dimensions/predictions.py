@@ -18,7 +18,7 @@ from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.dimensions.family import Bodies, Family
 from spatial_pin.dimensions.homotopy import followed
-from spatial_pin.dimensions.measurements import Encoder, Quantity
+from spatial_pin.dimensions.measurements import UNITS, Encoder, Quantity
 from spatial_pin.dimensions.variants import Variants
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.inverse_kinematics.targets import CoordinateValue
@@ -148,6 +148,7 @@ class Predictions:
     Attributes:
         sizes: (n,) of the unknowns [m or rad].
         sigmas: (m,) standard deviations of the numbers measured, those of encoders last.
+        whole: length of errors as large as the mechanism: its characteristic length, one radian.
     """
 
     def __init__(
@@ -171,6 +172,9 @@ class Predictions:
         self.sizes = np.array([*sizes, *read])
         self.sigmas = np.array(
             [*(q.sigma for some in quantities for q in some for _ in q.labels()), *read])
+        self.whole = float(np.linalg.norm([
+            (length if UNITS[q.kind] == "m" else 1.0) / q.sigma
+            for some in quantities for q in some for _ in q.labels()]))
         self._base = slice(len(sizes) - 6, len(sizes))
 
     # ------------------------------------------------------------ values
