@@ -44,6 +44,18 @@ def test_tables_and_json_on_the_screen_are_all_there_is(run, command):
     assert (code, err) == (0, "") and json.loads(out)
 
 
+def test_mistakes_of_a_file_are_a_table(run, tmp_path):
+    (tmp_path / "bad.urdf").write_text(ARM)
+    bad = tmp_path / "bad.toml"
+    bad.write_text('name = "bad"\ntree = "bad.urdf"\ntitel = "x"\n[guess]\nbin = 1.0\n')
+    code, out, err = run("check", bad, "--csv", "-")
+    table = list(csv.DictReader(io.StringIO(out)))
+    assert code == 1 and [row["kind"] for row in table] == ["mistake", "mistake"]
+    assert all(row["text"].removeprefix(f"{bad}: ") in err for row in table)
+    code, out, _ = run("check", "four_bar", "--csv", "-")
+    assert (code, out) == (0, "kind,text\n")
+
+
 def test_one_of_two_has_the_screen(run):
     code, out, err = run("sweep", *SWEPT, "--json", "-", "--csv", "-")
     assert code == 2 and out == "" and "one of --json - and --csv -" in err

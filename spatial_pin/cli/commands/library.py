@@ -65,7 +65,7 @@ def _parts(report: Info) -> dict[str, list[str]]:
 
 
 def _check_options(sub: argparse.ArgumentParser) -> None:
-    data_options(sub, "what was found, mistakes too,")
+    data_options(sub, "what was found, mistakes too,", "mistakes and notes, one a line,")
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -73,11 +73,16 @@ def _check(options: argparse.Namespace) -> None:
         content, lines = _checked(options)
     except sp.SpatialPinError as error:
         mistakes = list(getattr(error, "mistakes", ())) or [str(error)]
-        if options.json:
-            tell(options, "", {"file": str(options.mechanism), "good": False,
-                               "mistakes": mistakes, "notes": []})
+        content = {"file": str(options.mechanism), "good": False, "mistakes": mistakes, "notes": []}
+        tell(options, "", content, _faults(content))
         raise
-    tell(options, "\n".join(lines), content)
+    tell(options, "\n".join(lines), content, _faults(content))
+
+
+def _faults(content: dict[str, Any]) -> dict[str, list[str]]:
+    """Return mistakes and notes, one a row."""
+    rows = [(kind, text) for kind in ("mistake", "note") for text in content[f"{kind}s"]]
+    return {"kind": [kind for kind, _ in rows], "text": [text for _, text in rows]}
 
 
 def _checked(options: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
