@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from ast import literal_eval
+
 import mechanisms as known
 import numpy as np
 import pinocchio as pin
@@ -110,5 +113,30 @@ def test_a_rod_that_would_swing_about_its_own_axis_is_no_idle_one(tmp_path):
     for mechanism in (rod_between_balls(tmp_path, lever=0.02),
                       rod_between_balls(tmp_path, extra=spring)):
         state = sp.solve_rates(mechanism, sp.assemble(mechanism, {"crank": 0.4}), {"crank": 2.0})
-        with pytest.raises(sp.SpatialPinError, match=r"carries load.*ball_a"):
+        with pytest.raises(sp.SpatialPinError, match=r"carries load.*ball_a.*universal joint"):
             sp.inverse_dynamics(mechanism, state)
+        found = sp.simulate(mechanism, state, 0.1,  # as the error says
+                            drives={"crank": sp.laws.constant_speed(0.4, 2.0)})
+        assert found.energy_drift < 1e-8
+
+
+def test_motors_are_named_where_they_can_act(tmp_path):
+    """A rod between two balls, one on a crank and one on a slide of a rocker."""
+    tree = heavy(
+        known.turning("crank", "ground", "arm", axis=(0, 1, 0))
+        + known.floating("ball_a", "arm", "rod", (0.1, 0, 0))
+        + known.turning("rocker", "ground", "lever", (-0.3, 0, 0))
+        + known.sliding("tube", "lever", "slider", (0.25, 0, 0), axis=(1, 0, 0))
+        + known.point("end", "rod", (0.4, 0, 0)),
+        arm=ARM, lever=ARM, slider=ARM, rod=(1.0, (0.2, 0, 0), (1e-3, 0.05, 0.05)))
+    mechanism = known.load(
+        tmp_path, "rods", tree, FLAT + known.driver("crank", "crank")
+        + known.refine("ball_a", "spherical")
+        + known.closure("ball_b", "spherical", "end", "slider")
+        + known.guess(rocker=1.0))
+    state = sp.assemble(mechanism, {"crank": 0.4})
+    with pytest.raises(sp.SpatialPinError, match="1 freedom has no actuator") as told:
+        sp.inverse_dynamics(mechanism, state)
+    named = re.search(r"actuated=(\[.*\])", str(told.value))
+    assert named
+    assert set(sp.inverse_dynamics(mechanism, state, literal_eval(named[1])).efforts) > {"crank"}

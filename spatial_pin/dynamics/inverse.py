@@ -30,6 +30,8 @@ from spatial_pin.motion.summary import EFFORTS
 from spatial_pin.numerics.linalg import Array, decompose, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 
+NO_MOTOR = "no motor acts on a component of a ball or of a floating joint"
+
 
 class Actuation:
     """The coordinates that have efforts.
@@ -243,8 +245,10 @@ def _unactuated(
     if missing:
         active = active_among(equations, spare, found)
         names = equations.moving(active)
-        example = [*actuation.names, *(
-            equations.mechanism.coordinates[v] for v in independent_rows(active.T))]
+        chosen = [equations.mechanism.coordinates[v] for v in _to_actuate(equations, active)]
+        way = f"such as inverse_dynamics(..., actuated={[*actuation.names, *chosen]})"
+        if not _bear_motors(equations, chosen):
+            way = f"but {NO_MOTOR}: model it as a chain of revolute joints"
         bases = free_bases(equations.mechanism)
         floats = "".join(f"; {joint} floats freely, and no motor acts there: join what it carries "
                          "to the ground by closures, or load it without a free base"
@@ -252,9 +256,20 @@ def _unactuated(
         raise SpatialPinError(
             f"mechanism {equations.mechanism.name!r}: {missing} "
             f"freedom{'s have' if missing > 1 else ' has'} no actuator; actuate {missing} more of "
-            f"{', '.join(names)}, such as inverse_dynamics(..., actuated={example}){floats}"
+            f"{', '.join(names)}, {way}{floats}"
         )
     return spare, found
+
+
+def _to_actuate(equations: Equations, freedoms: Array) -> NDArray[np.intp]:
+    """Return velocity entries that tell freedoms (k, nv) apart, where motors act if they can."""
+    own = np.array([c.v for c in equations.mechanism.coordinate_table.values() if c.q >= 0], int)
+    chosen: NDArray[np.intp] = own[independent_rows(freedoms.T[own])] if len(own) else own
+    return chosen if len(chosen) == len(freedoms) else independent_rows(freedoms.T)
+
+
+def _bear_motors(equations: Equations, names: Iterable[str]) -> bool:
+    return all(equations.mechanism.coordinate_table[name].q >= 0 for name in names)
 
 
 def _refuse_load(equations: Equations, spare: Array, idle: Array, a: Array) -> None:
@@ -273,10 +288,13 @@ def _refuse_load(equations: Equations, spare: Array, idle: Array, a: Array) -> N
         loads = motions @ (scale * force)
         if np.abs(loads).max(initial=0.0) > allowed:
             names = equations.moving(motions[np.abs(loads) > allowed])
+            remedy = "actuate one of them" if _bear_motors(equations, names) else (
+                f"{NO_MOTOR}: let masses and forces act on the line through the ends of a rod, or "
+                "make one of its balls a universal joint; simulate(..., drives=...) tells how it "
+                "turns else")
             raise SpatialPinError(
                 f"mechanism {equations.mechanism.name!r}: a freedom without actuator carries load: "
-                f"weight, a spring, a force or inertia works on {', '.join(names)}; actuate one of "
-                "them"
+                f"weight, a spring, a force or inertia works on {', '.join(names)}; {remedy}"
             )
 
 
