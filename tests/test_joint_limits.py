@@ -13,6 +13,7 @@ from scipy.special import ellipj, ellipk
 from test_seven_bodies import poses, rsup
 
 import spatial_pin as sp
+from spatial_pin.assembly.assemble import assembled
 from spatial_pin.cli import main
 from spatial_pin.motion.joint_limits import (
     SWING_OF_ACCELERATIONS,
@@ -356,3 +357,25 @@ def test_how_far_a_joint_swings_beyond_its_samples_is_bounded():
         beyond = max(found.max() - values.max(), values.min() - found.min())
         assert beyond <= (SWING_OF_RATES * h * np.abs(rates).sum()
                           + SWING_OF_ACCELERATIONS * h * h * np.abs(accelerations).sum())
+
+
+@pytest.mark.parametrize("limits", [(0.0, 7.0), (-10.0, 10.0), (-1.0, 1.0)])
+def test_limits_that_are_not_kept_leave_the_branch(limits, tmp_path):
+    """An angle taken to another turn for its limits is where it was."""
+    def four_bar(name, kind, limits):
+        tree = (known.turning("crank", "ground", "a")
+                + known.turning("knee", "a", "b", (0.1, 0, 0))
+                + known.joint(kind, "rocker", "ground", "c", (0.3, 0, 0), axis=(0, 0, 1),
+                                   limits=limits)
+                + known.point("b_end", "b", (0.28, 0, 0))
+                + known.point("c_end", "c", (0.24, 0, 0)))
+        return known.load(tmp_path, name, tree, known.closure(
+            "pin", "revolute", "b_end", "c_end") + known.driver("crank", "crank"))
+
+    def rocker(mechanism, guess):
+        state = assembled(mechanism, {"crank": 0.4}, {"rocker": guess})
+        return state.placement("c").rotation
+
+    free, limited = four_bar("free", "continuous", None), four_bar("some", "revolute", limits)
+    for guess in np.linspace(-12.0, 12.0, 41):
+        assert rocker(limited, guess) == pytest.approx(rocker(free, guess), abs=1e-9)

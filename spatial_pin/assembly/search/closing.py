@@ -200,6 +200,8 @@ class Closing:
             return found.distance
         there = with_values(self.mechanism, found.q, self.named)
         gaps = pin.difference(self.mechanism.model, found.q, there)
+        turning = [c.v for c in periodic(self.mechanism)]
+        gaps[turning] -= 2.0 * np.pi * np.floor(gaps[turning] / (2.0 * np.pi) + 0.5)
         return math.hypot(*(gaps / self.mechanism.velocity_scale).tolist())
 
     def accepted(self, q: Array) -> float:

@@ -44,7 +44,7 @@ static Real square_between(const Real *one, const Real *two)
 }
 
 /* How far q (nq) is from what is named: angles, and lengths by the size of a unit of each; of
-   floating joints nothing is named here. */
+   floating joints nothing is named here. A turn that limits ask for is no way. */
 Real meant_distance(const Kernel *k, const Meant *meant, const Real *q)
 {
     Real sum = 0.0;
@@ -52,7 +52,10 @@ Real meant_distance(const Kernel *k, const Meant *meant, const Real *q)
         const Int at = k->iq[j];
         if (j == 0 || k->kind[j] == FREE || !(meant->said[at] & NAMED))
             continue;
-        const Real gap = (q[at] - meant->value[at]) / k->scale[k->iv[j]];
+        Real gap = q[at] - meant->value[at];
+        if (meant->said[at] & TURNS)
+            gap -= WHOLE_TURN * floor(gap / WHOLE_TURN + 0.5);
+        gap /= k->scale[k->iv[j]];
         sum += k->kind[j] == BALL ? square_between(q + at, meant->value + at) : gap * gap;
     }
     return sqrt(sum);
