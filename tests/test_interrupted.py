@@ -10,6 +10,7 @@ import spatial_pin as sp
 from spatial_pin.cli.running import main
 from spatial_pin.continuation import follow as following
 from spatial_pin.dimensions.predictions import Predictions
+from spatial_pin.inverse_kinematics import reach_path
 from spatial_pin.proximity.search import Search
 
 VALUES = np.linspace(0.0, 3.0, 61)
@@ -93,6 +94,28 @@ def test_a_path_of_targets_keeps_the_motion_until_ctrl_c(cut):
         sp.reach_path(mechanism, targets, state=guess)
     assert 0 < len(stopped.value.motion) <= 4
     assert_begins(stopped.value.motion, path, len(stopped.value.motion))
+
+
+def test_a_path_of_targets_keeps_its_motion_where_singular_drivers_are_searched_for(monkeypatch):
+    mechanism = sp.load("delta")
+    line = np.linspace([0.0, 0.0, -0.9], [0.2, 0.0, -0.9], 9)
+    whole = sp.reach_path(mechanism, {"platform": line})
+    monkeypatch.setattr(reach_path, "driver_singularities",
+                        interrupting(reach_path.driver_singularities, 1))
+    with pytest.raises(sp.Interrupted) as stopped:
+        sp.reach_path(mechanism, {"platform": line})
+    assert_begins(stopped.value.motion, whole, 9)
+
+
+def test_targets_reached_one_by_one_are_kept_until_ctrl_c(monkeypatch):
+    mechanism = sp.load("excavator")
+    points = np.linspace([6.0, 0.0, -1.0], [6.4, 0.0, -1.2], 9)
+    start = sp.reach(mechanism, {"teeth": points[0]})
+    whole = sp.reach_path(mechanism, {"teeth": points[:4]}, state=start)
+    monkeypatch.setattr(reach_path, "reach", interrupting(reach_path.reach, 5))
+    with pytest.raises(sp.Interrupted) as stopped:
+        sp.reach_path(mechanism, {"teeth": points}, state=start)
+    assert_begins(stopped.value.motion, whole, 4)
 
 
 def test_nothing_is_kept_before_the_first_samples(cut):

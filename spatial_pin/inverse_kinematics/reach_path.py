@@ -12,7 +12,7 @@ from spatial_pin.assembly.holding import BASE, Hold, free_bases, held_by
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.checks import checked, names_of
 from spatial_pin.constraints.closure_equations import evaluation_of
-from spatial_pin.errors import ReachError, SingularError, SpatialPinError
+from spatial_pin.errors import Interrupted, ReachError, SingularError, SpatialPinError
 from spatial_pin.inverse_kinematics.driver_singularities import driver_singularities
 from spatial_pin.inverse_kinematics.named_targets import read_targets
 from spatial_pin.inverse_kinematics.reach import EXACT, reach
@@ -93,6 +93,7 @@ def reach_path(
         SingularError: the branch is not determined at a configuration, or crosses another one.
         UnknownNameError: there is no such frame, coordinate or driver.
         SpatialPinError: a frame turns too far from one sample to the next.
+        Interrupted: after Ctrl-C; has the motion until then.
         TypeError: a table is none.
         ValueError: tables are not finite, or of different lengths, or times do not rise.
 
@@ -201,8 +202,11 @@ def _followed(
         for part, new in zip(into, found.samples.between(0, found.done), strict=True):
             part[...] = new[:, : part.shape[1]] if part.ndim == 2 else new
         between = partial(_between, copy, model.nq, standing, law, own, found.samples)
-        lost += [(at, row + stretch.first) for at, row in driver_singularities(
-            _states(mechanism, into), into.q, own[: found.done], hold, between)]
+        try:
+            lost += [(at, row + stretch.first) for at, row in driver_singularities(
+                _states(mechanism, into), into.q, own[: found.done], hold, between)]
+        except KeyboardInterrupt:
+            return Followed(samples, done, None, undriven=lost, is_cut=True)
         if found.stop is not None or found.is_cut:
             return Followed(samples, done, found.stop, undriven=lost, is_cut=found.is_cut)
         here = State(mechanism, into.q[-1], closure_error=into.error[-1], angles=into.angles[-1])
@@ -292,5 +296,7 @@ def _by_drivers(
                 error.motion = motion()
                 error.args = (f"sample {k}: {error}",)
                 raise
+            except KeyboardInterrupt as stopped:
+                raise Interrupted(motion()) from stopped
             bar.update(1)
     return motion()
