@@ -633,7 +633,7 @@ def test_one_frame_may_have_several_targets(tmp_path):
     there = state.placement("platform")
     assert np.abs(there.translation - point).max() < 1e-12
     assert np.abs(there.rotation[:, 2] - tilted).max() < 1e-12
-    with pytest.raises(TypeError, match="it is a point"):
+    with pytest.raises(TypeError, match="a frame has a point"):
         sp.reach(mechanism, {"platform": [targets.position(point), "up"]}, start)
 
 
@@ -643,8 +643,9 @@ def test_one_frame_may_have_several_targets(tmp_path):
 @pytest.mark.parametrize(("wanted", "error", "words"), [
     ({"nobody": [0, 0, 0]}, sp.UnknownNameError, "nobody"),
     ({"nobody": 0.1}, sp.UnknownNameError, "nobody"),
-    ({"coupler": "up"}, TypeError, "it is a point"),
-    ({"coupler": [0, 0]}, TypeError, "it is a point"),
+    ({"coupler": "up"}, TypeError, "a frame has a point"),
+    ({"coupler": [0, 0]}, TypeError, r"\[0, 0\] is none; a frame has a point"),
+    ({"coupler": 0.1}, TypeError, "0.1 is none; a frame has a point"),
     ({"coupler": [0, 0, np.nan]}, ValueError, "coupler"),
     ({}, ValueError, "targets is empty"),
     ({"crank": 0.1, "crank_pin": 0.2}, ValueError, "contradict .* coordinate 'crank_pin'"),

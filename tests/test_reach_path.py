@@ -389,6 +389,8 @@ def test_an_answer_does_not_depend_on_what_was_asked_before():
     ({"platform": np.zeros((2, 4))}, None, TypeError, "no table"),
     ({"platform": "there"}, None, TypeError, "no table"),
     ({"platform": None}, None, TypeError, "no table"),
+    ({"platform": {"x": 1.0}}, None, TypeError, "no table"),
+    ({"platform": [0.1, 0.2]}, None, TypeError, "no table"),
     ({"platform": sp.targets.position([0.0, 0.0, 1.0])}, None, TypeError, "no table"),
     ({"platform": np.full((2, 3), np.nan)}, None, ValueError, "platform"),
     ({"platform": np.zeros((2, 3)), "leg_1": np.zeros(3)}, None, ValueError, "differ in length"),

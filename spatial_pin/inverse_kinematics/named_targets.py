@@ -203,7 +203,7 @@ def _named(mechanism: Mechanism, name: str, given: Any) -> Target:
     """Return a target with its name, that of an output as what the output is of."""
     if not isinstance(given, Target):
         plain = output_target(mechanism, name, given) if _has_numbers(given) else None
-        return plain or replace(_plain(name, given), name=name)
+        return plain or replace(_plain(mechanism, name, given), name=name)
     target = given if given.name else replace(given, name=name)
     if isinstance(target, CoordinateValue | Position):
         numbers = target.value if isinstance(target, CoordinateValue) else target.point
@@ -230,12 +230,14 @@ def _is_list(given: Any) -> bool:
     return isinstance(given, list | tuple) and any(isinstance(x, Target) for x in given)
 
 
-def _plain(name: str, given: Any) -> Target:
+def _plain(mechanism: Mechanism, name: str, given: Any) -> Target:
     if isinstance(given, pin.SE3):
         return pose(given)
-    if np.ndim(given) == 0 and not isinstance(given, str | bytes):
+    is_frame = name in mechanism.frame_ids and not is_coordinate(mechanism, name)
+    if np.ndim(given) == 0 and not (is_frame or isinstance(given, str | bytes)):
         return coordinate(finite_number(given, f"target {name!r}"))
     if np.shape(given) == (3,):
         return position(finite_array(given, (3,), f"target {name!r}"))
-    raise TypeError(f"target {name!r} is none: it is a point (3,), a pinocchio.SE3, a number for a "
-                    "coordinate or another output, or one of spatial_pin.targets")
+    raise TypeError(f"target {name!r}: {given!r} is none; a frame has a point (3,) or a "
+                    "pinocchio.SE3, a coordinate or another output a number; or give one of "
+                    "spatial_pin.targets")

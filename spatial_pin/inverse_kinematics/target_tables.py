@@ -168,7 +168,7 @@ def _table(mechanism: Mechanism, name: str, given: Any) -> Table:
     shape = _shape(given)
     if shape and not shape[0]:
         raise ValueError(f"{what} has no sample")
-    if shape is None or any(isinstance(x, pin.SE3 | Target) for x in placements):
+    if shape is None or (len(shape) < 2 and shape != (3,) and _is_point(mechanism, name)):
         raise TypeError(f"{what} is no table: it is points (N, 3), a list of pinocchio.SE3, or "
                         "numbers (N,) of a coordinate or another output")
     of_output = _of_output(mechanism, name, given, shape)
@@ -214,11 +214,12 @@ def _is_point(mechanism: Mechanism, name: str) -> bool:
 
 def _shape(given: Any) -> tuple[int, ...] | None:
     """Return the shape of a number, numbers (N,) or points (N, 3); None of anything else."""
-    if given is None or isinstance(given, str | bytes | Target):
-        return None
     try:
-        shape = np.shape(given)
+        numbers = np.asarray(given)
     except ValueError:
+        return None
+    shape = numbers.shape
+    if numbers.dtype.kind not in "biuf":  # words and objects are none
         return None
     return shape if len(shape) < 2 or (len(shape) == 2 and shape[1] == 3) else None
 
