@@ -629,12 +629,31 @@ def test_everything_fits_a_telephone(one_browser, address):
         b = box(one_browser, selector)
         assert b["x"] >= 0 and b["right"] <= 390 and b["bottom"] <= 760.5, selector
     tools, says = box(one_browser, "#tools"), box(one_browser, "#says")
-    assert says["right"] <= tools["x"]
+    assert says["right"] <= tools["x"] and tools["bottom"] <= box(one_browser, "#player")["y"]
     assert box(one_browser, "#player div")["width"] > 250
     one_browser.evaluate("toggleTool('parts', false); toggleTool('curves', false); 1")
     seen = pixels(one_browser.screenshot())
     column, row = middle(colour_mask(seen[:, :300], (0.0, 0.447, 0.698)))
     assert 50 < column < 300 and 150 < row < 600
+
+
+def test_all_buttons_stand_above_the_player_of_a_report_on_a_telephone(one_browser, address):
+    one_browser.resize((354, 470))  # its picture there
+    one_browser.open(address, READY)
+    assert box(one_browser, "#tools > :last-child")["bottom"] <= box(one_browser, "#player")["y"]
+
+
+def test_a_legend_that_would_lie_over_the_readings_is_hidden(one_browser, motion, tmp_path):
+    look = sp.Look(traces="coupler_b", curves=["rocker_pin", "ball_a.x"])
+    one_browser.resize((390, 760))
+    one_browser.open(sp.export_html(motion, tmp_path / "page.html", look=look), READY)
+    seen = "document.getElementById('legend').checkVisibility({visibilityProperty: true})"
+    assert one_browser.evaluate(seen)
+    one_browser.evaluate("toggleTool('parts'); toggleTool('inspector'); 1")
+    one_browser.wait_until(f"!{seen}")
+    assert box(one_browser, "#legend")["y"] < box(one_browser, "#says")["bottom"]
+    one_browser.evaluate("toggleTool('parts', false); toggleTool('inspector', false); 1")
+    one_browser.wait_until(seen)
 
 
 @pytest.mark.parametrize("size", [(390, 760), (390, 560), (520, 900)])

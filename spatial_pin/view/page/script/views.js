@@ -100,8 +100,10 @@ function share() {  // the window between the picture and what stands below it
   pane.style.height = `${innerHeight - taken}px`;
   document.body.style.setProperty("--below", `${taken}px`);
   viewer.set_3d_pane_size();
-  const [tools, triad] = ["tools", "triad"].map(id => document.getElementById(id).getBoundingClientRect());
+  const [tools, triad, says, legend] = ["tools", "triad", "says", "legend"]
+    .map(id => document.getElementById(id).getBoundingClientRect());
   document.body.classList.toggle("short", triad.top < tools.bottom);
+  document.body.classList.toggle("low", legend.top < says.bottom);
   fit();
 }
 
