@@ -279,6 +279,12 @@ def test_an_error_is_one_paragraph_on_stderr(fail, tmp_path, monkeypatch, words,
     ("sweep", "rssr", "crank", "0", "inf"), ("sweep", "rssr", "crank", "0", "1", "--steps", "many"),
     ("sweep", "rssr", "crank", "0", "1", "--steps", "0"),
     ("assemble", "rssr", "crank=1", "crank=2"),
+    ("simulate", "four_bar", "--duration", "-1"), ("simulate", "four_bar", "--duration", "0"),
+    ("simulate", "four_bar", "--duration", "nan"),
+    ("tradeoff", "four_bar", "--simulate", "-1"), ("tradeoff", "four_bar", "--simulate", "0"),
+    ("workspace", "four_bar", "coupler_b", "crank=0..1", "--clearance", "-1mm"),
+    ("workspace", "four_bar", "coupler_b", "crank=1..0"),
+    ("tolerance", "rssr", "rocker_pin", "--deviation", "b=-1mm"),
 ])
 def test_wrong_usage_is_exit_code_2_and_says_how(fail, words):
     code, err = fail(*words)
@@ -292,6 +298,13 @@ def test_wrong_usage_is_exit_code_2_and_says_how(fail, words):
 ])
 def test_options_stand_anywhere_between_the_words_of_a_command(run, words):
     assert run(*words) == run("assemble", "rssr", "crank=60deg", "--set", "d=315mm")
+
+
+def test_no_time_of_a_sweep_backwards_is_minus_zero(run):
+    rows = run("sweep", "rssr", "crank", "1", "0", "--steps", "3", "--speed", "-1",
+               "--csv", "-").splitlines()
+    at = rows[0].split(",").index("time [s]")
+    assert [row.split(",")[at] for row in rows[1:]] == ["0.0", "0.5", "1.0"]
 
 
 def test_a_full_disk_is_told_as_such(fail):

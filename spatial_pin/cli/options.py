@@ -163,6 +163,22 @@ def value(text: str) -> Quantity:
         raise argparse.ArgumentTypeError(str(error)) from None
 
 
+def above_zero(text: str) -> Quantity:
+    """Return a number above zero, with a unit or without one."""
+    found = value(text)
+    if not found > 0.0:
+        raise argparse.ArgumentTypeError(f"{text!r} is not above zero")
+    return found
+
+
+def not_negative(text: str) -> Quantity:
+    """Return a number from zero up, with a unit or without one."""
+    found = value(text)
+    if found < 0.0:
+        raise argparse.ArgumentTypeError(f"{text!r} is negative")
+    return found
+
+
 def positive(text: str) -> float:
     """Return a number above zero without a unit."""
     found = value(text)
@@ -191,6 +207,22 @@ def setting(text: str) -> tuple[str, float]:
     if not (name and equals):
         raise argparse.ArgumentTypeError(f"{text!r} is not NAME=VALUE")
     return name, value(given)
+
+
+def spread(text: str) -> tuple[str, float]:
+    """Return name and value of `NAME=VALUE`, which is not negative."""
+    name, found = setting(text)
+    if found < 0.0:
+        raise argparse.ArgumentTypeError(f"{text!r} is negative")
+    return name, found
+
+
+def rising(text: str) -> tuple[str, tuple[Quantity, Quantity]]:
+    """Return name and ends of `NAME=LO..HI`, the smaller one first."""
+    name, (low, high) = span(text)
+    if not low < high:
+        raise argparse.ArgumentTypeError(f"{text!r}: the smaller one goes first")
+    return name, (low, high)
 
 
 def span(text: str) -> tuple[str, tuple[Quantity, Quantity]]:

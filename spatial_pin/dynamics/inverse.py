@@ -290,7 +290,7 @@ def _refuse_load(equations: Equations, spare: Array, idle: Array, a: Array) -> N
             names = equations.moving(motions[np.abs(loads) > allowed])
             remedy = "actuate one of them" if _bear_motors(equations, names) else (
                 f"{NO_MOTOR}: let masses and forces act on the line through the ends of a rod, or "
-                "make one of its balls a universal joint; simulate(..., drives=...) tells how it "
+                "make one of its balls a universal joint; a simulation tells how it "
                 "turns else")
             raise SpatialPinError(
                 f"mechanism {equations.mechanism.name!r}: a freedom without actuator carries load: "

@@ -281,7 +281,7 @@ def _time(values: Array, speed: float) -> Array | None:
     """Return (value - first)/speed where that rises from sample to sample, else None."""
     if speed == 0.0:
         return None
-    time = (values - values[0]) / speed
+    time = (values - values[0]) / speed + 0.0  # nor -0.0
     rises = len(values) < 2 or (math.isfinite(time[-1]) and (time[1:] > time[:-1]).all())
     return time if rises else None
 

@@ -13,12 +13,12 @@ from spatial_pin.cli.asked import loaded
 from spatial_pin.cli.commands.motions import beginning, sweep_task
 from spatial_pin.cli.options import (
     Command,
+    above_zero,
     count,
     data_options,
     positive,
     start_options,
     sweep_arguments,
-    value,
 )
 from spatial_pin.cli.results import finite, tell
 from spatial_pin.columns import heading
@@ -30,7 +30,7 @@ PARTS = "errors of positions, velocities and accelerations one by one: --csv, --
 
 def _tradeoff_options(sub: argparse.ArgumentParser) -> None:
     sweep_arguments(sub, needed=False)
-    sub.add_argument("--simulate", nargs="?", const=0.0, type=value, metavar="DURATION",
+    sub.add_argument("--simulate", nargs="?", const=0.0, type=above_zero, metavar="DURATION",
                      help="a simulation instead of a sweep, as 10 or 500ms "
                           "(a few seconds under gravity)")
     start_options(sub, "--begin")  # --speed is that of a sweep

@@ -16,7 +16,7 @@ from spatial_pin.cli.options import (
     from_zero,
     over_options,
     rate_options,
-    setting,
+    spread,
     workers_option,
 )
 from spatial_pin.cli.results import finite, tell
@@ -123,7 +123,7 @@ def _tolerance_options(sub: argparse.ArgumentParser) -> None:
     rate_options(sub)
     sub.add_argument("--also", action="append", default=[], metavar="OUTPUT",
                      help="another output, of the same samples")
-    sub.add_argument("--deviation", action="append", default=[], required=True, type=setting,
+    sub.add_argument("--deviation", action="append", default=[], required=True, type=spread,
                      metavar="NAME=VALUE", help="standard deviation of a dimension, as b=0.1mm")
     sub.add_argument("--samples", type=from_zero, default=0,
                      help="draw so many mechanisms, besides the linear estimate (0)")

@@ -16,6 +16,7 @@ from spatial_pin.cli.names import check_names
 from spatial_pin.cli.options import (
     SPRINGS_HELP,
     Command,
+    above_zero,
     count,
     data_options,
     guess_option,
@@ -222,7 +223,7 @@ def _follow(options: argparse.Namespace) -> None:
 
 
 def _simulate_options(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("--duration", type=value, required=True, help="how long, as 10 or 500ms")
+    sub.add_argument("--duration", type=above_zero, required=True, help="how long, as 10 or 500ms")
     sub.add_argument("--rows", type=count, default=1001, help="number of rows (1001)")
     start_options(sub, "--speed")
     sub.add_argument("--on-joint-limit", choices=("report", "stop", "ignore"), default="report",

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import spatial_pin as sp
-from spatial_pin.cli.asked import fitting, guess_of, loaded, unique, workers
+from spatial_pin.cli.asked import fitting, guess_of, in_units, loaded, unique, workers
 from spatial_pin.cli.goal_files import check_bounds, read_goals
 from spatial_pin.cli.options import (
     Command,
@@ -17,15 +17,17 @@ from spatial_pin.cli.options import (
     data_options,
     from_zero,
     guess_option,
+    not_negative,
     positive,
-    setting,
-    span,
+    rising,
+    spread,
     value,
     workers_option,
 )
 from spatial_pin.cli.readings import check_sigma, read_readings
 from spatial_pin.cli.results import Told, finite, tell
 from spatial_pin.outputs import write_columns
+from spatial_pin.units import LENGTHS
 from spatial_pin.workspace_map.curves import curve_columns
 from spatial_pin.workspace_map.poses import PARTS
 from spatial_pin.workspace_map.result import unit_of
@@ -33,7 +35,7 @@ from spatial_pin.workspace_map.result import unit_of
 
 def _workspace_options(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("frame", metavar="FRAME", help="link, frame or joint whose points are wanted")
-    sub.add_argument("ranges", nargs="+", type=span, metavar="NAME=LO..HI",
+    sub.add_argument("ranges", nargs="+", type=rising, metavar="NAME=LO..HI",
                      help="drivers, as crank=0..90deg, or parts of the frame's pose: x, y, z, "
                           "turn_x, turn_y, turn_z, as x=-0.2..0.2")
     sub.add_argument("--points", type=count, help="how many values each of them has")
@@ -44,7 +46,7 @@ def _workspace_options(sub: argparse.ArgumentParser) -> None:
                      help="keep the joint limits")
     sub.add_argument("--on-crossing", choices=("stop", "straight"), default="stop",
                      help="what to do where branches cross (stop)")
-    sub.add_argument("--clearance", type=value, metavar="DISTANCE",
+    sub.add_argument("--clearance", type=not_negative, metavar="DISTANCE",
                      help="links that are not joined keep this distance; 0: they do not touch")
     sub.add_argument("--sheets", action="store_true",
                      help="look for other branches over the same grid")
@@ -64,6 +66,7 @@ def _workspace(options: argparse.Namespace) -> None:
     mechanism = loaded(options)
     mechanism.frame_id(options.frame)
     ranges = dict(options.ranges)
+    in_units({"clearance": options.clearance}, *LENGTHS)
     if len(ranges) < len(options.ranges):
         options.usage_error("a name is given two ranges")
     for k in (0, 1):
@@ -176,7 +179,7 @@ def _calibrate_options(sub: argparse.ArgumentParser) -> None:
                      "axes of their own: find where the mechanism stands in these")
     sub.add_argument("--read", action="append", default=[], metavar="NAME",
                      help="a coordinate that is read, besides the drivers")
-    sub.add_argument("--sigma", action="append", default=[], type=setting, metavar="NAME=VALUE",
+    sub.add_argument("--sigma", action="append", default=[], type=spread, metavar="NAME=VALUE",
                      help="standard deviation of position, rotation, angle, length or encoder, or "
                      "of one quantity, as position=0.02mm, crank.encoder=0.1deg")
     sub.add_argument("--loss", choices=("linear", "soft_l1", "huber", "cauchy", "arctan"),
