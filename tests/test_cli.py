@@ -338,13 +338,15 @@ def test_a_warning_is_a_line_on_stderr_and_json_stays_pure(capfd, tmp_path):
     assert err.startswith("spatial-pin: warning: ") and "gone.stl" in err and err.count("\n") == 1
 
 
-def test_a_reader_that_closes_early_is_no_error(capfd, monkeypatch):
+@pytest.mark.parametrize("words", [["info", "rssr"], ["sweep", "rssr", "crank", "0", "1"]])
+def test_a_reader_that_closes_early_is_no_error_and_files_are_written(
+        words, capfd, monkeypatch, tmp_path):
     reader, writer = os.pipe()
     os.close(reader)
-    with os.fdopen(writer, "w", encoding="utf-8") as stdout:
+    with os.fdopen(writer, "w", encoding="utf-8", buffering=1) as stdout:
         monkeypatch.setattr(sys, "stdout", stdout)
-        main(["info", "rssr"])
-    assert capfd.readouterr().err == ""
+        assert main([*words, "--json", str(tmp_path / "told.json")]) == 0
+    assert capfd.readouterr().err == "" and (tmp_path / "told.json").stat().st_size
 
 
 def test_the_version_is_printed(capfd):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import csv
 import json
+import os
 import re
 import sys
 import textwrap
@@ -79,7 +80,15 @@ def say(text: object) -> None:
     """Print text, no line of which is wider than a terminal where it can be broken."""
     shown = "\n".join(fitted(line) for line in str(text).splitlines())
     if shown:
-        print(shown)
+        try:
+            print(shown, flush=True)
+        except BrokenPipeError:
+            unheard()  # files are written all the same
+
+
+def unheard() -> None:
+    """Lead the rest of standard output nowhere: its reader has seen enough."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def fitted(line: str) -> str:

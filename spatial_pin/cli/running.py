@@ -13,7 +13,7 @@ from pathlib import Path
 
 import spatial_pin as sp
 from spatial_pin.cli.parser import options_of
-from spatial_pin.cli.results import SCREEN, Told, worded
+from spatial_pin.cli.results import SCREEN, Told, unheard, worded
 from spatial_pin.outputs import figure_suffix
 
 DATA = ("json", "csv")  # options that take - for the screen
@@ -36,8 +36,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         options.run(options)
         if sys.stdout is not None:  # which it is where standard output is closed
             sys.stdout.flush()
-    except BrokenPipeError:  # the reader has seen enough; nothing is left to flush at exit
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except BrokenPipeError:  # nothing is left to flush at exit
+        unheard()
         return 0
     except (sp.SpatialPinError, ValueError) as error:
         print("; ".join([f"spatial-pin: {worded(options, error)}", *_hints(options)]),
