@@ -362,6 +362,23 @@ def test_ruler_takes_what_it_says(page, motion, kind):
     assert off <= (1.0 if kind == "surface of " else 11.0)
 
 
+def test_paths_have_points_and_round_off_beside_larger_numbers_is_told_as_zero(
+    one_browser, tmp_path
+):
+    mech = sp.load("delta")
+    motion = sp.sweep(mech, "arm_1", np.linspace(-0.5, 1.0, 61), speed=1.0)
+    look = sp.Look(traces="platform", curves="platform.position")
+    one_browser.resize(SIZE)
+    one_browser.open(sp.export_html(motion, tmp_path / "page.html", look=look), READY)
+    one_browser.evaluate("go(film.seconds[55]); viewer.render(); drawCursors(); 1")
+    x, y = one_browser.evaluate("panels[0].values.slice(0, 2).map(v => v.textContent)")
+    across = motion.frame("platform").position[55, 1]
+    assert x == "x 0 m" and float(y.split()[1]) == pytest.approx(across, rel=1e-4)
+    path = "solids.find(s => s.name === 'path of platform').meshes[0]"
+    assert one_browser.evaluate(f"corner({{object: {path}, face: {{a: 0, b: 1, c: 2}}}})[0].name"
+                                ) == "point of path of platform"
+
+
 def test_axes_are_as_far_apart_as_they_come(page, motion):
     script = """(names => {
       go(film.seconds[17]); viewer.render();

@@ -2,6 +2,7 @@
 const COLOURS = ["#0072b2", "#d55e00", "#009e73"];
 const MARGIN = {left: 46, right: 8, top: 6, bottom: 18};
 const HEIGHT = 120;
+const ROUND_OFF = 1e-12;  // of the largest value of a figure: less is told as zero
 const drawer = document.getElementById("curves");
 const panels = [];
 
@@ -135,8 +136,9 @@ function drawCursors() {
     panel.cursor.setAttribute("x2", at);
     panel.data.lines.forEach((line, k) => {
       const name = line.name ? `${line.name} ` : "";
-      const value = here(line.values);
-      panel.values[k].textContent = `${name}${value === null ? "–" : briefly(value)} ${panel.data.unit}`;
+      const value = here(line.values), least = ROUND_OFF * Math.max(...panel.scale.y.map(Math.abs));
+      const told = value === null ? "–" : briefly(Math.abs(value) < least ? 0 : value);
+      panel.values[k].textContent = `${name}${told} ${panel.data.unit}`;
     });
   }
 }

@@ -31,9 +31,9 @@ function nearestPick(picks, x, y) {
 }
 
 function corner(hit) {  // of the triangle that is hit, the one that is nearest on the screen
-  const frame = hit.object, places = frame.geometry.attributes.position;
+  const frame = hit.object, places = frame.geometry.attributes.position, {group, name} = frame.userData.solid;
   return ["a", "b", "c"].map(k => ({
-    frame, axis: null, name: `corner of ${frame.userData.solid.name}`,
+    frame, axis: null, name: `${group === "links" ? "corner" : "point"} of ${name}`,
     point: new THREE.Vector3().fromBufferAttribute(places, hit.face[k])}));
 }
 
