@@ -226,10 +226,10 @@ class ReachError(SpatialPinError):
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C while a motion was followed: `except KeyboardInterrupt` catches it.
+    """Ctrl-C while a motion was followed or simulated: `except KeyboardInterrupt` catches it.
 
     Attributes:
-        motion: what was followed until then.
+        motion: what was followed until then; of a simulation a Simulation.
 
     Example:
         >>> try:

@@ -11,6 +11,7 @@ from spatial_pin.cli.running import main
 from spatial_pin.continuation import follow as following
 from spatial_pin.dimensions.predictions import Predictions
 from spatial_pin.inverse_kinematics import reach_path
+from spatial_pin.dynamics.simulation.integration import Run
 from spatial_pin.proximity.search import Search
 
 VALUES = np.linspace(0.0, 3.0, 61)
@@ -213,3 +214,47 @@ def test_no_calibration_is_told_before_the_first_step(measured, monkeypatch):
     monkeypatch.setattr(Predictions, "jacobian", interrupting(Predictions.jacobian, 1))
     with pytest.raises(KeyboardInterrupt):
         sp.calibrate(*measured, ["r3", "r4"])
+
+
+# ---------------------------------------------------------------- simulations, analyses
+
+
+def test_a_simulation_keeps_the_motion_until_ctrl_c():
+    mechanism = sp.load("four_bar")
+    state, times = sp.assemble(mechanism, {"crank": 1.0}), np.linspace(0.0, 1.0, 101)
+
+    def efforts(t, state):
+        if t > 0.6:
+            raise KeyboardInterrupt
+        return {"crank": 0.1}
+
+    whole = sp.simulate(mechanism, state, 1.0, {"crank": 0.1}, times)
+    with pytest.raises(sp.Interrupted) as stopped:
+        sp.simulate(mechanism, state, 1.0, efforts, times)
+    motion = stopped.value.motion
+    assert isinstance(motion, sp.Simulation) and 20 < len(motion) < 80
+    np.testing.assert_allclose(motion.q, whole.q[: len(motion)], atol=1e-6)
+    assert motion.energy_drift < 1e-8
+
+
+def test_the_command_writes_what_was_simulated(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(Run, "_leap", interrupting(lambda *_: None, 30))  # step by step
+    file = tmp_path / "fall.json"
+    assert main(["simulate", "four_bar", "--duration", "1", "--json", str(file)]) == 130
+    written = json.loads(file.read_text(encoding="utf-8"))
+    n = len(written["columns"]["time [s]"])
+    assert 10 < n < 1001 and not written["is_whole"]
+    assert f"cut short after {n} steps" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("words", [
+    ["transmission", "four_bar", "rocker_pin"], ["sensitivity", "four_bar", "rocker_pin"],
+    ["statics", "four_bar"],
+])
+def test_what_was_followed_for_an_analysis_over_a_driver_is_told(words, cut, tmp_path, capsys):
+    cut(20)
+    file = tmp_path / "along.csv"
+    assert main([*words, "--over", "crank=0..3", "--steps", "61", "--csv", str(file)]) == 130
+    n = len(file.read_text(encoding="utf-8").splitlines()) - 1
+    assert 20 <= n < 61
+    assert f"cut short after {n} values" in capsys.readouterr().err

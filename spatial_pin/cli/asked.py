@@ -130,7 +130,10 @@ def state_at(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.State:
 
 
 def motion_over(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion | None:
-    """Return the sweep that `--over` asks for, if it does, without a speed."""
+    """Return the sweep that `--over` asks for, if it does, without a speed.
+
+    After Ctrl-C as far as it was followed; `options.cut_short` says so.
+    """
     if options.over is None:
         if options.hold:
             options.usage_error("--hold belongs to --over: in one configuration nothing moves")
@@ -143,8 +146,12 @@ def motion_over(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Moti
     for end in ends:
         fitting(options, mechanism, {name: end})
     values = np.linspace(ends[0], ends[1], options.steps)
-    return sp.sweep(mechanism, name, values, guess=guess_of(options),
-                    hold=["base", *options.hold], progress=True)
+    try:
+        return sp.sweep(mechanism, name, values, guess=guess_of(options),
+                        hold=["base", *options.hold], progress=True)
+    except sp.Interrupted as stopped:  # what was followed is told of
+        options.cut_short = f"cut short after {len(stopped.motion)} values"
+        return stopped.motion
 
 
 @contextlib.contextmanager

@@ -81,7 +81,8 @@ def parser() -> argparse.ArgumentParser:
     parsers: dict[str, argparse.ArgumentParser] = {}
     for name, command in COMMANDS.items():
         sub = parsers[name] = commands.add_parser(name, description=command.text)
-        sub.set_defaults(run=command.run, usage_error=sub.error, hints=[], parsers=parsers)
+        sub.set_defaults(run=command.run, usage_error=sub.error, hints=[], cut_short="",
+                         parsers=parsers)
         if command.takes_mechanism:
             mechanism_options(sub)
         command.add_options(sub)

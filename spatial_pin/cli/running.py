@@ -57,7 +57,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130
     for hint in _hints(options):
         print(f"spatial-pin: hint: {hint}", file=sys.stderr)
-    return 0
+    if options.cut_short:
+        print(f"spatial-pin: {options.cut_short}", file=sys.stderr)
+    return 130 if options.cut_short else 0
 
 
 def _fit_streams() -> None:

@@ -44,10 +44,14 @@ def look_of(options: argparse.Namespace, clearance: sp.Clearance | None = None) 
                    arrows=tuple(options.arrow), centres=options.centres, clearance=clearance)
 
 
-def write_followed(options: argparse.Namespace, follow: Callable[[], sp.Motion]) -> None:
-    """Follow a motion and write it; after Ctrl-C what was followed until then."""
+def write_followed(
+    options: argparse.Namespace, follow: Callable[[], sp.Motion],
+    last: Callable[[Any], str] = lambda motion: "",
+) -> None:
+    """Follow a motion and write it, `last` below; after Ctrl-C what was followed until then."""
     try:
-        write_motion(options, follow())
+        motion = follow()
+        write_motion(options, motion, last(motion))
     except sp.Interrupted as stopped:
         options.clearance = False
         write_motion(options, stopped.motion, f"cut short after {len(stopped.motion)} steps", False)
@@ -257,12 +261,14 @@ def _simulate(options: argparse.Namespace) -> None:
     check_names(options, mechanism)
     state, efforts = beginning(options, mechanism, options.speed, options.duration)
     times = np.linspace(0.0, options.duration, options.rows)
-    motion = sp.simulate(mechanism, state, options.duration, efforts, times,
-                         sp.Accuracy.named(options.accuracy),
-                         on_joint_limit=options.on_joint_limit, progress=True)
-    write_motion(options, motion,
-                 f"energy drift {motion.energy_drift:.1e} of what is exchanged; {motion.steps} "
-                 f"steps of the integrator in {', '.join(motion.coordinates)}")
+    write_followed(options, lambda: sp.simulate(
+        mechanism, state, options.duration, efforts, times, sp.Accuracy.named(options.accuracy),
+        on_joint_limit=options.on_joint_limit, progress=True), _cost_of)
+
+
+def _cost_of(motion: sp.Simulation) -> str:
+    return (f"energy drift {motion.energy_drift:.1e} of what is exchanged; {motion.steps} steps of "
+            f"the integrator in {', '.join(motion.coordinates)}")
 
 
 # ---------------------------------------------------------------- clearance

@@ -20,7 +20,13 @@ from spatial_pin.dynamics.simulation.independent_coordinates import Lost
 from spatial_pin.dynamics.simulation.integration import Formulate, GivenUp, Run
 from spatial_pin.dynamics.simulation.problem import EffortLaw, Problem
 from spatial_pin.dynamics.simulation.result import Projection, Simulation, driver_names
-from spatial_pin.errors import EnergyError, SingularError, SpatialPinError, StepLimitError
+from spatial_pin.errors import (
+    EnergyError,
+    Interrupted,
+    SingularError,
+    SpatialPinError,
+    StepLimitError,
+)
 from spatial_pin.mechanism.coordinates import finite_array
 from spatial_pin.mechanism.laws import DriverLaw
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -92,6 +98,7 @@ def simulate(
         StepLimitError: it would take more steps than `accuracy.most_steps`; `.motion` as well.
         SpatialPinError: the state does not fit the laws, or is beyond a joint limit at which the
             simulation is to stop, or the integrator gives up.
+        Interrupted: after Ctrl-C; `.motion` holds what came before.
         UnknownNameError: a name does not exist.
         ValueError: a value is NaN or infinite, or times do not rise.
 
@@ -146,9 +153,16 @@ def simulate(
         if fall is not None and isinstance(error, SingularError) and error.state is not None:
             error.state = fall.back(run.t, error.state)
         raise
+    except KeyboardInterrupt:
+        raise _interrupted(run, motion) from None
     finally:
         bar.close()
     return moved
+
+
+def _interrupted(run: Run, motion: Callable[[], Simulation]) -> KeyboardInterrupt:
+    """Return what Ctrl-C raises: with the motion so far, if there is any."""
+    return Interrupted(motion()) if run.record.filled else KeyboardInterrupt()
 
 
 def _check_formulation(accuracy: Accuracy) -> None:
