@@ -7,11 +7,15 @@ import numpy as np
 import pytest
 
 import spatial_pin as sp
+from spatial_pin.accuracy import tradeoff
 from spatial_pin.cli.running import main
 from spatial_pin.continuation import follow as following
+from spatial_pin.dimensions import tolerance
 from spatial_pin.dimensions.predictions import Predictions
-from spatial_pin.inverse_kinematics import reach_path
+from spatial_pin.dimensions.samples import Samples
 from spatial_pin.dynamics.simulation.integration import Run
+from spatial_pin.inverse_kinematics import reach_path
+from spatial_pin.mobility import modes
 from spatial_pin.proximity.search import Search
 
 VALUES = np.linspace(0.0, 3.0, 61)
@@ -258,3 +262,42 @@ def test_what_was_followed_for_an_analysis_over_a_driver_is_told(words, cut, tmp
     n = len(file.read_text(encoding="utf-8").splitlines()) - 1
     assert 20 <= n < 61
     assert f"cut short after {n} values" in capsys.readouterr().err
+
+
+def test_settings_that_were_measured_are_told(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(tradeoff, "_judged", interrupting(tradeoff._judged, 4))
+    file = tmp_path / "table.json"
+    assert main(["tradeoff", "four_bar", "crank", "0", "1", "--steps", "21", "--repeats", "1",
+                 "--json", str(file)]) == 130
+    written = json.loads(file.read_text(encoding="utf-8"))
+    assert not written["is_whole"]
+    assert sum(row["said"] != "not tried, cut short" for row in written["rows"]) == 3
+    assert "cut short" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("copies", [[], ["--copies"]])
+def test_modes_that_were_found_are_told(copies, monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(modes._Search, "attempt", interrupting(modes._Search.attempt, 2))
+    file = tmp_path / "modes.csv"
+    assert main(["modes", "four_bar", "crank=1", *copies, "--csv", str(file)]) == 130
+    assert len(file.read_text(encoding="utf-8").splitlines()) == 3
+    assert "64 closed; cut short" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize("part", ["together", "one by one"])
+def test_samples_that_were_drawn_before_tell_of_the_tolerance(part, monkeypatch, tmp_path, capsys):
+    words = ["tolerance", "rssr", "rocker_pin", "--deviation", "b=1mm", "--samples", "40"]
+    if part == "together":
+        monkeypatch.setattr(tolerance, "SOLVED_TOGETHER", 10)
+        monkeypatch.setattr(Samples, "made_of", interrupting(Samples.made_of, 4))
+    else:
+        monkeypatch.setattr(tolerance, "_together", lambda *_: None)
+        monkeypatch.setattr(tolerance, "_sample", interrupting(tolerance._sample, 22))
+    file = tmp_path / "spread.json"
+    assert main([*words, "--json", str(file)]) == 130
+    written = json.loads(file.read_text(encoding="utf-8"))
+    assert written["samples"] == 20 and written["failed"] == 0 and not written["is_whole"]
+    assert "cut short after 20 samples" in capsys.readouterr().out
+    whole = sp.tolerance(sp.load("rssr"), "rocker_pin", {"b": 1e-3}, samples=40)
+    assert written["mean"]["rocker_pin"] == pytest.approx(
+        whole.samples["rocker_pin"][:20].mean(), abs=1e-12)

@@ -114,6 +114,7 @@ class Tradeoff:
         rows: one for each setting, the fastest first, those that failed last.
         reference: what errors were measured against.
         reference_error: the error of that [-], like `Measured.error`.
+        is_whole: whether nothing cut it short (Ctrl-C).
 
     Example:
         >>> mech = sp.load("four_bar")
@@ -130,6 +131,7 @@ class Tradeoff:
     rows: tuple[Measured, ...]
     reference: str
     reference_error: float
+    is_whole: bool = True
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -212,7 +214,7 @@ class Tradeoff:
             >>> task = {"driver": "crank", "values": np.linspace(0.0, 1.0, 21), "speed": 1.0}
             >>> table = sp.tradeoff(mech, task, settings=[sp.Accuracy.named("draft")], repeats=1)
             >>> sorted(table.as_dict())
-            ['kind', 'mechanism', 'reference', 'reference_error', 'rows', 'task']
+            ['is_whole', 'kind', 'mechanism', 'reference', 'reference_error', 'rows', 'task']
         """
         rows = [{
             "setting": describe(row.accuracy, self.kind), "accuracy": asdict(row.accuracy),
@@ -225,7 +227,8 @@ class Tradeoff:
             "on_front": row.on_front, "said": row.said,
         } for row in self.rows]
         return {"mechanism": self.mechanism, "task": self.task, "kind": self.kind,
-                "reference": self.reference, "reference_error": self.reference_error, "rows": rows}
+                "reference": self.reference, "reference_error": self.reference_error,
+                "is_whole": self.is_whole, "rows": rows}
 
     def to_json(self, path: str | Path) -> Path:
         """Write `as_dict`; returns the path.
@@ -306,6 +309,7 @@ def tradeoff(
         SpatialPinError: the task cannot be done at all, or the mechanism has no such task.
         TypeError, ValueError: what is given is no task, or a number is out of range.
         UnknownNameError: an argument or name does not exist.
+        KeyboardInterrupt: before a setting was measured; else Ctrl-C ends it, see `is_whole`.
 
     Example:
         >>> mech = sp.load("four_bar")
@@ -329,14 +333,23 @@ def tradeoff(
     if not tried:
         raise ValueError("no settings to try")
     with progress_bar(len(tried) * repeats, f"{mechanism.name}: runs", progress) as bar:
-        rows = [_judged(doing, reference, accuracy, bar)
-                if time.perf_counter() < begun + 2.0 * budget
-                else Measured(accuracy, (), 0, said="not tried, the time was out")
-                for accuracy in tried]
-        _repeat(doing, rows, repeats - 1, begun + budget, bar)
+        rows = list[Measured]()
+        try:
+            for accuracy in tried:
+                rows.append(_judged(doing, reference, accuracy, bar)
+                            if time.perf_counter() < begun + 2.0 * budget
+                            else Measured(accuracy, (), 0, said="not tried, the time was out"))
+            _repeat(doing, rows, repeats - 1, begun + budget, bar)
+            is_whole = True
+        except KeyboardInterrupt:  # what was measured until then is the answer
+            if not rows:
+                raise
+            rows += [Measured(accuracy, (), 0, said="not tried, cut short")
+                     for accuracy in tried[len(rows):]]
+            is_whole = False
     rows.sort(key=lambda row: row.time_per_step if row.errors else np.inf)
     found = Tradeoff(mechanism.name, str(doing), doing.kind, tuple(rows), reference.text,
-                     reference.error)
+                     reference.error, is_whole)
     flags = pareto([row.time_per_step for row in rows], [found.known_error(row) for row in rows])
     return replace(found, rows=tuple(replace(row, on_front=flag)
                                      for row, flag in zip(rows, flags, strict=True)))

@@ -51,6 +51,7 @@ class Tolerance(Tabular):
         is_closed: (N,) which samples could be closed: `samples[output]` are those at
             `dimensions[name][is_closed]`.
         units: of the outputs, "1" for none.
+        is_whole: whether nothing cut it short (Ctrl-C).
 
     Example:
         >>> mech = sp.load("rssr")
@@ -70,6 +71,7 @@ class Tolerance(Tabular):
     dimensions: dict[str, Array]
     is_closed: NDArray[np.bool_]
     units: dict[str, str] = field(default_factory=dict)
+    is_whole: bool = True
 
     def quantities(self, outputs: str | Iterable[str] | None = None) -> dict[str, Quantity]:
         """Return quantities by name: drawn dimensions, `is closed`, and outputs of the samples.
@@ -121,6 +123,8 @@ class Tolerance(Tabular):
             lines.append(line)
         if self.failed:
             lines.append(f"{self.failed} samples cannot be closed")
+        if not self.is_whole:
+            lines.append(f"cut short after {len(self.is_closed)} samples")
         return "\n".join(lines)
 
 
@@ -208,8 +212,10 @@ def tolerance(
         return Tolerance(nominal, linear, None, None, {name: np.empty(0) for name in names}, 0,
                          {name: np.empty(0) for name in spread}, np.empty(0, dtype=bool), units)
     drawn = _drawn(mechanism, spread, samples, rng)
-    values, is_closed = _solved(mechanism, of_mechanism(mechanism, state), nominal, spread, drawn,
-                                executor, progress)
+    values, is_closed, n = _solved(
+        mechanism, of_mechanism(mechanism, state), nominal, spread, drawn, executor, progress)
+    is_closed, drawn = is_closed[:n], drawn[:n]
+    values = {name: x[:n] for name, x in values.items()}
     good = {name: within_half_turn(x[is_closed], nominal[name], units[name])
             for name, x in values.items()}
     return Tolerance(
@@ -217,7 +223,7 @@ def tolerance(
         {name: _of_enough(x, 2, lambda x: x.std(axis=0, ddof=1)) for name, x in good.items()},
         {name: _of_enough(x, 1, lambda x: x.mean(axis=0)) for name, x in good.items()},
         good, int(np.count_nonzero(~is_closed)), dict(zip(spread, drawn.T, strict=True)), is_closed,
-        units,
+        units, n == samples,
     )
 
 
@@ -243,36 +249,54 @@ def _drawn(
 def _solved(
     mechanism: Mechanism, state: State, nominal: Mapping[str, Any], spread: Mapping[str, float],
     drawn: Array, executor: Executor | None, progress: bool,
-) -> tuple[dict[str, Array], NDArray[np.bool_]]:
-    """Return (N, ...) values by output, and which samples (N,) could be closed."""
+) -> tuple[dict[str, Array], NDArray[np.bool_], int]:
+    """Return (N, ...) values by output, which samples (N,) could be closed, and how many count.
+
+    These are the first ones, up to where Ctrl-C has left one out.
+
+    Raises:
+        KeyboardInterrupt: before any.
+    """
     names, drive = list(nominal), Drive.of(state)
     values = {name: np.empty((len(drawn), *np.shape(x))) for name, x in nominal.items()}
     is_closed = np.zeros(len(drawn), dtype=bool)
     bar = progress_bar(len(drawn), f"{mechanism.name}: samples", progress)
     samples = _together(mechanism, state, list(spread), names)
     near = samples.near(state, drive) if samples else None
-    if samples and near:
-        for begin in range(0, len(drawn), SOLVED_TOGETHER):
+    n, begin = len(drawn), 0
+    try:
+        for begin in range(0, n if samples and near else 0, SOLVED_TOGETHER):
+            assert samples and near
             some = slice(begin, begin + SOLVED_TOGETHER)
             is_closed[some], together = near.solve(samples.made_of(drawn[some].T))
             for name, x in zip(names, together, strict=True):
                 values[name][some] = x
             bar.update(int(np.count_nonzero(is_closed[some])))
-    rest = np.flatnonzero(~is_closed)
+    except KeyboardInterrupt:  # those before are the answer
+        n = begin
+    rest = np.flatnonzero(~is_closed[:n]).tolist()
     start, mark = (np.array(state.q), np.array(state.angles)), os.urandom(16).hex()
     jobs = [_Job(str(mechanism.path), mechanism.loading,
                  dict(zip(spread, drawn[k].tolist(), strict=True)), start, drive, names, mark)
             for k in rest]
     futures = [executor.submit(_sample, job) for job in jobs] if executor else []
     found = (future.result() for future in futures) if executor else map(_sample, jobs)
-    for k, sample in zip(rest, found, strict=True):
-        bar.update()
-        if sample is not None:
-            is_closed[k] = True
-            for name, x in zip(names, sample, strict=True):
-                values[name][k] = x
+    k = 0
+    try:
+        for k, sample in zip(rest, found, strict=True):
+            if sample is not None:
+                is_closed[k] = True
+                for name, x in zip(names, sample, strict=True):
+                    values[name][k] = x
+            bar.update()
+    except KeyboardInterrupt:
+        n = k  # the last that is surely done
+        for future in futures:
+            future.cancel()
     bar.close()
-    return values, is_closed
+    if not n:
+        raise KeyboardInterrupt
+    return values, is_closed, n
 
 
 def _together(

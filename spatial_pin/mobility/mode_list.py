@@ -46,6 +46,7 @@ class AssemblyModes(list[State]):
         found: how many starts ended at each mode.
         missing: estimated number of modes that no start has found [Chao1984].
         continua: sets of configurations beside the modes that can move with `held` held.
+        is_whole: whether nothing cut the search short (Ctrl-C).
 
     Example:
         >>> modes = sp.assembly_modes(sp.load("four_bar"), {"crank": 1.0})
@@ -67,6 +68,7 @@ class AssemblyModes(list[State]):
         found: Sequence[int] = (),
         missing: float = 0.0,
         continua: Sequence[Continuum] = (),
+        is_whole: bool = True,
     ) -> None:
         super().__init__(modes)
         self.held = dict(held or {})
@@ -75,11 +77,13 @@ class AssemblyModes(list[State]):
         self.found = tuple(found)
         self.missing = missing
         self.continua = tuple(continua)
+        self.is_whole = is_whole
 
     def __str__(self) -> str:
         values = ", ".join(f"{name} = {value:.6g}" for name, value in self.held.items())
         lines = [f"{len(self)} assembly modes found at {values or 'no values held'}; "
-                 f"{self.starts} starts, {self.closed} closed"]
+                 f"{self.starts} starts, {self.closed} closed"
+                 f"{'' if self.is_whole else '; cut short'}"]
         lines += [f"  {k}: branch {mode.branch}, found {times} times"
                   for k, (mode, times) in enumerate(zip(self, self.found, strict=False), start=1)]
         lines += [f"  beside them a set that can move: {c}" for c in self.continua]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,6 +109,7 @@ def assembly_modes(
         ContinuumError: the mechanism can move with the values held, in its guess or in every
             configuration found; names the freedoms and what to hold.
         UnknownNameError, ValueError: names that do not exist, values that are not finite.
+        KeyboardInterrupt: before a mode was found; else Ctrl-C ends the search, see `is_whole`.
 
     Example:
         >>> mech = sp.load("four_bar")
@@ -129,12 +131,8 @@ def assembly_modes(
     check = Check(mechanism, held, rods, accuracy.tolerance, accuracy.gap)
     search = _Search(check, core_of(mechanism, held, rods), copies or limits)
     search.look_at_guess()
-    bar = progress_bar(most_starts, f"{mechanism.name}: modes", progress)
-    while not search.done(patience, most_starts):
-        search.attempt(rng, most_starts)
-        bar.n = search.starts
-        bar.set_postfix(found=len(search.modes))
-    bar.close()
+    with progress_bar(most_starts, f"{mechanism.name}: modes", progress) as bar:
+        search.run(rng, patience, most_starts, bar)
     if search.continuum is not None and not search.modes:
         raise _moving(check, search.continuum)
     found = search.result(copies, limits)
@@ -203,6 +201,7 @@ class _Search:
         modes: these.
         continuum: what can move, if anything found can.
         starts, closed: number of starts, and of those that closed.
+        is_whole: whether nothing cut it short.
     """
 
     def __init__(self, check: Check, core: Core, all_copies: bool) -> None:
@@ -226,6 +225,7 @@ class _Search:
         self.rejected: list[Array] = []
         self.continuum: Continuum | None = None
         self.starts = self.closed = self.newest = 0
+        self.is_whole = True
         self.marks: dict[int, Mark] | None = None
         self.rows: Array = np.empty((0, 0))
         self.generic_nullity = 0
@@ -242,6 +242,22 @@ class _Search:
         kind = self.check.kind(q)
         if kind.moves:
             raise _moving(self.check, self.check.continuum(q, kind))
+
+    def run(self, rng: np.random.Generator, patience: int, most_starts: int, bar: Any) -> None:
+        """Try starts until further ones can be spared.
+
+        Raises:
+            KeyboardInterrupt: before a mode was found.
+        """
+        try:
+            while not self.done(patience, most_starts):
+                self.attempt(rng, most_starts)
+                bar.n = self.starts
+                bar.set_postfix(found=len(self.modes))
+        except KeyboardInterrupt:  # what was found until then is the answer
+            if not self.modes:
+                raise
+            self.is_whole = False
 
     def done(self, patience: int, most_starts: int) -> bool:
         """Whether further starts can be spared."""
@@ -422,7 +438,7 @@ class _Search:
             states, held=check.held, starts=self.starts, closed=self.closed,
             found=[count for _, _, count in found],
             missing=missing_by([mode.count for mode in self.modes]) if self.free.any() else 0.0,
-            continua=() if self.continuum is None else (self.continuum,))
+            continua=() if self.continuum is None else (self.continuum,), is_whole=self.is_whole)
 
     def _readings(self, mode: _Mode, copies: bool, limits: bool) -> list[Array]:
         """Return a mode with the core's rods in their readings: all, or those within limits."""

@@ -20,7 +20,7 @@ from spatial_pin.cli.options import (
     start_options,
     sweep_arguments,
 )
-from spatial_pin.cli.results import finite, tell
+from spatial_pin.cli.results import Told, finite, tell
 from spatial_pin.columns import heading
 
 UNITS = {"time_per_step": "s", "spread": "s", **dict.fromkeys(  # of others "-", of texts none
@@ -46,7 +46,9 @@ def _tradeoff(options: argparse.Namespace) -> None:
     found = sp.tradeoff(mechanism, _task(options, mechanism), repeats=options.repeats,
                         progress=True)
     text, files = f"{table(found, is_narrow=True)}\n{PARTS}", []
-    if options.error is not None:
+    if not found.is_whole:
+        text += "\ncut short"
+    elif options.error is not None:
         pick = sp.Accuracy.for_error(options.error, measured=found)
         text += f"\ncheapest for an error of {options.error:.3g}: {pick}"
     if options.plot:
@@ -56,6 +58,8 @@ def _tradeoff(options: argparse.Namespace) -> None:
     keys = [key for key, x in content["rows"][0].items() if not isinstance(x, list | dict)]
     tell(options, text, content, {heading(key, UNITS.get(key, "-")): [
         row[key] for row in content["rows"]] for key in keys}, files)
+    if not found.is_whole:
+        raise Told
 
 
 def _task(options: argparse.Namespace, mechanism: sp.Mechanism) -> str | dict[str, Any]:

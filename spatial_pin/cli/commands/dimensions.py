@@ -19,7 +19,7 @@ from spatial_pin.cli.options import (
     spread,
     workers_option,
 )
-from spatial_pin.cli.results import finite, tell
+from spatial_pin.cli.results import Told, finite, tell
 from spatial_pin.columns import heading
 from spatial_pin.errors import UnknownNameError
 from spatial_pin.motion.outputs import label_of
@@ -153,7 +153,8 @@ def _tolerance(options: argparse.Namespace) -> None:
     kinds = {"nominal": found.nominal, "linear": found.linear,
              **({"mean": found.mean, "sampled": found.sampled} if found.sampled else {})}
     content = {"mechanism": mechanism.name, "units": found.units, "deviations": spread,
-               "samples": options.samples, "failed": found.failed,
+               "samples": len(found.is_closed), "failed": found.failed,
+               "is_whole": found.is_whole,
                **{kind: {k: np.asarray(x).tolist() for k, x in (of or {}).items()}
                   for kind, of in kinds.items()}}
     columns = {kind: [x for name, value in (of or {}).items()
@@ -162,6 +163,8 @@ def _tolerance(options: argparse.Namespace) -> None:
              for one in _numbers(name, value)]
     tell(options, f"{mechanism.name}: {found}", finite(content),
          {"output": [name for name, _ in names], "unit": [unit for _, unit in names], **columns})
+    if not found.is_whole:
+        raise Told
 
 
 COMMANDS = {
