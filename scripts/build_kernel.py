@@ -29,6 +29,9 @@ KERNEL = Path("spatial_pin") / "kernel"
 # Contracted multiply-adds would make the last digits depend on the compiler and the processor.
 FLAGS = ["-std=c99", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden",
          "-shared"]
+# Functions are inlined across files, where the compiler can: sweeps and simulations take a few per
+# cent less. Every result is the same.
+ACROSS_FILES = "-flto"
 MACOS = "11.0"  # the first with arm64; Pinocchio's wheels want no older one
 NO_COMPILER = ("spatial_pin is compiled when it is installed from source, and no C compiler works"
                " here: install gcc or clang (Debian: apt install gcc libc6-dev; macOS:"
@@ -117,7 +120,10 @@ def compile_kernel(root: Path, flags: list[str] | None = None, out: Path | None 
     written = out.with_name(f"{out.name}.{os.getpid()}")  # the old one may be in use
     is_of = f'-DSOURCE_HASH="{about["source_hash"](folder)}"'
     headers = sorted({f"-I{file.parent}" for file in about["c_files"](folder, ".h")})
-    command = [*compiler(), *platform_flags(), *FLAGS, is_of, *headers, *(flags or []),
+    found = compiler()
+    if compiles([*found, ACROSS_FILES]):
+        found.append(ACROSS_FILES)
+    command = [*found, *platform_flags(), *FLAGS, is_of, *headers, *(flags or []),
                *map(str, about["c_files"](folder, ".c")), "-o", str(written), "-lm"]
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -74,6 +74,15 @@ def test_the_first_compiler_that_works_is_taken(machine):
     assert build_kernel.compiler() == ["gcc"]
 
 
+def test_a_compiler_that_cannot_inline_across_files_is_used_without(machine, tree):
+    real = shutil.which("cc", path=OUTSIDE["PATH"]) or shutil.which("gcc", path=OUTSIDE["PATH"])
+    if not real:
+        pytest.skip("no C compiler here")
+    refused = f'case " $* " in *" {build_kernel.ACROSS_FILES} "*) echo no >&2; exit 1;; esac'
+    machine("cc", f'{refused}; PATH={OUTSIDE["PATH"]} exec {real} "$@"')
+    assert build_kernel.compile_kernel(tree, ["-O0"]).exists()
+
+
 def test_no_compiler_at_all_is_told_with_the_remedy(machine, monkeypatch):
     monkeypatch.setattr(build_kernel.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(SystemExit, match=r"no C compiler works here: install gcc .*pip install"):
