@@ -168,6 +168,16 @@ def test_rates_of_any_speed_and_other_drivers_are_judged():
     assert fast.error == pytest.approx(slow.error, rel=1e-6)
 
 
+def test_what_a_sweep_holds_is_held_while_it_is_measured(tmp_path):
+    mechanism = known.five_bar(tmp_path)
+    task = {"driver": "left", "values": np.linspace(2.0, 2.2, 11), "speed": 1.0}
+    own = sp.sweep(mechanism, **task, hold=["base", "elbow2"])
+    assert np.ptp(own.coordinate("elbow2").value) < 1e-12 < np.ptp(own.coordinate("right").value)
+    found = sp.tradeoff(mechanism, {**task, "hold": ["base", "elbow2"]}, repeats=1,
+                        settings=[sp.Accuracy.named("engineering")])
+    assert "right is released" in found.rows[0].said and found.rows[0].error < 1e-12
+
+
 def test_a_motion_is_a_task_too():
     mech = sp.load("rspc")
     motion = sp.sweep(mech, "crank", TURN, 2.0, acceleration=0.3)

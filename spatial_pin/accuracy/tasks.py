@@ -11,9 +11,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from spatial_pin.assembly.assemble import assembled
+from spatial_pin.assembly.held_start import held_coordinates
 from spatial_pin.assembly.rounding import as_meant
 from spatial_pin.assembly.state import State, of_mechanism
-from spatial_pin.checks import mapping
 from spatial_pin.dynamics.simulation.simulate import Simulation, simulate
 from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.coordinates import needed
@@ -172,8 +172,11 @@ def _sweep_task(mechanism: Mechanism, given: dict[str, Any]) -> SweepTask:
             given[name] = np.asarray(given[name], dtype=float)[:n]
     start = motion.state(0)
     driver = mechanism.driven_coordinate(given["driver"])
-    driven = prescribed_at(start, [driver.name, *mapping(given.get("hold"), "hold")])
-    hold = {c.name: float(start.q[c.q]) for c in driven if c.name != driver.name}
+    hold = given.get("hold")
+    held = hold if isinstance(hold, Mapping) else [
+        c.name for c in held_coordinates(mechanism, [driver.name], hold)]
+    driven = prescribed_at(start, [driver.name, *held])
+    hold = {c.name: start.coordinate(c.name).value for c in driven if c.name != driver.name}
     given.update(values=np.array(motion.swept), guess=start, hold=hold)
     return SweepTask(mechanism, start, given)
 

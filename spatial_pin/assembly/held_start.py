@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from spatial_pin.assembly.assemble import assembled
@@ -42,7 +42,8 @@ def held_start(
     if not isinstance(guess, State):
         return assembled(mechanism, values, guess, accuracy=accuracy), []
     held = {c.name: guess.coordinate(c.name).value
-            for c in _held(mechanism, values, hold) if c.name in guess.mechanism.coordinate_table}
+            for c in held_coordinates(mechanism, values, hold)
+            if c.name in guess.mechanism.coordinate_table}
     if held:
         try:
             return assembled(mechanism, {**values, **held}, guess, accuracy=accuracy), []
@@ -55,7 +56,9 @@ def held_start(
     return state, [text for text in texts if text]
 
 
-def _held(mechanism: Mechanism, values: Mapping[str, float], hold: Hold) -> list[Coordinate]:
+def held_coordinates(
+    mechanism: Mechanism, values: Iterable[str], hold: Hold
+) -> list[Coordinate]:
     """Return the coordinates held by name, without bases and what has a value."""
     given = [mechanism.prescribed_coordinate(name) for name in values]
     held = held_by(mechanism, hold, given)

@@ -12,10 +12,12 @@ from spatial_pin.accuracy.tradeoff_view import table
 from spatial_pin.cli.asked import loaded
 from spatial_pin.cli.commands.motions import beginning, sweep_task
 from spatial_pin.cli.options import (
+    SPRINGS_HELP,
     Command,
     above_zero,
     count,
     data_options,
+    hold_option,
     positive,
     start_options,
     sweep_arguments,
@@ -30,6 +32,7 @@ PARTS = "errors of positions, velocities and accelerations one by one: --csv, --
 
 def _tradeoff_options(sub: argparse.ArgumentParser) -> None:
     sweep_arguments(sub, needed=False)
+    hold_option(sub, SPRINGS_HELP)
     sub.add_argument("--simulate", nargs="?", const=0.0, type=above_zero, metavar="DURATION",
                      help="a simulation instead of a sweep, as 10 or 500ms "
                           "(a few seconds under gravity)")
@@ -68,12 +71,17 @@ def _task(options: argparse.Namespace, mechanism: sp.Mechanism) -> str | dict[st
         if options.at or options.begin or options.effort or options.rows:
             options.usage_error("--at, --begin, --effort and --rows need --simulate")
         if options.driver is None:
+            if options.hold:
+                options.usage_error("--hold needs a driver, a first and a last value")
             return "sweep"
         if options.last is None:
             options.usage_error("a sweep needs a driver, a first and a last value")
-        return sweep_task(options, mechanism)
+        held = {"hold": ["base", *options.hold]} if options.hold else {}
+        return sweep_task(options, mechanism) | held
     if options.driver is not None or options.speed is not None or options.acceleration:
         options.usage_error("--simulate takes no driver to sweep: its speeds are given by --begin")
+    if options.hold:
+        options.usage_error("--hold is of a sweep: in a simulation forces move all")
     said = options.at or options.begin or options.effort or options.rows or options.guess
     if not options.simulate:
         if said:
