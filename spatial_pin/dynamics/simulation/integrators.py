@@ -70,10 +70,10 @@ def natural_units(system: Independent, t: float, y: Array, left: float) -> Units
     """
     problem, n = system.problem, len(system.free)
     mechanism = problem.mechanism
-    acceleration = np.abs(system(t, y)[n : 2 * n])
+    pull = np.fmax.reduce(np.abs(system(t, y)[n : 2 * n]), initial=0.0)  # where it is a number
     gravity = float(np.linalg.norm(problem.model.gravity.linear))
     pace = max(float(np.abs(y[n : 2 * n]).max(initial=0.0)),
-               math.sqrt(np.nan_to_num(acceleration, nan=0.0).max(initial=0.0)),
+               math.sqrt(pull),
                math.sqrt(gravity / mechanism.characteristic_length))
     if pace > FASTEST:
         raise SpatialPinError(

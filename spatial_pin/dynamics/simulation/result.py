@@ -287,9 +287,9 @@ def energy_drift(
         work: (N,) done since the start [J].
         start: the energies it started with.
     """
-    kinetic, energy, work = (np.append(x, y) for x, y in zip(start, (
-        kinetic, energy, work), strict=True))
-    size = max(float(kinetic.max()), float(np.ptp(energy - kinetic)),
-               least(float(np.abs(energy).max())))
-    drift = float(np.abs(energy - work - energy[0]).max())
+    rest, first = energy - kinetic, start.total - start.kinetic
+    size = max(float(kinetic.max(initial=start.kinetic)),
+               float(rest.max(initial=first) - rest.min(initial=first)),
+               least(float(np.abs(energy).max(initial=abs(start.total)))))
+    drift = float(np.abs(energy - work - start.total).max(initial=abs(start.work)))
     return drift / size if size > 0.0 else 0.0
