@@ -225,8 +225,8 @@ def checked(function: Function) -> Function:
 
 def is_finite(array: Array) -> bool:
     """Whether no value of an array is NaN or infinite."""
-    # a sum of squares is the quickest answer; it is infinite of large numbers, too
-    return math.isfinite(np.vdot(array, array)) or bool(np.isfinite(array).all())
+    flat = array.ravel()  # its square, infinite of large numbers too, is the quickest answer
+    return math.isfinite(flat.dot(flat)) or bool(np.isfinite(array).all())
 
 
 def finite_array(values: Any, shape: tuple[int, ...], what: str) -> Array:

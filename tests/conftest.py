@@ -7,9 +7,15 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+import hypothesis
 import pytest
 
 from spatial_pin.cli import main
+
+# No test depends on time, or on what was drawn or kept before.
+hypothesis.settings.register_profile(
+    "always the same", deadline=None, derandomize=True, database=None)
+hypothesis.settings.load_profile("always the same")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
