@@ -1,6 +1,9 @@
-"""Pictures of published robots with closed loops, all on one sheet.
+"""Pictures of published robots with closed loops, all on one sheet, and a page of each.
 
     python scripts/gallery_robots.py [robots.jpg] [--models FOLDER ...] [--width 1440]
+    python scripts/gallery_robots.py docs/robots.jpg --models FOLDER ... --pages docs
+
+`--pages docs` writes `docs/robots/NAME.md` and `docs/pictures/robots/NAME.jpg` of every robot.
 
 Robots of the installed package example-robot-data are always there; the others are sought in the
 folders given, such as clones of mujoco_menagerie and example-parallel-robots. Needs Chromium or
@@ -10,13 +13,16 @@ Chrome.
 from __future__ import annotations
 
 import argparse
+import pprint
 import sys
 import tempfile
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 from gallery import pictures, sheet
+from PIL import Image
 
 import spatial_pin as sp
 
@@ -28,14 +34,20 @@ class Robot(NamedTuple):
     """A robot to be pictured.
 
     Attributes:
+        name: that of its page.
         caption: what stands under its picture.
         file: where it lies, below the folder of its kind; a folder for formats that are one.
+        source: where the file is from.
         posed: gives the state to show, of the file.
+        stand: how it is put on its feet, in Python; empty where the file has its loops.
     """
 
+    name: str
     caption: str
     file: str
+    source: str
     posed: Callable[[Path], sp.State]
+    stand: str = ""
 
 
 def at_guess(path: Path) -> sp.State:
@@ -65,24 +77,45 @@ def standing(
     return stand
 
 
+def written(pose: Mapping[str, float]) -> str:
+    """Return values of joints as Python, a few on a line."""
+    return pprint.pformat(pose, width=80, compact=True, sort_dicts=False).replace("\n", "\n       ")
+
+
+DATA_OF = "the package example-robot-data"
+MENAGERIE = "[MuJoCo Menagerie](https://github.com/google-deepmind/mujoco_menagerie)"
+PARALLEL = "[example-parallel-robots](https://github.com/Gepetto/example-parallel-robots)"
+STAND = """pose = {guess}
+robot = sp.load("{file}", free_flyer=True)
+state = sp.assemble(robot, guess=pose)
+ground = [sp.closures.{closure}(foot, ("universe", state.placement(foot)))
+          for foot in {feet}]
+mech = sp.Mechanism.from_model(robot.model, ground, guess=state.q,
+                               visual_model=robot.visual_model)"""
 LEGS = ("FL", "FR", "HL", "HR")
-SQUAT = {"_3_joint": -0.5, "_4_joint": 1.0, "_5_joint": -0.5}  # of a leg of Talos [rad]
+CROUCH = {f"{leg}_{joint}": angle * (1 if leg[0] == "F" else -1)
+          for leg in LEGS for joint, angle in (("HFE", 0.7), ("KFE", -1.4))}
+SQUAT = {f"leg_{side}_{joint}_joint": angle for side in ("left", "right")
+         for joint, angle in ((3, -0.5), (4, 1.0), (5, -0.5))}
+PAWS, SOLES = [f"{leg}_FOOT" for leg in LEGS], ["left_sole_link", "right_sole_link"]
 ROBOTS = (
-    Robot("Cassie (SDFormat)", "cassie_description/robots/cassie_v2.sdf", at_guess),
-    Robot("Solo12 on four feet", "solo_description/robots/solo12.urdf", standing(
-        [f"{leg}_FOOT" for leg in LEGS], sp.closures.spherical,
-        {f"{leg}_{joint}": angle * (1 if leg[0] == "F" else -1)
-         for leg in LEGS for joint, angle in (("HFE", 0.7), ("KFE", -1.4))})),
-    Robot("Talos on both feet", "talos_data/robots/talos_reduced.urdf", standing(
-        ["left_sole_link", "right_sole_link"], sp.closures.weld,
-        {f"leg_{side}{joint}": angle for side in ("left", "right")
-         for joint, angle in SQUAT.items()})),
-    Robot("Cassie (MJCF)", "agility_cassie/cassie.xml", at_guess),
-    Robot("Robotiq 2F-85 (MJCF)", "robotiq_2f85/2f85.xml", at_guess),
-    Robot("G1 ankle (MJCF)", "g1_ankle/urdf/23urdf311.xml", at_guess),
-    Robot("Two legs like Digit's (URDF, robot.yaml)", "digit_like_2legs", at_guess),
-    Robot("Leg of WL-16 (URDF, robot.yaml)", "wl16_like", at_guess),
-    Robot("Delta (URDF, robot.yaml)", "robot_delta", at_guess),
+    Robot("cassie", "Cassie (SDFormat)", "cassie_description/robots/cassie_v2.sdf", DATA_OF,
+          at_guess),
+    Robot("solo12", "Solo12 on four feet", "solo_description/robots/solo12.urdf", DATA_OF,
+          standing(PAWS, sp.closures.spherical, CROUCH),
+          STAND.format(file="solo12.urdf", guess=written(CROUCH), closure="spherical", feet=PAWS)),
+    Robot("talos", "Talos on both feet", "talos_data/robots/talos_reduced.urdf", DATA_OF,
+          standing(SOLES, sp.closures.weld, SQUAT),
+          STAND.format(file="talos_reduced.urdf", guess=written(SQUAT), closure="weld",
+                       feet=SOLES)),
+    Robot("cassie_mjcf", "Cassie (MJCF)", "agility_cassie/cassie.xml", MENAGERIE, at_guess),
+    Robot("robotiq_2f85", "Robotiq 2F-85 (MJCF)", "robotiq_2f85/2f85.xml", MENAGERIE, at_guess),
+    Robot("g1_ankle", "G1 ankle (MJCF)", "g1_ankle/urdf/23urdf311.xml",
+          "a published model of one ankle of Unitree's G1", at_guess),
+    Robot("digit_like", "Two legs like Digit's (URDF, robot.yaml)", "digit_like_2legs", PARALLEL,
+          at_guess),
+    Robot("wl16_like", "Leg of WL-16 (URDF, robot.yaml)", "wl16_like", PARALLEL, at_guess),
+    Robot("parallel_delta", "robot_delta (URDF, robot.yaml)", "robot_delta", PARALLEL, at_guess),
 )
 
 
@@ -98,18 +131,55 @@ def found(models: Sequence[Path]) -> Iterator[tuple[Robot, Path]]:
             print(f"not found: {robot.file}", file=sys.stderr)
 
 
+def page(robot: Robot, state: sp.State) -> str:
+    """Return the page of a robot, Markdown."""
+    mechanism = state.mechanism
+    file = Path(robot.file).name
+    opened = robot.stand or f'mech = sp.load("{file}")'
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", sp.SpatialPinWarning)
+        report = str(sp.mobility(mechanism, state))
+    closures = [f"| `{c.name}` | {c.type} | {', '.join(c.frames or c.joints)} |"
+                for c in mechanism.closures]
+    return "\n\n".join((
+        f"# {robot.caption}",
+        f'![{robot.caption}](../pictures/robots/{robot.name}.jpg){{width="480px"}}',
+        f"`{file}` of {robot.source}. {len(mechanism.model.names) - 1} joints, "
+        f"{mechanism.model.nv} coordinates, {len(mechanism.closures)} closures, "
+        f"{sum(body.mass for body in list(mechanism.model.inertias)[1:]):.4g} kg.",
+        f"```python\nimport spatial_pin as sp\n\n{opened}\nsp.live(mech)\n```",
+        "## Loops\n\n| closure | type | between |\n|---|---|---|\n" + "\n".join(closures),
+        f"## Mobility\n\n```text\n{report}\n```",
+    )) + "\n"
+
+
+def write_pages(
+    docs: Path, robots: Sequence[Robot], states: Sequence[sp.State], images: Sequence[Image.Image]
+) -> None:
+    """Write a page and a picture of each robot."""
+    shown = docs / "pictures" / "robots"
+    for folder in (docs / "robots", shown):
+        folder.mkdir(exist_ok=True)
+    for robot, state, image in zip(robots, states, images, strict=True):
+        image.convert("RGB").save(shown / f"{robot.name}.jpg", quality=85, optimize=True)
+        (docs / "robots" / f"{robot.name}.md").write_text(page(robot, state), encoding="utf-8")
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description="Pictures of robots with closed loops.")
     parser.add_argument("path", nargs="?", type=Path, default=Path("robots.jpg"),
                         help="the sheet (robots.jpg)")
     parser.add_argument("--models", nargs="+", type=Path, default=[], metavar="FOLDER",
                         help="folders of models")
+    parser.add_argument("--pages", type=Path, metavar="DOCS", help="write the page of each there")
     parser.add_argument("--width", type=int, help="of the sheet, to make it smaller [pixels]")
     options = parser.parse_args(arguments)
     robots = list(found(options.models))
+    states = [robot.posed(path) for robot, path in robots]
     with tempfile.TemporaryDirectory() as folder:
-        states = (robot.posed(path) for robot, path in robots)
         images = list(pictures(states, Path(folder)))
+    if options.pages:
+        write_pages(options.pages, [robot for robot, _ in robots], states, images)
     made = sheet([robot.caption for robot, _ in robots], images, COLUMNS)
     if options.width:
         made = made.resize((options.width, round(options.width * made.height / made.width)))

@@ -151,6 +151,23 @@ def test_pictures_are_small_and_every_library_mechanism_has_one():
     assert {p.stem for p in (DOCS / "pictures").glob("*.jpg")} >= set(sp.list_mechanisms())
 
 
+@pytest.mark.filterwarnings("ignore::spatial_pin.SpatialPinWarning")
+@pytest.mark.parametrize("page", sorted((DOCS / "robots").glob("*.md")), ids=lambda p: p.stem)
+def test_pages_of_robots_say_what_their_files_have(page, monkeypatch):
+    pytest.importorskip("mujoco")
+    monkeypatch.syspath_prepend(ROOT / "scripts")
+    robots = importlib.import_module("gallery_robots")
+    files = {robot.name: (robot, path) for robot, path in
+             robots.found([ROOT / "tests" / "data" / "mjcf", ROOT / "tests" / "data" / "gepetto"])}
+    if page.stem not in files:
+        pytest.skip("its file is not here")
+    robot, path = files[page.stem]
+    texts = page.read_text(encoding="utf-8"), robots.page(robot, robot.posed(path))
+    told, now = (re.sub(r"[\d.]+ kg", "", text).partition("  closure rank")[0]
+                 for text in texts)  # masses may be those of meshes, which are not here
+    assert "mobility of" in told and told == now
+
+
 LISTED = (DOCS / "guides.md").read_text(encoding="utf-8").partition("maxdepth")[2]
 GUIDES = [DOCS / f"{name}.md" for name in re.findall(r"^\w+$", LISTED, re.MULTILINE)]
 STARTS = [DOCS / "modelling.md", DOCS / "quick_start.md"]  # before the guides
