@@ -17,6 +17,7 @@ Row = TypeVar("Row")
 Function = TypeVar("Function", bound=Callable[..., Any])
 LARGEST_INTEGER = 2**63  # of whole numbers: what NumPy counts with
 NO_NUMBERS = "USmMcV"  # kinds of arrays: texts, dates, complex numbers, records
+FEW = 64  # numbers that Python has looked at before NumPy begins
 MOST_PIXELS = 16384  # along a side of what a browser draws
 # How far the length of a unit vector may be from 1: nine digits written out, one more lost.
 UNIT_TOLERANCE = 1e-9
@@ -225,8 +226,9 @@ def checked(function: Function) -> Function:
 
 def is_finite(array: Array) -> bool:
     """Whether no value of an array is NaN or infinite."""
-    flat = array.ravel()  # its square, infinite of large numbers too, is the quickest answer
-    return math.isfinite(flat.dot(flat)) or bool(np.isfinite(array).all())
+    if array.size < FEW:
+        return all(map(math.isfinite, array.ravel().tolist()))
+    return bool(np.isfinite(array).all())
 
 
 def finite_array(values: Any, shape: tuple[int, ...], what: str) -> Array:
