@@ -18,7 +18,7 @@ from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.checks import checked, generator, names_of
 from spatial_pin.columns import Quantity, Tabular, chosen
 from spatial_pin.dimensions.drive import Drive, with_masses
-from spatial_pin.dimensions.samples import Samples
+from spatial_pin.dimensions.samples import Near, Samples
 from spatial_pin.dimensions.sensitivity import sensitivities, with_spread, within_half_turn
 from spatial_pin.dimensions.variants import Variants, tell_idle
 from spatial_pin.errors import SpatialPinError
@@ -263,17 +263,9 @@ def _solved(
     bar = progress_bar(len(drawn), f"{mechanism.name}: samples", progress)
     samples = _together(mechanism, state, list(spread), names)
     near = samples.near(state, drive) if samples else None
-    n, begin = len(drawn), 0
-    try:
-        for begin in range(0, n if samples and near else 0, SOLVED_TOGETHER):
-            assert samples and near
-            some = slice(begin, begin + SOLVED_TOGETHER)
-            is_closed[some], together = near.solve(samples.made_of(drawn[some].T))
-            for name, x in zip(names, together, strict=True):
-                values[name][some] = x
-            bar.update(int(np.count_nonzero(is_closed[some])))
-    except KeyboardInterrupt:  # those before are the answer
-        n = begin
+    n = len(drawn)
+    if samples and near:
+        n = _solve_together(samples, near, drawn, values, is_closed, bar)
     rest = np.flatnonzero(~is_closed[:n]).tolist()
     start, mark = (np.array(state.q), np.array(state.angles)), os.urandom(16).hex()
     jobs = [_Job(str(mechanism.path), mechanism.loading,
@@ -281,7 +273,7 @@ def _solved(
             for k in rest]
     futures = [executor.submit(_sample, job) for job in jobs] if executor else []
     found = (future.result() for future in futures) if executor else map(_sample, jobs)
-    k = 0
+    k = rest[0] if rest else n
     try:
         for k, sample in zip(rest, found, strict=True):
             if sample is not None:
@@ -290,13 +282,31 @@ def _solved(
                     values[name][k] = x
             bar.update()
     except KeyboardInterrupt:
-        n = k  # the last that is surely done
+        n = k  # all before it are surely done
         for future in futures:
             future.cancel()
     bar.close()
     if not n:
         raise KeyboardInterrupt
     return values, is_closed, n
+
+
+def _solve_together(
+    samples: Samples, near: Near, drawn: Array, values: Mapping[str, Array],
+    is_closed: NDArray[np.bool_], bar: Any,
+) -> int:
+    """Write the values of samples that are closed together; return how many were tried."""
+    begin = 0
+    try:
+        for begin in range(0, len(drawn), SOLVED_TOGETHER):
+            some = slice(begin, begin + SOLVED_TOGETHER)
+            is_closed[some], together = near.solve(samples.made_of(drawn[some].T))
+            for x, found in zip(values.values(), together, strict=True):
+                x[some] = found
+            bar.update(int(np.count_nonzero(is_closed[some])))
+    except KeyboardInterrupt:  # those before are the answer
+        return begin
+    return len(drawn)
 
 
 def _together(
