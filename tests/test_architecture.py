@@ -31,7 +31,7 @@ LAYERS = {
     "formats.dialects": ["beside"],
     "assembly": ["search"],
     "dynamics": ["solvers", "derivatives", "simulation"],
-    "dynamics.simulation": ["formulations"],
+    "dynamics.simulation": ["formulations", "running"],
     "synthesis": ["demands"],
     "view": ["scene", "page", "browser"],
     "cli": ["commands"],

@@ -10,8 +10,8 @@ from masses import heavy
 from scipy import integrate
 
 import spatial_pin as sp
-from spatial_pin.dynamics.simulation.events import Watch
 from spatial_pin.dynamics.simulation.problem import Problem
+from spatial_pin.dynamics.simulation.running.events import Watch
 from spatial_pin.dynamics.simulation.simulate import _independent
 from spatial_pin.kernel.integrating import RungeKutta
 from spatial_pin.mechanism.inertia import KineticEnergy

@@ -10,16 +10,16 @@ import numpy as np
 from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.checks import as_array, checked, positive_number
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
-from spatial_pin.dynamics.simulation.energy_balance import LOST
-from spatial_pin.dynamics.simulation.events import AT_LIMITS, Watch
 from spatial_pin.dynamics.simulation.formulations.free_fall import FreeFall, floats
 from spatial_pin.dynamics.simulation.formulations.free_rotation import Spins, spinning_bodies
 from spatial_pin.dynamics.simulation.formulations.independent import Independent
 from spatial_pin.dynamics.simulation.formulations.projected import Projected
 from spatial_pin.dynamics.simulation.independent_coordinates import Lost
-from spatial_pin.dynamics.simulation.integration import Formulate, GivenUp, Run
 from spatial_pin.dynamics.simulation.problem import EffortLaw, Problem
 from spatial_pin.dynamics.simulation.result import Projection, Simulation, driver_names
+from spatial_pin.dynamics.simulation.running.energy_balance import LOST
+from spatial_pin.dynamics.simulation.running.events import AT_LIMITS, Watch
+from spatial_pin.dynamics.simulation.running.run import Formulate, GivenUp, Run
 from spatial_pin.errors import (
     EnergyError,
     Interrupted,

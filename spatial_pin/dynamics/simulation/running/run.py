@@ -10,9 +10,6 @@ from typing import Any
 import numpy as np
 
 from spatial_pin.assembly.state import State
-from spatial_pin.dynamics.simulation.ending import why_it_ends
-from spatial_pin.dynamics.simulation.energy_balance import Balance
-from spatial_pin.dynamics.simulation.events import Watch
 from spatial_pin.dynamics.simulation.formulations.independent import Independent
 from spatial_pin.dynamics.simulation.formulations.projected import Projected
 from spatial_pin.dynamics.simulation.independent_coordinates import Lost
@@ -24,9 +21,12 @@ from spatial_pin.dynamics.simulation.integrators import (
     successor,
 )
 from spatial_pin.dynamics.simulation.problem import Problem
-from spatial_pin.dynamics.simulation.record import Record
 from spatial_pin.dynamics.simulation.result import Energies, Projection, Simulation
-from spatial_pin.dynamics.simulation.step import Step
+from spatial_pin.dynamics.simulation.running.ending import why_it_ends
+from spatial_pin.dynamics.simulation.running.energy_balance import Balance
+from spatial_pin.dynamics.simulation.running.events import Watch
+from spatial_pin.dynamics.simulation.running.record import Record
+from spatial_pin.dynamics.simulation.running.step import Step
 from spatial_pin.errors import (
     EnergyError,
     SingularError,

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from spatial_pin.assembly.state import State
 from spatial_pin.checks import finite_number
 from spatial_pin.dynamics.simulation.problem import Problem
-from spatial_pin.dynamics.simulation.rated_limits import RatedLimits
-from spatial_pin.dynamics.simulation.step import Step
+from spatial_pin.dynamics.simulation.running.rated_limits import RatedLimits
+from spatial_pin.dynamics.simulation.running.step import Step
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.joint_limits import SLACK, JointLimit, joint_limits
 from spatial_pin.motion.joint_limits import NOISE, Passing, falls, first_passing, passed_at_start

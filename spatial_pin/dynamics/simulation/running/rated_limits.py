@@ -9,7 +9,7 @@ import numpy as np
 from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.forces import joint_efforts
 from spatial_pin.dynamics.simulation.problem import Problem
-from spatial_pin.dynamics.simulation.step import Step
+from spatial_pin.dynamics.simulation.running.step import Step
 from spatial_pin.motion.joint_limits import falls
 from spatial_pin.motion.motion import Event
 from spatial_pin.motion.rated_limits import RatedLimit, effort_limits, velocity_limits

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.dynamics.simulation.events import Found, Watch
 from spatial_pin.dynamics.simulation.formulations.independent import Independent
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.result import (
@@ -15,7 +14,8 @@ from spatial_pin.dynamics.simulation.result import (
     Simulation,
     energy_drift,
 )
-from spatial_pin.dynamics.simulation.step import Step
+from spatial_pin.dynamics.simulation.running.events import Found, Watch
+from spatial_pin.dynamics.simulation.running.step import Step
 from spatial_pin.kernel.dynamics import Samples
 from spatial_pin.motion.joint_limits import Passing
 from spatial_pin.motion.motion import Event

@@ -1,0 +1,1 @@
+"""A simulation under way: from step to step, and from coordinates to others."""
