@@ -6,6 +6,8 @@ import numpy as np
 
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.result import Energies
+from spatial_pin.dynamics.simulation.running.record import Record
+from spatial_pin.errors import EnergyError
 from spatial_pin.settings import INTEGRATORS, Accuracy
 
 LOST = 1e-2  # of what is exchanged: beyond any error of steps of usual tolerance
@@ -29,11 +31,38 @@ class Balance:
         self._watches = problem.is_steady and not creeps
         self._part = WORST if fixed else min(
             WORST, max(LOST, TOLERANCES * accuracy.time_tolerance))
-        self._least_exchange = problem.least_exchange
-        self.keeps(start)
+        self._name, self._least_exchange = problem.mechanism.name, problem.least_exchange
+        self._keeps(start)
 
-    def keeps(self, now: Energies) -> bool:
-        """Whether the energies of a moment are those of the start and the work done since."""
+    def refuse_to_lose(self, t: float, now: Energies) -> None:
+        """Refuse a step, or a sample, at which energy is not that of the start and the work since.
+
+        Raises:
+            EnergyError: energy was lost or gained.
+        """
+        if self._keeps(now):
+            return
+        raise EnergyError(
+            f"mechanism {self._name!r}: at {t:.9g} s there are "
+            f"{now.total - now.work:.6g} J, the work done taken off, where "
+            f"{self._start.total:.6g} J were at the start: energy came from nowhere or was lost; "
+            "take a smaller time_tolerance or step, or formulation='independent'")
+
+    def refuse_samples(self, record: Record) -> None:
+        """Refuse samples whose energy balance is wrong; they are dropped.
+
+        Raises:
+            EnergyError: there are some.
+        """
+        times, samples = record.all()
+        for k, (t, row) in enumerate(zip(times.tolist(), samples.numbers.tolist(), strict=True)):
+            try:
+                self.refuse_to_lose(t, Energies(*row[1:]))
+            except EnergyError:
+                record.filled = k
+                raise
+
+    def _keeps(self, now: Energies) -> bool:
         rest = now.total - now.kinetic
         self._least, self._most = min(self._least, rest), max(self._most, rest)
         self._size = max(self._size, now.kinetic, self._most - self._least, abs(now.work))

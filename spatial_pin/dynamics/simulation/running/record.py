@@ -35,7 +35,6 @@ class Record:
         room: where all samples stand.
         events: in the order of their times.
         steps: how many steps have been taken.
-        integrators: names of those that have taken them.
     """
 
     def __init__(self, problem: Problem, times: Array, watch: Watch) -> None:
@@ -48,7 +47,7 @@ class Record:
         self._passed: list[Passing] = list(watch.at_start)
         self.events = [passing.event for passing in watch.at_start]
         self.events += watch.rated.at_start if watch.rated else []
-        self.steps, self.integrators = 0, list[str]()
+        self.steps = 0
         self._coordinates: list[str] = []
 
     def until(self, end: float) -> Array:
@@ -112,7 +111,8 @@ class Record:
         return self._at[: self.filled], Samples(*(x[: self.filled] for x in self.room))
 
     def motion(
-        self, start: Energies, evaluations: int, projection: Projection | None
+        self, start: Energies, evaluations: int, projection: Projection | None,
+        integrators: list[str],
     ) -> Simulation:
         """Return the samples so far.
 
@@ -120,6 +120,7 @@ class Record:
             start: energies at the start.
             evaluations: how often the equations of motion were evaluated.
             projection: what projecting took.
+            integrators: names of those that have taken the steps.
         """
         problem, names = self._problem, [c.name for c, _ in self._problem.drives]
         times, (q, v, a, numbers, efforts, angles) = self.all()
@@ -132,5 +133,5 @@ class Record:
             efforts=ByDriver(problem.mechanism, dict(zip(names, efforts.T.copy(), strict=True))),
             coordinates=list(dict.fromkeys(self._coordinates)), evaluations=evaluations,
             steps=self.steps, by_drivers=problem.by_drivers, joint_limits=self._passed,
-            projection=projection, integrators=self.integrators,
+            projection=projection, integrators=integrators,
         )
