@@ -69,8 +69,8 @@ if TYPE_CHECKING:
     from spatial_pin.mobility.grashof import Grashof, grashof
     from spatial_pin.mobility.idle_freedoms import PassiveFreedom
     from spatial_pin.mobility.loops import Loop
-    from spatial_pin.mobility.mode_list import AssemblyModes, Continuum
-    from spatial_pin.mobility.modes import assembly_modes
+    from spatial_pin.mobility.modes.modes import assembly_modes
+    from spatial_pin.mobility.modes.result import AssemblyModes, Continuum
     from spatial_pin.motion.dead_centres import dead_centres
     from spatial_pin.motion.follow import follow
     from spatial_pin.motion.joint_limits import JointLimit, Passing
@@ -168,8 +168,8 @@ _ON_USE = {
     "mobility.grashof": "Grashof grashof",
     "mobility.idle_freedoms": "PassiveFreedom",
     "mobility.loops": "Loop",
-    "mobility.mode_list": "AssemblyModes Continuum",
-    "mobility.modes": "assembly_modes",
+    "mobility.modes.result": "AssemblyModes Continuum",
+    "mobility.modes.modes": "assembly_modes",
     "motion.dead_centres": "dead_centres",
     "motion.follow": "follow",
     "motion.joint_limits": "JointLimit Passing",

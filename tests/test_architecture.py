@@ -30,6 +30,7 @@ LAYERS = {
                 "pinocchio_model"],
     "formats.dialects": ["beside"],
     "assembly": ["search"],
+    "mobility": ["modes"],
     "dynamics": ["solvers", "derivatives", "simulation"],
     "dynamics.simulation": ["formulations", "running"],
     "synthesis": ["demands"],

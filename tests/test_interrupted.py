@@ -15,7 +15,7 @@ from spatial_pin.dimensions.predictions import Predictions
 from spatial_pin.dimensions.samples import Samples
 from spatial_pin.dynamics.simulation.running.run import Run
 from spatial_pin.inverse_kinematics import reach_path
-from spatial_pin.mobility import modes
+from spatial_pin.mobility.modes import modes
 from spatial_pin.proximity.search import Search
 
 VALUES = np.linspace(0.0, 3.0, 61)

@@ -16,7 +16,7 @@ from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mobility.idle_freedoms import IDLE
-from spatial_pin.mobility.rods import Line
+from spatial_pin.mobility.modes.rods import Line
 from spatial_pin.numerics.linalg import Array, row_space
 
 

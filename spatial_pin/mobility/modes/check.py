@@ -19,9 +19,9 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mobility.finite_motions import finite_motions
 from spatial_pin.mobility.idle_freedoms import idle_freedoms
-from spatial_pin.mobility.mode_list import Continuum
-from spatial_pin.mobility.mode_marks import NOTHING, WHOLE, Mark, of_line, resting, rows_of
-from spatial_pin.mobility.rods import Rod
+from spatial_pin.mobility.modes.marks import NOTHING, WHOLE, Mark, of_line, resting, rows_of
+from spatial_pin.mobility.modes.result import Continuum
+from spatial_pin.mobility.modes.rods import Rod
 from spatial_pin.numerics.linalg import (
     Array,
     common_rows,

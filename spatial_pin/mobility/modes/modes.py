@@ -29,10 +29,10 @@ from spatial_pin.mechanism.joint_limits import beyond_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mobility.finite_motions import PROBES
-from spatial_pin.mobility.mode_check import SAME_MODE, Check, Kind
-from spatial_pin.mobility.mode_list import AssemblyModes, Continuum, missing_by
-from spatial_pin.mobility.mode_marks import Mark, rows_of
-from spatial_pin.mobility.rods import Core, Rod, core_of, rods_of
+from spatial_pin.mobility.modes.check import SAME_MODE, Check, Kind
+from spatial_pin.mobility.modes.marks import Mark, rows_of
+from spatial_pin.mobility.modes.result import AssemblyModes, Continuum, missing_by
+from spatial_pin.mobility.modes.rods import Core, Rod, core_of, rods_of
 from spatial_pin.numerics.linalg import Array, null_space, null_vectors
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.progress import progress_bar

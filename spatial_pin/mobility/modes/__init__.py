@@ -1,0 +1,1 @@
+"""Assembly modes: all closed configurations for given driver values."""
