@@ -15,7 +15,7 @@ from spatial_pin.dimensions.predictions import Predictions
 from spatial_pin.dimensions.samples import Samples
 from spatial_pin.dynamics.simulation.running.run import Run
 from spatial_pin.inverse_kinematics import reach_path
-from spatial_pin.mobility.modes import modes
+from spatial_pin.mobility.modes.search import Search as ModeSearch
 from spatial_pin.proximity.search import Search
 
 VALUES = np.linspace(0.0, 3.0, 61)
@@ -277,7 +277,7 @@ def test_settings_that_were_measured_are_told(monkeypatch, tmp_path, capsys):
 
 @pytest.mark.parametrize("copies", [[], ["--copies"]])
 def test_modes_that_were_found_are_told(copies, monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr(modes._Search, "attempt", interrupting(modes._Search.attempt, 2))
+    monkeypatch.setattr(ModeSearch, "_attempt", interrupting(ModeSearch._attempt, 2))
     file = tmp_path / "modes.csv"
     assert main(["modes", "four_bar", "crank=1", *copies, "--csv", str(file)]) == 130
     assert len(file.read_text(encoding="utf-8").splitlines()) == 3
