@@ -31,6 +31,7 @@ LAYERS = {
     "formats.dialects": ["beside"],
     "assembly": ["search"],
     "mobility": ["modes"],
+    "reduction": ["model"],
     "dynamics": ["solvers", "derivatives", "simulation"],
     "dynamics.simulation": ["formulations", "running"],
     "synthesis": ["demands"],

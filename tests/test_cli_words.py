@@ -32,7 +32,7 @@ OF_CALLERS = (
     ("tolerance.py", "to make a table of"), ("sweep.py", "speed=0.0 at rest"),
     ("outputs.py", "a motion by itself has no forces"), ("influence.py", "the whole mechanism"),
     ("influence.py", "dynamics=True"), ("reduce.py", "lump=True"), ("design.py", "goals"),
-    ("integration.py", "explicit integrator"), ("integrators.py", "needs a step"),
+    ("stepping.py", "explicit integrator"), ("integrators.py", "needs a step"),
     ("simulate.py", "take a longer step"), ("jerks.py", "j="), ("forward.py", "a="),
     ("coordinates.py", "CoordinateRates"), ("picture.py", ""), ("devtools.py", ""),
     ("model.py", "canonical_link="),  # an attribute of SDFormat

@@ -24,7 +24,7 @@ from spatial_pin.numerics.linalg import Array, null_space, rank
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.reduction.differences import Verification
 from spatial_pin.reduction.influence import Asked, Influence, asked_of
-from spatial_pin.reduction.model import Model
+from spatial_pin.reduction.model.model import Model
 from spatial_pin.reduction.report import Omission, omissions
 from spatial_pin.reduction.states import carried_over
 

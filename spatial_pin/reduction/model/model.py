@@ -17,8 +17,8 @@ from spatial_pin.mechanism.resistance import resists
 from spatial_pin.numerics.linalg import Array, null_space
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.reduction.influence import Asked, Influence, Kept
-from spatial_pin.reduction.legs import leg_of
-from spatial_pin.reduction.links import (
+from spatial_pin.reduction.model.legs import leg_of
+from spatial_pin.reduction.model.links import (
     Bodies,
     Pin,
     Place,
@@ -28,7 +28,7 @@ from spatial_pin.reduction.links import (
     reach,
     relation,
 )
-from spatial_pin.reduction.tree import Tree
+from spatial_pin.reduction.model.tree import Tree
 
 Omitted = tuple[str, str, str]
 

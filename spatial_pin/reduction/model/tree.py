@@ -16,7 +16,7 @@ from spatial_pin.mechanism.checks import check_mechanism
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.named_frames import add_frames
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.reduction.links import Bodies, Place
+from spatial_pin.reduction.model.links import Bodies, Place
 
 
 class Tree:

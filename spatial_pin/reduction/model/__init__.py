@@ -1,0 +1,1 @@
+"""A reduced mechanism in the making: links replaced by relations, equations left out."""
