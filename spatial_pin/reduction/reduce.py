@@ -24,7 +24,10 @@ from spatial_pin.numerics.linalg import Array, null_space, rank
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.reduction.differences import Verification
 from spatial_pin.reduction.influence import Asked, Influence, asked_of
+from spatial_pin.reduction.model.building import built
+from spatial_pin.reduction.model.idle_equations import drop_equations
 from spatial_pin.reduction.model.model import Model
+from spatial_pin.reduction.model.replacing import replace_links
 from spatial_pin.reduction.report import Omission, omissions
 from spatial_pin.reduction.states import carried_over
 
@@ -264,9 +267,9 @@ def reduce(
     for simplest in (True, False):
         model = Model(mechanism, state.q, kept, influence, asked, dynamics=dynamics, lump=lump)
         if simplest:
-            model.replace_links()
-            model.drop_equations()
-        made = model.mechanism()
+            replace_links(model)
+            drop_equations(model)
+        made = built(model)
         if _agrees(made, influence):
             break
     else:

@@ -2,40 +2,23 @@
 
 A leg hangs on a body by one pair and is closed to another body by a second pair; joints between
 its links move, a slide mostly. Where these joints change nothing of the relation that a link with
-those two pairs would stand for (`reduction.model.links`) but the length of its distance, the leg stands
-for a distance of variable length: that of two frames on the leg's two ends, which then need no
-more than its joints. The leg is left where it stands, welded to the body that it hangs on.
+those two pairs would stand for (`links`) but the length of its distance, the leg stands for a
+distance of variable length: that of two frames on the leg's two ends, which then need no more
+than its joints. The leg is left where it stands, welded to the body that it hangs on.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.reduction.influence import Influence
-from spatial_pin.reduction.model.links import Bodies, Pin, Place, Relation, Surroundings, relation
-
-
-class Model(Protocol):
-    """What is asked here of `reduction.model.model.Model`, of which legs are a part."""
-
-    full: Mechanism
-    moving: set[int]
-    bodies: Bodies
-    around: Surroundings
-    influence: Influence
-
-    def closures_on(self, joints: tuple[int, ...]) -> tuple[Closure, ...]:
-        """Return the closures with a frame on the bodies of these joints, which move them."""
-
-    def hangs_free(self, joints: tuple[int, ...]) -> bool:
-        """Whether nothing else that moves, or is asked for, hangs on the bodies of a chain."""
+from spatial_pin.reduction.model.links import Pin, Place, Relation, Surroundings, relation
+from spatial_pin.reduction.model.model import Model
 
 
 class Leg(NamedTuple):
