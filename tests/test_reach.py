@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.optimize import minimize
+from scipy.optimize import brute, minimize
 
 import spatial_pin as sp
 from spatial_pin import targets
@@ -94,6 +94,70 @@ def test_two_links_reach_a_point_by_the_law_of_cosines(tmp_path):
     assert state.coordinate("j1").value == pytest.approx(shoulder, abs=1e-13)
     other = sp.reach(mechanism, {"tip": [1.1, 0.6, 0.0]}, at(mechanism, 1.0, -0.9))
     assert other.coordinate("j2").value == pytest.approx(-elbow, abs=1e-13)
+
+
+def test_limits_on_the_way_hide_no_target_and_the_nearest_elbow_is_taken(tmp_path):
+    mechanism = arm(tmp_path, (1.0, 0.8), [(-3.1, 3.1), (-2.5, 2.5)])
+    rng, far = np.random.default_rng(3), 0
+    for _ in range(40):
+        there, first = (rng.uniform((-3.1, -2.5), (3.1, 2.5)) for _ in range(2))
+        point = np.array([np.cos(there[0]) + 0.8 * np.cos(there.sum()),
+                          np.sin(there[0]) + 0.8 * np.sin(there.sum()), 0.0])
+        start = at(mechanism, *first)
+        try:
+            sp.reach(mechanism, {"tip": point}, start, starts=0)
+        except sp.ReachError as error:
+            far += 1
+            assert error.reasons == ("joint limit",)
+            state = sp.reach(mechanism, {"tip": point}, start)
+            assert np.abs(state.placement("tip").translation - point).max() < 1e-13
+            bend, ways = np.arccos((point @ point - 1.0 - 0.8**2) / 1.6), []
+            for elbow in (bend, -bend):
+                shoulder = np.arctan2(point[1], point[0]) - np.arctan2(
+                    0.8 * np.sin(elbow), 1.0 + 0.8 * np.cos(elbow))
+                ways += [np.hypot(x - first[0], elbow - first[1])
+                         for x in shoulder + 2.0 * np.pi * np.arange(-1, 2)
+                         if abs(x) <= 3.1 and abs(elbow) <= 2.5]
+            assert np.linalg.norm(state.q - first) == pytest.approx(min(ways), abs=1e-9)
+    assert far > 3
+
+
+def test_an_answer_from_afar_comes_without_whole_turns(tmp_path, monkeypatch):
+    from spatial_pin.inverse_kinematics import reach as module
+    mechanism = arm(tmp_path)
+    start = at(mechanism, 0.3, 0.4, 0.5)
+    direct = sp.reach(mechanism, {"tip": [1.2, 1.3, 0.0]}, start)
+    monkeypatch.setattr(module, "_best", lambda start, solver, _: solver.reached(start.q, {}))
+    monkeypatch.setattr(module, "_far_starts",
+                        lambda start, *_: [start.q + np.array([4.0 * np.pi, -2.0 * np.pi, 0.1])])
+    turned = sp.reach(mechanism, {"tip": [1.2, 1.3, 0.0]}, start)
+    assert np.abs(turned.q - direct.q).max() < 1e-8
+
+
+def test_the_nearest_within_limits_is_that_of_a_global_search(tmp_path):
+    limits = [(-1.5, 2.5), (-2.0, 2.0), (-2.0, 2.0)]
+    mechanism = arm(tmp_path, limits=limits)
+
+    def square(q, point):
+        angles = np.cumsum(q)
+        tip = [1.0, 0.8, 0.6] @ np.column_stack([np.cos(angles), np.sin(angles)])
+        return np.sum((tip - point) ** 2)
+
+    for point in ([-1.5, -1.4], [-0.2, -0.1], [-2.0, -0.4]):
+        near = brute(square, limits, (point,), Ns=31, finish=None)
+        best = minimize(square, near, (point,), bounds=limits, tol=1e-15)
+        with pytest.raises(sp.ReachError) as caught:
+            sp.reach(mechanism, {"tip": [*point, 0.0]}, at(mechanism, 0.3, -0.4, 0.5))
+        found = caught.value.distances["tip"] * mechanism.characteristic_length
+        assert found == pytest.approx(np.sqrt(best.fun), abs=1e-7)
+
+
+@pytest.mark.parametrize(("name", "link"), [("four_bar", "coupler"), ("rssr", "rocker")])
+def test_what_takes_taking_apart_is_not_reached(name, link):
+    mechanism = sp.load(name)
+    here, other = sp.assembly_modes(mechanism)
+    with pytest.raises(sp.ReachError):
+        sp.reach(mechanism, {link: other.placement(link)}, here)
 
 
 def test_what_is_left_free_moves_least(tmp_path):
