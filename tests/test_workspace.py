@@ -25,12 +25,12 @@ BARS = {"left": ANGLES, "right": ANGLES}
 ARRAYS = ("drivers", "reached", "points", "rotations", "dexterity", "least")
 
 
-def five_bar(folder) -> sp.Mechanism:
+def five_bar(folder, ground=GROUND, arms=(ARM, ARM), rods=(ROD, ROD)) -> sp.Mechanism:
     """Two arms on the ground that are driven, and two rods that meet at the tip above them."""
-    tree = (turning("left", "ground", "arm1") + turning("right", "ground", "arm2", (GROUND, 0, 0))
-            + turning("elbow1", "arm1", "rod1", (ARM, 0, 0))
-            + turning("elbow2", "arm2", "rod2", (ARM, 0, 0))
-            + point("tip", "rod1", (ROD, 0, 0)) + point("tip2", "rod2", (ROD, 0, 0)))
+    tree = (turning("left", "ground", "arm1") + turning("right", "ground", "arm2", (ground, 0, 0))
+            + turning("elbow1", "arm1", "rod1", (arms[0], 0, 0))
+            + turning("elbow2", "arm2", "rod2", (arms[1], 0, 0))
+            + point("tip", "rod1", (rods[0], 0, 0)) + point("tip2", "rod2", (rods[1], 0, 0)))
     toml = (driver("left", "left") + driver("right", "right")
             + closure("pin", "revolute", "tip", "tip2")
             + guess(left=1.9, right=1.2, elbow1=-1.0, elbow2=1.0))
@@ -344,6 +344,33 @@ def test_curves_of_a_five_bar_are_those_of_its_closed_form(found):
                        / np.maximum(np.einsum("ij,ij->i", way, way), 1e-30), 0.0, 1.0)
         assert np.linalg.norm(first + part[:, None] * way - place, axis=1).min() < 1e-4
     assert found.aspects.max() >= 1
+
+
+def test_a_circle_that_turns_a_joint_wholly_round_is_closed(tmp_path):
+    """The right arm and its rod in line: the tip goes round both bases, so the left arm turns."""
+    ground, arms, rods = 0.05, (0.09, 0.06), (0.17, 0.13)
+    mechanism = five_bar(tmp_path, ground, arms, rods)
+    reach = arms[1] + rods[1]
+    assert ground < reach < sum((arms[0], rods[0], -ground))  # the left arm gets round it
+    ranges = {"left": (-np.pi, np.pi), "elbow1": (-np.pi, np.pi)}
+    curves = sp.workspace(mechanism, "tip", ranges, points=16).curves(tolerance=1e-3)
+    whole = [c for c in curves if c.is_closed]
+    assert whole
+    for curve in whole:
+        way = curve.points[:, :2] - [ground, 0.0]
+        np.testing.assert_allclose(np.hypot(*way.T), reach, rtol=1e-10)
+        round_it = np.unwrap(np.arctan2(way[:, 1], way[:, 0]))
+        assert abs(round_it[-1] - round_it[0]) == pytest.approx(2.0 * np.pi, abs=1e-7)
+        np.testing.assert_array_equal(curve.points[0], curve.points[-1])
+        turned = curve.drivers[-1] - curve.drivers[0]
+        np.testing.assert_allclose(np.abs(turned), [2.0 * np.pi, 0.0], atol=1e-7)
+        far = np.hypot(*curve.points[:, :2].T)  # the left elbow by the law of cosines
+        bend = np.arccos((far**2 - arms[0] ** 2 - rods[0] ** 2) / (2.0 * arms[0] * rods[0]))
+        np.testing.assert_allclose(np.cos(curve.drivers[:, 1]), np.cos(bend), atol=1e-9)
+    for curve in curves:
+        assert np.abs(curve.drivers).max() < np.pi + 1e-9
+    part = sp.workspace(mechanism, "tip", ranges | {"left": (-2.0, 2.0)}, points=16)
+    assert not any(c.is_closed for c in part.curves(tolerance=1e-3))
 
 
 def test_a_section_of_a_delta_ends_where_its_arms_and_rods_are_in_line():

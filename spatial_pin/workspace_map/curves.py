@@ -6,7 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
+from spatial_pin.assembly.search.whole_turns import periodic
 from spatial_pin.checks import finite_number, mapping, positive_number
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.numerics.linalg import Array
@@ -14,7 +16,7 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.workspace_map.dexterity import SINGULAR, Task
 from spatial_pin.workspace_map.filling import Border
 from spatial_pin.workspace_map.lines import Asked
-from spatial_pin.workspace_map.locus import AT_CORNER, Locus, walk
+from spatial_pin.workspace_map.locus import AT_CORNER, RANGE, Locus, Spot, walk
 from spatial_pin.workspace_map.result import Curve, Workspace, unit_of
 from spatial_pin.workspace_map.section import LIMIT, Section
 
@@ -77,10 +79,21 @@ def _follow(locus: Locus, q: Array, pieces: list[Piece]) -> list[tuple[str, Arra
     back = walk(locus, start._replace(t=-start.t, dy=-start.dy))
     spots = [*back.spots[:0:-1], *ahead.spots]
     if len(spots) > 1:
-        pieces.append(Piece(np.array([x.y for x in spots]), locus.why, False))
+        pieces.append(Piece(np.array([x.y for x in spots]), locus.why,
+                            ahead.end == back.end == RANGE and _is_turn_on(locus, spots)))
     kinds = {LIMIT, *locus.section.limits}
     return [(end, spot.q, spot.angles) for end, spot in
             ((ahead.end, spots[-1]), (back.end, spots[0])) if end in kinds]
+
+
+def _is_turn_on(locus: Locus, spots: Sequence[Spot]) -> bool:
+    """Whether the last point is the first, but for whole turns of joints."""
+    first, last = spots[0], spots[-1]
+    mechanism = locus.section.asked.mechanism
+    way = pin.difference(mechanism.model, first.q, last.q) / mechanism.velocity_scale
+    turning = [angle.v for angle in periodic(mechanism)]
+    way[turning] -= 2.0 * np.pi * np.round(way[turning] / (2.0 * np.pi))
+    return bool(np.linalg.norm(way) < MEETS)
 
 
 def _is_known(y: Array, locus: Locus, pieces: Sequence[Piece]) -> bool:
@@ -133,7 +146,8 @@ def _curve(section: Section, chain: list[Piece], tolerance: float) -> Curve:
     meets = len(y) > 2 and bool(np.linalg.norm(y[-1] - y[0]) < MEETS)
     is_closed = chain[0].is_closed or (len(chain) > 1 and meets)
     if is_closed:
-        y[-1] = y[0]
+        at = 0 if meets else len(section.low)  # of the points alone where joints are a turn on
+        y[-1, at:] = y[0, at:]
     why: list[str] = []
     for piece in chain:
         why += [piece.why] * (len(piece.y) - 1)

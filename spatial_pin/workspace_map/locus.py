@@ -167,8 +167,23 @@ class Locus:
                 there = self.section.moved(spot.q, np.clip(way, -0.1, 0.1) * spot.normal)
                 spot = None if there is None else self.spot(there, None)
                 continue
-            return self.spot(there, None)
+            found = self.spot(there, None)
+            return None if found is None else self._inside(found)
         return None
+
+    def _inside(self, spot: Spot) -> Spot:
+        """Return the point where the grid begins, of one that lies a little beyond it."""
+        margin = self.section.margin
+        if margin(spot.q) >= -AT_CORNER:
+            return spot
+        for sign in (1.0, -1.0):
+            way = spot._replace(t=sign * spot.t, dy=sign * spot.dy)
+            q = self.at(way, FIRST_STEP)
+            if q is not None and margin(q) > 0.0:
+                back = way._replace(q=q, t=-way.t)
+                q = self.at(back, _root(self, back, margin, FIRST_STEP))
+                return (None if q is None else self.spot(q, None)) or spot
+        return spot
 
     def at(self, spot: Spot, length: float) -> Array | None:
         """Return the configuration on the curve ahead of a point."""
@@ -265,11 +280,6 @@ def _ends(locus: Locus, spot: Spot, there: Spot) -> Iterator[tuple[str, Callable
     """Yield what becomes negative within a step: words, and function of the configuration."""
     s = locus.section
 
-    def margin(q: Array) -> float:
-        free = list(s.free)
-        values = s.values(q)[free]
-        return float(min((values - s.low[free]).min(), (s.high[free] - values).min()))
-
     def room(limit: JointLimit) -> Callable[[Array], float]:
         return lambda q: float(limit.room(q)) / limit.size
 
@@ -278,8 +288,8 @@ def _ends(locus: Locus, spot: Spot, there: Spot) -> Iterator[tuple[str, Callable
         a = locus.bordered(motions) if locus.why == LIMIT else s.matrix(LIMIT, motions)
         return (sign or before) * float(np.linalg.det(a))
 
-    if margin(there.q) < -AT_CORNER:
-        yield RANGE, margin
+    if s.margin(there.q) < -AT_CORNER:
+        yield RANGE, s.margin
     for words, limit in s.limits.items():
         if words != locus.why and room(limit)(there.q) < -AT_CORNER:
             yield words, room(limit)

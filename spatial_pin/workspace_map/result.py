@@ -42,7 +42,7 @@ class Curve:
         drivers: (m, k) values of the grid's coordinates at its points [rad or m].
         points: (m, 3) of the frame [m].
         why: (m - 1,) what each piece is, as `Borders.why` has it.
-        is_closed: whether its last point is its first.
+        is_closed: whether its last point is its first; coordinates may be whole turns apart there.
         tolerance: how far the curve bends away from the straight pieces, at most [rad,
             characteristic lengths]; its points are on it to 1e-10.
 

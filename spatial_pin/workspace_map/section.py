@@ -107,6 +107,12 @@ class Section:
         """Return the grid's coordinates (k,) in natural units."""
         return q[[c.q for c in self.grid[: len(self._sizes)]]] / self._sizes
 
+    def margin(self, q: Array) -> float:
+        """Return how far it is from the ends of the section's ranges, in natural units."""
+        free = list(self.free)
+        values = self.values(q)[free]
+        return float(min((values - self.low[free]).min(), (self.high[free] - values).min()))
+
     def seen(self, q: Array, t: Array) -> tuple[Array, Array]:
         """Return coordinates and point (k + 3,) in natural units, and their change along t."""
         size = self.asked.mechanism.characteristic_length
