@@ -7,10 +7,12 @@ import mechanisms
 import numpy as np
 import pinocchio as pin
 import pytest
+from mechanisms import closure, driver, floating, guess, load, point, refine, turning
 from mpmath import acos, cos, diff, mp, mpf
 
 import spatial_pin as sp
 from spatial_pin.assembly.state import State
+from spatial_pin.cli.running import main
 from spatial_pin.constraints.composite_joints import split
 from spatial_pin.rates.rates import rate_error
 
@@ -234,6 +236,36 @@ def test_what_has_no_transmission_angle_says_why(name, output, options, words):
     mechanism = sp.load(name)
     with pytest.raises(sp.SpatialPinError, match=words):
         sp.transmission(mechanism, sp.assemble(mechanism), output, **options)
+
+
+@pytest.mark.parametrize("held", ["knee", "knee.z"])  # a hinge; a component of a ball
+def test_with_its_knee_held_a_coupler_of_two_links_is_one(tmp_path, held):
+    """Ratio and angle of the four-bar whose coupler is as long as the knee leaves it."""
+    ground, crank, first, second, rocker = 0.30, 0.10, 0.15, 0.14, 0.24
+    tree = (turning("crank_pin", "ground", "crank") + turning("a", "crank", "rod", (crank, 0, 0))
+            + (floating if "." in held else turning)("knee", "rod", "shin", (first, 0, 0))
+            + turning("rocker_pin", "ground", "rocker", (ground, 0, 0))
+            + point("b1", "shin", (second, 0, 0)) + point("b2", "rocker", (rocker, 0, 0)))
+    mechanism = load(tmp_path, "kneed", tree, driver("crank", "crank_pin")
+                     + closure("b", "revolute", "b1", "b2")
+                     + refine("knee", "spherical") * ("." in held)
+                     + guess(crank_pin=1.0, a=-0.5, rocker_pin=1.9))
+    state = sp.assemble(mechanism, {"crank": 1.0, held: 0.2})
+    with pytest.raises(sp.SingularError, match="knee"):
+        sp.transmission(mechanism, state, "rocker_pin")
+    with pytest.raises(sp.SpatialPinError, match="is held, and cannot be moved"):
+        sp.transmission(mechanism, state, "rocker_pin", hold="rocker_pin")
+    found = sp.transmission(mechanism, state, "rocker_pin", hold=held)
+    a, b = state.placement("a").translation, state.placement("b2").translation
+    assert np.linalg.norm(b - a) == pytest.approx(abs(first + second * np.exp(0.2j)), rel=1e-12)
+    coupler = np.arctan2(*(b - a)[1::-1])
+    turned = state.coordinate("rocker_pin").value
+    ratio = crank * np.sin(1.0 - coupler) / (rocker * np.sin(turned - coupler))
+    assert found.ratio == pytest.approx(ratio, rel=1e-11)
+    assert found.angle == pytest.approx(abs(np.arcsin(np.sin(turned - coupler))), rel=1e-11)
+    words = ["transmission", str(mechanism.path), "rocker_pin", "crank=1.0", "--json", "-"]
+    assert main(words) == 1
+    assert main([*words, "--hold", held]) == 0
 
 
 # ---------------------------------------------------------------- dead centres

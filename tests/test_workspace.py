@@ -476,6 +476,64 @@ def test_the_command_line_refuses_in_words(capfd, words, code, told):
     assert found == code and told in err and "Traceback" not in err
 
 
+@pytest.fixture(scope="module")
+def kneed(tmp_path_factory) -> sp.State:
+    """The five-bar with a joint in the middle of a rod, which is stretched."""
+    half = (ROD / 2, 0, 0)
+    tree = (turning("left", "ground", "arm1") + turning("right", "ground", "arm2", (GROUND, 0, 0))
+            + turning("elbow1", "arm1", "rod1", (ARM, 0, 0)) + turning("knee", "rod1", "end1", half)
+            + turning("elbow2", "arm2", "rod2", (ARM, 0, 0))
+            + point("tip", "end1", half) + point("tip2", "rod2", (ROD, 0, 0)))
+    toml = (driver("left", "left") + driver("right", "right")
+            + closure("pin", "revolute", "tip", "tip2")
+            + guess(left=1.9, right=1.2, elbow1=-1.0, elbow2=1.0))
+    mechanism = load(tmp_path_factory.mktemp("kneed"), "kneed", tree, toml)
+    return sp.assemble(mechanism, {"left": 1.9, "right": 1.2, "knee": 0.0})
+
+
+def test_a_joint_that_is_held_is_as_good_as_none(bars, kneed):
+    plain = sp.workspace(bars, "tip", BARS, points=9, sheets=True)
+    held = sp.workspace(kneed.mechanism, "tip", BARS, points=9, sheets=True, guess=kneed,
+                        hold=["base", "knee"])
+    assert len(held.sheets) == len(plain.sheets) > 0
+    for one, other in zip((held, *held.sheets), (plain, *plain.sheets), strict=True):
+        np.testing.assert_array_equal(one.reached, other.reached)
+        np.testing.assert_allclose(one.points, other.points, atol=1e-12)
+        np.testing.assert_allclose(one.dexterity, other.dexterity, atol=1e-9)
+        np.testing.assert_allclose(one.boundary.drivers, other.boundary.drivers, atol=1e-8)
+        np.testing.assert_allclose(one.singular.drivers, other.singular.drivers, atol=1e-7)
+    curves, others = held.curves(), plain.curves()
+    assert [curve.why for curve in curves] == [curve.why for curve in others]
+    for curve in curves:
+        if curve.why == "limit":
+            a, b = elbows(curve.drivers)
+            np.testing.assert_allclose(np.linalg.norm(b - a, axis=1), 2 * ROD, rtol=1e-8)
+
+
+def test_a_pose_whose_driver_is_held_goes_round_its_elbow(bars):
+    state = sp.assemble(bars, {"left": 1.9, "right": 1.2})
+    found = sp.workspace(bars, "tip", {"x": (0.09, 0.13)}, points=9, guess=state,
+                         hold=["base", "right"])
+    assert found.reached.sum() > 3
+    elbow = np.array([GROUND + ARM * np.cos(1.2), ARM * np.sin(1.2)])
+    far = np.linalg.norm(found.points[found.reached, :2] - elbow, axis=1)
+    np.testing.assert_allclose(far, ROD, rtol=1e-12)
+
+
+def test_what_spans_the_grid_is_not_held(kneed, capfd):
+    with pytest.raises(ValueError, match="'left' is held"):
+        sp.workspace(kneed.mechanism, "tip", BARS, points=3, guess=kneed, hold="left")
+    path = str(kneed.mechanism.path)
+    words = ["workspace", path, "tip", "left=1.6..1.9", "--points", "3"]
+    assert main(words) == 1
+    assert "--hold" in capfd.readouterr().err
+    assert main([*words, "--hold", "knee", "--json", "-"]) == 0
+    columns = json.loads(capfd.readouterr().out)["columns"]
+    assert len(columns["left [rad]"]) == 3
+    assert main([*words, "--hold", "kne"]) == 1
+    assert "did you mean 'knee'?" in capfd.readouterr().err
+
+
 def test_workers_change_nothing(bars, found):
     with ProcessPoolExecutor(2) as pool:
         other = sp.workspace(bars, "tip", BARS, points=25, executor=pool)

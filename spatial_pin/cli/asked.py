@@ -129,17 +129,20 @@ def state_at(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.State:
     return state
 
 
-def motion_over(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion | None:
+def motion_over(
+    options: argparse.Namespace, mechanism: sp.Mechanism, of_rates: bool = False
+) -> sp.Motion | None:
     """Return the sweep that `--over` asks for, if it does, without a speed.
 
-    After Ctrl-C as far as it was followed; `options.cut_short` says so.
+    After Ctrl-C as far as it was followed; `options.cut_short` says so. What is asked of one
+    configuration is of its rates, or `--hold` is refused there.
     """
+    check_held(options, mechanism)
     if options.over is None:
-        if options.hold:
+        if options.hold and not of_rates:
             options.usage_error("--hold belongs to --over: in one configuration nothing moves")
         return None
     name, ends = options.over
-    check_held(options, mechanism)
     if options.values:
         options.usage_error("--over goes from the guess on: DRIVER=VALUE belongs to one "
                             "configuration")

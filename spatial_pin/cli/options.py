@@ -108,12 +108,14 @@ def configuration_options(sub: argparse.ArgumentParser) -> None:
     guess_option(sub)
 
 
-def over_options(sub: argparse.ArgumentParser) -> None:
+def over_options(
+    sub: argparse.ArgumentParser, held: str = f"{SPRINGS_HELP} (--over)"
+) -> None:
     """Add a driver that goes over a range, for a row at each of its values."""
     sub.add_argument("--over", type=span, metavar="DRIVER=LO..HI",
                      help="do it all along a sweep of this driver or coordinate")
     sub.add_argument("--steps", type=count, default=361, help="number of values of --over (361)")
-    hold_option(sub, f"{SPRINGS_HELP} (--over)")
+    hold_option(sub, held)
 
 
 def rate_options(sub: argparse.ArgumentParser) -> None:

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from spatial_pin.assembly.holding import BASE
+from spatial_pin.assembly.close import pinned_rows
+from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.brief import brief
 from spatial_pin.checks import checked
@@ -21,7 +22,7 @@ from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array, null_space, row_space
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.determined import Prescription, placed
-from spatial_pin.rates.rates import driven_coordinates
+from spatial_pin.rates.rates import check_not_held, driven_coordinates
 
 
 class Transmission(NamedTuple):
@@ -55,7 +56,7 @@ class Transmission(NamedTuple):
 @checked
 def transmission(
     mechanism: Mechanism, state: State, output: str, driver: str | None = None,
-    at: str | None = None,
+    at: str | None = None, *, hold: Hold = BASE,
 ) -> Transmission:
     """Return speed ratio, mechanical advantage and transmission angle of an output.
 
@@ -72,6 +73,7 @@ def transmission(
         output: coordinate of a one-freedom joint of the tree.
         driver: what moves it, a driver or coordinate; the only driver if not given.
         at: closure or joint that moves the output link; needed where there are several.
+        hold: what stands still besides the other drivers, as for `solve_rates`.
 
     Returns:
         The Transmission: ratio, mechanical advantage, angle [rad].
@@ -90,14 +92,15 @@ def transmission(
     state = of_mechanism(mechanism, state)
     mechanism = state.mechanism
     input_ = _input(mechanism, driver)
-    angle, at = transmission_angle(mechanism, state, output, input_.name, at)
-    given = Prescription.of(mechanism, driven_coordinates(mechanism, [input_.name]), BASE)
+    check_not_held(mechanism, [input_], hold)
+    moved = MovedOutput.of(mechanism, output, input_.name, at, hold)
+    angle = moved.angle(mechanism, state.q, state.angles)
     with kernel_of(mechanism) as kernel:
-        column = [c.name for c in given.driven].index(input_.name)
-        columns = placed(kernel, state, given).columns()
+        column = [c.name for c in moved.given.driven].index(input_.name)
+        columns = placed(kernel, state, moved.given).columns()
     ratio = float(columns[mechanism.driven_coordinate(output).v, column])
     advantage = 1.0 / ratio if ratio else math.copysign(math.inf, ratio)
-    return Transmission(ratio, advantage, angle, at)
+    return Transmission(ratio, advantage, angle, moved.at)
 
 
 def transmission_angle(
@@ -113,29 +116,33 @@ class MovedOutput(NamedTuple):
 
     Attributes:
         coordinate: the output.
-        driven: what moves it.
+        given: what moves it, and what stands still.
         joint: its own joint.
         at: closure or joint that moves its link.
         point: (3,) where that is, in the joint's frame [m].
     """
 
     coordinate: Coordinate
-    driven: list[Coordinate]
+    given: Prescription
     joint: int
     at: str
     point: Array
 
     @classmethod
     def of(
-        cls, mechanism: Mechanism, output: str, driver: str, at: str | None = None
+        cls, mechanism: Mechanism, output: str, driver: str, at: str | None = None,
+        hold: Hold = BASE,
     ) -> MovedOutput:
         """Return it; the same is raised as by `transmission`."""
         coordinate = mechanism.driven_coordinate(output)
-        driven = driven_coordinates(mechanism, [driver])
-        if coordinate in driven:
-            raise SpatialPinError(f"mechanism {mechanism.name!r}: {output!r} is a driver itself")
+        given = Prescription.of(mechanism, driven_coordinates(mechanism, [driver]), hold)
+        named = f"mechanism {mechanism.name!r}: {output!r}"
+        if coordinate in given.driven:
+            raise SpatialPinError(f"{named} is a driver itself")
+        if coordinate.v in given.still:
+            raise SpatialPinError(f"{named} is held, and cannot be moved")
         joint = _own_joint(mechanism, coordinate)
-        return cls(coordinate, driven, joint, *_moved_at(mechanism, joint, at))
+        return cls(coordinate, given, joint, *_moved_at(mechanism, joint, at))
 
     def angle(self, mechanism: Mechanism, q: Array, angles: Array) -> float:
         """Return the transmission angle [rad].
@@ -147,8 +154,7 @@ class MovedOutput(NamedTuple):
         """
         with evaluation_of(mechanism, angles) as evaluation:
             evaluation.update(q)
-            own, allowed = _velocities(evaluation, self.joint, self.coordinate,
-                                       [c.v for c in self.driven])
+            own, allowed = _velocities(evaluation, self.joint, self.coordinate, self.given)
             place = evaluation.data.oMi[self.joint].act(self.point)
         return _angle(own, allowed, place / mechanism.characteristic_length)
 
@@ -204,20 +210,24 @@ def _moved_at(mechanism: Mechanism, joint: int, at: str | None) -> tuple[str, Ar
 
 
 def _velocities(
-    evaluation: Evaluation, joint: int, output: Coordinate, driven: list[int]
+    evaluation: Evaluation, joint: int, output: Coordinate, given: Prescription
 ) -> tuple[Array, Array]:
     """Return the twist of the output's own joint, and those it may have with that joint opened.
 
     Both relative to the joint's parent, at the world origin in world axes, (6,) and (k, 6), lengths
-    relative to the characteristic length; drivers stand still in the latter. Opening a joint adds
-    the six freedoms of a body between the subtree and the rest.
+    relative to the characteristic length; what is given stands still in the latter. Opening a joint
+    adds the six freedoms of a body between the subtree and the rest.
     """
     n, mechanism = evaluation.constraints.n_closure, evaluation.mechanism
     size = mechanism.characteristic_length
     unit = np.array([size] * 3 + [1.0] * 3)
     loose = evaluation.twist_derivatives(joint) * unit
-    kept = [k for k in range(evaluation.model.nv) if k not in (*driven, output.v)]
-    allowed = null_space(np.hstack([evaluation.jacobian[:n, kept], loose]))[:, len(kept):]
+    turned = [c.name for c in given.driven if c.q < 0]  # components of balls are no entries
+    kept = np.ones(evaluation.model.nv, dtype=bool)
+    kept[[output.v, *given.still, *(c.v for c in given.driven if c.q >= 0)]] = False
+    rows, _ = pinned_rows(evaluation, kept, turned)
+    loose = np.vstack([loose, np.zeros((len(rows) - n, loose.shape[1]))])
+    allowed = null_space(np.hstack([rows, loose]))[:, rows.shape[1]:]
     own = joint_jacobian(evaluation.data, evaluation.model.nv)[:, output.v]
     return own / unit * mechanism.velocity_scale[output.v], allowed
 

@@ -7,16 +7,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.motion.joint_limits import KIND as JOINT_LIMIT
 from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.proximity.distances import Distances
 from spatial_pin.proximity.search import PLACE_ERROR
+from spatial_pin.rates.determined import Prescription
 from spatial_pin.rates.jacobians import jacobian, moving_coordinates
 
 PLACE_OF_TOUCH = 1e-6  # part of a cell to which a place is known where links come too near
@@ -38,6 +39,7 @@ class Asked(NamedTuple):
         limits: whether joint limits are kept.
         on_crossing: what to do at branch points, as `sweep` has it.
         standing: coordinates that stand still besides.
+        hold: names of what else stands still, "base" among them, as `sweep` has it.
         body: the mechanism itself.
         apart: least distance of links that are not joined that is kept [m]; None: none is.
     """
@@ -49,6 +51,7 @@ class Asked(NamedTuple):
     limits: bool
     on_crossing: str
     standing: tuple[str, ...]
+    hold: tuple[str, ...]
     body: Mechanism
     apart: float | None = None
 
@@ -56,6 +59,13 @@ class Asked(NamedTuple):
     def is_posed(self) -> bool:
         """Whether the grid is one of poses."""
         return self.body is not self.mechanism
+
+    @property
+    def moving(self) -> list[Coordinate]:
+        """What the columns of Jacobians belong to."""
+        given = Prescription.of(self.body, moving_coordinates(
+            self.body, self.columns, self.hold), self.hold)
+        return given.driven[: given.n_moving]
 
     def own(self, state: State) -> State:
         """Return a configuration of the mechanism itself."""
@@ -139,7 +149,7 @@ def motion_along(asked: Asked, run: Run, values: Array) -> tuple[Motion | None, 
     values = np.append(run.at[run.axis], values)
     try:
         motion = sweep(asked.mechanism, asked.names[run.axis], values, guess=start,
-                       hold=[BASE, *others, *asked.standing],
+                       hold=[*asked.hold, *others, *asked.standing],
                        on_limit="stop", on_crossing=asked.on_crossing)
     except SpatialPinError as error:
         kept: Motion | None = getattr(error, "motion", None)
@@ -254,12 +264,13 @@ def _seen(asked: Asked, last: Run, end: End) -> End:
 def natural_jacobians(asked: Asked, states: Sequence[State]) -> Array:
     """Return (m, 6, c) Jacobians, lengths divided by the characteristic length; NaN if singular."""
     mechanism = asked.body
-    moving = moving_coordinates(mechanism, asked.columns, "base")
+    moving = asked.moving
     scale = mechanism.velocity_scale[[c.v for c in moving]]
     found = np.full((len(states), 6, len(moving)), np.nan)
     for k, state in enumerate(states):
         try:
-            found[k] = jacobian(mechanism, asked.own(state), asked.frame, asked.columns) * scale
+            found[k] = scale * jacobian(mechanism, asked.own(state), asked.frame, asked.columns,
+                                        hold=asked.hold)
         except SpatialPinError:  # drivers do not determine the velocities there
             continue
     found[:, :3] /= mechanism.characteristic_length

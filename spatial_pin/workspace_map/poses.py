@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from spatial_pin.assembly.holding import still_entries
+from spatial_pin.assembly.close import scaled_row
+from spatial_pin.assembly.holding import Hold, held_by
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.errors import SpatialPinError
@@ -58,7 +59,9 @@ def pose_parts(mechanism: Mechanism, frame: str, names: Iterable[str]) -> tuple[
     return tuple(parts)
 
 
-def posed(start: State, frame: str, parts: Sequence[str], task: str | None) -> Posed:
+def posed(
+    start: State, frame: str, parts: Sequence[str], task: str | None, hold: Hold
+) -> Posed:
     """Return the copy of a mechanism in which the pose of a frame is given by coordinates.
 
     Args:
@@ -67,6 +70,7 @@ def posed(start: State, frame: str, parts: Sequence[str], task: str | None) -> P
         parts: of its pose that span a grid.
         task: "position": its orientation is free; "pose": it is kept, as far as it is free to
             change. None: position, if that determines the mechanism.
+        hold: what stands still in any case.
 
     Raises:
         SpatialPinError: the pose does not determine where the mechanism is.
@@ -74,7 +78,8 @@ def posed(start: State, frame: str, parts: Sequence[str], task: str | None) -> P
             asked for.
     """
     if task is None:
-        task = "pose" if set(parts) & set(TURNS) or not _is_placed(start, frame) else "position"
+        is_placed = not set(parts) & set(TURNS) and _is_placed(start, frame, hold)
+        task = "position" if is_placed else "pose"
     if task == "position" and set(parts) & set(TURNS):
         raise ValueError("task is 'position', whose orientation is free, but ranges have angles")
     at = start.placement(frame)
@@ -86,37 +91,39 @@ def posed(start: State, frame: str, parts: Sequence[str], task: str | None) -> P
     course = Course(values, 0.0 * values, 0.0 * values)
     state, names = copy_at(start, [Chain(table, ALL, course, n - 3)], Stretch(0, 0, course))
     coordinates = dict(zip(PARTS, names, strict=False))
-    return Posed(state, coordinates, _standing(state, frame, coordinates, parts), task)
+    return Posed(state, coordinates, _standing(state, frame, coordinates, parts, hold), task)
 
 
-def tangent(evaluation: Evaluation, q: Array) -> Array:
-    """Return orthonormal rows (m, nv) of scaled velocities that keep loops closed, bases held."""
+def tangent(evaluation: Evaluation, q: Array, hold: Hold) -> Array:
+    """Return orthonormal rows (m, nv) of scaled velocities that loops and what is held allow."""
     evaluation.update(q)
+    held = held_by(evaluation.mechanism, hold)
     moves = np.ones(evaluation.model.nv, dtype=bool)
-    moves[list(still_entries(evaluation.mechanism, ()))] = False
-    basis = decompose(evaluation.jacobian[:, moves]).null_space
+    moves[list(held.entries)] = False
+    rows = [scaled_row(evaluation.mechanism, c, q) for c in held.coordinates]
+    basis = decompose(np.vstack([evaluation.jacobian, *rows])[:, moves]).null_space
     found = np.zeros((len(basis), len(moves)))
     found[:, moves] = basis
     return found
 
 
-def _is_placed(start: State, frame: str) -> bool:
+def _is_placed(start: State, frame: str, hold: Hold) -> bool:
     """Whether the position of a frame determines where a mechanism is, near a state."""
     mechanism = start.mechanism
     with evaluation_of(mechanism, start.angles) as evaluation:
-        motions = tangent(evaluation, start.q)
+        motions = tangent(evaluation, start.q, hold)
         rows = evaluation.frame_jacobian(mechanism.frame_id(mechanism.placed(frame)))[:3]
         moved = rows * mechanism.velocity_scale / mechanism.characteristic_length @ motions.T
     return rank(moved, TOLERANCES.half_precision) == len(motions)
 
 
 def _standing(
-    state: State, frame: str, coordinates: dict[str, str], parts: Sequence[str]
+    state: State, frame: str, coordinates: dict[str, str], parts: Sequence[str], hold: Hold
 ) -> tuple[str, ...]:
     """Return the parts that stand still: in their order, those that are free to change."""
     mechanism = state.mechanism
     with evaluation_of(mechanism, state.angles) as evaluation:
-        motions = tangent(evaluation, state.q)
+        motions = tangent(evaluation, state.q, hold)
     taken: list[str] = []
     for part in (*parts, *(p for p in coordinates if p not in parts)):
         rows = [mechanism.coordinate_table[coordinates[p]].v for p in (*taken, part)]

@@ -6,14 +6,13 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.assembly.close import close, scaled_row
-from spatial_pin.assembly.holding import still_entries
+from spatial_pin.assembly.holding import held_by
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.joint_limits import JointLimit, joint_limits
 from spatial_pin.motion.joint_limits import KIND as JOINT_LIMIT
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.rates.jacobians import moving_coordinates
 from spatial_pin.workspace_map.dexterity import TASKS, Task
 from spatial_pin.workspace_map.lines import Asked
 
@@ -46,10 +45,11 @@ class Section:
             f"{JOINT_LIMIT}: {x.words}": x for x in
             (joint_limits(mechanism) if asked.limits else [])}
         own = [mechanism.prescribed_coordinate(name) for name in asked.names]
-        moved = moving_coordinates(asked.body, asked.columns, "base")
+        moved = asked.moving
         others = ([mechanism.coordinate_table[name] for name in asked.standing] if asked.is_posed
                   else [c for c in moved if c.v not in [x.v for x in own]])
-        for c in (*own, *others):
+        held = held_by(mechanism, asked.hold, [*own, *others])
+        for c in (*own, *others, *held.coordinates):
             if c.q < 0:
                 raise SpatialPinError(f"{c.name!r} is a component of a joint that turns in space: "
                                       "no curves are followed in a section along it")
@@ -61,7 +61,7 @@ class Section:
         self._frame = mechanism.frame_id(mechanism.placed(asked.frame))
         self._rows = np.array([scaled_row(mechanism, c, evaluation.q) for c in self.grid])
         self._loose = np.ones(len(self.scale), dtype=bool)
-        self._loose[list(still_entries(mechanism, self.grid))] = False
+        self._loose[list(held.entries)] = False
         self._moves = self._loose.copy()  # while loops close, those that do not change stand
         self._moves[[c.v for i, c in enumerate(self.grid) if i not in free]] = False
 

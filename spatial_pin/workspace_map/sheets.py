@@ -6,8 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from spatial_pin.assembly.holding import BASE, held_by
 from spatial_pin.assembly.state import State
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.mechanism.coordinates import coordinate_value
 from spatial_pin.mechanism.joint_limits import beyond_limits
 from spatial_pin.mobility.modes.modes import assembly_modes
 from spatial_pin.proximity.distances import Distances
@@ -26,11 +28,12 @@ def other_starts(filling: Filling) -> Iterator[tuple[Index, Followed]]:
         filling: of the branch that is known: its first point is looked at first.
     """
     asked = filling.asked
-    names = [*asked.names, *asked.standing]
+    names = [*asked.names, *asked.standing, *_held(asked)]
     reached = np.argwhere(filling.reached)
     begin = filling.data["q"][tuple(reached[0])]
     mechanism = asked.mechanism
-    fixed = [float(begin[mechanism.prescribed_coordinate(n).q]) for n in asked.standing]
+    fixed = [coordinate_value(mechanism, mechanism.prescribed_coordinate(n), begin)
+             for n in names[len(asked.names):]]
     distances = None if asked.apart is None else Distances(asked.body)
     for index in _looked_at(filling):
         values = dict(zip(names, [*filling.at(index).tolist(), *fixed], strict=True))
@@ -42,6 +45,13 @@ def other_starts(filling: Filling) -> Iterator[tuple[Index, Followed]]:
             is_beyond = asked.limits and beyond_limits(mechanism, state.q)
             if not is_beyond and not (distances and touching(asked, distances, state.q)):
                 yield index, one_of(asked, state)
+
+
+def _held(asked: Asked) -> list[str]:
+    """Return the coordinates that are held, but for those of free bases, which stand anyway."""
+    held = held_by(asked.mechanism, [name for name in asked.hold if name != BASE])
+    return [c.name for c in asked.mechanism.coordinate_table.values()
+            if c in held.coordinates or c.v in held.entries]
 
 
 def _looked_at(filling: Filling) -> list[Index]:

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from spatial_pin.assembly.assemble import assembled
-from spatial_pin.assembly.holding import BASE
+from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State
-from spatial_pin.checks import checked, positive_number
+from spatial_pin.checks import checked, names_of, positive_number
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.mechanism.coordinates import coordinate_value, needed
 from spatial_pin.mechanism.joint_limits import beyond_limits
@@ -22,6 +22,7 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.progress import progress_bar
 from spatial_pin.proximity.distances import Distances
 from spatial_pin.rates.jacobians import jacobian
+from spatial_pin.rates.rates import check_not_held
 from spatial_pin.workspace_map.dexterity import (
     TASKS,
     Task,
@@ -67,6 +68,7 @@ def workspace(
     *,
     points: int | Mapping[str, int] | None = None,
     guess: Mapping[str, Any] | State | Array | None = None,
+    hold: Hold = BASE,
     task: str | None = None,
     limits: bool = True,
     on_crossing: str = "stop",
@@ -96,6 +98,7 @@ def workspace(
             the other, from the orientation that the guess has; below a right angle.
         points: how many values each has, or by name; default some 10 000 in all, and 41 at most.
         guess: where to assemble, as for `assemble`: it decides the branch.
+        hold: names of what else stands still where the guess has it, as for `sweep`.
         task: whether dexterity is of the frame's "position" or its "pose"; default the one which
             has a direction for each driver, position first. Of a grid of poses, whether its
             orientation is kept ("pose") or free.
@@ -138,7 +141,8 @@ def workspace(
         clearance = positive_number(clearance, "clearance")
     names, ticks, is_posed = read_ranges(mechanism, frame, ranges, points)
     start = assembled(mechanism, {}, guess)
-    asked, start, task = _asked(start, frame, names, task, is_posed)
+    held = () if hold is None else tuple(names_of(hold, "hold"))
+    asked, start, task = _asked(start, frame, names, task, held, is_posed)
     asked = asked._replace(limits=limits, on_crossing=on_crossing, apart=clearance)
     first = Filling(asked, ticks)
     _begin(first, start)
@@ -163,18 +167,22 @@ def workspace(
 
 
 def _asked(
-    start: State, frame: str, names: tuple[str, ...], task: str | None, is_posed: bool
+    start: State, frame: str, names: tuple[str, ...], task: str | None, hold: tuple[str, ...],
+    is_posed: bool,
 ) -> tuple[Asked, State, str | None]:
     """Return what is asked for, where to begin with it, and the task."""
     mechanism = start.mechanism
     if not is_posed:
-        columns = _columns(mechanism, start, frame, names)
-        return Asked(mechanism, names, frame, columns, True, "stop", (), mechanism), start, task
-    copy = posed(start, frame, names, task)
-    columns = _columns(mechanism, start, frame, ())
+        check_not_held(mechanism, [mechanism.prescribed_coordinate(x) for x in names], hold)
+        columns = _columns(mechanism, start, frame, names, hold)
+        return (Asked(mechanism, names, frame, columns, True, "stop", (), hold, mechanism), start,
+                task)
+    copy = posed(start, frame, names, task, hold)
+    columns = _columns(mechanism, start, frame, (), hold)
     whole = tuple(copy.coordinates[name] for name in names)
     standing = tuple(copy.coordinates[name] for name in copy.standing)
-    return (Asked(copy.state.mechanism, whole, frame, columns, True, "stop", standing, mechanism),
+    return (Asked(copy.state.mechanism, whole, frame, columns, True, "stop", standing, hold,
+                  mechanism),
             copy.state, copy.task)
 
 
@@ -189,13 +197,13 @@ def _fill(
 
 
 def _columns(
-    mechanism: Mechanism, state: State, frame: str, names: tuple[str, ...]
+    mechanism: Mechanism, state: State, frame: str, names: tuple[str, ...], hold: Hold
 ) -> tuple[str, ...] | None:
     """Return what Jacobians are taken with respect to: all drivers (None), if they determine it."""
     drivers = {mechanism.prescribed_coordinate(d.joint) for d in mechanism.drivers.values()}
     if {mechanism.prescribed_coordinate(name) for name in names} <= drivers:
         try:
-            jacobian(mechanism, state, frame)
+            jacobian(mechanism, state, frame, hold=hold)
         except SingularError:
             return names
         return None
@@ -221,7 +229,7 @@ def _begin(filling: Filling, start: State) -> None:
         ways = {name: np.array([a, b]) for name, a, b in zip(
             asked.names, here.tolist(), grid[row].tolist(), strict=True)}
         try:
-            motion = follow(mechanism, ways, guess=start, hold=[BASE, *asked.standing],
+            motion = follow(mechanism, ways, guess=start, hold=[*asked.hold, *asked.standing],
                             on_crossing="raise")
         except SpatialPinError as caught:
             error = caught

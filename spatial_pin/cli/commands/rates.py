@@ -10,6 +10,7 @@ import spatial_pin as sp
 from spatial_pin.cli.asked import loaded, motion_over, state_at
 from spatial_pin.cli.names import check_names
 from spatial_pin.cli.options import (
+    SPRINGS_HELP,
     Command,
     configuration_options,
     data_options,
@@ -29,7 +30,7 @@ def _jacobian_options(sub: argparse.ArgumentParser) -> None:
     configuration_options(sub)
     sub.add_argument("--by", action="append", default=[], metavar="NAME",
                      help="a driver or coordinate that moves it (all drivers)")
-    hold_option(sub, "; springs for all joints that springs act about")
+    hold_option(sub, SPRINGS_HELP)
     data_options(sub, "the matrix", "the matrix")
 
 
@@ -74,7 +75,7 @@ def _transmission_options(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--driver", metavar="NAME", help="what moves it (the only driver)")
     sub.add_argument("--pair", metavar="NAME",
                      help="closure or joint at which its link is moved, where there are several")
-    over_options(sub)
+    over_options(sub, SPRINGS_HELP)
     data_options(sub, "it", "it, along --over one row a value,")
 
 
@@ -83,12 +84,13 @@ def _transmission(options: argparse.Namespace) -> None:
     output = mechanism.driven_coordinate(options.output)
     for name in filter(None, [options.driver]):
         mechanism.driven_coordinate(name)
-    motion = motion_over(options, mechanism)
+    motion = motion_over(options, mechanism, of_rates=True)
     if motion is not None:
         _tell_along(options, motion)
         return
     state = state_at(options, mechanism)
-    found = sp.transmission(mechanism, state, output.name, options.driver, options.pair)
+    found = sp.transmission(mechanism, state, output.name, options.driver, options.pair,
+                            hold=["base", *options.hold])
     driver = mechanism.driven_coordinate(options.driver or next(iter(mechanism.drivers)))
     units = _units(output.unit, driver.unit)
     shown = {"speed ratio": (found.ratio, units["ratio"]),
@@ -106,8 +108,8 @@ def _transmission(options: argparse.Namespace) -> None:
 def _tell_along(options: argparse.Namespace, motion: sp.Motion) -> None:
     """Answer with the transmission along a sweep."""
     mechanism, driver = motion.mechanism, options.driver or motion.driver_name
-    found = [sp.transmission(mechanism, motion.state(k), options.output, driver, options.pair)
-             for k in range(len(motion))]
+    found = [sp.transmission(mechanism, motion.state(k), options.output, driver, options.pair,
+                             hold=["base", *options.hold]) for k in range(len(motion))]
     values, ratios, angles = (np.asarray(x) for x in (
         motion.driver, [x.ratio for x in found], [x.angle for x in found]))
     units = _units(*(mechanism.driven_coordinate(x).unit for x in (options.output, driver)))

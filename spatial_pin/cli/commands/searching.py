@@ -10,13 +10,16 @@ from typing import Any
 import spatial_pin as sp
 from spatial_pin.cli.asked import fitting, guess_of, in_units, loaded, unique, workers
 from spatial_pin.cli.goal_files import check_bounds, read_goals
+from spatial_pin.cli.names import check_held
 from spatial_pin.cli.options import (
+    SPRINGS_HELP,
     Command,
     bounded,
     count,
     data_options,
     from_zero,
     guess_option,
+    hold_option,
     not_negative,
     positive,
     rising,
@@ -51,6 +54,7 @@ def _workspace_options(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--sheets", action="store_true",
                      help="look for other branches over the same grid")
     workers_option(sub)
+    hold_option(sub, SPRINGS_HELP)
     guess_option(sub)
     data_options(sub, "the table", "a row for every point of the grid")
     sub.add_argument("--curves", metavar="F",
@@ -65,6 +69,7 @@ def _workspace_options(sub: argparse.ArgumentParser) -> None:
 def _workspace(options: argparse.Namespace) -> None:
     mechanism = loaded(options)
     mechanism.frame_id(options.frame)
+    check_held(options, mechanism)
     ranges = dict(options.ranges)
     in_units({"clearance": options.clearance}, *LENGTHS)
     if len(ranges) < len(options.ranges):
@@ -77,7 +82,8 @@ def _workspace(options: argparse.Namespace) -> None:
                 raise ValueError(f"{name} is in {unit}, not in {ends[k].unit}")
     with workers(options.workers) as executor:
         found = sp.workspace(mechanism, options.frame, ranges, points=options.points,
-                             guess=guess_of(options), task=options.task, limits=options.limits,
+                             guess=guess_of(options), hold=["base", *options.hold],
+                             task=options.task, limits=options.limits,
                              on_crossing=options.on_crossing, clearance=options.clearance,
                              sheets=options.sheets, executor=executor, progress=True)
     table = found.columns()
