@@ -1,18 +1,23 @@
-"""Shell completion: what bash offers, and that every shell knows every command and option."""
+"""Shell completion: what shells offer, and that every shell knows every command and option."""
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
 import spatial_pin as sp
 from spatial_pin.cli import main
 from spatial_pin.cli.commands import COMMANDS
-from spatial_pin.cli.completion import SHELLS
+from spatial_pin.cli.completion import CALLED, NAMED, SHELLS, kind_of
+from spatial_pin.cli.offered import KINDS, POSE
 from spatial_pin.cli.parser import parser
+from spatial_pin.workspace_map.poses import PARTS
 
 BASH = shutil.which("bash")
 
@@ -26,23 +31,51 @@ def script(capsys):
     return script
 
 
+# What each shell is to run where the last of some words is being typed; {line} has them quoted.
+ASKED = {
+    "bash": """source {path}; COMP_WORDS=({line}); COMP_CWORD={last}; _spatial_pin
+               printf "%s\\n" "${{COMPREPLY[@]}}" """,
+    "zsh": """compdef() {{ }}; _files() {{ }}; _describe() {{ print -l ${{commands%%:*}} }}
+              compadd() {{
+                  while [[ $1 != -- ]]; do shift; done; shift
+                  for name; do [[ $name != $words[CURRENT]* ]] || print -r -- $name; done
+              }}
+              source {path}; words=({line}); CURRENT=$(({last} + 1)); _spatial_pin""",
+    "fish": "source {path}; complete -C (string join -- ' ' {line})",
+}
+
+
 @pytest.fixture
-def offered(script, tmp_path):
-    """What bash offers where the last of some words is being typed."""
-    if BASH is None:
-        pytest.skip("there is no bash")
-    path = tmp_path / "completion.bash"
-    path.write_text(script("bash"), encoding="utf-8")
+def asked(script, tmp_path):
+    """What a shell offers where the last of some words is being typed."""
+    command = tmp_path / "bin" / "spatial-pin"
+    command.parent.mkdir()
+    command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m spatial_pin "$@"\n')
+    command.chmod(0o755)
+    paths = [str(Path(sp.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
+    known = {**os.environ, "PATH": f"{command.parent}{os.pathsep}{os.environ['PATH']}",
+             "PYTHONPATH": os.pathsep.join(filter(None, paths)), "HOME": str(tmp_path)}
 
-    def offered(*words: str) -> list[str]:
+    def asked(shell: str, *words: str) -> list[str]:
+        program = shutil.which(shell)
+        if program is None:
+            pytest.skip(f"there is no {shell}")
+        path = tmp_path / f"completion.{shell}"
+        path.write_text(script(shell), encoding="utf-8")
         line = " ".join(f"'{word}'" for word in ("spatial-pin", *words))
-        code = (f"source {path}; COMP_WORDS=({line}); COMP_CWORD={len(words)}; _spatial_pin; "
-                'printf "%s\\n" "${COMPREPLY[@]}"')
-        run = subprocess.run([BASH, "--norc", "-euc", code], capture_output=True, text=True,
-                             check=True, cwd=tmp_path)
-        return run.stdout.split()
+        code = ASKED[shell].format(path=path, line=line, last=len(words))
+        plain = {"bash": ["--norc", "-eu"], "zsh": ["-f"], "fish": ["--no-config"]}[shell]
+        run = subprocess.run([program, *plain, "-c", code], capture_output=True, text=True,
+                             cwd=tmp_path, env=known)
+        assert not run.stderr
+        return [row.split("\t")[0] for row in run.stdout.splitlines() if row]
 
-    return offered
+    return asked
+
+
+@pytest.fixture
+def offered(asked):
+    return lambda *words: asked("bash", *words)
 
 
 def test_bash_offers_commands(offered):
@@ -54,7 +87,7 @@ def test_bash_offers_mechanisms_and_files(offered, tmp_path):
     (tmp_path / "rod.urdf").write_text("")
     names = {name for name in sp.list_mechanisms() if name.startswith("r")}
     assert set(offered("sweep", "r")) == {*names, "rod.urdf"}
-    assert offered("sweep", "rssr", "r") == []  # files, which bash knows by itself
+    assert offered("sweep", "rssr", "crank", "r") == []  # files, which bash knows by itself
 
 
 def test_bash_offers_options_and_what_they_may_be(offered):
@@ -62,6 +95,66 @@ def test_bash_offers_options_and_what_they_may_be(offered):
     assert offered("simulate", "rssr", "--accuracy", "") == ["draft", "engineering", "reference"]
     assert offered("simulate", "rssr", "--csv", "") == []
     assert offered("completion", "f") == ["fish"]
+
+
+NAMES = (
+    (("sweep", "rssr", "r"), {"rocker_pin"}),
+    (("limits", "rssr", "cr"), {"crank", "crank_pin"}),
+    (("assemble", "rssr", "--limits", "cr"), {"crank=", "crank_pin="}),
+    (("jacobian", "rssr", "rocker_"), {"rocker_b", "rocker_b_mount", "rocker_pin"}),
+    (("jacobian", "rssr", "coupler", "rocker"), {"rocker_pin="}),
+    (("sweep", "rssr", "--hold", "b"), {"ball_a", "ball_a.x", "ball_a.y", "ball_a.z", "base"}),
+    (("statics", "rssr", "--over", "cr"), {"crank=", "crank_pin="}),
+    (("transmission", "rssr", "rocker_pin", "--driver", "rock"), {"rocker_pin"}),
+    (("transmission", "rssr", "--pair", "ball"), {"ball_a", "ball_b"}),
+    (("tolerance", "rssr", "rocker_pin", "--deviation", "d"), {"d="}),
+    (("workspace", "delta", "platform", "t"), {"turn_x=", "turn_y=", "turn_z="}),
+    (("reach", "rssr", "rocker_b.p"), {"rocker_b.pose=", "rocker_b.position="}),
+)
+
+
+@pytest.mark.parametrize("shell", SHELLS)
+@pytest.mark.parametrize(("words", "names"), NAMES, ids=lambda x: " ".join(sorted(x)))
+def test_names_of_the_mechanism_are_offered(asked, shell, words, names):
+    assert set(asked(shell, *words)) == names
+
+
+@pytest.mark.parametrize("shell", SHELLS)
+def test_a_file_that_is_broken_offers_nothing(asked, shell, tmp_path):
+    (tmp_path / "bad.toml").write_text("tree = 'no.urdf'\n[drivers")
+    for name in ("bad.toml", "nowhere.toml", ""):
+        assert asked(shell, "sweep", name, "q") == []
+
+
+def test_a_name_that_a_shell_would_run_is_not_offered(offered, tmp_path):
+    (tmp_path / "arm.urdf").write_text(
+        '<robot name="arm"><link name="a"/><link name="$(touch here)"/><link name="plain"/>'
+        '<joint name="j" type="revolute"><parent link="a"/><child link="plain"/><axis xyz="0 0 1"/>'
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+        '<joint name="k`touch here`" type="fixed"><parent link="plain"/>'
+        '<child link="$(touch here)"/></joint></robot>')
+    assert set(offered("jacobian", "arm.urdf", "")) == {"a", "plain", "j"}
+    assert not (tmp_path / "here").exists()
+
+
+def test_every_argument_that_names_something_says_what():
+    options = parser().parse_args(["list"]).parsers
+    actions = [action for sub in options.values() for action in sub._actions]
+    kinds = {kind_of(action).removesuffix("=") for action in actions} - {""}
+    assert kinds == set(KINDS)
+    assert {*CALLED, *NAMED} <= {x for action in actions for x in (action.metavar, action.dest)}
+    unknown = {action.dest for action in actions if not kind_of(action)
+               and re.match("NAME|DRIVER|JOINT|LINK|FRAME|OUTPUT", str(action.metavar))}
+    assert unknown == {"packages", "name", "sigma"}  # folders, a new name, and what is measured
+    assert POSE == PARTS
+
+
+def test_names_are_printed_without_a_word_to_standard_error(capfd):
+    assert main(["_names", "coordinate=", "rssr"]) == 0
+    assert "crank=\n" in capfd.readouterr().out
+    for words in (["coordinate", "no.toml"], ["nothing", "rssr"], [], ["held", "'"]):
+        assert main(["_names", *words]) == 1
+        assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize("shell", SHELLS)

@@ -1,4 +1,4 @@
-"""Scripts with which a shell completes commands, options, and names of the library's mechanisms."""
+"""Scripts with which a shell completes commands, options, mechanisms and the names they have."""
 
 from __future__ import annotations
 
@@ -6,7 +6,21 @@ import argparse
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
+from spatial_pin.cli import NAMES
 from spatial_pin.formats.files import list_mechanisms
+
+# Which of `offered.KINDS` a word is, by how the help calls it, else by the option's own name.
+CALLED = {
+    "DRIVER": "coordinate", "DRIVER=VALUE": "coordinate=", "JOINT=VALUE": "coordinate=",
+    "DRIVER=LO..HI": "coordinate=", "FRAME": "frame", ("LINK", "LINK"): "frame",
+    "OUTPUT": "output", "NAME.velocity": "arrow", "TARGET": "target=",
+}
+NAMED = {
+    "driver": "coordinate", "by": "coordinate", "actuated": "coordinate", "read": "coordinate",
+    "hold": "held", "output": "output", "only": "output", "trace": "frame", "loads": "frame=",
+    "pair": "pair", "to": "dimension", "dimension": "dimension", "parameters": "dimension=",
+    "deviation": "dimension=", "dimensions": "dimension=", "ranges": "range=",
+}
 
 
 class Option(NamedTuple):
@@ -17,12 +31,14 @@ class Option(NamedTuple):
         text: of the help.
         takes_value: whether a word follows it.
         choices: that this word may be, none where it may be anything.
+        kind: of names of the mechanism that it may begin with; "" for none.
     """
 
     flag: str
     text: str
     takes_value: bool
     choices: tuple[str, ...]
+    kind: str
 
 
 class Word(NamedTuple):
@@ -33,12 +49,15 @@ class Word(NamedTuple):
         text: what it does.
         takes_mechanism: whether a mechanism comes next.
         options: its options.
+        first, rest: kinds of names that the words behind the mechanism begin with, "" for none.
     """
 
     name: str
     text: str
     takes_mechanism: bool
     options: tuple[Option, ...]
+    first: str
+    rest: str
 
 
 def script(shell: str, parsers: Mapping[str, argparse.ArgumentParser]) -> str:
@@ -58,16 +77,19 @@ def _word(name: str, parser: argparse.ArgumentParser) -> Word:
         takes_value = action.nargs != 0
         choices = tuple(map(str, action.choices or ()))
         text = " ".join((action.help or "").split())
-        found += [Option(flag, text, takes_value, choices)
+        found += [Option(flag, text, takes_value, choices, kind_of(action) * takes_value)
                   for flag in action.option_strings if flag.startswith("--")]
-    takes_mechanism = any(action.dest == "mechanism" for action in parser._actions)
-    return Word(name, parser.description or "", takes_mechanism, tuple(found))
+    words = [action for action in parser._actions if not action.option_strings]
+    takes_mechanism = bool(words) and words[0].dest == "mechanism"
+    behind = words[1:] if takes_mechanism else []
+    kinds = [kind_of(action) for action in behind] or [""]
+    rest = kinds[-1] if behind and behind[-1].nargs in ("*", "+") else ""
+    return Word(name, parser.description or "", takes_mechanism, tuple(found), kinds[0], rest)
 
 
-def _choices(words: list[Word]) -> list[tuple[str, str, str]]:
-    """Return command, option and what it may be, where that is known; "" for none."""
-    return [(word.name, option.flag, " ".join(option.choices))
-            for word in words for option in word.options if option.takes_value]
+def kind_of(action: argparse.Action) -> str:
+    """Return the kind of names that an argument begins with; "" for none."""
+    return CALLED.get(action.metavar or "") or NAMED.get(action.dest, "")
 
 
 def _flags(word: Word) -> str:
@@ -78,15 +100,35 @@ def _taking(words: list[Word]) -> list[str]:
     return [word.name for word in words if word.takes_mechanism]
 
 
+def _values(words: list[Word], line: Callable[[str, Option], str]) -> str:
+    """Return a line for each option of each command that a value follows."""
+    return "\n".join(line(f'"{word.name} {option.flag}")', option)
+                     for word in words for option in word.options if option.takes_value)
+
+
+def _places(words: list[Word], first: int, line: Callable[[str, str], str]) -> str:
+    """Return a line for each word behind the mechanism that a name begins.
+
+    Args:
+        words: the commands.
+        first: which word of the line is the first one behind the mechanism.
+        line: makes one of a pattern of number and command, and of the kind.
+    """
+    patterns = {f'"{first} {word.name}")': word.first for word in words} | {
+        f'*" {word.name}")': word.rest for word in words}
+    return "\n".join(line(pattern, kind) for pattern, kind in patterns.items() if kind)
+
+
 def _bash(words: list[Word], mechanisms: list[str]) -> str:
-    values = "\n".join(f'        "{name} {flag}") words="{choices}"; files=yes ;;'
-                       for name, flag, choices in _choices(words))
+    values = _values(words, lambda at, option: f'        {at} kind="{option.kind}"; '
+                     f'words="{" ".join(option.choices)}"; value=yes ;;')
     flags = "\n".join(f'        {word.name}) words="{_flags(word)}" ;;' for word in words)
+    places = _places(words, 3, lambda at, kind: f'        {at} kind="{kind}" ;;')
     return f"""\
 # Completion of spatial-pin; in ~/.bashrc: eval "$(spatial-pin completion bash)"
 _spatial_pin() {{
     local current=${{COMP_WORDS[COMP_CWORD]}} before=${{COMP_WORDS[COMP_CWORD-1]}}
-    local command=${{COMP_WORDS[1]}} words="" files=""
+    local command=${{COMP_WORDS[1]}} words="" value="" kind=""
     COMPREPLY=()
     if ((COMP_CWORD == 1)); then
         words="{' '.join(word.name for word in words)} --help --version"
@@ -96,24 +138,27 @@ _spatial_pin() {{
     case "$command $before" in
 {values}
     esac
-    if [[ -n $files ]]; then  # empty words: names of files, by -o default
-        [[ -z $words ]] || COMPREPLY=($(compgen -W "$words" -- "$current"))
-        return
-    fi
-    if [[ $current == -* ]]; then
+    if [[ -z $value && $current == -* ]]; then
         case "$command" in
 {flags}
         esac
         COMPREPLY=($(compgen -W "$words" -- "$current"))
         return
     fi
-    case "$COMP_CWORD $command" in
+    [[ -n $value ]] || case "$COMP_CWORD $command" in
         {'|'.join(f'"2 {name}"' for name in _taking(words))})
             compopt -o filenames 2>/dev/null || true
             COMPREPLY=($(compgen -W "{' '.join(mechanisms)}" -- "$current") \\
                        $(compgen -f -- "$current")) ;;
         "2 completion") COMPREPLY=($(compgen -W "{' '.join(SHELLS)}" -- "$current")) ;;
+{places}
     esac
+    if [[ -n $kind && $current != "=" && $before != "=" ]]; then
+        [[ $kind != *= ]] || compopt -o nospace 2>/dev/null || true
+        words="$(spatial-pin {NAMES} "$kind" "${{COMP_WORDS[2]}}" 2>/dev/null)"
+    fi
+    # without words: names of files, by -o default
+    [[ -z $words ]] || COMPREPLY=($(compgen -W "$words" -- "$current"))
 }}
 complete -o default -F _spatial_pin spatial-pin
 """
@@ -122,15 +167,18 @@ complete -o default -F _spatial_pin spatial-pin
 def _zsh(words: list[Word], mechanisms: list[str]) -> str:
     texts = {word.name: word.text.replace(":", "\\:") for word in words}
     described = "\n".join(f"        {_quoted(f'{name}:{text}')}" for name, text in texts.items())
-    values = "\n".join(f'        "{name} {flag}") '
-                       + (f"compadd -- {choices}" if choices else "_files") + "; return ;;"
-                       for name, flag, choices in _choices(words))
+    values = _values(words, lambda at, option: f"        {at} " + (
+        f"kind={option.kind}" if option.kind else
+        f"compadd -- {' '.join(option.choices)}; return" if option.choices else
+        "_files; return") + " ;;")
     flags = "\n".join(f"            {word.name}) compadd -- {_flags(word)} ;;" for word in words)
+    places = _places(words, 4, lambda at, kind: f"        {at} kind={kind} ;;")
     return f"""\
 #compdef spatial-pin
 # Completion of spatial-pin; in ~/.zshrc, behind compinit: eval "$(spatial-pin completion zsh)"
 _spatial_pin() {{
-    local -a commands
+    local kind=""
+    local -a commands equals
     commands=(
 {described}
     )
@@ -141,17 +189,22 @@ _spatial_pin() {{
     case "$words[2] $words[CURRENT-1]" in
 {values}
     esac
-    if [[ $words[CURRENT] == -* ]]; then
+    if [[ -z $kind && $words[CURRENT] == -* ]]; then
         case "$words[2]" in
 {flags}
         esac
         return
     fi
-    case "$CURRENT $words[2]" in
+    [[ -n $kind ]] || case "$CURRENT $words[2]" in
         {'|'.join(f'"3 {name}"' for name in _taking(words))})
             compadd -- {' '.join(mechanisms)} ;;
         "3 completion") compadd -- {' '.join(SHELLS)}; return ;;
+{places}
     esac
+    if [[ -n $kind && $words[CURRENT] != *=* ]]; then
+        [[ $kind != *= ]] || equals=(-S "")
+        compadd $equals -- ${{(f)"$(spatial-pin {NAMES} $kind "$words[3]" 2>/dev/null)"}} && return
+    fi
     _files
 }}
 compdef _spatial_pin spatial-pin
@@ -164,15 +217,24 @@ def _fish(words: list[Word], mechanisms: list[str]) -> str:
              "# spatial-pin completion fish | source"]
     for word in words:
         lines.append(f"{start} -n __fish_use_subcommand -f -a {word.name} -d {_quoted(word.text)}")
-        seen = f"-n '__fish_seen_subcommand_from {word.name}'"
+        seen = f"__fish_seen_subcommand_from {word.name}"
         for option in word.options:
-            takes = f" -x -a '{' '.join(option.choices)}'" if option.choices else " -r"
-            lines.append(f"{start} {seen} -l {option.flag[2:]}{takes * option.takes_value} "
+            offered = _fish_names(option.kind) if option.kind else " ".join(option.choices)
+            takes = f" -x -a '{offered}'" if offered else " -r"
+            lines.append(f"{start} -n '{seen}' -l {option.flag[2:]}{takes * option.takes_value} "
                          f"-d {_quoted(option.text)}")
-    lines.append(f"{start} -n '__fish_seen_subcommand_from {' '.join(_taking(words))}' "
-                 f"-a '{' '.join(mechanisms)}'")
+        for count, kind in (("-eq 3", word.first), ("-gt 3", word.rest)):
+            if kind:
+                lines.append(f"{start} -n '{seen}; and test (count (commandline -opc)) {count}' "
+                             f"-a '{_fish_names(kind)}'")
+    lines.append(f"{start} -n '__fish_seen_subcommand_from {' '.join(_taking(words))}; "
+                 f"and test (count (commandline -opc)) -eq 2' -a '{' '.join(mechanisms)}'")
     lines.append(f"{start} -n '__fish_seen_subcommand_from completion' -f -a '{' '.join(SHELLS)}'")
     return "\n".join(lines) + "\n"
+
+
+def _fish_names(kind: str) -> str:
+    return f"(spatial-pin {NAMES} {kind} (commandline -opc)[3] 2>/dev/null)"
 
 
 def _quoted(text: str) -> str:
