@@ -14,8 +14,7 @@ import pytest
 import spatial_pin as sp
 from spatial_pin.cli import main
 from spatial_pin.cli.commands import COMMANDS
-from spatial_pin.cli.completion import CALLED, NAMED, SHELLS, kind_of
-from spatial_pin.cli.offered import KINDS, POSE
+from spatial_pin.cli.completion import CALLED, KINDS, NAMED, POSE, SHELLS, kind_of
 from spatial_pin.cli.parser import parser
 from spatial_pin.workspace_map.poses import PARTS
 
