@@ -130,6 +130,7 @@ def test_names_that_do_not_exist_are_told(tmp_path):
     (LOOP + "loops: [a]\n", "loops is not a key"),
     (LOOP + "joint_name: [k]\njoint_type: [UJOINT_XX]\n", "joint_type 'UJOINT_XX' is not known"),
     (LOOP + "joint_name: [k]\n", "1 joint_name for 0 joint_type"),
+    (LOOP + "type: [3d, 6d]\n", "1 closed_loop for 2 type"),
 ])
 def test_what_cannot_be_meant_is_refused_with_file_and_key(tmp_path, yaml, words):
     with pytest.raises(sp.MechanismFileError, match=words) as failure:

@@ -90,8 +90,9 @@ def check_passive(asked: Asked, null_space: Array, rank: int, q: Array) -> None:
     chosen = [mechanism.coordinates[v] for v in sorted(picked)]
     given = ", ".join(repr(c.name) for c in asked.driven) or "nothing"
     raise SingularError(
-        f"mechanism {mechanism.name!r}: {given} is prescribed, and {missing} of its freedoms "
-        f"are not prescribed; prescribe {missing} more of {', '.join(names)}, such as "
+        f"mechanism {mechanism.name!r}: {given} {'are' if len(asked.driven) > 1 else 'is'} "
+        f"prescribed, and {missing} of its freedoms are not prescribed; "
+        f"prescribe {missing} more of {', '.join(names)}, such as "
         + _ways_to_prescribe(mechanism, chosen, set(names)))
 
 

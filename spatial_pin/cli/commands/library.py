@@ -97,7 +97,8 @@ def _checked(options: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
                  f"{counted(len(mechanism.closures), 'closure')}; "
                  f"the guess closes to {state.closure_error:.1e}")
     if len(mechanism.drivers) != working:
-        note = f"{len(mechanism.drivers)} drivers for {working} working freedoms"
+        note = (f"{counted(len(mechanism.drivers), 'driver')} for "
+                f"{counted(working, 'working freedom')}")
         notes.append(note)
         lines.append(f"note: {note}:\n{found}")
     return {"file": str(mechanism.path), "good": True, "mistakes": [], "notes": notes,

@@ -109,7 +109,7 @@ def read_robot(path: Path, reading: Reading) -> None:
             if frame not in names:
                 raise MechanismFileError(f"{where}: frame {frame!r} does not exist; "
                                          f"{suggestion(frame, names)}")
-        point = k < len(lists["type"]) and lists["type"][k].lower() == "3d"
+        point = bool(lists["type"]) and lists["type"][k].lower() == "3d"
         reading.add("closures", {"name": _name(pair, k), "type": "spherical" if point else "weld",
                                  "frames": pair, "source": f"closed_loop of {path.name}"})
     if lists["name_mot"]:
@@ -126,6 +126,9 @@ def _read_types(lists: dict[str, list[Any]], path: Path, reading: Reading) -> No
     if len(lists["joint_name"]) != len(lists["joint_type"]):
         raise MechanismFileError(f"{shown(path)}: {len(lists['joint_name'])} joint_name for "
                                  f"{len(lists['joint_type'])} joint_type")
+    if lists["type"] and len(lists["type"]) != len(lists["closed_loop"]):
+        raise MechanismFileError(f"{shown(path)}: {len(lists['closed_loop'])} closed_loop for "
+                                 f"{len(lists['type'])} type")
     for name, kind in zip(lists["joint_name"], lists["joint_type"], strict=True):
         where = f"{shown(path)}: joint_name {name!r}"
         if name not in reading.joints:
