@@ -52,7 +52,13 @@ __all__ = [
 GROUP = "/mechanism"
 GRID = f"{GROUP}/ground grid"
 GRID_COLOUR = 0xDFE3E8  # a light grey, on white
-AMBIENT_LIGHT = 0.55  # leaves colours as bright as they were chosen, with the other lights
+LIGHTS = {  # intensities of meshcat's; white is as white as the paper only where they fall straight
+    "AmbientLight": 0.52,
+    "PointLightPositiveX": 0.5,  # from the front left, near which the camera stands at first
+    "PointLightNegativeX": 0.3,
+    "FillLight": 0.12,
+}
+GLOSS = 0x222222  # a little: faces of black links differ by it
 FLOAT32 = 0x17  # meshcat's MessagePack extension for a Float32Array
 FRONT_SIDE, BOTH_SIDES = 0, 2  # of faces, as three.js numbers them
 
@@ -179,6 +185,7 @@ def _material(item: Item) -> Any:
         color=(red << 16) + (green << 8) + blue,
         opacity=opacity,
         flatShading=item.solid.faceted,
+        specular=GLOSS,
         transparent=item.through or opacity != 1.0,
         depthTest=not item.through,
         side=FRONT_SIDE if item.through else BOTH_SIDES,
@@ -225,7 +232,8 @@ def _add_surroundings(viewer: Any, framing: Framing) -> None:
         viewer["/Background"].set_property(key, [1.0, 1.0, 1.0])
     for default in ("/Grid", "/Axes"):
         viewer[default].set_property("visible", False)
-    viewer["/Lights/AmbientLight/<object>"].set_property("intensity", AMBIENT_LIGHT)
+    for light, intensity in LIGHTS.items():
+        viewer[f"/Lights/{light}/<object>"].set_property("intensity", intensity)
     lines = mg.PointsGeometry(grid_lines(framing).T)
     grid = mg.LineSegments(lines, mg.LineBasicMaterial(color=GRID_COLOUR))
     viewer[GRID].set_object(grid)
