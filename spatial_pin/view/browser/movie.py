@@ -45,7 +45,7 @@ FASTEST_GIF = 50.0  # frames a second: browsers show shorter ones for 0.1 s
 def open_page(browser: Browser, page: Path | str) -> None:
     """Open a page of `export_html` or `show`, stopped at its first sample, without its player."""
     browser.open(page, READY)
-    browser.evaluate("document.body.classList.add('bare'); share(); seek(0)")
+    browser.evaluate("document.body.classList.add('bare'); dress(); share(); seek(0)")
 
 
 def shoot(browser: Browser, seconds: float) -> Image.Image:

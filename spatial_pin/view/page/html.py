@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 # What the page runs once it is unpacked, in this order: each may use what stands before it, and
 # functions of all.
 SCRIPTS = (
-    "software", "film", "play", "views", "triad", "parts", "shadow", "point", "ruler",
-    "section", "xray", "chase", "inspect", "curves", "zoom", "signals",
+    "software", "film", "play", "views", "triad", "parts", "theme", "smooth", "shadow",
+    "point", "ruler", "section", "xray", "chase", "inspect", "curves", "zoom", "signals",
     "tools", "keys", "address", "start",
 )
 

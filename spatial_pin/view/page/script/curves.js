@@ -1,5 +1,5 @@
 // Curves under the picture, with a cursor that follows the film and that the film follows.
-const COLOURS = ["#0072b2", "#d55e00", "#009e73"];
+const COLOURS = ["var(--blue)", "var(--orange)", "var(--green)"];
 const MARGIN = {left: 46, right: 8, top: 6, bottom: 18};
 const HEIGHT = 120;
 const ROUND_OFF = 1e-12;  // of the largest value of a figure: less is told as zero

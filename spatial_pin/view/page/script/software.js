@@ -23,6 +23,7 @@ class SoftwareRenderer {
   constructor() {
     this.domElement = document.createElement("canvas");
     this.shadowMap = {};
+    this.sky = 0xffffffff;  // alpha, blue, green, red
     this.paper = this.domElement.getContext("2d");
     document.getElementById("meshcat-pane").append(this.domElement);
     this.setSize(1, 1);
@@ -39,7 +40,7 @@ class SoftwareRenderer {
   }
 
   render(scene, camera) {
-    this.image.data.fill(255);
+    new Uint32Array(this.image.data.buffer).fill(this.sky);
     this.depth.fill(Infinity);
     scene.updateMatrixWorld();
     camera.updateMatrixWorld();

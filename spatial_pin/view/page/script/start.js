@@ -2,6 +2,7 @@
 function obey() {  // #t=1.5 stops there; #view=... looks from there; #bare hides what can be clicked; #controls shows meshcat's own
   const wish = new URLSearchParams(location.hash.slice(1));
   document.body.classList.toggle("bare", wish.has("bare"));
+  dress();
   document.body.classList.toggle("controls", wish.has("controls"));
   document.body.classList.toggle("still", animator.duration === 0);
   viewAsAsked(wish);

@@ -8,7 +8,7 @@ function endOf(name, colour, axis, way) {
   const line = drawing(triad.svg, "line", {stroke: colour});
   const knob = drawing(triad.svg, "g", {});
   drawing(knob, "title", {}).textContent = `seen from ${way < 0 ? "−" : "+"}${name}`;
-  drawing(knob, "circle", {r: way > 0 ? 8 : 5, stroke: colour, fill: way > 0 ? colour : "white"});
+  drawing(knob, "circle", {r: way > 0 ? 8 : 5, stroke: colour, fill: way > 0 ? colour : "var(--sky)"});
   if (way > 0) drawing(knob, "text", {y: 4}).textContent = name;
   line.setAttribute("visibility", way > 0 ? "inherit" : "hidden");
   const direction = ofCamera(film.world[axis]).multiplyScalar(way);
