@@ -107,17 +107,48 @@ def test_the_idle_rotation_of_a_rod_needs_no_actuator(inertia, tmp_path):
         answer.efforts["crank"], rel=1e-6)
 
 
-def test_a_rod_that_would_swing_about_its_own_axis_is_no_idle_one(tmp_path):
+@pytest.mark.parametrize(("lever", "extra"), [(0.02, ""), (
+    0.0, '[[springs]]\nname = "s"\nframes = ["side", "wall"]\nstiffness = 10.0\n')])
+def test_a_rod_that_swings_about_its_own_axis_is_free_in_motion(lever, extra, tmp_path):
     """Its weight hangs beside the line between the balls, or a spring pulls there."""
-    spring = '[[springs]]\nname = "s"\nframes = ["side", "wall"]\nstiffness = 10.0\n'
-    for mechanism in (rod_between_balls(tmp_path, lever=0.02),
-                      rod_between_balls(tmp_path, extra=spring)):
-        state = sp.solve_rates(mechanism, sp.assemble(mechanism, {"crank": 0.4}), {"crank": 2.0})
+    mechanism = rod_between_balls(tmp_path, lever=lever, extra=extra)
+    state = sp.assemble(mechanism, {"crank": 0.4})
+    still = sp.sweep(mechanism, "crank", [0.4, 0.5], guess=state)
+    for at_rest in (lambda: sp.inverse_dynamics(mechanism, state),
+                    lambda: sp.kinetostatics(mechanism, still)):
         with pytest.raises(sp.SpatialPinError, match=r"carries load.*ball_a.*universal joint"):
-            sp.inverse_dynamics(mechanism, state)
-        found = sp.simulate(mechanism, state, 0.1,  # as the error says
-                            drives={"crank": sp.laws.constant_speed(0.4, 2.0)})
-        assert found.energy_drift < 1e-8
+            at_rest()
+    motion = sp.simulate(mechanism, sp.solve_rates(mechanism, state, {"crank": 2.0}), 0.1,
+                         drives={"crank": sp.laws.constant_speed(0.4, 2.0)}, times=[0.0, 0.1])
+    assert motion.energy_drift < 1e-8
+    for row in (0, 1):
+        at = sp.solve_rates(mechanism, motion.state(row), {"crank": 2.0})  # the rod does not spin
+        answer = sp.inverse_dynamics(mechanism, at)
+        again = sp.forward_dynamics(mechanism, at, answer.efforts)
+        assert again.a == pytest.approx(answer.a, rel=1e-8, abs=1e-8)
+        assert again.a[0] == pytest.approx(0.0, abs=1e-9)  # of the crank, as asked for
+        answer = sp.inverse_dynamics(mechanism, motion.state(row))  # as the rod did spin
+        assert answer.a == pytest.approx(motion.a[row], rel=1e-8, abs=1e-8)
+        assert answer.efforts["crank"] == pytest.approx(motion.efforts["crank"][row], rel=1e-8)
+
+
+def test_a_platform_that_nobody_drives_is_not_passive(tmp_path):
+    """Five rods of fixed lengths leave it one freedom, along a curve: no spin, nor a slide."""
+    ends = [((0.5, 0, 0), (0.1, 0, 0)), ((0, 0.5, 0), (0, 0.1, 0)), ((-0.4, 0.1, 0), (-0.1, 0, 0)),
+            ((0.1, -0.5, 0), (0, -0.1, 0)), ((0.4, 0.3, 0.1), (0.1, 0.1, 0.2))]
+    places = [(known.point(f"low{k}", "ground", low), known.point(f"high{k}", "plate", high))
+              for k, (low, high) in enumerate(ends)]
+    tree = known.floating("free", "ground", "plate", (0, 0, 0.5)) + known.turning(
+        "wheel", "ground", "disc", (2, 0, 0)) + "".join(a + b for a, b in places)
+    lengths = [np.linalg.norm(np.add(high, (0, 0, 0.5)) - low) for low, high in ends]
+    mechanism = known.load(tmp_path, "plate", heavy(tree, plate=ARM, disc=ARM), FLAT + known.driver(
+        "wheel", "wheel") + known.refine("free", "floating") + "".join(
+            known.closure(f"rod{k}", "distance", f"low{k}", f"high{k}", length=float(x))
+            for k, x in enumerate(lengths)))
+    state = sp.solve_rates(mechanism, sp.assemble(mechanism), {"wheel": 1.0})
+    assert not sp.mobility(mechanism, state).passive
+    with pytest.raises(sp.SpatialPinError, match=r"(without|no) actuator"):
+        sp.inverse_dynamics(mechanism, state)
 
 
 def test_motors_are_named_where_they_can_act(tmp_path):

@@ -21,6 +21,7 @@ from spatial_pin.dynamics.solvers.freedoms import (
     active_among,
     idle_among,
     of_one_link,
+    passive_among,
     round_off,
 )
 from spatial_pin.errors import SpatialPinError
@@ -149,9 +150,9 @@ def inverse_dynamics(
     """Solve the efforts that move a mechanism as `state` says, and the reactions.
 
     At rest this is statics. All that moves must be actuated, or be without load: a link that hangs
-    on a hinge which nobody drives would fall. An exception are idle rotations of a link in a loop,
-    such as the spin of a rod between two balls: their accelerations are those that inertia and
-    resistance give them, whatever `state` says.
+    on a hinge which nobody drives would fall. An exception are passive freedoms (`mobility` names
+    them), such as the spin of a rod between two balls: their accelerations are those that forces
+    and inertia give them, whatever `state` says. At rest a load that would turn them is refused.
 
     With more actuators than freedoms the efforts of least (weighted) squares are taken;
     `Efforts.unique_efforts` tells which efforts depend on that, `Efforts.unique` which reactions.
@@ -199,7 +200,7 @@ def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, A
     """Return efforts (k,), accelerations (nv,), and the joint forces (nv,) closures must bear.
 
     Along every freedom N of the closed loops, N^T (M a + b - f - E x) = 0. The accelerations are
-    those of the equations' state but for idle rotations.
+    those of the equations' state but for passive freedoms.
 
     Raises:
         SpatialPinError: a freedom is not actuated, or carries load.
@@ -209,10 +210,7 @@ def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, A
     a = equations.state.a
     spare, found = _unactuated(equations, actuation)
     if found:
-        idle = idle_among(equations, found)
-        if len(idle):
-            a = _spun(equations, idle, a)
-        _refuse_load(equations, spare, idle, a)
+        a = _left_free(equations, actuation, spare, idle_among(equations, found))
     wanted = equations.motion_forces(a) - equations.given
     work = equations.spaces.null_space * equations.scale
     pull = decompose(work[:, actuation.columns] * actuation.root)
@@ -272,30 +270,49 @@ def _bear_motors(equations: Equations, names: Iterable[str]) -> bool:
     return all(equations.mechanism.coordinate_table[name].q >= 0 for name in names)
 
 
-def _refuse_load(equations: Equations, spare: Array, idle: Array, a: Array) -> None:
-    """Refuse freedoms (k, nv), scaled, that nobody drives but that something works on.
+def _left_free(
+    equations: Equations, actuation: Actuation, spare: Array, idle: Array
+) -> Array:
+    """Return the accelerations (nv,), idle rotations (m, nv) of the freedoms (k, nv) as forces say.
+
+    In motion so do all passive freedoms. At rest none can bear a load.
+
+    Raises:
+        SpatialPinError: something works on freedoms that are not passive, or at rest.
+    """
+    at = equations.state
+    a = _spun(equations, idle, at.a) if len(idle) else at.a
+    loaded = _loaded(equations, spare, idle, a)
+    if loaded and (at.v.any() or at.a.any()):
+        free = passive_among(equations, spare, actuation.columns)
+        a = _spun(equations, free, at.a) if len(free) else a
+        loaded = _loaded(equations, spare, idle[:0], a)
+    if loaded:
+        remedy = "actuate one of them" if _bear_motors(equations, loaded) else (
+            f"{NO_MOTOR}: let masses and forces act on the line through the ends of a rod, or "
+            "make one of its balls a universal joint; a simulation tells how it "
+            "turns else")
+        raise SpatialPinError(
+            f"mechanism {equations.mechanism.name!r}: a freedom without actuator carries load: "
+            f"weight, a spring, a force or inertia works on {', '.join(loaded)}; {remedy}"
+        )
+    return a
+
+
+def _loaded(equations: Equations, spare: Array, idle: Array, a: Array) -> list[str]:
+    """Return the coordinates of freedoms (k, nv), scaled, that are not driven but loaded.
 
     Weights, springs, forces from outside and the accelerations a (nv,) that are given: an end link
     would fall under them. Of idle rotations (m, nv), whose accelerations are free, springs and
     forces from outside.
-
-    Raises:
-        SpatialPinError: says which coordinates need an actuator.
     """
     scale, wanted = equations.scale, equations.motion_forces(a) - equations.given
     allowed = TOLERANCES.nothing * float(np.abs(scale * wanted).max()) + round_off(equations, a)
     for motions, force in ((spare, wanted), (idle, equations.applied)):
         loads = motions @ (scale * force)
         if np.abs(loads).max(initial=0.0) > allowed:
-            names = equations.moving(motions[np.abs(loads) > allowed])
-            remedy = "actuate one of them" if _bear_motors(equations, names) else (
-                f"{NO_MOTOR}: let masses and forces act on the line through the ends of a rod, or "
-                "make one of its balls a universal joint; a simulation tells how it "
-                "turns else")
-            raise SpatialPinError(
-                f"mechanism {equations.mechanism.name!r}: a freedom without actuator carries load: "
-                f"weight, a spring, a force or inertia works on {', '.join(names)}; {remedy}"
-            )
+            return equations.moving(motions[np.abs(loads) > allowed])
+    return []
 
 
 def _spun(equations: Equations, idle: Array, a: Array) -> Array:
