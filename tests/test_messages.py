@@ -287,6 +287,20 @@ def test_coordinates_that_move_together_depend_on_each_other(tmp_path):
     assert "the prescribed 'a', 'c' depend on each other" in text and "dead centre" not in text
 
 
+def test_a_passive_table_of_a_link_that_cannot_spin_is_named(tmp_path):
+    tree = (known.turning("a", "ground", "crank")
+            + known.turning("b", "crank", "coupler", (1, 0, 0))
+            + known.turning("c", "ground", "rocker", (3, 0, 0))
+            + known.point("end", "coupler", (2.8, 0, 0))
+            + known.point("eye", "rocker", (2.4, 0, 0)))
+    mech = known.load(tmp_path, "still", tree, known.closure("pin", "revolute", "end", "eye")
+                      + known.driver("a", "a")
+                      + '[passive.spin]\nbody = "coupler"\naxis = ["b", "end"]\n')
+    state = sp.assemble(mech, {"a": 1.0})
+    text = refusal(lambda: sp.solve_rates(mech, state, {"a": 1.0}))
+    assert "passive 'spin': no rotation of the body about that line is free" in text
+
+
 def test_branches_that_cross_are_told_apart_from_what_only_shakes(tmp_path):
     flat = known.bare_four_bar(tmp_path, 0.3, 0.1, 0.3, 0.1)
     state = sp.assemble(flat, {"crank": 0.0}, guess={"rocker_pin": 0.0})

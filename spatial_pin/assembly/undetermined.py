@@ -39,6 +39,10 @@ def dependence(asked: Asked, closures: Array) -> str:
     names = ", ".join(repr(c.name) for c in asked.driven)
     where = f"mechanism {asked.evaluation.mechanism.name!r}: "
     drive = asked.drive
+    needless = _needless_passives(asked)
+    if needless:
+        return (f"{where}passive {', '.join(map(repr, needless))}: no rotation of the "
+                "body about that line is free as the drivers stand; take the table out")
     if asked.still and decompose(closures).rank < len(closures):
         return (f"{where}what is held cannot all stand still beside the loops and the base: "
                 "they move it together; hold less")
@@ -68,6 +72,18 @@ def dependence(asked: Asked, closures: Array) -> str:
             f"there, for the loops let them move together only: {', '.join(follow)} "
             f"go{'es' * (len(follow) == 1)} as the others do; prescribe another coordinate "
             "instead")
+
+
+def _needless_passives(asked: Asked) -> list[str]:
+    """Return the names of passive tables whose rotation is not free as the drivers stand."""
+    evaluation = asked.evaluation
+    n, passives = evaluation.constraints.n_closure, evaluation.mechanism.passives
+    drivers = [evaluation.mechanism.prescribed_coordinate(d.joint)
+               for d in evaluation.mechanism.drivers.values()]
+    stand = [row for c, row in zip(asked.driven, asked.drive, strict=True) if c in drivers]
+    free = decompose(np.vstack([evaluation.jacobian[:n], *stand])).null_space
+    kept = set(independent_rows(evaluation.jacobian[n:] @ free.T).tolist())
+    return [passive.name for k, passive in enumerate(passives) if k not in kept]
 
 
 def check_passive(asked: Asked, null_space: Array, rank: int, q: Array) -> None:
