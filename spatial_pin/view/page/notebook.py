@@ -12,9 +12,12 @@ from pathlib import PosixPath, WindowsPath
 
 SUFFIXES = (".html", ".htm", ".xhtml")
 STYLE = "width: 100%; height: 600px; border: 1px solid #dfe3e8"
+# JupyterLab takes frames out of notebooks of others until they are trusted, and leaves what is in
+# them, which no browser shows in a frame.
+HIDDEN = "Run this cell, or trust the notebook, to see the page that is stored here."
 # The frame of a page with a server: one that cannot be asked is replaced by a frame of what
 # needs none. The same frame would not do: what it was to load may fail later, and show an error.
-WATCHED = """<iframe src="{url}" id="{name}" data-still="{still}" style="{style}"></iframe>
+WATCHED = """<iframe src="{url}" id="{name}" data-still="{still}" style="{style}">{hidden}</iframe>
 <script>
 (() => {{
   const frame = document.getElementById("{name}");
@@ -36,13 +39,14 @@ def is_in_notebook() -> bool:
 
 def framed(page: str) -> str:
     """Return a frame that holds a page."""
-    return f'<iframe srcdoc="{_quoted(page)}" style="{STYLE}"></iframe>'
+    return f'<iframe srcdoc="{_quoted(page)}" style="{STYLE}">{HIDDEN}</iframe>'
 
 
 def watched(url: str, still: str) -> str:
     """Return a frame of a served page, and of a still one where the server does not answer."""
     name = f"spatial_pin_{html.escape(url.rpartition(':')[2].strip('/'))}"
-    return WATCHED.format(url=html.escape(url), name=name, still=_quoted(still), style=STYLE)
+    return WATCHED.format(url=html.escape(url), name=name, still=_quoted(still), style=STYLE,
+                          hidden=HIDDEN)
 
 
 def _quoted(page: str) -> str:
