@@ -226,10 +226,11 @@ class ReachError(SpatialPinError):
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C while a motion was followed or simulated: `except KeyboardInterrupt` catches it.
+    """Ctrl-C while a motion was followed, or gone through: `except KeyboardInterrupt` catches it.
 
     Attributes:
-        motion: what was followed until then; of a simulation a Simulation.
+        motion: as far as it was gone until then; of a simulation a Simulation.
+        found: what `kinetostatics` or `sensitivity` found along it; None of others.
 
     Example:
         >>> try:
@@ -240,13 +241,13 @@ class Interrupted(KeyboardInterrupt):
         1000
     """
 
-    def __init__(self, motion: sp.Motion) -> None:
+    def __init__(self, motion: sp.Motion, found: Any = None) -> None:
         super().__init__(f"after {len(motion)} samples")
-        self.motion = motion
+        self.motion, self.found = motion, found
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Make it anew from its motion."""
-        return type(self), (self.motion,)
+        """Make it anew from its parts."""
+        return type(self), (self.motion, self.found)
 
 
 class SingularError(SpatialPinError):

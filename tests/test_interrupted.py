@@ -13,6 +13,8 @@ from spatial_pin.continuation import follow as following
 from spatial_pin.dimensions import tolerance
 from spatial_pin.dimensions.predictions import Predictions
 from spatial_pin.dimensions.samples import Samples
+from spatial_pin.dimensions.sensitivity import _Around
+from spatial_pin.dynamics.kinetostatics import _Rows
 from spatial_pin.dynamics.simulation.running.run import Run
 from spatial_pin.inverse_kinematics import reach_path
 from spatial_pin.mobility.modes.search import Search as ModeSearch
@@ -187,6 +189,48 @@ def test_the_command_writes_what_was_found_and_ends_as_interrupted(monkeypatch, 
     assert main(["clearance", "four_bar", "crank", "0", "6", "--json", str(file)]) == 130
     assert "cut short at 10 samples" in " ".join(capsys.readouterr().out.split())
     assert json.loads(file.read_text())["is_whole"] is False
+
+
+# ---------------------------------------------------------------- along a motion
+
+
+def test_forces_and_derivatives_along_a_motion_are_kept_until_ctrl_c(monkeypatch):
+    mechanism = sp.load("four_bar")
+    motion = sp.sweep(mechanism, "crank", VALUES, speed=2.0)
+    forces, derived = sp.kinetostatics(mechanism, motion), sp.sensitivity(
+        mechanism, motion, "rocker_pin", ["r3"])
+    monkeypatch.setattr(_Rows, "fill", interrupting(_Rows.fill, 21))
+    with pytest.raises(sp.Interrupted) as stopped:
+        sp.kinetostatics(mechanism, motion)
+    found = pickle.loads(pickle.dumps(stopped.value)).found
+    assert_begins(found.motion, motion, 20)
+    np.testing.assert_array_equal(found.efforts["crank"], forces.efforts["crank"][:20])
+    np.testing.assert_array_equal(found.reactions["output_pin"],
+                                  forces.reactions["output_pin"][:20])
+    monkeypatch.setattr(_Around, "differentiated", interrupting(_Around.differentiated, 21))
+    with pytest.raises(sp.Interrupted) as stopped:
+        sp.sensitivity(mechanism, motion, "rocker_pin", ["r3"])
+    assert_begins(stopped.value.motion, motion, 20)
+    np.testing.assert_array_equal(stopped.value.found.derivatives["r3"],
+                                  derived.derivatives["r3"][:20])
+
+
+@pytest.mark.parametrize(("words", "owner", "name"), [
+    (["statics", "four_bar"], _Rows, "fill"),
+    (["sensitivity", "four_bar", "rocker_pin"], _Around, "differentiated"),
+    (["transmission", "four_bar", "rocker_pin"], sp, "transmission"),
+], ids=["statics", "sensitivity", "transmission"])
+def test_commands_tell_what_they_found_along_a_sweep_until_ctrl_c(
+        monkeypatch, tmp_path, capsys, words, owner, name):
+    file = tmp_path / "found.csv"
+    monkeypatch.setattr(owner, name, interrupting(getattr(owner, name), 8))
+    assert main([*words, "--over", "crank=0..3", "--steps", "31", "--csv", str(file)]) == 130
+    assert capsys.readouterr().err == "spatial-pin: cut short after 7 values\n"
+    rows = file.read_text().splitlines()
+    assert len(rows) == 8 and float(rows[-1].split(",")[0]) == pytest.approx(0.6, abs=1e-12)
+    monkeypatch.setattr(owner, name, interrupting(getattr(owner, name), 1))
+    assert main([*words, "--over", "crank=0..3", "--steps", "31"]) == 130
+    assert "interrupted before there was a result" in capsys.readouterr().err
 
 
 # ---------------------------------------------------------------- calibration

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import signal
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor, ProcessPoolExecutor
 from typing import Any
 
@@ -155,6 +155,15 @@ def motion_over(
     except sp.Interrupted as stopped:  # what was followed is told of
         options.cut_short = f"cut short after {len(stopped.motion)} values"
         return stopped.motion
+
+
+def along(options: argparse.Namespace, work: Callable[[], Any]) -> Any:
+    """Return what is found along a motion; after Ctrl-C until then, as `options.cut_short` says."""
+    try:
+        return work()
+    except sp.Interrupted as stopped:
+        options.cut_short = f"cut short after {len(stopped.motion)} values"
+        return stopped.found
 
 
 @contextlib.contextmanager

@@ -20,10 +20,10 @@ from spatial_pin.checks import checked, names_of
 from spatial_pin.dimensions.drive import Drive, end_of_range, with_forces, with_masses
 from spatial_pin.dimensions.samples import Samples
 from spatial_pin.dimensions.variants import Variants, idle_dimensions, tell_idle
-from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
+from spatial_pin.errors import Interrupted, SingularError, SpatialPinError, UnknownNameError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.motion.motion import Motion
+from spatial_pin.motion.motion import Motion, first_samples
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.determined import Prescription, placed
@@ -114,6 +114,7 @@ def sensitivity(
     Raises:
         UnknownNameError: no such dimension or output.
         SpatialPinError: the branch ends, or the output does not exist, at a nearby dimension.
+        Interrupted: after Ctrl-C in a motion; `.found` has the derivatives until then.
 
     Example:
         >>> mech = sp.load("rssr")
@@ -130,7 +131,10 @@ def sensitivity(
              if np.all(np.abs(x).T <= np.asarray(found.errors[name]).T)]
     if parameters is not None:
         tell_idle(mechanism, found.derivatives, still)
-    return replace(found, idle=idle_dimensions(mechanism, found.derivatives, still))
+    found = replace(found, idle=idle_dimensions(mechanism, found.derivatives, still))
+    if isinstance(state, Motion) and len(found.value) < len(state):
+        raise Interrupted(first_samples(state, len(found.value)), found)
+    return found
 
 
 def _over_motion(
@@ -174,7 +178,10 @@ def _differentiated(
     mechanism: Mechanism, asked: Sequence[tuple[State, Drive]], outputs: Iterable[str],
     parameters: Iterable[str] | None,
 ) -> list[list[Sensitivity]]:
-    """Differentiate outputs at states of one mechanism, each with its drivers' motion."""
+    """Differentiate outputs at states of one mechanism, each with its drivers' motion.
+
+    After Ctrl-C those of the states until then, if there are any.
+    """
     if mechanism.path is None:
         raise SpatialPinError(f"mechanism {mechanism.name!r} has no file to change dimensions in")
     outputs = names_of(outputs, "outputs")
@@ -184,7 +191,14 @@ def _differentiated(
             raise UnknownNameError("dimension", name, mechanism.dimensions,
                                    f"mechanism {mechanism.name!r}: ")
     around = _Around(asked[0][0].mechanism, names, outputs)
-    return [around.differentiated(state, drive) for state, drive in asked]
+    found: list[list[Sensitivity]] = []
+    try:
+        for state, drive in asked:
+            found.append(around.differentiated(state, drive))
+    except KeyboardInterrupt:
+        if not found:
+            raise
+    return found
 
 
 class _Around:

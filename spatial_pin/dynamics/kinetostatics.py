@@ -18,11 +18,11 @@ from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.inverse import Actuation, balance, pressing
 from spatial_pin.dynamics.reactions import MANY, Poses, one_of_many
 from spatial_pin.dynamics.solvers.equations import Equations, equations_of
-from spatial_pin.errors import SpatialPinError
+from spatial_pin.errors import Interrupted, SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.methods import method
-from spatial_pin.motion.motion import Motion, Output, motion_needed
+from spatial_pin.motion.motion import Motion, Output, first_samples, motion_needed
 from spatial_pin.motion.rated_limits import (
     BeyondLimit,
     beyond,
@@ -185,6 +185,7 @@ class _Rows:
         self.poses = Poses(np.empty((n, nj, 4, 3)), np.empty((n, 6, nv)),
                            np.empty((n, wrenches, 6)))
         self.unique = np.ones((n, len(equations.pairs.names), 6), dtype=bool)
+        self.done = 0
 
     def fill(self, k: int, equations: Equations, bearing: Equations, actuation: Actuation) -> None:
         """Solve sample k at the equations' state; the bearing ones have all rows of its file."""
@@ -202,6 +203,14 @@ class _Rows:
         if len(spare) or bearing.spaces.rank < bearing.n_closure:
             efforts = actuation.all_generalised(spare, len(a))
             self.unique[k] = list(bearing.unique(efforts).values())
+        self.done = k + 1
+
+    def end(self) -> None:
+        """Leave out the samples that are not filled."""
+        for name in ("efforts", "joint_efforts", "a", "multipliers", "given", "transmitted",
+                     "unique"):
+            setattr(self, name, getattr(self, name)[: self.done])
+        self.poses = Poses(*(x[: self.done] for x in self.poses))
 
 
 @checked
@@ -233,6 +242,7 @@ def kinetostatics(
     Raises:
         SpatialPinError: a freedom is not actuated, or the motion is of another mechanism.
         SingularError: the loops lose rank at a sample.
+        Interrupted: after Ctrl-C; `.found` has the forces until then.
 
     Example:
         >>> mech = sp.load("four_bar")
@@ -250,19 +260,25 @@ def kinetostatics(
             f"{mechanism.name!r}"
         )
     warn_of_no_inertia(mechanism, external=external)
-    moved = motion.mechanism
+    moved, is_cut = motion.mechanism, False
     actuation = Actuation(moved, actuated)
     with ExitStack() as stack:
         equations = bearing = stack.enter_context(equations_of(moved))
         if moved.whole is not None:
             bearing = stack.enter_context(equations_of(moved.whole))
         rows = _Rows(bearing, len(motion), len(actuation.names))
-        for k in range(len(motion)):
-            state = moving_in_time(mechanism, motion.state(k))
-            given = external(state) if callable(external) else external
-            for each in {equations, bearing}:
-                each.update(state, mapping(given, "external"), laws, slip_speed)
-            rows.fill(k, equations, bearing, actuation)
+        try:
+            for k in range(len(motion)):
+                state = moving_in_time(mechanism, motion.state(k))
+                given = external(state) if callable(external) else external
+                for each in {equations, bearing}:
+                    each.update(state, mapping(given, "external"), laws, slip_speed)
+                rows.fill(k, equations, bearing, actuation)
+        except KeyboardInterrupt:
+            if not rows.done:
+                raise
+            rows.end()
+            motion, is_cut = first_samples(motion, rows.done), True
         reactions, ground = bearing.pairs.reactions(
             rows.poses, rows.transmitted, rows.multipliers, rows.given, rows.joint_efforts)
         unique = dict(zip(bearing.pairs.names, rows.unique.swapaxes(0, 1), strict=True))
@@ -271,11 +287,14 @@ def kinetostatics(
     rates = motion.v[:, actuation.columns].T * (motion.per == "s")
     power = {name: read_only(x * rate)
              for (name, x), rate in zip(efforts.items(), rates, strict=True)}
-    return Kinetostatics(motion, read_only(rows.a), efforts, power,
-                         {name: read_only(x) for name, x in reactions.items()},
-                         read_only(ground), read_only(rows.multipliers),
-                         {name: each.all(axis=1) for name, each in unique.items()}, unique,
-                         _beyond_limits(motion, actuation, rows.efforts))
+    found = Kinetostatics(motion, read_only(rows.a), efforts, power,
+                          {name: read_only(x) for name, x in reactions.items()},
+                          read_only(ground), read_only(rows.multipliers),
+                          {name: each.all(axis=1) for name, each in unique.items()}, unique,
+                          _beyond_limits(motion, actuation, rows.efforts))
+    if is_cut:
+        raise Interrupted(motion, found)
+    return found
 
 
 def _beyond_limits(motion: Motion, actuation: Actuation, efforts: Array) -> tuple[BeyondLimit, ...]:

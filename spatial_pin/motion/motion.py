@@ -536,3 +536,13 @@ def motion_needed(motion: object) -> None:
     if not isinstance(motion, Motion):
         raise TypeError(f"a Motion is needed, not {type(motion).__name__}: sp.sweep(mechanism, "
                         "driver, values) or sp.simulate(mechanism, state, duration) makes one")
+
+
+def first_samples(motion: Motion, n: int) -> Motion:
+    """Return the first n samples of a motion, with the events on the way to the last of them."""
+    return Motion(
+        motion.mechanism, None if motion.driver is None else motion.driver[:n], motion.driver_name,
+        None if motion.time is None else motion.time[:n], motion.q[:n], motion.v[:n], motion.a[:n],
+        motion.closure_error[:n], motion.driver_speed[:n],
+        [event for event in motion.events if event.row < n], motion.angles[:n], motion.per,
+        motion.held)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.motion.motion import Motion
+from spatial_pin.motion.motion import first_samples
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.proximity.between import Between
 from spatial_pin.proximity.distances import Distances, Nearest
@@ -137,7 +137,7 @@ class Search:
 
     def cut(self, n: int) -> Search:
         """Return a search of the first samples alone, which were taken."""
-        own = Search(self.distances, Between(_first(self.between.motion, n)), self.touching)
+        own = Search(self.distances, Between(first_samples(self.between.motion, n)), self.touching)
         own.sampled, own.points = self.sampled[:n], self.points[:n]
         return own
 
@@ -246,16 +246,6 @@ class Search:
             return min((a, b), key=lambda place: abs(known[place] - level))
         part = float(brentq(excess, first, last, xtol=1e-14, rtol=1e-14))
         return Place(row, part) if part < 1.0 else Place(row + 1, 0.0)
-
-
-def _first(motion: Motion, n: int) -> Motion:
-    """Return the first n samples of a motion, with the events on the way to the last of them."""
-    return Motion(
-        motion.mechanism, None if motion.driver is None else motion.driver[:n], motion.driver_name,
-        None if motion.time is None else motion.time[:n], motion.q[:n], motion.v[:n], motion.a[:n],
-        motion.closure_error[:n], motion.driver_speed[:n],
-        [event for event in motion.events if event.row < n], motion.angles[:n], motion.per,
-        motion.held)
 
 
 def _beside(places: list[Place], k: int) -> Iterator[tuple[int, float, float]]:

@@ -8,7 +8,15 @@ from typing import Any
 import numpy as np
 
 import spatial_pin as sp
-from spatial_pin.cli.asked import in_units, loaded, motion_over, state_at, unique, workers
+from spatial_pin.cli.asked import (
+    along,
+    in_units,
+    loaded,
+    motion_over,
+    state_at,
+    unique,
+    workers,
+)
 from spatial_pin.cli.options import (
     Command,
     configuration_options,
@@ -22,6 +30,7 @@ from spatial_pin.cli.options import (
 from spatial_pin.cli.results import Told, finite, tell
 from spatial_pin.columns import heading
 from spatial_pin.errors import UnknownNameError
+from spatial_pin.motion.motion import first_samples
 from spatial_pin.motion.outputs import label_of
 
 OUTPUT_HELP = ("as rocker_pin, rocker_pin.rate, coupler.position, crank.effort, "
@@ -67,13 +76,15 @@ def _sensitivity(options: argparse.Namespace) -> None:
         options.hints.append(f"{mechanism.name} has no dimensions: "
                              '<xacro:arg name="b" default="0.4"/> in a .xacro tree makes one')
     subject = motion_over(options, mechanism) or state_at(options, mechanism)
-    found = sp.sensitivity(mechanism, subject, options.output, options.to or None)
+    found = along(options, lambda: sp.sensitivity(
+        mechanism, subject, options.output, options.to or None))
     content = {"mechanism": mechanism.name, "output": found.output, "unit": found.unit,
                "value": np.asarray(found.value).tolist(),
                "derivatives": {k: np.asarray(x).tolist() for k, x in found.derivatives.items()},
                "errors": {k: np.asarray(x).tolist() for k, x in found.errors.items()},
                "idle": found.idle}
     if isinstance(subject, sp.Motion):
+        subject = first_samples(subject, len(found.value))
         content["driver"] = {"name": subject.driver_name, "unit": subject.driver_unit,
                              "values": np.asarray(subject.driver).tolist()}
         tell(options, _along(subject, found), finite(content), _columns(subject, found))

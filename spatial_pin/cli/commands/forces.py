@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 import spatial_pin as sp
-from spatial_pin.cli.asked import in_units, loaded, motion_over, state_at
+from spatial_pin.cli.asked import along, in_units, loaded, motion_over, state_at
 from spatial_pin.cli.options import (
     Command,
     configuration_options,
@@ -46,7 +46,8 @@ def _statics(options: argparse.Namespace) -> None:
     external = {name: _wrench(name, given) for name, given in _loads(options, mechanism).items()}
     motion = motion_over(options, mechanism)
     if motion is not None:
-        _tell_curve(options, sp.kinetostatics(mechanism, motion, actuated, external=external))
+        _tell_curve(options, along(options, lambda: sp.kinetostatics(
+            mechanism, motion, actuated, external=external)))
         return
     found = sp.inverse_dynamics(mechanism, state_at(options, mechanism), actuated,
                                 external=external)

@@ -7,7 +7,7 @@ import argparse
 import numpy as np
 
 import spatial_pin as sp
-from spatial_pin.cli.asked import loaded, motion_over, state_at
+from spatial_pin.cli.asked import along, loaded, motion_over, state_at
 from spatial_pin.cli.names import check_names
 from spatial_pin.cli.options import (
     SPRINGS_HELP,
@@ -19,6 +19,7 @@ from spatial_pin.cli.options import (
 )
 from spatial_pin.cli.results import finite, grid, tell
 from spatial_pin.columns import Quantity, flat
+from spatial_pin.motion.motion import first_samples
 from spatial_pin.motion.summary import tidy
 
 UNITS = {"v": "m", "w": "rad"}  # of what rows are rates of
@@ -108,9 +109,8 @@ def _transmission(options: argparse.Namespace) -> None:
 def _tell_along(options: argparse.Namespace, motion: sp.Motion) -> None:
     """Answer with the transmission along a sweep."""
     mechanism, driver = motion.mechanism, options.driver or motion.driver_name
-    found = [sp.transmission(mechanism, motion.state(k), options.output, driver, options.pair,
-                             hold=["base", *options.hold]) for k in range(len(motion))]
-    values, ratios, angles = (np.asarray(x) for x in (
+    found: list[sp.Transmission] = along(options, lambda: _each(options, motion, driver))
+    values, ratios, angles = (np.asarray(x)[: len(found)] for x in (
         motion.driver, [x.ratio for x in found], [x.angle for x in found]))
     units = _units(*(mechanism.driven_coordinate(x).unit for x in (options.output, driver)))
     table = flat({
@@ -131,6 +131,24 @@ def _tell_along(options: argparse.Namespace, motion: sp.Motion) -> None:
                "at": found[0].at, "units": units,
                "columns": {name: x.tolist() for name, x in table.items()}}
     tell(options, f"{head}\n{grid(rows)}", finite(content), table)
+
+
+def _each(options: argparse.Namespace, motion: sp.Motion, driver: str) -> list[sp.Transmission]:
+    """Return the transmission at every sample.
+
+    Raises:
+        Interrupted: Ctrl-C ended it; has those until then.
+    """
+    found: list[sp.Transmission] = []
+    try:
+        for state in map(motion.state, range(len(motion))):
+            found.append(sp.transmission(motion.mechanism, state, options.output, driver,
+                                         options.pair, hold=["base", *options.hold]))
+    except KeyboardInterrupt:
+        if not found:
+            raise
+        raise sp.Interrupted(first_samples(motion, len(found)), found) from None
+    return found
 
 
 COMMANDS = {
