@@ -24,6 +24,7 @@ from spatial_pin.errors import Interrupted, SingularError, SpatialPinError, Unkn
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Motion, first_samples
+from spatial_pin.numerics.angles import whole_turns
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.determined import Prescription, placed
@@ -273,7 +274,7 @@ def within_half_turn(values: Array, own: Any, unit: str) -> Array:
     """Return angles within half a turn of an own one; of the direction of a link they jump."""
     if unit != "rad":
         return values
-    return values - 2.0 * np.pi * np.round((values - own) / (2.0 * np.pi))
+    return values - whole_turns(values - own)
 
 
 def _plain(value: Any) -> Any:

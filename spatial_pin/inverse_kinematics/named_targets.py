@@ -35,6 +35,7 @@ from spatial_pin.motion.outputs import (
     is_force,
     is_of_whole,
 )
+from spatial_pin.numerics.angles import whole_turns
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -92,7 +93,7 @@ class AngleValue(Target):
         """See `Target`: within half a turn."""
         rotation = evaluation.frame(self.angle.frame).rotation
         off = float(self.angle.directed(rotation[None])[0]) - self.value
-        off -= 2.0 * np.pi * round(off / (2.0 * np.pi))
+        off -= whole_turns(off)
         return np.array([off]), self.angle.slope(evaluation)[None]
 
     def check(self, mechanism: Mechanism) -> None:

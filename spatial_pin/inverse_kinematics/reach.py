@@ -21,6 +21,7 @@ from spatial_pin.inverse_kinematics.targets import CoordinateValue
 from spatial_pin.mechanism.coordinates import coordinate_value, needed
 from spatial_pin.mechanism.joint_limits import JointLimit, joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.angles import whole_turns
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -160,7 +161,7 @@ def _turned_back(start: State, q: Array) -> Array:
     """Return q without whole turns of angles that mean the same; q itself if there are none."""
     back = q.copy()
     for angle in periodic(start.mechanism):
-        back[angle.q] -= 2.0 * np.pi * round((q[angle.q] - start.q[angle.q]) / (2.0 * np.pi))
+        back[angle.q] -= whole_turns(q[angle.q] - start.q[angle.q])
     return q if np.array_equal(back, q) else back
 
 

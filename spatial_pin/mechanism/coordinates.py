@@ -21,6 +21,7 @@ from spatial_pin.errors import MechanismFileError, SpatialPinError, UnknownNameE
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mechanism.parts import Coordinate
+from spatial_pin.numerics.angles import whole_turns
 from spatial_pin.numerics.linalg import EPS, Array, pseudo_inverses
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -269,10 +270,10 @@ def continued_rotation_vectors(quaternions: Array) -> Array:
         before = phi[i - 1]
         if angle > TOLERANCES.tight:
             axis = phi[i] / angle
-            phi[i] += 2.0 * np.pi * np.round((axis @ before - angle) / (2.0 * np.pi)) * axis
+            phi[i] += whole_turns(axis @ before - angle) * axis
         elif before.any():  # a whole number of turns: the axis is that of the row before
             length = float(np.linalg.norm(before))
-            phi[i] = 2.0 * np.pi * np.round(length / (2.0 * np.pi)) * before / length
+            phi[i] = whole_turns(length) * before / length
     return phi
 
 

@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from spatial_pin.numerics.angles import whole_turns
+
 Coefficient = Any  # an array, or a number for all of its entries
 
 
@@ -92,6 +94,6 @@ def argument(sine: Taylor, cosine: Taylor, near: Coefficient = 0.0) -> Taylor:
         power = power * u
         total = total + power * ((-1.0) ** (k + 1) / k)
     angle = np.arctan2(sine.values[0], cosine.values[0])
-    angle = angle + 2.0 * np.pi * np.round((near - angle) / (2.0 * np.pi))
+    angle = angle + whole_turns(near - angle)
     return Taylor([angle, *(np.imag(x) for x in total.values[1:])],
                   [np.imag(x) for x in total.changes])

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from spatial_pin.dimensions.family import Bodies
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.angles import whole_turns
 from spatial_pin.numerics.linalg import Array
 
 FAR = 10.0  # times as large as the mechanism: a drawing in pixels, say, or in another unit
@@ -343,7 +344,7 @@ class Function(Precision):
         size = bodies.mechanism.velocity_scale[coordinate.v]
         away = bodies.q[:, coordinate.q] - self.values[at] - zero * size
         if coordinate.unit == "rad":
-            away = np.remainder(away + np.pi, 2.0 * np.pi) - np.pi
+            away = away - whole_turns(away)
         return away[:, None] / size
 
     def slopes(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Slopes:

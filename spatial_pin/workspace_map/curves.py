@@ -11,6 +11,7 @@ import pinocchio as pin
 from spatial_pin.assembly.search.whole_turns import periodic
 from spatial_pin.checks import finite_number, mapping, positive_number
 from spatial_pin.constraints.closure_equations import evaluation_of
+from spatial_pin.numerics.angles import whole_turns
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.workspace_map.dexterity import SINGULAR, Task
@@ -92,7 +93,7 @@ def _is_turn_on(locus: Locus, spots: Sequence[Spot]) -> bool:
     mechanism = locus.section.asked.mechanism
     way = pin.difference(mechanism.model, first.q, last.q) / mechanism.velocity_scale
     turning = [angle.v for angle in periodic(mechanism)]
-    way[turning] -= 2.0 * np.pi * np.round(way[turning] / (2.0 * np.pi))
+    way[turning] -= whole_turns(way[turning])
     return bool(np.linalg.norm(way) < MEETS)
 
 

@@ -24,6 +24,7 @@ from spatial_pin.lazy import cached_property
 from spatial_pin.mechanism.coordinates import coordinate_round_off, coordinate_value, with_values
 from spatial_pin.mechanism.joint_limits import position_limits
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.angles import whole_turns
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy
@@ -201,7 +202,7 @@ class Closing:
         there = with_values(self.mechanism, found.q, self.named)
         gaps = pin.difference(self.mechanism.model, found.q, there)
         turning = [c.v for c in periodic(self.mechanism)]
-        gaps[turning] -= 2.0 * np.pi * np.floor(gaps[turning] / (2.0 * np.pi) + 0.5)
+        gaps[turning] -= whole_turns(gaps[turning])
         return math.hypot(*(gaps / self.mechanism.velocity_scale).tolist())
 
     def accepted(self, q: Array) -> float:

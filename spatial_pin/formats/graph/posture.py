@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from spatial_pin.formats.graph.joints import Joint
 from spatial_pin.mechanism.pairs import axes_from_z
+from spatial_pin.numerics.angles import whole_turns
 from spatial_pin.numerics.linalg import Array
 
 
@@ -53,7 +54,7 @@ def _screw(joint: Joint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
     angle = _turn(joint.axis, relative)
     if joint.lead:  # the slide tells how many turns
         slide = joint.axis @ relative.translation
-        angle += 2.0 * math.pi * round(slide / joint.lead - angle / (2.0 * math.pi))
+        angle += whole_turns(2.0 * math.pi * slide / joint.lead - angle)
     return [angle], _placed(angle * joint.axis, angle / (2.0 * math.pi) * joint.lead * joint.axis)
 
 
