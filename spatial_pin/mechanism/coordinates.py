@@ -14,6 +14,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from spatial_pin.brief import brief
 from spatial_pin.checks import finite_array, finite_number
@@ -262,10 +263,18 @@ def rotation_vectors(quaternions: Array) -> Array:
     return Rotation.from_quat(quaternions.copy()).as_rotvec()
 
 
+def _first(chosen: NDArray[np.bool_]) -> int:
+    """Return the number of the first that is chosen, how many there are if none is."""
+    return int(np.argmax(chosen)) if chosen.any() else len(chosen)
+
+
 def continued_rotation_vectors(quaternions: Array) -> Array:
     """Return rotation vectors (N, 3) of quaternions (N, 4), each the one nearest to the last."""
     phi = rotation_vectors(quaternions)
-    for i in range(1, len(phi)):
+    angles = np.linalg.norm(phi[1:], axis=1)
+    along = np.vecdot(phi[1:], phi[:-1]) / np.maximum(angles, TOLERANCES.tight)
+    turns = whole_turns(along - angles)
+    for i in range(1 + _first((angles <= TOLERANCES.tight) | (turns != 0.0)), len(phi)):
         angle = float(np.linalg.norm(phi[i]))
         before = phi[i - 1]
         if angle > TOLERANCES.tight:
