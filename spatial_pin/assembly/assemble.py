@@ -12,7 +12,7 @@ from spatial_pin.assembly.search.guesses import Guess, read_guess
 from spatial_pin.assembly.search.refusals import failure, open_gap
 from spatial_pin.assembly.search.search import Search
 from spatial_pin.assembly.search.within_limits import beyond_words
-from spatial_pin.assembly.state import State, all_angles
+from spatial_pin.assembly.state import State, all_angles, made
 from spatial_pin.checks import checked, mapping
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.errors import AssemblyError, warn
@@ -256,5 +256,5 @@ def _result(search: Search, said: Mapping[str, float]) -> State:
     mechanism, q, seen = search.mechanism, search.best[1], search.examined()
     gone = gone_from(mechanism, q, said) if said else {}
     names = {d.joint: d.name for d in mechanism.drivers.values()} if gone else {}
-    return State(mechanism, q, closure_error=seen.error, angles=seen.angles,
-                 released={names[c]: x for c, x in gone.items()})
+    return made(mechanism, q, None, None, closure_error=seen.error, angles=seen.angles,
+                released={names[c]: x for c, x in gone.items()})

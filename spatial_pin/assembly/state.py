@@ -457,6 +457,22 @@ def all_angles(mechanism: Mechanism, angles: Array) -> Array:
     return np.array([known.get(name, 0.0) for name in names[1]])
 
 
+def made(
+    mechanism: Mechanism, q: Array, v: Array | None, a: Array | None, *, closure_error: float,
+    angles: Array, rate_error: Any = np.nan, released: Mapping[str, float] = MappingProxyType({}),
+) -> State:
+    """Return a State of arrays that are finite, and that nobody writes any more: no copies."""
+    state, rest = State.__new__(State), _rest(mechanism)
+    for array in (q, v, a, angles):
+        if array is not None:
+            array.setflags(write=False)
+    state.__dict__.update(
+        mechanism=mechanism, q=q, v=rest if v is None else v, a=rest if a is None else a,
+        closure_error=closure_error, angles=angles if angles.size else NO_ANGLES, branch="",
+        released=dict(released), _rate_error=rate_error, in_time=True)
+    return state
+
+
 def of_mechanism(mechanism: Mechanism, state: State) -> State:
     """Return `state` as a state of `mechanism`: itself, or taken over from another load of it.
 

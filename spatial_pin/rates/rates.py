@@ -9,7 +9,7 @@ import numpy as np
 
 from spatial_pin.assembly.close import scaled_row
 from spatial_pin.assembly.holding import BASE, Hold, divided, free_bases, held_by
-from spatial_pin.assembly.state import State, of_mechanism
+from spatial_pin.assembly.state import State, made, of_mechanism
 from spatial_pin.checks import checked, finite_number, mapping, names_of
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import constraints_of
@@ -250,8 +250,8 @@ def solve_rates(
                      f"speeds {dict(speeds)} and accelerations {dict(accelerations)}")
     if clear is None:
         check_rates(state, found.v)
-    return State(mechanism, state.q, found.v, found.a, closure_error=state.closure_error,
-                 angles=state.angles, rate_error=found.lost, released=state.released)
+    return made(mechanism, state.q, found.v, found.a, closure_error=state.closure_error,
+                angles=state.angles, rate_error=found.lost, released=state.released)
 
 
 def _solved(
