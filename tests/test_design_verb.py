@@ -8,6 +8,7 @@ import pinocchio as pin
 import pytest
 
 import spatial_pin as sp
+from spatial_pin.synthesis.contradictions import refuse_off_plane
 from spatial_pin.synthesis.problem import Problem
 
 goals = sp.goals
@@ -58,6 +59,8 @@ def exactly(shift=0.0):
     ([exactly(), exactly(0.1)], BOUNDS, {}, ValueError, "goals contradict: function of rocker_pin"),
     (goals.path("coupler_b", [[0, 0, 1], [0, 0, 2]], {"crank": [1.0, 1.0]}, weight=None), BOUNDS,
      {}, ValueError, "sample 0, and path of coupler_b, sample 1, have the same drivers"),
+    (goals.path("coupler_b", [[0.3, 0, 0.1], [0.3, 2e-9, 0.2]], weight=None), BOUNDS, {},
+     ValueError, "'coupler_b' stays in a plane, and sample 1 is 2e-09 m off it"),
     ([goals.swing("rocker_pin", 1.0), goals.swing("rocker_pin", 1.2, "crank_pin")], BOUNDS, {},
      ValueError, "goals contradict: swing of rocker_pin is to be 1 and 1.2"),
     (goals.transmission("rocker_pin", 0.5, pair="pin"), BOUNDS, {}, sp.UnknownNameError,
@@ -86,6 +89,44 @@ def test_what_cannot_be_is_refused_before_the_work(
     with pytest.raises(error) as told:
         sp.design(four_bar, goal, bounds, **options)
     assert says in str(told.value)
+
+
+@pytest.mark.parametrize(("name", "driver", "frame", "where"), [
+    ("four_bar", "crank", "coupler_b", "in a plane"),
+    ("watt_six_bar", "crank", "rocker_b", "in a plane"),
+    ("rssr", "crank", "rocker_b", "in a plane"),
+    ("screw_press", "screw", "platen", "on a line"),
+    ("rssr", "crank", "coupler_b", None),
+    ("spherical_four_bar", "crank", "rocker_b", None),
+    ("crane", "luff", "tip", None),
+])
+def test_points_are_refused_where_no_dimensions_lead_there_and_only_there(
+    name, driver, frame, where
+):
+    mechanism = sp.load(name)
+    bounds = {x: (0.9 * value, 1.1 * value) for x, value in mechanism.dimensions.items()}
+    anywhere = Problem(mechanism, (), bounds).anywhere()
+    other = sp.load(name, **{x: 1.04 * value for x, value in mechanism.dimensions.items()})
+    first = sp.assemble(other).coordinate(driver).value
+    points = sp.sweep(other, driver, first + np.linspace(0.0, 0.2, 7)).frame(frame).position
+    refuse_off_plane(anywhere, [goals.path(frame, points, weight=None)])
+    away = [points + 0.01 * axis for axis in np.eye(3)]
+    told = []
+    for moved in away:
+        try:
+            refuse_off_plane(anywhere, [goals.path(frame, moved, weight=None)])
+        except ValueError as error:
+            told.append(str(error))
+        refuse_off_plane(anywhere, [goals.path(frame, moved)])  # it has a weight
+    assert bool(told) == bool(where) and all(f"stays {where}, and sample" in x for x in told)
+
+
+def test_a_start_at_which_loops_just_close_ends_in_words_not_in_an_error(four_bar):
+    """A dimension at its bound, where the loop closes: beside it, it is open."""
+    points = [[0.2, 0.0, 0.0], [0.22, 0.0, 0.01]]
+    bounds = {"r2": (0.05, 0.2), "r3": (0.2, 0.6)}
+    found = sp.design(four_bar, goals.path("coupler", points), bounds, starts=6)
+    assert len(found) and found[0].error < 0.2
 
 
 @pytest.mark.parametrize(("make", "says"), [

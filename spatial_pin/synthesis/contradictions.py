@@ -1,4 +1,4 @@
-"""Goals that cannot be met together, whatever the dimensions are."""
+"""Goals that cannot be met, alone or together, whatever the dimensions are."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from spatial_pin.dimensions.family import Bodies
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.synthesis.demands.swing import Swing
 from spatial_pin.synthesis.precision import Function, Goal, Path, Poses, Precision
@@ -36,6 +37,37 @@ def refuse_contradictions(mechanism: Mechanism, goals: Sequence[Goal]) -> None:
             raise ValueError(
                 f"goals contradict: {one.name} is to be {one.angle:g} and {other.angle:g}; give "
                 "one of them a weight, or leave it out")
+
+
+def refuse_off_plane(bodies: Bodies, goals: Sequence[Goal]) -> None:
+    """Refuse exact points that are off the plane, or line, that a frame stays in.
+
+    Args:
+        bodies: the mechanism at dimensions and joint values anywhere, its loops open: what the
+            joints of the tree alone hold in a plane, closed loops do.
+        goals: what is asked for.
+
+    Raises:
+        ValueError: names the goal and its sample.
+    """
+    size = bodies.mechanism.characteristic_length
+    if not len(bodies.q):
+        return
+    for goal in goals:
+        if not isinstance(goal, Path | Poses) or goal.weight is not None or goal.own_names:
+            continue
+        origin = bodies.origin(goal.frame)
+        moved = bodies.frame_jacobian(goal.frame, origin)[:, :3]
+        ways = np.concatenate([moved.transpose(0, 2, 1).reshape(-1, 3), origin - origin[0]])
+        svd = decompose(ways, TOLERANCES.half_precision)
+        off = np.linalg.norm((goal.points - origin[0]) @ svd.vt[svd.rank :].T, axis=1)
+        worst = int(np.argmax(off))
+        if off[worst] > TOLERANCES.nothing * size:
+            raise ValueError(
+                f"{goal.name}: whatever the dimensions are, {goal.frame!r} stays "
+                f"{('at a point', 'on a line', 'in a plane')[svd.rank]}, and sample {worst} is "
+                f"{off[worst]:.3g} m off it; ask for points there, or give the goal a weight or "
+                "placement=True")
 
 
 def _of_one_motion(mechanism: Mechanism, one: Swing, other: Swing) -> bool:

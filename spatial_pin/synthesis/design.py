@@ -15,7 +15,7 @@ from spatial_pin.dimensions.variants import tell_idle
 from spatial_pin.mechanism.coordinates import needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.synthesis.contradictions import refuse_contradictions
+from spatial_pin.synthesis.contradictions import refuse_contradictions, refuse_off_plane
 from spatial_pin.synthesis.precision import Goal
 from spatial_pin.synthesis.problem import ProblemSpec
 from spatial_pin.synthesis.results import Designs, designs_of
@@ -106,8 +106,10 @@ def design(
     nominal = assembled(mechanism, {}, guess)
     spec = ProblemSpec(mechanism.path, mechanism.loading, asked, bounds,
                        (nominal.q, nominal.angles))
+    problem = spec.make()
+    refuse_off_plane(problem.anywhere(), asked)
     found = searched(spec, method, starts, seed, executor, progress, resume)
-    return designs_of(spec.make(), found, most)
+    return designs_of(problem, found, most)
 
 
 def _asked(goals: Any) -> tuple[Goal, ...]:

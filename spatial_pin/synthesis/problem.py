@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State
-from spatial_pin.dimensions.family import Family, Members
+from spatial_pin.dimensions.family import Bodies, Family, Members
 from spatial_pin.dimensions.predictions import STEP
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -180,6 +180,16 @@ class Problem:
         with np.errstate(invalid="ignore"):
             inside = low + part * (high - low)
         return np.clip(np.where(np.isfinite(high - low), inside, free), low, high)
+
+    def anywhere(self) -> Bodies:
+        """Return mechanisms at dimensions and configurations drawn anywhere, their loops open."""
+        rng = np.random.default_rng(0)
+        x = np.array([self._between(rng.uniform(size=self.n)) for _ in range(CROWD)]).T
+        members = self.family.at(x)
+        members = members.taken(np.flatnonzero(members.holds))
+        state = self.nominal()
+        q = spread(self.mechanism, state.q, len(members.holds), rng)
+        return self.family.bodies(members, q, np.repeat(state.angles[None], len(q), axis=0))
 
     def nominal(self) -> State:
         """Return the closed state at the mechanism's own dimensions, or one next to a singular one.
@@ -405,6 +415,8 @@ class Fit:
             return there
 
         start = np.clip(x[free], low + START_MARGIN * size, high - START_MARGIN * size)
+        if not np.isfinite(residual(whole(start))).all():
+            return x  # loops that close at a bound open beside it
         found = least_squares(
             lambda part: residual(whole(part)), start, lambda part: slopes(whole(part))[:, free],
             bounds=(low, high), x_scale=size, ftol=gain, xtol=TOLERANCES.round_off,

@@ -375,4 +375,4 @@ def spread(mechanism: Mechanism, q: Array, k: int, rng: np.random.Generator) -> 
     sizes = np.where([c.unit == "rad" for c in mechanism.coordinate_table.values()], np.pi,
                      0.5 * mechanism.characteristic_length)
     return np.array([pin.integrate(mechanism.model, q, sizes * rng.uniform(-1.0, 1.0, len(sizes)))
-                     for _ in range(k)])
+                     for _ in range(k)]).reshape(k, len(q))
