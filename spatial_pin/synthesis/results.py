@@ -14,7 +14,7 @@ import pinocchio as pin
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State
 from spatial_pin.brief import brief
-from spatial_pin.dimensions.homotopy import followed, varied
+from spatial_pin.dimensions.homotopy import followed
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -385,7 +385,9 @@ def designs_of(problem: Problem, searched: Searched, most: int) -> Designs:
             made.append(design_of(problem, found))
         except SpatialPinError as error:  # its loops close, but its file makes no such mechanism
             failed, why = failed + 1, why or str(error)
-    return Designs(tuple(_ranked(made)), problem.mechanism.name, searched.is_whole,
+    if searched.is_whole:  # after Ctrl-C defects are looked for when they are asked for
+        made = _ranked(made)
+    return Designs(tuple(made), problem.mechanism.name, searched.is_whole,
                    searched.starts, failed, searched.evaluations, searched.nearest, why)
 
 
@@ -411,7 +413,7 @@ def design_of(problem: Problem, found: Found) -> Design:
     """Return one solution, its mechanism loaded and closed."""
     n = problem.n
     dimensions = dict(zip(problem.names[:n], found.x[:n].tolist(), strict=True))
-    there = varied(problem.mechanism, dimensions) if dimensions else problem.mechanism
+    there = problem.family.mechanism_at(dimensions) if dimensions else problem.mechanism
     met, errors, numbers = list[Met](), dict[str, GoalError](), dict[str, float]()
     members, end = problem.members(found.x), n
     for settling, samples in zip(problem.settlings, found.samples, strict=True):
