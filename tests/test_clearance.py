@@ -427,3 +427,17 @@ def test_other_bad_input_is_refused_in_words(tmp_path):
     assert str(empty).endswith("no two links that are not joined have a shape")
     with pytest.raises(sp.SpatialPinError, match="no two links"):
         _ = empty.least
+
+
+def test_pairs_that_are_as_near_as_each_other_stand_by_names_however_many_samples():
+    """The legs of a delta robot whose arms go down together."""
+    mechanism = sp.load("delta")
+    home = sp.assemble(mechanism)
+    orders = []
+    for samples in (7, 11, 20):
+        values = {name: home.coordinate(name).value + np.linspace(0.0, 0.5, samples)
+                  for name in mechanism.drivers}
+        pairs = sp.clearance(sp.follow(mechanism, values)).pairs
+        orders.append([pair.links for pair in pairs])
+        assert np.diff([pair.distance for pair in pairs]).min() > -1e-9
+    assert orders[0] == orders[1] == orders[2]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -134,7 +135,8 @@ class Constrained:
             residual, rows = target.residual(self.evaluation)
             weight = 1.0 if target.weight is None else target.weight
             parts.append((weight * residual, rows * (weight * self.scale)))
-        found = np.concatenate([r for r, _ in parts]), np.vstack([j for _, j in parts])
+        found = parts[0] if len(parts) == 1 else (
+            np.concatenate([r for r, _ in parts]), np.concatenate([j for _, j in parts]))
         self._known = [*self._known[-1:], (q, targets, found)]
         return found
 
@@ -199,7 +201,7 @@ class Constrained:
         """Return the derivatives (k, n) of loops and targets for what is free (n,)."""
         _, rows = self.residual(q, kept)
         closures = self.closures() if idle else self.evaluation.jacobian
-        return np.vstack([closures, rows])[:, free]
+        return (np.concatenate([closures, rows]) if kept else closures)[:, free]
 
     def closures(self) -> Array:
         """Return the derivative (k, nv) of the loops' equations, none of idle rotations."""
@@ -219,7 +221,7 @@ class Constrained:
         q, last = self.closed(q, free), np.inf
         for _ in range(CORRECTIONS):
             residual, _ = self.residual(q, kept)
-            size = float(np.linalg.norm(residual))
+            size = math.sqrt(residual.dot(residual))
             if size <= max(TOLERANCES.last_digit, off) or (
                     size <= self.tolerance and size > 0.5 * last):
                 return q if self.is_closed(q) else None

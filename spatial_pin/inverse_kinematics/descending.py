@@ -11,6 +11,7 @@ until a step would take it back.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -173,7 +174,7 @@ class Descent:
         for _ in range(STEPS_AT_MOST):
             place = place._replace(held=_released(self, place))
             before, (step, now_held) = place.q, self._step(place)
-            moved = float(np.linalg.norm(step))
+            moved = math.sqrt(step.dot(step))
             there = self._landed(place.q, step, now_held)
             is_last = moved < (TOLERANCES.half_precision if self._pace.converges else NO_LONGER)
             if there is not None and self._is_as_good(there, place, moved):
@@ -196,7 +197,8 @@ class Descent:
         return place, moved > 0.5 * TOLERANCES.damped_step
 
     def _size(self, q: Array) -> float:
-        return float(np.linalg.norm(self.base.residual(q, self.wanted)[0]))
+        residual = self.base.residual(q, self.wanted)[0]
+        return math.sqrt(residual.dot(residual))
 
     def _is_as_good(self, there: Place, place: Place, moved: float) -> bool:
         """Whether a step is to be made: not one that only stands still, or goes up."""
@@ -238,7 +240,7 @@ class Descent:
         held = dict(place.held)
         while True:
             step = self._free_step(place.q, held)
-            length = np.linalg.norm(step)
+            length = math.sqrt(step.dot(step))
             if length > TOLERANCES.damped_step:
                 step *= TOLERANCES.damped_step / length
             passed = self.base.stops.passed(place.q, step, held)

@@ -148,7 +148,7 @@ class Pose(Target):
         at, slope = _frame(evaluation, self.name)
         parts = [_offset(evaluation, at, slope, self.placement.translation),
                  _turn(at, slope, self.placement.rotation)]
-        return (np.concatenate([r for r, _ in parts]), np.vstack([j for _, j in parts]))
+        return np.concatenate([r for r, _ in parts]), np.concatenate([j for _, j in parts])
 
     def wishes(self, mechanism: Mechanism) -> Iterable[tuple[str, Any]]:
         """See `Target`."""

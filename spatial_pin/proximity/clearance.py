@@ -14,6 +14,7 @@ from spatial_pin.checks import checked, finite_number
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.motion.motion import Event, Motion, motion_needed
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.progress import progress_bar
 from spatial_pin.proximity.between import Between
 from spatial_pin.proximity.distances import Distances
@@ -80,7 +81,7 @@ class Clearance:
 
     Attributes:
         motion: the motion.
-        pairs: of the links looked at, the nearest first.
+        pairs: of the links looked at, the nearest first; ties by names.
         joined: names of links that were not looked at, being joined to each other.
         tolerance: distance at which links count as touching [m].
         events: where links begin ("touch") and cease ("part") to touch, in the motion's order.
@@ -249,8 +250,17 @@ def clearance(
         search, found, is_whole = _searched(search, bar)
     between = search.between
     made = [_pair(search, k, one) for k, one in enumerate(found)]
-    return Clearance(between.motion, tuple(sorted(made, key=lambda p: p.distance)),
+    return Clearance(between.motion, _ranked(made, motion.mechanism.characteristic_length),
                      search.distances.joined, touching, _events(between, names, found), is_whole)
+
+
+def _ranked(pairs: Sequence[PairClearance], size: float) -> tuple[PairClearance, ...]:
+    """Return pairs of links, the nearest first, those that are as near as each other by names."""
+    found = sorted(pairs, key=lambda pair: pair.distance)
+    apart = np.diff([pair.distance for pair in found]) > TOLERANCES.nothing * size
+    ranks = [0, *np.cumsum(apart).tolist()]
+    placed = sorted(zip(ranks, found, strict=False), key=lambda x: (x[0], x[1].links))
+    return tuple(pair for _, pair in placed)
 
 
 def _searched(search: Search, bar: Any) -> tuple[Search, list[Found], bool]:
