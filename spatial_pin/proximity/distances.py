@@ -275,7 +275,7 @@ def nearest(a: Solid, at_a: coal.Transform3s, b: Solid, at_b: coal.Transform3s) 
         distance = float(coal.distance(a.shape, at_a, b.shape, at_b, request, result))
         found = Nearest(distance, np.array([result.getNearestPoint1(), result.getNearestPoint2()]))
         normals.append(result.normal)
-        told = _along(result.normal[None], a, at_a, b, at_b)[0].distance
+        told = float(_apart_along(result.normal[None], a, at_a, b, at_b)[0][0])
         if abs(distance - told) <= ALIKE * (a.radius + b.radius):
             if distance > 0.0:
                 return found
@@ -328,12 +328,19 @@ def _along(
     ways: Array, a: Solid, at_a: coal.Transform3s, b: Solid, at_b: coal.Transform3s
 ) -> tuple[Nearest, Array]:
     """Return how far apart solids are along the best of directions (k, 3) of length one, and it."""
+    apart, last = _apart_along(ways, a, at_a, b, at_b)
+    k = int(apart.argmax())
+    return Nearest(float(apart[k]), np.array([last[k], last[k] + apart[k] * ways[k]])), ways[k]
+
+
+def _apart_along(
+    ways: Array, a: Solid, at_a: coal.Transform3s, b: Solid, at_b: coal.Transform3s
+) -> tuple[Array, Array]:
+    """Return how far apart solids are along directions (k,), and where the first ends (k, 3)."""
     own, other = at_a.getRotation(), at_b.getRotation()
     last = SUPPORTS[type(a.shape)](a.shape, ways @ own) @ own.T + at_a.getTranslation()
     first = SUPPORTS[type(b.shape)](b.shape, -ways @ other) @ other.T + at_b.getTranslation()
-    apart = np.sum(ways * (first - last), axis=1)
-    k = int(apart.argmax())
-    return Nearest(float(apart[k]), np.array([last[k], last[k] + apart[k] * ways[k]])), ways[k]
+    return np.einsum("ki,ki->k", ways, first - last), last
 
 
 def joined_bodies(mechanism: Mechanism, solid: set[int]) -> set[frozenset[int]]:

@@ -135,8 +135,11 @@ def _hull(points: Array) -> coal.ShapeBase:
 def _round(radius: float, n: Array, height: Array | float) -> Array:
     """Return the points (k, 3) of circles about z that lie farthest along n (k, 3), at a height."""
     across = np.hypot(n[:, 0], n[:, 1])
-    reach = radius / np.where(across > 0.0, across, 1.0)
-    return np.column_stack([reach * n[:, 0], reach * n[:, 1], np.broadcast_to(height, len(n))])
+    across[across == 0.0] = 1.0
+    found = np.empty(n.shape)
+    np.multiply((radius / across)[:, None], n[:, :2], out=found[:, :2])
+    found[:, 2] = height
+    return found
 
 
 def _ends(s: Any, n: Array) -> Array:
