@@ -267,7 +267,8 @@ def write_npz(path: str | Path, arrays: Mapping[str, Any]) -> Path:
         path = path.with_name(path.name + ".npz")
     content = io.BytesIO()  # pipes cannot be written out of order
     np.savez_compressed(content, **arrays)
-    return write_bytes(path, content.getbuffer())
+    with content.getbuffer() as whole:  # let go in an error too: freed as garbage it is a crash
+        return write_bytes(path, whole)
 
 
 def read_only(array: NDArray[Any]) -> NDArray[Any]:

@@ -58,9 +58,11 @@ def quantity(text: str) -> Quantity:
         ValueError: it is no finite number, or the unit is not known.
     """
     match = _PATTERN.fullmatch(text)
-    if match is None or match[2] not in UNITS:
+    if match is None:
+        raise ValueError(f"{text!r} is not a number, as 30 or 30deg")
+    if match[2] not in UNITS:
         units = ", ".join(unit for unit in UNITS if unit)
-        raise ValueError(f"{text!r} is not a number with a unit of: {units}")
+        raise ValueError(f"{text!r} has no unit that is known; there are: {units}")
     value = float(match[1]) * UNITS[match[2]]
     if not math.isfinite(value):
         raise ValueError(f"{text!r} is not finite")

@@ -11,7 +11,8 @@ from spatial_pin.dimensions.bounds import Bounds
 from spatial_pin.units import Quantity, quantity
 
 SPRINGS_HELP = "; springs for all joints that springs act about"
-MECHANISM_HELP = "library name (see `spatial-pin list`), or path of a .toml, .urdf or .xacro file"
+MECHANISM_HELP = ("library name (see `spatial-pin list`), or path of a mechanism file (.toml), or "
+                  "of a robot: .urdf, .xacro, .xml (MJCF), .sdf, .usd, .yaml")
 AT_HELP = "where drivers, or coordinates, stand, as crank=60deg; the others stand at the guess"
 
 
