@@ -57,6 +57,9 @@ def test_a_curve_that_is_not_closed_within_its_rows_says_so():
     assert (last.kind, last.row, last.value) == ("not closed", len(part), part.driver[-1])
     assert f"not closed within {len(part)} samples" in last.text
     np.testing.assert_array_equal(part.q, whole.q[: len(part)])
+    for rows in (0, -1):
+        with pytest.raises(ValueError, match=r"most_rows is .*must be positive"):
+            sp.trace(mechanism, "crank", most_rows=rows)
 
 
 @pytest.mark.parametrize("name", ["four_bar", "rssr", "rspc"])

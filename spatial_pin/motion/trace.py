@@ -57,6 +57,7 @@ def trace(
     Raises:
         AssemblyError: the guess does not close.
         SingularError: branches cross and none goes straight on; `.motion` holds what came before.
+        ValueError: `step` or `most_rows` is not positive.
 
     Example:
         >>> mech = sp.load("four_bar", r2=0.25)  # no link turns fully
@@ -65,6 +66,7 @@ def trace(
         [('limit', 2.4751), ('limit', -2.4751)]
     """
     step = positive_number(step, "step")
+    positive_number(most_rows, "most_rows")
     system, state = system_at(mechanism, driver, guess, hold)
     curve = Curve(system, Accuracy.named("engineering").tolerance)
     first = curve.settle(state.q, direction_of(system) / system.scale)
