@@ -337,3 +337,13 @@ def test_one_number_is_asked_for_in_words():
     text = refusal(lambda: sp.solve_rates(mech, sp.assemble(mech), {"crank": [1.0, 2.0]}),
                    ValueError)
     assert text == "speed of 'crank' has shape (2,); a single number is needed"
+
+
+@pytest.mark.parametrize("weight", [0.0, -1.0])
+def test_weights_and_deviations_that_are_wrong_are_named(weight):
+    mech = sp.load("four_bar")
+    state = sp.assemble(mech)
+    text = refusal(lambda: sp.inverse_dynamics(mech, state, {"crank": weight}), ValueError)
+    assert text.startswith(f"weight of 'crank' is {weight}; it must be positive")
+    text = refusal(lambda: sp.tolerance(mech, "rocker_pin", {"r2": -1e-4}, state), ValueError)
+    assert text == "deviation of 'r2' is -0.0001; it cannot be negative"

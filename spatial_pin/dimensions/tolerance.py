@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State, of_mechanism
-from spatial_pin.checks import checked, generator, names_of
+from spatial_pin.checks import checked, generator, names_of, number_from_zero
 from spatial_pin.columns import Quantity, Tabular, chosen
 from spatial_pin.dimensions.drive import Drive, with_masses
 from spatial_pin.dimensions.samples import Near, Samples
@@ -23,7 +23,6 @@ from spatial_pin.dimensions.sensitivity import sensitivities, with_spread, withi
 from spatial_pin.dimensions.variants import Variants, tell_idle
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.formats.files import load
-from spatial_pin.mechanism.coordinates import finite_number
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.outputs import label_of
 from spatial_pin.numerics.linalg import Array
@@ -192,9 +191,7 @@ def tolerance(
     state = assembled(mechanism) if state is None else state
     names = names_of(outputs, "outputs")
     rng = generator(seed)
-    spread = {k: finite_number(x, f"deviation of {k!r}") for k, x in deviations.items()}
-    if any(x < 0.0 for x in spread.values()):
-        raise ValueError("a standard deviation is negative")
+    spread = {k: number_from_zero(x, f"deviation of {k!r}") for k, x in deviations.items()}
     for name, x in spread.items():
         if x > TOLERANCES.largest:
             raise ValueError(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from spatial_pin.assembly.holding import free_bases
 from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.brief import first_names
-from spatial_pin.checks import checked, finite_number, names_of
+from spatial_pin.checks import checked, names_of, positive_number
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.forward import Dynamics, Load
 from spatial_pin.dynamics.reactions import UNMOVED
@@ -55,10 +55,8 @@ class Actuation:
         else:
             self.names = names_of(actuated, "actuated")
         given = actuated if isinstance(actuated, Mapping) else {}
-        weights = np.array([finite_number(given.get(n, 1.0), f"weight of {n!r}")
+        weights = np.array([positive_number(given.get(n, 1.0), f"weight of {n!r}")
                             for n in self.names])
-        if np.any(weights <= 0.0):
-            raise ValueError("weights of efforts must be positive")
         self.coordinates = [mechanism.driven_coordinate(n) for n in self.names]
         self.columns = np.array([c.v for c in self.coordinates], dtype=int)
         self.root = 1.0 / np.sqrt(weights)
