@@ -233,17 +233,17 @@ def test_list_hides_links_and_groups_and_shows_pairs(page):
     rows = page.evaluate(
         "[...document.querySelectorAll('#parts label')].map(l => l.innerText.trim())")
     links = ["ground", "crank", "coupler", "rocker"]
-    assert rows == ["Links", "Pairs", "Axes", "Ground grid", "Shadow", *links]
+    assert rows == ["Links", "Pairs", "Axes", "Ground grid", "Edges", "Shadow", *links]
     before = pixels(page.screenshot())
-    click(page, "#parts label:nth-of-type(7)", 0.9)
+    click(page, "#parts label:nth-of-type(8)", 0.9)
     after = pixels(page.screenshot())
     part = np.s_[:, :600]  # beside the list
     assert colour_mask(after[part], orange).sum() < 0.05 * colour_mask(before[part], orange).sum()
-    click(page, "#parts label:nth-of-type(7)", 0.9)
+    click(page, "#parts label:nth-of-type(8)", 0.9)
     visible = "[...new Set(solids.filter(s => s.group === 'links' && s.node.visible)" \
               ".map(s => s.name))]"
     for expected in (["coupler"], links):
-        page.evaluate("document.querySelector('#parts label:nth-of-type(8)').ondblclick(); 1")
+        page.evaluate("document.querySelector('#parts label:nth-of-type(9)').ondblclick(); 1")
         assert page.evaluate(visible) == expected
     assert page.evaluate("solids.filter(s => s.group === 'pairs').every(s => !s.node.visible)")
     click(page, "#parts label:nth-of-type(2)", 0.9)
@@ -254,7 +254,7 @@ def test_list_hides_links_and_groups_and_shows_pairs(page):
 
 def test_row_of_the_list_lights_its_link_up(page):
     click(page, "[data-opens=parts]")
-    b = box(page, "#parts label:nth-of-type(8)")
+    b = box(page, "#parts label:nth-of-type(9)")
     point_at(page, b["x"] + 30, b["y"] + 8)
     lit = "solids.filter(s => s.meshes.some(m => m.material.emissive.getHex())).map(s => s.name)"
     assert set(page.evaluate(lit)) == {"coupler"}

@@ -124,3 +124,25 @@ def luminance(colour: np.ndarray) -> float:
     """Relative luminance of an sRGB colour (3,), as WCAG 2 defines it."""
     linear = np.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055) ** 2.4)
     return float(linear @ [0.2126, 0.7152, 0.0722])
+
+
+def test_edges_are_lines_between_faces_that_meet_at_an_angle(opened, tmp_path):
+    (tmp_path / "prism.obj").write_text(prism(), encoding="utf-8")
+    page = opened('<mesh filename="prism.obj"/>')
+    script = "solids.find(s => s.group === 'links').meshes[0].children"
+    ends = np.reshape(page.evaluate(f"[...{script}[0].geometry.attributes.position.array]"),
+                      (-1, 2, 3))
+    assert len(ends) == 2 * SIDES  # round both ends, none along the sides
+    assert np.all(np.abs(ends[:, :, 2]) == 1.0) and np.all(ends[:, 0, 2] == ends[:, 1, 2])
+    page.evaluate("setShown('group', 'edges', false); 1")
+    assert not page.evaluate(f"{script}[0].visible")
+    page.evaluate("setShown('group', 'edges', true); toggleTool('section'); 1")
+    assert page.evaluate(f"{script}[0].visible && {script}[0].material.clippingPlanes.length") == 1
+
+
+def test_box_has_twelve_edges_and_a_ball_none(opened):
+    count = "solids.find(s => s.group === 'links').meshes[0].children.map(" \
+            "lines => lines.geometry.attributes.position.count / 2)"
+    assert opened('<box size="1 2 3"/>').evaluate(count) == [12]
+    assert opened('<sphere radius="1"/>').evaluate(count) == []
+    assert opened('<cylinder radius="1" length="1e-4"/>').evaluate(count) == [2 * 50]

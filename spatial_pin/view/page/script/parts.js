@@ -2,7 +2,7 @@
 const GROUPS = {
   links: "Links", springs: "Springs", gaps: "Open closures", pairs: "Pairs", axes: "Axes", centres: "Centres of mass",
   clearance: "Clearance", workspace: "Workspace", design: "What was asked", traces: "Paths", arrows: "Arrows",
-  ghosts: "Other configurations", grid: "Ground grid", shadow: "Shadow",
+  ghosts: "Other configurations", grid: "Ground grid", edges: "Edges", shadow: "Shadow",
 };
 const nodeAt = path => viewer.scene_tree.find(path.split("/").slice(1)).object;
 const hidden = {group: new Set(film.hidden), link: new Set()};  // names of what is not shown

@@ -20,7 +20,8 @@ function setSection(on) {
   sectionPanel.hidden = !on;
   viewer.renderer.localClippingEnabled = true;
   for (const {meshes} of solids.filter(solid => CUT.includes(solid.group)))
-    for (const {material} of meshes) {
+    for (const {material, children} of meshes) {
+      for (const lines of children) lines.material.clippingPlanes = on ? [section.plane] : null;
       material.clippingPlanes = on ? [section.plane] : null;
       material.onBeforeCompile = on ? hatch : () => {};
       material.needsUpdate = true;
