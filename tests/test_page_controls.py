@@ -654,6 +654,14 @@ def test_everything_fits_a_telephone(one_browser, address):
     assert 50 < column < 300 and 150 < row < 600
 
 
+def test_picture_keeps_two_fifths_of_a_telephone(one_browser, motion, tmp_path):
+    look = sp.Look(curves=["rocker_pin", "ball_a.x"])
+    one_browser.resize((390, 844))
+    one_browser.open(sp.export_html(motion, tmp_path / "page.html", look=look), READY)
+    one_browser.evaluate("toggleTool('parts'); toggleTool('inspector'); toggleTool('section'); 1")
+    assert box(one_browser, "#below")["y"] > 0.4 * 844
+
+
 def test_all_buttons_stand_above_the_player_of_a_report_on_a_telephone(one_browser, address):
     one_browser.resize((354, 470))  # its picture there
     one_browser.open(address, READY)
@@ -662,7 +670,7 @@ def test_all_buttons_stand_above_the_player_of_a_report_on_a_telephone(one_brows
 
 def test_a_legend_that_would_lie_over_the_readings_is_hidden(one_browser, motion, tmp_path):
     look = sp.Look(traces="coupler_b", curves=["rocker_pin", "ball_a.x"])
-    one_browser.resize((390, 760))
+    one_browser.resize((390, 480))
     one_browser.open(sp.export_html(motion, tmp_path / "page.html", look=look), READY)
     seen = "document.getElementById('legend').checkVisibility({visibilityProperty: true})"
     assert one_browser.evaluate(seen)

@@ -21,7 +21,7 @@ function setSection(on) {
   viewer.renderer.localClippingEnabled = true;
   for (const {meshes} of solids.filter(solid => CUT.includes(solid.group)))
     for (const {material, children} of meshes) {
-      for (const lines of children) lines.material.clippingPlanes = on ? [section.plane] : null;
+      for (const lines of children) lines.material.visible = !on;  // those of the far side would be seen in the cut
       material.clippingPlanes = on ? [section.plane] : null;
       material.onBeforeCompile = on ? hatch : () => {};
       material.needsUpdate = true;
