@@ -1,5 +1,7 @@
 """How a page looks: round meshes, white bodies on white, dark where the reader's system is."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from pictures import pixels
@@ -146,3 +148,25 @@ def test_box_has_twelve_edges_and_a_ball_none(opened):
     assert opened('<box size="1 2 3"/>').evaluate(count) == [12]
     assert opened('<sphere radius="1"/>').evaluate(count) == []
     assert opened('<cylinder radius="1" length="1e-4"/>').evaluate(count) == [2 * 50]
+
+
+def test_link_of_a_long_list_is_found_by_a_part_of_its_name(browser, tmp_path):
+    names = [f"link_{k}" for k in range(20)]
+    links = "".join(f'<link name="{name}"><visual><geometry><sphere radius="0.1"/></geometry>'
+                    '</visual></link>' for name in names)
+    joints = "".join(f'<joint name="j{k}" type="continuous"><parent link="{a}"/><child link="{b}"/>'
+                     '<origin xyz="0.3 0 0"/></joint>'
+                     for k, (a, b) in enumerate(pairwise(names)))
+    (tmp_path / "chain.urdf").write_text(f'<robot name="chain">{links}{joints}</robot>')
+    state = sp.assemble(sp.load(tmp_path / "chain.urdf"), {})
+    browser.open(sp.export_html(state, tmp_path / "chain.html"), READY)
+    shown = "[...document.querySelectorAll('#parts [data-link]')].filter(" \
+            "b => b.checkVisibility()).map(b => b.dataset.link)"
+    browser.evaluate("toggleTool('parts'); document.querySelector('#parts [type=search]').focus()")
+    assert browser.evaluate(shown) == names
+    for kind in ("keyDown", "keyUp"):  # typed, although a key of the page
+        browser.call("Input.dispatchKeyEvent", type=kind, key="1", code="Digit1", text="1",
+                     windowsVirtualKeyCode=49)
+    assert browser.evaluate(shown) == [name for name in names if "1" in name]
+    browser.call("Input.insertText", text="X")
+    assert browser.evaluate(shown) == []

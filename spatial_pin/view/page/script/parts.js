@@ -4,6 +4,7 @@ const GROUPS = {
   clearance: "Clearance", workspace: "Workspace", design: "What was asked", traces: "Paths", arrows: "Arrows",
   ghosts: "Other configurations", grid: "Ground grid", edges: "Edges", shadow: "Shadow",
 };
+const MANY = 15;  // links that are found faster by typing than by reading
 const nodeAt = path => viewer.scene_tree.find(path.split("/").slice(1)).object;
 const hidden = {group: new Set(film.hidden), link: new Set()};  // names of what is not shown
 const solids = [...film.parts, {path: film.grid, group: "grid", name: "ground grid"}].map(solidOf);
@@ -74,8 +75,13 @@ function listParts() {
   const groups = Object.keys(GROUPS).filter(group => solids.some(s => s.group === group));
   for (const group of groups) partRow("group", group, GROUPS[group]);
   element(panel, "h2", {textContent: "Links"});
-  for (const name of new Set(solids.filter(s => s.group === "links").map(s => s.name))) {
+  const names = [...new Set(solids.filter(s => s.group === "links").map(s => s.name))], rows = [];
+  if (names.length > MANY) element(panel, "input", {type: "search", placeholder: "find a link", oninput: ({target}) => {
+    for (const row of rows) row.hidden = !row.textContent.toLowerCase().includes(target.value.toLowerCase());
+  }});
+  for (const name of names) {
     const row = partRow("link", name, name, swatch(name));
+    rows.push(row);
     row.onmouseenter = () => highlight(name, true);
     row.onmouseleave = () => highlight(name, false);
     row.title = "double click: this one only, or all";
