@@ -160,6 +160,7 @@ MADE_BY: dict[str, Script | Example | Code | Reader] = {
     "pictures/viewer.jpg": Reader("measuring"),
     "pictures/live.jpg": Reader("dragging"),
     "pictures/examples/*.jpg": Script("scripts/example_pictures.py {name}"),
+    "pictures/robots/*.jpg": Script("scripts/gallery_robots.py docs/robots.jpg --pages docs"),
     "pictures/*.jpg": Script("scripts/gallery.py --each docs/pictures --only {name}"),
     "pictures/*.png": Code(),
     "calibration.png": Example("calibration", ["calibration.png"]),
