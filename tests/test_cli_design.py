@@ -176,7 +176,7 @@ GOAL = '[[goal]]\nkind = "function"\noutput = "rocker_pin"\nvalues = [1.4]\n'
     (GOAL + "driver = 1\n", ["r2"], "function has no 'driver'; did you mean 'drivers'?"),
     (GOAL + "drivers = {crank = [1.0, 2.0]}\n", ["r2"], "drivers: values of 'crank' has shape"),
     (GOAL + 'drivers = {crank = ["40mm"]}\n', ["r2"], "drivers: crank is in rad, not in mm"),
-    (GOAL + 'drivers = {crank = ["40degrees"]}\n', ["r2"], "'40degrees' is not a number with"),
+    (GOAL + 'drivers = {crank = ["40degrees"]}\n', ["r2"], "'40degrees' has no unit that is known"),
     (GOAL + "drivers = {cranc = [1.0]}\n", ["r2"], "did you mean 'crank"),
     (GOAL + "drivers = {crank = [1.0]}\nweight = -1\n", ["r2"], "weight is -1"),
     (GOAL + 'drivers = {crank = [1.0]}\nweight = "hard"\n', ["r2"], "weight must be a number"),
