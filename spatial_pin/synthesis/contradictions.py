@@ -67,7 +67,7 @@ def refuse_off_plane(bodies: Bodies, goals: Sequence[Goal]) -> None:
                 f"{goal.name}: whatever the dimensions are, {goal.frame!r} stays "
                 f"{('at a point', 'on a line', 'in a plane')[svd.rank]}, and sample {worst} is "
                 f"{off[worst]:.3g} m off it; ask for points there, or give the goal a weight or "
-                "placement=True")
+                "a free placement")
 
 
 def _of_one_motion(mechanism: Mechanism, one: Swing, other: Swing) -> bool:
