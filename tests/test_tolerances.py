@@ -1,6 +1,7 @@
 """One object of tolerances, the same in Python and in C."""
 
 import ast
+import inspect
 import re
 from collections.abc import Iterator
 from dataclasses import asdict
@@ -24,7 +25,7 @@ def test_the_compiled_kernel_has_the_same_numbers():
 
 def test_every_tolerance_says_why_it_has_its_value():
     for name in asdict(TOLERANCES):
-        assert f"\n        {name}: " in f"\n{Tolerances.__doc__}", name
+        assert f"\n    {name}: " in inspect.cleandoc(Tolerances.__doc__), name
 
 
 def is_number(node: ast.AST) -> bool:
