@@ -6,12 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
-from spatial_pin.assembly.search.whole_turns import periodic
+from spatial_pin.assembly.search.whole_turns import turned_apart
 from spatial_pin.checks import finite_number, mapping, positive_number
 from spatial_pin.constraints.closure_equations import evaluation_of
-from spatial_pin.numerics.angles import whole_turns
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.workspace_map.dexterity import SINGULAR, Task
@@ -90,10 +88,7 @@ def _follow(locus: Locus, q: Array, pieces: list[Piece]) -> list[tuple[str, Arra
 def _is_turn_on(locus: Locus, spots: Sequence[Spot]) -> bool:
     """Whether the last point is the first, but for whole turns of joints."""
     first, last = spots[0], spots[-1]
-    mechanism = locus.section.asked.mechanism
-    way = pin.difference(mechanism.model, first.q, last.q) / mechanism.velocity_scale
-    turning = [angle.v for angle in periodic(mechanism)]
-    way[turning] -= whole_turns(way[turning])
+    way = turned_apart(locus.section.asked.mechanism, first.q, last.q)
     return bool(np.linalg.norm(way) < MEETS)
 
 

@@ -15,7 +15,7 @@ from spatial_pin.assembly.rounding import cut_of
 from spatial_pin.assembly.search.guesses import NEAR_GUESS, OPEN, Guess, far_ones
 from spatial_pin.assembly.search.release import least_motion
 from spatial_pin.assembly.search.targets import free_but, left_of
-from spatial_pin.assembly.search.whole_turns import periodic
+from spatial_pin.assembly.search.whole_turns import periodic, turned_apart
 from spatial_pin.assembly.state import all_angles
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import constraints_of
@@ -24,7 +24,6 @@ from spatial_pin.lazy import cached_property
 from spatial_pin.mechanism.coordinates import coordinate_round_off, coordinate_value, with_values
 from spatial_pin.mechanism.joint_limits import position_limits
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.numerics.angles import whole_turns
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy
@@ -200,10 +199,7 @@ class Closing:
         if self._is_whole:
             return found.distance
         there = with_values(self.mechanism, found.q, self.named)
-        gaps = pin.difference(self.mechanism.model, found.q, there)
-        turning = [c.v for c in periodic(self.mechanism)]
-        gaps[turning] -= whole_turns(gaps[turning])
-        return math.hypot(*(gaps / self.mechanism.velocity_scale).tolist())
+        return math.hypot(*turned_apart(self.mechanism, found.q, there).tolist())
 
     def accepted(self, q: Array) -> float:
         """Return the closure error that q (nq,) may have, round-off of its own included.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.kernel.closer import HELD, NAMED, TURNS, Meant, closer_of
@@ -12,6 +13,7 @@ from spatial_pin.mechanism.joint_limits import position_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Coordinate
+from spatial_pin.numerics.angles import whole_turns
 from spatial_pin.numerics.linalg import Array
 
 PERIODIC = ("revolute", "cylindrical", "universal", "planar")
@@ -32,6 +34,17 @@ def _periodic(mechanism: Mechanism) -> list[Coordinate]:
         if c.unit == "rad" and c.q >= 0 and c.name not in coupled
         and mechanism.pair_of(c.joint) in PERIODIC
     ]
+
+
+def turned_apart(mechanism: Mechanism, q: Array, other: Array) -> Array:
+    """Return the way (nv,) from q to another configuration, whole turns of such angles taken off.
+
+    In radians and characteristic lengths.
+    """
+    way: Array = pin.difference(mechanism.model, q, other)
+    turning = [c.v for c in periodic(mechanism)]
+    way[turning] -= whole_turns(way[turning])
+    return way / mechanism.velocity_scale
 
 
 def said_of(
