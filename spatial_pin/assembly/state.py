@@ -177,18 +177,22 @@ class State:
         released: Mapping[str, float] = MappingProxyType({}),
         in_time: bool = True,
     ) -> None:
-        self.mechanism = mechanism
         rest = _rest(mechanism)
-        self.q = _given(q, mechanism.neutral, "q")
-        self.v = rest if v is None else _given(v, rest, "v")
-        self.a = rest if a is None else _given(a, rest, "a")
-        self.closure_error = float(closure_error)
-        self.angles = NO_ANGLES if angles is None or not angles.size else _given(
-            angles, angles, "angles")
-        self.branch = branch
-        self.released = dict(released)
-        self._rate_error = rate_error
-        self.in_time = in_time
+        self._take(
+            mechanism, _given(q, mechanism.neutral, "q"),
+            rest if v is None else _given(v, rest, "v"),
+            rest if a is None else _given(a, rest, "a"), float(closure_error),
+            NO_ANGLES if angles is None or not angles.size else _given(angles, angles, "angles"),
+            rate_error, released, branch, in_time)
+
+    def _take(
+        self, mechanism: Mechanism, q: Array, v: Array, a: Array, closure_error: float,
+        angles: Array, rate_error: float | Callable[[State], float],
+        released: Mapping[str, float], branch: str = "", in_time: bool = True,
+    ) -> None:
+        self.mechanism, self.q, self.v, self.a = mechanism, q, v, a
+        self.closure_error, self.angles, self._rate_error = closure_error, angles, rate_error
+        self.released, self.branch, self.in_time = dict(released), branch, in_time
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied or sent elsewhere: all but what is worked out again on use."""
@@ -466,10 +470,8 @@ def made(
     for array in (q, v, a, angles):
         if array is not None:
             array.setflags(write=False)
-    state.__dict__.update(
-        mechanism=mechanism, q=q, v=rest if v is None else v, a=rest if a is None else a,
-        closure_error=closure_error, angles=angles if angles.size else NO_ANGLES, branch="",
-        released=dict(released), _rate_error=rate_error, in_time=True)
+    state._take(mechanism, q, rest if v is None else v, rest if a is None else a, closure_error,
+                angles if angles.size else NO_ANGLES, rate_error, released)
     return state
 
 
