@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 import spatial_pin as sp
+from spatial_pin.assembly.holding import BASE
 from spatial_pin.cli.names import check_held
 from spatial_pin.inverse_kinematics.named_targets import is_angle, is_part
 from spatial_pin.mechanism.joint_limits import joint_limits
@@ -151,10 +152,15 @@ def motion_over(
     values = np.linspace(ends[0], ends[1], options.steps)
     try:
         return sp.sweep(mechanism, name, values, guess=guess_of(options),
-                        hold=["base", *options.hold], progress=True)
+                        hold=held(options), progress=True)
     except sp.Interrupted as stopped:  # what was followed is told of
         options.cut_short = f"cut short after {len(stopped.motion)} values"
         return stopped.motion
+
+
+def held(options: argparse.Namespace) -> list[str]:
+    """Return what stands still: free bases, and what `--hold` names."""
+    return [BASE, *options.hold]
 
 
 def along(options: argparse.Namespace, work: Callable[[], Any]) -> Any:

@@ -16,7 +16,6 @@ from spatial_pin.formats.files import list_mechanisms
 
 NAMES = "_names"  # the first word of a command line that asks for names
 PLAIN = re.compile(r"[\w.+/-]+")  # no sign that means something to a shell, which expands names
-POSE = ("x", "y", "z", "turn_x", "turn_y", "turn_z")  # of a frame, as `workspace` has them
 
 # Which of `KINDS` a word is, by how the help calls it, else by the option's own name.
 CALLED = {
@@ -294,6 +293,12 @@ def _frames(mechanism: sp.Mechanism, *of: str) -> list[str]:
     return [f"{name}.{part}" for name in frames for part in of] or frames
 
 
+def _ranges(mechanism: sp.Mechanism) -> list[str]:
+    from spatial_pin.workspace_map.poses import PARTS  # on use: every command imports this
+
+    return [*_coordinates(mechanism), *PARTS]
+
+
 # To add a kind: what there is of it in a mechanism. `completion` says which word is of which.
 KINDS: dict[str, Callable[[sp.Mechanism], Iterable[str]]] = {
     "coordinate": _coordinates,
@@ -303,6 +308,6 @@ KINDS: dict[str, Callable[[sp.Mechanism], Iterable[str]]] = {
     "arrow": lambda m: _frames(m, "velocity", "acceleration"),
     "pair": lambda m: [*_joints(m), *(closure.name for closure in m.closures)],
     "output": lambda m: [*_coordinates(m), *_frames(m, "position")],
-    "range": lambda m: [*_coordinates(m), *POSE],
+    "range": _ranges,
     "target": lambda m: [*_coordinates(m), *_frames(m, "position", "pose")],
 }

@@ -9,7 +9,7 @@ import numpy as np
 
 import spatial_pin as sp
 from spatial_pin.accuracy.tradeoff_view import table
-from spatial_pin.cli.asked import loaded
+from spatial_pin.cli.asked import held, loaded
 from spatial_pin.cli.commands.motions import beginning, sweep_task
 from spatial_pin.cli.options import (
     SPRINGS_HELP,
@@ -76,8 +76,8 @@ def _task(options: argparse.Namespace, mechanism: sp.Mechanism) -> str | dict[st
             return "sweep"
         if options.last is None:
             options.usage_error("a sweep needs a driver, a first and a last value")
-        held = {"hold": ["base", *options.hold]} if options.hold else {}
-        return sweep_task(options, mechanism) | held
+        still = {"hold": held(options)} if options.hold else {}
+        return sweep_task(options, mechanism) | still
     if options.driver is not None or options.speed is not None or options.acceleration:
         options.usage_error("--simulate takes no driver to sweep: its speeds are given by --begin")
     if options.hold:

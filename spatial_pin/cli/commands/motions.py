@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 import spatial_pin as sp
-from spatial_pin.cli.asked import fitting, guess_of, in_units, loaded, unique
+from spatial_pin.cli.asked import fitting, guess_of, held, in_units, loaded, unique
 from spatial_pin.cli.names import check_names
 from spatial_pin.cli.options import (
     SPRINGS_HELP,
@@ -141,7 +141,7 @@ def run_sweep(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion
     if getattr(options, "only", None):
         mechanism, task["guess"] = _reduced(options, mechanism)
     if getattr(options, "hold", None):
-        task["hold"] = ["base", *options.hold]
+        task["hold"] = held(options)
     motion = sp.sweep(mechanism, progress=True, **task)
     return _within(options, motion, task) if getattr(options, "limits", False) else motion
 
@@ -218,7 +218,7 @@ def _follow(options: argparse.Namespace) -> None:
     check_names(options, mechanism)
     values, times = read_table(options.table, mechanism)
     write_followed(options, lambda: sp.follow(
-        mechanism, values, times, guess=guess_of(options), hold=["base", *options.hold],
+        mechanism, values, times, guess=guess_of(options), hold=held(options),
         on_limit="stop" if options.stop else "raise",
         on_crossing="stop" if options.stop else "straight", progress=True))
 

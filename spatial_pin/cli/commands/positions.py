@@ -7,7 +7,7 @@ import contextlib
 from typing import Any
 
 import spatial_pin as sp
-from spatial_pin.cli.asked import fitting, guess_of, loaded, unique
+from spatial_pin.cli.asked import fitting, guess_of, held, loaded, unique
 from spatial_pin.cli.commands.motions import look_of, write_followed
 from spatial_pin.cli.names import check_names
 from spatial_pin.cli.options import (
@@ -85,7 +85,7 @@ def _limits(options: argparse.Namespace) -> None:
     mechanism = loaded(options)
     check_names(options, mechanism)
     found = sp.limits(mechanism, options.driver, guess_of(options), joints=options.joints,
-                      hold=["base", *options.hold])
+                      hold=held(options))
     text, grashof = f"{mechanism.name}, {found}", None
     with contextlib.suppress(sp.SpatialPinError):  # most mechanisms are no plane four-bar
         grashof = sp.grashof(mechanism)
@@ -183,7 +183,7 @@ def _reach(options: argparse.Namespace) -> None:
         if not isinstance(value, sp.Target):
             fitting(options, mechanism, {name: value})
     state = sp.assemble(mechanism, {}, guess_of(options))
-    found = sp.reach(mechanism, targets, state, hold=["base", *options.hold],
+    found = sp.reach(mechanism, targets, state, hold=held(options),
                      limits=options.limits)
     lines = [assembly_summary(found)]
     for name in mechanism.drivers:
@@ -220,7 +220,7 @@ def _reach_path(
     state = sp.assemble(mechanism, {}, guess_of(options))
     write_followed(options, lambda: sp.reach_path(
         mechanism, {**targets, **fitting(options, mechanism, standing)}, times, state,
-        hold=["base", *options.hold], progress=True))
+        hold=held(options), progress=True))
 
 
 COMMANDS = {

@@ -7,7 +7,7 @@ import argparse
 import numpy as np
 
 import spatial_pin as sp
-from spatial_pin.cli.asked import along, loaded, motion_over, state_at
+from spatial_pin.cli.asked import along, held, loaded, motion_over, state_at
 from spatial_pin.cli.names import check_names
 from spatial_pin.cli.options import (
     SPRINGS_HELP,
@@ -43,7 +43,7 @@ def _jacobian(options: argparse.Namespace) -> None:
     check_names(options, mechanism)
     state = state_at(options, mechanism)
     found = sp.jacobian(mechanism, state, options.frame, options.by or None,
-                        hold=["base", *options.hold])
+                        hold=held(options))
     units = [[_per(UNITS[row[0]], c.unit) for c in by] for row in ROWS]
     heads = [f"{name} [{c.unit}]" for name, c in zip(names, by, strict=True)]
     lines = [f"{mechanism.name}: twist of {options.frame} at its origin, world axes, per unit "
@@ -91,7 +91,7 @@ def _transmission(options: argparse.Namespace) -> None:
         return
     state = state_at(options, mechanism)
     found = sp.transmission(mechanism, state, output.name, options.driver, options.pair,
-                            hold=["base", *options.hold])
+                            hold=held(options))
     driver = mechanism.driven_coordinate(options.driver or next(iter(mechanism.drivers)))
     units = _units(output.unit, driver.unit)
     shown = {"speed ratio": (found.ratio, units["ratio"]),
@@ -143,7 +143,7 @@ def _each(options: argparse.Namespace, motion: sp.Motion, driver: str) -> list[s
     try:
         for state in map(motion.state, range(len(motion))):
             found.append(sp.transmission(motion.mechanism, state, options.output, driver,
-                                         options.pair, hold=["base", *options.hold]))
+                                         options.pair, hold=held(options)))
     except KeyboardInterrupt:
         if not found:
             raise

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import spatial_pin as sp
-from spatial_pin.cli.asked import fitting, guess_of, in_units, loaded, unique, workers
+from spatial_pin.cli.asked import fitting, guess_of, held, in_units, loaded, unique, workers
 from spatial_pin.cli.goal_files import check_bounds, read_goals
 from spatial_pin.cli.names import check_held
 from spatial_pin.cli.options import (
@@ -82,7 +82,7 @@ def _workspace(options: argparse.Namespace) -> None:
                 raise ValueError(f"{name} is in {unit}, not in {ends[k].unit}")
     with workers(options.workers) as executor:
         found = sp.workspace(mechanism, options.frame, ranges, points=options.points,
-                             guess=guess_of(options), hold=["base", *options.hold],
+                             guess=guess_of(options), hold=held(options),
                              task=options.task, limits=options.limits,
                              on_crossing=options.on_crossing, clearance=options.clearance,
                              sheets=options.sheets, executor=executor, progress=True)
