@@ -13,6 +13,7 @@ import numpy as np
 
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
+from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure, Coordinate
@@ -43,7 +44,7 @@ def driven_groups(
         driven: what is prescribed; default the drivers.
     """
     if driven is None:
-        driven = [mechanism.prescribed_coordinate(d.joint) for d in mechanism.drivers.values()]
+        driven = list(driver_coordinates(mechanism).values())
     key = "groups", frozenset(c.name for c in driven)
     if key not in mechanism.memo:
         mechanism.memo[key] = _groups(mechanism, key[1])

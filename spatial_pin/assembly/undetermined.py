@@ -12,6 +12,7 @@ from spatial_pin.assembly.passive_freedoms import is_in_loop, passive_freedoms
 from spatial_pin.assembly.rank_loss import lost_rank, rank_loss
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.errors import SingularError
+from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array, common_rows, decompose, independent_rows
@@ -78,8 +79,7 @@ def _needless_passives(asked: Asked) -> list[str]:
     """Return the names of passive tables whose rotation is not free as the drivers stand."""
     evaluation = asked.evaluation
     n, passives = evaluation.constraints.n_closure, evaluation.mechanism.passives
-    drivers = [evaluation.mechanism.prescribed_coordinate(d.joint)
-               for d in evaluation.mechanism.drivers.values()]
+    drivers = driver_coordinates(evaluation.mechanism).values()
     stand = [row for c, row in zip(asked.driven, asked.drive, strict=True) if c in drivers]
     free = decompose(np.vstack([evaluation.jacobian[:n], *stand])).null_space
     kept = set(independent_rows(evaluation.jacobian[n:] @ free.T).tolist())

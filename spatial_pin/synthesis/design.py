@@ -107,7 +107,7 @@ def design(
     spec = ProblemSpec(mechanism.path, mechanism.loading, asked, bounds,
                        (nominal.q, nominal.angles))
     problem = spec.make()
-    refuse_off_plane(problem.anywhere(), asked)
+    refuse_off_plane(mechanism, problem.anywhere, asked)
     found = searched(spec, method, starts, seed, executor, progress, resume)
     return designs_of(problem, found, most)
 

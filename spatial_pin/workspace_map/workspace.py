@@ -13,7 +13,7 @@ from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State
 from spatial_pin.checks import checked, names_of, positive_number
 from spatial_pin.errors import SingularError, SpatialPinError
-from spatial_pin.mechanism.coordinates import coordinate_value, needed
+from spatial_pin.mechanism.coordinates import coordinate_value, driver_coordinates, needed
 from spatial_pin.mechanism.joint_limits import beyond_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.follow import follow
@@ -200,7 +200,7 @@ def _columns(
     mechanism: Mechanism, state: State, frame: str, names: tuple[str, ...], hold: Hold
 ) -> tuple[str, ...] | None:
     """Return what Jacobians are taken with respect to: all drivers (None), if they determine it."""
-    drivers = {mechanism.prescribed_coordinate(d.joint) for d in mechanism.drivers.values()}
+    drivers = {*driver_coordinates(mechanism).values()}
     if {mechanism.prescribed_coordinate(name) for name in names} <= drivers:
         try:
             jacobian(mechanism, state, frame, hold=hold)

@@ -55,7 +55,8 @@ class Charts:
         Raises:
             SingularError: there are none.
         """
-        self._first = self._first or state
+        if self._first is None:
+            self._first = state
         if isinstance(self.system, Projected):
             self._projections.append(self.system.projection)
         self.system = system = self._formulate(self._problem, state, given_up)
