@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -39,27 +39,27 @@ def refuse_contradictions(mechanism: Mechanism, goals: Sequence[Goal]) -> None:
                 "one of them a weight, or leave it out")
 
 
-def refuse_off_plane(
-    mechanism: Mechanism, anywhere: Callable[[], Bodies], goals: Sequence[Goal]
-) -> None:
+def exact_points(goals: Sequence[Goal]) -> list[Path | Poses]:
+    """Return the goals that ask for points of the world itself, exactly."""
+    return [goal for goal in goals if isinstance(goal, Path | Poses)
+            and goal.weight is None and not goal.own_names]
+
+
+def refuse_off_plane(bodies: Bodies, goals: Sequence[Goal]) -> None:
     """Refuse exact points that are off the plane, or line, that a frame stays in.
 
     Args:
-        mechanism: the mechanism.
-        anywhere: makes it at dimensions and joint values anywhere, its loops open: what the
+        bodies: the mechanism at dimensions and joint values anywhere, its loops open: what the
             joints of the tree alone hold in a plane, closed loops do.
         goals: what is asked for.
 
     Raises:
         ValueError: names the goal and its sample.
     """
-    size = mechanism.characteristic_length
-    exact = [goal for goal in goals if isinstance(goal, Path | Poses)
-             and goal.weight is None and not goal.own_names]
-    bodies = anywhere() if exact else None
-    if bodies is None or not len(bodies.q):
+    size = bodies.mechanism.characteristic_length
+    if not len(bodies.q):
         return
-    for goal in exact:
+    for goal in exact_points(goals):
         origin = bodies.origin(goal.frame)
         moved = bodies.frame_jacobian(goal.frame, origin)[:, :3]
         ways = np.concatenate([moved.transpose(0, 2, 1).reshape(-1, 3), origin - origin[0]])

@@ -15,7 +15,11 @@ from spatial_pin.dimensions.variants import tell_idle
 from spatial_pin.mechanism.coordinates import needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.synthesis.contradictions import refuse_contradictions, refuse_off_plane
+from spatial_pin.synthesis.contradictions import (
+    exact_points,
+    refuse_contradictions,
+    refuse_off_plane,
+)
 from spatial_pin.synthesis.precision import Goal
 from spatial_pin.synthesis.problem import ProblemSpec
 from spatial_pin.synthesis.results import Designs, designs_of
@@ -107,7 +111,8 @@ def design(
     spec = ProblemSpec(mechanism.path, mechanism.loading, asked, bounds,
                        (nominal.q, nominal.angles))
     problem = spec.make()
-    refuse_off_plane(mechanism, problem.anywhere, asked)
+    if exact_points(asked):
+        refuse_off_plane(problem.anywhere(), asked)
     found = searched(spec, method, starts, seed, executor, progress, resume)
     return designs_of(problem, found, most)
 
