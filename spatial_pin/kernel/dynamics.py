@@ -40,7 +40,8 @@ class Run(ctypes.Structure):
                 ("largest_pivot", REAL), ("allowed", REAL), ("n_crossed", INT),
                 ("crossed", REAL * MOST_CROSSINGS), ("crossed_row", INT * MOST_CROSSINGS),
                 ("looks", INT), ("n_limits", INT), ("limit_q", POINTER), ("limit_v", POINTER),
-                ("limit_side", POINTER), ("limit_value", POINTER), ("limit_before", POINTER)]
+                ("limit_side", POINTER), ("limit_value", POINTER), ("limit_before", POINTER),
+                ("between", REAL)]
 
 
 AT_END, AT_FAILURE, NEW_CHART, FULL, STIFF, CREEPING, MANY = range(7)  # why it paused

@@ -28,6 +28,10 @@ from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
+# Closure asked for, from which on most samples of one freedom are interpolated: below it hardly one
+# is as closed as that.
+BETWEEN_ANCHORS = 1e-11
+
 EffortLaw = Callable[[float, State], Mapping[str, float]]
 
 
@@ -84,6 +88,11 @@ class Problem:
         self.is_damped = bool(self.forces.resistance
                               or any(spring.damping for spring in mechanism.springs))
         self.works = bool(self.law or self.constant.any() or self.forces.exist or self.drives)
+
+    @property
+    def between(self) -> float:
+        """Closure that samples between others may leave open, 0 if none are to be interpolated."""
+        return self.tolerance if self.tolerance >= BETWEEN_ANCHORS else 0.0
 
     @cached_property
     def packed(self) -> Packed:

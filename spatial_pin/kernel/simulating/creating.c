@@ -127,11 +127,16 @@ static int make_place(Dynamics *d, Place *place)
 static int make_points(Dynamics *d)
 {
     const Int n = point_numbers(d->k);
-    Real *from = memory(d, 2 * n, sizeof(Real));
+    Real *from = memory(d, 5 * n, sizeof(Real));
     if (!from)
         return 0;
     for (int i = 0; i < 2; i++)
         point_carve(d->k, &from, d->points + i);
+    for (int i = 0; i < 3; i++) {
+        point_carve(d->k, &from, d->anchor + i);
+        d->anchor[i].s = NAN;
+    }
+    d->stride = INFINITY;
     d->point = d->points;
     d->point_before = d->points + 1;
     return 1;

@@ -10,6 +10,7 @@
 
 #include "dense.h"
 #include "dynamics.h"
+#include "interpolating.h"
 
 /* Inertia, relative to the heaviest joint's, that may be round-off: half of the digits of a sum
    of inertias */
@@ -525,6 +526,14 @@ static Real energies(Dynamics *d, Real *kinetic)
     return moving + stored;
 }
 
+/* Closure error, kinetic and total energy, work. */
+static void put_numbers(Dynamics *d, const Real *y, Real *numbers)
+{
+    numbers[0] = equations_error(d->k);
+    numbers[2] = energies(d, numbers + 1);
+    numbers[3] = d->works ? y[d->n_unknowns - 1] : 0.0;
+}
+
 /* One sample: q, v, a, then closure error, kinetic and total energy, work; efforts of prescribed
  * drivers and screw angles. */
 int dynamics_sample(void *from, Real t, const Real *y, Real *q, Real *v, Real *a, Real *numbers,
@@ -538,9 +547,7 @@ int dynamics_sample(void *from, Real t, const Real *y, Real *q, Real *v, Real *a
     if (code != DONE)
         return code;
     whole_accelerations(d);
-    numbers[0] = equations_error(k);
-    numbers[2] = energies(d, numbers + 1);
-    numbers[3] = d->works ? y[d->n_unknowns - 1] : 0.0;
+    put_numbers(d, y, numbers);
     if (d->n_drives && drive_efforts(d) != DONE)
         return ASK_FAILED;
     memcpy(q, d->q, (size_t)k->nq * sizeof *q);
@@ -549,6 +556,32 @@ int dynamics_sample(void *from, Real t, const Real *y, Real *q, Real *v, Real *a
     memcpy(efforts, d->drive_effort, (size_t)d->n_drives * sizeof *efforts);
     memcpy(angles, d->turns, (size_t)k->n_angles * sizeof *angles);
     show_spins(d, y, q, v, a);
+    return DONE;
+}
+
+/* The place that the way goes on from, and its factors, stay what they are. */
+int dynamics_sample_between(Dynamics *d, const Point *from, const Point *to, const Real *y, Real z,
+                            Real *q, Real *v, Real *a, Real *numbers, Real *angles)
+{
+    Kernel *k = d->k;
+    const Real x = y[0], rate = y[1], part = (x - from->s) / (to->s - from->s);
+    Real *const here = d->q, *const velocity = d->v;
+    if (!(part >= 0.0 && part <= 1.0))
+        return LOST;
+    point_between(k, from, to, x, q, v, a);
+    for (Int i = 0; i < k->n_angles; i++)
+        k->angle_reference[i] = from->angle[i] + part * (to->angle[i] - from->angle[i]);
+    equations_values(k, q);
+    memcpy(angles, k->angle, (size_t)k->n_angles * sizeof *angles);
+    memcpy(k->angle_reference, d->turns, (size_t)k->n_angles * sizeof *angles);
+    for (Int i = 0; i < k->nv; i++) {
+        a[i] = a[i] * rate * rate + v[i] * z;
+        v[i] *= rate;
+    }
+    tree_rates(k, v);
+    d->q = q, d->v = v;
+    put_numbers(d, y, numbers);
+    d->q = here, d->v = velocity;
     return DONE;
 }
 

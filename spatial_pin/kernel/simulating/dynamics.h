@@ -108,6 +108,8 @@ typedef struct Dynamics {
     Int *best;   /* (n_free) coordinates that would be best */
     Int *former; /* (nv) equations chosen before others were tried */
     Place aside, ended;
+    Point anchor[3]; /* the two that samples lie between, and where the last step ended */
+    Real stride;     /* of x, how far apart they may be */
     Int evaluations;
     void **owned;
     Int n_owned;
@@ -147,6 +149,10 @@ Int passing_crossed(const Dynamics *d, Real from, Real to, Real *x, Int room);
 int dynamics_rates(void *d, Real t, const Real *y, Real *rates);
 int dynamics_sample(void *d, Real t, const Real *y, Real *q, Real *v, Real *a, Real *numbers,
                     Real *efforts, Real *angles);
+/* The same where one freedom, accelerated by z, lies between two points of its curve; LOST where it
+ * does not. */
+int dynamics_sample_between(Dynamics *d, const Point *from, const Point *to, const Real *y, Real z,
+                            Real *q, Real *v, Real *a, Real *numbers, Real *angles);
 EXPORT Real dynamics_keep(Dynamics *d);
 EXPORT Real dynamics_heaviest(Dynamics *d);
 EXPORT int dynamics_place(Dynamics *d, Real t, const Real *y, Real *q, Real *v, Real *angles,

@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "dynamics.h"
+#include "integrating.h"
 #include "tableaus.h"
 
 enum Status { RUNNING = 0, FINISHED = 1, FAILED = 2 };
@@ -30,9 +30,6 @@ enum Pause { AT_END = 0, AT_FAILURE = 1, NEW_CHART = 2, FULL = 3, STIFF = 4, CRE
 #define NEAR_LIMIT 0.5 /* of a velocity limit: what is nearer may pass it within a step */
 #define CHART_ENDS 1.0 /* rotation vector at which a chart is begun anew [rad] */
 
-typedef int (*Rates)(void *context, Real t, const Real *y, Real *rates);
-typedef struct Integrator Integrator;
-
 typedef struct {
     Int stages;     /* of a step; the slope at its end comes after them */
     const Real (*a)[MOST_STAGES];
@@ -46,17 +43,6 @@ typedef struct {
     Real stable;    /* longest stable step, by the fastest decay; 0: any is stable */
     Int patience;   /* steps beyond that before the motion is called stiff */
 } Method;
-
-struct Integrator {
-    Int n, method, status, code;
-    Real t, t_old, t_end, t_begin, next, longest, rtol;
-    Int count, done; /* of fixed steps */
-    Int steps, evaluations, many_long, many_short, is_stiff, is_dense;
-    Real *y, *y_old, *f, *atol;
-    Real *slope, *trial, *ended, *dense; /* (MOST_STAGES + 1, n), (n), (n), (7, n) */
-    Rates rates;
-    void *context;
-};
 
 static const Method *method_of(const Integrator *g);
 
@@ -348,7 +334,6 @@ EXPORT int integrator_step(Integrator *g)
     return g->code == ASK_FAILED ? ASK_FAILED : DONE;
 }
 
-/* The last step at times (count,): unknowns (count, n). */
 EXPORT int integrator_between(Integrator *g, const Real *times, Int count, Real *y)
 {
     if (!g->is_dense) {
@@ -363,24 +348,22 @@ EXPORT int integrator_between(Integrator *g, const Real *times, Int count, Real 
     return DONE;
 }
 
+int integrator_has_slope(const Integrator *g) { return method_of(g)->between == between_853; }
+
+Real integrator_slope(const Integrator *g, Real t)
+{
+    const Real h = g->t - g->t_old, part = (t - g->t_old) / h;
+    Real sum = 0.0, slope = 0.0;
+    for (int row = 6; row >= 0; row--) { /* of between_853, by the product rule */
+        const int rises = row % 2 == 0;
+        sum += g->dense[row * g->n + 1];
+        slope = slope * (rises ? part : 1.0 - part) + (rises ? sum : -sum);
+        sum *= rises ? part : 1.0 - part;
+    }
+    return slope / h;
+}
+
 /* ---- many steps of a mechanism ---- */
-
-enum { MOST_CROSSED = 64 };
-
-typedef struct {
-    const Real *times; /* of all samples */
-    Int n_times, row;  /* how many there are, and how many are made */
-    Real *q, *v, *a, *numbers, *efforts, *angles; /* rows of all samples */
-    Int most;          /* steps to take */
-    Real patience, largest_step, largest_pivot, allowed; /* allowed: steps of the whole */
-    Int n_crossed;     /* branch points passed: chart coordinate, and samples before */
-    Real crossed[MOST_CROSSED];
-    Int crossed_row[MOST_CROSSED];
-    Int looks, n_limits;   /* whether every step is looked at; limits of coordinates */
-    const Int *limit_q, *limit_v, *limit_side; /* side: 1 above, -1 below, 0 of the velocity */
-    const Real *limit_value;
-    Real *limit_before;    /* (2) room, and how fast it closes, where the last step ended */
-} Run;
 
 /* Whether a limit may have been passed in the last step, at whose end the mechanism stands: the
  * joint is beyond it, or has turned back, or is nearly as fast as allowed. */
@@ -411,31 +394,6 @@ static int creeps(Integrator *g, const Dynamics *d, Run *run)
     run->largest_pivot = fmax(run->largest_pivot, pivot);
     return (h < CREEPS_BELOW * run->largest_step && pivot < CREEPS_BELOW * run->largest_pivot) ||
            h * run->allowed < NOWHERE * run->largest_step;
-}
-
-/* Samples within the last step, from its beginning on; the mechanism is left at its end. */
-static int samples(Integrator *g, Dynamics *d, Run *run)
-{
-    const Kernel *k = d->k;
-    if (run->row >= run->n_times || run->times[run->row] > g->t)
-        return DONE;
-    independent_remember(d, &d->ended);
-    int code = passing_return(d, &d->kept);
-    for (; code == DONE && run->row < run->n_times && run->times[run->row] <= g->t; run->row++) {
-        const Real t = run->times[run->row];
-        const Int i = run->row;
-        const int fresh = !g->is_dense;
-        code = integrator_between(g, &t, 1, g->trial);
-        if (code == DONE && fresh)
-            code = passing_return(d, &d->kept);
-        if (code == DONE)
-            code = dynamics_sample(d, t, g->trial, run->q + i * k->nq, run->v + i * k->nv,
-                                   run->a + i * k->nv, run->numbers + 4 * i,
-                                   run->efforts + i * d->n_drives, run->angles + i * k->n_angles);
-        if (code != DONE)
-            break;
-    }
-    return code != DONE ? code : passing_return(d, &d->ended);
 }
 
 /* Note the branch points that the last step has passed, whose samples are those from `first` on. */
@@ -479,7 +437,7 @@ EXPORT int integrator_run(Integrator *g, Dynamics *d, Run *run)
             return STIFF;
         if (run->n_crossed > MOST_CROSSED / 2)
             return FULL;
-        const int code = samples(g, d, run);
+        const int code = samples_of_step(g, d, run);
         if (code != DONE)
             return code == ASK_FAILED ? RAISED : AT_FAILURE;
         if (d->passes)

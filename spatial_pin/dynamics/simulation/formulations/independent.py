@@ -35,6 +35,9 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 # Speed of a joint relative to the independent coordinates' at which others are taken: it costs half
 # a digit of the joint.
 FASTER_THAN_CHOSEN = 4.0
+# Residual that points which samples lie between are closed to: second derivatives divide it by the
+# square of the way between them.
+ANCHOR_RESIDUAL = 1e-12
 # Chart coordinate at which a chart of joints that turn in space is begun anew [rad].
 CHART_ENDS = 1.0
 
@@ -68,6 +71,8 @@ class Independent:
         self._is_whole = len(rows) == constraints_of(mechanism).n_closure
         # where others lie between, what a residual leaves open in those left out is magnified
         wanted = problem.tolerance if self._is_whole else TOLERANCES.round_off
+        if problem.between and self.n == 1 and not len(self.spins):
+            wanted = min(wanted, ANCHOR_RESIDUAL)
         asked = Asked(self._efforts if problem.law is not None else None, _laws(problem.forces),
                       self._drives if problem.drives else None, self._least)
         self.kernel = Dynamics(mechanism, problem.packed,

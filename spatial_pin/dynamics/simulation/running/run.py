@@ -131,7 +131,8 @@ class Run:
             allowed=float(self._accuracy.most_steps), looks=self._watch.always,
             n_limits=len(bounds.q), limit_q=address(bounds.q), limit_v=address(bounds.v),
             limit_side=address(bounds.side), limit_value=address(bounds.value),
-            limit_before=address(bounds.before))
+            limit_before=address(bounds.before),
+            between=self._problem.between)
 
     def _leap(self, system: Independent, solver: Any) -> int | None:
         """Take many steps and their samples in the kernel; why it paused, None if it cannot.

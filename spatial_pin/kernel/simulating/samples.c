@@ -1,0 +1,165 @@
+/* Samples of a simulation within its steps.
+ *
+ * Each is worked out in full: its loops are closed, its forces evaluated. Where one freedom moves
+ * along a curve and the closure asked for is loose, most lie on polynomials between a few such ones,
+ * the anchors, and the ends of steps: the integrator tells where on the curve, how fast and how that
+ * changes. A sample whose loops are not closed as asked is worked out in full, and the next anchors
+ * are taken nearer. */
+#include <string.h>
+
+#include "integrating.h"
+
+/* Of the closure asked for, what polynomials may leave open: with w the way between two anchors and
+   e what the polynomial misses, accelerations miss 24 e / w² */
+#define LEFT_OPEN 0.1
+/* Of what they may, below which anchors may be twice as far apart: that leaves 64 times as much, and
+   there is a margin of four */
+#define EASILY 4e-3
+#define RETRIED 1.1 /* growth of the distance of anchors from one to the next with none between */
+
+static int in_full(Integrator *g, Dynamics *d, const Run *run, Int i)
+{
+    const Kernel *k = d->k;
+    const int code = integrator_between(g, run->times + i, 1, g->trial);
+    return code != DONE ? code
+                        : dynamics_sample(d, run->times[i], g->trial, run->q + i * k->nq,
+                                          run->v + i * k->nv, run->a + i * k->nv,
+                                          run->numbers + 4 * i, run->efforts + i * d->n_drives,
+                                          run->angles + i * k->n_angles);
+}
+
+/* ---- samples between anchors ---- */
+
+/* Whether one freedom moves it along a curve. With bodies that spin freely the curve that is followed
+ * depends on its steps: how these bodies have been turned. */
+static int is_curve_of_one(const Dynamics *d) { return d->is_curve && !d->n_drives && !d->n_spins; }
+
+static void swap(Point *a, Point *b)
+{
+    const Point kept = *a;
+    *a = *b;
+    *b = kept;
+}
+
+/* Take the point of the curve where the mechanism stands for an anchor; none on a passage. */
+static void note_anchor(const Dynamics *d, Point *anchor)
+{
+    const Kernel *k = d->k;
+    anchor->s = NAN;
+    if (d->passage >= 0 || !d->n_points || d->point->s != d->x[0])
+        return;
+    anchor->s = d->point->s;
+    memcpy(anchor->q, d->point->q, (size_t)(3 * k->nq + 2 * k->nv) * sizeof *anchor->q);
+    memcpy(anchor->angle, d->turns, (size_t)k->n_angles * sizeof *d->turns);
+}
+
+static int anchor_at(Integrator *g, Dynamics *d, const Run *run, Int i, Point *anchor)
+{
+    const int code = in_full(g, d, run, i);
+    if (code == DONE)
+        note_anchor(d, anchor);
+    return code;
+}
+
+/* Write sample i between two anchors; returns what it leaves open, relative to what it may. It is
+ * infinite where the sample does not lie between them, or one is none. */
+static Real write_between(Integrator *g, Dynamics *d, const Run *run, const Point *from,
+                          const Point *to, Int i)
+{
+    const Kernel *k = d->k;
+    Real *numbers = run->numbers + 4 * i, slope;
+    integrator_between(g, run->times + i, 1, g->trial);
+    slope = integrator_slope(g, run->times[i]);
+    const int code = dynamics_sample_between(d, from, to, g->trial, slope, run->q + i * k->nq,
+                                             run->v + i * k->nv, run->a + i * k->nv, numbers,
+                                             run->angles + i * k->n_angles);
+    return code == DONE ? numbers[0] / (LEFT_OPEN * run->between) : INFINITY;
+}
+
+/* Write the samples from the next one to before `end`, between two anchors. One that leaves too much
+ * open becomes the first of the two. How far apart the next ones may be follows. */
+static int between(Integrator *g, Dynamics *d, Run *run, Point *from, const Point *to, Int end)
+{
+    Real most = 0.0;
+    if (run->row == end)
+        d->stride *= RETRIED;
+    for (; run->row < end; run->row++) {
+        const Real open = write_between(g, d, run, from, to, run->row);
+        most = fmax(most, open);
+        if (open <= 1.0)
+            continue;
+        if (isfinite(open))
+            d->stride = 0.5 * fabs(to->s - from->s);
+        const int code = anchor_at(g, d, run, run->row, from);
+        if (code != DONE)
+            return code;
+    }
+    if (most < EASILY)
+        d->stride = fmax(d->stride, 2.0 * fabs(to->s - from->s));
+    return DONE;
+}
+
+static Real coordinate_at(Integrator *g, Real t)
+{
+    integrator_between(g, &t, 1, g->trial);
+    return g->trial[0];
+}
+
+/* The samples before `end`, with anchors a stride apart; the last one is where the step ends. */
+static int between_anchors(Integrator *g, Dynamics *d, Run *run, Int end)
+{
+    Point *const from = d->anchor, *const to = d->anchor + 1, *const ended = d->anchor + 2;
+    int code = DONE;
+    if (from->s != g->y_old[0]) { /* or there is none */
+        code = anchor_at(g, d, run, run->row, from);
+        run->row += code == DONE;
+    }
+    while (code == DONE && run->row < end) {
+        if (fabs(ended->s - from->s) <= d->stride)
+            return between(g, d, run, from, ended, end);
+        Int next = run->row;
+        while (next + 1 < end && fabs(coordinate_at(g, run->times[next + 1]) - from->s) <= d->stride)
+            next++;
+        code = anchor_at(g, d, run, next, to);
+        if (code == DONE)
+            code = between(g, d, run, from, to, next);
+        run->row += code == DONE;
+        swap(from, to);
+    }
+    return code;
+}
+
+/* ---- samples of a step ---- */
+
+static int one_by_one(Integrator *g, Dynamics *d, Run *run, Int end)
+{
+    int code = DONE;
+    for (; code == DONE && run->row < end; run->row += code == DONE)
+        code = in_full(g, d, run, run->row);
+    return code;
+}
+
+int samples_of_step(Integrator *g, Dynamics *d, Run *run)
+{
+    Int end = run->row;
+    while (end < run->n_times && run->times[end] <= g->t)
+        end++;
+    if (end == run->row)
+        return DONE;
+    const int interpolates = run->between > 0.0 && is_curve_of_one(d) && integrator_has_slope(g);
+    if (interpolates) {
+        swap(d->anchor, d->anchor + 2);
+        note_anchor(d, d->anchor + 2);
+    }
+    independent_remember(d, &d->ended);
+    const int is_dense = g->is_dense;
+    int code = passing_return(d, &d->kept);
+    if (code == DONE && !is_dense) {
+        code = integrator_between(g, NULL, 0, NULL);
+        if (code == DONE)
+            code = passing_return(d, &d->kept);
+    }
+    if (code == DONE)
+        code = (interpolates ? between_anchors : one_by_one)(g, d, run, end);
+    return code != DONE ? code : passing_return(d, &d->ended);
+}

@@ -1,0 +1,101 @@
+"""Samples of a simulation that lie on polynomials between others: what loose settings save."""
+
+import numpy as np
+import pytest
+
+import spatial_pin as sp
+from spatial_pin.constraints.closure_equations import evaluation_of
+from spatial_pin.dynamics.simulation import problem
+
+LOOSE = sp.Accuracy(tolerance=1e-10, time_tolerance=1e-8)
+ONE_FREEDOM = ["bennett", "bricard", "four_bar", "geared_five_bar", "peaucellier", "rspc",
+               "scotch_yoke", "watt_six_bar"]
+# What samples may miss of those worked out in full: ten times what was found, the largest over the
+# mechanisms above. Accelerations are those of the integrator's polynomials.
+Q, V, A = 1e-9, 2e-7, 2e-5
+
+
+def moving(name):
+    mech = sp.load(name)
+    (driver,) = mech.drivers
+    return mech, sp.solve_rates(mech, sp.assemble(mech), {driver: 1.0})
+
+
+def in_full(monkeypatch, *args, **keys):
+    """The same simulation, every sample worked out by itself from points as closed."""
+    with monkeypatch.context() as patch:
+        patch.setattr(problem, "BETWEEN_ANCHORS", np.inf)
+        keys["accuracy"] = sp.Accuracy(
+            tolerance=1e-12, time_tolerance=keys["accuracy"].time_tolerance)
+        return sp.simulate(*args, **keys)
+
+
+def largest(found, exact):
+    return np.abs(found - exact).max() / max(np.abs(exact).max(), 1e-300)
+
+
+@pytest.mark.parametrize("name", ONE_FREEDOM)
+def test_samples_between_are_those_worked_out_in_full(name, monkeypatch):
+    mech, state = moving(name)
+    found = sp.simulate(mech, state, 1.5, accuracy=LOOSE)
+    exact = in_full(monkeypatch, mech, state, 1.5, accuracy=LOOSE)
+    assert found.closure_error.max() <= LOOSE.tolerance
+    assert np.abs(found.q - exact.q).max() < Q
+    assert largest(found.v, exact.v) < V
+    assert largest(found.a, exact.a) < A
+    assert [e.row for e in found.events] == [e.row for e in exact.events]
+
+
+def test_the_looser_the_closure_the_fewer_samples_are_worked_out(monkeypatch):
+    mech, state = moving("four_bar")
+    asked = []
+
+    def efforts(t, state):
+        asked[-1] += 1
+        return {}
+
+    for tolerance in (1e-12, 1e-10, 1e-6):
+        asked.append(0)
+        sp.simulate(mech, state, 1.5, efforts, accuracy=sp.Accuracy(
+            tolerance=tolerance, time_tolerance=1e-8))
+    every, some, few = asked
+    assert every - some > 400  # of 1001 samples
+    assert every - few > 850
+
+
+def test_a_sample_between_says_how_open_its_loops_are():
+    mech, state = moving("bennett")
+    motion = sp.simulate(mech, state, 1.5, accuracy=sp.Accuracy(tolerance=1e-6))
+    assert 1e-9 < motion.closure_error.max() <= 1e-6
+    for k in (17, 500, 983):
+        with evaluation_of(mech, motion.angles[k]) as evaluation:
+            evaluation.update(motion.q[k])
+            assert abs(evaluation.closure_error - motion.closure_error[k]) < 1e-14
+
+
+def test_samples_between_turn_back_with_the_motion(monkeypatch):
+    """A crank that swings: within a step it turns back, where samples lie between no anchors."""
+    mech = sp.load("slider_crank")
+    (driver,) = mech.drivers
+    state = sp.assemble(mech, {driver: -1.2})
+    found = sp.simulate(mech, state, 6.0, accuracy=LOOSE)
+    exact = in_full(monkeypatch, mech, state, 6.0, accuracy=LOOSE)
+    assert np.any(np.diff(np.sign(found.coordinate(driver).rate)) != 0.0)
+    assert np.abs(found.q - exact.q).max() < Q
+    assert largest(found.a, exact.a) < A
+
+
+def test_a_jump_of_an_effort_is_not_smeared(monkeypatch):
+    """Its steps are short where an effort jumps, and samples lie within one step each."""
+    mech, state = moving("four_bar")
+    (driver,) = mech.drivers
+
+    def efforts(t, _):
+        return {driver: 5.0 if t > 0.7005 else 0.0}
+
+    found = sp.simulate(mech, state, 1.4, efforts, accuracy=LOOSE)
+    exact = in_full(monkeypatch, mech, state, 1.4, efforts, accuracy=LOOSE)
+    before, after = found.time < 0.7, found.time > 0.702
+    for rows in (before, after):
+        assert np.abs(found.q[rows] - exact.q[rows]).max() < Q
+        assert largest(found.a[rows], exact.a[rows]) < 1e2 * A
