@@ -10,8 +10,9 @@ tolerance, integrators that choose their step. Of each, the largest error over a
 taken, times `MARGIN`, and the shortest time that it has taken, by that of "engineering", in
 geometric mean. Settings that fail on a mechanism are left out, and so are those that another one
 beats in both. What is left is printed as `MEASURED` in `spatial_pin/settings.py`.
-Motions that no setting follows to `HOPELESS` (unstable ones, sweeps through singular
-configurations) are left out, and named.
+Motions that no setting is known to follow to `HOPELESS` (through singular configurations), and those
+whose errors grow by more than `UNSTABLE` in time (that of "engineering", by its tolerance), are left
+out, and named.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ from spatial_pin.accuracy.tradeoff import ROUND_OFF, pareto, tradeoff
 REPEATS = 15  # runs of each setting, of which the shortest counts, if the budget allows them
 MARGIN = 10.0  # by which the promised error exceeds the largest that was measured
 LARGEST = 0.1  # error that is worth a promise
-HOPELESS = {"sweep": 1e-11, "simulate": 1e-8}  # best error above which the motion is to blame
+HOPELESS = {"sweep": 1e-11, "simulate": 1e-9}  # best error above which the motion is to blame
+UNSTABLE = 1e3  # growth of errors in a simulation above which it is, too
 BASE = sp.Accuracy.named("engineering")
 SAME = {"sweep": ("order", "corrections", "tolerance"),
         "simulate": tuple(f.name for f in fields(sp.Accuracy))}  # what tells settings apart
@@ -96,25 +98,32 @@ def shortest(row: Table) -> float:
     return math.inf if row["error"] is None else min(row["seconds"])
 
 
+def base_row(task: str, table: Table) -> Table:
+    """Return the row of BASE."""
+    return next(row for row in table["rows"]
+                if all(row["accuracy"][key] == getattr(BASE, key) for key in SAME[task]))
+
+
+def is_hopeless(task: str, table: Table) -> bool:
+    """Whether the motion, not the settings, is to blame for the errors."""
+    best = min(known_error(table, row) for row in table["rows"])
+    grown = known_error(table, base_row(task, table)) / BASE.time_tolerance
+    return best > HOPELESS[task] or (task == "simulate" and grown > UNSTABLE)
+
+
 def useful(task: str, tables: list[Table]) -> list[Table]:
     """Return the tables of motions that any setting can follow; says which are not."""
-    kept = []
     for table in tables:
-        best = min(known_error(table, row) for row in table["rows"])
-        if best > HOPELESS[task]:
-            print(f"# {table['mechanism']} left out: unstable or near a singular configuration, "
-                  f"the best error is {best:.1e}")
-        else:
-            kept.append(table)
-    return kept
+        if is_hopeless(task, table):
+            print(f"# {table['mechanism']} left out: unstable, or near a singular configuration")
+    return [table for table in tables if not is_hopeless(task, table)]
 
 
 def entries(task: str, tables: list[Table]) -> list[Entry]:
     """Return every setting over all mechanisms, the fastest first."""
     rows: dict[sp.Accuracy, dict[str, tuple[float, float]]] = {}
     for table in tables:
-        base = next(shortest(row) for row in table["rows"]
-                    if all(row["accuracy"][key] == getattr(BASE, key) for key in SAME[task]))
+        base = shortest(base_row(task, table))
         for row in table["rows"]:
             rows.setdefault(sp.Accuracy(**row["accuracy"]), {})[table["mechanism"]] = (
                 known_error(table, row), shortest(row) / base)

@@ -9,9 +9,10 @@
 
 #include "integrating.h"
 
-/* Of the closure asked for, what polynomials may leave open: with w the way between two anchors and
-   e what the polynomial misses, accelerations miss 24 e / w² */
+/* Of the closure asked for, what polynomials may leave open; and by the square of the way between two
+   anchors: accelerations miss 24 times that, which is to be a hundred times the closure at most */
 #define LEFT_OPEN 0.1
+#define LEFT_BENT 4.0
 /* Of what they may, below which anchors may be twice as far apart: that leaves 64 times as much, and
    there is a margin of four */
 #define EASILY 4e-3
@@ -67,13 +68,14 @@ static Real write_between(Integrator *g, Dynamics *d, const Run *run, const Poin
                           const Point *to, Int i)
 {
     const Kernel *k = d->k;
+    const Real way = to->s - from->s, part = fmin(LEFT_OPEN, LEFT_BENT * way * way);
     Real *numbers = run->numbers + 4 * i, slope;
     integrator_between(g, run->times + i, 1, g->trial);
     slope = integrator_slope(g, run->times[i]);
     const int code = dynamics_sample_between(d, from, to, g->trial, slope, run->q + i * k->nq,
                                              run->v + i * k->nv, run->a + i * k->nv, numbers,
                                              run->angles + i * k->n_angles);
-    return code == DONE ? numbers[0] / (LEFT_OPEN * run->between) : INFINITY;
+    return code == DONE ? numbers[0] / (part * run->between) : INFINITY;
 }
 
 /* Write the samples from the next one to before `end`, between two anchors. One that leaves too much
