@@ -93,9 +93,9 @@ class Accuracy:
     Where a tolerance of 1e-8 or more is asked for (and order 3), samples of a sweep that are near
     to each other are interpolated between points of the path that are closed to round-off: their
     positions and rates are off by about that part, at a fraction of the cost. The looser the
-    tolerance the fewer the points: thirty a turn at 1e-4, a hundred at 1e-6. In simulations of one
-    freedom by DOP853 samples are interpolated in the same way from a tolerance of 1e-11 on; how
-    fast it moves along its curve is what the integrator tells.
+    tolerance the fewer the points: thirty a turn at 1e-4, a hundred at 1e-6. From 1e-11 on
+    DOP853 tells the accelerations of a simulation's samples, too, and most samples of one freedom
+    are interpolated in the same way.
 
     Example:
         >>> mech = sp.load("four_bar")

@@ -30,6 +30,16 @@ def in_full(monkeypatch, *args, **keys):
         return sp.simulate(*args, **keys)
 
 
+def test_the_integrator_tells_accelerations_of_several_freedoms(monkeypatch):
+    mech = sp.load("stewart")
+    state = sp.solve_rates(mech, sp.assemble(mech),
+                           {name: 0.02 * k - 0.05 for k, name in enumerate(mech.drivers)})
+    found = sp.simulate(mech, state, 0.15, accuracy=LOOSE)
+    exact = in_full(monkeypatch, mech, state, 0.15, accuracy=LOOSE)
+    assert np.array_equal(found.v, exact.v) or largest(found.v, exact.v) < V
+    assert 0.0 < largest(found.a, exact.a) < A
+
+
 def largest(found, exact):
     return np.abs(found - exact).max() / max(np.abs(exact).max(), 1e-300)
 

@@ -28,8 +28,8 @@ from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-# Closure asked for, from which on most samples of one freedom are interpolated: below it hardly one
-# is as closed as that.
+# Closure asked for, from which on the integrator tells accelerations of samples, and most of one
+# freedom are interpolated: below it hardly one is as closed as that.
 BETWEEN_ANCHORS = 1e-11
 
 EffortLaw = Callable[[float, State], Mapping[str, float]]
@@ -91,7 +91,7 @@ class Problem:
 
     @property
     def between(self) -> float:
-        """Closure that samples between others may leave open, 0 if none are to be interpolated."""
+        """Closure that samples may leave open as the integrator tells them, 0 if it does not."""
         return self.tolerance if self.tolerance >= BETWEEN_ANCHORS else 0.0
 
     @cached_property

@@ -535,17 +535,20 @@ static void put_numbers(Dynamics *d, const Real *y, Real *numbers)
 }
 
 /* One sample: q, v, a, then closure error, kinetic and total energy, work; efforts of prescribed
- * drivers and screw angles. */
-int dynamics_sample(void *from, Real t, const Real *y, Real *q, Real *v, Real *a, Real *numbers,
-                    Real *efforts, Real *angles)
+ * drivers and screw angles. Accelerations of the free coordinates are z, or follow from forces. */
+int dynamics_sample(Dynamics *d, Real t, const Real *y, const Real *z, Real *q, Real *v, Real *a,
+                    Real *numbers, Real *efforts, Real *angles)
 {
-    Dynamics *d = from;
     Kernel *k = d->k;
     int code = place(d, t, y);
-    if (code == DONE)
+    if (code == DONE && !z)
         code = accelerate(d, t, y);
     if (code != DONE)
         return code;
+    if (z) {
+        memcpy(d->z, z, (size_t)d->n_free * sizeof *z);
+        tree_rates(k, d->v);
+    }
     whole_accelerations(d);
     put_numbers(d, y, numbers);
     if (d->n_drives && drive_efforts(d) != DONE)
@@ -612,7 +615,7 @@ EXPORT int dynamics_samples(Dynamics *d, Int n, const Real *t, const Real *y, Re
     const Kernel *k = d->k;
     int code = DONE;
     for (Int i = 0; i < n && code == DONE; i++)
-        code = dynamics_sample(d, t[i], y + i * d->n_unknowns, q + i * k->nq, v + i * k->nv,
+        code = dynamics_sample(d, t[i], y + i * d->n_unknowns, NULL, q + i * k->nq, v + i * k->nv,
                                a + i * k->nv, numbers + 4 * i, efforts + i * d->n_drives,
                                angles + i * k->n_angles);
     return code;

@@ -147,8 +147,8 @@ Int passing_crossed(const Dynamics *d, Real from, Real to, Real *x, Int room);
 
 /* ---- dynamics.c ---- */
 int dynamics_rates(void *d, Real t, const Real *y, Real *rates);
-int dynamics_sample(void *d, Real t, const Real *y, Real *q, Real *v, Real *a, Real *numbers,
-                    Real *efforts, Real *angles);
+int dynamics_sample(Dynamics *d, Real t, const Real *y, const Real *z, Real *q, Real *v, Real *a,
+                    Real *numbers, Real *efforts, Real *angles);
 /* The same where one freedom, accelerated by z, lies between two points of its curve; LOST where it
  * does not. */
 int dynamics_sample_between(Dynamics *d, const Point *from, const Point *to, const Real *y, Real z,

@@ -348,19 +348,21 @@ EXPORT int integrator_between(Integrator *g, const Real *times, Int count, Real 
     return DONE;
 }
 
-int integrator_has_slope(const Integrator *g) { return method_of(g)->between == between_853; }
+int integrator_has_slopes(const Integrator *g) { return method_of(g)->between == between_853; }
 
-Real integrator_slope(const Integrator *g, Real t)
+void integrator_slopes(const Integrator *g, Real t, Real *slopes)
 {
     const Real h = g->t - g->t_old, part = (t - g->t_old) / h;
-    Real sum = 0.0, slope = 0.0;
-    for (int row = 6; row >= 0; row--) { /* of between_853, by the product rule */
-        const int rises = row % 2 == 0;
-        sum += g->dense[row * g->n + 1];
-        slope = slope * (rises ? part : 1.0 - part) + (rises ? sum : -sum);
-        sum *= rises ? part : 1.0 - part;
+    for (Int i = 0; i < g->n; i++) {
+        Real sum = 0.0, slope = 0.0;
+        for (int row = 6; row >= 0; row--) { /* of between_853, by the product rule */
+            const int rises = row % 2 == 0;
+            sum += g->dense[row * g->n + i];
+            slope = slope * (rises ? part : 1.0 - part) + (rises ? sum : -sum);
+            sum *= rises ? part : 1.0 - part;
+        }
+        slopes[i] = slope / h;
     }
-    return slope / h;
 }
 
 /* ---- many steps of a mechanism ---- */

@@ -39,9 +39,9 @@ typedef struct {
 /* The last step at times (count,): unknowns (count, n). */
 EXPORT int integrator_between(Integrator *g, const Real *times, Int count, Real *y);
 
-/* Whether it tells derivatives as well; that of the second unknown, once `between` was asked. */
-int integrator_has_slope(const Integrator *g);
-Real integrator_slope(const Integrator *g, Real t);
+/* Whether it tells derivatives of the unknowns as well; these (n), once `between` was asked. */
+int integrator_has_slopes(const Integrator *g);
+void integrator_slopes(const Integrator *g, Real t, Real *slopes);
 
 /* The samples within the last step, from its beginning on; the mechanism is left at its end. */
 int samples_of_step(Integrator *g, Dynamics *d, Run *run);

@@ -1,10 +1,9 @@
 /* Samples of a simulation within its steps.
  *
- * Each is worked out in full: its loops are closed, its forces evaluated. Where one freedom moves
- * along a curve and the closure asked for is loose, most lie on polynomials between a few such ones,
- * the anchors, and the ends of steps: the integrator tells where on the curve, how fast and how that
- * changes. A sample whose loops are not closed as asked is worked out in full, and the next anchors
- * are taken nearer. */
+ * The loops of each are closed, its forces evaluated. Where the closure asked for is loose, the
+ * integrator tells the accelerations as well. Where then one freedom moves along a curve, most
+ * samples lie on polynomials between a few others, the anchors, and the ends of steps. One whose
+ * loops are not closed as asked is closed like an anchor, and the next anchors are taken nearer. */
 #include <string.h>
 
 #include "integrating.h"
@@ -18,22 +17,29 @@
 #define EASILY 4e-3
 #define RETRIED 1.1 /* growth of the distance of anchors from one to the next with none between */
 
-static int in_full(Integrator *g, Dynamics *d, const Run *run, Int i)
+/* Whether the integrator tells the accelerations of samples. */
+static int tells(const Integrator *g, const Dynamics *d, const Run *run)
+{
+    return run->between > 0.0 && !d->n_drives && !d->projects && integrator_has_slopes(g);
+}
+
+static int close(Integrator *g, Dynamics *d, const Run *run, Int i)
 {
     const Kernel *k = d->k;
-    const int code = integrator_between(g, run->times + i, 1, g->trial);
-    return code != DONE ? code
-                        : dynamics_sample(d, run->times[i], g->trial, run->q + i * k->nq,
-                                          run->v + i * k->nv, run->a + i * k->nv,
-                                          run->numbers + 4 * i, run->efforts + i * d->n_drives,
-                                          run->angles + i * k->n_angles);
+    const Real t = run->times[i], *z = NULL;
+    const int code = integrator_between(g, &t, 1, g->trial);
+    if (code != DONE)
+        return code;
+    if (tells(g, d, run)) {
+        integrator_slopes(g, t, g->ended);
+        z = g->ended + d->n_free;
+    }
+    return dynamics_sample(d, t, g->trial, z, run->q + i * k->nq, run->v + i * k->nv,
+                           run->a + i * k->nv, run->numbers + 4 * i, run->efforts + i * d->n_drives,
+                           run->angles + i * k->n_angles);
 }
 
 /* ---- samples between anchors ---- */
-
-/* Whether one freedom moves it along a curve. With bodies that spin freely the curve that is followed
- * depends on its steps: how these bodies have been turned. */
-static int is_curve_of_one(const Dynamics *d) { return d->is_curve && !d->n_drives && !d->n_spins; }
 
 static void swap(Point *a, Point *b)
 {
@@ -56,7 +62,7 @@ static void note_anchor(const Dynamics *d, Point *anchor)
 
 static int anchor_at(Integrator *g, Dynamics *d, const Run *run, Int i, Point *anchor)
 {
-    const int code = in_full(g, d, run, i);
+    const int code = close(g, d, run, i);
     if (code == DONE)
         note_anchor(d, anchor);
     return code;
@@ -69,11 +75,12 @@ static Real write_between(Integrator *g, Dynamics *d, const Run *run, const Poin
 {
     const Kernel *k = d->k;
     const Real way = to->s - from->s, part = fmin(LEFT_OPEN, LEFT_BENT * way * way);
-    Real *numbers = run->numbers + 4 * i, slope;
+    Real *numbers = run->numbers + 4 * i;
     integrator_between(g, run->times + i, 1, g->trial);
-    slope = integrator_slope(g, run->times[i]);
-    const int code = dynamics_sample_between(d, from, to, g->trial, slope, run->q + i * k->nq,
-                                             run->v + i * k->nv, run->a + i * k->nv, numbers,
+    integrator_slopes(g, run->times[i], g->ended);
+    const int code = dynamics_sample_between(d, from, to, g->trial, g->ended[1],
+                                             run->q + i * k->nq, run->v + i * k->nv,
+                                             run->a + i * k->nv, numbers,
                                              run->angles + i * k->n_angles);
     return code == DONE ? numbers[0] / (part * run->between) : INFINITY;
 }
@@ -137,7 +144,7 @@ static int one_by_one(Integrator *g, Dynamics *d, Run *run, Int end)
 {
     int code = DONE;
     for (; code == DONE && run->row < end; run->row += code == DONE)
-        code = in_full(g, d, run, run->row);
+        code = close(g, d, run, run->row);
     return code;
 }
 
@@ -148,7 +155,8 @@ int samples_of_step(Integrator *g, Dynamics *d, Run *run)
         end++;
     if (end == run->row)
         return DONE;
-    const int interpolates = run->between > 0.0 && is_curve_of_one(d) && integrator_has_slope(g);
+    /* the curve of bodies that spin freely depends on its steps, which turn them */
+    const int interpolates = tells(g, d, run) && d->is_curve && !d->n_spins;
     if (interpolates) {
         swap(d->anchor, d->anchor + 2);
         note_anchor(d, d->anchor + 2);
