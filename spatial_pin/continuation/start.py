@@ -141,7 +141,7 @@ class Start:
         wanted = k.nv - k.n_passive - len(self.driven) - len(self.still)
         if not 0 <= wanted <= k.n_closure:
             return None
-        return self._path(np.arange(wanted), np.empty((0, k.nv)), q, angles, s, True)
+        return self._path(None, None, q, angles, s)
 
     def _path_of_system(self, q: Array, angles: Array, s: float) -> Path | None:
         """Return the path where passive freedoms are left."""
@@ -153,11 +153,11 @@ class Start:
         return self._path(system.equations, system.passive, q, angles, s)
 
     def _path(
-        self, chosen: NDArray[np.integer[Any]], fill: Array, q: Array, angles: Array, s: float,
-        choose: bool = False,
+        self, chosen: NDArray[np.integer[Any]] | None, fill: Array | None, q: Array,
+        angles: Array, s: float,
     ) -> Path | None:
         driven = prescribed_places(self.kernel, self.driven, self.still)
         path = Path(self.kernel, chosen, driven, fill, self.accuracy)
         if self._law is not None:
             self.leading.prescribe(path, s, self.still)
-        return path if path.start(q, angles, choose) else None
+        return path if path.start(q, angles) else None

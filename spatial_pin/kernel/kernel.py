@@ -17,14 +17,15 @@ from spatial_pin.kernel.packing import Packed, packed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 
-_NOWHERE = ctypes.c_double()  # where an array without entries may begin
+_ENTRY = ctypes.c_double()
+_NOWHERE = ctypes.addressof(_ENTRY)  # where an array without entries may begin
 _view = ctypes.c_char.from_buffer  # of a tenth of the price of `array.ctypes`
 
 
 def address(array: NDArray[Any]) -> int:
     """Return where a contiguous array begins; the caller keeps it alive."""
     if not array.size:
-        return ctypes.addressof(_NOWHERE)
+        return _NOWHERE
     if not array.flags.writeable:
         return int(array.ctypes.data)
     return ctypes.addressof(_view(array))  # type: ignore[arg-type]
@@ -90,6 +91,13 @@ class Kernel:
         self.handle = handle
         self.kept: dict[Any, Any] = {}
         weakref.finalize(self, self.library.kernel_destroy, handle)
+        self._q, self._angles = np.empty(self.nq), np.empty(self.n_angles)
+        self._taken = address(self._q), address(self._angles)
+
+    def taken(self, q: Array, angles: Array) -> tuple[int, int]:
+        """Return where copies of q (nq,) and of angles of screws (n_angles,) are, for C."""
+        self._q[:], self._angles[:] = q, angles
+        return self._taken
 
     def evaluate(self, q: Array, v: Array, reference: Array) -> Evaluated:
         """Return placements, closure equations, Jacobian and bias at q (nq,), v (nv,).

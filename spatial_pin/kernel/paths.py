@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.kernel.kernel import Kernel, address, check, numbers
+from spatial_pin.kernel.library import INT
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy
@@ -84,23 +85,27 @@ class Path:
 
     Args:
         kernel: of the mechanism; this path alone uses it as long as it is followed.
-        chosen: independent closure equations.
+        chosen: independent closure equations; None: as many are chosen at the start as
+            there are unknowns.
         driven: what is prescribed, the driver first; see `prescribed_places`.
-        fill: (k, nv) rows that give passive freedoms the least motion.
+        fill: (k, nv) rows that give passive freedoms the least motion; None: there are none.
         accuracy: tolerance and order of the predictor.
     """
 
     def __init__(
-        self, kernel: Kernel, chosen: NDArray[np.integer[Any]], driven: Sequence[int], fill: Array,
-        accuracy: Accuracy,
+        self, kernel: Kernel, chosen: NDArray[np.integer[Any]] | None,
+        driven: Sequence[int], fill: Array | None, accuracy: Accuracy,
     ) -> None:
         self.kernel, self._library = kernel, kernel.library
-        rows, at = np.ascontiguousarray(chosen, np.int64), np.array(driven, np.int64)
-        self.n_driven, fill = len(at), np.ascontiguousarray(fill, float)
+        self.n_driven, self._chooses = len(driven), chosen is None
+        rows = None if chosen is None else np.ascontiguousarray(chosen, np.int64)
+        n = kernel.nv - kernel.n_passive - len(driven) if rows is None else len(rows)
+        fill = None if fill is None else np.ascontiguousarray(fill, float)
         check(self._library.system_set(
-            kernel.handle, address(rows), len(rows), address(at), len(at), address(fill),
-            len(fill)))
-        handle, asked = ctypes.c_void_p(), _asked(accuracy, len(rows) < kernel.n_closure)
+            kernel.handle, None if rows is None else address(rows), n,
+            (INT * len(driven))(*driven), len(driven),
+            None if fill is None else address(fill), 0 if fill is None else len(fill)))
+        handle, asked = ctypes.c_void_p(), _asked(accuracy, n < kernel.n_closure)
         check(self._library.path_create(kernel.handle, asked, ctypes.byref(handle)))
         self._handle = handle
 
@@ -109,16 +114,15 @@ class Path:
         if hasattr(self, "_handle"):
             self._library.path_destroy(self._handle)
 
-    def start(self, q: Array, angles: Array, choose: bool = False) -> bool:
+    def start(self, q: Array, angles: Array) -> bool:
         """Move to a closed configuration; False if it is singular, or may be.
 
         Args:
             q: (nq,) the configuration.
             angles: (n_angles,) of screw closures.
-            choose: whether to choose independent equations again, as many as were given.
         """
-        q, angles = numbers(q, (self.kernel.nq,)), numbers(angles, (self.kernel.n_angles,))
-        return not self._library.path_start(self._handle, address(q), address(angles), choose)
+        return not self._library.path_start(
+            self._handle, *self.kernel.taken(q, angles), self._chooses)
 
     def follow(self, values: Array, samples: Samples) -> int:
         """Write samples at values of the parameter (m,); return how many were reached."""

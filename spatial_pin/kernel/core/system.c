@@ -109,8 +109,9 @@ EXPORT int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *dri
     if (n_chosen < 0 || n_driven < 0 || n_fill < 0 || n_chosen > k->nv || n_driven > k->nv ||
         n_fill > k->nv || n_chosen + k->n_idle + n_driven + n_fill != k->nv)
         return BAD_ARRAYS;
-    if (!indices_are_sound(chosen, n_chosen, k->n_closure) ||
-        !driven_is_sound(k, driven, n_driven))
+    if (chosen ? !indices_are_sound(chosen, n_chosen, k->n_closure) : n_chosen > k->n_closure)
+        return BAD_ARRAYS;
+    if (!driven_is_sound(k, driven, n_driven))
         return BAD_ARRAYS;
     if (n_fill > 0) {
         Real *rows = realloc(k->fill, (size_t)(n_fill * k->nv) * sizeof *rows);
@@ -119,7 +120,8 @@ EXPORT int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *dri
         k->fill = rows;
         memcpy(rows, fill, (size_t)(n_fill * k->nv) * sizeof *rows);
     }
-    memmove(k->chosen, chosen, (size_t)n_chosen * sizeof *chosen);
+    for (Int i = 0; i < n_chosen; i++)
+        k->chosen[i] = chosen ? chosen[i] : i;
     if (n_driven > 0) /* else there may be no array */
         memmove(k->driven, driven, (size_t)n_driven * sizeof *driven);
     k->n_chosen = n_chosen;
