@@ -172,11 +172,12 @@ def _released(
 
     A coordinate that moves the only freedoms there are moves the drivers: that is no event.
     """
-    mechanism, texts = state.mechanism, list[str]()
+    mechanism = state.mechanism
     drivers = driver_coordinates(mechanism)
     moving = {name for name, c in drivers.items() if c not in driven and c.v not in still}
     if len(moving) == len(drivers) or not (moving or state.released):
         return []
+    texts: list[str] = []
     for name, by in state.released.items():
         if name not in moving:
             texts.append(f"driver {name} is released: it stands {by:+.9g} {drivers[name].unit} "
@@ -211,6 +212,7 @@ def _per_sample(value: Any, values: Array, what: str) -> Array:
     return np.full(values.shape, finite_number(float(numbers), what))
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what overflows is refused
 def _motion(
     mechanism: Mechanism, driver: str, samples: Samples, values: Array, speeds: Array,
     is_steady: bool, accels: Array | None, per: str,
@@ -220,13 +222,12 @@ def _motion(
     if per == "s":
         is_steady = n > 0 and (is_steady or bool((speeds == speeds[0]).all()))
         speed = float(speeds[0]) if is_steady else speeds[:, None]
-        with np.errstate(over="ignore", invalid="ignore"):
-            a = a * (speed * speed)
-            if accels is not None:
-                a += v * accels[:, None]
-            elif is_steady:
-                time = _time(values, float(speeds[0]))
-            v = v * speed
+        a = a * (speed * speed)
+        if accels is not None:
+            a += v * accels[:, None]
+        elif is_steady:
+            time = _time(values, float(speeds[0]))
+        v = v * speed
     check_finite(v, a, "the speeds and accelerations of the sweep")
     return Motion(
         mechanism=mechanism,
@@ -249,7 +250,8 @@ def _near_limit(motion: Motion, t: Array) -> list[Event]:
         return []
     size = motion.mechanism.velocity_scale
     of_driver = float(size[motion.mechanism.coordinate(motion.driver_name).v])
-    if np.abs(t).max() * of_driver < 0.5 * FAST * min(size.tolist()):  # by the least size too
+    # no entry is larger than the length of all, by the least size
+    if math.sqrt(np.vdot(t, t)) * of_driver < 0.5 * FAST * min(size.tolist()):
         return []
     paces = np.abs(t / size) * of_driver
     if paces.max() <= FAST:

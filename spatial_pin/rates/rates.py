@@ -10,7 +10,7 @@ import numpy as np
 from spatial_pin.assembly.close import scaled_row
 from spatial_pin.assembly.holding import BASE, Hold, divided, free_bases, held_by
 from spatial_pin.assembly.state import State, made, of_mechanism
-from spatial_pin.checks import checked, finite_number, mapping, names_of
+from spatial_pin.checks import checked, finite_number, is_finite, mapping, names_of
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SingularError
@@ -310,7 +310,7 @@ def check_finite(v: np.ndarray, a: np.ndarray, what: str) -> None:
     Raises:
         ValueError: they have, under `what`.
     """
-    if not (np.isfinite(v) & np.isfinite(a)).all():
+    if not (is_finite(v) and is_finite(a)):
         raise ValueError(f"{what} make joint rates larger than numbers can be")
 
 
