@@ -21,12 +21,13 @@ typedef struct {
 
 /* ---- products ---- */
 
-static void sum_of_terms(const Real *vectors, const Int *term, const Real *factor, Real *out)
+static inline void sum_of_terms(const Real *vectors, const Int *term, const Real *factor, Real *out)
 {
-    zero3(out);
+    Real sum[3] = {0.0, 0.0, 0.0};
     for (int t = 0; t < 2; t++)
         if (term[t] >= 0)
-            add3(factor[t], vectors + 3 * term[t], out);
+            add3(factor[t], vectors + 3 * term[t], sum);
+    copy3(sum, out);
 }
 
 /* Force and moment about the world origin that a product exerts on its second body. */
@@ -266,6 +267,15 @@ static void list(const char *mark, char wanted, Int n, Int *count, Int *places)
             places[(*count)++] = i;
 }
 
+/* Marks of vectors: in the system, not in it; and those of the ground, which do not move. */
+enum { OUTSIDE = 0, INSIDE = 1, STANDING = 2 };
+
+static void mark_vector(Kernel *k, Int i)
+{
+    if (i >= 0 && k->vector_body[i])
+        k->is_vector[i] = INSIDE;
+}
+
 /* Mark what an equation of the system is made of. */
 static void mark_equation(Kernel *k, Int i)
 {
@@ -273,14 +283,18 @@ static void mark_equation(Kernel *k, Int i)
     for (int p = 0; p < TABLE[k->equation_kind[i]].n_products; p++) {
         const Int product = k->equation_int[4 * i + p];
         k->is_product[product] = 1;
+        mark_vector(k, k->x_term[product]);
         for (int t = 0; t < 2; t++) {
-            const Int a = k->a_term[2 * product + t], b = k->b_term[2 * product + t];
-            if (a >= 0)
-                k->is_vector[a] = k->vector_body[a] > 0;
-            if (b >= 0)
-                k->is_vector[b] = k->vector_body[b] > 0;
+            mark_vector(k, k->a_term[2 * product + t]);
+            mark_vector(k, k->b_term[2 * product + t]);
         }
     }
+}
+
+static void mark_no_vector(Kernel *k)
+{
+    for (Int i = 0; i < k->n_vectors; i++)
+        k->is_vector[i] = k->vector_body[i] ? OUTSIDE : STANDING;
 }
 
 void equations_of_system(Kernel *k)
@@ -288,7 +302,7 @@ void equations_of_system(Kernel *k)
     Parts *of = &k->system, *rest = &k->rest;
     memset(k->is_equation, 0, (size_t)k->n_equations);
     memset(k->is_product, 0, (size_t)k->n_products);
-    memset(k->is_vector, 0, (size_t)k->n_vectors);
+    mark_no_vector(k);
     for (Int i = 0; i < k->n_chosen; i++)
         mark_equation(k, k->chosen[i]);
     for (Int i = 0; i < k->n_equations; i++)
@@ -296,9 +310,10 @@ void equations_of_system(Kernel *k)
             mark_equation(k, i);
     list(k->is_equation, 1, k->n_equations, &of->n_equations, of->equation);
     list(k->is_product, 1, k->n_products, &of->n_products, of->product);
-    list(k->is_vector, 1, k->n_vectors, &of->n_vectors, of->vector);
+    list(k->is_vector, INSIDE, k->n_vectors, &of->n_vectors, of->vector);
     list(k->is_equation, 0, k->n_equations, &rest->n_equations, rest->equation);
     list(k->is_product, 0, k->n_products, &rest->n_products, rest->product);
+    list(k->is_vector, OUTSIDE, k->n_vectors, &rest->n_vectors, rest->vector);
 }
 
 static int make_parts(Kernel *k, Parts *of)
@@ -318,11 +333,10 @@ int equations_begin(Kernel *k)
     if (!k->is_equation || !k->is_product || !k->is_vector || !make_parts(k, all) ||
         !make_parts(k, &k->system) || !make_parts(k, &k->rest))
         return 0;
-    for (Int i = 0; i < k->n_vectors; i++)
-        k->is_vector[i] = k->vector_body[i] > 0;
+    mark_no_vector(k);
     list(k->is_equation, 0, k->n_equations, &all->n_equations, all->equation);
     list(k->is_product, 0, k->n_products, &all->n_products, all->product);
-    list(k->is_vector, 1, k->n_vectors, &all->n_vectors, all->vector);
+    list(k->is_vector, OUTSIDE, k->n_vectors, &all->n_vectors, all->vector);
     return 1;
 }
 
@@ -331,9 +345,11 @@ int equations_begin(Kernel *k)
 static inline void place_vector(Kernel *k, Int i)
 {
     const Int body = k->vector_body[i];
-    rotate3(k->R + 9 * body, k->vector_local + 3 * i, k->vector + 3 * i);
+    Real turned[3];
+    rotate3(k->R + 9 * body, k->vector_local + 3 * i, turned);
     if (k->vector_flag[i])
-        add3(1.0, k->p + 3 * body, k->vector + 3 * i);
+        add3(1.0, k->p + 3 * body, turned);
+    copy3(turned, k->vector + 3 * i);
 }
 
 void equations_place_ground(Kernel *k)
@@ -348,12 +364,12 @@ void equations_place(Kernel *k, const Real *q)
     if (q != k->q)
         memcpy(k->q, q, (size_t)k->nq * sizeof *q);
     tree_place(k, k->q);
-    for (Int i = 0; i < k->all.n_vectors; i++)
-        place_vector(k, k->all.vector[i]);
 }
 
 void equations_residuals(Kernel *k, const Parts *of)
 {
+    for (Int i = 0; i < of->n_vectors; i++)
+        place_vector(k, of->vector[i]);
     for (Int p = 0; p < of->n_products; p++) {
         const Int i = of->product[p];
         sum_of_terms(k->vector, k->a_term + 2 * i, k->a_factor + 2 * i, k->A + 3 * i);
@@ -388,7 +404,7 @@ static void vector_rates(Kernel *k, const Parts *of)
     for (Int at = 0; at < of->n_vectors; at++) {
         const Int i = of->vector[at];
         const Int body = 3 * k->vector_body[i];
-        Real arm[3], more[3], *rate = k->vector_rate + 3 * i, *bias = k->vector_bias + 3 * i;
+        Real arm[3], more[3], rate[3], bias[3];
         rotate3(k->R + 3 * body, k->vector_local + 3 * i, arm);
         cross3(k->omega + body, arm, rate);
         cross3(k->omega + body, rate, bias);
@@ -398,6 +414,8 @@ static void vector_rates(Kernel *k, const Parts *of)
             add3(1.0, k->velocity + body, rate);
             add3(1.0, k->acceleration + body, bias);
         }
+        copy3(rate, k->vector_rate + 3 * i);
+        copy3(bias, k->vector_bias + 3 * i);
     }
 }
 
@@ -424,11 +442,5 @@ void equations_bias(Kernel *k, const Parts *of, const Real *v)
 
 Real equations_error(const Kernel *k)
 {
-    Real most = 0.0;
-    for (Int i = 0; i < k->n_closure; i++) {
-        const Real size = fabs(k->residual[i]);
-        if (!(size <= most)) /* not a number counts as the largest */
-            most = size;
-    }
-    return most;
+    return largest(k->residual, k->n_closure);
 }

@@ -170,7 +170,8 @@ static inline int joint_nq(Int kind) { return kind == FREE ? 7 : kind == BALL ? 
 
 /* ---- equations.c ---- */
 void equations_values(Kernel *k, const Real *q); /* placements, vectors, products, residual, angle */
-/* The same in steps: placements and vectors; then products, residual, angle of some equations */
+/* The same in steps: placements; then vectors, products, residual, angle of some equations, of the
+   system before its rest */
 void equations_place(Kernel *k, const Real *q);
 void equations_residuals(Kernel *k, const Parts *of);
 /* entry, after equations_values; bias, after that: of all equations, or of some */
@@ -181,7 +182,7 @@ void equations_bias(Kernel *k, const Parts *of, const Real *v);
 void equations_of_system(Kernel *k);
 int equations_begin(Kernel *k);      /* room for parts, and those of all; whether there is memory */
 void equations_place_ground(Kernel *k); /* vectors that do not move, once for all */
-Real equations_error(const Kernel *k);           /* largest absolute residual */
+Real equations_error(const Kernel *k);           /* largest absolute residual; NaN if one is */
 int equations_are_sound(const Kernel *k);        /* whether their indices fit */
 
 /* ---- evaluating.c ---- */
@@ -195,6 +196,8 @@ EXPORT int kernel_evaluate(Kernel *k, const Real *q, const Real *v, const Real *
 EXPORT int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *driven, Int n_driven,
                       const Real *fill, Int n_fill);
 int system_factor(Kernel *k);            /* DONE or SINGULAR or NO_MEMORY, after equations_jacobian */
+/* Size of the determinant of the last factorisation: its binary logarithm. */
+static inline Real determinant_size(const Kernel *k) { return log2(k->mantissa) + (Real)k->exponent; }
 /* right sides of chosen, idle, driven, fill -> v / scale; those of what is driven by its scale */
 void system_solve(const Kernel *k, Real *x);
 /* Other independent equations at the point that was evaluated, as many; SINGULAR, and those there

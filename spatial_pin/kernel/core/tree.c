@@ -35,7 +35,7 @@ static const Real *fixed_placement(const Kernel *k, Int j, Real *p, Real *own)
 }
 
 /* R = fixed * rotation about z */
-static inline void turn_about_z(const Real *fixed, Real angle, Real *R)
+static inline void turn_about_z(const Real *fixed, Real angle, Real *restrict R)
 {
     const Real c = cos(angle), s = sin(angle);
     for (int i = 0; i < 3; i++) {

@@ -66,7 +66,7 @@ static inline void add3(Real factor, const Real *a, Real *out)
 }
 
 /* out = R v */
-static inline void rotate3(const Real *R, const Real *v, Real *out)
+static inline void rotate3(const Real *R, const Real *v, Real *restrict out)
 {
     for (int i = 0; i < 3; i++)
         out[i] = R[i] * v[0] + R[3 + i] * v[1] + R[6 + i] * v[2];
