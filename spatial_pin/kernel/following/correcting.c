@@ -105,9 +105,9 @@ int correct(Kernel *k, Real *q, Correction *c)
             return residual <= c->left ? closed(k) : NOT_CONVERGED;
         away += size;
         if (c->away > 0.0)
-            last = fmax(size, TOLERANCE_ROUND_OFF);
+            last = larger_of(size, TOLERANCE_ROUND_OFF);
         else /* old factors do not contract alike where it is not known how far off they are */
-            last = old ? INFINITY : fmax(size, TOLERANCE_ZERO);
+            last = old ? INFINITY : larger_of(size, TOLERANCE_ZERO);
         before = residual;
         tree_integrate(k, q, k->right);
         if (c->prescribed)

@@ -27,14 +27,15 @@ struct Path {
 };
 
 /* ---- stepping.c ---- */
-/* Step to a value of s: DONE, or why not; then nothing has changed, but for what is `stale`. */
+/* Step to a value of s in the piece in use: DONE, or why not; then nothing has changed, but for what
+   is `stale`. */
 int step(Path *path, Real target);
 /* Evaluate and factor at `here` again, with the piece of what is prescribed that is in use. */
 int stand_again(Path *path);
 /* Let the piece that begins at `here` in the sense of a number be in use there. */
 int turn_into(Path *path, Real sense);
 int factor_here(Kernel *k); /* at an evaluated point, with passive freedoms as they are there */
-int keep_choice(Path *path);  /* whether other equations are in use now */
+void keep_choice(Path *path); /* the equations in use are those at `here` */
 int has_redundant(const Kernel *k);
 Real distance_ahead(const Path *path, Real h); /* way of s to where the determinant vanishes, or inf */
 /* The change of s in which the joints go a way; the longest step that is worth an attempt. */

@@ -35,7 +35,7 @@ void point_carve(const Kernel *k, Real **from, Point *point)
 int point_rates(Kernel *k, const Prescribed *prescribed, Point *point)
 {
     Real sum = 0.0, square = 0.0;
-    point->size = log2(k->mantissa) + (Real)k->exponent;
+    point->size = determinant_size(k);
     point->error = equations_error(k);
     system_path_rates(k, prescribed->rate, prescribed->bend, point->t, point->c);
     for (Int i = 0; i < k->n_driven; i++) { /* as asked for, to the last digit */

@@ -17,7 +17,7 @@
 /* Go on to a value of s, by one piece of what is prescribed. */
 static int reach_within(Path *path, Real target)
 {
-    const Real first = fmin(fabs(target - path->here->s), longest_step(path));
+    const Real first = smaller_of(fabs(target - path->here->s), longest_step(path));
     const Real least = first * exp2(path->k->n_pins ? -PIN_HALVINGS : -MOST_HALVINGS);
     Real length = first;
     Int failed = 0;
@@ -25,12 +25,12 @@ static int reach_within(Path *path, Real target)
         return UNSAFE;
     while (path->here->s != target) {
         const Real left = target - path->here->s;
-        const Real parts = ceil(fabs(left) / fmin(length, longest_step(path)) - 1e-9);
+        const Real parts = ceil(fabs(left) / smaller_of(length, longest_step(path)) - 1e-9);
         const Real goal = parts <= 1.0 ? target : path->here->s + left / parts;
         const Real tried = fabs(goal - path->here->s);
         const int code = goal != path->here->s ? step(path, goal) : UNSAFE;
         if (code == DONE)
-            length = fmax(length, 2.0 * tried);
+            length = larger_of(length, 2.0 * tried);
         else if (code == NO_MEMORY || 0.5 * tried < least || tried == 0.0 || ++failed > MOST_FAILED)
             return code;
         else
@@ -110,7 +110,7 @@ static int put_between(Path *path, const Point *from, Real value, const PathRows
 static Int follow_between(Path *path, const Real *values, Int i, Int last, const PathRows *rows)
 {
     const Point *from = path->here; /* it stays what it is until the next step is tried */
-    if (step(path, values[last]) != DONE) {
+    if (turn_into(path, values[last] - from->s) != DONE || step(path, values[last]) != DONE) {
         path->between_way *= 0.5;
         return 0;
     }

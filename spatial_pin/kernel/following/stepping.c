@@ -54,19 +54,23 @@ static int look_ahead(Path *path, Real h)
     equations_values(k, path->next->q);
     equations_jacobian(k, &k->system);
     const int code = system_factor(k);
-    const Real size = code == DONE ? log2(k->mantissa) + (Real)k->exponent : -INFINITY;
+    const Real size = code == DONE ? determinant_size(k) : -INFINITY;
     note_zero(path, path->here->size, size, path->here->s + LOOK * h, LOOK * h);
     return code == SINGULAR ? DONE : code;
 }
 
 /* ---- a step ---- */
 
-int keep_choice(Path *path)
+/* Whether other equations are in use than at `here`. */
+static int is_new_choice(const Path *path)
 {
-    const size_t size = (size_t)path->k->n_chosen * sizeof *path->chosen;
-    const int is_new = memcmp(path->chosen, path->k->chosen, size) != 0;
-    memcpy(path->chosen, path->k->chosen, size);
-    return is_new;
+    const Kernel *k = path->k;
+    return memcmp(path->chosen, k->chosen, (size_t)k->n_chosen * sizeof *path->chosen) != 0;
+}
+
+void keep_choice(Path *path)
+{
+    memcpy(path->chosen, path->k->chosen, (size_t)path->k->n_chosen * sizeof *path->chosen);
 }
 
 int has_redundant(const Kernel *k) { return k->n_chosen < k->n_closure; }
@@ -153,10 +157,10 @@ static int close_prediction(Path *path, Real way)
     Kernel *k = path->k;
     const PathAccuracy *wanted = &path->accuracy;
     const Real least = round_off_of(k, path->here->q);
-    const Real part = fmin(1.0, k->pivot_ratio / WEAK);
-    Correction c = {.enough = fmax(part * wanted->enough, 0.1 * least),
-                    .tolerance = fmax(part * wanted->tolerance, 0.3 * least),
-                    .left = fmax(wanted->left, least), .fixed = wanted->corrections,
+    const Real part = smaller_of(1.0, k->pivot_ratio / WEAK);
+    Correction c = {.enough = larger_of(part * wanted->enough, 0.1 * least),
+                    .tolerance = larger_of(part * wanted->tolerance, 0.3 * least),
+                    .left = larger_of(wanted->left, least), .fixed = wanted->corrections,
                     .reuse = !path->stale && part == 1.0 && wanted->corrections < 0,
                     .prescribed = &path->prescribed};
     c.allowed = wanted->order ? TOLERANCE_UNEXPLAINED * way : INFINITY;
@@ -164,7 +168,7 @@ static int close_prediction(Path *path, Real way)
     int code = correct(k, path->next->q, &c);
     path->missed = c.first;
     if (code != DONE || !has_redundant(k) || c.fixed >= 0 ||
-        equations_error(k) <= fmax(c.tolerance, path->open))
+        equations_error(k) <= larger_of(c.tolerance, path->open))
         return code;
     code = system_reselect(k);
     if (code != DONE)
@@ -183,17 +187,22 @@ int factor_here(Kernel *k)
     return code == DONE && k->n_fill ? fill_again(k) : code;
 }
 
-/* Choose the independent equations anew at a factored point; the sign starts anew with them. */
+/* Choose the independent equations anew at a factored point where redundant ones have become weak;
+ * the sign starts anew with them. */
 static int choose_again(Path *path)
 {
     Kernel *k = path->k;
+    if (!has_redundant(k) || !(k->pivot_ratio < RESELECT_PIVOT * path->selected_ratio))
+        return DONE;
+    const Real size = determinant_size(k);
+    if (!(size < path->selected - RESELECT_ORDERS))
+        return DONE;
     int code = system_reselect(k);
     if (code == DONE)
         code = system_factor(k);
-    if (code != DONE)
-        return code;
-    path->next->size = log2(k->mantissa) + (Real)k->exponent;
-    return DONE;
+    if (!is_new_choice(path))
+        path->selected = size, path->selected_ratio = k->pivot_ratio;
+    return code;
 }
 
 /* Does the path go on in its direction? Where polynomials are prescribed it may come to rest, and
@@ -243,19 +252,15 @@ static int arrive(Path *path, Real way)
 {
     Kernel *k = path->k;
     Point *here = path->here, *next = path->next;
-    int is_new = memcmp(path->chosen, k->chosen, (size_t)k->n_chosen * sizeof *path->chosen) != 0;
+    int is_new = is_new_choice(path);
     int code = prescribed_holds(&path->prescribed, next->q) ? factor_here(k) : UNSAFE;
     if (code != DONE)
         return code;
     if (k->pivot_ratio < TOLERANCE_NEAR_SINGULAR || (!is_new && k->sign != path->sign))
         return SINGULAR;
-    const Real size = log2(k->mantissa) + (Real)k->exponent;
-    if (!is_new && has_redundant(k) && size < path->selected - RESELECT_ORDERS &&
-        k->pivot_ratio < RESELECT_PIVOT * path->selected_ratio) {
+    if (!is_new) {
         code = choose_again(path);
-        is_new = memcmp(path->chosen, k->chosen, (size_t)k->n_chosen * sizeof *path->chosen) != 0;
-        if (!is_new)
-            path->selected = size, path->selected_ratio = k->pivot_ratio;
+        is_new = is_new_choice(path);
     }
     if (code == DONE)
         code = point_rates(k, &path->prescribed, next);
@@ -370,13 +375,11 @@ int turn_into(Path *path, Real sense)
 int step(Path *path, Real target)
 {
     Kernel *k = path->k;
-    int code = turn_into(path, target - path->here->s);
     const Real h = target - path->here->s;
     const Real ratio = path->has_before ? h / (path->here->s - path->before->s) : 0.0;
-    if (code == DONE)
-        code = try_step(path, target);
+    const int code = try_step(path, target);
     if (code != DONE) {
-        if (memcmp(path->chosen, k->chosen, (size_t)k->n_chosen * sizeof *path->chosen) != 0)
+        if (is_new_choice(path))
             system_set(k, path->chosen, k->n_chosen, k->driven, k->n_driven, k->fill, k->n_fill);
         path->stale = 1;
         return code;
