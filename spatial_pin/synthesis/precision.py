@@ -13,7 +13,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pinocchio as pin
@@ -44,15 +44,17 @@ class Goal(ABC):
     """
 
     weight: float | None = None
+    _words: ClassVar[str]  # its name, in which {0.KEY} is what was asked for
+    _unit: ClassVar[str]
 
     @property
-    @abstractmethod
     def name(self) -> str:
         """What it is called in reports."""
+        return self._words.format(self)
 
-    @abstractmethod
     def unit_of(self, mechanism: Mechanism) -> str:
         """Return the unit that its error is told in."""
+        return self._unit
 
     @abstractmethod
     def check(self, mechanism: Mechanism) -> None:
@@ -71,10 +73,12 @@ class Precision(Goal):
     Attributes:
         drivers: values (k,) of coordinates at the samples; none: they are free.
         input_offset: whether the drivers count from a zero that is to be found.
+        width: how many residuals a sample has.
     """
 
     drivers: Mapping[str, Array] = field(default_factory=dict)
     input_offset: bool = False
+    width: ClassVar[int]
 
     def __len__(self) -> int:
         """Return how many configurations it asks for."""
@@ -93,11 +97,6 @@ class Precision(Goal):
     def own_start(self, mechanism: Mechanism) -> Array:
         """Return numbers of its own to begin with (n_own,)."""
         return np.zeros(len(self.own_names))
-
-    @property
-    @abstractmethod
-    def width(self) -> int:
-        """How many residuals a sample has."""
 
     @abstractmethod
     def residual(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Array:
@@ -129,6 +128,7 @@ class _Drawn(Precision):
     scale: in lengths of the world a drawing that shrinks to a point would be met best.
 
     Attributes:
+        frame: what goes through them.
         points: (k, 3) [m].
         placement: whether the drawing may be placed anywhere; its numbers are shifts along the axes
             of the world, relative to the characteristic length, and a rotation vector about the
@@ -136,9 +136,14 @@ class _Drawn(Precision):
         scale: whether it may have any size; its number is the logarithm of that.
     """
 
+    frame: str
     points: Array
     placement: bool = False
     scale: bool = False
+
+    def check(self, mechanism: Mechanism) -> None:
+        """See `Goal`."""
+        mechanism.frame_id(self.frame)
 
     @property
     def count(self) -> int:
@@ -215,22 +220,8 @@ class _Drawn(Precision):
 class Path(_Drawn):
     """The origin of a frame at points, one after the other."""
 
-    frame: str
     closed: bool = False
-
-    @property
-    def name(self) -> str:
-        """See `Goal`."""
-        return f"path of {self.frame}"
-
-    def unit_of(self, mechanism: Mechanism) -> str:
-        """See `Goal`."""
-        return "m"
-
-    @property
-    def width(self) -> int:
-        """See `Precision`."""
-        return 3
+    _words, _unit, width = "path of {0.frame}", "m", 3
 
     def residual(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Array:
         """See `Precision`."""
@@ -247,31 +238,13 @@ class Path(_Drawn):
         """See `Precision`: lengths of the world."""
         return np.linalg.norm(residual, axis=1) * self._size(mechanism, own)
 
-    def check(self, mechanism: Mechanism) -> None:
-        """See `Goal`."""
-        mechanism.frame_id(self.frame)
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Poses(_Drawn):
     """A frame at placements, one after the other."""
 
-    frame: str
     rotations: Array
-
-    @property
-    def name(self) -> str:
-        """See `Goal`."""
-        return f"poses of {self.frame}"
-
-    def unit_of(self, mechanism: Mechanism) -> str:
-        """See `Goal`."""
-        return "m, rad"
-
-    @property
-    def width(self) -> int:
-        """See `Precision`."""
-        return 6
+    _words, _unit, width = "poses of {0.frame}", "m, rad", 6
 
     def residual(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Array:
         """See `Precision`: places, then rotation vectors from the target, in its axes."""
@@ -300,10 +273,6 @@ class Poses(_Drawn):
         places = np.linalg.norm(residual[:, :3], axis=1) * self._size(mechanism, own)
         return np.maximum(places, np.linalg.norm(residual[:, 3:], axis=1))
 
-    def check(self, mechanism: Mechanism) -> None:
-        """See `Goal`."""
-        mechanism.frame_id(self.frame)
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Function(Precision):
@@ -312,20 +281,11 @@ class Function(Precision):
     output: str
     values: Array
     offset: bool = False
-
-    @property
-    def name(self) -> str:
-        """See `Goal`."""
-        return f"function of {self.output}"
+    _words, width = "function of {0.output}", 1
 
     def unit_of(self, mechanism: Mechanism) -> str:
         """See `Goal`."""
         return str(mechanism.prescribed_coordinate(self.output).unit)
-
-    @property
-    def width(self) -> int:
-        """See `Precision`."""
-        return 1
 
     @property
     def count(self) -> int:

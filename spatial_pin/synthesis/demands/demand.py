@@ -12,6 +12,7 @@ from abc import abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,12 +37,13 @@ BEYOND = 0.25  # of a demand's unit, by which a part is met so well that samples
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Demand(Goal):
-    """A goal that is asked of the mechanism as a whole."""
+    """A goal that is asked of the mechanism as a whole.
 
-    @property
-    def is_one_sided(self) -> bool:
-        """Whether values below zero are as good as zero."""
-        return True
+    Attributes:
+        is_one_sided: whether values below zero are as good as zero.
+    """
+
+    is_one_sided: ClassVar[bool] = True
 
     @abstractmethod
     def values(self, candidate: Candidate) -> Array:

@@ -22,15 +22,7 @@ class LeastClearance(Moving):
 
     at_least: float
     pairs: tuple[tuple[str, str], ...] | None = None
-
-    @property
-    def name(self) -> str:
-        """See `Goal`."""
-        return "clearance"
-
-    def unit_of(self, mechanism: Mechanism) -> str:
-        """See `Goal`."""
-        return "m"
+    _words, _unit = "clearance", "m"
 
     def check(self, mechanism: Mechanism) -> None:
         """See `Goal`."""
@@ -55,14 +47,7 @@ class LeastClearance(Moving):
 class MostSize(AtMost, Moving):
     """That no two joints or closures are ever far apart."""
 
-    @property
-    def name(self) -> str:
-        """See `Goal`."""
-        return "size"
-
-    def unit_of(self, mechanism: Mechanism) -> str:
-        """See `Goal`."""
-        return "m"
+    _words, _unit = "size", "m"
 
     def values(self, candidate: Candidate) -> Array:
         """See `Demand`: relative to the largest one allowed."""
@@ -82,14 +67,7 @@ class MostSize(AtMost, Moving):
 class MostMass(AtMost):
     """That all moving links together weigh little."""
 
-    @property
-    def name(self) -> str:
-        """See `Goal`."""
-        return "mass"
-
-    def unit_of(self, mechanism: Mechanism) -> str:
-        """See `Goal`."""
-        return "kg"
+    _words, _unit = "mass", "kg"
 
     def check(self, mechanism: Mechanism) -> None:
         """See `Goal`."""

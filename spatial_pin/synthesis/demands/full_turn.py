@@ -48,14 +48,12 @@ class _Loops:
 class FullTurn(Moving):
     """That a driver turns all the way round."""
 
+    _unit = "rad"
+
     @property
     def name(self) -> str:
         """See `Goal`."""
         return f"full turn of {self.driver or 'the driver'}"
-
-    def unit_of(self, mechanism: Mechanism) -> str:
-        """See `Goal`."""
-        return "rad"
 
     def check(self, mechanism: Mechanism) -> None:
         """See `Goal`."""

@@ -19,10 +19,7 @@ from spatial_pin.synthesis.demands.demand import Moving
 class WithinLimits(Moving):
     """That the driver's motion takes no other joint beyond its limits."""
 
-    @property
-    def name(self) -> str:
-        """See `Goal`."""
-        return "joint limits"
+    _words = "joint limits"
 
     def unit_of(self, mechanism: Mechanism) -> str:
         """See `Goal`."""

@@ -20,20 +20,11 @@ class Swing(Moving):
 
     output: str
     angle: float
-
-    @property
-    def name(self) -> str:
-        """See `Goal`."""
-        return f"swing of {self.output}"
+    _words, is_one_sided = "swing of {0.output}", False
 
     def unit_of(self, mechanism: Mechanism) -> str:
         """See `Goal`."""
         return str(mechanism.coordinate(self.output).unit)
-
-    @property
-    def is_one_sided(self) -> bool:
-        """See `Demand`."""
-        return False
 
     def check(self, mechanism: Mechanism) -> None:
         """See `Goal`."""
@@ -90,20 +81,8 @@ class DeadCentres(Moving):
     """That an output stands still at values of the driver."""
 
     output: str
-
-    @property
-    def name(self) -> str:
-        """See `Goal`."""
-        return f"dead centres of {self.output}"
-
-    def unit_of(self, mechanism: Mechanism) -> str:
-        """See `Goal`."""
-        return "output per driver"
-
-    @property
-    def is_one_sided(self) -> bool:
-        """See `Demand`."""
-        return False
+    _words, _unit = "dead centres of {0.output}", "output per driver"
+    is_one_sided = False
 
     def check(self, mechanism: Mechanism) -> None:
         """See `Goal`."""

@@ -21,15 +21,7 @@ class LeastTransmission(Moving):
     output: str
     at_least: float
     pair: str | None = None
-
-    @property
-    def name(self) -> str:
-        """See `Goal`."""
-        return f"transmission to {self.output}"
-
-    def unit_of(self, mechanism: Mechanism) -> str:
-        """See `Goal`."""
-        return "rad"
+    _words, _unit = "transmission to {0.output}", "rad"
 
     def check(self, mechanism: Mechanism) -> None:
         """See `Goal`."""
