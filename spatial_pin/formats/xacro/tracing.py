@@ -264,43 +264,16 @@ def _deciding(name: str, function: Callable[..., Any]) -> Any:
     return method
 
 
-def _is_true(x: Any) -> Any:
-    return np.not_equal(x, 0.0)
-
-
 class Traced(float):
     """A number that depends on arguments of the file, in the place of a plain one."""
 
     __slots__ = ("place", "tape")
     tape: Tape
     place: int
-
-    __add__ = _writing("__add__", operator.add)
-    __radd__ = _writing("__radd__", operator.add, True)
-    __sub__ = _writing("__sub__", operator.sub)
-    __rsub__ = _writing("__rsub__", operator.sub, True)
-    __mul__ = _writing("__mul__", operator.mul)
-    __rmul__ = _writing("__rmul__", operator.mul, True)
-    __truediv__ = _writing("__truediv__", operator.truediv)
-    __rtruediv__ = _writing("__rtruediv__", operator.truediv, True)
-    __floordiv__ = _writing("__floordiv__", operator.floordiv)
-    __rfloordiv__ = _writing("__rfloordiv__", operator.floordiv, True)
-    __mod__ = _writing("__mod__", operator.mod)
-    __rmod__ = _writing("__rmod__", operator.mod, True)
-    __pow__ = _writing("__pow__", operator.pow)
-    __rpow__ = _writing("__rpow__", operator.pow, True)
     __neg__ = _writing("__neg__", operator.neg)
-    __pos__ = _writing("__pos__", operator.pos)
-    __abs__ = _writing("__abs__", operator.abs)
-    __lt__ = _deciding("__lt__", operator.lt)
-    __le__ = _deciding("__le__", operator.le)
-    __gt__ = _deciding("__gt__", operator.gt)
-    __ge__ = _deciding("__ge__", operator.ge)
-    __eq__ = _deciding("__eq__", operator.eq)
-    __ne__ = _deciding("__ne__", operator.ne)
 
     def __bool__(self) -> bool:
-        return bool(self.tape.decide(float.__bool__(self), _is_true, self))
+        return bool(self.tape.decide(float.__bool__(self), lambda x: np.not_equal(x, 0.0), self))
 
     def __str__(self) -> str:
         return self.tape.text(self.place)
@@ -315,3 +288,11 @@ class Traced(float):
     def __hash__(self) -> int:  # whoever asks for it goes by the value
         self.tape.give_up()
         return float.__hash__(self)
+
+
+for _name in ("add", "sub", "mul", "truediv", "floordiv", "mod", "pow", "pos", "abs"):
+    setattr(Traced, f"__{_name}__", _writing(f"__{_name}__", getattr(operator, _name)))
+for _name in ("add", "sub", "mul", "truediv", "floordiv", "mod", "pow"):
+    setattr(Traced, f"__r{_name}__", _writing(f"__r{_name}__", getattr(operator, _name), True))
+for _name in ("lt", "le", "gt", "ge", "eq", "ne"):
+    setattr(Traced, f"__{_name}__", _deciding(f"__{_name}__", getattr(operator, _name)))
