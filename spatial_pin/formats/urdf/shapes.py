@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import os
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import coal
 import numpy as np
 import pinocchio as pin
 
@@ -28,6 +29,8 @@ SIZES = {  # shape -> its attributes with their number of entries
     "box": {"size": 3}, "sphere": {"radius": 1}, "mesh": {},
     "cylinder": {"radius": 1, "length": 1}, "capsule": {"radius": 1, "length": 1},
 }
+SOLIDS = {"box": coal.Box, "sphere": coal.Sphere, "cylinder": coal.Cylinder,
+          "capsule": coal.Capsule}
 NO_COLOUR = (0.9, 0.9, 0.9, 1.0)  # as Pinocchio has it where there is none
 
 
@@ -131,8 +134,6 @@ def _solid(
 
 
 def _surface(points: Array, corners: Array) -> pin.CollisionGeometry:
-    import coal
-
     solid = coal.BVHModelOBBRSS()
     solid.beginModel(len(corners), len(points))
     solid.addVertices(points)
@@ -140,21 +141,6 @@ def _surface(points: Array, corners: Array) -> pin.CollisionGeometry:
     solid.endModel()
     solid.computeLocalAABB()
     return solid
-
-
-def _plain(name: str) -> Callable[..., pin.CollisionGeometry]:
-    def made(*sizes: float) -> pin.CollisionGeometry:
-        import coal
-
-        return getattr(coal, name)(*sizes)
-
-    return made
-
-
-SOLIDS: dict[str, Callable[..., pin.CollisionGeometry]] = {
-    "box": _plain("Box"), "sphere": _plain("Sphere"), "cylinder": _plain("Cylinder"),
-    "capsule": _plain("Capsule"),
-}
 
 
 # ---------------------------------------------------------------- in a URDF
@@ -174,7 +160,7 @@ def take_shapes(
     Raises:
         MechanismFileError: a shape has impossible numbers.
     """
-    materials, lost = _Materials(robot, faults), _Lost()
+    materials = _Materials(robot, faults)
     folder = path if os.path.isdir(path) else path.parent
     taken = []
     for link in robot.findall("link"):
@@ -185,7 +171,7 @@ def take_shapes(
             for element in link.findall(kind):
                 place = placement(element.find("origin"), where)
                 colour = materials.of(element, where) if kind == "visual" else None
-                solid = _solid_of(element)
+                solid = next((x for x in element.iterfind("geometry/*") if x.tag in SIZES), None)
                 if solid is None:
                     faults.note(f"none of {', '.join(SIZES)}, left out",
                                 f"a <{kind}> of link {name!r}")
@@ -194,10 +180,10 @@ def take_shapes(
                 shape = Shape(kind, name, f"{name}_{count}", place, tag, _sizes(solid, where),
                               colour=colour, overrides=_overrides(element))
                 if solid.tag == "mesh":
-                    shape = _sought(shape, solid, folder, packages, lost)
+                    shape = _sought(shape, solid, folder, packages)
                 taken.append(shape)
                 count += 1
-    lost.tell(faults)
+    _tell_lost([x for x in taken if x.solid == "mesh" and x.path is None], faults)
     return tuple(taken)
 
 
@@ -211,10 +197,6 @@ def _is_capsule(element: ET.Element, link: ET.Element) -> bool:
     return element.find("geometry/cylinder") is not None and any(
         capsule.get("name") == element.get("name")
         for capsule in link.iterfind("collision_checking/capsule"))
-
-
-def _solid_of(element: ET.Element) -> ET.Element | None:
-    return next((solid for solid in element.iterfind("geometry/*") if solid.tag in SIZES), None)
 
 
 def _sizes(solid: ET.Element, where: str) -> tuple[float, ...]:
@@ -240,39 +222,26 @@ def _scale(mesh: ET.Element, where: str) -> tuple[float, ...]:
 
 
 def _sought(
-    shape: Shape, mesh: ET.Element, folder: Path, packages: Mapping[str, Path], lost: _Lost
+    shape: Shape, mesh: ET.Element, folder: Path, packages: Mapping[str, Path]
 ) -> Shape:
     """Return a mesh with the path where it lies, which is put in the URDF."""
     file = mesh.get("filename", "")
     path = mesh_file(file, folder, packages)
-    if path is None:
-        lost.add(shape, file)
-    else:
+    if path is not None:
         mesh.set("filename", str(path))
     return replace(shape, file=file, path=path)
 
 
-class _Lost:
-    """Meshes that are not found."""
-
-    def __init__(self) -> None:
-        self._found: list[str] = []
-        self._packages: dict[str, None] = {}
-
-    def add(self, shape: Shape, file: str) -> None:
-        self._found.append(f"link {shape.link!r}: mesh {shown(file)!r}")
-        package = package_of(file)
-        if package is not None and package[1]:  # "package:///FILE" lies beside the URDF
-            self._packages[package[0]] = None
-
-    def tell(self, faults: Faults) -> None:
-        if not self._found:
-            return
-        named = ", ".join(f"{name!r}: FOLDER" for name in self._packages)
-        remedy = f"; say where it lies: load(..., packages={{{named}}})" if named else ""
-        kind = f"not found, left out of pictures{remedy}"
-        for what in self._found:
-            faults.note(kind, what)
+def _tell_lost(meshes: Sequence[Shape], faults: Faults) -> None:
+    """Note meshes that are not found, and which packages would have them."""
+    packages = dict.fromkeys(
+        package[0] for shape in meshes
+        if (package := package_of(shape.file)) is not None and package[1])  # not beside the URDF
+    named = ", ".join(f"{name!r}: FOLDER" for name in packages)
+    remedy = f"; say where it lies: load(..., packages={{{named}}})" if named else ""
+    for shape in meshes:
+        faults.note(f"not found, left out of pictures{remedy}",
+                    f"link {shape.link!r}: mesh {shown(shape.file)!r}")
 
 
 class _Materials:
