@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.formats.graph.joints import Joint, JointGraph, joints_at
+from spatial_pin.formats.graph.joints import Joint, JointGraph, foremost, joints_at
 from spatial_pin.numerics.linalg import Array
 
 SQUARE = 1e-3  # cosine of revolute axes, from which on three in a chain miss directions of a ball
@@ -25,12 +26,12 @@ def without_chains(graph: JointGraph) -> tuple[JointGraph, tuple[str, ...]]:
     pairs: dict[str, Joint] = {}  # by the first joint of the chain
     taken: set[str] = set()
     gone: set[str] = set()
-    for count, make in ((3, _ball), (2, _universal)):
+    for count, kind in ((3, "spherical"), (2, "universal")):
         for chain in _chains(graph, count):
             names = [joint.name for joint in chain]
             if chain[0].name not in looped or taken & set(names):
                 continue  # it closes nothing, or a joint is one of another chain by now
-            pair = make(chain, graph.rounding)
+            pair = _one_pair(kind, chain, graph.rounding)
             if pair is None:
                 continue
             pairs[names[0]] = pair
@@ -62,25 +63,18 @@ def in_loops(joints: Sequence[Joint]) -> set[str]:
                     above[other] = joint.name, link
                     waiting.append(other)
     top = {link: link for link in depth}  # the first link above with a joint not yet found
-
-    def climb(link: str) -> str:
-        while top[link] != link:
-            top[link] = top[top[link]]
-            link = top[link]
-        return link
-
     tree = {name for name, _ in above.values()}
     looped = {joint.name for joint in joints if joint.name not in tree}
     for joint in joints:
         if joint.name in tree:
             continue
-        one, two = climb(joint.parent), climb(joint.child)
+        one, two = foremost(top, joint.parent), foremost(top, joint.child)
         while one != two:
             low, high = (one, two) if depth[one] >= depth[two] else (two, one)
             name, link = above[low]
             looped.add(name)
             top[low] = link
-            one, two = climb(low), high
+            one, two = foremost(top, low), high
     return looped
 
 
@@ -139,23 +133,12 @@ def _common_point(points: Array, axes: Array, rounding: float) -> Array | None:
     return centre if max(misses) <= 10.0 * rounding * size else None
 
 
-def _ball(chain: Sequence[Joint], rounding: float) -> Joint | None:
+def _one_pair(kind: str, chain: Sequence[Joint], rounding: float) -> Joint | None:
+    """Return the pair that a chain is, None where its axes miss each other or a direction."""
     points, axes, last = _lines(chain)
-    if abs(axes[0] @ axes[1]) > SQUARE or abs(axes[1] @ axes[2]) > SQUARE:
+    largest = SQUARE if kind == "spherical" else 10.0 * rounding
+    if any(abs(a @ b) > largest for a, b in pairwise(axes)):
         return None
-    return _one_pair("spherical", chain, points, axes, last, rounding)
-
-
-def _universal(chain: Sequence[Joint], rounding: float) -> Joint | None:
-    points, axes, last = _lines(chain)
-    if abs(axes[0] @ axes[1]) > 10.0 * rounding:
-        return None
-    return _one_pair("universal", chain, points, axes, last, rounding)
-
-
-def _one_pair(
-    kind: str, chain: Sequence[Joint], points: Array, axes: Array, last: pin.SE3, rounding: float
-) -> Joint | None:
     centre = _common_point(points, axes, rounding)
     if centre is None:
         return None

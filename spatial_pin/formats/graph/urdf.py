@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from spatial_pin.formats.faults import Faults
-from spatial_pin.formats.graph.joints import Joint, JointGraph, Link
+from spatial_pin.formats.graph.joints import Joint, JointGraph, Link, foremost
 from spatial_pin.formats.graph.open_tree import open_tree
 from spatial_pin.formats.imported import Imported
 from spatial_pin.formats.urdf.checks import check_joint, end_of, placement
@@ -75,18 +75,11 @@ def _has_loop(robot: ET.Element) -> bool:
             parent == child or not {parent, child} <= known for parent, child in ends):
         return False  # other faults, which the reader of URDF refuses by name
     group = {link: link for link in links}
-
-    def first(link: str) -> str:
-        while group[link] != link:
-            group[link] = group[group[link]]
-            link = group[link]
-        return link
-
     roots = known - {child for _, child in ends}
     for link in roots:
         group[link] = min(roots)  # they stand on the same ground
     for parent, child in ends:
-        one, two = first(parent), first(child)
+        one, two = foremost(group, parent), foremost(group, child)
         if one == two:
             return True
         group[two] = one
