@@ -107,15 +107,13 @@ def _table(found: Found) -> dict[str, Any]:
 
 
 def _found(table: Mapping[str, Any]) -> Found:
-    return Found(_numbers(table["x"]), float(table["cost"]), float(table["hard"]), tuple(
+    samples = tuple(
         Samples(_rows(s["q"], len(s["at"])), _rows(s["angles"], len(s["at"])),
                 np.array(s["at"], dtype=np.intp))
-        for s in table["samples"]), int(table["evaluations"]), str(table["why"]),
-        tuple(_found(one) for one in table["others"]))
-
-
-def _numbers(values: Any) -> Array:
-    return np.array(values, dtype=float)
+        for s in table["samples"])
+    return Found(np.array(table["x"], dtype=float), float(table["cost"]), float(table["hard"]),
+                 samples, int(table["evaluations"]), str(table["why"]),
+                 tuple(_found(one) for one in table["others"]))
 
 
 def _rows(values: Any, n: int) -> Array:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from contextlib import suppress
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from threading import get_ident
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.progress import progress_bar
 from spatial_pin.synthesis.atlas import SHEETS, Atlas, Begin
 from spatial_pin.synthesis.kept import Kept, fingerprint
-from spatial_pin.synthesis.problem import Found
+from spatial_pin.synthesis.problem import Found, Problem, ProblemSpec
 
 METHODS = ("multistart", "evolution", "atlas", "local")
 # Two solutions are one if no dimension differs by more, relative to the width of its bounds, and
@@ -37,33 +38,6 @@ GENERATIONS = 20  # see above
 OTHER_VALLEY = 0.1  # part of the ranges: places of an evolution so far apart are in two, perhaps
 RANGE_DRAWS = 256  # starts from whose spread the range of a number without bounds is taken
 VALUES_TOGETHER = 16  # of a population that are sent to a worker at a time
-
-
-class Sought(Protocol):
-    """A problem as `Problem` poses it."""
-
-    mechanism: Mechanism
-    names: tuple[str, ...]
-    lower: Array
-    upper: Array
-    sizes: Array
-    start: Array
-
-    def draw(self, rng: np.random.Generator) -> Array:
-        """Return a start (n,)."""
-
-    def solve(self, x: Array, rng: np.random.Generator | None = None) -> Found:
-        """Return the local solution from a start, whatever that is."""
-
-    def value(self, x: Array) -> float:
-        """Return the cost at x, roughly."""
-
-
-class Spec(Protocol):
-    """What a problem is made of in any process."""
-
-    def make(self) -> Any:
-        """Return the problem."""
 
 
 class Searched(NamedTuple):
@@ -90,7 +64,7 @@ class Searched(NamedTuple):
 
 
 def searched(
-    spec: Spec,
+    spec: ProblemSpec,
     method: str = "multistart",
     starts: int = 20,
     seed: int = 0,
@@ -131,7 +105,7 @@ def searched(
         raise ValueError(f"starts is {starts}; a search needs 1 at least")
     if seed < 0:
         raise ValueError(f"seed is {seed}; it is a whole number from 0 up")
-    problem: Sought = spec.make()
+    problem = spec.make()
     key = fingerprint(spec, problem.mechanism, method, seed)
     with Kept(key, resume) as kept:
         work = _Search(spec, key, problem, executor, kept)
@@ -159,7 +133,7 @@ class _Search:
     """
 
     def __init__(
-        self, spec: Spec, key: str, problem: Sought, executor: Executor | None, kept: Kept
+        self, spec: ProblemSpec, key: str, problem: Problem, executor: Executor | None, kept: Kept
     ) -> None:
         self._spec, self._key, self._problem = spec, key, problem
         self._executor, self._kept, self.curves = executor, kept, 0
@@ -201,8 +175,7 @@ class _Search:
 
     def _charted(self, seed: int, progress: bool) -> list[Begin]:
         """Return starts from curves that look like a path, the most alike first."""
-        problem: Any = self._problem
-        atlas = Atlas(problem)  # refuses what it is not for
+        atlas = Atlas(self._problem)  # refuses what it is not for
         sheets = np.random.SeedSequence(seed).spawn(SHEETS)
         found = list[Begin]()
         with progress_bar(SHEETS, f"{self._problem.mechanism.name}: atlas", progress) as bar:
@@ -259,7 +232,7 @@ def _not_called(u: Array) -> float:
     raise NotImplementedError
 
 
-def _range(problem: Sought) -> tuple[Array, Array]:
+def _range(problem: Problem) -> tuple[Array, Array]:
     """Return between which numbers an evolution looks: those of drawn starts without bounds."""
     rng = np.random.default_rng(0)
     drawn = np.array([problem.draw(rng) for _ in range(RANGE_DRAWS)])
@@ -270,36 +243,31 @@ def _range(problem: Sought) -> tuple[Array, Array]:
 # ---------------------------------------------------------------- in any process
 
 
-def _there(work: Callable[..., Any], spec: Spec, key: str, job: Any) -> Any:
+def _there(work: Callable[..., Any], spec: ProblemSpec, key: str, job: Any) -> Any:
     """Do some work in another process, or thread, where the problem is made once."""
     return work(_made(_Keyed(key, spec), get_ident()), job)
 
 
+@dataclass(frozen=True)
 class _Keyed:
     """A spec that is the same as others of its key."""
 
-    def __init__(self, key: str, spec: Spec) -> None:
-        self.key, self.spec = key, spec
-
-    def __hash__(self) -> int:
-        return hash(self.key)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Keyed) and self.key == other.key
+    key: str
+    spec: ProblemSpec = field(compare=False)
 
 
 @lru_cache(maxsize=8)
-def _made(keyed: _Keyed, thread: int) -> Sought:
+def _made(keyed: _Keyed, thread: int) -> Problem:
     return keyed.spec.make()
 
 
-def _sheet(problem: Any, seed: np.random.SeedSequence) -> list[Begin]:
+def _sheet(problem: Problem, seed: np.random.SeedSequence) -> list[Begin]:
     """Return the best of some curves drawn together."""
     return Atlas(problem).sheet(np.random.default_rng(seed))
 
 
 def _solved(
-    problem: Any, job: tuple[Array | Begin | None, np.random.SeedSequence | None]
+    problem: Problem, job: tuple[Array | Begin | None, np.random.SeedSequence | None]
 ) -> Found:
     """Return the local solution from x, a curve, a drawn start, or the own dimensions."""
     x, seed = job
@@ -311,7 +279,7 @@ def _solved(
     return problem.solve(problem.start if x is None else x, None)
 
 
-def _valued(problem: Sought, points: Sequence[Array]) -> list[float]:
+def _valued(problem: Problem, points: Sequence[Array]) -> list[float]:
     """Return the rough costs of points, those that are none infinite."""
     found = []
     for x in points:
@@ -325,7 +293,7 @@ def _valued(problem: Sought, points: Sequence[Array]) -> list[float]:
 # ---------------------------------------------------------------- ranking
 
 
-def _distinct(problem: Sought, found: Sequence[Found]) -> list[Found]:
+def _distinct(problem: Problem, found: Sequence[Found]) -> list[Found]:
     """Return solutions without those that are another one again, the best first.
 
     Those that miss by round-off only are equally good: they stand in the order of their starts.
@@ -349,7 +317,7 @@ def _spinning(mechanism: Mechanism) -> set[str]:
     return {model.names[model.frames[mechanism.frame_id(name)].parentJoint] for name in links}
 
 
-def _mark(problem: Sought, found: Found, spinning: set[str]) -> Array:
+def _mark(problem: Problem, found: Found, spinning: set[str]) -> Array:
     """Return numbers by which solutions are told apart."""
     dimensions = [x / size for name, x, size in zip(
         problem.names, found.x.tolist(), problem.sizes.tolist(), strict=True) if ": " not in name]
