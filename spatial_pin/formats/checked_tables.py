@@ -188,12 +188,6 @@ class Table:
                            f"not {_said(value)}")
         return tuple(value)
 
-    def closed_text(self, key: str) -> str:
-        """The one key of a table that has no other."""
-        value = self.text(key)
-        self.close()
-        return value
-
     def table(self, key: str) -> Table:
         """Return the table under a key; an empty one where there is none."""
         return Table(self.get(key, {}), f"{self.where}: {key}")
@@ -213,10 +207,6 @@ class Table:
     def item_of(self, key: str, i: int) -> Table:
         """Return a table `[[KEY]]` by its number."""
         return Table(self.content[key][i], f"{self.where}: {key}[{i}]", f"in [[{key}]]")
-
-    def values(self) -> dict[str, Any]:
-        """Return everything in it, unchecked."""
-        return dict(self.content)
 
     def mended(self) -> Table | None:
         """Return the table to be read on with, a stand-in for what was complained of last.

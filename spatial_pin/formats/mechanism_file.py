@@ -58,15 +58,17 @@ class Said:
             "frames": self._frames(top), "title": "", "source": "", "guess": {},
             "closures": self._array(top, "closures", _closure),
             "drivers": self._tables(top, "drivers",
-                                    lambda key, table: Driver(key, table.closed_text("joint"))),
+                                    lambda key, table: Driver(key, table.text("joint"))),
             "springs": self._array(top, "springs", _spring),
-            "passives": tuple(self._tables(top, "passive", _passive).values()),
+            "passives": tuple(self._tables(
+                top, "passive", lambda key, table: Passive(
+                    key, table.text("body"), table.two_names("axis"))).values()),
         }
         for key in ("title", "source"):
             with mistakes.each():
                 self.parts[key] = top.text(key, "")
         with mistakes.each():
-            self.parts["guess"] = top.table("guess").values()
+            self.parts["guess"] = dict(top.table("guess").content)
         self.order: tuple[str, ...] = ()
         with mistakes.each():
             self.order = top.names("order")
@@ -85,8 +87,10 @@ class Said:
     def _tables(self, top: Table, key: str, read: Callable[[str, Table], Any]) -> dict[str, Any]:
         """Return what the tables `[KEY.NAME]` that can be read say, by name."""
         found: dict[str, Any] = {}
-        before = len(self._mistakes)
-        for name in self._names(top, key):
+        before, names = len(self._mistakes), list[str]()
+        with self._mistakes.each():
+            names = list(top.table(key).content)
+        for name in names:
             with self._mistakes.each():
                 table = top.one_of(key, name)
                 for one in self._read(table, partial(read, name)):
@@ -104,14 +108,10 @@ class Said:
             table = again
             with self._mistakes.each():
                 found = read(table)
+                table.close()
                 return [found] if table.names_whole else []
             again = table.mended()
         table.note_strangers(self._mistakes)
-        return []
-
-    def _names(self, top: Table, key: str) -> list[str]:
-        with self._mistakes.each():
-            return list(top.table(key).content)
         return []
 
     def _array(self, top: Table, key: str, read: Callable[[Table], Any]) -> tuple[Any, ...]:
@@ -216,19 +216,16 @@ def _refinement(table: Table) -> JointRefinement:
     limits = {key: table.bounds(key) for key in LIMITS if key in table}
     needs_type = not table.content or any(key in table for key in ("type", "axis", "axis2", "lead"))
     if not needs_type:
-        table.close()
         return JointRefinement(resistances=resistances, limits=limits, where=table.where)
     kind = table.choice("type", JOINT_TYPES)
     pair = PAIRS[kind]
-    refinement = JointRefinement(
+    return JointRefinement(
         kind,
         axis=table.axis("axis") if pair.uses_axis and "axis" in table else None,
         axis2=table.axis("axis2") if pair.uses_axis2 and "axis2" in table else None,
         lead=table.number("lead") if pair.uses_lead else 0.0,
         resistances=resistances, limits=limits, where=table.where,
     )
-    table.close()
-    return refinement
 
 
 def _closure(table: Table) -> Closure:
@@ -247,7 +244,6 @@ def _closure(table: Table) -> Closure:
                           geometry=_geometry(table, PAIRS[kind]))
         if "equations" in table:
             closure = replace(closure, equations=table.places("equations", closure.n_rows))
-    table.close()
     return closure
 
 
@@ -280,7 +276,7 @@ def _spring(table: Table) -> Spring:
     about_joint = "joint" in table
     if about_joint and "free_length" in table and "free_angle" in table:
         table.fail("free_length", "or free_angle: a spring has one of the two")
-    spring = Spring(
+    return Spring(
         name,
         frames=() if about_joint else table.two_names("frames"),
         joint=table.text("joint") if about_joint else None,
@@ -289,18 +285,9 @@ def _spring(table: Table) -> Spring:
         free_length=table.number("free_length", 0.0, least=-math.inf if about_joint else 0.0),
         free_angle=table.number("free_angle", 0.0) if about_joint else 0.0,
     )
-    table.close()
-    return spring
-
-
-def _passive(name: str, table: Table) -> Passive:
-    passive = Passive(name, table.text("body"), table.two_names("axis"))
-    table.close()
-    return passive
 
 
 def _frame(name: str, table: Table) -> Frame:
     link = table.text("link")
     given = {key: tuple(table.vector(key).tolist()) for key in ("xyz", "rpy") if key in table}
-    table.close()
     return Frame(name, link, **given)
