@@ -24,7 +24,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.joint_limits import joint_limit_events
 from spatial_pin.motion.motion import Event, Motion
 from spatial_pin.motion.rated_limits import velocity_limit_events
-from spatial_pin.motion.sweep import check_choice, sweep
+from spatial_pin.motion.sweep import check_choice, crossed_event, stop_event, sweep
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.progress import progress_bar
@@ -196,13 +196,15 @@ def finished(
     motion.held = held
     begin = 0.0 if times is None else float(times[0])
     motion.events += [Event("released", begin, 0, text) for text in followed.released]
-    motion.events += [_crossed(value, row, times is None) for value, row in followed.crossed]
+    motion.events += [crossed_event(value, row, _where(value, times is None))
+                      for value, row in followed.crossed]
     motion.events += [_undriven(value, row, times is None) for value, row in followed.undriven]
     motion.events += [*joint_limit_events(motion), *velocity_limit_events(motion)]
     if followed.is_cut:
         raise Interrupted(motion)
     if stop is not None:
-        motion.events.append(_event(stop, followed.done, times is None, who))
+        motion.events.append(stop_event(stop, followed.done, _where(stop.value, times is None),
+                                        f"limit of what the {who} can do together"))
         ends = on_limit if stop.kind in ("limit", "half turn") else on_crossing
         if ends != "stop" or stop.kind == "lost":
             raise _error(motion, stop, names, times is None, who, ends)
@@ -287,21 +289,6 @@ def _motion(mechanism: Mechanism, samples: Samples, n: int, times: Array | None)
 
 def _where(value: float, is_timeless: bool) -> str:
     return f"sample {value:.12g}" if is_timeless else f"{value:.12g} s"
-
-
-def _event(stop: Arrival, row: int, is_timeless: bool, who: str) -> Event:
-    words = {"limit": f"limit of what the {who} can do together", "singular":
-             "singular configuration", "branch point": "branch point", "lost":
-             "end of the followed path", "half turn": "end of a rotation vector, half a turn,"}
-    kind = "limit" if stop.kind == "half turn" else stop.kind
-    return Event(kind, stop.value, row,
-                 f"{words[stop.kind]} at {_where(stop.value, is_timeless)}")
-
-
-def _crossed(value: float, row: int, is_timeless: bool) -> Event:
-    return Event("branch point", value, row,
-                 f"branch point at {_where(value, is_timeless)}: branches cross; followed the one "
-                 "that goes straight on")
 
 
 def _undriven(value: float, row: int, is_timeless: bool) -> Event:

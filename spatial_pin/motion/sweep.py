@@ -152,13 +152,15 @@ def sweep(
     check_gaps(motion, accuracy.gap)
     motion.events += [Event("released", float(values[0]), 0, text) for text in gone]
     motion.events += _released(state, start.driven, start.still, float(values[0]))
-    motion.events += [_crossed(value, row, driver, coordinate) for value, row in crossed]
+    motion.events += [crossed_event(value, row, f"{driver} = {value:.12g} {coordinate.unit}")
+                      for value, row in crossed]
     motion.events += [*_near_limit(motion, samples.t[:n]), *_drift(motion),
                       *joint_limit_events(motion), *velocity_limit_events(motion)]
     if is_cut:
         raise Interrupted(motion)
     if stop is not None:
-        motion.events.append(_event(stop, n, driver, coordinate))
+        motion.events.append(stop_event(stop, n, f"{driver} = {stop.value:.12g} {coordinate.unit}",
+                                        "limit position (dead centre)"))
         ends = on_limit if stop.kind in ("limit", "half turn") else on_crossing
         if ends != "stop" or stop.kind == "lost":
             raise _error(motion, stop, driver, coordinate, float(values[n]), on_crossing)
@@ -288,18 +290,19 @@ def _time(values: Array, speed: float) -> Array | None:
     return time if rises else None
 
 
-def _crossed(value: float, row: int, driver: str, coordinate: Coordinate) -> Event:
-    text = (f"branch point at {driver} = {value:.12g} {coordinate.unit}: branches cross; "
-            "followed the one that goes straight on")
-    return Event("branch point", value, row, text)
+def crossed_event(value: float, row: int, at: str) -> Event:
+    """Return the event of a branch point that was passed, in words where."""
+    return Event("branch point", value, row, f"branch point at {at}: branches cross; followed the "
+                 "one that goes straight on")
 
 
-def _event(stop: Arrival, row: int, driver: str, coordinate: Coordinate) -> Event:
-    words = {"limit": "limit position (dead centre)", "singular": "singular configuration",
-             "branch point": "branch point", "lost": "end of the followed path",
+def stop_event(stop: Arrival, row: int, at: str, limit: str) -> Event:
+    """Return the event of what ended a motion, in words where, and of what a limit is."""
+    words = {"limit": limit, "singular": "singular configuration", "branch point": "branch point",
+             "lost": "end of the followed path",
              "half turn": "end of a rotation vector, half a turn,"}
-    text = f"{words[stop.kind]} at {driver} = {stop.value:.12g} {coordinate.unit}"
-    return Event("limit" if stop.kind == "half turn" else stop.kind, stop.value, row, text)
+    kind = "limit" if stop.kind == "half turn" else stop.kind
+    return Event(kind, stop.value, row, f"{words[stop.kind]} at {at}")
 
 
 def _error(
