@@ -8,6 +8,7 @@ from pathlib import Path
 
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.sources import shown
+from spatial_pin.formats.urdf.checks import end_of
 from spatial_pin.formats.xacro.expansion import parse_urdf
 
 ROOT_JOINT = "root_joint"  # as Pinocchio names it
@@ -37,10 +38,10 @@ def with_free_flyer(urdf: str, path: Path, refined: Container[str] = ()) -> str:
     if len(roots) > 1:
         raise MechanismFileError(f"{where}: several links have no parent: {', '.join(roots)}; join "
                                  "those that float together by a fixed joint")
-    on_root = [joint for joint in joints if _link(joint, "parent") == roots[0]]
+    on_root = [joint for joint in joints if end_of(joint, "parent") == roots[0]]
     if on_root and _is_bare(robot, roots[0]) and all(
             x.get("type") == "floating" and x.get("name", "") not in refined for x in on_root):
-        link, name = _link(on_root[0], "child"), on_root[0].get("name")
+        link, name = end_of(on_root[0], "child"), on_root[0].get("name")
         raise MechanismFileError(
             f"{where}: link {link!r} floats on joint {name!r} already; leave free_flyer out")
     if ROOT_JOINT in {joint.get("name") for joint in joints}:
@@ -49,13 +50,8 @@ def with_free_flyer(urdf: str, path: Path, refined: Container[str] = ()) -> str:
     return ET.tostring(robot, encoding="unicode")
 
 
-def _link(joint: ET.Element, side: str) -> str | None:
-    end = joint.find(side)
-    return None if end is None else end.get("link")
-
-
 def _roots(robot: ET.Element) -> list[str]:
-    children = {_link(joint, "child") for joint in robot.findall("joint")}
+    children = {end_of(joint, "child") for joint in robot.findall("joint")}
     names = [link.get("name", "") for link in robot.findall("link")]
     return [name for name in names if name not in children]
 

@@ -28,19 +28,14 @@ def endings() -> tuple[str, ...]:
     return tuple(dict.fromkeys([".toml", *known]))
 
 
-def ending_of(path: Path) -> str:
-    """Return how a file's name ends, lower case; "/" for a folder."""
-    # os.path, unlike Path.is_dir, is false for names that are too long
-    return FOLDER if os.path.isdir(path) else path.suffix.lower()
-
-
 def importer_of(path: Path) -> Importer | None:
     """Return the importer that reads a file or folder; None where its name ends as none does.
 
     Raises:
         MechanismFileError: the file is not there, or is in none of the formats of its ending.
     """
-    ending = ending_of(path)
+    # os.path, unlike Path.is_dir, is false for names that are too long
+    ending = FOLDER if os.path.isdir(path) else path.suffix.lower()
     candidates = [x for x in IMPORTERS.values() if ending in x.suffixes]
     if not candidates:
         return None

@@ -38,15 +38,10 @@ def left_out(reading: Reading) -> Iterator[str]:
 
 def _of_tendon(reading: Reading, tendon: int) -> Iterator[str]:
     model = reading.model
-    held = tendon in reading.tendons
-    if not held and model.tendon_stiffness[tendon]:
-        yield "stiffness"
-    if not held and model.tendon_damping[tendon]:
-        yield "damping"
-    if model.tendon_frictionloss[tendon]:
-        yield "friction"
-    if model.tendon_limited[tendon]:
-        yield "range"
+    lost = {"friction": model.tendon_frictionloss, "range": model.tendon_limited}
+    if tendon not in reading.tendons:
+        lost = {"stiffness": model.tendon_stiffness, "damping": model.tendon_damping, **lost}
+    yield from (word for word, values in lost.items() if values[tendon])
     yield from _nonzero(reading, tendon, {"tendon_armature": "armature"})
 
 

@@ -10,7 +10,7 @@ import pinocchio as pin
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.mjcf.drives import fixed_lengths, site_frames, straight_sites
 from spatial_pin.formats.mjcf.tree import Reading, pose, shift
-from spatial_pin.formats.urdf.writing import unique
+from spatial_pin.formats.urdf.writing import fresh
 from spatial_pin.mechanism.pairs import axes_from_z
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -74,7 +74,8 @@ def read_closures(reading: Reading, where: str) -> list[dict[str, Any]]:
     for group in connects.values():
         closures += [(group[0].eq, closure) for closure in _balls(reading, group)]
     closures.sort(key=lambda pair: pair[0])  # as in the file
-    return _uniquely_named([closure for _, closure in closures])
+    taken: set[str] = set()
+    return [{**closure, "name": fresh(closure["name"], taken)} for _, closure in closures]
 
 
 def _active(reading: Reading) -> list[int]:
@@ -95,14 +96,6 @@ def _kind(reading: Reading, eq: int) -> str:
 def _called(reading: Reading, eq: int) -> str:
     name = reading.model.equality(eq).name
     return repr(name) if name else f"number {eq} (a {_kind(reading, eq)} without name)"
-
-
-def _uniquely_named(closures: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    taken: list[str] = []
-    for closure in closures:
-        closure["name"] = unique(closure["name"], taken)
-        taken.append(closure["name"])
-    return closures
 
 
 def _ends(reading: Reading, eq: int, kind: str) -> tuple[End, End]:

@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from spatial_pin.formats.mjcf.compiling import Compiled
 from spatial_pin.formats.urdf.elements import numbers_text
-from spatial_pin.formats.urdf.writing import UrdfText, unique
+from spatial_pin.formats.urdf.writing import UrdfText, fresh
 from spatial_pin.numerics.linalg import Array
 
 WORLD = "world"
@@ -110,8 +110,7 @@ def _joint_names(mujoco: Any, model: Any) -> list[str]:
     for j, name in enumerate(names):
         if not name:
             kind = mujoco.mjtJoint(model.jnt_type[j]).name.removeprefix("mjJNT_").lower()
-            names[j] = unique(f"{model.body(model.jnt_bodyid[j]).name}_{kind}", taken)
-            taken.add(names[j])
+            names[j] = fresh(f"{model.body(model.jnt_bodyid[j]).name}_{kind}", taken)
     return names
 
 

@@ -380,9 +380,6 @@ def stated_limits(element: ET.Element, nq: int, nv: int) -> tuple[Array, ...]:
         value = float(source.get(key, default)) if source is not None else default
         return value if abs(value) < UNBOUNDED else math.copysign(math.inf, value)
 
-    def filled(count: int, value: float) -> Array:
-        return np.full(count, value)
-
     effort, velocity = scalar(limit, "effort", math.inf), scalar(limit, "velocity", math.inf)
     bounded = nq == 1 and kind != "continuous"
     free = 0.0 if kind in ("revolute", "prismatic") else math.inf  # URDF's defaults
@@ -390,9 +387,9 @@ def stated_limits(element: ET.Element, nq: int, nv: int) -> tuple[Array, ...]:
     upper = scalar(limit, "upper", free) if bounded else math.inf
     friction, damping = scalar(dynamics, "friction", 0.0), scalar(dynamics, "damping", 0.0)
     return (
-        filled(nv, -effort), filled(nv, effort), filled(nv, -velocity), filled(nv, velocity),
-        filled(nq, lower), filled(nq, upper), np.zeros(nq),
-        filled(nv, -friction), filled(nv, friction), filled(nv, damping),
+        np.full(nv, -effort), np.full(nv, effort), np.full(nv, -velocity), np.full(nv, velocity),
+        np.full(nq, lower), np.full(nq, upper), np.zeros(nq),
+        np.full(nv, -friction), np.full(nv, friction), np.full(nv, damping),
     )
 
 

@@ -48,15 +48,12 @@ def read_yaml(path: Path, evaluate: Callable[[str], Any]) -> Any:
         MechanismFileError: it cannot be read.
     """
 
-    def with_unit(loader: Any, tag: str, node: Any) -> float:
-        return float(evaluate(loader.construct_scalar(node))) * UNITS[tag]
-
     class Loader(_Loader):
         """The units of this file."""
 
-    for tag in UNITS:
-        Loader.add_constructor(
-            tag, lambda loader, node, tag=tag: with_unit(loader, tag, node))  # type: ignore[misc]
+    for tag, unit in UNITS.items():
+        Loader.add_constructor(tag, lambda loader, node, unit=unit: (  # type: ignore[misc]
+            float(evaluate(loader.construct_scalar(node))) * unit))
     text = read_text(path)
     try:
         return yaml.load(text, Loader)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats.sources import is_file, shown
+from spatial_pin.formats.sources import shown
 
 
 def table_of(path: Path) -> dict[str, Any]:
@@ -44,12 +43,3 @@ def lists_of(table: dict[str, Any], keys: tuple[str, ...], names: tuple[str, ...
         if key in names and not all(isinstance(name, str) for name in value or ()):
             raise MechanismFileError(f"{shown(path)}: {key} must be a list of names")
     return {key: table.get(key) or [] for key in keys}
-
-
-def around(urdf: Path, name: str) -> Iterator[Path]:
-    """Yield the files of that name beside a URDF, and in the package of its `urdf` folder."""
-    package = urdf.parent.parent
-    packaged = [package / name, package / "config" / name] if urdf.parent.name == "urdf" else []
-    for path in (urdf.parent / name, *packaged):
-        if is_file(path):
-            yield path
