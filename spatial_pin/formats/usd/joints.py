@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -20,7 +19,6 @@ from spatial_pin.formats.usd.stage import DEGREE, Stage, applied, brief_names
 DIRECTIONS = {"X": np.eye(3)[0], "Y": np.eye(3)[1], "Z": np.eye(3)[2]}
 FREEDOMS = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
 UNREAD = ("Joint", "Attachment", "Constraint")  # endings of types that join bodies
-TENDON = re.compile(r"Tendon")
 LARGEST_FLOAT = 3.4e38  # of a 32-bit number: USD's own for a force without limit
 
 
@@ -48,8 +46,8 @@ def read_joints(stage: Stage, bodies: dict[str, Body]) -> Joints:
         MechanismFileError: one is of a kind that cannot be read, or has impossible numbers.
     """
     of_path = _names(stage)
-    tendons = [str(prim.GetPath()) for prim in stage.prims() if any(map(TENDON.search,
-                                                                        applied(prim)))]
+    tendons = [str(prim.GetPath()) for prim in stage.prims()
+               if any("Tendon" in schema for schema in applied(prim))]
     if tendons:
         stage.notices.append(f"tendons pull on {', '.join(tendons)}: they are left out")
     joints, passive, series = Joints(), [], []
@@ -113,9 +111,16 @@ def _joint(stage: Stage, prim: Any, name: str, bodies: dict[str, Body]) -> Joint
         return None
     joint = Joint(name, "fixed", ends[0], ends[1], frames[0], frames[1],
                   cut=api.GetExcludeFromArticulationAttr().Get() is True)
-    for schema, read in _KINDS.items():
-        if prim.IsA(getattr(UsdPhysics, schema)):
-            return read(stage, prim, joint)
+    if prim.IsA(UsdPhysics.FixedJoint):
+        return joint
+    if prim.IsA(UsdPhysics.RevoluteJoint):
+        return _about(stage, prim, joint, "revolute", UsdPhysics.RevoluteJoint)
+    if prim.IsA(UsdPhysics.PrismaticJoint):
+        return _about(stage, prim, joint, "prismatic", UsdPhysics.PrismaticJoint)
+    if prim.IsA(UsdPhysics.SphericalJoint):
+        return _spherical(stage, prim, joint)
+    if prim.IsA(UsdPhysics.DistanceJoint):
+        return _distance(stage, prim, joint)
     return _generic(stage, prim, joint)
 
 
@@ -141,23 +146,12 @@ def _end(
     return (WORLD, frame) if body is None else (body.name, body.placement.actInv(frame))
 
 
-def _fixed(stage: Stage, prim: Any, joint: Joint) -> Joint:
-    return joint
-
-
-def _revolute(stage: Stage, prim: Any, joint: Joint) -> Joint:
-    return _about(stage, prim, UsdPhysics.RevoluteJoint(prim), joint.but(type="revolute"))
-
-
-def _prismatic(stage: Stage, prim: Any, joint: Joint) -> Joint:
-    return _about(stage, prim, UsdPhysics.PrismaticJoint(prim), joint.but(type="prismatic"))
-
-
-def _about(stage: Stage, prim: Any, api: Any, joint: Joint) -> Joint:
-    """Return a joint about or along an axis that it states."""
+def _about(stage: Stage, prim: Any, joint: Joint, pair: str, schema: Any) -> Joint:
+    """Return a joint of a pair about or along an axis that it states."""
+    api = schema(prim)
     lower, upper = (stage.number(x) for x in (api.GetLowerLimitAttr(), api.GetUpperLimitAttr()))
     axis = DIRECTIONS[stage.word(api.GetAxisAttr(), DIRECTIONS)]
-    return _one(stage, prim, joint.but(axis=axis), lower, upper)
+    return _one(stage, prim, joint.but(type=pair, axis=axis), lower, upper)
 
 
 def _one(stage: Stage, prim: Any, joint: Joint, lower: float, upper: float) -> Joint:
@@ -251,12 +245,6 @@ def _pair_of(slides: str, turns: str) -> str:
     if slides == turns:
         return "cylindrical"
     return "planar" if len(slides) == 2 and turns not in slides else ""
-
-
-_KINDS = {
-    "FixedJoint": _fixed, "RevoluteJoint": _revolute, "PrismaticJoint": _prismatic,
-    "SphericalJoint": _spherical, "DistanceJoint": _distance,
-}
 
 
 # ---------------------------------------------------------------- drives and mimics
