@@ -161,13 +161,13 @@ class Atlas:
             ahead[:, self._driver.q] = value
             here = Samples(ahead, here.angles, np.full(len(x), k))
             here, closed = self._closed(members, here, NEXT_STEPS if k > 1 else FIRST_STEPS)
-            x, members, here = x[closed], members.taken(closed), _some(here, closed)
-            found = [*(_some(s, closed) for s in found), here]
+            x, members, here = x[closed], members.taken(closed), here.taken(closed)
+            found = [*(s.taken(closed) for s in found), here]
         points = np.stack([self._points(members, s) for s in found], axis=1)
         size = np.ptp(points, axis=1).max(axis=1, initial=0.0)
         gap = np.abs(points[:, -1] - points[:, 0]).max(axis=1, initial=0.0)
         back = np.flatnonzero(gap < COMES_BACK * size)[:MOST_COMPARED]
-        return (x[back], [_some(s, back) for s in found], points[back])
+        return (x[back], [s.taken(back) for s in found], points[back])
 
     def _ahead(self, found: Sequence[Samples]) -> Array:
         """Return where joints are if they go on as they came."""
@@ -302,11 +302,6 @@ class Atlas:
             own[-1], size = -np.log(size), 1.0
         x[self._own] = own
         return x, size, turn, away
-
-
-def _some(samples: Samples, which: NDArray[np.intp]) -> Samples:
-    """Return some of them."""
-    return Samples(samples.q[which], samples.angles[which], samples.at[which])
 
 
 def _path_of(problem: Problem) -> tuple[int, Path]:

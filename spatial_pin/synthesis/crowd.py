@@ -183,7 +183,7 @@ class Crowd:
             every = (np.arange(len(x))[:, None, None] * k + np.zeros((n, 1), np.intp)
                      + np.arange(k)).ravel()
             beside, _ = _all(settling.equations, members.taken(np.repeat(around, k)),
-                             Samples(*(a[every] for a in some)), x[:, own], n * k)
+                             some.taken(every), x[:, own], n * k)
             rise = beside.reshape(len(x), n, k, -1) - value[:, None]
             numbers = np.zeros((*value.shape, len(p.names)))
             numbers[..., :n] = (rise / inward[:, :, None, None]).transpose(0, 2, 3, 1)
@@ -247,8 +247,7 @@ def _all(
 
 def _some(samples: Samples, k: int, rows: NDArray[np.intp]) -> Samples:
     """Return the configurations of some starts, k each."""
-    at = (rows[:, None] * k + np.arange(k)).ravel()
-    return Samples(samples.q[at], samples.angles[at], samples.at[at])
+    return samples.taken((rows[:, None] * k + np.arange(k)).ravel())
 
 
 def _put(

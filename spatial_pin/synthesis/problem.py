@@ -480,11 +480,6 @@ class Fit:
 
     # ------------------------------------------------------------ exactly
 
-    @property
-    def near(self) -> list[Samples]:
-        """Configurations from which others are closed."""
-        return self._near
-
     def settle(self, x: Array) -> tuple[list[Samples], list[Array]] | None:
         """Return closed configurations of x and residuals; None where they do not close."""
         members = self.p.members(x)

@@ -52,7 +52,7 @@ class Samples(NamedTuple):
         return Samples(np.where(better[:, None], others.q, self.q),
                        np.where(better[:, None], others.angles, self.angles), self.at)
 
-    def taken(self, some: slice) -> Samples:
+    def taken(self, some: slice | NDArray[np.intp]) -> Samples:
         """Return some of them."""
         return Samples(self.q[some], self.angles[some], self.at[some])
 
