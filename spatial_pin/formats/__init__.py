@@ -4,8 +4,3 @@ Every importer gives the same thing, an `Imported`: the open tree as plain URDF 
 what a mechanism file would say (joints, closures, drivers, springs, guess), as `tomllib` reads
 one. `spatial_pin.formats.files.load` asks the table and builds the mechanism.
 """
-
-from spatial_pin.formats.imported import Imported, Importer, Request
-from spatial_pin.formats.table import IMPORTERS, importer_of
-
-__all__ = ["IMPORTERS", "Imported", "Importer", "Request", "importer_of"]

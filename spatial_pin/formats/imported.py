@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -63,3 +64,8 @@ class Importer:
     suffixes: tuple[str, ...]
     recognises: Callable[[Path], bool]
     read: Callable[[Request], Imported]
+
+
+def on_use(module: str) -> Callable[[Request], Imported]:
+    """Return the function `read` of a module of formats, imported when a file is read."""
+    return lambda request: import_module(f"spatial_pin.formats.{module}").read(request)

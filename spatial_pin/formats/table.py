@@ -6,17 +6,18 @@ import os
 from pathlib import Path
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats import folder, mjcf, sdf, urdf_importer, usd
-from spatial_pin.formats.imported import Importer
+from spatial_pin.formats import folder, urdf_importer, usd
+from spatial_pin.formats.imported import Importer, on_use
+from spatial_pin.formats.mjcf.compiling import is_mjcf
 from spatial_pin.formats.sources import check_file, shown
 
 FOLDER = "/"  # the ending of a folder's name
 
 IMPORTERS: dict[str, Importer] = {
     "urdf": urdf_importer.IMPORTER,
-    "sdf": sdf.IMPORTER,
+    "sdf": Importer("SDFormat", (".sdf", ".world"), lambda path: True, on_use("sdf.reading")),
     "usd": usd.IMPORTER,
-    "mjcf": mjcf.IMPORTER,
+    "mjcf": Importer("MJCF", (".xml", ".mjcf"), is_mjcf, on_use("mjcf.reading")),
     "folder": folder.FOLDER,
     "statement": folder.STATEMENT,
 }

@@ -17,7 +17,7 @@ from spatial_pin.formats.sources import shown
 UNNAMED = "MuJoCo Model"  # what MuJoCo calls a model without a name
 
 
-def read_mjcf(request: Request) -> Imported:
+def read(request: Request) -> Imported:
     """Read an MJCF file.
 
     Raises:

@@ -22,7 +22,7 @@ OLDEST, NEWEST = (1, 4), (1, 12)
 SCENERY = ("model://sun", "model://ground_plane")
 
 
-def read_sdf(request: Request) -> Imported:
+def read(request: Request) -> Imported:
     """Read an SDFormat file.
 
     Raises:
