@@ -13,6 +13,8 @@ from spatial_pin.mechanism.pairs import axes_from_z
 from spatial_pin.numerics.angles import whole_turns
 from spatial_pin.numerics.linalg import Array
 
+_Coordinates = Callable[[Joint, pin.SE3], tuple[list[float], pin.SE3]]
+
 
 def coordinates_at(joint: Joint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
     """Return a joint's coordinates nearest to a placement of its frames, and that they give.
@@ -36,18 +38,15 @@ def _placed(rotation: Array, translation: Array) -> pin.SE3:
     return pin.SE3(pin.exp3(rotation), translation)
 
 
-def _fixed(joint: Joint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
-    return [], pin.SE3.Identity()
+def _on_axis(turns: bool, slides: bool) -> _Coordinates:
+    """Return the coordinates of a pair that may turn about its axis, slide along it, or both."""
 
+    def found(joint: Joint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
+        angle = _turn(joint.axis, relative) if turns else 0.0
+        slide = joint.axis @ relative.translation if slides else 0.0
+        return [angle] * turns + [slide] * slides, _placed(angle * joint.axis, slide * joint.axis)
 
-def _revolute(joint: Joint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
-    angle = _turn(joint.axis, relative)
-    return [angle], _placed(angle * joint.axis, np.zeros(3))
-
-
-def _prismatic(joint: Joint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
-    slide = joint.axis @ relative.translation
-    return [slide], _placed(np.zeros(3), slide * joint.axis)
+    return found
 
 
 def _screw(joint: Joint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
@@ -56,11 +55,6 @@ def _screw(joint: Joint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
         slide = joint.axis @ relative.translation
         angle += whole_turns(2.0 * math.pi * slide / joint.lead - angle)
     return [angle], _placed(angle * joint.axis, angle / (2.0 * math.pi) * joint.lead * joint.axis)
-
-
-def _cylindrical(joint: Joint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
-    angle, slide = _turn(joint.axis, relative), joint.axis @ relative.translation
-    return [angle, slide], _placed(angle * joint.axis, slide * joint.axis)
 
 
 def _planar(joint: Joint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
@@ -83,12 +77,10 @@ def _spherical(joint: Joint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
     return list(vector), _placed(vector, np.zeros(3))
 
 
-def _floating(joint: Joint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
-    return [*relative.translation, *pin.log3(relative.rotation)], relative
-
-
-_OF_PAIR: dict[str, Callable[[Joint, pin.SE3], tuple[list[float], pin.SE3]]] = {
-    "fixed": _fixed, "revolute": _revolute, "prismatic": _prismatic, "screw": _screw,
-    "cylindrical": _cylindrical, "planar": _planar, "universal": _universal,
-    "spherical": _spherical, "floating": _floating,
+_OF_PAIR: dict[str, _Coordinates] = {
+    "fixed": _on_axis(False, False), "revolute": _on_axis(True, False),
+    "prismatic": _on_axis(False, True), "cylindrical": _on_axis(True, True),
+    "screw": _screw, "planar": _planar, "universal": _universal,
+    "spherical": _spherical,
+    "floating": lambda _, placed: ([*placed.translation, *pin.log3(placed.rotation)], placed),
 }
