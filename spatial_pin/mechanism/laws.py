@@ -192,10 +192,4 @@ def spline(times: Sequence[float], values: Sequence[float]) -> DriverLaw:
 
 
 LAWS: dict[str, Callable[..., DriverLaw]] = {
-    "constant_speed": constant_speed,
-    "ramp": ramp,
-    "sine": sine,
-    "cycloid": cycloid,
-    "polynomial": polynomial,
-    "spline": spline,
-}
+    law.__name__: law for law in (constant_speed, ramp, sine, cycloid, polynomial, spline)}
