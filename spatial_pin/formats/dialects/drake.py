@@ -20,8 +20,7 @@ import xml.etree.ElementTree as ET
 import pinocchio as pin
 
 from spatial_pin.formats.dialects.reading import Reading
-from spatial_pin.formats.dialects.tree import local, said
-from spatial_pin.formats.sources import shown
+from spatial_pin.formats.dialects.tree import local
 from spatial_pin.formats.urdf.checks import numbers
 
 TREE_JOINTS = ("ball", "universal", "screw", "planar")
@@ -38,7 +37,7 @@ def read_joint(element: ET.Element, reading: Reading) -> None:
     if kind not in TREE_JOINTS:
         raise reading.fail(element, f"a joint of type {kind!r} cannot be read; there are: "
                                     f"{', '.join(TREE_JOINTS)}")
-    joint = ET.Element("joint", element.attrib)
+    joint = ET.SubElement(reading.robot, "joint", element.attrib)
     joint.extend(child for child in element if not is_drake(child))
     reading.put_joint(joint)
     axis = reading.axis(element.find("axis"), element).tolist()
@@ -88,10 +87,9 @@ def read_armatures(transmission: ET.Element, reading: Reading) -> None:
     inertia = _child(actuator, "rotor_inertia")
     if joint is None or inertia is None or joint.get("name", "") not in reading.joints:
         return
-    here = f"{shown(reading.path)}: {said(transmission)}"
     gear = _child(actuator, "gear_ratio")
-    ratio = float(numbers(gear, "value", 1, here)[0]) if gear is not None else 1.0
-    armature = float(numbers(inertia, "value", 1, here)[0]) * ratio**2
+    ratio = reading.value(gear, transmission) if gear is not None else 1.0
+    armature = reading.value(inertia, transmission) * ratio**2
     if armature:
         reading.refine(joint.get("name", ""), armature=armature)
 
@@ -107,11 +105,11 @@ def _spring(element: ET.Element, length: float, stiffness: float, damping: float
 
 def _points(element: ET.Element, reading: Reading) -> list[tuple[str, pin.SE3]]:
     """Return link and point of the two ends A and B."""
-    here, ends = f"{shown(reading.path)}: {said(element)}", []
+    ends = []
     for body, point in (("body_A", "p_AP"), ("body_B", "p_BQ")):
         placement = pin.SE3.Identity()
         link, at = (_needed(element, f"{local(element)}_{key}", reading) for key in (body, point))
-        placement.translation = numbers(at, "value", 3, here)
+        placement.translation = numbers(at, "value", 3, reading.where(element))
         ends.append((reading.link(link.get("name"), element), placement))
     return ends
 
@@ -123,8 +121,7 @@ def _number(element: ET.Element, key: str, reading: Reading, default: float | No
     if child is not None and child.get("value", "").strip().lstrip("+").lower() in ("inf",
                                                                                    "infinity"):
         return math.inf
-    here = f"{shown(reading.path)}: {said(element)}"
-    return float(numbers(_needed(element, key, reading), "value", 1, here)[0])
+    return reading.value(_needed(element, key, reading), element)
 
 
 def _needed(element: ET.Element, key: str, reading: Reading) -> ET.Element:

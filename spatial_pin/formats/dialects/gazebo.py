@@ -31,7 +31,6 @@ import pinocchio as pin
 from spatial_pin.formats.dialects.reading import Reading
 from spatial_pin.formats.dialects.tree import local, said
 from spatial_pin.formats.sdf.poses import pose
-from spatial_pin.formats.sources import shown
 from spatial_pin.formats.urdf.checks import end_of
 from spatial_pin.numerics.linalg import Array
 
@@ -114,7 +113,7 @@ def _drop_mimics(joint: ET.Element, chains: list[list[str]], reading: Reading) -
 def _pose(joint: ET.Element, child: str, reading: Reading) -> pin.SE3:
     place = joint.find("pose")
     base = (place.get("relative_to") if place is not None else None) or child
-    return frame(base, joint, reading) * pose(place, f"{shown(reading.path)}: {said(joint)}")
+    return frame(base, joint, reading) * pose(place, reading.where(joint))
 
 
 def _axes(joint: ET.Element, kind: str, stands: pin.SE3, reading: Reading) -> list[Array]:

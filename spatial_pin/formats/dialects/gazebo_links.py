@@ -17,11 +17,9 @@ import pinocchio as pin
 
 from spatial_pin.formats.dialects import gazebo
 from spatial_pin.formats.dialects.reading import Reading
-from spatial_pin.formats.dialects.tree import said
 from spatial_pin.formats.sdf.links import link_elements
 from spatial_pin.formats.sdf.poses import pose
-from spatial_pin.formats.sources import shown
-from spatial_pin.formats.urdf.elements import origin
+from spatial_pin.formats.urdf.elements import joint_element
 from spatial_pin.mechanism.pairs import PAIRS
 
 
@@ -46,7 +44,7 @@ def hang_links(reading: Reading) -> None:
 
 def _hang(link: ET.Element, joint: ET.Element, ends: list[str], reading: Reading) -> None:
     """Put a link, and the joint that carries it, into the tree."""
-    name, where = link.get("name", ""), f"{shown(reading.path)}: {said(link)}"
+    name, where = link.get("name", ""), reading.where(link)
     place = link.find("pose")
     base = gazebo.frame(place.get("relative_to") or gazebo.MODEL, link, reading) \
         if place is not None else pin.SE3.Identity()
@@ -74,8 +72,4 @@ def _hang(link: ET.Element, joint: ET.Element, ends: list[str], reading: Reading
 def _join(child: str, name: str, parent: str, placement: pin.SE3, reading: Reading) -> None:
     if child not in reading.links:
         reading.put_link(child, ())
-    joint = ET.Element("joint", name=name, type="fixed")
-    joint.append(origin(placement))
-    ET.SubElement(joint, "parent", link=parent)
-    ET.SubElement(joint, "child", link=child)
-    reading.put_joint(joint)
+    reading.put_joint(joint_element(reading.robot, name, "fixed", parent, child, placement))

@@ -128,9 +128,8 @@ class Reading(Tree):
         self.names["frames"].taken.add(name)
 
     def put_joint(self, joint: ET.Element) -> None:
-        """Put a joint into the tree."""
+        """Make a joint of the robot one of the tree."""
         name = joint.get("name", "")
-        self.robot.append(joint)
         self.joints[name] = joint
         self.names["frames"].taken.add(name)
         for made in ("above", "root", "world"):

@@ -39,8 +39,11 @@ class Tree:
 
     def fail(self, element: ET.Element | str, complaint: str) -> MechanismFileError:
         """Return the error about an element of the file."""
-        what = element if isinstance(element, str) else said(element)
-        return MechanismFileError(f"{shown(self.path)}: {what}: {complaint}")
+        return MechanismFileError(f"{self.where(element)}: {complaint}")
+
+    def where(self, element: ET.Element | str) -> str:
+        """Return file and element for errors."""
+        return f"{shown(self.path)}: {element if isinstance(element, str) else said(element)}"
 
     @cached_property
     def links(self) -> dict[str, ET.Element]:
@@ -78,22 +81,26 @@ class Tree:
 
     def placement(self, element: ET.Element | None, where: ET.Element) -> pin.SE3:
         """Return the placement that `xyz` and `rpy` of an element give, identity without."""
-        return placement(element, f"{shown(self.path)}: {said(where)}")
+        return placement(element, self.where(where))
 
     def axis(self, element: ET.Element | None, where: ET.Element) -> Array:
         """Return the unit vector `xyz` of an element, URDF's default without."""
         if element is None or "xyz" not in element.attrib:
             return np.array(URDF_AXIS)
-        return self.unit(numbers(element, "xyz", 3, f"{shown(self.path)}: {said(where)}"), where)
+        return self.unit(numbers(element, "xyz", 3, self.where(where)), where)
 
     def texts(self, element: ET.Element, count: int, where: ET.Element) -> Array:
         """Return the `count` numbers in an element's text."""
         holder = ET.Element(local(element), text=(element.text or "").strip())
-        return numbers(holder, "text", count, f"{shown(self.path)}: {said(where)}")
+        return numbers(holder, "text", count, self.where(where))
 
     def number(self, element: ET.Element | None, where: ET.Element, default: float) -> float:
         """Return the number in an element's text, the default without an element."""
         return default if element is None else float(self.texts(element, 1, where)[0])
+
+    def value(self, element: ET.Element, where: ET.Element) -> float:
+        """Return the number that an element has as its `value`."""
+        return float(numbers(element, "value", 1, self.where(where))[0])
 
     def unit(self, axis: Array, where: ET.Element | str) -> Array:
         """Return a direction at length 1; refuse one of no length."""

@@ -18,9 +18,6 @@ import xml.etree.ElementTree as ET
 import pinocchio as pin
 
 from spatial_pin.formats.dialects.reading import Reading
-from spatial_pin.formats.dialects.tree import said
-from spatial_pin.formats.sources import shown
-from spatial_pin.formats.urdf.checks import numbers
 
 ENDS = (("predecessor",), ("successor", "sucessor"))  # one exporter writes it so
 
@@ -47,8 +44,7 @@ def read_constraint(element: ET.Element, reading: Reading) -> None:
 def read_coupling(element: ET.Element, reading: Reading) -> None:
     """Read a `<coupling>` of two joints."""
     ratio = element.find("ratio")
-    here = f"{shown(reading.path)}: {said(element)}"
-    value = float(numbers(ratio, "value", 1, here)[0]) if ratio is not None else 1.0
+    value = reading.value(ratio, element) if ratio is not None else 1.0
     links = [link for link, _ in _ends(element, reading)]
     chains = reading.between(links)
     if [len(chain) for chain in chains] != [1, 1]:
