@@ -6,11 +6,11 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 
 from spatial_pin.errors import warn
 from spatial_pin.formats.mjcf.writing import Writing, placed
 from spatial_pin.formats.sources import is_file
+from spatial_pin.formats.urdf.checks import placement
 from spatial_pin.formats.urdf.elements import numbers_text
 from spatial_pin.formats.urdf.writing import unique
 from spatial_pin.numerics.linalg import Array
@@ -51,7 +51,7 @@ def _geom(
 ) -> dict[str, str] | None:
     """Return the attributes of the geom of a URDF shape; None for a mesh that is not readable."""
     solid = next(iter(shape.find("geometry")))  # type: ignore[arg-type]
-    geom = placed(_placement(shape.find("origin")))
+    geom = placed(placement(shape.find("origin"), ""))
     if solid.tag == "mesh":
         name = _asset(writing, solid, assets)
         return None if name is None else {**geom, "type": "mesh", "mesh": name}
@@ -73,13 +73,6 @@ def _asset(writing: Writing, mesh: ET.Element, assets: dict[tuple[str, str], str
         ET.SubElement(writing.part("asset"), "mesh", name=assets[file, scale], file=file,
                       scale=scale, inertia="shell")
     return assets[file, scale]
-
-
-def _placement(origin: ET.Element | None) -> pin.SE3:
-    if origin is None:
-        return pin.SE3.Identity()
-    return pin.SE3(pin.rpy.rpyToMatrix(_numbers(origin.get("rpy", "0 0 0"))),
-                   _numbers(origin.get("xyz", "0 0 0")))
 
 
 def _numbers(text: str) -> Array:

@@ -13,6 +13,7 @@ from pxr import Gf, UsdGeom, UsdPhysics
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.urdf.checks import LIGHTEST
 from spatial_pin.formats.urdf.elements import inertial, numbers_text, origin
+from spatial_pin.formats.urdf.shapes import SOLIDS
 from spatial_pin.formats.usd.stage import Stage, brief_names, rotation_of
 from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.numerics.linalg import Array
@@ -74,14 +75,12 @@ class Solid:
     Attributes:
         element: of URDF.
         placement: on its body [m].
-        volume: [m³].
-        moments: (3, 3) matrix of inertia about its centre at density 1, in its own axes [m⁵].
+        shape: in its own axes [m].
     """
 
     element: ET.Element
     placement: pin.SE3
-    volume: float
-    moments: Array
+    shape: pin.CollisionGeometry
 
 
 def solid_of(stage: Stage, prim: Any, body: Body) -> Solid | None:
@@ -95,18 +94,14 @@ def solid_of(stage: Stage, prim: Any, body: Body) -> Solid | None:
     numbers = {key: stage.metre * value for key, value in numbers.items()}
     if kind == "box":
         sides = numbers["size"] * scale
-        squares = sides * sides
-        volume = float(np.prod(sides))
-        moments = np.diag(squares.sum() - squares) * volume / 12.0
-        return Solid(ET.Element("box", size=numbers_text(sides)), on_body, volume, moments)
+        return Solid(ET.Element("box", size=numbers_text(sides)), on_body, SOLIDS["box"](*sides))
     if np.ptp(scale) > TOLERANCES.half_precision * scale.max():
         return None
     numbers = {key: value * float(scale.mean()) for key, value in numbers.items()}
     axis = "Z" if kind == "sphere" else stage.word(prim.GetAttribute("axis"), AXES)
     turn = pin.SE3(AXES[axis], np.zeros(3))
-    volume, about, across = _round(kind, **numbers)
     element = ET.Element(kind, {key: repr(value) for key, value in numbers.items()})
-    return Solid(element, on_body * turn, volume, np.diag([across, across, about]))
+    return Solid(element, on_body * turn, SOLIDS[kind](*numbers.values()))
 
 
 def _size(stage: Stage, prim: Any) -> tuple[str, dict[str, float]] | None:
@@ -121,20 +116,6 @@ def _size(stage: Stage, prim: Any) -> tuple[str, dict[str, float]] | None:
             return kind, {"radius": stage.number(shape.GetRadiusAttr()),
                           "length": stage.number(shape.GetHeightAttr())}
     return None
-
-
-def _round(kind: str, radius: float, length: float = 0.0) -> tuple[float, float, float]:
-    """Return volume and moments at density 1 of a round shape, about and across its axis."""
-    ball = 4.0 / 3.0 * np.pi * radius ** 3
-    rod = np.pi * radius ** 2 * length
-    if kind == "sphere":
-        return ball, 0.4 * ball * radius ** 2, 0.4 * ball * radius ** 2
-    about, across = 0.5 * rod * radius ** 2, rod * (radius ** 2 / 4.0 + length ** 2 / 12.0)
-    if kind == "cylinder":
-        return rod, about, across
-    caps = 0.4 * ball * radius ** 2
-    off = ball * (length ** 2 / 4.0 + 3.0 / 8.0 * length * radius)
-    return rod + ball, about + caps, across + caps + off
 
 
 # ---------------------------------------------------------------- links
@@ -234,14 +215,17 @@ def _from_shapes(
     def of_shape(prim: Any) -> Any:
         info = UsdPhysics.RigidBodyAPI.MassInformation()
         solid = solid_of(stage, prim, body)
+        volume, moments, placement = 0.0, np.zeros((3, 3)), pin.SE3.Identity()
         if solid is None:
             unknown.append(prim.GetName())
-            solid = Solid(ET.Element("none"), pin.SE3.Identity(), 0.0, np.zeros((3, 3)))
-        turn = pin.Quaternion(solid.placement.rotation)
-        info.volume = solid.volume * unit ** 3
-        info.inertia = Gf.Matrix3f(*(solid.moments * unit ** 5).ravel().tolist())
+        else:  # at density 1
+            volume, moments = solid.shape.computeVolume(), solid.shape.computeMomentofInertia()
+            placement = solid.placement
+        turn = pin.Quaternion(placement.rotation)
+        info.volume = volume * unit ** 3
+        info.inertia = Gf.Matrix3f(*(moments * unit ** 5).ravel().tolist())
         info.centerOfMass = Gf.Vec3f(0.0)
-        info.localPos = Gf.Vec3f(*(solid.placement.translation * unit).tolist())
+        info.localPos = Gf.Vec3f(*(placement.translation * unit).tolist())
         info.localRot = Gf.Quatf(turn.w, turn.x, turn.y, turn.z)
         return info
 
