@@ -196,17 +196,14 @@ def content_of(mechanism: Mechanism) -> dict[str, Any]:
         "passive": {p.name: {"body": p.body, "axis": list(p.axis)} for p in mechanism.passives},
         "frames": {f.name: {"link": f.link, "xyz": list(f.xyz), "rpy": list(f.rpy)}
                    for f in mechanism.frames.values()},
-        "guess": {key: _plain(value) for key, value in mechanism.guess.items()},
+        "guess": {key: np.asarray(value, dtype=float).tolist()
+                  for key, value in mechanism.guess.items()},
     }
     joints = dict(zip(moving, mechanism.pairs, strict=True))
     unsaid = drivers_of_tree(joints, mechanism.closures)
     is_said = list(unsaid.values()) != list(mechanism.drivers.values())
     return {key: value for key, value in content.items()
             if (is_said if key == "drivers" else value)}
-
-
-def _plain(value: Any) -> Any:
-    return np.asarray(value, dtype=float).tolist()
 
 
 def _joint(mechanism: Mechanism, element: ET.Element) -> dict[str, Any]:
@@ -250,13 +247,10 @@ def _limits(mechanism: Mechanism, i: int, element: ET.Element) -> dict[str, Any]
         values = getattr(model, next(iter(arrays)))[own]
         for array, factor in arrays.items():
             if not np.array_equal(getattr(model, array)[own], stated[array]):
-                table[key] = _short(values)
+                is_one = np.all(values == values[0])
+                table[key] = float(values[0]) if is_one else values.tolist()
             stated[array] = factor * values if key in table else stated[array]
     return table
-
-
-def _short(values: Array) -> Any:
-    return float(values[0]) if np.all(values == values[0]) else values.tolist()
 
 
 def _resistances(

@@ -138,7 +138,6 @@ class _TracedSamples:
         self.points: list[CurvePoint] = []
         self.accelerations: list[Array] = []
         self.errors: list[float] = []
-        self.places: list[Array] = []
         self.events: list[Event] = []
         self.near, self.has_left = np.inf, False  # how near to the first place counts as back there
 

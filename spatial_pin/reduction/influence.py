@@ -150,6 +150,10 @@ class Influence:
         locked: joints that do not move.
         needed: joints whose coordinates are asked for.
         bodies: joints whose bodies' placements are asked for.
+
+    Attributes:
+        configurations: (nq,) closed ones at which it was looked.
+        motions: (k, nv) of the closed mechanism at each of them, scaled.
     """
 
     def __init__(self, mechanism: Mechanism, state: State, locked: Iterable[int],
@@ -167,7 +171,7 @@ class Influence:
         labels = self.evaluation.constraints.labels
         self._rows = [[i for i, label in enumerate(labels) if label.closure == c.name]
                       for c in mechanism.closures]
-        self._jacobians, self._motions = [], []
+        self._jacobians, self.motions = [], []
         for q in self.configurations:
             self.evaluation.update(q)
             jacobian = self.evaluation.jacobian[:n].copy()
@@ -177,7 +181,7 @@ class Influence:
                 motions = np.zeros((len(inner), mechanism.model.nv))
                 motions[:, self.free] = inner
             self._jacobians.append(jacobian)
-            self._motions.append(motions)
+            self.motions.append(motions)
 
     def _generic(self, state: State) -> Iterator[Array]:
         """Yield closed configurations of the branch away from the reference, else that itself."""
@@ -204,10 +208,6 @@ class Influence:
         if not found:
             yield state.q
 
-    def motions(self) -> list[Array]:
-        """Return the motions (k, nv), scaled, of the closed mechanism where it was looked at."""
-        return self._motions
-
     def kept(self, closures: Iterable[int]) -> Kept:
         """Return the joints that matter when only these closures are kept."""
         chosen = tuple(closures)
@@ -233,7 +233,7 @@ class Influence:
         return all(
             rank(motions[:, columns], TOLERANCES.singular)
             == len(columns) - rank(jacobian[rows][:, columns])
-            for motions, jacobian in zip(self._motions, self._jacobians, strict=True))
+            for motions, jacobian in zip(self.motions, self._jacobians, strict=True))
 
     def least(self) -> Kept:
         """Return the least that is enough: the fewest coordinates, then the fewest closures."""

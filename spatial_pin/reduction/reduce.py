@@ -352,7 +352,7 @@ def _agrees(made: Mechanism, influence: Influence) -> bool:
     full = influence.mechanism
     evaluation = Evaluation(constraints_of(made))
     at = [full.coordinate_table[name].v for name in made.coordinates]
-    for q, motions in zip(influence.configurations, influence.motions(), strict=True):
+    for q, motions in zip(influence.configurations, influence.motions, strict=True):
         influence.evaluation.update(q)
         state = State(full, q, closure_error=0.0, angles=influence.evaluation.angles)
         own = carried_over(made, state)

@@ -50,8 +50,7 @@ DRAWN_TRIES = 8  # configurations that a drawn start is looked for from
 
 
 Guess = Mapping[str, Any] | State | Array | None
-Residual = Callable[[Array], Array]
-Slopes = Callable[[Array], Array]
+OfNumbers = Callable[[Array], Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -378,7 +377,7 @@ class Fit:
         return _Exactly(self, x).found()
 
     def minimum(
-        self, residual: Residual, slopes: Slopes, x: Array, most: int, gain: float
+        self, residual: OfNumbers, slopes: OfNumbers, x: Array, most: int, gain: float
     ) -> Array:
         """Return where the sum of squares is least, by SciPy's trust region.
 
@@ -398,8 +397,8 @@ class Fit:
         return second if squares[1] <= squares[0] else first
 
     def _descended(
-        self, residual: Residual, slopes: Slopes, x: Array, free: NDArray[np.bool_], most: int,
-        gain: float,
+        self, residual: OfNumbers, slopes: OfNumbers, x: Array, free: NDArray[np.bool_],
+        most: int, gain: float,
     ) -> Array:
         """Return where the sum of squares is least, some numbers being free."""
         from scipy.optimize import least_squares  # takes a quarter of a second
@@ -585,11 +584,11 @@ class _Exactly:
         found = self._at(x)
         assert found is not None
         samples, raw = found
-        rows = [*self.fit.goal_slopes(x, samples), *self._demand_slopes(x, samples, raw)]
+        rows = [*self.fit.goal_slopes(x, samples), *self._demand_slopes(x, raw)]
         factor = np.where(self.exact, np.sqrt(self.penalty), self.weights) * self._shaped(raw)[1]
         return np.concatenate([np.empty((0, len(x))), *rows]) * factor[:, None]
 
-    def _demand_slopes(self, x: Array, samples: list[Samples], raw: Array) -> list[Array]:
+    def _demand_slopes(self, x: Array, raw: Array) -> list[Array]:
         """Return derivatives of demands, by differences of closed configurations."""
         if not self.p.demands:
             return []

@@ -24,7 +24,10 @@ def read(file: str) -> Part:
         ValueError: it has what is not known here, or lacks what it needs.
         ElementTree.ParseError: it is no XML.
     """
-    scene = _Scene(_plain_names(ET.parse(file).getroot()))
+    root = ET.parse(file).getroot()
+    for element in root.iter():
+        element.tag = element.tag.rpartition("}")[2]
+    scene = _Scene(root)
     parts = list(scene.parts())
     if not parts:
         raise ValueError("it has no triangles")
@@ -33,12 +36,6 @@ def read(file: str) -> Part:
     corners = np.concatenate([t + at for (_, t, _), at in zip(parts, starts[:-1], strict=True)])
     colours = np.concatenate([np.tile(colour, (len(t), 1)) for _, t, colour in parts])
     return points, corners, colours
-
-
-def _plain_names(root: ET.Element) -> ET.Element:
-    for element in root.iter():
-        element.tag = element.tag.rpartition("}")[2]
-    return root
 
 
 def _floats(text: str | None) -> Any:

@@ -161,10 +161,5 @@ def _spring(mech: Mechanism, name: str) -> dict[str, str]:
 
 def _spring_damping(mech: Mechanism, joint: str, k: int) -> float:
     """Return what the springs of the k-th coordinate of a joint add to its damping."""
-    found = 0.0
-    for spring in mech.springs:
-        if spring.joint is not None:
-            coordinate = mech.coordinate(spring.joint)
-            if (coordinate.joint, coordinate.place) == (joint, k):
-                found += spring.damping
-    return found
+    own = ((s, mech.coordinate(s.joint)) for s in mech.springs if s.joint is not None)
+    return sum(s.damping for s, c in own if (c.joint, c.place) == (joint, k))

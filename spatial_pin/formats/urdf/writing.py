@@ -25,7 +25,7 @@ class UrdfText:
         self._reserved = set(reserved)
         self._links: dict[str, ET.Element] = {}
         self._joints: set[str] = set()
-        self._root = self._link(root)
+        self._link(root)
 
     def _link(self, wanted: str) -> str:
         name = unique(wanted, self._links)
