@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.formats.graph.joints import Joint, JointGraph, foremost, joints_at
+from spatial_pin.formats.graph.joints import Joint, JointGraph, joints_at
 from spatial_pin.numerics.linalg import Array
 
 SQUARE = 1e-3  # cosine of revolute axes, from which on three in a chain miss directions of a ball
@@ -63,18 +63,25 @@ def in_loops(joints: Sequence[Joint]) -> set[str]:
                     above[other] = joint.name, link
                     waiting.append(other)
     top = {link: link for link in depth}  # the first link above with a joint not yet found
+
+    def climb(link: str) -> str:
+        while top[link] != link:
+            top[link] = top[top[link]]
+            link = top[link]
+        return link
+
     tree = {name for name, _ in above.values()}
     looped = {joint.name for joint in joints if joint.name not in tree}
     for joint in joints:
         if joint.name in tree:
             continue
-        one, two = foremost(top, joint.parent), foremost(top, joint.child)
+        one, two = climb(joint.parent), climb(joint.child)
         while one != two:
             low, high = (one, two) if depth[one] >= depth[two] else (two, one)
             name, link = above[low]
             looped.add(name)
             top[low] = link
-            one, two = foremost(top, low), high
+            one, two = climb(low), high
     return looped
 
 

@@ -143,11 +143,3 @@ def joints_at(joints: Iterable[Joint]) -> dict[str, list[Joint]]:
         meeting[joint.parent].append(joint)
         meeting[joint.child].append(joint)
     return meeting
-
-
-def foremost(above: dict[str, str], link: str) -> str:
-    """Return the last link above one, which stands above itself; the way there is made shorter."""
-    while above[link] != link:
-        above[link] = above[above[link]]
-        link = above[link]
-    return link

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from spatial_pin.formats.faults import Faults
-from spatial_pin.formats.graph.joints import Joint, JointGraph, Link, foremost
+from spatial_pin.formats.graph.chains import in_loops
+from spatial_pin.formats.graph.joints import WORLD, Joint, JointGraph, Link
 from spatial_pin.formats.graph.open_tree import open_tree
 from spatial_pin.formats.imported import Imported
 from spatial_pin.formats.urdf.checks import check_joint, end_of, placement
@@ -74,16 +75,10 @@ def _has_loop(robot: ET.Element) -> bool:
     if robot.tag != "robot" or len(known) < len(links) or len(set(names)) < len(names) or any(
             parent == child or not {parent, child} <= known for parent, child in ends):
         return False  # other faults, which the reader of URDF refuses by name
-    group = {link: link for link in links}
-    roots = known - {child for _, child in ends}
-    for link in roots:
-        group[link] = min(roots)  # they stand on the same ground
-    for parent, child in ends:
-        one, two = foremost(group, parent), foremost(group, child)
-        if one == two:
-            return True
-        group[two] = one
-    return False
+    roots = known - {child for _, child in ends}  # they stand on the same ground
+    joints = [Joint(name, "fixed", WORLD if parent in roots else parent, child)
+              for name, (parent, child) in zip(names, ends, strict=True)]
+    return bool(in_loops(joints))
 
 
 def _joint(element: ET.Element, pair: str, refined: JointRefinement | None, where: str) -> Joint:
