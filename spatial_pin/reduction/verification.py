@@ -62,8 +62,8 @@ def verification(
         rows += count
         remarks += _remarks(pair[0], pair[1], name, np.size(asked_values))
         if count:
-            differences += [_difference(output, name, a, b) for output, a, b in
-                            _outputs(pair[0], pair[1], asked, count)]
+            differences += [_difference(output, name, a, b) for (output, a), (_, b) in zip(
+                *(_outputs(motion, asked, count) for motion in pair), strict=True)]
             if reduced.dynamics:
                 differences += _dynamics(reduced, pair[0], asked)
                 differences += _forces(reduced, pair, count)
@@ -142,20 +142,19 @@ def _remarks(full: Motion, reduced: Motion, driver: str, asked: int) -> Iterator
 
 
 def _outputs(
-    full: Motion, reduced: Motion, asked: Asked, count: int
-) -> Iterator[tuple[str, tuple[list[Array], ...], tuple[list[Array], ...]]]:
-    """Yield name, and (positions, rates, accelerations) of both, each angles and lengths apart."""
+    motion: Motion, asked: Asked, count: int
+) -> Iterator[tuple[str, tuple[list[Array], ...]]]:
+    """Yield name, and positions, rates and accelerations, each angles and lengths apart."""
+    size = motion.mechanism.characteristic_length
     for name in asked.coordinates:
-        unit = full.mechanism.coordinate(name).unit
-        sizes = 1.0 if unit == "rad" else full.mechanism.characteristic_length
-        first, second = (tuple([x[:count] / sizes] for x in m.coordinate(name))
-                         for m in (full, reduced))
-        yield name, first, second
-    for name in asked.frames:
-        yield name, _frame(full, name, count), _frame(reduced, name, count)
-    for name in asked.centres:
-        yield (f"{name}.com", _frame(full, name, count, centre=True),
-               _frame(reduced, name, count, centre=True))
+        unit = 1.0 if motion.mechanism.coordinate(name).unit == "rad" else size
+        yield name, tuple([x[:count] / unit] for x in motion.coordinate(name))
+    centres = {f"{name}.com": motion.com(name) for name in asked.centres}
+    for name, moving in ({name: motion.frame(name) for name in asked.frames} | centres).items():
+        yield name, (
+            [moving.position[:count] / size, moving.rotation[:count]],
+            [moving.velocity[:count] / size, moving.angular_velocity[:count]],
+            [moving.acceleration[:count] / size, moving.angular_acceleration[:count]])
 
 
 def _dynamics(reduced: Reduced, motion: Motion, asked: Asked) -> Iterator[Difference]:
@@ -186,16 +185,6 @@ def _forces(reduced: Reduced, pair: Sequence[Motion], count: int) -> Iterator[Di
         a, b = (found.output(name).values[:count] for found in loads)
         size = max(float(np.abs(a).max()), np.finfo(float).tiny)
         yield Difference(name, "kinetostatics", 0.0, 0.0, float(np.abs(a - b).max()) / size)
-
-
-def _frame(motion: Motion, name: str, count: int, centre: bool = False) -> tuple[list[Array], ...]:
-    moving = motion.com(name) if centre else motion.frame(name)
-    size = motion.mechanism.characteristic_length
-    return (
-        [moving.position[:count] / size, moving.rotation[:count]],
-        [moving.velocity[:count] / size, moving.angular_velocity[:count]],
-        [moving.acceleration[:count] / size, moving.angular_acceleration[:count]],
-    )
 
 
 def _difference(
