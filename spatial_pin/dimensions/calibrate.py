@@ -350,7 +350,7 @@ class _Search:
         before = p.errors(np.zeros(len(p.sizes)))
         x = self._solved(bounds)
         errors, here = p.errors(x), p.at(x)
-        weights = self._weights(errors)
+        weights = WEIGHTS[self._loss]((errors / self._margin) ** 2)
         spread = _Spread(np.sqrt(weights)[:, None] * p.slopes(x), p.whole)
         factor = 1.0
         if scattered:
@@ -418,9 +418,6 @@ class _Search:
             raise SpatialPinError("calibrate: the search has not ended after "
                                   f"{EVALUATIONS} steps; look for fewer unknowns, or bound them")
         return found.x
-
-    def _weights(self, errors: Array) -> Array:
-        return WEIGHTS[self._loss]((errors / self._margin) ** 2)
 
     def _values(self, x: Array) -> dict[str, float]:
         p = self._predictions

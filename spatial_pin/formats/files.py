@@ -17,7 +17,7 @@ from spatial_pin.formats import urdf_importer
 from spatial_pin.formats.checked_tables import Table
 from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.free_flyer import with_free_flyer
-from spatial_pin.formats.imported import Imported, Request
+from spatial_pin.formats.imported import Request
 from spatial_pin.formats.mechanism_file import Said, mechanism_of
 from spatial_pin.formats.merging import merged
 from spatial_pin.formats.sources import (
@@ -132,7 +132,13 @@ def _loaded(request: Request) -> Mechanism:
         return _load_toml(request)
     importer = importer_of(request.path)
     assert importer is not None  # otherwise it was not found
-    return _imported(importer.read(request), request)
+    imported, faults = importer.read(request), Faults()
+    for notice in imported.notices:
+        faults.note(notice)
+    path = request.path
+    name = path.name.removesuffix(".xacro").removesuffix(".urdf")
+    content = {"name": name, "tree": path.name, **imported.content}
+    return _told(content, path, imported.urdf, request, faults)
 
 
 def _folders(packages: Mapping[str, str | Path]) -> dict[str, Path]:
@@ -168,16 +174,6 @@ def _find(source: str | Path) -> Path:
         f"no mechanism {shown(path)!r}: neither a file ({', '.join(endings())}) nor in the "
         f"library; {suggestion(shown(path), list_mechanisms())}"
     )
-
-
-def _imported(imported: Imported, request: Request) -> Mechanism:
-    """Return the mechanism of what an importer read."""
-    path, faults = request.path, Faults()
-    for notice in imported.notices:
-        faults.note(notice)
-    name = path.name.removesuffix(".xacro").removesuffix(".urdf")
-    content = {"name": name, "tree": path.name, **imported.content}
-    return _told(content, path, imported.urdf, request, faults)
 
 
 def _load_toml(request: Request) -> Mechanism:
@@ -218,14 +214,9 @@ def _told(
     """Return the mechanism of a file's content and the tree of `file`; its faults are told."""
     text = _floated(urdf, file, content) if request.free_flyer else urdf
     made = mechanism_of(Table(content, str(request.path)), file, text, request, faults)
-    _tell(request.path, faults)
+    if told := faults.told():
+        warn(f"{shown(request.path)}: {told}")
     return made
-
-
-def _tell(path: Path, faults: Faults) -> None:
-    told = faults.told()
-    if told:
-        warn(f"{shown(path)}: {told}")
 
 
 def _floated(urdf: str, path: Path, content: Mapping[str, Any]) -> str:
@@ -250,6 +241,3 @@ def from_text(urdf: str, content: Mapping[str, Any], name: str) -> Mechanism:
     path = Path(name)
     made = mechanism_of(Table(dict(content), name), path, urdf, Request(path), Faults())
     return made.with_fields(path=None, tree=None, dimensions={})
-
-
-# ---------------------------------------------------------------- tables

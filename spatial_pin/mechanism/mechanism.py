@@ -391,8 +391,9 @@ class Mechanism:
             span = unit * _diameter(points)
         if span and not SMALLEST <= span <= 1.0 / SMALLEST:
             frame = self.model.frames[int(np.argmax(reach))].name
+            large = f"{span:.3g} m large" if math.isfinite(span) else "larger than any number"
             raise MechanismFileError(
-                f"{self.path or self.name}: the mechanism is {_large(span)} (frame {frame!r}); "
+                f"{self.path or self.name}: the mechanism is {large} (frame {frame!r}); "
                 f"only sizes from {SMALLEST:g} to {1.0 / SMALLEST:g} m can be worked with")
         return span if span > 0.0 else 1.0
 
@@ -461,10 +462,6 @@ class Mechanism:
             f"{counted(len(self.closures), 'closure')}, "
             f"drivers {list(self.drivers)})"
         )
-
-
-def _large(span: float) -> str:
-    return f"{span:.3g} m large" if math.isfinite(span) else "larger than any number"
 
 
 def _diameter(points: Array) -> float:

@@ -198,7 +198,10 @@ def finished(
     motion.events += [Event("released", begin, 0, text) for text in followed.released]
     motion.events += [crossed_event(value, row, _where(value, times is None))
                       for value, row in followed.crossed]
-    motion.events += [_undriven(value, row, times is None) for value, row in followed.undriven]
+    motion.events += [
+        Event("singular", value, row, "the drivers alone do not determine the motion at "
+              f"{_where(value, times is None)}: efforts grow without bound towards it")
+        for value, row in followed.undriven]
     motion.events += [*joint_limit_events(motion), *velocity_limit_events(motion)]
     if followed.is_cut:
         raise Interrupted(motion)
@@ -289,12 +292,6 @@ def _motion(mechanism: Mechanism, samples: Samples, n: int, times: Array | None)
 
 def _where(value: float, is_timeless: bool) -> str:
     return f"sample {value:.12g}" if is_timeless else f"{value:.12g} s"
-
-
-def _undriven(value: float, row: int, is_timeless: bool) -> Event:
-    return Event("singular", value, row,
-                 f"the drivers alone do not determine the motion at {_where(value, is_timeless)}: "
-                 "efforts grow without bound towards it")
 
 
 def _error(

@@ -9,7 +9,7 @@ falls at isolated places of it).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from itertools import combinations
 from typing import NamedTuple
 
@@ -160,7 +160,9 @@ class Influence:
                  needed: Iterable[int], bodies: Iterable[int]) -> None:
         self.mechanism, self.locked = mechanism, frozenset(locked)
         self.needed, self.bodies = frozenset(needed), frozenset(bodies)
-        self.columns = _columns(mechanism)
+        model = mechanism.model
+        self.columns = {i: list(range(model.idx_vs[i], model.idx_vs[i] + model.nvs[i]))
+                        for i in range(1, model.njoints)}
         self.free = np.ones(mechanism.model.nv, dtype=bool)
         for i in self.locked:
             self.free[self.columns[i]] = False
@@ -276,9 +278,3 @@ def joints_of(mechanism: Mechanism, closure: Closure) -> set[int]:
         return {mechanism.joint_id(mechanism.coordinate(name).joint) for name in closure.joints}
     return {joint for frames in (closure.frames, closure.between) if frames
             for joint in joints_between(mechanism, frames)}
-
-
-def _columns(mechanism: Mechanism) -> Mapping[int, list[int]]:
-    model = mechanism.model
-    return {i: list(range(model.idx_vs[i], model.idx_vs[i] + model.nvs[i]))
-            for i in range(1, model.njoints)}

@@ -159,10 +159,6 @@ def _as_it_is(pair: str) -> Callable[[Any], Recognised | None]:
     return lambda joint: (pair, joint)
 
 
-def _unbounded(joint: Any) -> Recognised | None:
-    return _made("revolute", joint_axis(joint))
-
-
 def _made(pair: str, axis: Array, lead: float = 0.0) -> Recognised:
     joint = PAIRS[pair].joint
     assert joint is not None
@@ -207,7 +203,8 @@ def _mimicked(model: pin.Model, i: int) -> Recognised | None:
 
 
 KINDS: dict[str, Callable[[Any], Recognised | None]] = {  # by how names begin, the first that does
-    "RUB": _unbounded, "RevoluteUnbounded": _unbounded, "R": _as_it_is("revolute"),
+    **dict.fromkeys(("RUB", "RevoluteUnbounded"), lambda x: _made("revolute", joint_axis(x))),
+    "R": _as_it_is("revolute"),
     "Planar": lambda _: _made("planar", Z), "P": _as_it_is("prismatic"),
     "H": _as_it_is("screw"),
     "SphericalZYX": lambda _: None, "Spherical": _as_it_is("spherical"),

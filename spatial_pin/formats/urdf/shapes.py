@@ -177,19 +177,15 @@ def take_shapes(
                                 f"a <{kind}> of link {name!r}")
                     continue
                 tag = "capsule" if kind == "collision" and _is_capsule(element, link) else solid.tag
+                overrides = element.find("material[@override='true']") is not None
                 shape = Shape(kind, name, f"{name}_{count}", place, tag, _sizes(solid, where),
-                              colour=colour, overrides=_overrides(element))
+                              colour=colour, overrides=overrides)
                 if solid.tag == "mesh":
                     shape = _sought(shape, solid, folder, packages)
                 taken.append(shape)
                 count += 1
     _tell_lost([x for x in taken if x.solid == "mesh" and x.path is None], faults)
     return tuple(taken)
-
-
-def _overrides(element: ET.Element) -> bool:
-    material = element.find("material")
-    return material is not None and material.get("override") == "true"
 
 
 def _is_capsule(element: ET.Element, link: ET.Element) -> bool:
