@@ -258,8 +258,7 @@ def _solved(
     values = {name: np.empty((len(drawn), *np.shape(x))) for name, x in nominal.items()}
     is_closed = np.zeros(len(drawn), dtype=bool)
     bar = progress_bar(len(drawn), f"{mechanism.name}: samples", progress)
-    samples = Samples.of(mechanism, list(spread), names) if (
-        state.mechanism is mechanism) else None  # nor can it be of a rounded file
+    samples = _together(mechanism, state, list(spread), names)
     near = samples.near(state, drive) if samples else None
     n = len(drawn)
     if samples and near:
@@ -305,6 +304,13 @@ def _solve_together(
     except KeyboardInterrupt:  # those before are the answer
         return begin
     return len(drawn)
+
+
+def _together(
+    mechanism: Mechanism, state: State, dimensions: list[str], outputs: list[str]
+) -> Samples | None:
+    """Return what solves samples together; None where it cannot be, as of a rounded file."""
+    return Samples.of(mechanism, dimensions, outputs) if state.mechanism is mechanism else None
 
 
 class _Job(NamedTuple):
