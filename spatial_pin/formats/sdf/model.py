@@ -20,13 +20,13 @@ from spatial_pin.formats.sdf.poses import (
     Frame,
     Frames,
     bound,
-    children,
     is_true,
     number,
     number_list,
     pose,
 )
 from spatial_pin.formats.sdf.unread import unread
+from spatial_pin.formats.urdf.checks import by_name
 from spatial_pin.numerics.linalg import Array
 
 PAIR_OF = {
@@ -57,9 +57,9 @@ class Model:
         left_out = unread(model, where)
         if left_out:
             self.notices.append(f"not read: {', '.join(left_out)}")
-        self.links = children(model, "link", where)
-        self.joints = children(model, "joint", where)
-        self.named = children(model, "frame", where)
+        self.links = by_name(model.findall("link"), "link", where)
+        self.joints = by_name(model.findall("joint"), "joint", where)
+        self.named = by_name(model.findall("frame"), "frame", where)
         if not self.links:
             raise MechanismFileError(f"{where}: no <link>")
         self.canonical = model.get("canonical_link") or next(iter(self.links))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,7 +11,6 @@ import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError, suggestion
 from spatial_pin.formats.graph.joints import WORLD
-from spatial_pin.formats.urdf.checks import by_name
 from spatial_pin.numerics.linalg import Array
 
 MODEL = "__model__"  # a model's own frame
@@ -164,12 +162,3 @@ class Frames:
             way[name] = None
             asking, name = f"attached_to of {name!r}", frame.attached_to
         return WORLD
-
-
-def children(element: ET.Element, tag: str, where: str) -> Mapping[str, ET.Element]:
-    """Return the children of a kind by name.
-
-    Raises:
-        MechanismFileError: one has no name, or two have the same.
-    """
-    return by_name(element.findall(tag), tag, where)

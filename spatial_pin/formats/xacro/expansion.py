@@ -86,9 +86,8 @@ def expand(
                 f"{path}: parameters {sorted(parameters)} given, but only .xacro files have any"
             )
         return read_text(path)
-    mappings = _checked_parameters(path, parameters, trusted, packages) if parameters else {}
     expansion = Expansion(path, trusted, packages)
-    return expansion.guarded(lambda xacro: xacro.process_file(str(path), mappings=mappings).toxml())
+    return expansion.text(_checked_parameters(expansion, parameters) if parameters else {})
 
 
 def traced(
@@ -114,19 +113,15 @@ def traced(
     tape = Tape(arguments)
     mappings = {name: _xacro_text(value) for name, value in parameters.items()}
     mappings |= {name: tape.text(place) for place, name in enumerate(arguments)}
-    expansion = Expansion(path, trusted, packages, tape)
-    text = expansion.guarded(
-        lambda xacro: xacro.process_file(str(path), mappings=mappings).toxml())
-    return text, tape
+    return Expansion(path, trusted, packages, tape).text(mappings), tape
 
 
-def _checked_parameters(
-    path: Path, parameters: Mapping[str, float], trusted: bool, packages: Mapping[str, Path]
-) -> dict[str, str]:
-    valid = xacro_arguments(path, trusted, packages)
+def _checked_parameters(expansion: Expansion, parameters: Mapping[str, float]) -> dict[str, str]:
+    valid = _arguments(expansion)
     for name, value in parameters.items():
         if name not in valid:
-            raise MechanismFileError(f"{path}: no parameter {name!r}; {suggestion(name, valid)}")
+            raise MechanismFileError(
+                f"{expansion.path}: no parameter {name!r}; {suggestion(name, valid)}")
         if not isinstance(value, str):
             _check_number(name, value)
     return {name: _xacro_text(value) for name, value in parameters.items()}
@@ -150,13 +145,10 @@ def _xacro_text(value: object) -> str:
     return repr(float(value))  # type: ignore[arg-type]
 
 
-def xacro_arguments(
-    path: Path, trusted: bool = False, packages: Mapping[str, Path] = NO_PACKAGES
-) -> dict[str, str]:
+def _arguments(expansion: Expansion) -> dict[str, str]:
     """Return names and defaults of the arguments that a xacro file and its includes declare."""
     arguments: dict[str, str] = {}
-    expansion = Expansion(path, trusted, packages)
-    files, seen = [path], set()
+    files, seen = [expansion.path], set()
     while files:
         file = files.pop()
         if file in seen:
@@ -180,10 +172,11 @@ def dimensions(
     packages: Mapping[str, Path] = NO_PACKAGES,
 ) -> dict[str, float]:
     """Return the value of every xacro argument that is a number, given or by default."""
-    arguments = xacro_arguments(path, trusted, packages) if path.suffix == ".xacro" else {}
+    expansion = Expansion(path, trusted, packages)
+    arguments = _arguments(expansion) if path.suffix == ".xacro" else {}
     texts = {name: _xacro_text(parameters.get(name, text)) for name, text in arguments.items()}
     if not all(_is_number(text) for text in texts.values()):
-        texts = _evaluated(texts, path, trusted, packages)
+        texts = _evaluated(texts, expansion)
     return {name: float(text) for name, text in texts.items() if _is_number(text)}
 
 
@@ -194,9 +187,7 @@ def _is_number(value: str | float) -> bool:
         return False
 
 
-def _evaluated(
-    texts: Mapping[str, str], path: Path, trusted: bool, packages: Mapping[str, Path]
-) -> dict[str, str]:
+def _evaluated(texts: Mapping[str, str], expansion: Expansion) -> dict[str, str]:
     """Evaluate `${...}` in defaults as xacro does in a file."""
     document = minidom.parseString(EMPTY)
     root = document.documentElement
@@ -208,10 +199,10 @@ def _evaluated(
         root.appendChild(holder)
 
     def process(xacro: Any) -> None:
-        xacro.init_stacks(str(path))
+        xacro.init_stacks(str(expansion.path))
         xacro.process_doc(document)
 
-    Expansion(path, trusted, packages).guarded(process)
+    expansion.guarded(process)
     found = document.getElementsByTagName("dimension")
     return {e.getAttribute("name"): e.getAttribute("value") for e in found}
 
@@ -326,6 +317,11 @@ class Expansion:
                 reason = "macros, includes or elements call each other without end, or too deep"
             raise MechanismFileError(
                 f"{shown(self.file)}: xacro cannot expand it: {reason}") from error
+
+    def text(self, mappings: Mapping[str, str]) -> str:
+        """Return what the file expands to with these values of its arguments."""
+        return self.guarded(
+            lambda xacro: xacro.process_file(str(self.path), mappings=mappings).toxml())
 
     @property
     def file(self) -> str:
