@@ -106,6 +106,9 @@ class Family:
         mechanism: at its own dimensions.
         names: the dimensions that change.
 
+    Attributes:
+        is_traced: whether the file is followed for many sets of dimensions at once.
+
     Raises:
         SpatialPinError: it has no file.
     """
@@ -117,13 +120,8 @@ class Family:
                 f"mechanism {mechanism.name!r} has no file to change dimensions in")
         self.variants = Variants(mechanism, self.names)
         tree = self.variants.tree
-        self._tree = tree
+        self._tree, self.is_traced = tree, tree is not None
         self._numbers = DimensionNumbers(mechanism, tree, []) if tree else None
-
-    @property
-    def is_traced(self) -> bool:
-        """Whether the file is followed for many sets of dimensions at once."""
-        return self._tree is not None
 
     def at(self, dimensions: Array) -> Members:
         """Return the mechanism at dimensions (n, m), in the order of the names."""

@@ -12,7 +12,7 @@ import numpy as np
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.checks import checked
-from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.coordinates import joint_values, needed
@@ -29,7 +29,6 @@ from spatial_pin.reduction.model.idle_equations import drop_equations
 from spatial_pin.reduction.model.model import Model
 from spatial_pin.reduction.model.replacing import replace_links
 from spatial_pin.reduction.report import Omission, omissions
-from spatial_pin.reduction.states import carried_over
 
 STARTS = 256  # assembled configurations that are remembered: 0.2 MB for a hundred coordinates
 
@@ -282,7 +281,23 @@ def reduce(
                    left_out=tuple(omissions(model, locks.joints)))
 
 
-# ---------------------------------------------------------------- what is needed
+# ---------------------------------------------------------------- states, and what is needed
+
+
+def carried_over(reduced: Mechanism, state: State) -> State:
+    """Return what a state says of the joints that a reduced mechanism has kept."""
+    q, full, own = reduced.neutral.copy(), state.mechanism.model, reduced.model
+    for i in range(1, own.njoints):
+        j = full.getJointId(own.names[i])
+        q[own.idx_qs[i] :][: own.nqs[i]] = state.q[full.idx_qs[j] :][: full.nqs[j]]
+    at = [state.mechanism.coordinate_table[name].v for name in reduced.coordinates]
+    screws = [c.name for c in state.mechanism.closures if c.type == "screw"]
+    angles = np.array([state.angles[screws.index(c.name)]
+                       for c in reduced.closures if c.type == "screw"])
+    with evaluation_of(reduced, angles) as evaluation:
+        evaluation.update(q)
+        return State(reduced, q, state.v[at], state.a[at], in_time=state.in_time,
+                     closure_error=evaluation.closure_error, angles=evaluation.angles)
 
 
 def _locked(
