@@ -10,9 +10,9 @@ tolerance, integrators that choose their step. Of each, the largest error over a
 taken, times `MARGIN`, and the shortest time that it has taken, by that of "engineering", in
 geometric mean. Settings that fail on a mechanism are left out, and so are those that another one
 beats in both. What is left is printed as `MEASURED` in `spatial_pin/settings.py`.
-Motions that no setting is known to follow to `HOPELESS` (through singular configurations), and those
-whose errors grow by more than `UNSTABLE` in time (that of "engineering", by its tolerance), are left
-out, and named.
+Motions that no setting is known to follow to `HOPELESS` (through singular configurations) are left
+out, and named, and so are those whose errors grow by more than `UNSTABLE` in time: that of
+"engineering" relative to its tolerance.
 """
 
 from __future__ import annotations
