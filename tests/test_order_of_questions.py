@@ -10,6 +10,7 @@ import pickle
 
 import mechanisms as known
 import numpy as np
+import pinocchio as pin
 import pytest
 from masses import heavy
 from test_dynamics import ladder, leaning
@@ -215,3 +216,19 @@ def test_modes_of_different_rank(wrap, tmp_path):
     sp.forward_dynamics(mechanism, isolated(mechanism))
     answer = sp.forward_dynamics(mechanism, translation(mechanism, 0.5))
     assert answer.a[0] == pytest.approx(-answer.a[1]) == pytest.approx(answer.a[2])
+
+
+def test_masses_that_have_been_changed():
+    """What a simulation keeps of a mechanism is that of its masses and its gravity."""
+    def swung(mechanism):
+        return sp.simulate(mechanism, sp.assemble(mechanism), 0.4, times=[0.4]).q
+
+    used, other = sp.load("four_bar"), sp.load("four_bar")
+    first = swung(used)
+    for mechanism in (used, other):
+        mechanism.model.inertias[2] = pin.Inertia.FromSphere(3.0, 0.2)
+    heavier = swung(used)
+    assert np.array_equal(heavier, swung(other)) and not np.allclose(heavier, first)
+    for mechanism in (used, other):
+        mechanism.model.gravity.linear = np.array([0.0, 0.0, -1.6])
+    assert np.array_equal(swung(used), swung(other)) and not np.allclose(swung(used), heavier)

@@ -119,8 +119,21 @@ def _packed(mechanism: Mechanism, idle: bool) -> Packed:
         np.array(vectors.flag, bool))
 
 
-def with_masses(found: Packed, model: pin.Model) -> Packed:
-    """Return arrays with the masses and the gravity that a model has now."""
+def with_masses(mechanism: Mechanism) -> Packed:
+    """Return the arrays of a mechanism, no idle rotations, with the masses it has now.
+
+    Masses, gravity and the arrays of the last call are kept: they are seldom changed.
+    """
+    model, found = mechanism.model, packed(mechanism, idle=False)
+    key = np.array([body.toDynamicParameters() for body in model.inertias]).tobytes()
+    key += model.gravity.linear.tobytes()
+    if mechanism.memo.get("masses", ("", None))[0] != key:
+        mechanism.memo["masses"] = key, _with_masses(found, model)
+    kept: Packed = mechanism.memo["masses"][1]
+    return kept
+
+
+def _with_masses(found: Packed, model: pin.Model) -> Packed:
     found = found._replace(reals=found.reals.copy())
     _, _, mass, com, inertia, gravity, _ = found.parts()
     for joint, body in enumerate(model.inertias):

@@ -20,7 +20,7 @@ from spatial_pin.dynamics.solvers.accelerations import no_inertia
 from spatial_pin.dynamics.solvers.bodies import Bodies, bodies_of
 from spatial_pin.dynamics.solvers.independent_coordinates import Bounded
 from spatial_pin.dynamics.solvers.least_constraint import Least, LeastConstraint
-from spatial_pin.kernel.packing import Packed, packed, with_masses
+from spatial_pin.kernel.packing import Packed, with_masses
 from spatial_pin.mechanism.checks import refuse_negative_inertias
 from spatial_pin.mechanism.laws import DriverLaw
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -97,7 +97,7 @@ class Problem:
     @cached_property
     def packed(self) -> Packed:
         """What a kernel is made of that knows its masses."""
-        return with_masses(packed(self.mechanism, idle=False), self.model)
+        return with_masses(self.mechanism)
 
     @cached_property
     def least_exchange(self) -> LeastExchange:

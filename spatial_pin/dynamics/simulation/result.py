@@ -265,9 +265,10 @@ class LeastExchange:
         size, scale = mechanism.characteristic_length, mechanism.velocity_scale
         gravity = float(np.linalg.norm(mechanism.model.gravity.linear))
         self._falling = gravity * sum(body.mass for body in mechanism.model.inertias) * size
-        units = {c.name: scale[c.v] for c in mechanism.coordinate_table.values()}
-        stretching = sum(s.stiffness * (abs(s.free) + units.get(s.joint or "", size)) ** 2
-                         for s in mechanism.springs)
+        stretching = 0.0
+        for spring in mechanism.springs:
+            unit = scale[mechanism.coordinate(spring.joint).v] if spring.joint else size
+            stretching += spring.stiffness * (abs(spring.free) + unit) ** 2
         self._pulling = EPS * (stretching + float(np.abs(efforts) @ scale))
 
     def __call__(self, *energies: float) -> float:

@@ -36,8 +36,10 @@ def floats(problem: Problem) -> bool:
     Efforts given as a function are not known before, and may pull at it.
     """
     mechanism, model = problem.mechanism, problem.model
+    if "floating" not in mechanism.pairs:
+        return False
     roots = _roots(mechanism)
-    if not roots or any(mechanism.pairs[i - 1] != "floating" for i in roots):
+    if any(mechanism.pairs[i - 1] != "floating" for i in roots):
         return False
     frames = [f for c in mechanism.closures for f in (*c.frames, *c.between)]
     frames += [f for spring in mechanism.springs for f in spring.frames]
