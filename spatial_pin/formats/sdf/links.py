@@ -33,18 +33,20 @@ def link_elements(link: ET.Element, place_of: PlaceOf, where: str, left_out: lis
     Raises:
         MechanismFileError: a number is none, or the inertia is to be worked out from shapes.
     """
-    elements = [_inertial(link.find("inertial"), where)]
+    elements = [_inertial(link, where)]
     for kind in ("visual", "collision"):
         for shape in link.findall(kind):
             name = f"{kind} {shape.get('name', '')!r}"
-            solid = _solid(shape.find("geometry"), f"{where}: {name}")
+            stated = shape.find("geometry/*")
+            solid = _solid(stated, f"{where}: {name}")
             if solid is None:
-                left_out.append(f"{name} of link {link.get('name')!r} ({_kind(shape)})")
+                kind_of = "no shape" if stated is None else stated.tag
+                left_out.append(f"{name} of link {link.get('name')!r} ({kind_of})")
                 continue
             element = ET.Element(kind, name=shape.get("name", ""))
             element.append(origin(place_of(shape.find("pose"), f"{where}: {name}")))
             ET.SubElement(element, "geometry").append(solid)
-            colour = _colour(shape.find("material"), f"{where}: {name}")
+            colour = _colour(shape, f"{where}: {name}")
             if colour is not None and kind == "visual":
                 element.append(colour)
             elements.append(element)
@@ -53,38 +55,28 @@ def link_elements(link: ET.Element, place_of: PlaceOf, where: str, left_out: lis
 
 def is_massless(link: ET.Element, where: str) -> bool:
     """Return whether a link says that it has neither mass nor moments of inertia."""
-    inertial = link.find("inertial")
-    if inertial is None:
-        return False
-    inertia = inertial.find("inertia")
+    inertial, inertia = link.find("inertial"), link.find("inertial/inertia")
     moments = [number(inertia, key, default, where) for key, default in MOMENTS.items()]
     return number(inertial, "mass", 1.0, where) == 0.0 and not any(moments)
 
 
-def _inertial(inertial: ET.Element | None, where: str) -> ET.Element:
+def _inertial(link: ET.Element, where: str) -> ET.Element:
     """Return the <inertial>; a link that has none has one kilogram, as SDFormat says."""
-    where = f"{where}: <inertial>"
+    where, inertial = f"{where}: <inertial>", link.find("inertial")
     if inertial is not None and inertial.get("auto", "").lower() in TRUE:
         raise MechanismFileError(f"{where}: auto=\"true\" asks to work inertias out from shapes, "
                                  "which is not done here; write <mass> and <inertia>")
     element = ET.Element("inertial")
-    element.append(origin(pose(inertial.find("pose") if inertial is not None else None, where)))
+    element.append(origin(pose(link.find("inertial/pose"), where)))
     ET.SubElement(element, "mass", value=repr(number(inertial, "mass", 1.0, where)))
-    inertia = inertial.find("inertia") if inertial is not None else None
+    inertia = link.find("inertial/inertia")
     ET.SubElement(element, "inertia", {
         key: repr(number(inertia, key, default, where)) for key, default in MOMENTS.items()})
     return element
 
 
-def _kind(shape: ET.Element) -> str:
-    geometry = shape.find("geometry")
-    solid = next(iter(geometry), None) if geometry is not None else None
-    return str(solid.tag) if solid is not None else "no shape"
-
-
-def _solid(geometry: ET.Element | None, where: str) -> ET.Element | None:
+def _solid(solid: ET.Element | None, where: str) -> ET.Element | None:
     """Return the shape, None where URDF has none."""
-    solid = next(iter(geometry), None) if geometry is not None else None
     if solid is None:
         return None
     if solid.tag in SIZES:
@@ -102,15 +94,15 @@ def _solid(geometry: ET.Element | None, where: str) -> ET.Element | None:
     return None
 
 
-def _colour(material: ET.Element | None, where: str) -> ET.Element | None:
-    if material is None:
+def _colour(shape: ET.Element, where: str) -> ET.Element | None:
+    stated = shape.find("material/diffuse")
+    if stated is None:
+        stated = shape.find("material/ambient")
+    if stated is None:
         return None
-    stated = [x for x in (material.find("diffuse"), material.find("ambient")) if x is not None]
-    if not stated:
-        return None
-    words = (stated[0].text or "").split()
+    words = (stated.text or "").split()
     values = number_list(" ".join([*words, "1"] if len(words) == 3 else words), 4,
-                         f"{where}: <{stated[0].tag}>")
+                         f"{where}: <{stated.tag}>")
     element = ET.Element("material", name="", override="true")
     ET.SubElement(element, "color", rgba=numbers_text(np.clip(values, 0.0, 1.0)))
     return element
