@@ -214,7 +214,9 @@ def _joint(mechanism: Mechanism, element: ET.Element) -> dict[str, Any]:
     i = int(mechanism.model.getJointId(name))
     stated = PAIR_OF_URDF_TYPE.get(kind, kind)
     refined = mechanism.pairs[i - 1] != stated or _turned(mechanism, i, element)
-    return {**(_pair(mechanism, i) if refined else {}), **_limits(mechanism, i, element),
+    pair = mechanism.pairs[i - 1]
+    table = {"type": pair, **PAIRS[pair].told(*tree_axes(mechanism, i))} if refined else {}
+    return {**table, **_limits(mechanism, i, element),
             **_resistances(mechanism, i, element.find("dynamics"))}
 
 
@@ -224,16 +226,6 @@ def _turned(mechanism: Mechanism, i: int, element: ET.Element) -> bool:
     stated, _ = joint_axes(pair, element, None, mechanism.name)
     return pair.uses_axis and not np.allclose(
         tree_axes(mechanism, i)[0], stated, rtol=0.0, atol=4.0 * EPS)
-
-
-def _pair(mechanism: Mechanism, i: int) -> dict[str, Any]:
-    pair = PAIRS[mechanism.pairs[i - 1]]
-    axis, axis2, lead = tree_axes(mechanism, i)
-    table: dict[str, Any] = {"type": mechanism.pairs[i - 1]}
-    table.update({"axis": axis.tolist()} if pair.uses_axis else {})
-    table.update({"axis2": axis2.tolist()} if pair.uses_axis2 else {})
-    table.update({"lead": lead} if pair.uses_lead else {})
-    return table
 
 
 def _limits(mechanism: Mechanism, i: int, element: ET.Element) -> dict[str, Any]:
@@ -290,13 +282,11 @@ def _closure(closure: Closure) -> dict[str, Any]:
                 "offset": closure.offset}
     pair, geometry = closure.pair, closure.geometry
     assert geometry is not None
-    table["frames"] = list(closure.frames)
-    table.update({"axis": geometry.axes1[:, 2].tolist()} if pair.uses_axis else {})
-    table.update({"axis2": geometry.axes2[:, 2].tolist()} if pair.uses_axis2 else {})
-    if pair.uses_length:
-        table.update({"length_between": list(closure.between)} if closure.between else
-                     {"length": geometry.length})
-    table.update({"lead": geometry.lead} if pair.uses_lead else {})
+    table |= {"frames": list(closure.frames), **pair.told(
+        geometry.axes1[:, 2], geometry.axes2[:, 2], geometry.lead, geometry.length)}
+    if closure.between:
+        del table["length"]
+        table["length_between"] = list(closure.between)
     table.update({} if closure.equations is None else {"equations": list(closure.equations)})
     return table
 

@@ -17,6 +17,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -65,6 +66,13 @@ class Pair:
     def is_linear(self) -> bool:
         """Whether the velocity vector is the time derivative of the coordinates."""
         return not any(suffix in ("z", "rz") for suffix, _ in self.coordinates)
+
+    def told(
+        self, axis: Array, axis2: Array, lead: float = 0.0, length: float = 0.0
+    ) -> dict[str, Any]:
+        """Return what a mechanism file says of its geometry."""
+        known = {"axis": axis.tolist(), "axis2": axis2.tolist(), "lead": lead, "length": length}
+        return {key: x for key, x in known.items() if getattr(self, f"uses_{key}")}
 
 
 def unit(axis: Array) -> Array:

@@ -302,13 +302,8 @@ def _urdf_type(joint: Joint) -> str:
 
 def _pair_table(joint: Joint) -> dict[str, Any]:
     """Return what a mechanism file says of a joint's pair."""
-    pair = PAIRS[joint.type]
-    table: dict[str, Any] = {"type": "weld" if joint.type == "fixed" else joint.type}
-    table.update({"axis": joint.axis.tolist()} if pair.uses_axis else {})
-    table.update({"axis2": joint.axis2.tolist()} if pair.uses_axis2 else {})
-    table.update({"lead": joint.lead} if pair.uses_lead else {})
-    table.update({"length": joint.length} if pair.uses_length else {})
-    return table
+    return {"type": "weld" if joint.type == "fixed" else joint.type,
+            **PAIRS[joint.type].told(joint.axis, joint.axis2, joint.lead, joint.length)}
 
 
 def _lost(joint: Joint) -> list[str]:
