@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.graph.joints import WORLD, Joint, JointGraph, Link
-from spatial_pin.formats.graph.posture import coordinates_at
+from spatial_pin.formats.graph.posture import drawn
 from spatial_pin.formats.graph.spanning import SpanningTree, span
 from spatial_pin.formats.imported import Imported
 from spatial_pin.formats.urdf.elements import finite_text, joint_element, numbers_text
@@ -23,7 +23,6 @@ from spatial_pin.mechanism.pairs import PAIRS
 BASE = "root_joint"  # the joint that lets a base float, as Pinocchio names it
 GROUND = "world"  # the link that stands for the world
 SYMMETRIC = ("spherical", "planar", "floating", "universal")  # their coordinates have a direction
-DRAWN = 100.0  # roundings of the file that links may be drawn away from their joints
 TWIN = 1e-9  # relative gap between two links that two fixed joints place
 PLACED = ("origin", "parent", "child", "axis")  # of a joint element, what it is placed by
 RESISTANCES = ("damping", "friction", "armature")
@@ -91,7 +90,8 @@ class _Writer:
         for joint in self.tree.cut:
             self.closure(joint)
         self.tell_parallel()
-        self.posture()
+        self.guess, off = drawn(self.tree)
+        self.notices += off
         if self.bases:
             self.notices.append(f"not joined to the world, so that it floats there: "
                                 f"{', '.join(self.bases)}")
@@ -180,31 +180,6 @@ class _Writer:
             free = "free_length" if joint.type == "prismatic" else "free_angle"
             self.springs.append({"name": f"{joint.name}_spring", "joint": joint.name,
                                  "stiffness": joint.stiffness, free: joint.reference})
-
-    def posture(self) -> None:
-        """Guess the coordinates at which the file draws the links."""
-        ground = pin.SE3.Identity()
-        drawn = {WORLD: ground, **{x.name: x.placement for x in self.graph.links}}
-        off: dict[str, float] = {}
-        places = [x.translation for x in drawn.values() if x is not None]
-        size = float(np.ptp(places, axis=0).max()) or 1.0
-        for joint in self.tree.joints:
-            one, two = drawn[joint.parent], drawn[joint.child]
-            if one is None or two is None:
-                continue
-            relative = (one * joint.on_parent).inverse() * two * joint.on_child
-            values, reached = coordinates_at(joint, relative)
-            gap = reached.inverse() * relative
-            away = max(np.abs(gap.translation).max() / size, np.abs(pin.log3(gap.rotation)).max())
-            if away > DRAWN * self.graph.rounding:
-                off[joint.name] = float(away)
-            if max(map(abs, values), default=0.0) > 10.0 * self.graph.rounding:
-                self.guess[joint.name] = values if len(values) > 1 else values[0]
-        if off:
-            name = max(off, key=off.__getitem__)
-            self.notices.append(
-                f"links are not drawn where their joints hold them, at {len(off)} joints, most at "
-                f"{name!r}, by {off[name]:.2g} of the size or rad: the joints count")
 
     # ------------------------------------------------------------ cut joints
 

@@ -4,16 +4,46 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.formats.graph.joints import Joint
+from spatial_pin.formats.graph.joints import WORLD, Joint
+from spatial_pin.formats.graph.spanning import SpanningTree
 from spatial_pin.mechanism.pairs import axes_from_z
 from spatial_pin.numerics.angles import whole_turns
 from spatial_pin.numerics.linalg import Array
 
+DRAWN = 100.0  # roundings of the file that links may be drawn away from their joints
 _Coordinates = Callable[[Joint, pin.SE3], tuple[list[float], pin.SE3]]
+
+
+def drawn(tree: SpanningTree) -> tuple[dict[str, Any], list[str]]:
+    """Return the coordinates at which a file draws its links, and a notice of joints off there."""
+    rounding, links = tree.graph.rounding, tree.graph.links
+    at = {WORLD: pin.SE3.Identity(), **{link.name: link.placement for link in links}}
+    places = [x.translation for x in at.values() if x is not None]
+    size = float(np.ptp(places, axis=0).max()) or 1.0
+    guess: dict[str, Any] = {}
+    off: dict[str, float] = {}
+    for joint in tree.joints:
+        one, two = at[joint.parent], at[joint.child]
+        if one is None or two is None:
+            continue
+        relative = (one * joint.on_parent).inverse() * two * joint.on_child
+        values, reached = coordinates_at(joint, relative)
+        gap = reached.inverse() * relative
+        away = max(np.abs(gap.translation).max() / size, np.abs(pin.log3(gap.rotation)).max())
+        if away > DRAWN * rounding:
+            off[joint.name] = float(away)
+        if max(map(abs, values), default=0.0) > 10.0 * rounding:
+            guess[joint.name] = values if len(values) > 1 else values[0]
+    if not off:
+        return guess, []
+    name = max(off, key=off.__getitem__)
+    return guess, [f"links are not drawn where their joints hold them, at {len(off)} joints, most "
+                   f"at {name!r}, by {off[name]:.2g} of the size or rad: the joints count"]
 
 
 def coordinates_at(joint: Joint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
