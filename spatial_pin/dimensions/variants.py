@@ -28,7 +28,8 @@ from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.files import load_expanded
 from spatial_pin.formats.sources import shown
 from spatial_pin.formats.urdf.checks import check_links
-from spatial_pin.formats.xacro.expansion import expand, parse_urdf, traced
+from spatial_pin.formats.xacro.expansion import expand, traced
+from spatial_pin.formats.xacro.parsing import parse_urdf
 from spatial_pin.formats.xacro.tracing import depends
 from spatial_pin.mechanism.inertia import inertia_as_given, put_inertias
 from spatial_pin.mechanism.mechanism import Mechanism

@@ -11,7 +11,7 @@ from spatial_pin.formats.dialects.beside import gepetto, loop_closures
 from spatial_pin.formats.imported import Imported, Importer, Request
 from spatial_pin.formats.sources import is_file, shown
 from spatial_pin.formats.urdf_importer import read_urdf
-from spatial_pin.formats.xacro.expansion import parse_xml
+from spatial_pin.formats.xacro.parsing import parse_xml
 
 PLACES = ("", "urdf", "robots")  # where in a folder, or package, its URDF lies
 

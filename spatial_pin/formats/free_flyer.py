@@ -9,7 +9,7 @@ from pathlib import Path
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.sources import shown
 from spatial_pin.formats.urdf.checks import end_of
-from spatial_pin.formats.xacro.expansion import parse_urdf
+from spatial_pin.formats.xacro.parsing import parse_urdf
 
 ROOT_JOINT = "root_joint"  # as Pinocchio names it
 GROUNDS = ("world", "ground")  # names of the link that stands still, the first that is free

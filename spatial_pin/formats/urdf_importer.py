@@ -10,7 +10,8 @@ from spatial_pin.formats.dialects import Reading, read_dialects
 from spatial_pin.formats.dialects.beside import gepetto
 from spatial_pin.formats.imported import Imported, Importer, Request
 from spatial_pin.formats.sources import read_text
-from spatial_pin.formats.xacro.expansion import ROOT, expand, parse_urdf
+from spatial_pin.formats.xacro.expansion import expand
+from spatial_pin.formats.xacro.parsing import ROOT, parse_urdf
 
 
 def is_urdf(path: Path) -> bool:

@@ -21,7 +21,7 @@ from spatial_pin.formats.urdf.model import (
     JointRefinement,
     joint_axes,
 )
-from spatial_pin.formats.xacro.expansion import parse_urdf
+from spatial_pin.formats.xacro.parsing import parse_urdf
 from spatial_pin.mechanism.pairs import PAIRS
 
 LIMITED = ("revolute", "prismatic")  # URDF types that have limits of position

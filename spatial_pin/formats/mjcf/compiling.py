@@ -20,7 +20,7 @@ import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.sources import check_file, is_file, shown
-from spatial_pin.formats.xacro.expansion import parse_xml
+from spatial_pin.formats.xacro.parsing import parse_xml
 from spatial_pin.numerics.linalg import Array
 
 OCTAHEDRON = [1, 0, 0, -1, 0, 0, 0, 1, 0, 0, -1, 0, 0, 0, 1, 0, 0, -1]

@@ -16,7 +16,7 @@ from spatial_pin.formats.sdf.model import Model
 from spatial_pin.formats.sdf.poses import is_true, number_list
 from spatial_pin.formats.sdf.unread import refuse_include
 from spatial_pin.formats.sources import read_text
-from spatial_pin.formats.xacro.expansion import parse_xml
+from spatial_pin.formats.xacro.parsing import parse_xml
 
 OLDEST, NEWEST = (1, 4), (1, 12)
 SCENERY = ("model://sun", "model://ground_plane")

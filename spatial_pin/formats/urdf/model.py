@@ -31,7 +31,7 @@ from spatial_pin.formats.urdf.checks import (
 )
 from spatial_pin.formats.urdf.elements import UNBOUNDED
 from spatial_pin.formats.urdf.shapes import Shapes, take_shapes
-from spatial_pin.formats.xacro.expansion import parse_urdf
+from spatial_pin.formats.xacro.parsing import parse_urdf
 from spatial_pin.mechanism.inertia import put_inertias
 from spatial_pin.mechanism.pairs import JOINT_TYPES, PAIRS, Pair, unit
 from spatial_pin.numerics.linalg import Array

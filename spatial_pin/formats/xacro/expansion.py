@@ -16,7 +16,6 @@ import math
 import os
 import re
 import threading
-import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from importlib.machinery import ModuleSpec
@@ -25,7 +24,7 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any, NoReturn
 from xml.dom import Node, minidom
-from xml.parsers.expat import ExpatError, errors
+from xml.parsers.expat import ExpatError
 
 import numpy as np
 
@@ -49,19 +48,15 @@ from spatial_pin.formats.xacro.expressions import (
     evaluate,
     measure,
 )
+from spatial_pin.formats.xacro.parsing import parse_xml
 from spatial_pin.formats.xacro.tracing import Tape
 
 EMPTY = '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"/>'
 MACRO = 50  # steps of calling a macro
 PLACE = 40  # steps of putting one thing in the place of another
 SIBLINGS = 500  # elements among which one is found in the time of one step
-DEEPEST_ELEMENT = 100  # elements within one another; URDF readers take 100 or 500 and then print
 REMEDY = "sp.load(..., trusted=True) reads it all the same"
-UNBOUND = errors.codes[errors.XML_ERROR_UNBOUND_PREFIX]
-_PREFIX = re.compile(r"[<\s]/?([A-Za-z_][\w.-]*):[A-Za-z_]")  # of an element, attribute or text
-_DECLARED = re.compile(r"\sxmlns:([A-Za-z_][\w.-]*)\s*=")
 _XACRO = re.compile(r"""\sxmlns:xacro\s*=\s*["']([^"']*)""")  # xacro goes by the prefix
-ROOT = re.compile(r"\s*(?:(?:<!--.*?-->|<\?.*?\?>|<![A-Z][^>]*>)\s*)*<[A-Za-z_][\w.-]*", re.S)
 _IMPORTING = threading.Lock()
 if hasattr(os, "register_at_fork"):  # a child must not be born while an import is half done
     os.register_at_fork(before=_IMPORTING.acquire, after_in_parent=_IMPORTING.release,
@@ -205,54 +200,6 @@ def _evaluated(texts: Mapping[str, str], expansion: Expansion) -> dict[str, str]
     expansion.guarded(process)
     found = document.getElementsByTagName("dimension")
     return {e.getAttribute("name"): e.getAttribute("value") for e in found}
-
-
-def parse_xml(text: str, path: Path) -> ET.Element:
-    """Return the root element of XML text.
-
-    Raises:
-        MechanismFileError: it is not well-formed, or too deep; `path` is where it comes from.
-    """
-    try:
-        root = _parsed(text)
-    except (ET.ParseError, ValueError) as error:
-        raise MechanismFileError(f"{shown(path)}: not well-formed XML: {error}") from error
-    level, depth = [root], 0
-    while level:
-        level, depth = [child for element in level for child in element], depth + 1
-        if depth > DEEPEST_ELEMENT:
-            raise MechanismFileError(
-                f"{shown(path)}: more than {DEEPEST_ELEMENT} elements within one another; "
-                "URDF has ten")
-    return root
-
-
-def parse_urdf(text: str, path: Path) -> ET.Element:
-    """Return the root element of URDF text; a namespace of all of URDF is left out of its names.
-
-    Raises:
-        MechanismFileError: as `parse_xml`.
-    """
-    robot = parse_xml(text.lstrip(), path)
-    if robot.tag.endswith("}robot"):
-        namespace = robot.tag.removesuffix("robot")
-        for element in robot.iter():
-            element.tag = element.tag.removeprefix(namespace)
-    return robot
-
-
-def _parsed(text: str) -> ET.Element:
-    """Return the root element; prefixes that nobody declares, as in many URDFs, are their names."""
-    try:
-        return ET.fromstring(text)
-    except ET.ParseError as error:
-        root = ROOT.match(text)
-        if error.code != UNBOUND or root is None:
-            raise
-        declared = {"xml", "xmlns", *_DECLARED.findall(text)}
-        unbound = dict.fromkeys(p for p in _PREFIX.findall(text) if p not in declared)
-        names = "".join(f' xmlns:{prefix}="{prefix}"' for prefix in unbound)
-        return ET.fromstring(text[:root.end()] + names + text[root.end():])
 
 
 # ---------------------------------------------------------------- one expansion
