@@ -10,8 +10,8 @@
 
 /* Of the closure asked for, what polynomials may leave open; and by the square of the way between two
    anchors: accelerations miss 24 times that, which is to be a hundred times the closure at most */
-#define LEFT_OPEN 0.1
-#define LEFT_BENT 4.0
+#define MAY_LEAVE 0.1
+#define MAY_BEND 4.0
 /* Of what they may, below which anchors may be twice as far apart: that leaves 64 times as much, and
    there is a margin of four */
 #define EASILY 4e-3
@@ -74,7 +74,7 @@ static Real write_between(Integrator *g, Dynamics *d, const Run *run, const Poin
                           const Point *to, Int i)
 {
     const Kernel *k = d->k;
-    const Real way = to->s - from->s, part = fmin(LEFT_OPEN, LEFT_BENT * way * way);
+    const Real way = to->s - from->s, part = fmin(MAY_LEAVE, MAY_BEND * way * way);
     Real *numbers = run->numbers + 4 * i;
     integrator_between(g, run->times + i, 1, g->trial);
     integrator_slopes(g, run->times[i], g->ended);

@@ -7,28 +7,22 @@ a line of symmetry are no freedoms then, their angular velocity about it is cons
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.dynamics.forces import Forces, joint_efforts
+from spatial_pin.dynamics.simulation.formulations.forces_in_kernel import (
+    Answers,
+    forces_as_arrays,
+)
 from spatial_pin.dynamics.simulation.formulations.free_rotation import Spins
 from spatial_pin.dynamics.simulation.independent_coordinates import Lost
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.result import Energies
-from spatial_pin.dynamics.solvers.independent_coordinates import (
-    ROUNDING,
-    Bounded,
-    IndependentCoordinates,
-)
 from spatial_pin.errors import SingularError
-from spatial_pin.kernel.dynamics import Asked, Dynamics, Samples
-from spatial_pin.kernel.packing import Ints
+from spatial_pin.kernel.dynamics import Dynamics, Samples
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -66,45 +60,22 @@ class Independent:
         self.problem, self.free, self.n = problem, list(free), len(free)
         self.spins = spins or Spins(problem, [])
         mechanism = problem.mechanism
-        self._prescribed = [c.v for c, _ in problem.drives]
         rows = problem.freedoms.equations(state)
         self._is_whole = len(rows) == constraints_of(mechanism).n_closure
         # where others lie between, what a residual leaves open in those left out is magnified
         wanted = problem.tolerance if self._is_whole else TOLERANCES.round_off
-        if problem.between and self.n == 1 and not len(self.spins):
+        if problem.between and self.n == 1 and not (problem.drives or len(self.spins)):
             wanted = min(wanted, ANCHOR_RESIDUAL)
-        asked = Asked(self._efforts if problem.law is not None else None, _laws(problem.forces),
-                      self._drives if problem.drives else None, self._least)
-        self.kernel = Dynamics(mechanism, problem.packed,
-                               *self._arrays(state, max(wanted, TOLERANCES.round_off)), asked)
+        self._answers = Answers(problem, self.spins, lambda: self.kernel.free)
+        arrays = forces_as_arrays(
+            problem, self.n, self.spins, self.projects, max(wanted, TOLERANCES.round_off))
+        self.kernel = Dynamics(mechanism, problem.packed, *arrays, self._answers.asked())
         self.kernel_handle, self.asking = self.kernel.handle, self.kernel.asking
         self._begin(state, rows)
 
-    def _arrays(self, state: State, tolerance: float) -> tuple[Ints, Array]:
-        """Return what `read_arrays` in creating.c reads."""
-        problem, bodies = self.problem, self.spins.bodies
-        resistance, carriers = problem.forces.resistance, problem.packed.carriers
-        frames, lines, turns = problem.packed.frames, problem.forces.lines, problem.forces.turns
-        springs = {s.name: (s.stiffness, s.damping, s.free) for s in problem.mechanism.springs}
-        ends = [(carriers[j], x[:3]) for line in lines
-                for j, x in zip(line.bodies, line.points, strict=True)]
-        ints: list[Any] = [
-            [self.n, len(self._prescribed), len(bodies), len(lines), len(turns), problem.works,
-             self.projects],
-            self._prescribed, [carriers[body.joint] for body in bodies], [j for j, _ in ends],
-            [x.energy is None for x in lines], [x.q for x in turns], [x.v for x in turns],
-            [x.energy is None for x in turns]]
-        reals: list[Any] = [
-            [tolerance], resistance.damping, resistance.friction,
-            resistance.slip_speed, problem.model.armature, problem.constant,
-            [body.axis for body in bodies], [frames[j].T @ x for j, x in ends],
-            [springs[x.name] for x in lines], [springs[x.name] for x in turns]]
-        return (np.concatenate([np.asarray(x, np.int64).ravel() for x in ints]),
-                np.concatenate([np.asarray(x, float).ravel() for x in reals]))
-
     def _begin(self, state: State, rows: NDArray[np.intp]) -> None:
         mechanism = self.problem.mechanism
-        held = self.n + len(self._prescribed) + len(self.spins)
+        held = self.n + len(self.problem.drives) + len(self.spins)
         if len(rows) + held != mechanism.model.nv:
             raise SingularError(
                 f"mechanism {mechanism.name!r}: {mechanism.model.nv - len(rows)} freedoms at "
@@ -118,50 +89,9 @@ class Independent:
     def _note_chart(self, state: State) -> None:
         """Note that a chart begins at a state."""
         by_v = {c.v: c.q for c in self.problem.mechanism.coordinate_table.values()}
-        self._first, self._scale = state, self.problem.scale[self.free]
+        self._answers.begun_at, self._scale = state, self.problem.scale[self.free]
         self._is_linear, self.patience = all(by_v[v] >= 0 for v in self.free), FASTER_THAN_CHOSEN
         self._start = float(state.q[by_v[self.free[0]]]) if self.n and self._is_linear else 0.0
-
-    # ---- what the kernel asks ----
-
-    @cached_property
-    def _evaluation(self) -> Evaluation:
-        return Evaluation(constraints_of(self.problem.mechanism))
-
-    def _efforts(self, t: float, q: Array, v: Array, angles: Array) -> Array:
-        problem = self.problem
-        assert problem.law is not None
-        state = State(problem.mechanism, q, v, closure_error=self._error_at(q, angles),
-                      angles=angles)
-        return joint_efforts(problem.mechanism, problem.law(t, state))
-
-    def _error_at(self, q: Array, angles: Array) -> float:
-        self._evaluation.angle_reference[:] = angles
-        self._evaluation.update(q)
-        return self._evaluation.closure_error
-
-    def _drives(self, t: float) -> Array:
-        return np.array([law(t) for _, law in self.problem.drives], float)
-
-    def _least(self, t: float, q: Array, v: Array, a: Array, angles: Array) -> Array | None:
-        """Return free accelerations by `LeastConstraint`, where masses differ much or are none."""
-        problem, evaluation = self.problem, self._evaluation
-        evaluation.angle_reference[:] = angles
-        evaluation.update(q)
-        held = np.zeros((len(self._prescribed), len(v)))
-        held[np.arange(len(held)), self._prescribed] = 1.0
-        spun = self.spins.rows * problem.scale
-        rows = evaluation.jacobian[problem.freedoms.equations(self._first)]
-        columns = IndependentCoordinates(
-            np.vstack([rows, held, spun]), problem.scale, evaluation.closure_error,
-            self.kernel.free).columns
-        given = problem.given(t, q, v, evaluation)
-        try:
-            return problem.least(q, v, Bounded(a, ROUNDING * np.abs(a)), columns, given).z
-        except Lost:
-            return None
-
-    # ---- what the simulation asks ----
 
     def __call__(self, t: float, y: Array) -> Array:
         """Return dy/dt; NaN where the loops cannot be closed."""
@@ -170,7 +100,7 @@ class Independent:
     def unknowns(self, v: Array, work: float) -> Array:
         """Return y at the chart's origin, at joint velocities v (nv,)."""
         y = self.problem.unknowns(v[self.free] / self._scale, work)
-        turns = [self._first.q[body.q] for body in self.spins.bodies]
+        turns = [self._answers.begun_at.q[body.q] for body in self.spins.bodies]
         return np.concatenate([y[: 2 * self.n], *turns, y[2 * self.n :]])
 
     def renewed(self, t: float, y: Array, state: State) -> Array | None:
@@ -265,11 +195,3 @@ class Independent:
     def pivot(self) -> float:
         """Smallest over largest pivot of the equations at the present place."""
         return self.kernel.pivot
-
-
-def _laws(forces: Forces) -> Any:
-    """Return the force of a spring by its number, if any has a law of its own."""
-    laws = [line.law for line in forces.lines] + [turn.law for turn in forces.turns]
-    if all(x.energy for x in forces.lines) and all(x.energy for x in forces.turns):
-        return None
-    return lambda which, length, rate: float(laws[which](length, rate))
