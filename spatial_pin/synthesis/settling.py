@@ -11,7 +11,7 @@ configurations less the part that moving the joints takes away: variable project
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -47,11 +47,6 @@ class Samples(NamedTuple):
     angles: Array
     at: NDArray[np.intp]
 
-    def where(self, better: NDArray[np.bool_], others: Samples) -> Samples:
-        """Return others where they are better."""
-        return Samples(np.where(better[:, None], others.q, self.q),
-                       np.where(better[:, None], others.angles, self.angles), self.at)
-
     def taken(self, some: slice | NDArray[np.intp]) -> Samples:
         """Return some of them."""
         return Samples(self.q[some], self.angles[some], self.at[some])
@@ -77,11 +72,6 @@ class Rows(NamedTuple):
     wanted_moves: Array
     held_own: Array
     wanted_own: Array
-
-    def where(self, better: NDArray[np.bool_], others: Rows) -> Rows:
-        """Return others where they are better."""
-        return Rows(*(_chosen(better, there, here)
-                      for here, there in zip(self, others, strict=True)))
 
     def together(self, weight: float) -> tuple[Array, Array, Array]:
         """Return all, what is to hold weighted, and the derivatives."""
@@ -185,7 +175,7 @@ class Settling:
             new, new_slope, _ = rows.together(weight)
             new_cost = np.einsum("mi,mi->m", new, new)
             better = new_cost < cost
-            samples = samples.where(better, there._replace(angles=angles))
+            samples = _chosen(better, there._replace(angles=angles), samples)
             small = np.abs(steps).max(axis=1) < TOLERANCES.half_precision
             gained = cost - new_cost < TOLERANCES.nothing * cost
             residual = np.where(better[:, None], new, residual)
@@ -258,8 +248,8 @@ class Settling:
             new_rows, angles = self.rows(members, new, own)
             new_error = np.abs(new_rows.held).max(axis=1, initial=0.0)
             better = new_error < error
-            there = there.where(better, new._replace(angles=angles))
-            rows, error = rows.where(better, new_rows), np.where(better, new_error, error)
+            there = _chosen(better, new._replace(angles=angles), there)
+            rows, error = _chosen(better, new_rows, rows), np.where(better, new_error, error)
             if np.all(~better | (error <= TOLERANCES.round_off)):
                 break
         return there, rows, error <= TOLERANCES.closed
@@ -283,8 +273,8 @@ class Settling:
             rows, angles = self.rows(members, there, own)
             new = _Along.of(rows)
             better = (new.missed <= along.missed) & (new.open <= MOST_OPEN)
-            samples = samples.where(better, there._replace(angles=angles))
-            along = along.where(better, new)
+            samples = _chosen(better, there._replace(angles=angles), samples)
+            along = _chosen(better, new, along)
             damping = np.where(better, EASED * damping,
                                HARDENED * np.maximum(damping, FIRST_DAMPING))
             still = np.abs(steps).max(axis=1, initial=0.0) < TOLERANCES.half_precision
@@ -348,15 +338,12 @@ class _Along(NamedTuple):
         return self.back + np.einsum("mzv,mz->mv", self.motions,
                                      _steps(self.slope, self.left, damping))
 
-    def where(self, better: NDArray[np.bool_], others: _Along) -> _Along:
-        """Return others where they are better."""
-        return _Along(*(_chosen(better, there, here)
-                        for here, there in zip(self, others, strict=True)))
 
-
-def _chosen(better: NDArray[np.bool_], there: Array, here: Array) -> Array:
-    """Return of each sample what is there, or here."""
-    return np.where(better.reshape(-1, *[1] * (here.ndim - 1)), there, here)
+def _chosen(better: NDArray[np.bool_], there: Any, here: Any) -> Any:
+    """Return of each configuration what is there, where that is better, or here."""
+    return type(here)(*(
+        np.where(better.reshape(-1, *[1] * (own.ndim - 1)), other, own)
+        for other, own in zip(there, here, strict=True)))
 
 
 def _steps(slope: Array, residual: Array, damping: Array) -> Array:
