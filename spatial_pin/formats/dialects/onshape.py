@@ -43,18 +43,15 @@ def read_frames(reading: Reading) -> None:
 
 def _close(name: str, pair: list[str], on_axis: list[str] | None, world: dict[str, pin.SE3],
            reading: Reading) -> None:
-    source = "onshape-to-robot closing frames"
-    if on_axis is None:
-        reading.add("closures", {"name": name, "type": "spherical", "frames": pair,
-                                 "source": source})
-        return
-    axes = [_axis(frame, tip, world, reading) for frame, tip in zip(pair, on_axis, strict=True)]
-    if all(abs(axis[:2]).max() < ROUNDED_ANGLE and axis[2] > 0.0 for axis in axes):
-        reading.add("closures", {"name": name, "type": "revolute", "frames": pair,
-                                 "source": source})
-    else:
-        ends = [(frame, pin.SE3.Identity()) for frame in pair]
-        reading.close(name, "revolute", source, ends, (axes[0], axes[1]))
+    source, kind = "onshape-to-robot closing frames", "spherical"
+    if on_axis is not None:
+        axes = [_axis(*both, world, reading) for both in zip(pair, on_axis, strict=True)]
+        if any(abs(axis[:2]).max() >= ROUNDED_ANGLE or axis[2] <= 0.0 for axis in axes):
+            ends = [(frame, pin.SE3.Identity()) for frame in pair]
+            reading.close(name, "revolute", source, ends, (axes[0], axes[1]))
+            return
+        kind = "revolute"
+    reading.add("closures", {"name": name, "type": kind, "frames": pair, "source": source})
 
 
 def _axis(frame: str, tip: str, world: dict[str, pin.SE3], reading: Reading) -> Array:
