@@ -359,13 +359,6 @@ void equations_place_ground(Kernel *k)
             place_vector(k, i);
 }
 
-void equations_place(Kernel *k, const Real *q)
-{
-    if (q != k->q)
-        memcpy(k->q, q, (size_t)k->nq * sizeof *q);
-    tree_place(k, k->q);
-}
-
 void equations_residuals(Kernel *k, const Parts *of)
 {
     for (Int i = 0; i < of->n_vectors; i++)
@@ -384,7 +377,7 @@ void equations_residuals(Kernel *k, const Parts *of)
 
 void equations_values(Kernel *k, const Real *q)
 {
-    equations_place(k, q);
+    tree_place(k, q);
     equations_residuals(k, &k->all);
 }
 

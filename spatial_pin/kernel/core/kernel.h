@@ -103,6 +103,7 @@ typedef struct Kernel {
 
     /* ---- the last evaluation ---- */
     Real *q;                        /* (nq) where it was */
+    Int *moves, is_placed;          /* whether each joint was placed anew, and all were ever */
     Real *R, *p;                    /* (9), (3) placement of each joint in the world */
     Real *linear, *angular;         /* (3) columns of the joint Jacobian about the world origin */
     Real *vector;                   /* (3) of each vector; points relative to the world origin */
@@ -153,7 +154,7 @@ EXPORT void kernel_destroy(Kernel *k);
 void *kernel_memory(Kernel *k, Int count, size_t size); /* zeroed, freed with k; NULL if none left */
 
 /* ---- tree.c ---- */
-void tree_place(Kernel *k, const Real *q);   /* R, p */
+void tree_place(Kernel *k, const Real *q);   /* R, p; q is kept */
 void tree_columns(Kernel *k);                /* linear, angular, after tree_place */
 /* omega ... acceleration of bodies at joint rates v, without joint accelerations */
 void tree_rates(Kernel *k, const Real *v);
@@ -170,9 +171,8 @@ static inline int joint_nq(Int kind) { return kind == FREE ? 7 : kind == BALL ? 
 
 /* ---- equations.c ---- */
 void equations_values(Kernel *k, const Real *q); /* placements, vectors, products, residual, angle */
-/* The same in steps: placements; then vectors, products, residual, angle of some equations, of the
-   system before its rest */
-void equations_place(Kernel *k, const Real *q);
+/* The same after tree_place, of some equations: vectors, products, residual, angle; of the system
+   before its rest */
 void equations_residuals(Kernel *k, const Parts *of);
 /* entry, after equations_values; bias, after that: of all equations, or of some */
 void equations_jacobian(Kernel *k, const Parts *of);

@@ -163,6 +163,7 @@ static int read_numbers(Kernel *k, const Real *reals, Int n_reals)
     memcpy(copy, reals, (size_t)total * sizeof *copy);
     for (Int i = 0; i < n_fields; copy += fields[i++].count)
         *fields[i].to = copy;
+    k->is_placed = 0;
     for (Int j = 0; j < n; j++) {
         const Real *R = k->rotation + 9 * j;
         k->plain[j] = R[0] == 1.0 && R[4] == 1.0 && R[8] == 1.0 && R[1] == 0.0 && R[2] == 0.0 &&
@@ -216,7 +217,8 @@ EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_r
     if (read_structure(k, from) && tree_is_sound(k) && products_are_sound(k) &&
         equations_are_sound(k)) {
         k->plain = kernel_memory(k, k->n_joints, sizeof(Int));
-        code = k->plain ? read_numbers(k, reals, n_reals) : NO_MEMORY;
+        k->moves = kernel_memory(k, k->n_joints, sizeof(Int));
+        code = k->plain && k->moves ? read_numbers(k, reals, n_reals) : NO_MEMORY;
         if (code == DONE && !make_room(k))
             code = NO_MEMORY;
     }

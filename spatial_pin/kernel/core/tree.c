@@ -2,6 +2,8 @@
  *
  * The joint axis is the local z axis. Quaternions are (x, y, z, w); velocities of balls and free
  * joints are in the axes of the body, as in Pinocchio. */
+#include <string.h>
+
 #include "kernel.h"
 
 /* Columns of the rotation of a unit quaternion. */
@@ -45,11 +47,29 @@ static inline void turn_about_z(const Real *fixed, Real angle, Real *restrict R)
     }
 }
 
+/* Whether entries are the same to the last bit. */
+static inline int are_same(const Real *a, const Real *b, Int n)
+{
+    for (Int i = 0; i < n; i++)
+        if (memcmp(a + i, b + i, sizeof *a) != 0)
+            return 0;
+    return 1;
+}
+
+/* Joints that stand where they did, as those that are driven while others are corrected, and all
+ * before them do, are placed already. */
 void tree_place(Kernel *k, const Real *q)
 {
+    const int is_placed = k->is_placed;
+    k->is_placed = 1;
     for (Int j = 1; j < k->n_joints; j++) {
+        const Int at = k->iq[j];
+        k->moves[j] = !is_placed || k->moves[k->parent[j]] ||
+                      !are_same(q + at, k->q + at, joint_nq(k->kind[j]));
+        if (!k->moves[j])
+            continue;
         Real *R = k->R + 9 * j, *p = k->p + 3 * j, turned[9], own[9];
-        const Real *x = q + k->iq[j], *fixed = fixed_placement(k, j, p, turned);
+        const Real *x = q + at, *fixed = fixed_placement(k, j, p, turned);
         switch (k->kind[j]) {
         case SLIDE:
             for (int i = 0; i < 9; i++)
@@ -73,6 +93,7 @@ void tree_place(Kernel *k, const Real *q)
             product3(fixed, own, R);
         }
     }
+    memcpy(k->q, q, (size_t)k->nq * sizeof *q);
 }
 
 void tree_columns(Kernel *k)

@@ -80,7 +80,7 @@ int correct(Kernel *k, Real *q, Correction *c)
     c->first = 0.0;
     for (c->count = 0;; c->count++) {
         const Real gap = c->held ? c->held->put(c->held->owner, q) : 0.0;
-        equations_place(k, q);
+        tree_place(k, q);
         equations_residuals(k, &k->system);
         const Real residual = chosen_residual(k) + gap;
         if (!isfinite(residual))
