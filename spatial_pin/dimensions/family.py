@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -154,10 +154,6 @@ class Family:
                   for i, several in enumerate(zip(*frames, strict=True))}
         base = packed(mechanism).reals
         return Members(holds, Numbers(base, np.arange(len(base)), np.array(reals)), placed)
-
-    def mechanism_at(self, dimensions: Mapping[str, float]) -> Mechanism:
-        """Return one of them as a Mechanism with all that its file says of it."""
-        return self.variants.whole(dimensions)
 
     def bodies(
         self, members: Members, q: Array, angles: Array, with_jacobian: bool = True

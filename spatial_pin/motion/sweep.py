@@ -232,18 +232,9 @@ def _motion(
         v = v * speed
     check_finite(v, a, "the speeds and accelerations of the sweep")
     return Motion(
-        mechanism=mechanism,
-        driver=values.copy(),
-        driver_name=driver,
-        time=time,
-        q=samples.q[:n],
-        v=v,
-        a=a,
-        closure_error=samples.error[:n],
-        driver_speed=speeds.copy(),
-        angles=samples.angles[:n],
-        per=per,
-    )
+        mechanism=mechanism, driver=values.copy(), driver_name=driver, time=time,
+        q=samples.q[:n], v=v, a=a, closure_error=samples.error[:n], driver_speed=speeds.copy(),
+        angles=samples.angles[:n], per=per)
 
 
 def _near_limit(motion: Motion, t: Array) -> list[Event]:

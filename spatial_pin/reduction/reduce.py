@@ -63,16 +63,12 @@ class Reduced(Mechanism):
         """That of the full mechanism [m], so that closure errors mean the same."""
         return self.full.characteristic_length
 
-    @property
+    @cached_property
     def unplaced(self) -> Mapping[str, str]:
         """Links, frames and joints that stand elsewhere here, each with a joint that is missing.
 
         They carry what is asked for, but moved by joints that it does not depend on.
         """
-        return self._unplaced
-
-    @cached_property
-    def _unplaced(self) -> Mapping[str, str]:
         full, own = self.full, {self.model.names[i] for i in range(self.model.njoints)}
         own |= {full.coordinate(name).joint for name in self.welds}
         found = {}

@@ -413,7 +413,7 @@ def design_of(problem: Problem, found: Found) -> Design:
     """Return one solution, its mechanism loaded and closed."""
     n = problem.n
     dimensions = dict(zip(problem.names[:n], found.x[:n].tolist(), strict=True))
-    there = problem.family.mechanism_at(dimensions) if dimensions else problem.mechanism
+    there = problem.family.variants.whole(dimensions) if dimensions else problem.mechanism
     met, errors, numbers = list[Met](), dict[str, GoalError](), dict[str, float]()
     members, end = problem.members(found.x), n
     for settling, samples in zip(problem.settlings, found.samples, strict=True):

@@ -68,7 +68,7 @@ class Candidate:
                       for s in samples for q, a in zip(s.q, s.angles, strict=True)]
         else:
             states = [_closed(there, near)]
-        return cls(there, tuple(states), lambda: family.mechanism_at(names),
+        return cls(there, tuple(states), lambda: family.variants.whole(names),
                    family.variants.has_masses)
 
     @cached_property
