@@ -99,15 +99,8 @@ def _read_old_joint(joint: ET.Element, reading: Reading) -> None:
     ends = [(link, world[link].actInv(world[anchor] * stands)) for link in links]
     reading.close(reading.name_of(joint), OLD[local(joint)], "<gazebo><joint:" + local(joint) + ">",
                   ends, (axis, axis))
-    _drop_mimics(joint, reading.between(links), reading)
-
-
-def _drop_mimics(joint: ET.Element, chains: list[list[str]], reading: Reading) -> None:
-    dropped = [name for chain in chains for name in chain
-               if reading.drop_mimic(reading.joints[name])]
-    if dropped:
-        reading.notices.append(f"the <mimic> of {', '.join(dropped)} is left out: {said(joint)} "
-                               "closes that loop itself")
+    moved = [name for chain in reading.between(links) for name in chain]
+    reading.drop_mimics(moved, f"{said(joint)} closes that loop itself")
 
 
 def _pose(joint: ET.Element, child: str, reading: Reading) -> pin.SE3:

@@ -154,14 +154,15 @@ class Reading(Tree):
                 for child in element.findall(tag):
                     element.remove(child)
 
-    def drop_mimic(self, joint: ET.Element) -> bool:
-        """Take the <mimic> out of a joint; return whether there was one."""
-        mimic = joint.find("mimic")
-        if mimic is None:
-            return False
-        joint.remove(mimic)
-        self.leaders.add(mimic.get("joint", ""))
-        return True
+    def drop_mimics(self, joints: Iterable[str], why: str) -> None:
+        """Take the <mimic> out of joints, and tell of those that had one."""
+        dropped = {name: mimic for name in joints
+                   if (mimic := self.joints[name].find("mimic")) is not None}
+        for name, mimic in dropped.items():
+            self.joints[name].remove(mimic)
+            self.leaders.add(mimic.get("joint", ""))
+        if dropped:
+            self.notices.append(f"the <mimic> of {', '.join(dropped)} is left out: {why}")
 
     def drive(self, joint: str) -> None:
         """Make a joint a driver of its own name, unless it follows another."""

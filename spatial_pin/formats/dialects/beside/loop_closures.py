@@ -73,7 +73,10 @@ def read_closures(path: Path, reading: Reading) -> None:
     for name in motors:
         reading.joint(name, f"{path.name}")
         reading.drive(name)
-    _drop_mimics(lists["dependent"], path, reading)
+    for name in lists["dependent"]:
+        reading.joint(name, f"dependent of {path.name}")
+    reading.drop_mimics(lists["dependent"], f"{path.name} has the loop itself, of which it is a "
+                                            "copy or an approximation")
 
 
 def _links_of(lists: dict[str, list[Any]]) -> set[str]:
@@ -128,11 +131,3 @@ def _read_pin(entry: _Entry, kind: str, world: dict[str, pin.SE3]) -> None:
         axes = axis, world[links[1]].rotation.T @ world[links[0]].rotation @ axis
     name = str(entry.content.get("name") or "__".join(links))
     entry.reading.close(name, kind, entry.source, ends, axes)
-
-
-def _drop_mimics(names: list[str], path: Path, reading: Reading) -> None:
-    dropped = [name for name in names
-               if reading.drop_mimic(reading.joint(name, f"dependent of {path.name}"))]
-    if dropped:
-        reading.notices.append(f"the <mimic> of {', '.join(dropped)} is left out: {path.name} has "
-                               "the loop itself, of which it is a copy or an approximation")
