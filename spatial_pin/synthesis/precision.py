@@ -5,7 +5,7 @@ coordinate is. Its residual has no unit: lengths are divided by the characterist
 mechanism at its own dimensions, angles are in radians. A goal may have numbers of its own that are
 found with the dimensions: where the drawing of a path is put, from where an output counts.
 
-To add one: a class with `residual`, and its constructor in `goals`.
+To add one: a class with `_words`, `_unit`, `width` and `residual`, and its constructor in `goals`.
 """
 
 from __future__ import annotations

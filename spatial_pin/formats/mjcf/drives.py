@@ -47,8 +47,9 @@ def _driven_joint(
     target = int(model.actuator_trnid[actuator, 0])
     if kind in (kinds.mjTRN_JOINT, kinds.mjTRN_JOINTINPARENT):
         joint = reading.joints[target].name
-        single = model.jnt_type[target] in _single(reading)
-        return (joint, "") if single else (None, f"joint {joint!r} has several coordinates")
+        if reading.is_single(target):
+            return joint, ""
+        return None, f"joint {joint!r} has several coordinates"
     if kind == kinds.mjTRN_TENDON:
         name = model.tendon(target).name
         joints = {reading.joints[joint].name for joint in fixed_lengths(reading, target)}
@@ -57,12 +58,6 @@ def _driven_joint(
         return None, f"tendon {name!r} moves more than one coordinate"
     word = kind.name.removeprefix("mjTRN_").lower()
     return None, f"its transmission is of type {word}"
-
-
-def _single(reading: Reading) -> tuple[int, int]:
-    """Return the numbers of the kinds of joint with one coordinate: a hinge and a slide."""
-    kinds = reading.mujoco.mjtJoint
-    return int(kinds.mjJNT_HINGE), int(kinds.mjJNT_SLIDE)
 
 
 def _coupled(joints: set[str], closures: list[dict[str, Any]]) -> set[str]:
@@ -99,12 +94,12 @@ def read_springs(reading: Reading) -> list[dict[str, Any]]:
     for joint, place in enumerate(reading.joints):
         if not model.jnt_stiffness[joint]:
             continue
-        kind = model.jnt_type[joint]
-        if kind not in _single(reading):
+        if not reading.is_single(joint):
             reading.notices.append(f"joint {place.name!r}: a stiffness of several coordinates is "
                                    "left out")
             continue
-        free = "free_angle" if kind == _single(reading)[0] else "free_length"
+        turns = model.jnt_type[joint] == reading.mujoco.mjtJoint.mjJNT_HINGE
+        free = "free_angle" if turns else "free_length"
         at_rest = model.qpos_spring[model.jnt_qposadr[joint]]
         springs.append({"name": f"{place.name}_spring", "joint": place.name, free: float(at_rest),
                         "stiffness": float(model.jnt_stiffness[joint])})
@@ -156,10 +151,10 @@ def read_guess(reading: Reading) -> dict[str, Any]:
 
 
 def _value(reading: Reading, joint: int, q: Array) -> Any:
-    kinds, kind = reading.mujoco.mjtJoint, reading.model.jnt_type[joint]
     at = int(reading.model.jnt_qposadr[joint])
-    if kind in _single(reading):
+    if reading.is_single(joint):
         return float(q[at])
-    turn = at + 3 if kind == kinds.mjJNT_FREE else at
+    is_free = reading.model.jnt_type[joint] == reading.mujoco.mjtJoint.mjJNT_FREE
+    turn = at + 3 if is_free else at
     vector = rotation_vectors(q[turn:turn + 4][[1, 2, 3, 0]][None])[0]
     return [*q[at:turn].tolist(), *vector.tolist()]

@@ -46,9 +46,8 @@ def _of_tendon(reading: Reading, tendon: int) -> Iterator[str]:
 
 
 def _of_actuator(reading: Reading, actuator: int) -> Iterator[str]:
-    model, joint = reading.model, reading.model.actuator_trnid[actuator, 0]
-    single = int(reading.mujoco.mjtJoint.mjJNT_SLIDE)
-    if not (moves_joint(reading)[actuator] and model.jnt_type[joint] >= single):
+    joint = reading.model.actuator_trnid[actuator, 0]
+    if not (moves_joint(reading)[actuator] and reading.is_single(joint)):
         yield from _nonzero(reading, actuator, {"actuator_armature": "armature",
                                                 "actuator_damping": "damping"})
     yield from _nonzero(reading, actuator, {"actuator_dampingpoly": "damping of higher order"})

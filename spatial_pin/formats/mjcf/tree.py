@@ -75,6 +75,10 @@ class Reading:
         bit = getattr(self.mujoco.mjtDisableBit, f"mjDSBL_{flag}")
         return bool(self.model.opt.disableflags & int(bit))
 
+    def is_single(self, joint: int) -> bool:
+        """Whether a joint has one coordinate: a slide or a hinge."""
+        return bool(self.model.jnt_type[joint] >= int(self.mujoco.mjtJoint.mjJNT_SLIDE))
+
 
 def pose(position: Array, quaternion: Array) -> pin.SE3:
     """Return a placement of a position (3,) and a quaternion (4,) with the real part first."""
@@ -187,9 +191,9 @@ def _resistances(reading: Reading, joint: int) -> dict[str, float]:
 
 def _of_actuators(reading: Reading, joint: int, key: str) -> float:
     """Return what actuators add to a joint of one coordinate, by the square of their gears."""
-    model, kinds = reading.model, reading.mujoco.mjtJoint
+    model = reading.model
     values = getattr(model, key, None)  # older MuJoCo has none
-    if values is None or model.jnt_type[joint] < int(kinds.mjJNT_SLIDE):
+    if values is None or not reading.is_single(joint):
         return 0.0
     own = moves_joint(reading) & (model.actuator_trnid[:, 0] == joint)
     return float(model.actuator_gear[own, 0] ** 2 @ values[own])

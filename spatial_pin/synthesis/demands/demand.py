@@ -3,7 +3,8 @@
 Those of a whole motion are the largest in each of some parts of it, searched between the samples:
 one number for all would have a kink wherever the worst place changes.
 
-To add one: a class with `values` in a module beside, and its constructor in `goals`.
+To add one: a class with `_words`, `_unit` and `values` in a module beside, and its constructor in
+`goals`.
 """
 
 from __future__ import annotations
