@@ -226,9 +226,7 @@ def _parts(target: Target, where: str) -> list[Target]:
                     "does not take: measure points, placements, coordinates or distances")
 
 
-def _quantity(
-    mechanism: Mechanism, target: Target, sigma: Mapping[str, float] | None
-) -> Quantity:
+def _quantity(mechanism: Mechanism, target: Target, sigma: Mapping[str, float] | None) -> Quantity:
     kind = ("position" if isinstance(target, Position) else
             "rotation" if isinstance(target, Orientation) else "length")
     if isinstance(target, CoordinateValue):

@@ -56,9 +56,7 @@ class Variants:
         """Return the mechanism at other dimensions, for its motion or with its masses."""
         return self.several([dimensions], whole)[0]
 
-    def several(
-        self, many: Sequence[Mapping[str, float]], whole: bool = False
-    ) -> list[Mechanism]:
+    def several(self, many: Sequence[Mapping[str, float]], whole: bool = False) -> list[Mechanism]:
         """Return the mechanisms at several sets of dimensions.
 
         Args:
@@ -322,9 +320,7 @@ class TracedTree:
             raise _Untraced
         self._axes[i] = words
 
-    def _words(
-        self, element: ET.Element, key: str, at: list[int] | None = None
-    ) -> _Words:
+    def _words(self, element: ET.Element, key: str, at: list[int] | None = None) -> _Words:
         known = self._places if at is None else at
         words = element.get(key, "0 0 0" if key in ("xyz", "rpy") else "0").split()
         found = [self._tape.read(word) for word in words]

@@ -64,9 +64,7 @@ def _check_spring(mechanism: Mechanism, spring: Spring, where: str) -> None:
                 f"{where}: {spring.joint!r} turns; give free_angle, not free_length")
 
 
-def _check_driver(
-    mechanism: Mechanism, driver: Driver, driven: dict[str, str], here: str
-) -> None:
+def _check_driver(mechanism: Mechanism, driver: Driver, driven: dict[str, str], here: str) -> None:
     """Refuse a driver; `driven` has those of others by what they drive, and gets this one."""
     table = mechanism.coordinate_table
     if driver.joint in mechanism.drivers and driver.joint not in table:

@@ -131,9 +131,7 @@ def joint_values(mechanism: Mechanism, guess: Mapping[str, Any]) -> dict[str, fl
     return values
 
 
-def check_guess(
-    mechanism: Mechanism, where: str, guess: Mapping[str, Any] | None = None
-) -> None:
+def check_guess(mechanism: Mechanism, where: str, guess: Mapping[str, Any] | None = None) -> None:
     """Refuse a guess, by default the mechanism's, with unknown names or values that are no numbers.
 
     Raises:
@@ -311,9 +309,7 @@ def _jacobian(phi: Array) -> tuple[Array, tuple[Array, Array, Array, Array]]:
     return np.eye(3) - b[:, None, None] * skew + c[:, None, None] * (skew @ skew), (b, c, db, dc)
 
 
-def _spin_bias(
-    phi: Array, rate: Array, functions: tuple[Array, Array, Array, Array]
-) -> Array:
+def _spin_bias(phi: Array, rate: Array, functions: tuple[Array, Array, Array, Array]) -> Array:
     """Return Jr(phi)' phi' (N, 3)."""
     _, c, db, dc = functions
     dt = 2.0 * np.sum(phi * rate, axis=1)

@@ -209,9 +209,7 @@ class Passive:
     axis: tuple[str, str]
 
 
-def drivers_of_tree(
-    joints: Mapping[str, str], closures: Iterable[Closure]
-) -> dict[str, Driver]:
+def drivers_of_tree(joints: Mapping[str, str], closures: Iterable[Closure]) -> dict[str, Driver]:
     """Return what drives an open tree of which nobody says: every coordinate, by its own name.
 
     Those that couplings give are left out, and the components of balls and floating joints, which

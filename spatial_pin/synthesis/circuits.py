@@ -196,9 +196,7 @@ class Circuit:
                                           np.full(doubtful + 1, value))
         return Place(float(counted[0]), frozenset(numbers.tolist()))
 
-    def _numbered(
-        self, crossed: NDArray[np.intp], values: Array
-    ) -> tuple[NDArray[np.intp], Array]:
+    def _numbered(self, crossed: NDArray[np.intp], values: Array) -> tuple[NDArray[np.intp], Array]:
         """Return numbers of branches from how many borders were crossed, and values along them.
 
         The last piece of a closed curve is the beginning of the first branch.

@@ -91,9 +91,7 @@ def _stands(goal: Precision) -> bool:
     return goal.weight is None and bool(goal.drivers) and not free
 
 
-def _pairs(
-    mechanism: Mechanism, first: Precision, second: Precision
-) -> Iterator[tuple[int, int]]:
+def _pairs(mechanism: Mechanism, first: Precision, second: Precision) -> Iterator[tuple[int, int]]:
     """Yield numbers of samples at the same drivers with other targets."""
     names = {mechanism.driven_coordinate(name).name: name for name in first.drivers}
     others = {mechanism.driven_coordinate(name).name: name for name in second.drivers}

@@ -293,9 +293,7 @@ def _beyond_limits(states: Sequence[State]) -> Iterator[Defect]:
                      f"{words}")
 
 
-def _limits_passed(
-    stretch: _Stretch, states: Sequence[State], cyclic: bool
-) -> Iterator[Defect]:
+def _limits_passed(stretch: _Stretch, states: Sequence[State], cyclic: bool) -> Iterator[Defect]:
     """Yield joint limits that are passed on the way through the places of a branch."""
     if not joint_limits(stretch.circuit.motion.mechanism):
         return

@@ -424,9 +424,7 @@ class Fit:
 
     # ------------------------------------------------------------ loosely
 
-    def loosely(
-        self, x: Array, near: list[Samples], weight: float
-    ) -> tuple[Array, list[Samples]]:
+    def loosely(self, x: Array, near: list[Samples], weight: float) -> tuple[Array, list[Samples]]:
         """Return where open loops and missed goals are least together, from x and configurations.
 
         Args:

@@ -111,9 +111,7 @@ class Settling:
 
     # ------------------------------------------------------------ equations
 
-    def _values_only(
-        self, bodies: Bodies, at: NDArray[np.intp], own: Array
-    ) -> tuple[Array, Array]:
+    def _values_only(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> tuple[Array, Array]:
         zeros = own[len(own) - self._n_zeros :] if self._n_zeros else 0.0
         away = (bodies.q[:, self._driven_q] - self._values[at]) / self._sizes - zeros
         wanted = self.goal.residual(bodies, at, own[: len(own) - self._n_zeros])
@@ -159,9 +157,7 @@ class Settling:
 
     # ------------------------------------------------------------ loosely
 
-    def loosely(
-        self, members: Members, samples: Samples, own: Array, weight: float
-    ) -> Samples:
+    def loosely(self, members: Members, samples: Samples, own: Array, weight: float) -> Samples:
         """Return configurations where open loops, weighted, and missed goals are least together."""
         rows, angles = self.rows(members, samples, own)
         residual, slope, _ = rows.together(weight)

@@ -217,9 +217,7 @@ def _scale(mesh: ET.Element, where: str) -> tuple[float, ...]:
     return tuple((given * 3)[:3])
 
 
-def _sought(
-    shape: Shape, mesh: ET.Element, folder: Path, packages: Mapping[str, Path]
-) -> Shape:
+def _sought(shape: Shape, mesh: ET.Element, folder: Path, packages: Mapping[str, Path]) -> Shape:
     """Return a mesh with the path where it lies, which is put in the URDF."""
     file = mesh.get("filename", "")
     path = mesh_file(file, folder, packages)
