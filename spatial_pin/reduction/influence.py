@@ -258,18 +258,13 @@ class Influence:
         """Leave out closures one by one, or two by two, as long as that is possible."""
         best = self.kept(range(len(self.mechanism.closures)))
         sizes = (1, 2) if len(best.closures) <= PAIRS_OF_CLOSURES else (1,)
-        found = True
-        while found:
-            found = False
-            for size in sizes:
-                for out in combinations(best.closures, size):
-                    kept = self.kept(k for k in best.closures if k not in out)
-                    if set(out) <= set(best.closures) and self.is_enough(kept):
-                        best, found = kept, True
-                        break
-                if found:
-                    break
-        return best
+        while True:
+            smaller = (self.kept(k for k in best.closures if k not in out)
+                       for size in sizes for out in combinations(best.closures, size))
+            found = next(filter(self.is_enough, smaller), None)
+            if found is None:
+                return best
+            best = found
 
 
 def joints_of(mechanism: Mechanism, closure: Closure) -> set[int]:
