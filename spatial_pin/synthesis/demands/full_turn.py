@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from spatial_pin.kernel.kernel import Kernel, kernel_of
+from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array, rank, singular_values
@@ -19,29 +20,23 @@ from spatial_pin.synthesis.demands.demand import PARTS, Moving
 REGULAR = 1e-4
 
 
-class _Loops:
-    """The loops of a mechanism whose drivers stand: how well they determine the rest.
+def _regularity(motion: Motion) -> Callable[[Motion], Array]:
+    """Return what tells how well loops determine the rest of a mechanism whose drivers stand.
 
-    Args:
-        motion: of it; how many equations are independent is that of its first sample.
+    That is, of samples (n,), the least singular value of as many equations as are independent in
+    the first sample of a motion.
     """
+    mechanism = motion.mechanism
+    assert motion.driver_name is not None
+    names = {motion.driver_name, *(d.joint for d in mechanism.drivers.values())}
+    held = [mechanism.driven_coordinate(name).v for name in names]
 
-    def __init__(self, motion: Motion) -> None:
-        mechanism = motion.mechanism
-        assert motion.driver_name is not None
-        names = {motion.driver_name, *(d.joint for d in mechanism.drivers.values())}
-        self._held = [mechanism.driven_coordinate(name).v for name in names]
+    def left(q: Array) -> Array:
         with kernel_of(mechanism) as kernel:
-            self._rank = rank(self._left(kernel, motion.q[:1])[0])
+            return np.delete(kernel.jacobians(q), held, axis=2)
 
-    def _left(self, kernel: Kernel, q: Array) -> Array:
-        """Return derivatives (n, ., .) of all equations for what is not driven."""
-        return np.delete(kernel.jacobians(q), self._held, axis=2)
-
-    def regularity(self, motion: Motion) -> Array:
-        """Return the least singular value (n,) of as many equations as are independent."""
-        with kernel_of(motion.mechanism) as kernel:
-            return singular_values(self._left(kernel, motion.q))[:, self._rank - 1]
+    independent = rank(left(motion.q[:1])[0])
+    return lambda some: singular_values(left(some.q))[:, independent - 1]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -67,8 +62,8 @@ class FullTurn(Moving):
         if not is_turn:
             gap = max(0.0, TURN - float(np.ptp(motion.swept)))
             return (REGULAR + 1.0 - np.cos(0.5 * gap)) * np.eye(PARTS)[0]
-        loops = _Loops(motion)
-        return self.worst(motion, lambda some: REGULAR - loops.regularity(some) ** 2)
+        regularity = _regularity(motion)
+        return self.worst(motion, lambda some: REGULAR - regularity(some) ** 2)
 
     def errors(self, values: Array, mechanism: Mechanism) -> Array:
         """See `Demand`: angles that are missing."""
