@@ -348,13 +348,13 @@ def use_closer(handle: ctypes.c_void_p, ints: np.ndarray, q, turns, rng) -> set[
         first, angles = rng.integers(0, 2, nv), turns.copy()
         two, error, mirrored = np.array([q, q]), np.empty(3), np.empty(2, np.int64)
         distance = np.empty(2)
-        c.closer_close(closer, 2, address(two), rng.choice([None, address(first)]),
+        c.closer_close(closer, address(two), rng.choice([None, address(first)]),
                        address(free), address(pinned), address(turns), 1e-2, 1e-3, 4, 1e-12,
                        address(error), address(mirrored))
         said, limits = rng.integers(0, 8, nq), rng.choice(ODD, (2, nq))
         values = rng.choice(ODD, nq)
         meant = MeantPlaces(*map(address, (values, said, *limits)))
-        c.closer_judge(closer, 2, address(two), address(turns), ctypes.byref(meant), address(error),
+        c.closer_judge(closer, address(two), address(turns), ctypes.byref(meant), address(error),
                        address(mirrored), address(distance))
         end = c.closer_examine(closer, address(two[0]), address(turns), address(error),
                                address(angles), address(mirrored))

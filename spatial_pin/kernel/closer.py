@@ -205,7 +205,7 @@ class Closer:
         self._q[:] = q
         self._take(free, first, reference, pinned)
         self._library.closer_close(
-            self.handle, 1, self._at_q, None if first is None else self._at_first, self._at_free,
+            self.handle, self._at_q, None if first is None else self._at_first, self._at_free,
             *self._at, self._at_turns, max(tolerance, LOOSE), tolerance, iterations, cut,
             *self._facts[::2])
         return Closed(self._q.copy(), self._error.item(0), self._is_mirrored(self._mirrored))
@@ -245,7 +245,7 @@ class Closer:
         self._q[:], self._reference[:] = q, reference
         self._judge_by(meant)
         self._library.closer_judge(
-            self.handle, 1, self._at_q, self._at_turns, *self._reached)
+            self.handle, self._at_q, self._at_turns, *self._reached)
         return Reached(self._q.copy(), self._errors.item(0), self._is_mirrored(self._mirrors),
                        self._distances.item(0))
 

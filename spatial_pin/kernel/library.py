@@ -71,12 +71,10 @@ def _declared(found: ctypes.CDLL) -> ctypes.CDLL:
     found.rates_jacobian.argtypes = [POINTER, INT, INT, *[POINTER] * 3]
     found.regular_beside.argtypes = [*[POINTER] * 4, INT, POINTER, INT, POINTER]
     found.closer_create.argtypes = [POINTER, POINTER, INT, POINTER, INT, POINTER]
-    found.closer_close.restype = found.closer_descend.restype = None
-    found.closer_judge.restype = None
-    found.closer_close.argtypes = [POINTER, INT, *[POINTER] * 5, REAL, REAL, INT, REAL, POINTER,
-                                   POINTER]
+    found.closer_close.restype = found.closer_judge.restype = found.closer_descend.restype = None
+    found.closer_close.argtypes = [*[POINTER] * 6, REAL, REAL, INT, REAL, POINTER, POINTER]
     found.closer_reach.argtypes = [POINTER, POINTER]
-    found.closer_judge.argtypes = [POINTER, INT, *[POINTER] * 6]
+    found.closer_judge.argtypes = [POINTER] * 7
     found.closer_examine.argtypes = [POINTER] * 6
     found.closer_descend.argtypes = [POINTER, INT, POINTER, POINTER, REAL, INT, POINTER]
     found.dimensions_close.argtypes = [POINTER, POINTER, POINTER, INT, POINTER]

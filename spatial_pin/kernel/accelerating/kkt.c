@@ -365,9 +365,7 @@ EXPORT int kkt_accelerations(Kkt *s, const Real *q, const Real *v, const Real *r
                              Real *closures, Real *multipliers, Real *facts)
 {
     Kernel *k = s->k;
-    if (k->n_angles)
-        memcpy(k->angle_reference, reference, (size_t)k->n_angles * sizeof *reference);
-    equations_values(k, q);
+    equations_values_near(k, q, reference);
     equations_jacobian(k, &k->all);
     const int code = choose_and_factor(s, mass);
     if (code != DONE)

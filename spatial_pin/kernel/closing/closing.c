@@ -402,41 +402,35 @@ static void begin(Closer *c, const Real *pinned, const Real *reference, Real cut
     memcpy(c->k->angle_reference, reference, (size_t)c->k->n_angles * sizeof(Real));
 }
 
-/* Close the loops from configurations q (m, nq), one after the other.
+/* Close the loops from a configuration q (nq).
 
    free: (nv) the velocities that may move; first: those that may move before, to a looser tolerance,
    or NULL; pinned: values of pinned coordinates; reference: (n_angles) from which the angles of
-   screws count; cut: size of the equations, by the largest, below which they move nothing; error: (m)
-   closure errors; mirrored: (m) whether axes point opposite ways. */
-EXPORT void closer_close(Closer *c, Int m, Real *q, const Int *first, const Int *free,
+   screws count; cut: size of the equations, by the largest, below which they move nothing; error: the
+   closure error; mirrored: whether axes point opposite ways. */
+EXPORT void closer_close(Closer *c, Real *q, const Int *first, const Int *free,
                          const Real *pinned, const Real *reference, Real loose, Real tolerance,
                          Int iterations, Real cut, Real *error, Int *mirrored)
 {
-    const size_t nq = (size_t)c->k->nq;
     const Closing how = {first, free, loose, tolerance, iterations};
     begin(c, pinned, reference, cut);
-    for (Int i = 0; i < m; i++, q += nq) {
-        error[i] = begin_from(c, &how, q, WORTHWHILE) ? close_one(c, &how) : INFINITY;
-        equations_values(c->k, c->q);
-        mirrored[i] = rotations_are_mirrored(c->k, &c->rotations);
-        memcpy(q, c->q, nq * sizeof(Real));
-    }
+    *error = begin_from(c, &how, q, WORTHWHILE) ? close_one(c, &how) : INFINITY;
+    equations_values(c->k, c->q);
+    *mirrored = rotations_are_mirrored(c->k, &c->rotations);
+    memcpy(q, c->q, (size_t)c->k->nq * sizeof(Real));
 }
 
-/* Take whole turns off the angles of configurations q (m, nq), see meant.c. error: (m) their closure
-   errors; mirrored: (m) whether axes point opposite ways; distance: (m) from what is named. */
-EXPORT void closer_judge(Closer *c, Int m, Real *q, const Real *reference, const Meant *meant,
-                         Real *error, Int *mirrored, Real *distance)
+/* Take whole turns off the angles of a configuration q (nq), see meant.c. error: its closure error;
+   mirrored: whether axes point opposite ways; distance: from what is named. */
+EXPORT void closer_judge(Closer *c, Real *q, const Real *reference, const Meant *meant, Real *error,
+                         Int *mirrored, Real *distance)
 {
     Kernel *k = c->k;
-    memcpy(k->angle_reference, reference, (size_t)k->n_angles * sizeof(Real));
-    for (Int i = 0; i < m; i++, q += k->nq) {
-        meant_put_turns(k, meant, q);
-        equations_values(k, q);
-        error[i] = equations_error(k);
-        mirrored[i] = rotations_are_mirrored(k, &c->rotations);
-        distance[i] = meant_distance(k, meant, q);
-    }
+    meant_put_turns(k, meant, q);
+    equations_values_near(k, q, reference);
+    *error = equations_error(k);
+    *mirrored = rotations_are_mirrored(k, &c->rotations);
+    *distance = meant_distance(k, meant, q);
 }
 
 /* Make the columns of the closure equations' derivatives alike: short levers are none then. What is
@@ -475,11 +469,9 @@ EXPORT int closer_examine(Closer *c, const Real *q, const Real *reference, Real 
                           Int *mirrored)
 {
     Kernel *k = c->k;
-    const size_t angles = (size_t)k->n_angles * sizeof(Real);
-    memcpy(k->angle_reference, reference, angles);
-    equations_values(k, q);
+    equations_values_near(k, q, reference);
     facts[0] = equations_error(k);
-    memcpy(angle, k->angle, angles);
+    memcpy(angle, k->angle, (size_t)k->n_angles * sizeof(Real));
     *mirrored = rotations_are_mirrored(k, &c->rotations);
     return judge_independence(c, facts + 1, facts + 2);
 }
@@ -505,7 +497,7 @@ static void judge_one(Closer *c, Reaching *r, Int i)
 {
     Real *q = r->q + i * c->k->nq;
     memcpy(q, c->q, (size_t)c->k->nq * sizeof(Real));
-    closer_judge(c, 1, q, r->reference, &r->meant, r->error + i, r->mirrored + i, r->distance + i);
+    closer_judge(c, q, r->reference, &r->meant, r->error + i, r->mirrored + i, r->distance + i);
 }
 
 static void reach_one(Closer *c, Reaching *r, Int i)

@@ -219,10 +219,9 @@ static int close_sample(Work *w, Int i)
     if (code != DONE)
         return code;
     memcpy(w->q, q, (size_t)k->nq * sizeof *q);
-    memcpy(k->angle_reference, angle, angles);
-    equations_values(k, q);
+    equations_values_near(k, q, angle);
     memcpy(w->open, k->residual, (size_t)k->n_closure * sizeof(Real));
-    closer_close(w->closer, 1, q, NULL, s->free, NULL, angle, 0.0, s->tolerance, s->iterations,
+    closer_close(w->closer, q, NULL, s->free, NULL, angle, 0.0, s->tolerance, s->iterations,
                  s->cut, fact, &mirrored);
     equations_values(k, q);
     equations_jacobian(k, &k->all);

@@ -228,12 +228,6 @@ static void solve_acceleration(Rates *r, const Real *v, const Real *acceleration
 
 /* ---------------------------------------------------------------- what Python calls */
 
-static void evaluate(Kernel *k, const Real *q)
-{
-    equations_values(k, q);
-    equations_jacobian(k, &k->all);
-}
-
 /* Whether equations that are left out hold beside q too. Comes back to q. */
 static int follow_beside(Rates *r, const Real *q)
 {
@@ -245,7 +239,8 @@ static int follow_beside(Rates *r, const Real *q)
         code = system_factor(k);
     if (code == DONE)
         code = stays_closed(k, q, equations_error(k), r->q);
-    evaluate(k, q);
+    equations_values(k, q);
+    equations_jacobian(k, &k->all);
     return code == DONE;
 }
 
@@ -282,8 +277,8 @@ static int take_and_factor(Rates *r, const Given *given)
 static int place(Rates *r, const Real *q, const Real *reference, const Given *given)
 {
     Kernel *k = r->k;
-    memcpy(k->angle_reference, reference, (size_t)k->n_angles * sizeof(Real));
-    evaluate(k, q);
+    equations_values_near(k, q, reference);
+    equations_jacobian(k, &k->all);
     const int code = given->equations ? take_and_factor(r, given) : choose_and_factor(r, q);
     r->is_placed = code == DONE;
     return code;

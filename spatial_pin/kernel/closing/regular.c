@@ -32,8 +32,7 @@ int stays_closed(Kernel *k, const Real *q, Real error, Real *there)
 EXPORT int regular_beside(Kernel *k, const Real *q, const Real *reference, const Int *chosen, Int n,
                           const Real *freedom, Int n_freedom, Real *there)
 {
-    memcpy(k->angle_reference, reference, (size_t)k->n_angles * sizeof *reference);
-    equations_values(k, q);
+    equations_values_near(k, q, reference);
     equations_jacobian(k, &k->all);
     const Real error = equations_error(k);
     int code = system_set(k, chosen, n, NULL, 0, freedom, n_freedom);

@@ -381,6 +381,13 @@ void equations_values(Kernel *k, const Real *q)
     equations_residuals(k, &k->all);
 }
 
+void equations_values_near(Kernel *k, const Real *q, const Real *reference)
+{
+    if (k->n_angles) /* else there may be no array */
+        memmove(k->angle_reference, reference, (size_t)k->n_angles * sizeof *reference);
+    equations_values(k, q);
+}
+
 void equations_jacobian(Kernel *k, const Parts *of)
 {
     tree_columns(k);

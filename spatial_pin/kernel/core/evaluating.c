@@ -14,9 +14,7 @@ static void copy_out(Real *out, const Real *from, Int n)
 EXPORT int kernel_evaluate(Kernel *k, const Real *q, const Real *v, const Real *reference, Real *R,
                            Real *p, Real *residual, Real *angle, Real *jacobian, Real *bias)
 {
-    if (k->n_angles)
-        memmove(k->angle_reference, reference, (size_t)k->n_angles * sizeof *reference);
-    equations_values(k, q);
+    equations_values_near(k, q, reference);
     copy_out(R, k->R, 9 * k->n_joints);
     copy_out(p, k->p, 3 * k->n_joints);
     copy_out(residual, k->residual, k->n_closure);
@@ -61,9 +59,7 @@ EXPORT void kernel_integrate(const Kernel *k, Int m, Real *q, const Real *step)
  * driven freedoms and filled rows -> v / scale, in place. */
 EXPORT int kernel_solve(Kernel *k, const Real *q, const Real *reference, Real *x)
 {
-    if (k->n_angles)
-        memcpy(k->angle_reference, reference, (size_t)k->n_angles * sizeof *reference);
-    equations_values(k, q);
+    equations_values_near(k, q, reference);
     equations_jacobian(k, &k->all);
     const int code = system_factor(k);
     if (code == DONE)

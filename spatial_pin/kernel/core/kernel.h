@@ -138,7 +138,7 @@ typedef struct Kernel {
                              was independent of the chosen ones when these were chosen */
     Real mantissa;        /* size of the determinant is mantissa * 2^exponent */
     Int exponent;
-    Real *right, *scratch_q, *scratch_v;
+    Real *right;
 
     Int factorisations; /* counted since creation */
     void **owned; /* memory to be freed */
@@ -171,6 +171,8 @@ static inline int joint_nq(Int kind) { return kind == FREE ? 7 : kind == BALL ? 
 
 /* ---- equations.c ---- */
 void equations_values(Kernel *k, const Real *q); /* placements, vectors, products, residual, angle */
+/* The same with angles nearest to `reference` (n_angles) from now on */
+void equations_values_near(Kernel *k, const Real *q, const Real *reference);
 /* The same after tree_place, of some equations: vectors, products, residual, angle; of the system
    before its rest */
 void equations_residuals(Kernel *k, const Parts *of);

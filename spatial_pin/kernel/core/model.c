@@ -189,7 +189,6 @@ static int make_room(Kernel *k)
         {&k->alpha, 3 * n},       {&k->acceleration, 3 * n}, {&k->added, 6 * n}, {&k->bias, ne},
         {&k->product_rate, np},   {&k->product_bias, np},   {&k->vector_rate, 3 * k->n_vectors},
         {&k->vector_bias, 3 * k->n_vectors}, {&k->row, nv}, {&k->right, nv},
-        {&k->scratch_q, k->nq},   {&k->scratch_v, nv},
     };
     for (size_t i = 0; i < sizeof fields / sizeof *fields; i++)
         if (!(*fields[i].to = kernel_memory(k, fields[i].count, sizeof(Real))))

@@ -107,8 +107,7 @@ EXPORT int path_start(Path *path, const Real *q, const Real *angles, Int choose)
     int code = stand_at(path, q);
     if (code != DONE)
         return code;
-    memcpy(k->angle_reference, angles, (size_t)k->n_angles * sizeof *angles);
-    equations_values(k, here->q);
+    equations_values_near(k, here->q, angles);
     if (!isfinite(equations_error(k)))
         return NOT_FINITE;
     const int is_chosen = choose && has_redundant(k);

@@ -347,9 +347,7 @@ static void note_missed(Path *path, Real ratio, Real h)
 int stand_again(Path *path)
 {
     Kernel *k = path->k;
-    for (Int i = 0; i < k->n_angles; i++)
-        k->angle_reference[i] = path->here->angle[i];
-    equations_values(k, path->here->q);
+    equations_values_near(k, path->here->q, path->here->angle);
     const int code = factor_here(k);
     path->stale = code != DONE;
     return code;
