@@ -8,6 +8,7 @@ from __future__ import annotations
 import pinocchio as pin
 
 from spatial_pin.constraints.trees import Subtree, is_large, subtrees_of
+from spatial_pin.constraints.workspaces import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 
@@ -39,14 +40,12 @@ class FrameSubtree:
         return data
 
 
+@made_once
 def frame_subtrees(mechanism: Mechanism) -> list[FrameSubtree]:
     """Return the subtrees of a mechanism's tree, made once; none if it is taken whole."""
     if not is_large(mechanism.model):
         return []
-    if "frame subtrees" not in mechanism.memo:
-        mechanism.memo["frame subtrees"] = [
-            FrameSubtree(subtree, mechanism.model) for subtree in subtrees_of(mechanism.model)]
-    return mechanism.memo["frame subtrees"]
+    return [FrameSubtree(subtree, mechanism.model) for subtree in subtrees_of(mechanism.model)]
 
 
 class Located:

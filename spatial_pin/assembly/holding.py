@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from spatial_pin.checks import names_of
+from spatial_pin.constraints.workspaces import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
@@ -27,18 +28,13 @@ class Held(NamedTuple):
     coordinates: tuple[Coordinate, ...] = ()
 
 
+@made_once
 def free_bases(mechanism: Mechanism) -> tuple[str, ...]:
     """Return the floating joints that carry, alone, all that hangs together with their link.
 
     Such a link and all that is joined to it can go anywhere as one body. A floating joint whose
     link closures tie to the ground, or to what other joints hold to it, is none.
     """
-    if "free bases" not in mechanism.memo:
-        mechanism.memo["free bases"] = _free_bases(mechanism)
-    return mechanism.memo["free bases"]
-
-
-def _free_bases(mechanism: Mechanism) -> tuple[str, ...]:
     model = mechanism.model
     floating = [i for i, pair in enumerate(mechanism.pairs, start=1)
                 if pair == "floating" and model.parents[i] == 0]
@@ -70,10 +66,9 @@ def _entries(mechanism: Mechanism, joint: str) -> range:
     return range(at, at + int(mechanism.model.nvs[i]))
 
 
+@made_once
 def _joint_names(mechanism: Mechanism) -> frozenset[str]:
-    if "joint names" not in mechanism.memo:
-        mechanism.memo["joint names"] = frozenset(list(mechanism.model.names)[1:])
-    return mechanism.memo["joint names"]
+    return frozenset(list(mechanism.model.names)[1:])
 
 
 def held_by(mechanism: Mechanism, hold: Hold, driven: Iterable[Coordinate] = ()) -> Held:
@@ -90,12 +85,10 @@ def held_by(mechanism: Mechanism, hold: Hold, driven: Iterable[Coordinate] = ())
         UnknownNameError: a name does not exist.
     """
     names = () if hold is None else tuple(names_of(hold, "hold"))
-    key = "held", names, tuple(driven)
-    if key not in mechanism.memo:
-        mechanism.memo[key] = _held_by(mechanism, *key[1:])
-    return mechanism.memo[key]
+    return _held_by(mechanism, names, tuple(driven))
 
 
+@made_once
 def _held_by(
     mechanism: Mechanism, names: tuple[str, ...], driven: tuple[Coordinate, ...]
 ) -> Held:

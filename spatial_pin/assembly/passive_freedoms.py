@@ -13,6 +13,7 @@ import numpy as np
 
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
+from spatial_pin.constraints.workspaces import made_once
 from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
@@ -45,12 +46,10 @@ def driven_groups(
     """
     if driven is None:
         driven = list(driver_coordinates(mechanism).values())
-    key = "groups", frozenset(c.name for c in driven)
-    if key not in mechanism.memo:
-        mechanism.memo[key] = _groups(mechanism, key[1])
-    return mechanism.memo[key]
+    return _groups(mechanism, frozenset(c.name for c in driven))
 
 
+@made_once
 def _groups(mechanism: Mechanism, driven: frozenset[str]) -> list[int]:
     model = mechanism.model
     names: dict[str, list[str]] = {}
@@ -92,18 +91,13 @@ def _pairs(mechanism: Mechanism) -> list[tuple[int, int]]:
 # ---------------------------------------------------------------- links of chains
 
 
+@made_once
 def chain_links(mechanism: Mechanism) -> frozenset[int]:
     """Return the bodies inside balls and universal joints that are written as chains of hinges.
 
     They weigh nothing, and carry two hinges, not driven nor coupled, whose centres are one point.
     Where nothing at all weighs, nobody can tell them from shafts: there are none.
     """
-    if "chain links" not in mechanism.memo:
-        mechanism.memo["chain links"] = _chain_links(mechanism)
-    return mechanism.memo["chain links"]
-
-
-def _chain_links(mechanism: Mechanism) -> frozenset[int]:
     model = mechanism.model
     masses = np.array([inertia.mass for inertia in model.inertias])
     if not masses.any():

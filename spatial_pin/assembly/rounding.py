@@ -27,6 +27,7 @@ from spatial_pin.assembly.close import close
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import Constraints, constraints_of
+from spatial_pin.constraints.workspaces import made_once
 from spatial_pin.kernel.closer import Examined, closer_of
 from spatial_pin.mechanism.coordinates import joint_values, with_values
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -182,14 +183,12 @@ def rounding_of(mechanism: Mechanism) -> float:
     return 0.0 if mechanism.whole is None else cut_of(mechanism.whole, Accuracy().gap)
 
 
+@made_once
 def _found(mechanism: Mechanism, gap: float) -> Rounded | None:
-    key = "rounded", gap
     if mechanism.whole is not None or not gap:
         return None
-    if key not in mechanism.memo:
-        with evaluation_of(mechanism) as evaluation:
-            mechanism.memo[key] = _rounded(evaluation, gap)
-    return mechanism.memo[key]
+    with evaluation_of(mechanism) as evaluation:
+        return _rounded(evaluation, gap)
 
 
 def _rounded(evaluation: Evaluation, gap: float) -> Rounded | None:

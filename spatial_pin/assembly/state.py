@@ -14,6 +14,7 @@ from spatial_pin.brief import brief
 from spatial_pin.checks import finite_array, is_finite
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.constraints.workspaces import made_once
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.lazy import cached_property
 from spatial_pin.mechanism.coordinates import CoordinateRates, coordinate_rates, needed
@@ -579,9 +580,7 @@ def _frozen(array: Array) -> Array:
 NO_ANGLES = _frozen(np.empty(0))
 
 
+@made_once
 def _rest(mechanism: Mechanism) -> Array:
     """Return the rates (nv,) of what stands still."""
-    found: Array | None = mechanism.memo.get("rest")
-    if found is None:
-        found = mechanism.memo["rest"] = _frozen(np.zeros(mechanism.model.nv))
-    return found
+    return _frozen(np.zeros(mechanism.model.nv))

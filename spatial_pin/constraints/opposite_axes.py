@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.constraints.product_vectors import frames_of
+from spatial_pin.constraints.workspaces import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.numerics.linalg import Array
@@ -44,19 +45,18 @@ class _AxisPair(NamedTuple):
     fixed: tuple[tuple[int, Array], tuple[int, Array]]
 
 
+@made_once
 def _axis_pairs(mechanism: Mechanism) -> list[_AxisPair]:
-    """Return the axes of all closures that have any: read once for a mechanism."""
-    if "axis pairs" not in mechanism.memo:
-        found = []
-        for closure in mechanism.closures:
-            if closure.type == COUPLING or not closure.pair.aligned:
-                continue
-            geometry, first = closure.geometry, 2 if closure.pair.aligned == "z" else 0
-            assert geometry is not None
-            one, two = (
-                (frame.joint, (frame.placement.rotation @ axes)[:, first:])
-                for frame, axes in zip(frames_of(mechanism, closure.frames),
-                                       (geometry.axes1, geometry.axes2), strict=True))
-            found.append(_AxisPair(closure.name, (one, two)))
-        mechanism.memo["axis pairs"] = found
-    return mechanism.memo["axis pairs"]
+    """Return the axes of all closures that have any."""
+    found = []
+    for closure in mechanism.closures:
+        if closure.type == COUPLING or not closure.pair.aligned:
+            continue
+        geometry, first = closure.geometry, 2 if closure.pair.aligned == "z" else 0
+        assert geometry is not None
+        one, two = (
+            (frame.joint, (frame.placement.rotation @ axes)[:, first:])
+            for frame, axes in zip(frames_of(mechanism, closure.frames),
+                                   (geometry.axes1, geometry.axes2), strict=True))
+        found.append(_AxisPair(closure.name, (one, two)))
+    return found

@@ -1,13 +1,32 @@
-"""The workspace pool of a mechanism: what is made once and used again and again."""
+"""What is made once of a mechanism and used again and again; its workspace pool."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
-from typing import Generic, TypeVar
+from functools import wraps
+from typing import Generic, TypeVar, TypeVarTuple
 
 from spatial_pin.mechanism.mechanism import Mechanism
 
+Made = TypeVar("Made")
+More = TypeVarTuple("More")
 Workspace = TypeVar("Workspace")
+
+
+def made_once(
+    make: Callable[[Mechanism, *More], Made]
+) -> Callable[[Mechanism, *More], Made]:
+    """Keep with a mechanism what a function makes of it, and of nothing but hashable arguments."""
+
+    @wraps(make)
+    def kept(mechanism: Mechanism, *more: *More) -> Made:
+        key = make, *more
+        if key not in mechanism.memo:
+            mechanism.memo[key] = make(mechanism, *more)
+        found: Made = mechanism.memo[key]
+        return found
+
+    return kept
 
 
 class acquired(Generic[Workspace]):  # with acquired(...) as workspace

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from spatial_pin.constraints.compiled_equations import Constraints, constraints_of
 from spatial_pin.constraints.composite_joints import split_of
 from spatial_pin.constraints.product_vectors import Term
+from spatial_pin.constraints.workspaces import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 
@@ -87,12 +88,10 @@ def packed(mechanism: Mechanism, idle: bool = True) -> Packed:
         mechanism: the mechanism.
         idle: whether the equations of idle rotations belong to it; forces know none.
     """
-    key = "packed", idle
-    if key not in mechanism.memo:
-        mechanism.memo[key] = _packed(mechanism, idle)
-    return mechanism.memo[key]
+    return _packed(mechanism, idle)
 
 
+@made_once
 def _packed(mechanism: Mechanism, idle: bool) -> Packed:
     constraints = constraints_of(mechanism)
     model, carriers = split_of(mechanism)

@@ -19,6 +19,7 @@ from spatial_pin.assembly.search.whole_turns import periodic, turned_apart
 from spatial_pin.assembly.state import all_angles
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.constraints.workspaces import made_once
 from spatial_pin.kernel.closer import LOOSE, Closed, Examined, Meant, Reached, Shakes, closer_of
 from spatial_pin.lazy import cached_property
 from spatial_pin.mechanism.coordinates import coordinate_round_off, coordinate_value, with_values
@@ -244,18 +245,15 @@ def gone_from(mechanism: Mechanism, q: Array, said: Mapping[str, float]) -> dict
     return gone
 
 
+@made_once
 def coordinate_sizes(mechanism: Mechanism) -> tuple[list[str], NDArray[np.intp], Array]:
     """Return names, places in q, and sizes of coordinates, but of periodic angles."""
-    if "sizes" not in mechanism.memo:
-        turning = {c.name for c in periodic(mechanism)}
-        found = [(name, at, mechanism.velocity_scale[c.v])
-                 for name, c in mechanism.coordinate_table.items()
-                 if (at := mechanism.place_of(c)) >= 0 and name not in turning]
-        mechanism.memo["sizes"] = (
-            [x[0] for x in found], np.array([x[1] for x in found], dtype=np.intp),
+    turning = {c.name for c in periodic(mechanism)}
+    found = [(name, at, mechanism.velocity_scale[c.v])
+             for name, c in mechanism.coordinate_table.items()
+             if (at := mechanism.place_of(c)) >= 0 and name not in turning]
+    return ([x[0] for x in found], np.array([x[1] for x in found], dtype=np.intp),
             np.array([x[2] for x in found], dtype=float))
-    names, places, sizes = mechanism.memo["sizes"]
-    return names, places, sizes
 
 
 def size_of(mechanism: Mechanism, q: Array) -> Any:

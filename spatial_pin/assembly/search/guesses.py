@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.assembly.search.whole_turns import periodic
 from spatial_pin.assembly.state import State
+from spatial_pin.constraints.workspaces import made_once
 from spatial_pin.kernel.closer import AT_ONCE, Shakes
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.lazy import cached_property
@@ -110,12 +111,10 @@ def _as_given(mechanism: Mechanism, guess: Mapping[str, Any] | State | Array) ->
     return Guess(mechanism, pin.normalize(mechanism.model, q))
 
 
+@made_once
 def _all_names(mechanism: Mechanism) -> tuple[str, ...]:
     """Return the names of all coordinates, every time the same tuple."""
-    if "names" not in mechanism.memo:
-        mechanism.memo["names"] = mechanism.coordinates
-    found: tuple[str, ...] = mechanism.memo["names"]
-    return found
+    return mechanism.coordinates
 
 
 def _all_values(mechanism: Mechanism, q: Array) -> dict[str, float]:
@@ -129,6 +128,7 @@ def _all_values(mechanism: Mechanism, q: Array) -> dict[str, float]:
     return named
 
 
+@made_once
 def _places(
     mechanism: Mechanism,
 ) -> tuple[list[tuple[str, int]], list[tuple[list[str], int, int]]]:
@@ -137,15 +137,11 @@ def _places(
     Of those that are entries of q; and of joints that turn in space, where these begin and where
     their quaternion does.
     """
-    if "places" not in mechanism.memo:
-        starts, table = mechanism.model.idx_qs, mechanism.coordinate_table
-        turning = [([c.name for c in found], at, at + len(found) - 3)
-                   for joint, found in by_joint(mechanism).items() if found[0].q < 0
-                   for at in [int(starts[mechanism.joint_id(joint)])]]
-        mechanism.memo["places"] = [(c.name, c.q) for c in table.values() if c.q >= 0], turning
-    found: tuple[list[tuple[str, int]], list[tuple[list[str], int, int]]] = (
-        mechanism.memo["places"])
-    return found
+    starts, table = mechanism.model.idx_qs, mechanism.coordinate_table
+    turning = [([c.name for c in found], at, at + len(found) - 3)
+               for joint, found in by_joint(mechanism).items() if found[0].q < 0
+               for at in [int(starts[mechanism.joint_id(joint)])]]
+    return [(c.name, c.q) for c in table.values() if c.q >= 0], turning
 
 
 class Further(NamedTuple):
@@ -220,9 +216,8 @@ def far_ones(
             for name in further.lengths if abs(named[name]) > far}
 
 
+@made_once
 def _draws(mechanism: Mechanism) -> Array:
     """Return the random numbers (MAX_STARTS - 1, nv) in [-1, 1] of the further starts."""
-    if "draws" not in mechanism.memo:
-        shape = MAX_STARTS - 1, mechanism.model.nv
-        mechanism.memo["draws"] = np.random.default_rng(20110).uniform(-1.0, 1.0, shape)
-    return mechanism.memo["draws"]
+    shape = MAX_STARTS - 1, mechanism.model.nv
+    return np.random.default_rng(20110).uniform(-1.0, 1.0, shape)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from spatial_pin.assembly.holding import still_entries
 from spatial_pin.assembly.search.guesses import Further, further_starts
 from spatial_pin.assembly.search.whole_turns import said_of
+from spatial_pin.constraints.workspaces import made_once
 from spatial_pin.kernel.closer import NAMED
 from spatial_pin.mechanism.coordinates import by_joint
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -39,26 +40,22 @@ class Left(NamedTuple):
     further: Further | None
 
 
+@made_once
 def left_of(
     mechanism: Mechanism, held: tuple[str, ...], let_go: tuple[str, ...], said: tuple[str, ...]
 ) -> Left:
-    """Return what may move; looked up once for the same coordinates held, let go and named."""
-    key = "left", held, let_go, said
-    if key not in mechanism.memo:
-        table, named = mechanism.coordinate_table, [name for name in said if name not in held]
-        pinned = tuple(name for name in held if table[name].q < 0)
-        still = still_entries(mechanism, (table[name] for name in (*held, *let_go)))
-        free = free_but(mechanism, still, (name for name in held if name not in pinned))
-        first = free & free_but(mechanism, still, named)
-        has_first = bool(first.any()) and not np.array_equal(first, free)
-        is_whole, entries = _said(mechanism, held, named)
-        for array in (free, first, entries):
-            array.flags.writeable = False
-        mechanism.memo[key] = Left(
-            pinned, still, free, first if has_first else None,
-            entries, is_whole,
-            further_starts(mechanism, held, named, still))
-    return mechanism.memo[key]
+    """Return what may move where coordinates are held, let go and named."""
+    table, named = mechanism.coordinate_table, [name for name in said if name not in held]
+    pinned = tuple(name for name in held if table[name].q < 0)
+    still = still_entries(mechanism, (table[name] for name in (*held, *let_go)))
+    free = free_but(mechanism, still, (name for name in held if name not in pinned))
+    first = free & free_but(mechanism, still, named)
+    has_first = bool(first.any()) and not np.array_equal(first, free)
+    is_whole, entries = _said(mechanism, held, named)
+    for array in (free, first, entries):
+        array.flags.writeable = False
+    return Left(pinned, still, free, first if has_first else None, entries, is_whole,
+                further_starts(mechanism, held, named, still))
 
 
 def _said(

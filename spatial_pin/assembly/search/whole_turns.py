@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin.constraints.workspaces import made_once
 from spatial_pin.kernel.closer import HELD, NAMED, TURNS, Meant, closer_of
 from spatial_pin.mechanism.joint_limits import position_limits
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -19,14 +20,9 @@ from spatial_pin.numerics.linalg import Array
 PERIODIC = ("revolute", "cylindrical", "universal", "planar")
 
 
+@made_once
 def periodic(mechanism: Mechanism) -> list[Coordinate]:
     """Return the angles that mean the same after a whole turn."""
-    if "periodic" not in mechanism.memo:
-        mechanism.memo["periodic"] = _periodic(mechanism)
-    return mechanism.memo["periodic"]
-
-
-def _periodic(mechanism: Mechanism) -> list[Coordinate]:
     coupled = {mechanism.coordinate(j).name for c in mechanism.closures if c.type == COUPLING
                for j in c.joints}
     return [
