@@ -16,7 +16,6 @@ import argparse
 import pprint
 import sys
 import tempfile
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -25,6 +24,10 @@ from gallery import pictures, sheet
 from PIL import Image
 
 import spatial_pin as sp
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "docs" / "extensions"))
+
+from mechanism_words import loops, mobility
 
 DATA = "cmeel.prefix/share/example-robot-data/robots"
 COLUMNS = 3
@@ -136,11 +139,6 @@ def page(robot: Robot, state: sp.State) -> str:
     mechanism = state.mechanism
     file = Path(robot.file).name
     opened = robot.stand or f'mech = sp.load("{file}")'
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", sp.SpatialPinWarning)
-        report = str(sp.mobility(mechanism, state))
-    closures = [f"| `{c.name}` | {c.type} | {', '.join(c.frames or c.joints)} |"
-                for c in mechanism.closures]
     return "\n\n".join((
         f"# {robot.caption}",
         f'![{robot.caption}](../pictures/robots/{robot.name}.jpg){{width="480px"}}',
@@ -148,8 +146,8 @@ def page(robot: Robot, state: sp.State) -> str:
         f"{mechanism.model.nv} coordinates, {len(mechanism.closures)} closures, "
         f"{sum(body.mass for body in list(mechanism.model.inertias)[1:]):.4g} kg.",
         f"```python\nimport spatial_pin as sp\n\n{opened}\nsp.live(mech)\n```",
-        "## Loops\n\n| closure | type | between |\n|---|---|---|\n" + "\n".join(closures),
-        f"## Mobility\n\n```text\n{report}\n```",
+        loops(mechanism),
+        mobility(mechanism, state),
     )) + "\n"
 
 

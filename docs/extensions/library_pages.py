@@ -6,10 +6,10 @@ mobility and the file itself. `{library-cards}` shows them all on one page.
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 
 from docutils import nodes
+from mechanism_words import loops, mobility
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
@@ -39,12 +39,7 @@ def drives(mechanism: sp.Mechanism) -> str:
 def page(docs: Path, name: str) -> str:
     """Return the page of a mechanism, Markdown."""
     mechanism = sp.load(name)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", sp.SpatialPinWarning)
-        report = str(sp.mobility(mechanism))
     shown = picture(docs, name)
-    closures = "\n".join(f"| `{c.name}` | {c.type} | {', '.join(c.frames or c.joints)} |"
-                         for c in mechanism.closures)
     sizes = "\n".join(f"| `{key}` | {number(value)} |"
                       for key, value in mechanism.dimensions.items())
     file = mechanism.path
@@ -54,10 +49,10 @@ def page(docs: Path, name: str) -> str:
         f"Source: {mechanism.source}." if mechanism.source else "",
         f"```python\nimport spatial_pin as sp\n\nmech = sp.load(\"{name}\")\nsp.live(mech)\n```",
         f"Drivers: {drives(mechanism)}.",
-        "## Loops\n\n| closure | type | between |\n|---|---|---|\n" + closures if closures else "",
+        loops(mechanism),
         "## Dimensions\n\nIn SI units and radians. Each is a keyword of `sp.load` and of `--set`."
         f"\n\n| name | default |\n|---|---|\n{sizes}" if sizes else "",
-        f"## Mobility\n\n```text\n{report}\n```",
+        mobility(mechanism),
         f"## File\n\n`{file.name}`:\n\n```toml\n{file.read_text(encoding='utf-8').strip()}\n```"
         if file else "",
     ]
