@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from itertools import product
 from typing import NamedTuple
 
@@ -181,11 +180,6 @@ def _vanishing(task: Task, asked: Asked, cell: Cell) -> Border | None:
         return None
     place = begun(run, float(value), motion, 1)
     return Border(place.at, motion.frame(asked.frame).position[1], SINGULAR, place.q, place.angles)
-
-
-def work_of(task: Task) -> partial[list[Border | None]]:
-    """Return `located` for one task, as workers are sent it."""
-    return partial(located, task)
 
 
 def grid_of(ticks: Sequence[Array]) -> Array:

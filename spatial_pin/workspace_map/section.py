@@ -123,11 +123,6 @@ class Section:
                                 self.evaluation.frame(self._frame).translation / size]),
                 np.concatenate([self._rows[:k] @ t, rows @ t]))
 
-    def natural(self, drivers: Array, points: Array) -> Array:
-        """Return given coordinates and points as `seen` does."""
-        size = self.asked.mechanism.characteristic_length
-        return np.hstack([drivers / self._sizes, points / size])
-
     def plain(self, y: Array) -> tuple[Array, Array]:
         """Return coordinates (m, k) and points (m, 3) in their own units."""
         k = len(self._sizes)

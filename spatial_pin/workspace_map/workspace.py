@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from concurrent.futures import Executor
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,9 +30,9 @@ from spatial_pin.workspace_map.dexterity import (
     aspects_of,
     crossed_cells,
     grid_of,
+    located,
     measures,
     task_of,
-    work_of,
 )
 from spatial_pin.workspace_map.filling import Border, Filling, spread
 from spatial_pin.workspace_map.lines import Asked, touching
@@ -192,8 +193,11 @@ def _fill(
 ) -> None:
     """Fill a grid from its first point, and add where its determinant vanishes to a list."""
     filling.fill(executor, tell)
-    for border in _crossings(filling, task, executor):
-        singular.append(border)
+    asked_of = task_of(_flat(filling, "jacobians"), task)
+    cells = crossed_cells(filling, asked_of)
+    for border in spread(partial(located, asked_of), filling.asked, cells, executor):
+        if border is not None:
+            singular.append(border)
 
 
 def _columns(
@@ -255,15 +259,6 @@ def _flat(filling: Filling, name: str) -> Array:
     """Return what is known of the grid's points in rows."""
     data = filling.data[name]
     return data.reshape(filling.reached.size, *data.shape[len(filling.shape) :])
-
-
-def _crossings(filling: Filling, task: str | None, executor: Executor | None) -> Iterator[Border]:
-    """Yield where the determinant vanishes on lines of the grid."""
-    asked_of = task_of(_flat(filling, "jacobians"), task)
-    cells = crossed_cells(filling, asked_of)
-    for border in spread(work_of(asked_of), filling.asked, cells, executor):
-        if border is not None:
-            yield border
 
 
 def _workspace(
