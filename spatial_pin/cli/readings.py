@@ -7,14 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
-from spatial_pin.cli.tables import POINT, TURNED, read_table
+from spatial_pin.cli.tables import POINT, TURNED, frame_targets, read_table
 from spatial_pin.dimensions.measurements import ENCODER, UNITS
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.inverse_kinematics import targets
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.numerics.linalg import Array
 from spatial_pin.units import Quantity
 
 
@@ -68,7 +66,8 @@ def _measured(where: str, mechanism: Mechanism, row: Mapping[str, float]) -> dic
             found[pair[0]] = targets.distance(pair[1], value)
         else:
             found[mechanism.coordinate(name).name] = value  # says which there are
-    return {**found, **{name: _frame(where, name, parts) for name, parts in frames.items()}}
+    return {**found, **{name: frame_targets(f"{where}: no", name, parts)[0]
+                        for name, parts in frames.items()}}
 
 
 def _pair(mechanism: Mechanism, name: str) -> tuple[str, str] | None:
@@ -80,18 +79,6 @@ def _pair(mechanism: Mechanism, name: str) -> tuple[str, str] | None:
         if model.existFrame(first) and model.existFrame(second):
             return first, second
     return None
-
-
-def _frame(where: str, name: str, parts: Mapping[str, float]) -> Array | pin.SE3:
-    wanted = (*POINT, *TURNED) if set(parts) & set(TURNED) else POINT
-    missing = [f"{name}.{part}" for part in wanted if part not in parts]
-    if missing:
-        raise SpatialPinError(f"{where}: no {', '.join(missing)}: a point has x, y and z, a "
-                              "placement rx, ry and rz besides")
-    point = np.array([parts[x] for x in POINT])
-    if wanted is POINT:
-        return point
-    return pin.SE3(pin.exp3(np.array([parts[x] for x in TURNED])), point)
 
 
 def check_sigma(mechanism: Mechanism, sigma: Mapping[str, float]) -> None:

@@ -130,23 +130,28 @@ def targets_of(
         else:
             is_own = is_coordinate(mechanism, name) or not is_part(mechanism, name)
             found[mechanism.coordinate(name).name if is_own else name] = column
-    return {**found, **{frame: _frame_targets(path, frame, parts)
+    return {**found, **{frame: frame_targets(f"{path}: no column", frame, parts)
                         for frame, parts in frames.items()}}
 
 
-def _frame_targets(path: str | Path, frame: str, parts: Mapping[str, Array]) -> Any:
-    """Return points (N, 3) of a frame, or its placements."""
+def frame_targets(where: str, frame: str, parts: Mapping[str, Any]) -> Any:
+    """Return points (N, 3) of a frame, or its placements, from columns (N,) by x, y, z, rx, ry, rz.
+
+    Args:
+        where: what is said before the names of columns that are missing.
+        frame: its name.
+        parts: the columns.
+
+    Raises:
+        SpatialPinError: some are missing.
+    """
     wanted = (*POINT, *TURNED) if set(parts) & set(TURNED) else POINT
     missing = [f"{frame}.{part}" for part in wanted if part not in parts]
     if missing:
-        raise SpatialPinError(f"{path}: no column {', '.join(missing)}: a point has x, y and z, a "
+        raise SpatialPinError(f"{where} {', '.join(missing)}: a point has x, y and z, a "
                               "placement rx, ry and rz besides")
-    points = np.column_stack([parts[part] for part in POINT])
-    if wanted is POINT:
-        return points
-    vectors = np.column_stack([parts[part] for part in TURNED])
-    return [pin.SE3(pin.exp3(vector), point)
-            for vector, point in zip(vectors, points, strict=True)]
+    rows = np.column_stack([parts[part] for part in wanted])
+    return rows if wanted is POINT else [pin.SE3(pin.exp3(x[3:]), x[:3]) for x in rows]
 
 
 def _head(path: str | Path, text: str) -> tuple[str, str]:
