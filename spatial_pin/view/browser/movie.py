@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spatial_pin.checks import checked, picture_size, positive_number
 from spatial_pin.errors import SpatialPinError
@@ -32,7 +31,6 @@ if TYPE_CHECKING:
     from spatial_pin.synthesis.results import Design, Designs
     from spatial_pin.view.scene.look import Look
 
-Array = NDArray[np.float64]
 Shoot = Callable[[float], "Image.Image"]
 
 READY = "typeof seek === 'function' && !viewer.needs_render"  # of page.html
