@@ -48,7 +48,7 @@ def on_screen(options: argparse.Namespace) -> bool:
 
 def tell(
     options: argparse.Namespace, text: object, content: Any = None, table: Table | None = None,
-    files: Iterable[Path | str] = (),
+    files: Iterable[Path | str] = (), is_whole: bool = True,
 ) -> None:
     """Say what was found, write it as asked, and say what was written.
 
@@ -58,6 +58,10 @@ def tell(
         content: for `--json`.
         table: columns of equal length by heading, for `--csv`.
         files: that are written as it goes on.
+        is_whole: whether nothing cut it short.
+
+    Raises:
+        Told: something did.
     """
     if not on_screen(options):
         say(text)
@@ -68,6 +72,8 @@ def tell(
         written += write_json(content, options.json)
     if not on_screen(options):
         wrote(written)
+    if not is_whole:
+        raise Told
 
 
 def wrote(paths: Iterable[Path | str]) -> None:

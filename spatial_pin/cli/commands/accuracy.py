@@ -22,7 +22,7 @@ from spatial_pin.cli.options import (
     start_options,
     sweep_arguments,
 )
-from spatial_pin.cli.results import Told, finite, tell
+from spatial_pin.cli.results import finite, tell
 from spatial_pin.columns import heading
 
 UNITS = {"time_per_step": "s", "spread": "s", **dict.fromkeys(  # of others "-", of texts none
@@ -60,9 +60,7 @@ def _tradeoff(options: argparse.Namespace) -> None:
     content = finite(found.as_dict())
     keys = [key for key, x in content["rows"][0].items() if not isinstance(x, list | dict)]
     tell(options, text, content, {heading(key, UNITS.get(key, "-")): [
-        row[key] for row in content["rows"]] for key in keys}, files)
-    if not found.is_whole:
-        raise Told
+        row[key] for row in content["rows"]] for key in keys}, files, found.is_whole)
 
 
 def _task(options: argparse.Namespace, mechanism: sp.Mechanism) -> str | dict[str, Any]:

@@ -27,7 +27,7 @@ from spatial_pin.cli.options import (
     spread,
     workers_option,
 )
-from spatial_pin.cli.results import Told, finite, tell
+from spatial_pin.cli.results import finite, tell
 from spatial_pin.columns import heading
 from spatial_pin.errors import UnknownNameError
 from spatial_pin.motion.motion import first_samples
@@ -173,9 +173,8 @@ def _tolerance(options: argparse.Namespace) -> None:
     names = [(one, found.units[name]) for name, value in found.nominal.items()
              for one in _numbers(name, value)]
     tell(options, f"{mechanism.name}: {found}", finite(content),
-         {"output": [name for name, _ in names], "unit": [unit for _, unit in names], **columns})
-    if not found.is_whole:
-        raise Told
+         {"output": [name for name, _ in names], "unit": [unit for _, unit in names], **columns},
+         is_whole=found.is_whole)
 
 
 COMMANDS = {

@@ -68,9 +68,7 @@ def write_motion(
     lines = [motion_summary(motion), *([str(found)] if found is not None else []),
              *([last] if last else [])]
     tell(options, "\n".join(lines), _content(motion, found, is_whole), motion.columns(),
-         _written(options, motion, found))
-    if found is not None and not found.is_whole:
-        raise Told
+         _written(options, motion, found), found is None or found.is_whole)
 
 
 def _written(
@@ -307,9 +305,7 @@ def _clearance(options: argparse.Namespace) -> None:
              **({over: [float(p.value) for p in found.pairs]} if over else {}),
              "touches": [bool(p.contacts) for p in found.pairs]}
     tell(options, found, finite({"mechanism": mechanism.name, "over": over, **found.as_dict()}),
-         table)
-    if not found.is_whole:
-        raise Told
+         table, is_whole=found.is_whole)
 
 
 def _name_of_value(motion: sp.Motion) -> str:

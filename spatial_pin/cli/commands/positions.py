@@ -23,7 +23,7 @@ from spatial_pin.cli.options import (
     setting,
     target,
 )
-from spatial_pin.cli.results import SCREEN, Told, finite, tell
+from spatial_pin.cli.results import SCREEN, finite, tell
 from spatial_pin.cli.tables import read_table, targets_of
 from spatial_pin.inverse_kinematics.named_targets import read_targets
 from spatial_pin.inverse_kinematics.targets import CoordinateValue
@@ -129,9 +129,7 @@ def _modes(options: argparse.Namespace) -> None:
     tell(options, "\n".join(lines), [
         {"branch": mode.branch, "closure_error": mode.closure_error, "q": mode.q.tolist(),
          "coordinates": _content(mode)["coordinates"]} for mode in modes],
-         _modes_table(mechanism, modes), files)
-    if not modes.is_whole:
-        raise Told
+         _modes_table(mechanism, modes), files, modes.is_whole)
 
 
 def _modes_table(mechanism: sp.Mechanism, modes: sp.AssemblyModes) -> dict[str, list[Any]]:

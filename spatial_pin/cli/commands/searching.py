@@ -28,7 +28,7 @@ from spatial_pin.cli.options import (
     workers_option,
 )
 from spatial_pin.cli.readings import check_sigma, read_readings
-from spatial_pin.cli.results import Told, finite, tell
+from spatial_pin.cli.results import finite, tell
 from spatial_pin.outputs import write_columns
 from spatial_pin.units import LENGTHS
 from spatial_pin.workspace_map.curves import curve_columns
@@ -89,9 +89,8 @@ def _workspace(options: argparse.Namespace) -> None:
     table = found.columns()
     columns = {name: column.tolist() for name, column in table.items()}
     tell(options, found, finite({"mechanism": mechanism.name, "frame": found.frame,
-                                 "columns": columns}), table, _mapped(options, found))
-    if not found.is_whole:
-        raise Told
+                                 "columns": columns}), table, _mapped(options, found),
+         found.is_whole)
 
 
 def _mapped(options: argparse.Namespace, found: sp.Workspace) -> Iterator[Path | str]:
@@ -152,9 +151,7 @@ def _design(options: argparse.Namespace) -> None:
     tell(options, found, found.as_dict(),
          {"design": list(range(1, len(found) + 1)), "error": [float(x.error) for x in found],
           **{name: [float(x.dimensions[name]) for x in found] for name in names}},
-         _designed(options, found))
-    if not found.is_whole:
-        raise Told
+         _designed(options, found), found.is_whole)
 
 
 def _designed(options: argparse.Namespace, found: sp.Designs) -> Iterator[Path | str]:
@@ -211,9 +208,7 @@ def _calibrate(options: argparse.Namespace) -> None:
     residuals = content["residuals"]
     table = {key: [row[key] for row in residuals] for key in residuals[0]} if residuals else {}
     files = [found.mechanism.save(options.folder)] if options.folder else []
-    tell(options, found, content, table, files)
-    if not found.is_whole:
-        raise Told
+    tell(options, found, content, table, files, found.is_whole)
 
 
 COMMANDS = {
