@@ -135,6 +135,13 @@ SOLIDS: dict[type, Callable[[Any, float], Solid | None]] = {
 }
 
 
+def moved(p: Array) -> Array:
+    """Return the placement (4, 4) of what is moved by p (3,) [m] and not turned."""
+    M = np.eye(4)
+    M[:3, 3] = p
+    return M
+
+
 def rod(radius: float, start: float = 0.0, end: float = 1.0) -> Solid:
     """Return a round rod along z from `start` to `end` [m]."""
     lift = Y_TO_Z.copy()
@@ -144,8 +151,7 @@ def rod(radius: float, start: float = 0.0, end: float = 1.0) -> Solid:
 
 def bar(half_width: float, start: float, end: float) -> Solid:
     """Return a square bar along z from `start` to `end` [m]."""
-    lift = np.eye(4)
-    lift[2, 3] = (start + end) / 2
+    lift = moved(np.array([0.0, 0.0, (start + end) / 2]))
     return Solid(mg.Box([2 * half_width, 2 * half_width, end - start]), lift)
 
 

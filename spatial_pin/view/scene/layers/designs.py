@@ -9,7 +9,7 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.synthesis.goals import Path, Poses
 from spatial_pin.synthesis.results import Design
 from spatial_pin.view.scene.layers.traces import traces
-from spatial_pin.view.scene.shapes import ball, rod
+from spatial_pin.view.scene.shapes import ball, moved, rod
 from spatial_pin.view.scene.stage import Entry, Item, Layer, Stage, joined
 
 BALL, ROD, ARM = 0.014, 0.005, 0.10  # radii, and a length, relative to the size of the scene
@@ -52,12 +52,8 @@ def designs(stage: Stage, design: Design, drawn: tuple[str, ...]) -> Layer:
 def _points(stage: Stage, name: str, goal: Path, points: Array) -> Layer:
     """Return a ball at every point."""
     seen = stage.seen(points)
-    items = []
-    for i, point in enumerate(seen):
-        place = np.eye(4)
-        place[:3, 3] = point
-        items.append(Item(f"{name} point {i}", ball(BALL * stage.size), TARGET, placement=place,
-                          through=True))
+    items = [Item(f"{name} point {i}", ball(BALL * stage.size), TARGET, placement=moved(point),
+                  through=True) for i, point in enumerate(seen)]
     return Layer(tuple(items), seen, (Entry(TARGET, f"points asked of {goal.frame}"),))
 
 
@@ -66,9 +62,8 @@ def _triads(stage: Stage, name: str, goal: Poses, placements: Array) -> Layer:
     items = []
     for i, placement in enumerate(placements):
         for axis, colour, turn in zip("xyz", AXES, TURNS, strict=True):
-            place = np.eye(4)
+            place = moved(stage.seen(placement[:3, 3]))
             place[:3, :3] = stage.upright @ placement[:3, :3] @ turn
-            place[:3, 3] = stage.seen(placement[:3, 3])
             items.append(Item(f"{name} placement {i} {axis}",
                               rod(ROD * stage.size, 0.0, ARM * stage.size), colour,
                               placement=place, through=True))

@@ -17,6 +17,7 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.scene.film import driver_readings, film, moments
 from spatial_pin.view.scene.framing import axes_of_view, occupied
 from spatial_pin.view.scene.layers.bodies import body_items
+from spatial_pin.view.scene.shapes import moved
 from spatial_pin.view.scene.skeleton import with_skeleton
 from spatial_pin.view.scene.stage import Entry, Item, Label, Layer, Stage, Track, joint_poses
 
@@ -89,9 +90,7 @@ def _shifted(item: Item, shift: Array) -> Item:
     if item.track is not None:
         poses = item.track.poses + np.concatenate([shift, np.zeros(4)])
         return replace(item, track=item.track._replace(poses=poses))
-    move = np.eye(4)
-    move[:3, 3] = shift
-    return replace(item, joint=None, placement=move @ item.placement)
+    return replace(item, joint=None, placement=moved(shift) @ item.placement)
 
 
 def ghosts(stage: Stage, shown: tuple[State | Motion, ...]) -> Layer:
@@ -134,12 +133,12 @@ def beside(stage: Stage, shown: tuple[State | Motion, ...], direction: Array) ->
     steps = _steps(np.concatenate(corners), direction, len(corners))
     items = [_shifted(item, step) for other, step in zip(others, steps[1:], strict=True)
              for item in other.items]
-    moved = [points + step for points, step in zip(corners, steps, strict=True)]
+    placed = [points + step for points, step in zip(corners, steps, strict=True)]
     names = [_first_words(stage), *(other.words for other in others)]
     labels = [
-        Label(name, _foot(points, direction)) for name, points in zip(names, moved, strict=True)
+        Label(name, _foot(points, direction)) for name, points in zip(names, placed, strict=True)
     ]
-    return Layer(tuple(items), np.concatenate(moved), labels=tuple(labels))
+    return Layer(tuple(items), np.concatenate(placed), labels=tuple(labels))
 
 
 def _first_words(stage: Stage) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 
 from spatial_pin.motion.motion import FrameMotion, Motion
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.view.scene.shapes import Solid, ball, tube
+from spatial_pin.view.scene.shapes import Solid, ball, moved, tube
 from spatial_pin.view.scene.stage import Entry, Item, Layer, Stage
 
 TUBE = 0.006  # radius of a tube relative to the size of the scene
@@ -34,14 +34,8 @@ def point_motion(motion: Motion, name: str) -> FrameMotion:
 def _solid(path: Array, radius: float) -> Solid:
     """Return the tube of a path, or a ball where it is a single point."""
     if np.ptp(path, axis=0).max() < 1e-3 * radius:
-        return Solid(ball(radius).geometry, _moved(path[0]))
+        return Solid(ball(radius).geometry, moved(path[0]))
     return Solid(tube(path, radius))
-
-
-def _moved(p: Array) -> Array:
-    M = np.eye(4)
-    M[:3, 3] = p
-    return M
 
 
 def traces(stage: Stage, names: tuple[str, ...]) -> Layer:
