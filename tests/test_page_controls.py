@@ -797,7 +797,7 @@ def test_links_can_be_seen_through(page):
 
 
 def test_camera_goes_with_a_link(page):
-    middle_of = "onScreen(middleOf(largestOf('coupler')))"
+    middle_of = "onScreen(middleOf(largestOf('coupler').userData.solid))"
     seen = page.evaluate(f"go(0); {middle_of}")
     page.evaluate("go(2.5); viewer.render(); 1")
     assert np.hypot(*np.subtract(page.evaluate(middle_of), seen)) > 20

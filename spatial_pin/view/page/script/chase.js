@@ -6,14 +6,8 @@ function middleOf({meshes: [mesh]}) {  // of a solid, in the world
   return mesh.localToWorld(mesh.geometry.boundingBox.getCenter(new THREE.Vector3()));
 }
 
-function largestOf(link) {
-  const found = solids.filter(solid => solid.group === "links" && solid.name === link && solid.meshes.length);
-  const size = solid => Math.max(...solid.meshes.map(sizeOf));
-  return found.reduce((one, other) => size(other) > size(one) ? other : one);
-}
-
 function goWith(link) {  // it comes to the middle of the picture and stays there
-  chase.solid = largestOf(link);
+  chase.solid = largestOf(link).userData.solid;
   chase.last = viewer.controls.target.clone();
   moved = true;
 }

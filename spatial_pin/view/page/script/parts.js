@@ -45,10 +45,9 @@ function sizeOf(mesh) {
   return box.max.distanceTo(box.min);
 }
 
-function swatch(link) {  // the colour of the largest solid of a link
+function largestOf(link) {  // of its meshes
   const meshes = solids.filter(s => s.group === "links" && s.name === link).flatMap(s => s.meshes);
-  const largest = meshes.reduce((one, other) => sizeOf(other) > sizeOf(one) ? other : one);
-  return `#${largest.material.color.getHexString()}`;
+  return meshes.reduce((one, other) => sizeOf(other) > sizeOf(one) ? other : one);
 }
 
 function partRow(kind, name, text, colour) {
@@ -80,7 +79,7 @@ function listParts() {
     for (const row of rows) row.hidden = !row.textContent.toLowerCase().includes(target.value.toLowerCase());
   }});
   for (const name of names) {
-    const row = partRow("link", name, name, swatch(name));
+    const row = partRow("link", name, name, `#${largestOf(name).material.color.getHexString()}`);
     rows.push(row);
     row.onmouseenter = () => highlight(name, true);
     row.onmouseleave = () => highlight(name, false);
