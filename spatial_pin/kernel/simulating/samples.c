@@ -8,9 +8,9 @@
 
 #include "integrating.h"
 
-/* Of the closure asked for, what polynomials may leave open; and by the square of the way between two
-   anchors: accelerations miss 24 times that, which is to be a hundred times the closure at most */
-#define MAY_LEAVE 0.1
+#define MAY_LEAVE 0.1 /* of the closure asked for, that polynomials may leave open */
+/* Of that and the square of the way between two anchors: accelerations miss 24 times what is left by
+   that square, which is to be a hundred times the closure at most */
 #define MAY_BEND 4.0
 /* Of what they may, below which anchors may be twice as far apart: that leaves 64 times as much, and
    there is a margin of four */
