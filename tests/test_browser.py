@@ -420,9 +420,12 @@ def test_script_that_throws_and_page_that_is_not_there_are_clear_errors(browser,
     browser.events.clear()
 
 
-def test_browser_that_dies_is_a_clear_error():
+@pytest.mark.parametrize("is_noticed", [False, True])
+def test_browser_that_dies_is_a_clear_error(is_noticed):
     with Browser(SIZE) as browser:
         os.killpg(browser._process.pid, 9)
+        while is_noticed and not browser._line._socket.protocol.stream.closed():
+            time.sleep(0.01)
         with pytest.raises(SpatialPinError, match=r"went away|closed"):
             browser.evaluate("1")
 

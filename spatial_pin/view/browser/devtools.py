@@ -73,10 +73,12 @@ class _Line:
             raise
 
     def send(self, text: str) -> None:
-        """Send a message."""
+        """Send a message; that the other end is gone is told by `receive`."""
+        from tornado.websocket import WebSocketClosedError
 
         async def write() -> None:
-            await self._socket.write_message(text)
+            with contextlib.suppress(WebSocketClosedError):
+                await self._socket.write_message(text)
 
         asyncio.run_coroutine_threadsafe(write(), self._loop).result(ANSWERED_IN)
 
