@@ -9,7 +9,7 @@ import pytest
 from pictures import colour_mask, middle, pixels
 
 import spatial_pin as sp
-from spatial_pin.view.browser.devtools import Browser
+from spatial_pin.view.browser.devtools import NEXT_PICTURE, Browser
 from spatial_pin.view.browser.movie import READY
 from spatial_pin.view.browser.picture import find_browser
 from spatial_pin.view.page.html import packed
@@ -75,8 +75,13 @@ def box(browser: Browser, selector: str) -> dict[str, float]:
 
 
 def click(browser: Browser, selector: str, across: float = 0.5) -> None:
+    """Click at an element where it stands in the next picture; the page has met it then."""
+    browser.evaluate(NEXT_PICTURE)
+    browser.evaluate("met = new Promise(done => addEventListener('click', () => done(true), "
+                     "{capture: true, once: true})); 1")
     b = box(browser, selector)
     browser.click(b["x"] + across * b["width"], b["y"] + b["height"] / 2)
+    browser.evaluate("met")
 
 
 def point_at(browser: Browser, x: float, y: float) -> None:
