@@ -95,7 +95,7 @@ class Accuracy:
     positions and rates are off by about that part, at a fraction of the cost. The looser the
     tolerance the fewer the points: thirty a turn at 1e-4, a hundred at 1e-6. From 1e-11 on
     DOP853 tells the accelerations of a simulation's samples, too, and most samples of one freedom
-    are interpolated in the same way.
+    are interpolated in the same way; not where functions of yours act, as these may jump.
 
     Example:
         >>> mech = sp.load("four_bar")

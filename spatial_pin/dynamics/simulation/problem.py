@@ -91,8 +91,11 @@ class Problem:
 
     @property
     def between(self) -> float:
-        """Closure that samples may leave open as the integrator tells them, 0 if it does not."""
-        return self.tolerance if self.tolerance >= BETWEEN_ANCHORS else 0.0
+        """Closure that samples may leave open as the integrator tells them, 0 if it does not.
+
+        Where functions of the user's jump, accelerations are those of the time itself.
+        """
+        return self.tolerance if self.is_steady and self.tolerance >= BETWEEN_ANCHORS else 0.0
 
     @cached_property
     def packed(self) -> Packed:
