@@ -11,6 +11,8 @@ from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.continuation.cursor import Cursor
 from spatial_pin.continuation.start import Start
+from spatial_pin.formats.export import content_of
+from spatial_pin.formats.files import from_text
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.paths import Path, Samples
 from spatial_pin.rates.rates import prescribed_at
@@ -102,6 +104,20 @@ def test_rates_of_interpolated_samples_hold_near_a_limit_position(tolerance):
     exact = sp.sweep(mechanism, driver, values)
     for one, two in ((loose.q, exact.q), (loose.v, exact.v), (loose.a, exact.a)):
         assert np.abs(one - two).max() <= tolerance * max(1.0, np.abs(two).max())
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-5, 1e-6, 1e-8])
+def test_passive_freedoms_of_least_motion_are_not_interpolated(tolerance):
+    """Their rates and accelerations are least by themselves: no curve has both."""
+    rssr = sp.load("rssr")
+    content = content_of(rssr)
+    del content["passive"]
+    mechanism, values = from_text(rssr.urdf, content, "here.toml"), np.linspace(0.0, 1.0, 201)
+    loose = sp.sweep(mechanism, "crank", values, accuracy=Accuracy(tolerance=tolerance))
+    exact = sp.sweep(mechanism, "crank", values)
+    assert loose.closure_error.max() <= tolerance
+    for one, two in ((loose.q, exact.q), (loose.v, exact.v), (loose.a, exact.a)):
+        assert np.abs(one - two).max() <= tolerance
 
 
 @pytest.mark.parametrize(("tolerance", "most"), [(1e-2, 30), (1e-4, 40), (1e-6, 120)])

@@ -61,10 +61,17 @@ class _Accuracy(ctypes.Structure):
 
 
 @cache
-def _asked(accuracy: Accuracy, has_redundant: bool) -> Any:
-    """Return what is asked of a path, for C; whether its equations are some of more."""
+def _asked(accuracy: Accuracy, has_redundant: bool, is_determined: bool) -> Any:
+    """Return what is asked of a path, for C.
+
+    Args:
+        accuracy: of the path.
+        has_redundant: whether its equations are some of more.
+        is_determined: whether no passive freedom takes the least motion. That has no curve of its
+            own, which samples could lie on: its accelerations are least by themselves.
+    """
     tolerance, is_fixed = accuracy.tolerance, accuracy.corrections is not None
-    loose = tolerance >= BETWEEN and accuracy.order == 3 and not is_fixed
+    loose = tolerance >= BETWEEN and accuracy.order == 3 and not is_fixed and is_determined
     wanted = min(tolerance, TIGHT) if has_redundant else tolerance
     closed = NODE_RESIDUAL if loose else max(wanted, FINEST)
     return ctypes.byref(_Accuracy(
@@ -105,7 +112,8 @@ class Path:
             kernel.handle, None if rows is None else address(rows), n,
             (INT * len(driven))(*driven), len(driven),
             None if fill is None else address(fill), 0 if fill is None else len(fill)))
-        handle, asked = ctypes.c_void_p(), _asked(accuracy, n < kernel.n_closure)
+        handle = ctypes.c_void_p()
+        asked = _asked(accuracy, n < kernel.n_closure, fill is None or not len(fill))
         check(self._library.path_create(kernel.handle, asked, ctypes.byref(handle)))
         self._handle = handle
 
