@@ -155,12 +155,19 @@ class _Tree:
         n = model.njoints
         self.kind, self.parent, self.iq, self.iv = np.zeros((4, n), np.int64)
         self.pitch, self.mass = np.zeros((2, n))
-        self.translation, self.com = np.zeros((2, n, 3))
-        self.rotation, self.inertia = np.zeros((2, n, 3, 3))
-        self.rotation[0] = np.eye(3)
         self.frames = np.tile(np.eye(3), (n, 1, 1))
+        rotation, translation = self.frames.copy(), np.zeros((n, 3))
+        lever, inertia = np.zeros((n, 3)), np.zeros((n, 3, 3))
         for i in range(1, n):
             self._add(model, i)
+            placement, body = model.jointPlacements[i], model.inertias[i]
+            rotation[i], translation[i] = placement.rotation, placement.translation
+            self.mass[i], lever[i], inertia[i] = body.mass, body.lever, body.inertia
+        own, above = self.frames, self.frames[self.parent].mT
+        self.rotation = (above @ rotation @ own).mT  # stored by columns
+        self.translation = (above @ translation[..., None])[..., 0]
+        self.com = (own.mT @ lever[..., None])[..., 0]
+        self.inertia = own.mT @ inertia @ own
 
     def _add(self, model: pin.Model, i: int) -> None:
         joint = model.joints[i]
@@ -169,12 +176,6 @@ class _Tree:
         self.parent[i], self.iq[i], self.iv[i] = model.parents[i], joint.idx_q, joint.idx_v
         if axis is not None:
             self.frames[i] = turned_to_z(axis)
-        own, above = self.frames[i], self.frames[self.parent[i]].T
-        placement, inertia = model.jointPlacements[i], model.inertias[i]
-        self.rotation[i] = (above @ placement.rotation @ own).T  # stored by columns
-        self.translation[i] = above @ placement.translation
-        self.mass[i], self.com[i] = inertia.mass, own.T @ inertia.lever
-        self.inertia[i] = own.T @ inertia.inertia @ own
 
 
 def joint_kind(joint: Any) -> tuple[int, Array | None, float]:
@@ -194,9 +195,9 @@ def joint_kind(joint: Any) -> tuple[int, Array | None, float]:
 
 def turned_to_z(axis: Array) -> Array:
     """Return a rotation (3, 3) whose third column is a unit axis (3,); exact along the axes."""
-    k = int(np.argmax(np.abs(axis)))
-    if np.abs(np.delete(axis, k)).max() == 0.0:
-        frame = np.zeros((3, 3))
+    along = np.flatnonzero(axis)
+    if len(along) == 1:
+        k, frame = along[0], np.zeros((3, 3))
         sign = np.sign(axis[k])
         frame[k, 2], frame[(k + 1) % 3, 0], frame[(k + 2) % 3, 1] = sign, 1.0, sign
         return frame
