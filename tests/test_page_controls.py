@@ -70,13 +70,15 @@ def key(browser: Browser, name: str, shift: bool = False) -> None:
 
 
 def box(browser: Browser, selector: str) -> dict[str, float]:
+    """Where an element stands once all is laid out: what watches sizes acts after pictures."""
+    for _ in range(3):
+        browser.evaluate(NEXT_PICTURE)
     script = f"document.querySelector({selector!r}).getBoundingClientRect().toJSON()"
     return browser.evaluate(script)
 
 
 def click(browser: Browser, selector: str, across: float = 0.5) -> None:
     """Click at an element where it stands in the next picture; the page has met it then."""
-    browser.evaluate(NEXT_PICTURE)
     browser.evaluate("met = new Promise(done => addEventListener('click', () => done(true), "
                      "{capture: true, once: true})); 1")
     b = box(browser, selector)
