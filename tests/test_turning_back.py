@@ -85,8 +85,8 @@ def test_a_joint_that_turns_back_sharply_hands_over_to_another(tmp_path, seed):
 
 
 @pytest.mark.parametrize("seed", [33, 37, 45, 57, 2])
-def test_a_chart_of_ball_joints_is_left_where_it_folds(tmp_path, seed):
-    """Not where velocities do: coordinates of a chart are other functions than theirs."""
+def test_coordinates_of_ball_joints_are_left_where_they_fold(tmp_path, seed):
+    """Not where velocities do: coordinates of a rotation are other functions than theirs."""
     assert_formulations_agree(top_on_an_arm(tmp_path, seed), 1.0)
 
 

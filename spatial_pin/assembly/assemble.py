@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from spatial_pin.assembly.rounding import allowed_from, rounded
-from spatial_pin.assembly.search.closing import Closing, Lent, gone_from
+from spatial_pin.assembly.search.closing import Closing, Equations, gone_from
 from spatial_pin.assembly.search.guesses import Guess, read_guess
 from spatial_pin.assembly.search.refusals import failure, open_gap
 from spatial_pin.assembly.search.search import Search
@@ -132,15 +132,15 @@ def assembled(
     standing = said if beginning is None else {
         name: coordinate_value(mechanism, mechanism.coordinate_table[name], start.q)
         for name in said}
-    with Lent(mechanism, guess.angles if isinstance(guess, State) else None) as lent:
+    with Equations(mechanism, guess.angles if isinstance(guess, State) else None) as equations:
         def searched(accuracy: Accuracy) -> Search:
             search = Search(Closing(
-                lent, held, standing, start, accuracy), limits)
+                equations, held, standing, start, accuracy), limits)
             search.run(release=release)
             if search.best is None and standing and release and not search.is_near:
                 goal = Guess(mechanism, with_values(mechanism, start.q, standing),
                              {**standing, **start.values})
-                search = Search(Closing(lent, held, {}, goal, accuracy, said), limits)
+                search = Search(Closing(equations, held, {}, goal, accuracy, said), limits)
                 search.run(with_values(mechanism, start.q, held))
             return search
 
@@ -228,9 +228,9 @@ def _at_home(
 
     Else where the loops take them, as the guess may name the platform and leave out the legs.
     """
-    with Lent(mechanism) as lent:
+    with Equations(mechanism) as equations:
         search = Search(Closing(
-            lent, {}, drivers, start, accuracy_of(None)), False)
+            equations, {}, drivers, start, accuracy_of(None)), False)
         search.attempt(start.q)
     if search.best is not None:
         return {}

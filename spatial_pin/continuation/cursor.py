@@ -40,13 +40,13 @@ class Stopped(Exception):
 
     Attributes:
         arrival: where it ended.
-        row: number of the sample that could not be reached.
+        sample: number of the one that could not be reached.
     """
 
     def __init__(self, arrival: Arrival) -> None:
         super().__init__(arrival.kind)
         self.arrival = arrival
-        self.row = 0
+        self.sample = 0
 
 
 class Place(NamedTuple):

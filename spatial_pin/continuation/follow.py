@@ -27,17 +27,17 @@ def followed_in_order(start: Start, values: Array, bar: Any) -> Samples | None:
     if ways is None:
         return None
     samples = start.samples(len(values))
-    for rows in ways:
-        own = start.samples(len(rows))
+    for way in ways:
+        own = start.samples(len(way))
         try:
-            for _ in follow(start, values[rows], own, None):
+            for _ in follow(start, values[way], own, None):
                 pass
         except (Stopped, SpatialPinError):
             bar.reset()
             return None
-        bar.update(len(rows))
+        bar.update(len(way))
         for whole, part in zip(samples, own, strict=True):
-            whole[rows] = part
+            whole[way] = part
     return samples
 
 
@@ -58,7 +58,7 @@ def followed_as_far(
         for done in follow(start, values, samples, crossed):
             bar.update(done - bar.n)
     except Stopped as caught:
-        return caught.row, caught.arrival, False
+        return caught.sample, caught.arrival, False
     except KeyboardInterrupt:
         if not done:
             raise
@@ -95,7 +95,7 @@ def follow(
         try:
             cursor.reach(float(values[k]))
         except Stopped as stopped:
-            stopped.row = k
+            stopped.sample = k
             k = _pass_branch_point(cursor, values, samples, stopped, crossed)
         else:
             _put(samples, k, cursor.here)
@@ -123,18 +123,18 @@ def _pass_branch_point(
     found = passage(cursor, stopped.arrival) if crossed is not None else None
     if found is None or crossed is None:
         raise stopped
-    k = stopped.row
+    k = stopped.sample
     while k > 0 and found.holds(float(values[k - 1])):
         k -= 1
-    crossed[:] = [(x, row) for x, row in crossed if row < k or not found.holds(x)]
-    for row in range(k, len(values)):
-        value = float(values[row])
-        crossed += [(x, row) for x in found.passed(float(values[max(row - 1, 0)]), value)]
+    crossed[:] = [(x, at) for x, at in crossed if at < k or not found.holds(x)]
+    for at in range(k, len(values)):
+        value = float(values[at])
+        crossed += [(x, at) for x in found.passed(float(values[max(at - 1, 0)]), value)]
         cursor.stand(found.place(value))
         if not found.holds(value):
-            if row == stopped.row and not abs(value - cursor.here.s) < abs(
+            if at == stopped.sample and not abs(value - cursor.here.s) < abs(
                     value - stopped.arrival.value):  # no nearer than before
                 raise stopped
-            return row
-        _put(samples, row, cursor.here)
+            return at
+        _put(samples, at, cursor.here)
     return len(values)

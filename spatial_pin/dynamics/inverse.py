@@ -149,8 +149,9 @@ def inverse_dynamics(
 
     At rest this is statics. All that moves must be actuated, or be without load: a link that hangs
     on a hinge which nobody drives would fall. An exception are passive freedoms (`mobility` names
-    them), such as the spin of a rod between two balls: their accelerations are those that forces
-    and inertia give them, whatever `state` says. At rest a load that would turn them is refused.
+    them), such as the idle rotation of a rod between two balls: their accelerations are those that
+    forces and inertia give them, whatever `state` says. At rest a load that would turn
+    them is refused.
 
     With more actuators than freedoms the efforts of least (weighted) squares are taken;
     `Efforts.unique_efforts` tells which efforts depend on that, `Efforts.unique` which reactions.

@@ -44,7 +44,7 @@ class Run(ctypes.Structure):
                 ("between", REAL)]
 
 
-AT_END, AT_FAILURE, NEW_CHART, FULL, STIFF, CREEPING, MANY = range(7)  # why it paused
+AT_END, AT_FAILURE, NEW_COORDINATES, FULL, STIFF, CREEPING, MANY = range(7)  # why it paused
 
 
 class Samples(NamedTuple):
@@ -149,7 +149,7 @@ class Dynamics:
     def begin(
         self, q: Array, angles: Array, spins: Array, free: Sequence[int], chosen: Ints
     ) -> bool:
-        """Begin a chart at a closed configuration; whether its coordinates determine the motion.
+        """Count coordinates from a closed configuration; whether they determine the motion.
 
         Args:
             q: (nq,) the configuration.
@@ -164,11 +164,11 @@ class Dynamics:
             self.handle, *map(address, (q, angles, spins, held, chosen)), len(chosen))
 
     def renew(self, t: float, y: Array) -> tuple[list[int], Array, bool] | None:
-        """Choose the best independent coordinates at y, and begin a chart of them there.
+        """Choose the best independent coordinates at y, and let them count from there.
 
         Returns:
             Their velocity entries, the unknowns (n,) in them, and whether nothing has changed
-            (the same coordinates, none of which turns in space). None where no chart can begin.
+            (the same coordinates, none of which turns in space). None where there are none.
         """
         y, free, same = np.array(y), np.empty(self.n_free, np.int64), np.empty(1, np.int64)
         code = self.asking.settle(self._library.dynamics_renew(
@@ -229,7 +229,7 @@ class Dynamics:
         return None if code else found
 
     def crossed(self, first: float, last: float) -> list[float]:
-        """Return the branch points between two values of the chart coordinate."""
+        """Return the branch points between two values of the independent coordinate."""
         out = np.empty(MOST_CROSSINGS)
         n = self._library.dynamics_crossed(self.handle, first, last, address(out), len(out))
         return out[:n].tolist()

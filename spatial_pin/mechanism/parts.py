@@ -190,7 +190,7 @@ class Spring:
 
 @dataclass(frozen=True)
 class Passive:
-    """How the passive spin of a link is resolved: it does not spin about a line.
+    """How the idle rotation of a link is resolved: it does not rotate about a line.
 
     That is, its absolute rotation about the line has neither speed nor acceleration.
 

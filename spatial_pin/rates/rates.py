@@ -200,10 +200,10 @@ def solve_rates(
 ) -> State:
     """Solve velocities and accelerations of all joints of a closed state.
 
-    A passive freedom, such as the spin of a rod between two balls, follows the mechanism file,
-    which may say that there is no spin about a line. What the file leaves open takes the joint
-    rates of least norm, velocities and accelerations each for itself: along such a freedom the
-    acceleration is not the derivative of the velocity. Resolve it in the file to know more.
+    A passive freedom, such as the idle rotation of a rod between two balls, follows the mechanism
+    file, which may say that there is no rotation about a line. What the file leaves open takes the
+    joint rates of least norm, velocities and accelerations each for itself: along such a freedom
+    the acceleration is not the derivative of the velocity. Resolve it in the file to know more.
 
     Args:
         mechanism: the mechanism.

@@ -32,7 +32,7 @@ from spatial_pin.settings import Accuracy
 ACCEPTED = TOLERANCES.closed
 
 
-class Lent:  # with Lent(...) as lent
+class Equations:  # with Equations(...) as equations
     """The equations of a mechanism, acquired when they are first evaluated, and released.
 
     Args:
@@ -51,7 +51,7 @@ class Lent:  # with Lent(...) as lent
         self.reference = angles if angles is not None and len(angles) == n else np.zeros(n)
         self.whole: Evaluation | None = None
 
-    def __enter__(self) -> Lent:
+    def __enter__(self) -> Equations:
         """Return this."""
         if self.mechanism.whole is not None:
             self.whole = self._evaluation_of(
@@ -81,7 +81,7 @@ class Closing:
     Where the file's numbers are rounded all equations lead, and stay closed to the gap.
 
     Args:
-        lent: the equations.
+        equations: of the mechanism.
         held: coordinates that were given values.
         standing: drivers that stand, by coordinate.
         guess: where to start, and what is named; what is held need not have its value there.
@@ -91,14 +91,14 @@ class Closing:
 
     def __init__(
         self,
-        lent: Lent,
+        equations: Equations,
         held: Mapping[str, float],
         standing: Mapping[str, float],
         guess: Guess,
         accuracy: Accuracy,
         let_go: Mapping[str, float] | None = None,
     ) -> None:
-        self.mechanism, self.lent, self.whole = lent.mechanism, lent, lent.whole
+        self.mechanism, self.equations, self.whole = equations.mechanism, equations, equations.whole
         self.given, self.standing = held, standing
         self.held, self.let_go = {**held, **standing}, let_go or {}
         self.accuracy, self.tolerance = accuracy, accuracy.tolerance
@@ -119,7 +119,7 @@ class Closing:
     @property
     def evaluation(self) -> Evaluation:
         """The equations of the mechanism."""
-        return self.lent.evaluation
+        return self.equations.evaluation
 
     def left_by(self, held: Iterable[str]) -> NDArray[np.bool_]:
         """Return (nv,) which velocities are left where coordinates and free bases are held."""
@@ -134,7 +134,7 @@ class Closing:
         if self.whole is not None:
             q = closed(self.whole.mechanism, q, free, self.whole.angle_reference, tolerance,
                        pinned=pinned, cut=self._cut).q
-        return closed(self.mechanism, q, free, self.lent.reference, tolerance,
+        return closed(self.mechanism, q, free, self.equations.reference, tolerance,
                       pinned=pinned)
 
     def reached(self, starts: Sequence[Array], shakes: Shakes | None = None) -> Iterable[Reached]:
@@ -147,7 +147,7 @@ class Closing:
         if not starts:
             return ()
         with closer_of(self.mechanism, self.pinned) as closer:
-            found = closer.reach(starts, self.free, self.lent.reference, self.tolerance,
+            found = closer.reach(starts, self.free, self.equations.reference, self.tolerance,
                                  DAMPED_STEPS, self.pinned.values(), TOLERANCES.rank, self.first,
                                  self._meant, shakes)
         return map(finite, found)
@@ -170,12 +170,12 @@ class Closing:
     def seen(self, q: Array) -> Reached:
         """Return what q (nq,) is, whole turns taken off its angles."""
         with closer_of(self.mechanism) as closer:
-            return closer.judge(q, self.lent.reference, self._meant)
+            return closer.judge(q, self.equations.reference, self._meant)
 
     def examined(self, q: Array) -> Examined:
         """Return what the equations, of the mechanism alone, are like at q (nq,)."""
         with closer_of(self.mechanism) as closer:
-            return closer.examine(q, self.lent.reference)
+            return closer.examine(q, self.equations.reference)
 
     def is_sound(self, found: Reached) -> bool:
         """Whether nothing is at fault where closing has led, as far as that tells by itself."""

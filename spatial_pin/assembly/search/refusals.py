@@ -118,7 +118,7 @@ def _closed_elsewhere(search: Search, q: Array) -> dict[str, float]:
     named = {**closing.named, **closing.held}
     start = with_values(closing.mechanism, q, named)
     other = Search(Closing(
-        closing.lent, {}, {}, Guess(closing.mechanism, start, named),
+        closing.equations, {}, {}, Guess(closing.mechanism, start, named),
         replace(closing.accuracy, gap=closing.gap if closing.whole else 0.0)), search.limits)
     other.run()
     if other.best is None:

@@ -28,7 +28,7 @@ class Lost(Exception):
 class Freedoms:
     """The freedoms of a closed mechanism at a state, and which coordinates determine them best.
 
-    What it has found at the last state is kept: a chart that begins there asks for it again.
+    What it has found at the last state is kept: coordinates that begin there ask for it again.
 
     Args:
         mechanism: the mechanism.

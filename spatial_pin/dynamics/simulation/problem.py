@@ -162,7 +162,7 @@ class Problem:
         return found
 
     def unknowns(self, u: Array, work: float) -> Array:
-        """Return the unknowns: chart coordinates 0, their rates u, and the work if any is done."""
+        """Return the unknowns: coordinates 0, their rates u, and the work if any is done."""
         return np.concatenate([np.zeros(len(u)), u, [work] * self.works])
 
     def work(self, y: Array) -> float:

@@ -17,8 +17,8 @@ from spatial_pin.dynamics.simulation.formulations.projected import Projected
 from spatial_pin.dynamics.simulation.independent_coordinates import Lost
 from spatial_pin.dynamics.simulation.problem import EffortLaw, Problem
 from spatial_pin.dynamics.simulation.result import Projection, Simulation, driver_names
-from spatial_pin.dynamics.simulation.running.charts import Formulate, GivenUp
 from spatial_pin.dynamics.simulation.running.energy_balance import LOST
+from spatial_pin.dynamics.simulation.running.equations_in_use import Formulate, GivenUp
 from spatial_pin.dynamics.simulation.running.events import AT_LIMITS, Watch
 from spatial_pin.dynamics.simulation.running.run import Run
 from spatial_pin.errors import (

@@ -32,8 +32,8 @@ typedef struct Correction {
 
 /* Correct q (nq) until the chosen equations hold, what is driven standing still.
  *
- * The system is bordered by whatever `system_set` was given: what is driven, freedoms of a chart,
- * or filled rows such as a tangent. Corrections have sizes of v / scale (Euclidean).
+ * The system is bordered by whatever `system_set` was given: what is driven, independent
+ * coordinates, or filled rows such as a tangent. Corrections have sizes of v / scale (Euclidean).
  *
  * DONE: the values (`equations_values`), but not the Jacobian nor the factors, are those at q.
  * UNSAFE: the first correction was larger than allowed. NOT_CONVERGED: corrections did not

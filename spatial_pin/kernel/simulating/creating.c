@@ -166,7 +166,7 @@ static int make_room(Dynamics *d)
         Int count;
     } fields[] = {
         {&d->start, nq}, {&d->sigma, d->n_spins}, {&d->q, nq}, {&d->x, n},
-        {&d->turns, na}, {&d->columns, n * nv}, {&d->chart, 3 * n}, {&d->inverse, n * n},
+        {&d->turns, na}, {&d->columns, n * nv}, {&d->by_velocity, 3 * n}, {&d->inverse, n * n},
         {&d->bend, nv}, {&d->bend_rate, n}, {&d->v, nv}, {&d->a, nv}, {&d->a0, nv},
         {&d->given, nv}, {&d->tau, nv}, {&d->z, n}, {&d->drive_effort, d->n_drives},
         {&d->period_q, nq}, {&d->period_angle, na}, {&d->passage_t, nv}, {&d->passage_c, nv},

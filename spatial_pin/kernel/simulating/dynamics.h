@@ -1,14 +1,14 @@
 /* A mechanism moved by independent coordinates under forces: what dynamics.c, independent.c,
- * charts.c and passing.c share, and what integrating.c asks of them.
+ * partitioning.c and passing.c share, and what integrating.c asks of them.
  *
- * Unknowns y: the n free coordinates x of a chart, their joint rates u (both in units of the
+ * Unknowns y: the n free coordinates x, their joint rates u (both in units of the
  * velocity's scale), a quaternion (x, y, z, w) for every body that spins freely about its own line,
  * and the work done, if anything does work; where it projects, x and u of all joints in the place of
  * the free ones. Held coordinates are the free ones, then the prescribed ones. */
 #ifndef SPATIAL_PIN_DYNAMICS_H
 #define SPATIAL_PIN_DYNAMICS_H
 
-#include "chart.h"
+#include "relative.h"
 #include "path_point.h"
 
 /* More reasons why a function ended. */
@@ -52,9 +52,9 @@ typedef struct Dynamics {
     Int n_free, n_drives, n_held, n_spins, n_unknowns, works;
     Int projects; /* whether all joint coordinates are unknowns, see projected.c */
     const Int *prescribed; /* velocity entries */
-    Int *held, *held_q;    /* velocity entry; entry of q, or -1 where the chart is curved */
+    Int *held, *held_q;    /* velocity entry; entry of q, or -1 of a rotation in space */
     Int *held_joint, *held_component; /* of a ball (0..2) or a free joint (0..5) */
-    Real *start;           /* (nq) where the chart begins */
+    Real *start;           /* (nq) what x counts from */
     Int is_linear;
     const Int *spin_joint;
     const Real *spin_axis; /* (3) in the body's axes */
@@ -68,10 +68,10 @@ typedef struct Dynamics {
     const Real *line_point, *line_spring, *turn_spring; /* spring: stiffness, damping, free */
 
     /* ---- where it is ---- */
-    Real *q, *x, *turns; /* the configuration, chart coordinates of all held ones, screw angles */
+    Real *q, *x, *turns; /* the configuration, coordinates of all held ones, screw angles */
     Real sign, pivot, first_pivot, spare; /* spare: residual of equations left out, at the start */
     Real *columns;    /* (n_held, nv) v / scale per unit rate of a held coordinate, by scale */
-    Real *chart, *inverse; /* (n_held, 3) derivatives of x; (n_held, n_held) of those by columns */
+    Real *by_velocity, *inverse; /* (n_held, 3) derivatives of x; (n_held, n_held) by columns */
     Int has_bend;
     Real *bend, *bend_rate; /* (nv) a / scale at rates of x; (n_held) these, by their square */
     Int is_curve, n_points; /* whether it moves along a curve; points known of it, the last here */
@@ -101,7 +101,7 @@ typedef struct Dynamics {
     Real *passage_t, *passage_c;
 
     /* ---- room to work in ---- */
-    const Real *wanted; /* (n_held) chart coordinates to be reached by corrections */
+    const Real *wanted; /* (n_held) coordinates to be reached by corrections */
     Real *step, *trial, *solved, *goal, *before, *off, *force, *moment, *twist, *mass, *asking,
         *laws, *rates, *freedoms; /* freedoms: (nv, n_free) */
     Int *order;  /* (n_held) of rows in the inverse's factors */
@@ -132,9 +132,9 @@ void independent_rates(Dynamics *d, const Real *v, Real *rates); /* of the free 
 Real independent_pace(const Dynamics *d);
 int independent_bias(Dynamics *d, const Real *v, const Real *held_acceleration, Real *a);
 
-/* ---- charts.c ---- */
-void charts_orthonormal_freedoms(Dynamics *d); /* d->freedoms, of the columns */
-int charts_hold_better(Dynamics *d); /* hold the best coordinates, in the chart as it is */
+/* ---- partitioning.c ---- */
+void partitioning_orthonormal_freedoms(Dynamics *d); /* d->freedoms, of the columns */
+int partitioning_hold_better(Dynamics *d); /* hold the best coordinates, counted as they are */
 
 /* ---- projected.c ---- */
 int projected_place(Dynamics *d, const Real *y); /* q, v, a0 */
@@ -142,7 +142,7 @@ void projected_rates(Dynamics *d, Real *rates);  /* of the coordinates and veloc
 
 /* ---- passing.c ---- */
 int passing_return(Dynamics *d, const Place *place);
-int passing_travel(Dynamics *d, const Real *x); /* to chart coordinates, branch points included */
+int passing_travel(Dynamics *d, const Real *x); /* to coordinates x, branch points included */
 Int passing_crossed(const Dynamics *d, Real from, Real to, Real *x, Int room);
 
 /* ---- dynamics.c ---- */

@@ -1,6 +1,6 @@
 /* A closed mechanism moved by its independent coordinates.
  *
- * Chart coordinates x of the held freedoms are entries of q less those at the start, by scale; for
+ * Coordinates x of the held freedoms are entries of q less those at the start, by scale; for
  * joints that turn in space components of the rotation vector from the start. Steps in x are
  * predicted to second order, corrected by Newton's method with the held coordinates given, and
  * accepted only where the prediction explains the correction and no pivot has changed its sign:
@@ -32,17 +32,18 @@
 #define ENOUGH 0.1
 #define RESELECT_PIVOTS 1e-2  /* of the pivots where equations were chosen: there others are tried */
 
-/* ---- the chart of held coordinates ---- */
+/* ---- held coordinates ---- */
 
 /* Whether a held coordinate is told by an entry of q alone. */
 static int is_plain(const Dynamics *d, Int i) { return d->held_q[i] >= 0; }
 
-/* Rate of a held chart coordinate at v / scale. */
-static Real chart_rate(const Dynamics *d, Int i, const Real *v)
+/* Rate of a held coordinate at v / scale. */
+static Real held_rate(const Dynamics *d, Int i, const Real *v)
 {
     if (is_plain(d, i))
         return v[d->held[i]];
-    return chart_rate_by(d->k, d->held_joint[i], d->held_component[i], d->chart + 3 * i, v);
+    return relative_rate_by(d->k, d->held_joint[i], d->held_component[i],
+                            d->by_velocity + 3 * i, v);
 }
 
 void independent_rates(Dynamics *d, const Real *v, Real *rates)
@@ -50,7 +51,7 @@ void independent_rates(Dynamics *d, const Real *v, Real *rates)
     for (Int i = 0; i < d->k->nv; i++)
         d->step[i] = v[i] / d->k->scale[i];
     for (Int i = 0; i < d->n_free; i++)
-        rates[i] = chart_rate(d, i, d->step);
+        rates[i] = held_rate(d, i, d->step);
 }
 
 /* ---- solving ---- */
@@ -90,7 +91,7 @@ void independent_columns(Dynamics *d)
         return;
     for (Int i = 0; i < n; i++)
         for (Int j = 0; j < n; j++)
-            d->goal[i * n + j] = chart_rate(d, i, d->columns + j * nv);
+            d->goal[i * n + j] = held_rate(d, i, d->columns + j * nv);
     memset(d->inverse, 0, (size_t)(n * n) * sizeof *d->inverse);
     for (Int i = 0; i < n; i++)
         d->inverse[i * n + i] = 1.0;
@@ -114,7 +115,7 @@ static void add_motion(const Dynamics *d, const Real *dx, Real *step)
     }
 }
 
-/* The step (nv) by scale to chart coordinates x, of second order along the last velocity. */
+/* The step (nv) by scale to coordinates x, of second order along the last velocity. */
 static void predict(Dynamics *d, const Real *x)
 {
     Real way = 0.0;
@@ -180,8 +181,8 @@ static Real put_held(void *owner, Real *q)
     for (Int i = 0; d->is_linear && i < d->n_held; i++)
         q[d->held_q[i]] = d->start[d->held_q[i]] + d->k->scale[d->held[i]] * d->wanted[i];
     for (Int i = 0; !d->is_linear && i < d->n_held; i++) {
-        d->off[i] = d->wanted[i] - chart_coordinate(d->k, d->held_joint[i], d->held_component[i],
-                                                    d->start, q);
+        d->off[i] = d->wanted[i] - relative_coordinate(d->k, d->held_joint[i],
+                                                       d->held_component[i], d->start, q);
         square += d->off[i] * d->off[i];
     }
     return sqrt(square);
@@ -194,21 +195,21 @@ static int factor_here(void *owner)
     if (code == DONE && !d->is_linear) {
         for (Int i = 0; i < d->n_held; i++)
             if (!is_plain(d, i))
-                chart_row(d->k, d->held_joint[i], d->held_component[i], d->start, d->trial,
-                          d->chart + 3 * i);
+                relative_row(d->k, d->held_joint[i], d->held_component[i], d->start, d->trial,
+                             d->by_velocity + 3 * i);
         independent_columns(d);
     }
     return code;
 }
 
-/* Add the motion that brings held coordinates to x, in a curved chart, to a step. */
+/* Add the motion that brings held coordinates to x, where some are rotations, to a step. */
 static void close_held(void *owner, Real *step)
 {
     Dynamics *d = owner;
     if (d->is_linear)
         return;
     for (Int i = 0; i < d->n_held; i++)
-        d->off[i] -= chart_rate(d, i, step);
+        d->off[i] -= held_rate(d, i, step);
     add_motion(d, d->off, step);
 }
 
@@ -388,7 +389,7 @@ int independent_stand(Dynamics *d)
 void independent_note(Dynamics *d)
 {
     for (Int i = 0; i < d->n_held; i++)
-        d->x[i] = chart_coordinate(d->k, d->held_joint[i], d->held_component[i], d->start, d->q);
+        d->x[i] = relative_coordinate(d->k, d->held_joint[i], d->held_component[i], d->start, d->q);
 }
 
 /* Move to x in as many steps as it takes; where it cannot it stands where it came to. */
@@ -462,7 +463,7 @@ int independent_begin(Dynamics *d)
     return DONE;
 }
 
-/* How many times faster than a held coordinate another one moves, or the chart bends. */
+/* How many times faster than a held coordinate another one moves, or coordinates bend. */
 Real independent_pace(const Dynamics *d)
 {
     Real most = 1.0;
@@ -496,7 +497,7 @@ int independent_bias(Dynamics *d, const Real *v, const Real *held_acceleration, 
     for (Int j = 0; j < k->nv; j++)
         d->step[j] = v[j] / k->scale[j];
     for (Int i = 0; i < d->n_held; i++) {
-        d->bend_rate[i] = chart_rate(d, i, d->step);
+        d->bend_rate[i] = held_rate(d, i, d->step);
         square += d->bend_rate[i] * d->bend_rate[i];
     }
     d->has_bend = square > 0.0;

@@ -17,8 +17,8 @@ enum Status { RUNNING = 0, FINISHED = 1, FAILED = 2 };
 
 /* Why a run of steps paused; after FULL, STIFF, CREEPING and LIMIT the samples of its last step are
  * still to be made. */
-enum Pause { AT_END = 0, AT_FAILURE = 1, NEW_CHART = 2, FULL = 3, STIFF = 4, CREEPING = 5, MANY = 6,
-             RAISED = 7, LIMIT = 8 };
+enum Pause { AT_END = 0, AT_FAILURE = 1, NEW_COORDINATES = 2, FULL = 3, STIFF = 4, CREEPING = 5,
+             MANY = 6, RAISED = 7, LIMIT = 8 };
 
 #define LONG_STEPS 15 /* steps at the bound of stability of a stiff motion [HairerWanner1996] */
 #define SHORT_STEPS 6 /* steps well within it that tell that it is none */
@@ -28,7 +28,7 @@ enum Pause { AT_END = 0, AT_FAILURE = 1, NEW_CHART = 2, FULL = 3, STIFF = 4, CRE
 #define CREEPS_BELOW 1e-3
 #define NOWHERE 1e-2 /* of the longest step, that all steps allowed would lead to */
 #define NEAR_LIMIT 0.5 /* of a velocity limit: what is nearer may pass it within a step */
-#define CHART_ENDS 1.0 /* rotation vector at which a chart is begun anew [rad] */
+#define COORDINATES_END 1.0 /* rotation vector at which coordinates are begun anew [rad] */
 
 typedef struct {
     Int stages;     /* of a step; the slope at its end comes after them */
@@ -414,10 +414,10 @@ static void note_branch_points(const Integrator *g, const Dynamics *d, Run *run,
     run->n_crossed += n;
 }
 
-static int needs_new_chart(const Integrator *g, Dynamics *d, const Run *run)
+static int needs_new_coordinates(const Integrator *g, Dynamics *d, const Run *run)
 {
     for (Int i = 0; !d->is_linear && i < d->n_free; i++)
-        if (fabs(g->y[i]) > CHART_ENDS)
+        if (fabs(g->y[i]) > COORDINATES_END)
             return 1;
     return dynamics_keep(d) > run->patience;
 }
@@ -444,8 +444,8 @@ EXPORT int integrator_run(Integrator *g, Dynamics *d, Run *run)
             return code == ASK_FAILED ? RAISED : AT_FAILURE;
         if (d->passes)
             note_branch_points(g, d, run, first);
-        if (needs_new_chart(g, d, run))
-            return NEW_CHART;
+        if (needs_new_coordinates(g, d, run))
+            return NEW_COORDINATES;
         if (g->status == FINISHED)
             return AT_END;
     }

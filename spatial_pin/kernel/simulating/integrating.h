@@ -26,7 +26,7 @@ typedef struct {
     Real *q, *v, *a, *numbers, *efforts, *angles; /* rows of all samples */
     Int most;          /* steps to take */
     Real patience, largest_step, largest_pivot, allowed; /* allowed: steps of the whole */
-    Int n_crossed;     /* branch points passed: chart coordinate, and samples before */
+    Int n_crossed;     /* branch points passed: the coordinate, and samples before */
     Real crossed[MOST_CROSSED];
     Int crossed_row[MOST_CROSSED];
     Int looks, n_limits;   /* whether every step is looked at; limits of coordinates */

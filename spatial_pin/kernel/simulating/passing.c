@@ -204,7 +204,7 @@ static int try_to(Dynamics *d, const Real *x)
     return d->passes ? travel(d, x[0]) : independent_follow(d, x);
 }
 
-/* Move to chart coordinates x. A wild trial of an integrator may end where there is hardly a way
+/* Move to coordinates x. A wild trial of an integrator may end where there is hardly a way
  * back: then the way begins at the place that was kept last. */
 int passing_travel(Dynamics *d, const Real *x)
 {

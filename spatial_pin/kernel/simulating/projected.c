@@ -1,8 +1,8 @@
 /* All joint coordinates as unknowns, loops closed by projection [Eich1993].
  *
- * Unknowns are the chart coordinates of all joints and their velocities. What they say is taken to
- * the nearest configuration with closed loops, and to the nearest velocity that these allow, before
- * accelerations are worked out; after every step the unknowns themselves are. With K x = -r solved for
+ * Unknowns are the relative coordinates of all joints and their velocities. What they say is
+ * brought to the nearest configuration with closed loops, and to the nearest velocity that these
+ * allow, before accelerations are worked out; after every step the unknowns themselves are. With K x = -r solved for
  * the held coordinates at rest, and Q an orthonormal basis of the freedoms' motions, the shortest
  * correction is x - Q Q^T x; the nearest velocity is Q Q^T v.
  *
@@ -94,7 +94,7 @@ static int project(Dynamics *d, Real allowed)
             return LOST;
         if (independent_factor(d) != DONE || !(k->pivot_ratio > LEAST_SOLVED))
             return LOST;
-        charts_orthonormal_freedoms(d);
+        partitioning_orthonormal_freedoms(d);
         if (stalls || residual <= d->tolerance)
             break;
         last = TOLERANCE_CONTRACTION * residual;
@@ -111,7 +111,7 @@ static int project(Dynamics *d, Real allowed)
 static int project_unknowns(Dynamics *d, const Real *y, Real allowed)
 {
     Kernel *k = d->k;
-    chart_configuration(k, d->start, y, d->q);
+    relative_configuration(k, d->start, y, d->q);
     for (Int v = 0; v < k->nv; v++)
         d->v[v] = k->scale[v] * y[k->nv + v];
     const int code = project(d, allowed);
@@ -132,7 +132,7 @@ int projected_place(Dynamics *d, const Real *y)
 void projected_rates(Dynamics *d, Real *rates)
 {
     const Kernel *k = d->k;
-    chart_rates(d->k, d->start, d->q, d->v, rates);
+    relative_rates(d->k, d->start, d->q, d->v, rates);
     for (Int v = 0; v < k->nv; v++)
         rates[k->nv + v] = d->a[v] / k->scale[v];
 }
@@ -142,7 +142,7 @@ void projected_rates(Dynamics *d, Real *rates)
 static Real distance(Dynamics *d, const Real *q)
 {
     Real most = 0.0;
-    chart_coordinates(d->k, d->q, q, d->step);
+    relative_coordinates(d->k, d->q, q, d->step);
     for (Int v = 0; v < d->k->nv; v++)
         most = fmax(most, fabs(d->step[v]));
     return most;
@@ -182,9 +182,9 @@ EXPORT int dynamics_settle(Dynamics *d, Real allowed, Real *y, Real *opened, Int
     if (has_better_equations(d) &&
         (independent_choose_anew(d) != DONE || project(d, INFINITY) != DONE))
         return LOST;
-    if (independent_pace(d) > FASTER_THAN_HELD && charts_hold_better(d) != DONE)
+    if (independent_pace(d) > FASTER_THAN_HELD && partitioning_hold_better(d) != DONE)
         return LOST;
-    chart_coordinates(k, d->start, d->q, y);
+    relative_coordinates(k, d->start, d->q, y);
     for (Int v = 0; v < k->nv; v++)
         y[k->nv + v] = d->v[v] / k->scale[v];
     return DONE;

@@ -66,7 +66,7 @@ class Answers:
         free: returns the velocity entries that are independent now.
 
     Attributes:
-        begun_at: where the present chart began.
+        begun_at: what the present coordinates count from.
     """
 
     begun_at: State

@@ -32,19 +32,19 @@ FASTER_THAN_CHOSEN = 4.0
 # Residual that points which samples lie between are closed to: second derivatives divide it by the
 # square of the way between them.
 ANCHOR_RESIDUAL = 1e-12
-# Chart coordinate at which a chart of joints that turn in space is begun anew [rad].
-CHART_ENDS = 1.0
+# Rotation vector at which coordinates of joints that turn in space are begun anew [rad].
+COORDINATES_END = 1.0
 
 
 class Independent:
     """The right-hand side for the unknowns y.
 
-    These are chart coordinates x, rates u of their joints, quaternions (x, y, z, w) of bodies that
-    spin freely, and the work done if any is.
+    These are independent coordinates x, rates u of their joints, quaternions (x, y, z, w) of
+    bodies that spin freely, and the work done if any is.
 
     Args:
         problem: what acts.
-        state: where the chart begins.
+        state: what the coordinates count from.
         free: velocity entries that are independent.
         spins: bodies that spin freely besides.
 
@@ -84,10 +84,10 @@ class Independent:
         begun = self.kernel.begin(state.q, state.angles, sigmas, self.free, rows)
         if not begun or not self.kernel.keep() or self.kernel.pivot < TOLERANCES.singular:
             raise SingularError(f"mechanism {mechanism.name!r}: singular configuration")
-        self._note_chart(state)
+        self._note_begun(state)
 
-    def _note_chart(self, state: State) -> None:
-        """Note that a chart begins at a state."""
+    def _note_begun(self, state: State) -> None:
+        """Note that the coordinates count from a state."""
         by_v = {c.v: c.q for c in self.problem.mechanism.coordinate_table.values()}
         self._answers.begun_at, self._scale = state, self.problem.scale[self.free]
         self._is_linear, self.patience = all(by_v[v] >= 0 for v in self.free), FASTER_THAN_CHOSEN
@@ -98,7 +98,7 @@ class Independent:
         return self.kernel.rates(t, y)
 
     def unknowns(self, v: Array, work: float) -> Array:
-        """Return y at the chart's origin, at joint velocities v (nv,)."""
+        """Return y where the coordinates are 0, at joint velocities v (nv,)."""
         y = self.problem.unknowns(v[self.free] / self._scale, work)
         turns = [self._answers.begun_at.q[body.q] for body in self.spins.bodies]
         return np.concatenate([y[: 2 * self.n], *turns, y[2 * self.n :]])
@@ -107,7 +107,7 @@ class Independent:
         """Change to the best coordinates at y, where the mechanism is at a state.
 
         Returns:
-            The unknowns in them; None where no chart begins there.
+            The unknowns in them; None where no coordinates determine it.
         """
         found = self.kernel.renew(t, y)
         if found is None:
@@ -116,7 +116,7 @@ class Independent:
         if is_same:
             self.patience *= 2.0
         else:
-            self._note_chart(state)
+            self._note_begun(state)
         return fresh
 
     def place(self, t: float, y: Array) -> tuple[Array, Array]:
@@ -163,9 +163,9 @@ class Independent:
         self.place(t, y)
         return self.kernel.heaviest
 
-    def needs_new_chart(self, t: float, y: Array) -> bool:
-        """Whether other independent coordinates, or a chart begun anew, would be better."""
-        if not self._is_linear and np.abs(y[: self.n]).max(initial=0.0) > CHART_ENDS:
+    def needs_new_coordinates(self, t: float, y: Array) -> bool:
+        """Whether other independent coordinates, or these begun anew, would be better."""
+        if not self._is_linear and np.abs(y[: self.n]).max(initial=0.0) > COORDINATES_END:
             return True
         if self.kernel.place(t, y) is None:
             return True
@@ -178,7 +178,7 @@ class Independent:
         return [(self.coordinate_at(x), x) for x in self.kernel.crossed(float(y[0]), float(to[0]))]
 
     def coordinate_at(self, x: float) -> float:
-        """Return the value of the first independent coordinate at a chart coordinate."""
+        """Return the value of the first independent coordinate at an unknown x."""
         return self._start + float(self._scale[0]) * x
 
     @property

@@ -21,19 +21,19 @@ from spatial_pin.dynamics.simulation.result import Projection
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.numerics.linalg import Array
 
-# Chart coordinate at which a chart of joints that turn in space is begun anew [rad].
-CHART_WIDTH = 0.5
+# Rotation vector at which coordinates of joints that turn in space are begun anew [rad].
+COORDINATES_END = 0.5
 LEFT_OPEN = 1e-6  # closure residual that a step may leave to be projected away, at tight tolerances
 LOOSE = 10.0  # the same relative to the tolerance of a step, at loose ones
 WIDE = 1e-2  # the same at any tolerance: from there Newton's method finds the same branch
 
 
 class Projected(Independent):
-    """The right-hand side for the unknowns y: chart coordinates x, their rates u, work done.
+    """The right-hand side for the unknowns y: coordinates x of all joints, rates u, work done.
 
     Args:
         problem: what acts; nothing is prescribed.
-        state: where the chart begins.
+        state: what the coordinates count from.
         held: velocity entries that determine the motion there.
 
     Raises:
@@ -56,15 +56,15 @@ class Projected(Independent):
 
     @property
     def is_fresh_the_same(self) -> bool:
-        """Whether a chart begun anew would be no better."""
+        """Whether coordinates begun anew would be no better."""
         return not self._turning
 
     def unknowns(self, v: Array, work: float) -> Array:
-        """Return y at the chart's origin, at joint velocities v (nv,)."""
+        """Return y where the coordinates are 0, at joint velocities v (nv,)."""
         return self.problem.unknowns(v / self.problem.scale, work)
 
     def renewed(self, t: float, y: Array, state: State) -> Array | None:
-        """Begin the chart anew at y; return the unknowns there, None where none begins."""
+        """Let the coordinates count from y; return the unknowns there, None where they cannot."""
         found = self.kernel.renew(t, y)
         return None if found is None else found[1]
 
@@ -88,9 +88,9 @@ class Projected(Independent):
             seconds + time.perf_counter() - began, share)
         return opened / allowed
 
-    def needs_new_chart(self, t: float, y: Array) -> bool:
-        """Whether the chart should be begun anew."""
-        return float(np.abs(y[self._turning]).max(initial=0.0)) > CHART_WIDTH
+    def needs_new_coordinates(self, t: float, y: Array) -> bool:
+        """Whether the coordinates should be begun anew."""
+        return float(np.abs(y[self._turning]).max(initial=0.0)) > COORDINATES_END
 
     def crossings(self, y: Array, to: Array) -> list[tuple[float, float]]:
         """Return nothing: where branches cross the loops lose rank."""

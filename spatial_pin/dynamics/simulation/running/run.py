@@ -1,4 +1,4 @@
-"""A simulation under way: from step to step, and from chart to chart."""
+"""A simulation under way: step after step, in independent coordinates and then in others."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from spatial_pin.dynamics.simulation.formulations.independent import Independent
 from spatial_pin.dynamics.simulation.formulations.projected import Projected
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.result import Energies, Simulation
-from spatial_pin.dynamics.simulation.running.charts import Charts, Formulate
 from spatial_pin.dynamics.simulation.running.energy_balance import Balance
+from spatial_pin.dynamics.simulation.running.equations_in_use import EquationsInUse, Formulate
 from spatial_pin.dynamics.simulation.running.events import Watch
 from spatial_pin.dynamics.simulation.running.pace import Pace
 from spatial_pin.dynamics.simulation.running.record import Record
 from spatial_pin.dynamics.simulation.running.step import Step
 from spatial_pin.dynamics.simulation.running.stepping import Stepping
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.kernel.dynamics import AT_END, AT_FAILURE, MANY, NEW_CHART
+from spatial_pin.kernel.dynamics import AT_END, AT_FAILURE, MANY, NEW_COORDINATES
 from spatial_pin.kernel.dynamics import Run as KernelRun
 from spatial_pin.kernel.integrating import RungeKutta
 from spatial_pin.kernel.kernel import address
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import INTEGRATORS, Accuracy
 
-ROUTINE = (AT_END, MANY, NEW_CHART, AT_FAILURE)  # pauses after which all samples are already made
+ROUTINE = (AT_END, MANY, NEW_COORDINATES, AT_FAILURE)  # pauses at which all samples are made
 LITTLE = 1e-3  # of the residual that a step may leave, below which the step may be longer
 SHORTEST = 1e-13  # step, relative to the time, that is not shortened any more
 
@@ -60,13 +60,13 @@ class Run:
         self.y: Array = np.empty(0)
         self.record = Record(problem, times, watch)
         self._pace = Pace(problem, accuracy, self._end)
-        self._charts = Charts(problem, accuracy, formulate, self.record, self._pace)
+        self._in_use = EquationsInUse(problem, accuracy, formulate, self.record, self._pace)
         self._stepping = Stepping(accuracy, self._end)
         self._evaluations, self._has_failed, self._is_short = 0, False, False
 
     def follow(self, state: State) -> Iterator[float]:
-        """Integrate chart after chart until the end; yields the time reached."""
-        system = self._charts.begin(0.0, state)
+        """Integrate until the end, in one set of coordinates after the other; yields the time."""
+        system = self._in_use.begin(0.0, state)
         self.y = system.unknowns(state.v, 0.0)
         self.start = system.energies(0.0, self.y)
         self._balance = Balance(self._problem, self._accuracy, self.start)
@@ -86,11 +86,11 @@ class Run:
             finally:
                 self._evaluations += system.evaluations - before
             if self.t < self._end:
-                system, self.y = self._charts.begin_again(
+                system, self.y = self._in_use.begin_again(
                     system, self.t, self.y, self._has_failed)
 
     def _steps(self, system: Independent) -> Iterator[bool]:
-        """Take steps until the end, a failure or the end of a chart; yields whether to stop."""
+        """Take steps until the end, a failure or other coordinates; yields whether to stop."""
         solver = self._stepping.begin(system, self.t, self.y)
         self._has_failed = False
         while solver.status == "running":
@@ -104,21 +104,21 @@ class Run:
             if why in ROUTINE:
                 yield False
                 self._pace.refuse_to_go_on_for_ever(self.t, self.record.steps, solver)
-                if why == NEW_CHART:
+                if why == NEW_COORDINATES:
                     break
                 continue
             if isinstance(system, Projected) and not self._is_projected(system, solver):
                 solver = self._shortened(system, solver.t - self.t)
                 continue
             if self._pace.creeps(system.pivot, solver.t - solver.t_old):
-                raise self._charts.singular(self.t, system.state(solver.t, solver.y))
+                raise self._in_use.singular(self.t, system.state(solver.t, solver.y))
             self._stepping.note(system, solver)
             before = self.y if why is None else solver.y_old
             self.t, self.y = solver.t, solver.y
             yield self._take(system, solver, before)
             self._pace.refuse_to_go_on_for_ever(self.t, self.record.steps, solver)
             if solver.status == "running":
-                if system.needs_new_chart(self.t, solver.y):
+                if system.needs_new_coordinates(self.t, solver.y):
                     break
                 solver = self._stepping.succeed(system, self.t, self.y, solver)
 
@@ -183,7 +183,7 @@ class Run:
                 f"mechanism {self._problem.mechanism.name!r}: a step of {step:.3g} s at "
                 f"{self.t:.9g} s opens the loops too far to be closed surely: take shorter ones")
         if step < SHORTEST * (self.t + step):
-            raise self._charts.singular(self.t, system.state(self.t, self.y))
+            raise self._in_use.singular(self.t, system.state(self.t, self.y))
         return self._stepping.begin(system, self.t, self.y, 0.5 * step)
 
     def _take(self, system: Independent, solver: Any, before: Array) -> bool:
@@ -204,9 +204,9 @@ class Run:
 
     def why(self) -> str:
         """Return why the motion cannot be followed beyond the present time."""
-        return self._charts.why(self.t, self.y)
+        return self._in_use.why(self.t, self.y)
 
     def motion(self) -> Simulation:
         """Return the samples so far."""
         return self.record.motion(
-            self.start, self._evaluations, self._charts.projection(), self._stepping.used)
+            self.start, self._evaluations, self._in_use.projection(), self._stepping.used)

@@ -22,8 +22,8 @@ GivenUp = Set[tuple[type, tuple[int, ...]]]  # formulations, and their independe
 Formulate = Callable[[Problem, State, GivenUp], Independent]
 
 
-class Charts:
-    """Takes one chart of a motion after the other.
+class EquationsInUse:
+    """Takes one formulation and its coordinates after the other.
 
     Args:
         problem: what acts.
@@ -68,7 +68,7 @@ class Charts:
     def begin_again(
         self, system: Independent, t: float, y: Array, failed: bool
     ) -> tuple[Independent, Array]:
-        """Choose new independent coordinates or a new chart; return them and the unknowns there.
+        """Choose other independent coordinates, or begin anew; return them and the unknowns there.
 
         Raises:
             SingularError: none can be followed.

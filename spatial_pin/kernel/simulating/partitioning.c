@@ -1,4 +1,4 @@
-/* Charts: where one begins, of which coordinates, and how one is begun anew.
+/* Coordinate partitioning: which coordinates are independent, and how others are chosen.
  *
  * The coordinates that determine a motion best are those of the joints that move most: independent
  * rows of an orthonormal basis of the freedoms' motions [Wehage1982]. One freedom that passes branch
@@ -79,7 +79,7 @@ static int set_system(Dynamics *d, const Int *free_ones, const Int *chosen, Int 
     return code;
 }
 
-/* Begin a chart of these coordinates where d stands, without memory of any other. */
+/* Let these coordinates count from where d stands, without memory of any other. */
 static int begin(Dynamics *d, const Int *free_ones, const Int *chosen, Int n_chosen)
 {
     Kernel *k = d->k;
@@ -93,7 +93,7 @@ static int begin(Dynamics *d, const Int *free_ones, const Int *chosen, Int n_cho
     return independent_begin(d);
 }
 
-/* Begin a chart at a closed configuration, with independent coordinates and closure equations. */
+/* Begin at a closed configuration, with independent coordinates and closure equations. */
 EXPORT int dynamics_begin(Dynamics *d, const Real *q, const Real *turns, const Real *sigma,
                           const Int *free_ones, const Int *chosen, Int n_chosen)
 {
@@ -117,7 +117,7 @@ static Real product(const Real *basis, Int n, Int nv, Int i, Int j)
 }
 
 /* An orthonormal basis (nv, n) of the freedoms' motions; each twice for the sake of round-off. */
-void charts_orthonormal_freedoms(Dynamics *d)
+void partitioning_orthonormal_freedoms(Dynamics *d)
 {
     const Int n = d->n_free, nv = d->k->nv;
     Real *basis = d->freedoms;
@@ -158,7 +158,7 @@ static int leave_plain_ones(Dynamics *d)
  * of bodies that spin tell nothing. */
 static int choose(Dynamics *d)
 {
-    charts_orthonormal_freedoms(d);
+    partitioning_orthonormal_freedoms(d);
     if (d->n_free == 1 && !d->n_drives && !leave_plain_ones(d) && d->n_spins)
         return 0;
     return independent_rows(d->k->nv, d->n_free, d->freedoms, d->n_free, 0.0, d->best, NULL) ==
@@ -177,7 +177,7 @@ static int are_held(const Dynamics *d)
     return 1;
 }
 
-int charts_hold_better(Dynamics *d)
+int partitioning_hold_better(Dynamics *d)
 {
     Kernel *k = d->k;
     if (!choose(d) || are_held(d))
@@ -193,7 +193,7 @@ int charts_hold_better(Dynamics *d)
 }
 
 /* Change the unknowns y to the best coordinates where they are; `same` tells whether these are the
- * old ones, and nothing has been done as nothing would be better. SINGULAR where no chart begins. */
+ * old ones, and nothing has been done as nothing would be better. SINGULAR where there are none. */
 EXPORT int dynamics_renew(Dynamics *d, Real t, Real *y, Int *free_ones, Int *same)
 {
     Kernel *k = d->k;

@@ -1,7 +1,7 @@
-/* Coordinates of joints relative to where a chart of them begins. */
+/* Coordinates of joints relative to a configuration. */
 #include <string.h>
 
-#include "chart.h"
+#include "relative.h"
 
 /* The rotation vector (3) from one quaternion to another. */
 static void rotation_between(const Real *from, const Real *to, Real *vector)
@@ -33,7 +33,7 @@ static const Real *quaternion(const Kernel *k, Int j, const Real *q)
     return q + k->iq[j] + (k->kind[j] == FREE ? 3 : 0);
 }
 
-Real chart_coordinate(const Kernel *k, Int j, Int component, const Real *start, const Real *q)
+Real relative_coordinate(const Kernel *k, Int j, Int component, const Real *start, const Real *q)
 {
     const Int at = k->iq[j];
     const Real scale = k->scale[k->iv[j] + component];
@@ -66,7 +66,8 @@ static void turning_row(const Real *w, Int i, Real *row)
         row[c] = unit[c] + 0.5 * once[c] + f * twice[c];
 }
 
-void chart_row(const Kernel *k, Int j, Int component, const Real *start, const Real *q, Real *row)
+void relative_row(const Kernel *k, Int j, Int component, const Real *start, const Real *q,
+                  Real *row)
 {
     Real away[3], R[9], base[9], axis[3];
     if (!slides(k, j, component)) {
@@ -80,7 +81,7 @@ void chart_row(const Kernel *k, Int j, Int component, const Real *start, const R
     rotate_back3(R, axis, row);
 }
 
-Real chart_rate_by(const Kernel *k, Int j, Int component, const Real *row, const Real *v)
+Real relative_rate_by(const Kernel *k, Int j, Int component, const Real *row, const Real *v)
 {
     const Int first = k->iv[j], at = first + (k->kind[j] == FREE && component > 2 ? 3 : 0);
     Real sum = 0.0;
@@ -91,7 +92,7 @@ Real chart_rate_by(const Kernel *k, Int j, Int component, const Real *row, const
 
 /* ---- all joints ---- */
 
-void chart_configuration(Kernel *k, const Real *start, const Real *x, Real *q)
+void relative_configuration(Kernel *k, const Real *start, const Real *x, Real *q)
 {
     Real *step = k->right;
     memcpy(q, start, (size_t)k->nq * sizeof *q);
@@ -109,14 +110,14 @@ void chart_configuration(Kernel *k, const Real *start, const Real *x, Real *q)
     tree_integrate(k, q, step);
 }
 
-void chart_coordinates(const Kernel *k, const Real *start, const Real *q, Real *x)
+void relative_coordinates(const Kernel *k, const Real *start, const Real *q, Real *x)
 {
     for (Int j = 1; j < k->n_joints; j++)
         for (Int c = 0; c < joint_nv(k->kind[j]); c++)
-            x[k->iv[j] + c] = chart_coordinate(k, j, c, start, q);
+            x[k->iv[j] + c] = relative_coordinate(k, j, c, start, q);
 }
 
-void chart_rates(const Kernel *k, const Real *start, const Real *q, const Real *v, Real *rates)
+void relative_rates(const Kernel *k, const Real *start, const Real *q, const Real *v, Real *rates)
 {
     for (Int i = 0; i < k->nv; i++)
         k->right[i] = v[i] / k->scale[i];
@@ -127,7 +128,7 @@ void chart_rates(const Kernel *k, const Real *start, const Real *q, const Real *
             *rate = k->right[k->iv[j] + c];
             if (joint_nv(k->kind[j]) == 1)
                 continue;
-            chart_row(k, j, c, start, q, row);
-            *rate = chart_rate_by(k, j, c, row, k->right);
+            relative_row(k, j, c, start, q, row);
+            *rate = relative_rate_by(k, j, c, row, k->right);
         }
 }
