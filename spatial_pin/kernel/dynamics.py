@@ -44,7 +44,9 @@ class Run(ctypes.Structure):
                 ("between", REAL)]
 
 
-AT_END, AT_FAILURE, NEW_COORDINATES, FULL, STIFF, CREEPING, MANY = range(7)  # why it paused
+# why it paused
+AT_END, AT_FAILURE, NEW_COORDINATES, FULL, STIFF, CREEPING, MANY = range(7)
+NO_SAMPLES = 9
 
 
 class Samples(NamedTuple):

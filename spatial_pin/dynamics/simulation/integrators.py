@@ -1,9 +1,10 @@
 """Integrators of ordinary differential equations, made of entries of `settings.INTEGRATORS`.
 
-`stepper` returns a function (fun, t0, y0, t_end, settings, units, longest) to an object that steps
-like those of SciPy: `step()`, `t`, `t_old`, `y`, `status` ("running", "finished" or "failed") and
-`dense_output()`, a function of the time, or of times (N,), over the last step that returns unknowns
-(n,) or (n, N). `units` say what counts as one of every unknown, `longest` is the longest step [s].
+`stepper` returns a function (fun, t0, y0, t_end, settings, units, longest, first) to an object that
+steps like those of SciPy: `step()`, `t`, `t_old`, `y`, `status` ("running", "finished" or "failed")
+and `dense_output()`, a function of the time, or of times (N,), over the last step that returns
+unknowns (n,) or (n, N). `units` say what counts as one of every unknown, `longest` is the longest
+step [s] and `first` the longest first one; steps of fixed length know neither but `longest`.
 """
 
 from __future__ import annotations
@@ -142,7 +143,7 @@ def first_step(
 def _like_scipy(name: str) -> Callable[..., Any]:
     def make(
         fun: Function, t0: float, y0: Array, t_end: float, accuracy: Accuracy, units: Units,
-        longest: float = math.inf,
+        longest: float = math.inf, first: float = math.inf,
     ) -> Any:
         module, _, own = INTEGRATORS[name].solver.partition(":")
         made = getattr(import_module(module), own)  # on use: SciPy's take half a second
@@ -154,9 +155,12 @@ def _like_scipy(name: str) -> Callable[..., Any]:
             more["jac"] = Differences(fun, units.unknowns)
         order = INTEGRATORS[name].order
         if order:
-            more["first_step"] = first_step(fun, t0, y0, min(t_end - t0, longest), order,
-                                            tolerance, units)
+            span = min(t_end - t0, longest)
+            more["first_step"] = min(
+                first_step(fun, t0, y0, span, order, tolerance, units), first)
             return made(fun, t0, y0, t_end, **more)
+        if math.isfinite(first):
+            more["first_step"] = first
         # LSODA does not see NaN, but shortens its step for HUGE
         return made(lambda t, y: np.nan_to_num(fun(t, y), nan=HUGE), t0, y0, t_end, **more)
     return make
@@ -165,13 +169,13 @@ def _like_scipy(name: str) -> Callable[..., Any]:
 def _in_kernel(name: str) -> Callable[..., Any]:
     def make(
         fun: Function, t0: float, y0: Array, t_end: float, accuracy: Accuracy, units: Units,
-        longest: float = math.inf,
+        longest: float = math.inf, first: float = math.inf,
     ) -> RungeKutta:
         tolerance, span = max(accuracy.time_tolerance, FINEST), t_end - t0
         longest = min(longest, accuracy.step or math.inf)
         order, is_fixed = INTEGRATORS[name].order, INTEGRATORS[name].is_fixed
-        step = float(_count(name, span, longest)) if is_fixed else first_step(
-            fun, t0, y0, min(span, longest), order, tolerance, units)
+        step = float(_count(name, span, longest)) if is_fixed else min(
+            first_step(fun, t0, y0, min(span, longest), order, tolerance, units), first)
         return RungeKutta(name, fun, t0, y0, t_end, step, longest, tolerance,
                           tolerance * units.unknowns)
     return make

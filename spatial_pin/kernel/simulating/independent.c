@@ -30,6 +30,8 @@
 #define FAR_AHEAD 8.0
 /* Of the tolerance, at which a prediction is left as it is: what corrections reach is less, too */
 #define ENOUGH 0.1
+#define WEAK 0.1             /* smallest over largest pivot, below which residuals are to be smaller */
+#define TIGHTENED_BY 0.1      /* way to closed loops, from where a loose tolerance has left them */
 #define RESELECT_PIVOTS 1e-2  /* of the pivots where equations were chosen: there others are tried */
 
 /* ---- held coordinates ---- */
@@ -213,11 +215,20 @@ static void close_held(void *owner, Real *step)
     add_motion(d, d->off, step);
 }
 
+/* The residual to reach: one that a loose tolerance leaves moves configurations the more, the worse
+ * the equations are conditioned. */
+static Real tolerance_here(const Dynamics *d)
+{
+    const Real smaller = d->tolerance * fmin(1.0, d->pivot / WEAK);
+    return fmax(smaller, fmin(d->tolerance, TOLERANCE_CLOSED));
+}
+
 /* Newton's method from trial, `predicted` away from the factors at hand; factored where it ends. */
 static int newton(Dynamics *d, const Real *x, Real predicted)
 {
     const Held held = {d, put_held, factor_here, close_held};
-    Correction c = {.enough = ENOUGH * d->tolerance, .tolerance = d->tolerance,
+    const Real tolerance = tolerance_here(d);
+    Correction c = {.enough = ENOUGH * tolerance, .tolerance = tolerance,
                     .left = TOLERANCE_CLOSED, .allowed = PREDICTED_TO * predicted, .fixed = -1,
                     .held = &held, .away = predicted};
     d->wanted = x;
@@ -330,7 +341,8 @@ int independent_choose_anew(Dynamics *d)
     return d->passes ? DONE : independent_learn_change(d);
 }
 
-int independent_step(Dynamics *d, const Real *x)
+/* One step from where the loops are closed well enough for its prediction. */
+static int step_from_here(Dynamics *d, const Real *x)
 {
     predict(d, x);
     const Real size = norm(d->step, d->k->nv);
@@ -346,6 +358,34 @@ int independent_step(Dynamics *d, const Real *x)
     }
     accept(d, x);
     return is_ill_conditioned(d) ? independent_choose_anew(d) : DONE;
+}
+
+/* Close the loops where it stands to round-off. UNSAFE where they are, where tolerances are tight, or
+ * where that leads far. */
+static int tighten(Dynamics *d)
+{
+    const Real asked = d->tolerance;
+    if (!(asked > TOLERANCE_CLOSED) || independent_stand(d) != DONE ||
+        chosen_residual(d->k) <= TOLERANCE_CLOSED)
+        return UNSAFE;
+    memcpy(d->trial, d->q, (size_t)d->k->nq * sizeof *d->q);
+    d->tolerance = TOLERANCE_TIGHT;
+    const int code = newton(d, d->x, fmin(TIGHTENED_BY, sqrt(asked)) / PREDICTED_TO);
+    d->tolerance = asked;
+    if (code != DONE || d->k->sign != d->sign)
+        return UNSAFE;
+    accept(d, d->x);
+    return DONE;
+}
+
+/* What a loose tolerance has left open at the beginning is no error of a prediction: a step that
+ * seems to leave the path for it is taken again, from closed loops. */
+int independent_step(Dynamics *d, const Real *x)
+{
+    const int code = step_from_here(d, x);
+    if (code == DONE || d->flipped || tighten(d) != DONE)
+        return code;
+    return step_from_here(d, x);
 }
 
 /* Newton's method from where it stands to x, moving by no more than allowed; on any branch. */

@@ -16,9 +16,9 @@
 enum Status { RUNNING = 0, FINISHED = 1, FAILED = 2 };
 
 /* Why a run of steps paused; after FULL, STIFF, CREEPING and LIMIT the samples of its last step are
- * still to be made. */
+ * still to be made, after NO_SAMPLES they could not be. */
 enum Pause { AT_END = 0, AT_FAILURE = 1, NEW_COORDINATES = 2, FULL = 3, STIFF = 4, CREEPING = 5,
-             MANY = 6, RAISED = 7, LIMIT = 8 };
+             MANY = 6, RAISED = 7, LIMIT = 8, NO_SAMPLES = 9 };
 
 #define LONG_STEPS 15 /* steps at the bound of stability of a stiff motion [HairerWanner1996] */
 #define SHORT_STEPS 6 /* steps well within it that tell that it is none */
@@ -440,8 +440,10 @@ EXPORT int integrator_run(Integrator *g, Dynamics *d, Run *run)
         if (run->n_crossed > MOST_CROSSED / 2)
             return FULL;
         const int code = samples_of_step(g, d, run);
-        if (code != DONE)
-            return code == ASK_FAILED ? RAISED : AT_FAILURE;
+        if (code != DONE) {
+            run->row = first;
+            return code == ASK_FAILED ? RAISED : NO_SAMPLES;
+        }
         if (d->passes)
             note_branch_points(g, d, run, first);
         if (needs_new_coordinates(g, d, run))

@@ -32,6 +32,9 @@ FASTER_THAN_CHOSEN = 4.0
 # Residual that points which samples lie between are closed to: second derivatives divide it by the
 # square of the way between them.
 ANCHOR_RESIDUAL = 1e-12
+# Residual that projected places are closed to: whether two are one is told to 1e-6 (SAME_PLACE in
+# projected.c).
+PROJECTED_RESIDUAL = 1e-8
 # Rotation vector at which coordinates of joints that turn in space are begun anew [rad].
 COORDINATES_END = 1.0
 
@@ -66,6 +69,8 @@ class Independent:
         wanted = problem.tolerance if self._is_whole else TOLERANCES.round_off
         if problem.between and self.n == 1 and not (problem.drives or len(self.spins)):
             wanted = min(wanted, ANCHOR_RESIDUAL)
+        if self.projects:
+            wanted = min(wanted, PROJECTED_RESIDUAL)
         self._answers = Answers(problem, self.spins, lambda: self.kernel.free)
         arrays = forces_as_arrays(
             problem, self.n, self.spins, self.projects, max(wanted, TOLERANCES.round_off))

@@ -137,8 +137,13 @@ class Watch:
         function = self.stop_when
         if function is None:
             return None
-        before, self._last = self._last, _stop_value(function, step.last, step.state(step.last))
-        if before == 0.0 or before * self._last > 0.0:
-            return None
+        before, now = self._last, _stop_value(function, step.last, step.state(step.last))
         sign = float(np.sign(before))
-        return falls(lambda t: sign * function(t, step.state(t)), step.first, step.last)
+        found = None if before == 0.0 or before * now > 0.0 else falls(
+            lambda t: sign * function(t, step.state(t)), step.first, step.last)
+        self._last = now
+        return found
+
+    def forget(self) -> None:
+        """Look at the next step whatever the kernel has seen: the last one is taken again."""
+        self.bounds.before[:] = np.inf

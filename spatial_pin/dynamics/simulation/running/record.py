@@ -70,6 +70,9 @@ class Record:
             step: the step.
             found: what it has met.
             before: (n,) unknowns where it begins.
+
+        Raises:
+            Lost: the loops cannot be closed at a sample; nothing is kept.
         """
         system, after = step.system, step.end
         times = self.until(step.last if found.stop is None else found.stop)
@@ -77,11 +80,12 @@ class Record:
         if found.stop is not None and found.stop > max([last, *times]):
             times = np.union1d(times, [found.stop])
         unknowns = step.unknowns(times) if times.size else np.empty((0, len(after)))
+        first = self.filled
+        self.ask(system, times, unknowns)
         for value, at in system.crossings(before, after):
             earlier = (unknowns[:, 0] - at) * after[1] < 0.0
-            self.note_crossing(value, self.filled + int(np.count_nonzero(earlier)))
-        self._note_limits(found, times)
-        self.ask(system, times, unknowns)
+            self.note_crossing(value, first + int(np.count_nonzero(earlier)))
+        self._note_limits(found, times, first)
         if found.stop is not None:
             self.events.append(Event("stopped", found.stop, self.filled, found.text))
 
@@ -96,14 +100,14 @@ class Record:
                 "the one that goes straight on")
         self.events.append(Event("branch point", value, sample, text))
 
-    def _note_limits(self, found: Found, times: Array) -> None:
-        """Keep the limits passed in a step, which has samples at `times`."""
+    def _note_limits(self, found: Found, times: Array, first: int) -> None:
+        """Keep the limits passed in a step, which has samples at `times`, numbered from `first`."""
         for t, limit in found.passed:
-            row = self.filled + int(np.count_nonzero(times < t))
+            row = first + int(np.count_nonzero(times < t))
             self._passed.append(Passing(limit, t, row, f"at {t:.12g} s"))
             self.events.append(self._passed[-1].event)
         for t, rated in found.rated:
-            row = self.filled + int(np.count_nonzero(times < t))
+            row = first + int(np.count_nonzero(times < t))
             self.events.append(Event(rated.kind, t, row, f"{rated.words} passed at {t:.12g} s"))
 
     def all(self) -> tuple[Array, Samples]:

@@ -11,6 +11,7 @@ import numpy as np
 from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.simulation.formulations.independent import Independent
 from spatial_pin.dynamics.simulation.formulations.projected import Projected
+from spatial_pin.dynamics.simulation.independent_coordinates import Lost
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.result import Energies, Simulation
 from spatial_pin.dynamics.simulation.running.energy_balance import Balance
@@ -21,7 +22,7 @@ from spatial_pin.dynamics.simulation.running.record import Record
 from spatial_pin.dynamics.simulation.running.step import Step
 from spatial_pin.dynamics.simulation.running.stepping import Stepping
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.kernel.dynamics import AT_END, AT_FAILURE, MANY, NEW_COORDINATES
+from spatial_pin.kernel.dynamics import AT_END, AT_FAILURE, MANY, NEW_COORDINATES, NO_SAMPLES
 from spatial_pin.kernel.dynamics import Run as KernelRun
 from spatial_pin.kernel.integrating import RungeKutta
 from spatial_pin.kernel.kernel import address
@@ -107,15 +108,11 @@ class Run:
                 if why == NEW_COORDINATES:
                     break
                 continue
-            if isinstance(system, Projected) and not self._is_projected(system, solver):
-                solver = self._shortened(system, solver.t - self.t)
+            stops = self._keep(system, solver, why)
+            if stops is None:
+                solver = self._repeated(system, solver, why)
                 continue
-            if self._pace.creeps(system.pivot, solver.t - solver.t_old):
-                raise self._in_use.singular(self.t, system.state(solver.t, solver.y))
-            self._stepping.note(system, solver)
-            before = self.y if why is None else solver.y_old
-            self.t, self.y = solver.t, solver.y
-            yield self._take(system, solver, before)
+            yield stops
             self._pace.refuse_to_go_on_for_ever(self.t, self.record.steps, solver)
             if solver.status == "running":
                 if system.needs_new_coordinates(self.t, solver.y):
@@ -171,6 +168,40 @@ class Run:
         self._balance.refuse_to_lose(solver.t, system.energies(solver.t, solver.y))
         return True
 
+    def _keep(self, system: Independent, solver: Any, why: int | None) -> bool | None:
+        """Keep the last step, which the kernel left for this reason, with its samples and events.
+
+        Returns:
+            Whether it is to be the last; None where it leads nowhere, or closed loops do not lie
+            between its ends: nothing is kept.
+
+        Raises:
+            SingularError: steps only creep on.
+        """
+        if why == NO_SAMPLES or (
+                isinstance(system, Projected) and not self._is_projected(system, solver)):
+            return None
+        if self._pace.creeps(system.pivot, solver.t - solver.t_old):
+            raise self._in_use.singular(self.t, system.state(solver.t, solver.y))
+        self._stepping.note(system, solver)
+        try:
+            stops = self._take(system, solver, self._before(solver, why))
+        except Lost:
+            return None
+        self.t, self.y = solver.t, solver.y
+        return stops
+
+    def _before(self, solver: Any, why: int | None) -> Array:
+        """Return the unknowns (n,) where the last step began."""
+        before: Array = self.y if why is None else solver.y_old
+        return before
+
+    def _repeated(self, system: Independent, solver: Any, why: int | None) -> Any:
+        """Return an integrator that repeats the last step with a shorter one, as `_shortened`."""
+        self.t, self.y = float(solver.t_old), self._before(solver, why)
+        self._watch.forget()
+        return self._shortened(system, solver.t - self.t)
+
     def _shortened(self, system: Independent, step: float) -> Any:
         """Return an integrator that repeats a step [s], at most half as long.
 
@@ -184,7 +215,7 @@ class Run:
                 f"{self.t:.9g} s opens the loops too far to be closed surely: take shorter ones")
         if step < SHORTEST * (self.t + step):
             raise self._in_use.singular(self.t, system.state(self.t, self.y))
-        return self._stepping.begin(system, self.t, self.y, 0.5 * step)
+        return self._stepping.begin(system, self.t, self.y, 0.5 * step, not system.projects)
 
     def _take(self, system: Independent, solver: Any, before: Array) -> bool:
         """Keep samples and events of the last step; return whether it is to be the last."""

@@ -35,11 +35,23 @@ class Stepping:
         self._method, self._easy, self._has_warned = "", 0, False
         self.used: list[str] = []
 
-    def begin(self, system: Independent, t: float, y: Array, longest: float = np.inf) -> Any:
-        """Return an integrator that starts at unknowns y, its error norm in natural units."""
+    def begin(
+        self, system: Independent, t: float, y: Array, longest: float = np.inf,
+        only_first: bool = False,
+    ) -> Any:
+        """Return an integrator that starts at unknowns y, its error norm in natural units.
+
+        Args:
+            system: the equations of motion.
+            t: where it starts [s].
+            y: (n,) unknowns there.
+            longest: its longest step [s].
+            only_first: whether that holds for the first step alone.
+        """
         self._units = natural_units(system, t, y, self._end - t)
-        chosen = self._chosen
-        return self._made(EXPLICIT if chosen == AUTOMATIC else chosen, system, t, y, longest)
+        method = EXPLICIT if self._chosen == AUTOMATIC else self._chosen
+        first, longest = (longest, np.inf) if only_first else (np.inf, longest)
+        return self._made(method, system, t, y, longest, first)
 
     def succeed(self, system: Independent, t: float, y: Array, solver: Any) -> Any:
         """Return the integrator to go on with: another one if stiffness has changed."""
@@ -65,10 +77,12 @@ class Stepping:
             "integrator out, or take Accuracy(integrator=\"Radau\")")
 
     def _made(
-        self, method: str, system: Independent, t: float, y: Array, longest: float
+        self, method: str, system: Independent, t: float, y: Array, longest: float,
+        first: float = np.inf,
     ) -> Any:
         self._method, self._easy = method, 0
-        return stepper(method)(system, t, y, self._end, self._accuracy, self._units, longest)
+        return stepper(method)(
+            system, t, y, self._end, self._accuracy, self._units, longest, first)
 
 
 def _stiffest(system: Independent, solver: Any) -> str:

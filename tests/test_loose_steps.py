@@ -1,0 +1,73 @@
+"""Loose simulations make all samples that were asked for, or say why not."""
+
+import numpy as np
+import pytest
+
+import spatial_pin as sp
+
+TIMES = np.linspace(0.0, 1.0, 201)
+
+
+def thrown(name, seed):
+    """A mechanism as its file has it, and a state with random speeds of its drivers."""
+    mechanism = sp.load(name)
+    speeds = np.random.default_rng(seed).uniform(-4.0, 4.0, len(mechanism.drivers))
+    return mechanism, sp.solve_rates(
+        mechanism, sp.assemble(mechanism), dict(zip(mechanism.drivers, speeds, strict=True)))
+
+
+@pytest.mark.parametrize(("name", "seed", "integrator"), [
+    ("delta", 0, "RK45"), ("delta", 1, "RK45"), ("rssr", 1, "RK45"), ("stewart", 1, "RK45"),
+    ("stewart", 2, "DOP853"), ("swash_plate", 0, "DOP853"),
+])
+def test_what_a_loose_closure_leaves_open_does_not_end_a_simulation(name, seed, integrator):
+    """A step is not refused, nor its samples, for what the one before has left open."""
+    mechanism, state = thrown(name, seed)
+    loose = sp.Accuracy(integrator=integrator, tolerance=1e-3, time_tolerance=1e-3)
+    motion = sp.simulate(mechanism, state, 1.0, times=TIMES, accuracy=loose)
+    exact = sp.simulate(mechanism, state, 1.0, times=TIMES[:51])
+    assert len(motion.time) == len(TIMES)
+    assert motion.closure_error.max() <= 1e-3
+    assert np.abs(motion.q[:51] - exact.q).max() < 0.05
+
+
+@pytest.mark.parametrize("name", ["rssr", "delta"])
+@pytest.mark.parametrize("steps", [{"integrator": "RK4", "step": 0.002}, {"time_tolerance": 1e-6}])
+def test_the_projected_formulation_takes_loose_closures_too(name, steps):
+    """Whether two places are one is told to 1e-6: projected places are closed better than that."""
+    mechanism = sp.load(name)
+    state = sp.assemble(mechanism)
+    exact, loose = (
+        sp.simulate(mechanism, state, 0.3, accuracy=sp.Accuracy(
+            formulation="projected", tolerance=tolerance, **steps))
+        for tolerance in (1e-13, 1e-3))
+    assert loose.closure_error.max() < 1e-8
+    assert loose.energy_drift < 2.0 * exact.energy_drift + 1e-6
+    assert np.abs(loose.q - exact.q).max() < 1e-5
+
+
+@pytest.mark.parametrize("integrator", ["DOP853", "RK45", "Radau"])
+def test_a_step_without_samples_is_taken_again_shorter(monkeypatch, integrator):
+    """As where the integrator's polynomial leads off closed loops between good ends."""
+    mechanism, state = thrown("delta", 0)
+    whole = sp.simulate(mechanism, state, 1.0, times=TIMES, accuracy=sp.Accuracy(
+        integrator=integrator))
+    from spatial_pin.dynamics.simulation.independent_coordinates import Lost
+    from spatial_pin.dynamics.simulation.running import run
+
+    original, refused = run.Run._take, []
+
+    def refuse_first(self, system, solver, before):
+        if len(refused) < 3:
+            refused.append(solver.t - solver.t_old)
+            raise Lost
+        return original(self, system, solver, before)
+
+    monkeypatch.setattr(run.Run, "_leap", lambda self, system, solver: None)
+    monkeypatch.setattr(run.Run, "_take", refuse_first)
+    again = sp.simulate(mechanism, state, 1.0, times=TIMES, accuracy=sp.Accuracy(
+        integrator=integrator))
+    assert len(again.time) == len(TIMES)
+    assert refused[1] <= 0.5 * refused[0] * (1.0 + 1e-12)
+    assert refused[2] <= 0.5 * refused[1] * (1.0 + 1e-12)
+    assert np.abs(again.q - whole.q).max() < 1e-5
