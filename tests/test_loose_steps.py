@@ -71,3 +71,18 @@ def test_a_step_without_samples_is_taken_again_shorter(monkeypatch, integrator):
     assert refused[1] <= 0.5 * refused[0] * (1.0 + 1e-12)
     assert refused[2] <= 0.5 * refused[1] * (1.0 + 1e-12)
     assert np.abs(again.q - whole.q).max() < 1e-5
+
+
+def test_no_sample_lies_beyond_where_a_simulation_is_to_stop():
+    """Also where the function is beyond zero for a part of a step only: the rocker turns back."""
+    mechanism = sp.load("four_bar")
+    state = sp.assemble(mechanism, {"crank": 1.0})
+    times = np.linspace(0.0, 0.5, 1001)
+    swing = sp.simulate(mechanism, state, 0.5, times=times).coordinate("rocker_pin").value
+    level = swing[:700].max() - 1e-4
+    motion = sp.simulate(
+        mechanism, state, 0.5, times=times,
+        stop_when=lambda t, state: state.coordinate("rocker_pin").value - level)
+    assert motion.events[-1].kind == "stopped"
+    assert motion.coordinate("rocker_pin").value[-1] == pytest.approx(level, abs=1e-10)
+    assert motion.coordinate("rocker_pin").value.max() < level + 1e-10

@@ -72,6 +72,13 @@ def _stop_value(stop_when: StopFunction, t: float, state: State) -> float:
                          else value, f"what stop_when returns at {t:.6g} s")
 
 
+def _zero(
+    function: StopFunction, step: Step, span: tuple[float, float], sign: float
+) -> float:
+    """Return when a function has crossed zero in a part of a step; its sign at the beginning."""
+    return falls(lambda t: sign * function(t, step.state(t)), *span)
+
+
 class Watch:
     """Looks at the steps of a simulation.
 
@@ -110,11 +117,11 @@ class Watch:
         self.always = bool(stop_when or (self.rated and self.rated.efforts_are_looked_at))
         self._last = 0.0 if stop_when is None else _stop_value(stop_when, 0.0, state)
 
-    def look(self, step: Step) -> Found:
-        """Return what a step has met."""
+    def look(self, step: Step, times: Array) -> Found:
+        """Return what a step has met, which has samples at times (N,)."""
         passed = self._passed(step)
         rated = self.rated.passed(step) if self.rated else []
-        stop = self._crossed(step)
+        stop = self._crossed(step, times)
         text = "" if stop is None else f"stopped at {stop:.12g} s"
         if passed and self.on_joint_limit == "stop" and (stop is None or passed[0][0] <= stop):
             stop, limit = passed[0]
@@ -132,16 +139,19 @@ class Watch:
                  for limit in self.limits]
         return sorted(((t, limit) for t, limit in found if t is not None), key=lambda x: x[0])
 
-    def _crossed(self, step: Step) -> float | None:
-        """Return when `stop_when` has crossed zero in a step, if it has."""
+    def _crossed(self, step: Step, times: Array) -> float | None:
+        """Return when `stop_when` has first crossed zero in a step, as its samples and end tell."""
         function = self.stop_when
         if function is None:
             return None
-        before, now = self._last, _stop_value(function, step.last, step.state(step.last))
-        sign = float(np.sign(before))
-        found = None if before == 0.0 or before * now > 0.0 else falls(
-            lambda t: sign * function(t, step.state(t)), step.first, step.last)
-        self._last = now
+        before, since, found = self._last, step.first, None
+        for t in sorted({*times.tolist(), step.last}):
+            value = _stop_value(function, t, step.state(t))
+            if before != 0.0 and before * value <= 0.0:
+                found = _zero(function, step, (since, t), float(np.sign(before)))
+                break
+            before, since = value, t
+        self._last = value
         return found
 
     def forget(self) -> None:

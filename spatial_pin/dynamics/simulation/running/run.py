@@ -221,7 +221,7 @@ class Run:
         """Keep samples and events of the last step; return whether it is to be the last."""
         self.record.steps += 1
         step = Step(system, solver)
-        found = self._watch.look(step)
+        found = self._watch.look(step, self.record.until(step.last))
         self.record.take(step, found, before)
         return found.stop is not None
 
