@@ -226,15 +226,15 @@ DEAD = {"r1": 0.30, "r2": 0.25, "r3": 0.14, "r4": 0.16}  # a crank that cannot g
 BENT = {"crank_pin": 0.9, "coupler_pin": -0.3, "rocker_pin": 1.5}
 
 
-def dead_centre() -> Any:
+def limit_of_crank() -> Any:
     r1, r2, r3, r4 = map(mpf, DEAD.values())
     return mpm.acos((r1**2 + r2**2 - (r3 + r4) ** 2) / (2 * r1 * r2))
 
 
-def near_a_dead_centre(position: bool) -> float:
+def near_a_limit(position: bool) -> float:
     mech, worst = sp.load("four_bar", **DEAD), 0.0
     for distance in (1e-6, 1e-9, 1e-12):
-        phi = float(dead_centre() - distance)
+        phi = float(limit_of_crank() - distance)
         rocker = lambda x: forms.four_bar(x, **DEAD).coordinates["rocker_pin"]  # noqa: E731
         state = sp.solve_rates(mech, sp.assemble(mech, {"crank": phi}, BENT), {"crank": 1.0})
         got = state.coordinate("rocker_pin")
@@ -247,10 +247,10 @@ def near_a_dead_centre(position: bool) -> float:
     return worst
 
 
-def swept_to_a_dead_centre() -> float:
+def swept_to_a_limit() -> float:
     mech, worst = sp.load("four_bar", **DEAD), 0.0
     for distance in (1e-8, 1e-10, 1e-12):
-        phi = float(dead_centre() - distance)
+        phi = float(limit_of_crank() - distance)
         motion = sp.sweep(mech, "crank", [*np.linspace(0.5, 1.0, 51), phi], guess=BENT)
         assert [e.kind for e in motion.events] == ["near limit"]
         want = forms.four_bar(mpf(phi), **DEAD).coordinates["rocker_pin"]
@@ -258,8 +258,8 @@ def swept_to_a_dead_centre() -> float:
     return worst
 
 
-def beyond_a_dead_centre() -> float:
-    mech, limit = sp.load("four_bar", **DEAD), dead_centre()
+def beyond_a_limit() -> float:
+    mech, limit = sp.load("four_bar", **DEAD), limit_of_crank()
     worst = 0.0
     for distance in (1e-13, 1e-12, 1e-9, 1e-3):
         try:
@@ -273,13 +273,13 @@ def beyond_a_dead_centre() -> float:
 
 
 def assembled_beyond() -> float:
-    mech, limit = sp.load("four_bar", **DEAD), dead_centre()
+    mech, limit = sp.load("four_bar", **DEAD), limit_of_crank()
     return refused(sp.AssemblyError, "out of reach", [
         partial(sp.assemble, mech, {"crank": float(limit + x)}, BENT) for x in (1e-9, 1e-6, 1.0)])
 
 
 def assembled_just_beyond() -> float:
-    limit = float(dead_centre())
+    limit = float(limit_of_crank())
     mech = sp.load("four_bar", **DEAD)
     gaps = []
     for distance in (1e-12, 1e-11):
@@ -644,17 +644,17 @@ EXTREMES = (
             refusal=sp.SpatialPinError),
     Extreme("not a number", "NaN, ±inf, 10**400 for values, speeds, efforts, dimensions, guesses",
             no_numbers, None, refusal=ValueError),
-    Extreme("dead centre", "assembled 1e-6 to 1e-12 rad before it: position",
-            partial(near_a_dead_centre, True), 1e-9),
-    Extreme("dead centre", "assembled 1e-6 to 1e-12 rad before it: rates",
-            partial(near_a_dead_centre, False), 1e-2, SAID_BY_RATES),
-    Extreme("dead centre", "swept to 1e-8 to 1e-12 rad before it: position",
-            swept_to_a_dead_centre, 1e-9, "event `near limit` says it"),
-    Extreme("dead centre", "swept to 1e-13 to 1e-3 rad beyond it: the limit", beyond_a_dead_centre,
+    Extreme("limit", "assembled 1e-6 to 1e-12 rad before it: position",
+            partial(near_a_limit, True), 1e-9),
+    Extreme("limit", "assembled 1e-6 to 1e-12 rad before it: rates",
+            partial(near_a_limit, False), 1e-2, SAID_BY_RATES),
+    Extreme("limit", "swept to 1e-8 to 1e-12 rad before it: position",
+            swept_to_a_limit, 1e-9, "event `near limit` says it"),
+    Extreme("limit", "swept to 1e-13 to 1e-3 rad beyond it: the limit", beyond_a_limit,
             1e-12, "`LimitError` has it"),
-    Extreme("dead centre", "assembled 1e-12, 1e-11 rad beyond it: loops open by",
+    Extreme("limit", "assembled 1e-12, 1e-11 rad beyond it: loops open by",
             assembled_just_beyond, 1e-11, SAID_BY_CLOSURE),
-    Extreme("dead centre", "assembled 1e-9 to 1 rad beyond it", assembled_beyond, None,
+    Extreme("limit", "assembled 1e-9 to 1 rad beyond it", assembled_beyond, None,
             refusal=sp.AssemblyError),
     Extreme("nearly parallel", "Hooke's joint, shafts 1e-3 to 1e-15 rad from a line",
             shafts_nearly_in_line, 1e-13),

@@ -44,8 +44,9 @@ def assembly_modes(
     """Find the closed configurations of a mechanism at given driver values, from random starts.
 
     Configurations that differ only by passive freedoms, whole turns, rods turned about their own
-    lines, or the two readings of a universal joint are one mode. Starts go on until the rarest mode
-    has been found twenty times; `AssemblyModes.missing` estimates how many have not been found.
+    lines, or the two readings of a universal joint are one mode. Starts go on until `patience` of
+    them in a row have found nothing new and the rarest mode has been found twenty times, or until
+    `most_starts`; `AssemblyModes.missing` estimates how many have not been found.
     Nothing proves that a finite number of starts has found all: raise `patience` for rare modes. A
     screw joint of the tree is looked at near its zero, for each of its turns may be a mode of its
     own.
