@@ -48,8 +48,8 @@ def assembly_modes(
     them in a row have found nothing new and the rarest mode has been found twenty times, or until
     `most_starts`; `AssemblyModes.missing` estimates how many have not been found.
     Nothing proves that a finite number of starts has found all: raise `patience` for rare modes. A
-    screw joint of the tree is looked at near its zero, for each of its turns may be a mode of its
-    own.
+    screw joint of the tree, and an angle of a coupling whose ratio is no whole number, is looked
+    at near its zero, for each of its turns may be a mode of its own.
 
     Args:
         mechanism: the mechanism.
