@@ -20,8 +20,7 @@ Real chosen_residual(const Kernel *k)
     return largest;
 }
 
-/* Solve for the correction: k->right becomes joint displacements. Returns its scaled size. */
-static Real solve_correction(Kernel *k, const Held *held)
+Real solve_correction(Kernel *k, const Held *held)
 {
     Real *x = k->right, square = 0.0;
     for (Int i = 0; i < k->n_chosen; i++)

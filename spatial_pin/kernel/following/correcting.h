@@ -41,6 +41,10 @@ typedef struct Correction {
  * After all but DONE, q is anything. */
 int correct(Kernel *k, Real *q, Correction *correction);
 
+/* Solve for a correction where the equations are evaluated, with the factors at hand: k->right
+ * becomes joint displacements. Returns its scaled size. `held` may be NULL. */
+Real solve_correction(Kernel *k, const Held *held);
+
 /* Largest absolute residual of the chosen equations; NaN if one is. */
 Real chosen_residual(const Kernel *k);
 

@@ -205,7 +205,8 @@ static int try_to(Dynamics *d, const Real *x)
 }
 
 /* Move to coordinates x. A wild trial of an integrator may end where there is hardly a way
- * back: then the way begins at the place that was kept last. */
+ * back: then the way begins at the place that was kept last. That place itself, which a loose
+ * tolerance may have taken just beyond where the loops close exactly, is as good as it was. */
 int passing_travel(Dynamics *d, const Real *x)
 {
     for (Int i = 0; i < d->n_held; i++)
@@ -215,8 +216,8 @@ int passing_travel(Dynamics *d, const Real *x)
         return DONE;
     if (passing_return(d, &d->kept) == DONE && try_to(d, x) == DONE)
         return DONE;
-    passing_return(d, &d->kept);
-    return LOST;
+    const int returned = passing_return(d, &d->kept);
+    return memcmp(x, d->kept.x, (size_t)d->n_held * sizeof *x) == 0 ? returned : LOST;
 }
 
 /* Branch points in (from, to], in the order they are met; returns how many. */

@@ -6,6 +6,7 @@
  * loops are not closed as asked is closed like an anchor, and the next anchors are taken nearer. */
 #include <string.h>
 
+#include "correcting.h"
 #include "integrating.h"
 
 #define MAY_LEAVE 0.1 /* of the closure asked for, that polynomials may leave open */
@@ -68,8 +69,9 @@ static int anchor_at(Integrator *g, Dynamics *d, const Run *run, Int i, Point *a
     return code;
 }
 
-/* Write sample i between two anchors; returns what it leaves open, relative to what it may. It is
- * infinite where the sample does not lie between them, or one is none. */
+/* Write sample i between two anchors; returns what it misses, relative to what it may: as its loops
+ * are open, and as far as it is from where they would close by an anchor's factors. It is infinite
+ * where the sample does not lie between them, or one is none. */
 static Real write_between(Integrator *g, Dynamics *d, const Run *run, const Point *from,
                           const Point *to, Int i)
 {
@@ -82,7 +84,9 @@ static Real write_between(Integrator *g, Dynamics *d, const Run *run, const Poin
                                              run->q + i * k->nq, run->v + i * k->nv,
                                              run->a + i * k->nv, numbers,
                                              run->angles + i * k->n_angles);
-    return code == DONE ? numbers[0] / (part * run->between) : INFINITY;
+    if (code != DONE)
+        return INFINITY;
+    return fmax(numbers[0], solve_correction(d->k, NULL)) / (part * run->between);
 }
 
 /* Write the samples from the next one to before `end`, between two anchors. One that leaves too much
