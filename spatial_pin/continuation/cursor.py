@@ -238,9 +238,8 @@ class Cursor:
             self.stand(clear)
             system = self.system()
         here = self.here
-        wanted = self.start.accuracy.tolerance
-        if system.has_redundant_equations:  # open loops hide which equations are redundant
-            wanted = min(wanted, TOLERANCES.tight)
+        # few steps: open loops would hide where the branch turns, and what is redundant
+        wanted = min(self.start.accuracy.tolerance, TOLERANCES.tight)
         curve = self.curve(system, max(wanted, 1e-14))
         arrival = towards(curve, curve.unknowns.of(here.q, here.s), value, here.t)
         if arrival.kind != "reached":
