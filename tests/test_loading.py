@@ -696,6 +696,14 @@ REFUSED = {
     "two joints of one name": bad(
         "<!--end-->", link("x") + joint("pin", "fixed", "base", "x"),
         "two joints are named 'pin'"),
+    "joint with Pinocchio's own name": bad('joint name="pin"', 'joint name="universe"',
+                                           "a joint is named 'universe'", "rename it"),
+    "line break in a joint's name": bad(
+        'joint name="pin"', 'joint name="a&#10;b"', "joint is named 'a.nb'"),
+    "no-break space in a link's name": bad(
+        'link name="mark"', 'link name="a&#160;b"', "link is named 'a.xa0b'"),
+    "text turned round in a link's name": bad(
+        'link name="mark"', 'link name="a&#8238;b"', "link is named 'a.u202eb'"),
     "link without a name": bad('<link name="mark"/>', "<link/>", "<link> has no name"),
     "parent that does not exist": bad(
         '<parent link="crank"/>', '<parent link="cranc"/>', "'ball'", "parent link 'cranc'",

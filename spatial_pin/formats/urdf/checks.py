@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Container, Sequence
+from collections.abc import Container, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +21,7 @@ from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.numerics.linalg import Array
 
 LIGHTEST = 1e-200  # kg
+UNIVERSE = "universe"  # the joint that all joints of a Pinocchio model hang on
 
 # ---------------------------------------------------------------- structure
 
@@ -37,6 +38,7 @@ def check_structure(robot: ET.Element, path: Path, faults: Faults) -> None:
         raise MechanismFileError(f"{path}: no <link>")
     joints = robot.findall("joint")
     names = by_name(joints, "joint", path)
+    _check_names(links, joints, path)
     for joint in joints:
         for role in ("parent", "child"):
             link = end_of(joint, role)
@@ -52,6 +54,19 @@ def check_structure(robot: ET.Element, path: Path, faults: Faults) -> None:
     roots = [link for link in links if link not in children]
     if len(roots) > 1:
         _join(robot, roots, {*links, *names} - set(roots), faults)
+
+
+def _check_names(links: Iterable[str], joints: Sequence[ET.Element], path: Path) -> None:
+    """Refuse names that nothing can ask for: those of control characters, and Pinocchio's own."""
+    named = [("joint", joint.get("name", "")) for joint in joints] + [("link", x) for x in links]
+    odd = [(len(name), kind, name) for kind, name in named if not name.isprintable()]
+    if odd:  # the shortest: importers call others after it
+        _, kind, name = min(odd)
+        raise MechanismFileError(f"{path}: a {kind} is named {name!r}; a name is text that can be "
+                                 "read")
+    if any(joint.get("name") == UNIVERSE and joint.get("type") != "fixed" for joint in joints):
+        raise MechanismFileError(f"{path}: a joint is named {UNIVERSE!r}, which is Pinocchio's "
+                                 "name of what stands still; rename it")
 
 
 def _join(robot: ET.Element, roots: Sequence[str], taken: Container[str], faults: Faults) -> None:
