@@ -872,6 +872,17 @@ def test_refused(write, capfd, case):
     assert capfd.readouterr() == ("", "")  # neither does the URDF reader print of its own
 
 
+@pytest.mark.parametrize("kind", ["fixed", "continuous"])
+def test_a_chain_that_would_end_the_process_is_refused(write, kind):
+    def chain(n: int) -> str:
+        return robot(link("l0"), *(link(f"l{k + 1}") + joint(f"j{k}", kind, f"l{k}", f"l{k + 1}")
+                                   for k in range(n)))
+
+    assert sp.load(write(chain(1500))).model.nframes == 3002
+    with pytest.raises(sp.MechanismFileError, match=r"1500 joints .* as at link 'l1501'"):
+        sp.load(write(chain(5000)))
+
+
 @pytest.mark.parametrize(("name", "content"), [
     ("bench.urdf", b""), ("bench.toml", b""), ("bench.urdf.xacro", b""), ("bench.urdf", b"\0\xff"),
     ("bench.urdf", b'<robot name="\xe9"/>'), ("bench.toml", b'name = "\xe9"'),

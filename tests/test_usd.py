@@ -674,6 +674,13 @@ def test_without_openusd_the_package_to_install_is_named(monkeypatch):
         sp.load(DATA / "four_bar.usda")
 
 
+def test_text_nested_so_deep_that_it_would_end_the_process_is_refused(tmp_path):
+    path = tmp_path / "s.usda"
+    path.write_text("#usda 1.0\n" + 'def Xform "a" {\n' * 1001 + "}\n" * 1001, encoding="utf-8")
+    with pytest.raises(sp.MechanismFileError, match=r"s\.usda: more than 1000 prims within"):
+        sp.load(path)
+
+
 @pytest.mark.parametrize("content", [b"", b"#usda 1.0\nxxx {", b"PXR-USDC" + bytes(200)])
 @pytest.mark.parametrize("ending", [".usda", ".usdc", ".usdz"])
 def test_what_is_no_usd_is_refused(tmp_path, ending, content):

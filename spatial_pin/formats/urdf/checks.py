@@ -21,6 +21,8 @@ from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.numerics.linalg import Array
 
 LIGHTEST = 1e-200  # kg
+DEEPEST_LINK = 1500  # joints above it: readers of URDF take 2.5 kB of the stack for each, and a
+                     # stack of 8 MB ends them, and all of Python, before 4000
 UNIVERSE = "universe"  # the joint that all joints of a Pinocchio model hang on
 
 # ---------------------------------------------------------------- structure
@@ -52,6 +54,7 @@ def check_structure(robot: ET.Element, path: Path, faults: Faults) -> None:
                                      f"{end_of(joint, 'child')!r} with itself")
     children = {end_of(joint, "child") for joint in joints}
     roots = [link for link in links if link not in children]
+    _check_depth(roots, joints, path)
     if len(roots) > 1:
         _join(robot, roots, {*links, *names} - set(roots), faults)
 
@@ -67,6 +70,21 @@ def _check_names(links: Iterable[str], joints: Sequence[ET.Element], path: Path)
     if any(joint.get("name") == UNIVERSE and joint.get("type") != "fixed" for joint in joints):
         raise MechanismFileError(f"{path}: a joint is named {UNIVERSE!r}, which is Pinocchio's "
                                  "name of what stands still; rename it")
+
+
+def _check_depth(roots: Iterable[str], joints: Iterable[ET.Element], path: Path) -> None:
+    """Refuse chains on which the reader of URDF, who calls itself link by link, would die."""
+    above: dict[str, list[str]] = {}
+    for joint in joints:
+        above.setdefault(end_of(joint, "parent"), []).append(end_of(joint, "child"))
+    level, depth = list(roots), 0
+    while level:
+        level = [child for link in level for child in above.pop(link, ())]
+        depth += 1
+        if depth > DEEPEST_LINK and level:
+            raise MechanismFileError(f"{path}: more than {DEEPEST_LINK} joints one after another "
+                                     f"below the root, as at link {level[0]!r}; readers of URDF "
+                                     "take no longer chains")
 
 
 def _join(robot: ET.Element, roots: Sequence[str], taken: Container[str], faults: Faults) -> None:
