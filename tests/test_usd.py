@@ -655,6 +655,12 @@ def test_bodies_of_an_instance_are_read(tmp_path):
      "lowerLimit is nan"),
     (lambda s: UsdPhysics.MassAPI.Get(s.stage, "/a").CreateMassAttr(float("inf")), "mass is inf"),
     (lambda s: UsdPhysics.RevoluteJoint.Get(s.stage, "/j").CreateAxisAttr("W"), "'W'"),
+    (lambda s: UsdPhysics.RevoluteJoint.Get(s.stage, "/j").CreateLocalRot0Attr(
+        Gf.Quatf(float("nan"), 0, 0, 0)), "localRot0 is (nan, 0, 0, 0)"),
+    (lambda s: UsdPhysics.MassAPI.Get(s.stage, "/a").CreatePrincipalAxesAttr(
+        Gf.Quatf(float("inf"), 1, 0, 0)), "principalAxes is (inf, 1, 0, 0)"),
+    (lambda s: UsdGeom.Xformable(s.stage.GetPrimAtPath("/a")).GetOrderedXformOps()[1].Set(
+        Gf.Quatd(float("nan"), 0, 0, 0)), "orient is (nan, 0, 0, 0)"),
     (lambda s: s.stage.RemovePrim("/a"), "no rigid body"),
     (lambda s: UsdGeom.SetStageMetersPerUnit(s.stage, 0.0), "metersPerUnit"),
 ], ids=lambda x: x if isinstance(x, str) else "")
