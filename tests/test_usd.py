@@ -687,7 +687,8 @@ def test_text_nested_so_deep_that_it_would_end_the_process_is_refused(tmp_path):
         sp.load(path)
 
 
-@pytest.mark.parametrize("content", [b"", b"#usda 1.0\nxxx {", b"PXR-USDC" + bytes(200)])
+@pytest.mark.parametrize("content", [
+    b"", b"#usda 1.0\nxxx {", b"#usda 1.0\ncaf\xe9", b"PXR-USDC" + bytes(200)])
 @pytest.mark.parametrize("ending", [".usda", ".usdc", ".usdz"])
 def test_what_is_no_usd_is_refused(tmp_path, ending, content):
     path = tmp_path / f"s{ending}"

@@ -241,6 +241,14 @@ def open_stage(path: Path, trusted: bool) -> Stage:
     return stage
 
 
+def _text(error: Exception) -> str:
+    """Return what an error of USD says; it may quote bytes of the file that are no UTF-8."""
+    try:
+        return str(error)
+    except UnicodeDecodeError as odd:
+        return odd.object.decode(errors="replace")
+
+
 @contextmanager
 def quietly(path: Path) -> Iterator[None]:
     """Keep what USD prints from the terminal; its errors become the library's.
@@ -252,7 +260,7 @@ def quietly(path: Path) -> Iterator[None]:
     try:
         yield
     except Tf.ErrorException as error:
-        said = re.findall(r" : '(.*?)'\s*(?:Error in|$)", " ".join(str(error).split()))
+        said = re.findall(r" : '(.*?)'\s*(?:Error in|$)", " ".join(_text(error).split()))
         reason = (said[0] if said else "it is no USD").replace(str(path), path.name)[:300]
         raise MechanismFileError(f"{shown(path)}: USD cannot read it: {reason}") from error
     finally:
