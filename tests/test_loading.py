@@ -872,6 +872,22 @@ def test_refused(write, capfd, case):
     assert capfd.readouterr() == ("", "")  # neither does the URDF reader print of its own
 
 
+@pytest.mark.parametrize("kind", ["continuous", "planar", "prismatic"])
+@pytest.mark.parametrize("size", [1e-9, 1e160, 1.7e308])
+def test_an_axis_of_any_size_has_its_direction(write, kind, size):
+    def loaded(x: float):
+        turning = joint("j", kind, "a", "b", axis(0.0, x, x) + HINGE_LIMIT)
+        return sp.load(write(robot(link("a"), link("b"), turning))).model
+
+    one, large = loaded(1.0), loaded(size)
+    q = np.full(one.nq, 0.3)
+    for model in (one, large):
+        model.data = model.createData()
+        pin.framesForwardKinematics(model, model.data, q)
+    assert np.abs(one.data.oMf[-1].homogeneous - large.data.oMf[-1].homogeneous).max() < 1e-15
+    assert not one.data.oMf[-1].isIdentity(1e-2)
+
+
 @pytest.mark.parametrize("kind", ["fixed", "continuous"])
 def test_a_chain_that_would_end_the_process_is_refused(write, kind):
     def chain(n: int) -> str:
