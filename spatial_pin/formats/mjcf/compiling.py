@@ -236,7 +236,8 @@ def _without_pictures(mujoco: Any, spec: Any, notices: list[str]) -> None:
 def _file_of(spec: Any, mesh: Any, folders: list[Path]) -> Path | None:
     """Return the file of a mesh asset, None where it is not there."""
     meshdir = getattr(mesh, "compiler", spec.compiler).meshdir  # MuJoCo 3 has one for all
-    tried = (folder / meshdir / mesh.file for folder in folders)
+    name = re.split(r"[/\\]", mesh.file)[-1] if spec.strippath else mesh.file
+    tried = (folder / meshdir / name for folder in folders)
     return next((file.resolve() for file in tried if is_file(file)), None)
 
 
