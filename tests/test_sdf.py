@@ -535,6 +535,7 @@ def test_meshes_of_models_are_found_round_the_file_and_on_gazebos_paths(
     (sdf(link("a") + joint("j", "revolute", "world", "a", axis="")), "needs <axis>"),
     (sdf(link("a") + joint("j", "revolute", "a", "a")), "with itself"),
     (sdf(link("a", "1 2 3 x 0 0")), "6 finite numbers"),
+    (sdf(link("a", "1_0 2 3 0 0 0")), "6 finite numbers"),
     (sdf(link("a", attributes="relative_to='b'") + link("b", attributes="relative_to='a'")),
      "relative to each other"),
     (sdf(link("a") + link("b") + joint("g", "gearbox", "a", "b", more="<axis2/>"

@@ -16,7 +16,7 @@ import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError, suggestion
 from spatial_pin.formats.faults import Faults
-from spatial_pin.formats.urdf.elements import UNBOUNDED
+from spatial_pin.formats.urdf.elements import UNBOUNDED, number_of
 from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.numerics.linalg import Array
 
@@ -140,7 +140,7 @@ def numbers(element: ET.Element, attribute: str, count: int, where: str) -> Arra
     """
     text = element.get(attribute, "")
     try:
-        values = np.array([float(word) for word in text.split()])
+        values = np.array([number_of(word) for word in text.split()])
     except ValueError:
         values = np.array([np.nan])
     if values.size != count or not np.all(np.isfinite(values)):
