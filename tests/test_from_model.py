@@ -711,6 +711,22 @@ def test_names_that_are_taken_or_no_names_are_refused():
         from_model(twice)
 
 
+@pytest.mark.parametrize("turn", [np.diag([1.0, 1.0, -1.0]), 2.0 * np.eye(3), np.eye(3) + np.eye(
+    3, k=1)])
+def test_a_placement_that_is_no_rotation_is_refused(turn):
+    wrong = pin.SE3(turn, np.zeros(3))
+    model = bars()
+    model.jointPlacements[2] = wrong
+    with pytest.raises(sp.SpatialPinError, match=r"joint '.*': its placement has a rotation that"):
+        from_model(model)
+    model = bars()
+    model.addFrame(pin.Frame("tip", 1, 0, wrong, pin.FrameType.OP_FRAME))
+    with pytest.raises(sp.SpatialPinError, match="frame 'tip' has a rotation that is none"):
+        from_model(model)
+    with pytest.raises(sp.SpatialPinError, match="frame 'tip': its placement has a rotation"):
+        from_model(bars(), frames={"tip": ("crank", wrong)})
+
+
 @pytest.mark.parametrize(("more", "error", "says"), [
     ({"drivers": {"motor": "crnk"}}, sp.SpatialPinError, r"drivers\.motor.*'crnk'; did you mean"),
     ({"drivers": "crank"}, TypeError, "drivers is a list"),

@@ -107,6 +107,16 @@ def test_what_is_referred_to_stays():
         assert cut_of(JointGraph(graph.links, graph.joints, needed=frozenset(needed))) == free
 
 
+@pytest.mark.parametrize("needed", ["j0", "j1", "j2", "j3"])
+@pytest.mark.parametrize("but", ["j0", "j1", "j2", "j3"])
+def test_joints_with_limits_give_way_to_those_that_are_referred_to(needed, but):
+    """The one without limits is cut, of all that are limited another than the one needed."""
+    limits = {"lower": -1.0, "upper": 1.0}
+    graph = ring(("revolute",) * 4, **{f"j{k}": limits for k in range(4) if f"j{k}" != but})
+    cut = cut_of(JointGraph(graph.links, graph.joints, needed=frozenset({needed})))
+    assert cut != needed and (cut == but or needed == but)
+
+
 def test_the_order_of_the_file_does_not_change_which_kind_is_cut():
     graph = ring(("revolute", "spherical", "universal", "prismatic"))
     for order in itertools.permutations(graph.joints):

@@ -696,6 +696,14 @@ REFUSED = {
     "two joints of one name": bad(
         "<!--end-->", link("x") + joint("pin", "fixed", "base", "x"),
         "two joints are named 'pin'"),
+    "joint with Pinocchio's own name": bad('joint name="pin"', 'joint name="universe"',
+                                           "a joint is named 'universe'", "rename it"),
+    "line break in a joint's name": bad(
+        'joint name="pin"', 'joint name="a&#10;b"', "joint is named 'a.nb'"),
+    "no-break space in a link's name": bad(
+        'link name="mark"', 'link name="a&#160;b"', "link is named 'a.xa0b'"),
+    "text turned round in a link's name": bad(
+        'link name="mark"', 'link name="a&#8238;b"', "link is named 'a.u202eb'"),
     "link without a name": bad('<link name="mark"/>', "<link/>", "<link> has no name"),
     "parent that does not exist": bad(
         '<parent link="crank"/>', '<parent link="cranc"/>', "'ball'", "parent link 'cranc'",
@@ -713,6 +721,9 @@ REFUSED = {
     "NaN in a shape": bad('size="1 1 1"', 'size="1 1 nan"', "'base'", "size"),
     "shape with too few numbers": bad('size="1 1 1"', 'size="1 1"', "'base'", "size"),
     "NaN in a mass": bad('value="2"', 'value="nan"', "'crank'", "mass", "nan"),
+    "mass as Python writes numbers": bad('value="2"', 'value="1_0"', "'crank'", "mass", "1_0"),
+    "mass in digits of another script": bad('value="2"', 'value="\uff12"', "'crank'", "mass"),
+    "offset as Python writes numbers": bad('xyz="0 0 0.5"', 'xyz="0 0 1_0"', "'pin'", "1_0"),
     "mass that is text": bad('value="2"', 'value="2 kg"', "'crank'", "mass", "2 kg"),
     "NaN in an inertia": bad('ixy="0.001"', 'ixy="nan"', "'crank'", "ixy", "nan"),
     "NaN in an axis": bad('<axis xyz="0 1 0"/>', '<axis xyz="0 nan 0"/>', "'pin'", "axis"),
@@ -862,6 +873,33 @@ def test_refused(write, capfd, case):
         assert re.search(pattern, text), text
     assert "\n" not in text
     assert capfd.readouterr() == ("", "")  # neither does the URDF reader print of its own
+
+
+@pytest.mark.parametrize("kind", ["continuous", "planar", "prismatic"])
+@pytest.mark.parametrize("size", [1e-9, 1e160, 1.7e308])
+def test_an_axis_of_any_size_has_its_direction(write, kind, size):
+    def loaded(x: float):
+        turning = joint("j", kind, "a", "b", axis(0.0, x, x) + HINGE_LIMIT)
+        return sp.load(write(robot(link("a"), link("b"), turning))).model
+
+    one, large = loaded(1.0), loaded(size)
+    q = np.full(one.nq, 0.3)
+    for model in (one, large):
+        model.data = model.createData()
+        pin.framesForwardKinematics(model, model.data, q)
+    assert np.abs(one.data.oMf[-1].homogeneous - large.data.oMf[-1].homogeneous).max() < 1e-15
+    assert not one.data.oMf[-1].isIdentity(1e-2)
+
+
+@pytest.mark.parametrize("kind", ["fixed", "continuous"])
+def test_a_chain_that_would_end_the_process_is_refused(write, kind):
+    def chain(n: int) -> str:
+        return robot(link("l0"), *(link(f"l{k + 1}") + joint(f"j{k}", kind, f"l{k}", f"l{k + 1}")
+                                   for k in range(n)))
+
+    assert sp.load(write(chain(1500))).model.nframes == 3002
+    with pytest.raises(sp.MechanismFileError, match=r"1500 joints .* as at link 'l1501'"):
+        sp.load(write(chain(5000)))
 
 
 @pytest.mark.parametrize(("name", "content"), [

@@ -547,6 +547,16 @@ def test_an_inertia_that_comes_from_a_mesh_is_mujocos(tmp_path):
     assert any("inertia of bodies (a) comes from mesh files" in str(w.message) for w in seen)
 
 
+@pytest.mark.parametrize("folder", ["", "gone/", r"C:\gone\\", "/gone/there/"])
+def test_folders_of_meshes_are_stripped_where_the_file_says_so(tmp_path, folder):
+    stripped = SOLIDS.replace("<compiler", "<compiler strippath='true'").replace(
+        'file="', f'file="{folder}')
+    pair = with_mesh(tmp_path, text=stripped)
+    ours, theirs = mass_matrices(pair, pair.mech.neutral)
+    assert np.abs(ours - theirs).max() < 1e-12 * np.abs(theirs).max()
+    assert len(pair.mech.visual_model.geometryObjects) == 1
+
+
 def test_an_ellipsoid_is_drawn_with_its_own_axes(tmp_path):
     mech = both(tmp_path, """<worldbody><body name="a"><joint/>
         <geom type="ellipsoid" size=".1 .2 .3" contype="0" conaffinity="0"/></body></worldbody>"""

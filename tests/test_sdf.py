@@ -535,12 +535,15 @@ def test_meshes_of_models_are_found_round_the_file_and_on_gazebos_paths(
     (sdf(link("a") + joint("j", "revolute", "world", "a", axis="")), "needs <axis>"),
     (sdf(link("a") + joint("j", "revolute", "a", "a")), "with itself"),
     (sdf(link("a", "1 2 3 x 0 0")), "6 finite numbers"),
+    (sdf(link("a", "1_0 2 3 0 0 0")), "6 finite numbers"),
     (sdf(link("a", attributes="relative_to='b'") + link("b", attributes="relative_to='a'")),
      "relative to each other"),
     (sdf(link("a") + link("b") + joint("g", "gearbox", "a", "b", more="<axis2/>"
                                                    "<gearbox_reference_body>a"
                                                    "</gearbox_reference_body>")), "gearbox 'g'"),
     (sdf(link("a") + link("a")), "two links are named 'a'"),
+    (sdf(link("a") + joint("universe", "revolute", "world", "a")), "joint is named 'universe'"),
+    (sdf(link("a") + joint("a&#10;b", "ball", "world", "a")), r"joint is named 'a\nb'"),
     (sdf("<link name='a'><inertial auto='true'/></link>", "1.11"), "auto"),
     (sdf(link("a", "0 0 0 0.1 0.2 0.3", 1e308) + joint("j", "revolute", "world", "a")), "link 'a'"),
     (sdf(""), "no <link>"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -444,6 +445,25 @@ def test_what_is_too_much_is_one_clear_error(write, case, capfd):
     message = str(refusal.value)
     assert f"/{name}" in message and "\n" not in message and len(message) < 1500
     assert capfd.readouterr() == ("", "")
+
+
+UNCLOSED = {  # file: its text, 200 kB and more of what begins and does not end
+    "comments of SDF": ("m.sdf", "<sdf version='1.7'>" + "<!--" * 50_000),
+    "declarations of SDF": ("m.sdf", "<sdf version='1.7'>" + "<?xml" * 50_000),
+    "comments of MJCF": ("m.mjcf", "<mujoco>" + "<!--" * 50_000),
+    "comments before a root": ("m.xml", "<!---->" * 40 + "<!--" * 50_000),
+    "instructions before a root": ("m.xml", "<?a?>" * 40 + "<?" * 50_000),
+}
+
+
+@pytest.mark.parametrize("case", UNCLOSED)
+def test_what_begins_and_does_not_end_is_looked_through_once(write, case):
+    """Regular expressions took half a minute, or for ever."""
+    path = write(UNCLOSED[case][1], UNCLOSED[case][0])
+    begin = time.process_time()
+    with pytest.raises(sp.MechanismFileError):
+        sp.load(path)
+    assert time.process_time() - begin < 3.0
 
 
 def test_many_names_are_no_deep_ones(write):

@@ -120,6 +120,18 @@ def test_a_joint_that_something_refers_to_stays(tmp_path, toml):
     assert [c.name for c in mech.closures] == ["mount"] and "last_pin" in mech.coordinates
 
 
+@quiet
+def test_a_mimic_needs_its_joint_more_than_limits_need_theirs(tmp_path):
+    text = four_bar().replace("type='fixed'", "type='continuous'").replace(
+        "continuous", "revolute").replace(LIMIT, "").replace(
+        "<child", LIMIT.replace("9", "1") + "<child")
+    text = text.replace("<joint name='mount' type='revolute'>",
+                        "<joint name='mount' type='revolute'><mimic joint='crank_pin'/>")
+    mech = loaded(tmp_path, text)
+    assert "mount" in mech.coordinates
+    assert [c.name for c in mech.closures] == ["last_pin", "mimic_mount"]
+
+
 def test_when_all_are_referred_to_it_is_said(tmp_path):
     text = four_bar().replace("type='fixed'", "type='continuous'")
     with pytest.raises(sp.MechanismFileError, match=r"r\.urdf: joint '(last_pin|mount)' closes"):

@@ -655,6 +655,12 @@ def test_bodies_of_an_instance_are_read(tmp_path):
      "lowerLimit is nan"),
     (lambda s: UsdPhysics.MassAPI.Get(s.stage, "/a").CreateMassAttr(float("inf")), "mass is inf"),
     (lambda s: UsdPhysics.RevoluteJoint.Get(s.stage, "/j").CreateAxisAttr("W"), "'W'"),
+    (lambda s: UsdPhysics.RevoluteJoint.Get(s.stage, "/j").CreateLocalRot0Attr(
+        Gf.Quatf(float("nan"), 0, 0, 0)), "localRot0 is (nan, 0, 0, 0)"),
+    (lambda s: UsdPhysics.MassAPI.Get(s.stage, "/a").CreatePrincipalAxesAttr(
+        Gf.Quatf(float("inf"), 1, 0, 0)), "principalAxes is (inf, 1, 0, 0)"),
+    (lambda s: UsdGeom.Xformable(s.stage.GetPrimAtPath("/a")).GetOrderedXformOps()[1].Set(
+        Gf.Quatd(float("nan"), 0, 0, 0)), "orient is (nan, 0, 0, 0)"),
     (lambda s: s.stage.RemovePrim("/a"), "no rigid body"),
     (lambda s: UsdGeom.SetStageMetersPerUnit(s.stage, 0.0), "metersPerUnit"),
 ], ids=lambda x: x if isinstance(x, str) else "")
@@ -674,7 +680,15 @@ def test_without_openusd_the_package_to_install_is_named(monkeypatch):
         sp.load(DATA / "four_bar.usda")
 
 
-@pytest.mark.parametrize("content", [b"", b"#usda 1.0\nxxx {", b"PXR-USDC" + bytes(200)])
+def test_text_nested_so_deep_that_it_would_end_the_process_is_refused(tmp_path):
+    path = tmp_path / "s.usda"
+    path.write_text("#usda 1.0\n" + 'def Xform "a" {\n' * 1001 + "}\n" * 1001, encoding="utf-8")
+    with pytest.raises(sp.MechanismFileError, match=r"s\.usda: more than 1000 prims within"):
+        sp.load(path)
+
+
+@pytest.mark.parametrize("content", [
+    b"", b"#usda 1.0\nxxx {", b"#usda 1.0\ncaf\xe9", b"PXR-USDC" + bytes(200)])
 @pytest.mark.parametrize("ending", [".usda", ".usdc", ".usdz"])
 def test_what_is_no_usd_is_refused(tmp_path, ending, content):
     path = tmp_path / f"s{ending}"

@@ -78,6 +78,9 @@ class Pair:
 def unit(axis: Array) -> Array:
     """Return a direction (3,) as a unit vector; one that is one to round-off stays as it is."""
     norm = math.hypot(*axis)  # of numbers of any size
+    if math.isinf(norm):
+        axis = axis / np.abs(axis).max()
+        norm = math.hypot(*axis)
     return axis if abs(norm - 1.0) <= 4.0 * EPS else axis / norm
 
 

@@ -3,9 +3,10 @@
 Of every loop one joint is cut, preferably one that
 
 1. the file itself says to cut,
-2. nothing refers to: no driver, limit or spring, which act on the coordinates of the tree,
-3. leaves few equations to close: a ball, then a universal joint, then a revolute joint,
-4. has no damping, which a cut joint loses,
+2. nothing refers to: no driver, coupling or mimic, which need a coordinate of the tree,
+3. has no limits and no spring, which a cut joint loses,
+4. leaves few equations to close: a ball, then a universal joint, then a revolute joint,
+5. has no damping, which a cut joint loses, too,
 
 and so that the tree has short branches: it grows from its root breadth-first.
 """
@@ -108,8 +109,8 @@ class _Growth:
 
     def reluctance(self, joint: Joint) -> tuple[Any, ...]:
         """Return a key by which joints are cut, the last first; see the module's docstring."""
-        referred = joint.name in self.graph.needed or joint.is_limited or joint.stiffness
-        return joint.cut, not referred, KEPT.get(joint.type, 1), not joint.resists
+        referred, held = joint.name in self.graph.needed, joint.is_limited or joint.stiffness
+        return joint.cut, not referred, not held, KEPT.get(joint.type, 1), not joint.resists
 
 
 def _starts(graph: JointGraph) -> list[tuple[list[str], bool]]:

@@ -20,7 +20,7 @@ import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.sources import check_file, is_file, shown
-from spatial_pin.formats.xacro.parsing import parse_xml
+from spatial_pin.formats.xacro.parsing import PROLOGUE, parse_xml, without
 from spatial_pin.numerics.linalg import Array
 
 OCTAHEDRON = [1, 0, 0, -1, 0, 0, 0, 1, 0, 0, -1, 0, 0, 0, 1, 0, 0, -1]
@@ -156,7 +156,7 @@ def _text(path: Path, most: int = -1) -> str:
             text = stream.read(most).decode("utf-8", errors="replace")
     except OSError as error:
         raise MechanismFileError(f"{shown(path)}: {error.strerror}") from error
-    return re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL).removeprefix("\ufeff")
+    return without(text, "<!--", "-->").removeprefix("\ufeff")
 
 
 def _product(text: str) -> float:
@@ -236,7 +236,8 @@ def _without_pictures(mujoco: Any, spec: Any, notices: list[str]) -> None:
 def _file_of(spec: Any, mesh: Any, folders: list[Path]) -> Path | None:
     """Return the file of a mesh asset, None where it is not there."""
     meshdir = getattr(mesh, "compiler", spec.compiler).meshdir  # MuJoCo 3 has one for all
-    tried = (folder / meshdir / mesh.file for folder in folders)
+    name = re.split(r"[/\\]", mesh.file)[-1] if spec.strippath else mesh.file
+    tried = (folder / meshdir / name for folder in folders)
     return next((file.resolve() for file in tried if is_file(file)), None)
 
 
@@ -308,4 +309,4 @@ def is_mjcf(path: Path) -> bool:
         head = _text(path, HEAD)
     except MechanismFileError:
         return False
-    return re.match(r"(\s|<\?.*?\?>|<!DOCTYPE[^>]*>)*<mujoco[\s/>]", head, re.DOTALL) is not None
+    return re.match(PROLOGUE + r"<mujoco[\s/>]", head, re.DOTALL) is not None

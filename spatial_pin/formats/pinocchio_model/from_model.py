@@ -12,7 +12,11 @@ from numpy.typing import ArrayLike
 
 from spatial_pin.checks import finite_array
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.formats.pinocchio_model.joints import own_configuration, pair_tree
+from spatial_pin.formats.pinocchio_model.joints import (
+    check_placement,
+    own_configuration,
+    pair_tree,
+)
 from spatial_pin.formats.pinocchio_model.urdf_text import Bodies, urdf_of
 from spatial_pin.formats.urdf.writing import fresh
 from spatial_pin.mechanism.checks import check_mechanism
@@ -299,8 +303,7 @@ class _Names:
 
 
 def _frame(name: str, link: str, placement: pin.SE3) -> Frame:
-    if not np.all(np.isfinite(placement.homogeneous)):
-        raise ValueError(f"frame {name!r}: its placement has a value that is NaN or infinite")
+    check_placement(placement, f"frame {name!r}: its placement")
     x, y, z = (placement.translation + 0.0).tolist()  # no -0.0
     roll, pitch, yaw = (pin.rpy.matrixToRpy(placement.rotation) + 0.0).tolist()
     return Frame(name, link, (x, y, z), (roll, pitch, yaw))

@@ -23,6 +23,7 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 Z = np.array([0.0, 0.0, 1.0])
+ROUNDED = 1e-6  # of rotations: those of 32 bits, multiplied a few times
 LOWER = {"lowerVelocityLimit": "upperVelocityLimit", "lowerEffortLimit": "upperEffortLimit"}
 V_ARRAYS = ("lowerEffortLimit", "upperEffortLimit", "lowerVelocityLimit", "upperVelocityLimit",
             "lowerDryFrictionLimit", "upperDryFrictionLimit", "damping", "armature",
@@ -76,7 +77,7 @@ def pair_tree(given: pin.Model, where: str) -> PairTree:
         copy_numbers(given, i, new, i)
     _check_numbers(new, where)
     for frame in list(given.frames)[1:]:
-        finite_array(frame.placement.homogeneous, (4, 4), f"{where}: frame {frame.name!r}")
+        check_placement(frame.placement, f"{where}: frame {frame.name!r}")
         new.addFrame(frame, False)
     for i, inertia in enumerate(given.inertias):
         parts = inertia.mass, *inertia.lever, *inertia.inertia.flat
@@ -90,6 +91,21 @@ def pair_tree(given: pin.Model, where: str) -> PairTree:
                 offset=float(given.joints[i].extract().offset))
         for i, j in mimicking.items())
     return PairTree(new, tuple(pairs), mimics)
+
+
+def check_placement(placement: pin.SE3, what: str) -> None:
+    """Refuse a placement that is none.
+
+    Raises:
+        SpatialPinError: its rotation is mirrored, scaled or sheared.
+        ValueError: a number of it is NaN or infinite.
+    """
+    finite_array(placement.homogeneous, (4, 4), what)
+    turn = placement.rotation
+    off = float(np.abs(turn @ turn.T - np.eye(3)).max())
+    if off > ROUNDED or np.linalg.det(turn) < 0.0:
+        raise SpatialPinError(f"{what} has a rotation that is none: mirrored, scaled or sheared "
+                              f"(R R' differs from the identity by {off:.3g})")
 
 
 def own_configuration(given: pin.Model, new: pin.Model, q: Array) -> Array:
@@ -262,4 +278,4 @@ def _check_numbers(model: pin.Model, where: str) -> None:
             if not np.all(low <= high):  # nor NaN
                 raise SpatialPinError(f"{here}: its lower {kind.lower()} limit {low.tolist()} is "
                                       f"not below the upper one, {high.tolist()}")
-        finite_array(model.jointPlacements[i].homogeneous, (4, 4), f"{here}: its placement")
+        check_placement(model.jointPlacements[i], f"{here}: its placement")

@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError, suggestion
 from spatial_pin.formats.graph.joints import WORLD
+from spatial_pin.formats.urdf.elements import number_of
 from spatial_pin.numerics.linalg import Array
 
 MODEL = "__model__"  # a model's own frame
@@ -26,7 +27,7 @@ def number_list(text: str | None, count: int, where: str) -> Array:
         MechanismFileError: there are more or fewer, or no numbers.
     """
     try:
-        values = np.array([float(word) for word in (text or "").split()])
+        values = np.array([number_of(word) for word in (text or "").split()])
     except ValueError:
         values = np.array([math.nan])
     if values.size != count or not np.all(np.isfinite(values)):

@@ -16,7 +16,7 @@ from spatial_pin.formats.sdf.model import Model
 from spatial_pin.formats.sdf.poses import is_true, number_list
 from spatial_pin.formats.sdf.unread import refuse_include
 from spatial_pin.formats.sources import read_text
-from spatial_pin.formats.xacro.parsing import parse_xml
+from spatial_pin.formats.xacro.parsing import parse_xml, without
 
 OLDEST, NEWEST = (1, 4), (1, 12)
 SCENERY = ("model://sun", "model://ground_plane")
@@ -49,8 +49,7 @@ def _plain(text: str) -> str:
 
     Lines keep their numbers.
     """
-    return re.sub(r"<!--.*?-->|<\?xml.*?\?>", lambda part: "\n" * part[0].count("\n"), text,
-                  flags=re.S).lstrip(" \t\ufeff")
+    return without(without(text, "<!--", "-->"), "<?xml", "?>").lstrip(" \t\ufeff")
 
 
 def _version(root: ET.Element, path: Path) -> tuple[int, int]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Container, Sequence
+from collections.abc import Container, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +16,14 @@ import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError, suggestion
 from spatial_pin.formats.faults import Faults
-from spatial_pin.formats.urdf.elements import UNBOUNDED
+from spatial_pin.formats.urdf.elements import UNBOUNDED, number_of
 from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.numerics.linalg import Array
 
 LIGHTEST = 1e-200  # kg
+DEEPEST_LINK = 1500  # joints above it: readers of URDF take 2.5 kB of the stack for each, and a
+                     # stack of 8 MB ends them, and all of Python, before 4000
+UNIVERSE = "universe"  # the joint that all joints of a Pinocchio model hang on
 
 # ---------------------------------------------------------------- structure
 
@@ -37,6 +40,7 @@ def check_structure(robot: ET.Element, path: Path, faults: Faults) -> None:
         raise MechanismFileError(f"{path}: no <link>")
     joints = robot.findall("joint")
     names = by_name(joints, "joint", path)
+    _check_names(links, joints, path)
     for joint in joints:
         for role in ("parent", "child"):
             link = end_of(joint, role)
@@ -50,8 +54,37 @@ def check_structure(robot: ET.Element, path: Path, faults: Faults) -> None:
                                      f"{end_of(joint, 'child')!r} with itself")
     children = {end_of(joint, "child") for joint in joints}
     roots = [link for link in links if link not in children]
+    _check_depth(roots, joints, path)
     if len(roots) > 1:
         _join(robot, roots, {*links, *names} - set(roots), faults)
+
+
+def _check_names(links: Iterable[str], joints: Sequence[ET.Element], path: Path) -> None:
+    """Refuse names that nothing can ask for: those of control characters, and Pinocchio's own."""
+    named = [("joint", joint.get("name", "")) for joint in joints] + [("link", x) for x in links]
+    odd = [(len(name), kind, name) for kind, name in named if not name.isprintable()]
+    if odd:  # the shortest: importers call others after it
+        _, kind, name = min(odd)
+        raise MechanismFileError(f"{path}: a {kind} is named {name!r}; a name is text that can be "
+                                 "read")
+    if any(joint.get("name") == UNIVERSE and joint.get("type") != "fixed" for joint in joints):
+        raise MechanismFileError(f"{path}: a joint is named {UNIVERSE!r}, which is Pinocchio's "
+                                 "name of what stands still; rename it")
+
+
+def _check_depth(roots: Iterable[str], joints: Iterable[ET.Element], path: Path) -> None:
+    """Refuse chains on which the reader of URDF, who calls itself link by link, would die."""
+    above: dict[str, list[str]] = {}
+    for joint in joints:
+        above.setdefault(end_of(joint, "parent"), []).append(end_of(joint, "child"))
+    level, depth = list(roots), 0
+    while level:
+        level = [child for link in level for child in above.pop(link, ())]
+        depth += 1
+        if depth > DEEPEST_LINK and level:
+            raise MechanismFileError(f"{path}: more than {DEEPEST_LINK} joints one after another "
+                                     f"below the root, as at link {level[0]!r}; readers of URDF "
+                                     "take no longer chains")
 
 
 def _join(robot: ET.Element, roots: Sequence[str], taken: Container[str], faults: Faults) -> None:
@@ -107,7 +140,7 @@ def numbers(element: ET.Element, attribute: str, count: int, where: str) -> Arra
     """
     text = element.get(attribute, "")
     try:
-        values = np.array([float(word) for word in text.split()])
+        values = np.array([number_of(word) for word in text.split()])
     except ValueError:
         values = np.array([np.nan])
     if values.size != count or not np.all(np.isfinite(values)):

@@ -14,6 +14,17 @@ from spatial_pin.numerics.linalg import Array
 UNBOUNDED = sys.float_info.max  # of a limit: URDF readers take no infinite one
 
 
+def number_of(word: str) -> float:
+    """Return the number that a word of a file is.
+
+    Raises:
+        ValueError: it is none, or one to Python only: 1_0, or digits of other scripts.
+    """
+    if "_" in word or not word.isascii():
+        raise ValueError(f"{word!r} is no number")
+    return float(word)
+
+
 def numbers_text(values: Array) -> str:
     """Return numbers as URDF has them, with all digits."""
     return " ".join(repr(float(x) + 0.0) for x in values)

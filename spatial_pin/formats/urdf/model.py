@@ -29,7 +29,7 @@ from spatial_pin.formats.urdf.checks import (
     end_of,
     numbers,
 )
-from spatial_pin.formats.urdf.elements import UNBOUNDED
+from spatial_pin.formats.urdf.elements import UNBOUNDED, numbers_text
 from spatial_pin.formats.urdf.shapes import Shapes, take_shapes
 from spatial_pin.formats.xacro.parsing import parse_urdf
 from spatial_pin.mechanism.inertia import put_inertias
@@ -46,6 +46,7 @@ CONTAINED_PAIRS = {  # URDF type -> pairs that a refinement may make of it
 }
 PAIR_OF_URDF_TYPE = {"continuous": "revolute"}
 NUMBERS = ("xyz", "rpy", "value", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+LARGEST_AXIS = 1e150  # whose square is a number
 RESISTANCES = ("damping", "friction", "armature", "slip_speed")  # of `[joints.X]`
 LIMITS = {  # of `[joints.X]`, with the limits of `pin.Model` that they set, and by which factor
     "lower": {"lowerPositionLimit": 1.0}, "upper": {"upperPositionLimit": 1.0},
@@ -170,10 +171,21 @@ def _plain(element: ET.Element) -> ET.Element:
     for part in element:
         if part.tag in ("parent", "child"):
             joint.append(part)
-        elif part.tag == "origin" or (part.tag == "axis" and kind != "fixed"):
+        elif part.tag == "axis" and kind != "fixed":
+            joint.append(_normal(_scaled(part)))
+        elif part.tag == "origin":
             joint.append(_normal(part))
     ET.SubElement(joint, "limit", lower="-1", upper="1", effort="1", velocity="1")
     return joint
+
+
+def _scaled(axis: ET.Element) -> ET.Element:
+    """Return an axis whose squares the URDF reader can add up."""
+    values = np.array([float(word) for word in axis.get("xyz", "").split()])
+    largest = float(np.abs(values).max(initial=0.0))
+    if largest < LARGEST_AXIS:
+        return axis
+    return ET.Element("axis", xyz=numbers_text(values / largest))
 
 
 def _normal(element: ET.Element) -> ET.Element:
@@ -332,7 +344,7 @@ def joint_axes(
         axis = refined.axis
     elif tag is not None and pair.uses_axis:
         axis = numbers(tag, "xyz", 3, where)
-        if np.linalg.norm(axis) < 1e-12:
+        if math.hypot(*axis) < 1e-12:
             raise MechanismFileError(f"{where}: <axis> is zero")
     elif pair.uses_axis and element.get("type") != "floating":
         axis = np.array([1.0, 0.0, 0.0])  # URDF's default
@@ -354,7 +366,7 @@ def joint_axes(
 
 def _check_within_plane(kind: str, axis: Array, tag: ET.Element | None, where: str) -> None:
     normal = numbers(tag, "xyz", 3, where) if tag is not None else np.array([1.0, 0.0, 0.0])
-    cosine = abs(float(axis @ normal)) / float(np.linalg.norm(normal))
+    cosine = abs(float(axis @ unit(normal)))
     if abs(cosine - (1.0 if kind == "revolute" else 0.0)) > 1e-9:
         along = "about" if kind == "revolute" else "square to"
         raise MechanismFileError(

@@ -20,6 +20,8 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 DEGREE = np.pi / 180.0
+DEEPEST = 1000  # braces within one another; USD's reader of text, who calls itself for each, ends
+                # the process between 50,000 and 200,000 on a stack of 8 MB, before 20,000 on 1 MB
 EARTH = 9.81  # m/s², where a scene says that it has the earth's gravity
 
 
@@ -39,6 +41,7 @@ class Stage:
     metre: float
     kilogram: float
     notices: list[str] = field(default_factory=list)
+    _turning: set[Any] = field(default_factory=set)  # paths of prims whose turns are numbers
     _cache: Any = field(
         default_factory=lambda: UsdGeom.XformCache(Usd.TimeCode.EarliestTime()))
 
@@ -58,6 +61,7 @@ class Stage:
         Raises:
             MechanismFileError: its axes lie in a plane, or are left-handed.
         """
+        self._check_turns(prim)
         matrix = np.array(self._cache.GetLocalToWorldTransform(prim)).T
         axes = matrix[:3, :3]
         scale = np.linalg.norm(axes, axis=0)
@@ -70,6 +74,17 @@ class Stage:
                 "body or joint needs right-handed axes")
         quaternion = pin.Quaternion(axes / scale).normalized()
         return pin.SE3(quaternion.matrix(), self.metre * matrix[:3, 3]), scale
+
+    def _check_turns(self, prim: Any) -> None:
+        """Refuse what turns a prim or one above it by no number; USD takes it for no turn."""
+        while prim and prim.GetPath() not in self._turning:
+            self._turning.add(prim.GetPath())
+            for op in UsdGeom.Xformable(prim).GetOrderedXformOps():
+                value = op.GetAttr().Get(Usd.TimeCode.EarliestTime())
+                if hasattr(value, "GetImaginary") and np.any(np.isnan(rotation_of(value))):
+                    self.fail(prim, f"{op.GetOpName()} is {value}; it must be a quaternion of "
+                                    "finite numbers")
+            prim = prim.GetParent()
 
     def fail(self, prim: Any, why: str) -> NoReturn:
         """Raise the error of a prim."""
@@ -124,7 +139,11 @@ class Stage:
         if not hasattr(value, "GetImaginary"):
             raise MechanismFileError(f"{self.where}: {attribute.GetPath()} is {str(value)[:80]}; "
                                      "it must be a quaternion")
-        return rotation_of(value)
+        turn = rotation_of(value)
+        if not np.all(np.isfinite(turn)):
+            raise MechanismFileError(f"{self.where}: {attribute.GetPath()} is {str(value)[:80]}; "
+                                     "it must be a quaternion of finite numbers")
+        return turn
 
     def gravity(self) -> Array:
         """Return gravity (3,) [m/s²]: the scene's, else the earth's along the up axis."""
@@ -156,15 +175,36 @@ def brief_names(prims: Iterable[Any]) -> dict[str, str]:
 
 
 def rotation_of(quaternion: Any) -> Array:
-    """Return the rotation (3, 3) of a quaternion of USD, which may be rounded, or zero for none."""
+    """Return the rotation (3, 3) of a quaternion of USD, which may be rounded, or zero for none.
+
+    NaN where a number of it is NaN or infinite.
+    """
     x, y, z = map(float, quaternion.GetImaginary())
     values = np.array([x, y, z, float(quaternion.GetReal())])
-    size = float(np.linalg.norm(values))
-    if not (np.isfinite(size) and size > 0.0):
+    if not np.all(np.isfinite(values)):
+        return np.full((3, 3), np.nan)
+    largest = float(np.abs(values).max())
+    if largest == 0.0:
         return np.eye(3)
-    if np.array_equal(np.abs(values) / size, [0.0, 0.0, 0.0, 1.0]):
+    values /= largest  # whose squares may leave the range of numbers
+    values /= np.linalg.norm(values)
+    if np.array_equal(np.abs(values), [0.0, 0.0, 0.0, 1.0]):
         return np.eye(3)
-    return pin.Quaternion(values / size).matrix()
+    return pin.Quaternion(values).matrix()
+
+
+def _check_depth(path: Path, where: str) -> None:
+    """Refuse text that is nested so deep that the reader of USD would die of it."""
+    try:
+        text = np.fromfile(path, dtype=np.uint8)
+    except OSError:
+        return  # USD says why
+    if text[:5].tobytes() != b"#usda":
+        return
+    braces = text[(text == ord("{")) | (text == ord("}"))]
+    if np.cumsum(np.where(braces == ord("{"), 1, -1)).max(initial=0) > DEEPEST:
+        raise MechanismFileError(f"{where}: more than {DEEPEST} prims within one another; USD "
+                                 "files of robots have ten")
 
 
 def open_stage(path: Path, trusted: bool) -> Stage:
@@ -179,6 +219,7 @@ def open_stage(path: Path, trusted: bool) -> Stage:
         MechanismFileError: it is no USD, or is composed of files from elsewhere.
     """
     where = shown(path)
+    _check_depth(path, where)
     usd = Usd.Stage.Open(str(path))
     home = path.resolve().parent
     for layer in usd.GetUsedLayers():
@@ -200,6 +241,14 @@ def open_stage(path: Path, trusted: bool) -> Stage:
     return stage
 
 
+def _text(error: Exception) -> str:
+    """Return what an error of USD says; it may quote bytes of the file that are no UTF-8."""
+    try:
+        return str(error)
+    except UnicodeDecodeError as odd:
+        return odd.object.decode(errors="replace")
+
+
 @contextmanager
 def quietly(path: Path) -> Iterator[None]:
     """Keep what USD prints from the terminal; its errors become the library's.
@@ -211,7 +260,7 @@ def quietly(path: Path) -> Iterator[None]:
     try:
         yield
     except Tf.ErrorException as error:
-        said = re.findall(r" : '(.*?)'\s*(?:Error in|$)", " ".join(str(error).split()))
+        said = re.findall(r" : '(.*?)'\s*(?:Error in|$)", " ".join(_text(error).split()))
         reason = (said[0] if said else "it is no USD").replace(str(path), path.name)[:300]
         raise MechanismFileError(f"{shown(path)}: USD cannot read it: {reason}") from error
     finally:

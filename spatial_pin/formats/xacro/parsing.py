@@ -14,7 +14,8 @@ DEEPEST_ELEMENT = 100  # elements within one another; URDF readers take 100 or 5
 UNBOUND = errors.codes[errors.XML_ERROR_UNBOUND_PREFIX]
 _PREFIX = re.compile(r"[<\s]/?([A-Za-z_][\w.-]*):[A-Za-z_]")  # of an element, attribute or text
 _DECLARED = re.compile(r"\sxmlns:([A-Za-z_][\w.-]*)\s*=")
-ROOT = re.compile(r"\s*(?:(?:<!--.*?-->|<\?.*?\?>|<![A-Z][^>]*>)\s*)*<[A-Za-z_][\w.-]*", re.S)
+PROLOGUE = r"\s*+(?>(?:<!--.*?-->|<\?.*?\?>|<![A-Z][^>]*>)\s*)*+"  # each part tried once
+ROOT = re.compile(PROLOGUE + r"<[A-Za-z_][\w.-]*", re.S)
 
 
 def parse_xml(text: str, path: Path) -> ET.Element:
@@ -35,6 +36,19 @@ def parse_xml(text: str, path: Path) -> ET.Element:
                 f"{shown(path)}: more than {DEEPEST_ELEMENT} elements within one another; "
                 "URDF has ten")
     return root
+
+
+def without(text: str, begin: str, end: str) -> str:
+    """Return text without the parts from `begin` to the next `end`; line breaks in them stay.
+
+    What has no end stays, too; unlike a regular expression, this looks for that end but once.
+    """
+    kept, at, start = [], 0, text.find(begin)
+    while start >= 0 and (stop := text.find(end, start + len(begin))) >= 0:
+        kept += [text[at:start], "\n" * text.count("\n", start, stop)]
+        at = stop + len(end)
+        start = text.find(begin, at)
+    return "".join([*kept, text[at:]])
 
 
 def parse_urdf(text: str, path: Path) -> ET.Element:
