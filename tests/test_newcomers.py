@@ -75,3 +75,25 @@ def test_too_much_is_held():
     with pytest.raises(sp.SingularError, match="what is held and the loops leave no freedom, so "
                                                "that 'rocker_pin' cannot move; hold less"):
         sp.sweep(sp.load("four_bar"), "rocker_pin", [1.7, 1.9], hold=["crank"])
+
+
+# ---------------------------------------------------------------- forces
+
+
+@pytest.mark.filterwarnings("ignore:.*no link has a mass")
+def test_an_actuator_at_its_limit_position_is_told_with_the_sample(pump):
+    mech = sp.load(pump())
+    motion = sp.sweep(mech, "crank", [-0.5, 0.0, 0.5], speed=1.0)
+    with pytest.raises(sp.SpatialPinError) as told:
+        sp.kinetostatics(mech, motion, actuated=["slide"])
+    text = str(told.value)
+    assert "'slide' is at a limit position (dead centre), where no effort there moves" in text
+    assert text.endswith("such as actuated=['slide', 'crank'] (at crank = 0 rad, sample 1)")
+
+
+@pytest.mark.filterwarnings("ignore:.*no link has a mass")
+def test_a_driver_is_proposed_first_as_an_actuator(pump):
+    mech = sp.load(pump())
+    state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 0.5}), {"crank": 1.0})
+    with pytest.raises(sp.SpatialPinError, match=r"such as actuated=\['crank'\]"):
+        sp.inverse_dynamics(mech, state, [])
