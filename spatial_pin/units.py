@@ -35,7 +35,12 @@ UNITS = {
     "N·m": 1.0,
 }
 LENGTHS = ("m", "cm", "mm", "um", "in")
-NO_PLACES = ("s", "ms", "N", "kN", "Nm", "N·m")
+KINDS = {  # what may be written for an SI unit
+    "rad": ("rad", "deg", "°", "turn", "turns"), "m": LENGTHS,
+    "rad/s": ("rad/s", "deg/s", "rpm"), "m/s": ("m/s", "mm/s"),
+    "rad/s2": ("rad/s2", "deg/s2", "rpm/s"), "m/s2": ("m/s2", "mm/s2"),
+    "s": ("s", "ms"), "N": ("N", "kN"), "N·m": ("Nm", "N·m"),
+}
 
 _PATTERN = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S*)\s*")
 
@@ -46,9 +51,8 @@ class Quantity(float):
     unit: str = ""
 
     def is_for(self, base: str) -> bool:
-        """Whether it may stand for a value in `base`, "rad" or "m", or a rate of it."""
-        length = self.unit.partition("/")[0] in LENGTHS
-        return not self.unit or (self.unit not in NO_PLACES and length == (base == "m"))
+        """Whether it may stand for a value in `base`, an SI unit as "rad" or "m/s2"."""
+        return not self.unit or self.unit in KINDS[base]
 
 
 def quantity(text: str) -> Quantity:

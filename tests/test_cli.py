@@ -409,8 +409,8 @@ def test_seconds_and_newtons_are_no_angles(words, capsys):
 
 @pytest.mark.parametrize(("words", "message"), [
     (["--duration", "5mm"], "duration is in s or ms, not in mm"),
-    (["--duration", "1s", "--effort", "crank=5deg"], "is in N or kN or Nm or N·m, not in deg"),
-    (["--duration", "1s", "--speed", "crank=3N"], "crank is in rad, not in N"),
+    (["--duration", "1s", "--effort", "crank=5deg"], "is in Nm or N·m, not in deg"),
+    (["--duration", "1s", "--speed", "crank=3N"], "crank is in rad/s, not in N"),
 ])
 def test_durations_efforts_and_speeds_are_asked_for_in_their_units(words, message, capsys):
     assert main(["simulate", "four_bar", *words]) == 1

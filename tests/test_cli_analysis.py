@@ -110,6 +110,12 @@ def test_jacobian_is_that_of_the_closed_loops(found, rows, run):
     assert "e-1" not in run("jacobian", "delta", "platform")[1]  # round-off is not shown
 
 
+def test_drivers_that_are_held_have_no_column(found):
+    content = found("jacobian", "stewart", "platform", "--hold", "leg_1")
+    assert content["drivers"] == [f"leg_{k}" for k in range(2, 7)]
+    assert np.shape(content["matrix"]) == (6, 5)
+
+
 def test_jacobian_by_another_coordinate(found):
     content = found("jacobian", "rssr", "crank", "--by", "rocker_pin", "crank=1")
     ratio = found("transmission", "rssr", "rocker_pin", "crank=1")["ratio"]
@@ -190,6 +196,12 @@ def test_tolerance_is_told_linear_and_sampled(run, found, rows):
     (("jacobian", "rssr", "couplr"), 1, "did you mean 'coupler'?"),
     (("jacobian", "rssr", "coupler", "--by", "krank"), 1, "did you mean 'crank'?"),
     (("jacobian", "rssr", "coupler", "--hold", "nix"), 1, "'nix'"),
+    (("jacobian", "rssr", "coupler", "--hold", "crank_pin"), 1,
+     "nothing moves 'coupler': crank is held; hold less, or name what moves it with --by"),
+    (("jacobian", "rssr", "coupler", "--by", "crank", "--hold", "crank"), 1,
+     "'crank_pin' is held, and is to move too: choose one"),
+    (("limits", "rssr", "crank", "--hold", "crank"), 1,
+     "'crank_pin' is held, and is to move too: choose one"),
     (("transmission", "rssr", "roker_pin"), 1, "did you mean 'rocker_pin'?"),
     (("transmission", "rssr", "crank"), 1, "is a driver itself"),
     (("transmission", "stewart", "leg_1"), 1, "say which one moves the output"),

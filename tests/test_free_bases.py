@@ -258,7 +258,7 @@ def test_held_drivers_have_no_column(tmp_path: Path) -> None:
     whole = pinocchios(mechanism, state.q, "l8")
     found = sp.jacobian(mechanism, state, "l8", hold=["j2", "base"])
     assert found == pytest.approx(np.delete(whole, mechanism.coordinate("j2").v, axis=1))
-    with pytest.raises(ValueError, match="'j2' is held, and given a rate too"):
+    with pytest.raises(ValueError, match="'j2' is held, and is to move too"):
         sp.solve_rates(mechanism, state, {"j2": 1.0}, hold=["j2"])
     with pytest.raises(sp.UnknownNameError, match="j22"):
         sp.jacobian(mechanism, state, "l8", hold=["j22"])

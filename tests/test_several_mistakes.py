@@ -95,6 +95,15 @@ def test_strange_keys_of_a_table_that_is_wrong_are_told_too(write):
     assert "type is 'revolut'" in error.mistakes[0] and "colour" in error.mistakes[1]
 
 
+@pytest.mark.parametrize("more", ["", "[guess]\nkrank = 0.0\n",
+                                  '[[springs]]\nname = "t"\njoint = "krank"\nstiffness = 1.0\n'])
+def test_a_driver_that_has_the_name_of_its_missing_joint(more, write):
+    error = refusal(write(driver='[drivers.krank]\njoint = "krank"\n', guess=more))
+    assert "drivers.krank.joint: mechanism 'bad': no coordinate or driver 'krank'; there are: " \
+           "coupler_pin, crank_pin, rocker_pin" in error.mistakes[0]
+    assert len(error.mistakes) == 1 + ("springs" in more)
+
+
 def test_a_tree_that_is_not_there_hides_nothing(write):
     top = GOOD["top"].replace("four.urdf", "gone.urdf") + 'titel = "x"\n'
     error = refusal(write("spring", top=top))

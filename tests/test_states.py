@@ -122,12 +122,30 @@ def test_a_sweep_can_stop_where_branches_cross():
 
 @pytest.mark.parametrize("words", [
     ["assemble", "rssr", "crank=5m"],
-    ["sweep", "rssr", "crank", "0", "360deg", "--speed", "5mm/s"],
+    ["assemble", "rssr", "--guess", "rocker_pin=9cm"],
+    ["assemble", "rssr", "crank=25rpm"],
     ["modes", "rssr", "crank=2mm"],
 ])
 def test_a_length_for_an_angle_is_refused_on_the_command_line(words, capsys):
     assert main(words) == 1
     assert "is in rad, not in" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("words", "says"), [
+    ("sweep four_bar crank 0 1 --speed 25m", "the speed of crank is in rad/s, not in m"),
+    ("sweep four_bar crank 0 1 --speed 5mm/s", "the speed of crank is in rad/s, not in mm/s"),
+    ("sweep four_bar crank 0 1 --speed 25rpm --acceleration 3rpm",
+     "the acceleration of crank is in rad/s2, not in rpm"),
+    ("simulate four_bar --duration 1s --effort crank=1kN",
+     "the effort of crank is in Nm or N·m, not in kN"),
+    ("simulate stewart --duration 1s --effort leg_1=10Nm",
+     "the effort of leg_1 is in N or kN, not in Nm"),
+    ("simulate four_bar --duration 1s --speed crank=2deg",
+     "the speed of crank is in rad/s, not in deg"),
+])
+def test_a_unit_of_another_order_is_refused_on_the_command_line(words, says, capsys):
+    assert main(words.split()) == 1
+    assert capsys.readouterr().err == f"spatial-pin: {says}\n"
 
 
 def test_a_mechanism_that_nobody_holds_is_forgotten():

@@ -57,10 +57,11 @@ def still_entries(mechanism: Mechanism, driven: Iterable[Coordinate]) -> tuple[i
     """Return the velocity entries of the free bases that nobody drives."""
     moved = {c.joint for c in driven}
     return tuple(v for joint in free_bases(mechanism) if joint not in moved
-                 for v in _entries(mechanism, joint))
+                 for v in velocity_entries(mechanism, joint))
 
 
-def _entries(mechanism: Mechanism, joint: str) -> range:
+def velocity_entries(mechanism: Mechanism, joint: str) -> range:
+    """Return the places of a joint in the velocity vector."""
     i = mechanism.joint_id(joint)
     at = int(mechanism.model.idx_vs[i])
     return range(at, at + int(mechanism.model.nvs[i]))
@@ -105,9 +106,9 @@ def _held_by(
             entries += [mechanism.coordinate(x.joint).v for x in mechanism.springs if x.joint]
         elif part in PARTS and joint in joints and (
                 mechanism.pair_of(joint) == "floating"):
-            entries += _entries(mechanism, joint)[PARTS[part]]
+            entries += velocity_entries(mechanism, joint)[PARTS[part]]
         elif not known and name in joints:
-            entries += _entries(mechanism, name)
+            entries += velocity_entries(mechanism, name)
         elif (coordinate := mechanism.coordinate(name)).q < 0:
             single.append(coordinate)
         else:

@@ -7,13 +7,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from spatial_pin.assembly.holding import BASE, SPRINGS, free_bases
+from spatial_pin.assembly.holding import BASE, SPRINGS, free_bases, velocity_entries
 from spatial_pin.assembly.passive_freedoms import is_in_loop, passive_freedoms
 from spatial_pin.assembly.rank_loss import lost_rank, rank_loss
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.errors import SingularError
 from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array, common_rows, decompose, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -48,6 +49,8 @@ def dependence(asked: Asked, closures: Array) -> str:
         return (f"{where}what is held cannot all stand still beside the loops and the base: "
                 "they move it together; hold less")
     freedom = closures.shape[1] - decompose(closures).rank
+    if not freedom:
+        return where + _nothing_moves(asked, names)
     moving = drive @ decompose(closures).null_space.T
     if freedom < len(asked.driven):
         rank = decompose(closures, TOLERANCES.near_singular).rank
@@ -73,6 +76,24 @@ def dependence(asked: Asked, closures: Array) -> str:
             f"there, for the loops let them move together only: {', '.join(follow)} "
             f"go{'es' * (len(follow) == 1)} as the others do; prescribe another coordinate "
             "instead")
+
+
+def _nothing_moves(asked: Asked, names: str) -> str:
+    """Return why nothing is left that could move."""
+    mechanism = asked.evaluation.mechanism
+    base = {v for joint in free_bases(mechanism) for v in velocity_entries(mechanism, joint)}
+    if set(asked.still) - base:
+        return (f"what is held and the loops leave no freedom, so that {names} cannot move; "
+                "hold less")
+    return (f"{names} cannot move: the loops leave no freedom there (see sp.mobility); "
+            f"{check_loops(mechanism)}")
+
+
+def check_loops(mechanism: Mechanism) -> str:
+    """Return what to look at where loops hold a mechanism that is to move."""
+    names = ", ".join(repr(c.name) for c in mechanism.closures if c.type != COUPLING)
+    what = f"axes and frames of closure {names}" if names else "couplings"
+    return f"check the {what}, and the axes of the joints"
 
 
 def _needless_passives(asked: Asked) -> list[str]:

@@ -19,6 +19,7 @@ from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.units import Quantity, likely_unit
 
 MANY_TURNS = 12.0  # [rad], nearly two turns: whole numbers beyond are meant in degrees more often
+RATES = {"speed": "/s", "acceleration": "/s2"}  # per what they are
 NO_SLIDE = 30.0  # characteristic lengths that no slide goes
 
 
@@ -57,9 +58,15 @@ def unique(options: argparse.Namespace, settings: list[tuple[str, float]]) -> di
 
 def fitting(
     options: argparse.Namespace, mechanism: sp.Mechanism, values: Mapping[str, float],
-    rates: bool = False,
+    rate: str = "",
 ) -> dict[str, float]:
     """Return coordinate values after a look at their units; names are checked elsewhere.
+
+    Args:
+        options: of the command; gets hints.
+        mechanism: whose coordinates these are.
+        values: by name.
+        rate: a key of RATES, where they are speeds or accelerations.
 
     Raises:
         ValueError: a unit is of something else.
@@ -72,9 +79,10 @@ def fitting(
         if not (coordinate or is_output) or not isinstance(x, Quantity):
             continue
         unit = coordinate.unit if coordinate else "rad" if is_angle(mechanism, name) else "m"
-        if not x.is_for(unit):
-            raise ValueError(f"{name} is in {unit}, not in {x.unit}")
-        if coordinate and not x.unit and not rates:
+        if not x.is_for(unit + RATES.get(rate, "")):
+            of = f"the {rate} of " if rate else ""
+            raise ValueError(f"{of}{name} is in {unit}{RATES.get(rate, '')}, not in {x.unit}")
+        if coordinate and not x.unit and not rate:
             options.hints += _strange(mechanism, name, x, coordinate.unit)
     return dict(values)
 
@@ -113,18 +121,18 @@ def in_units(values: Mapping[str, float], *units: str) -> None:
             raise ValueError(f"{name} is in {' or '.join(units)}, not in {x.unit}")
 
 
-def guess_of(options: argparse.Namespace) -> dict[str, float] | None:
+def guess_of(options: argparse.Namespace, mechanism: sp.Mechanism) -> dict[str, float] | None:
     """Return the guess that is given, None for that of the file."""
-    return unique(options, options.guess) or None
+    return fitting(options, mechanism, unique(options, options.guess)) or None
 
 
 def state_at(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.State:
     """Return the configuration that `configuration_options`, and `rate_options`, ask for."""
     values = fitting(options, mechanism, unique(options, options.values))
-    state = sp.assemble(mechanism, values, guess_of(options))
+    state = sp.assemble(mechanism, values, guess_of(options, mechanism))
     speeds, accelerations = (
-        fitting(options, mechanism, unique(options, getattr(options, key, [])), rates=True)
-        for key in ("speed", "acceleration"))
+        fitting(options, mechanism, unique(options, getattr(options, key, [])), key)
+        for key in RATES)
     if speeds or accelerations:
         state = sp.solve_rates(mechanism, state, speeds, accelerations)
     return state
@@ -151,7 +159,7 @@ def motion_over(
         fitting(options, mechanism, {name: end})
     values = np.linspace(ends[0], ends[1], options.steps)
     try:
-        return sp.sweep(mechanism, name, values, guess=guess_of(options),
+        return sp.sweep(mechanism, name, values, guess=guess_of(options, mechanism),
                         hold=held(options), progress=True)
     except sp.Interrupted as stopped:  # what was followed is told of
         options.cut_short = f"cut short after {len(stopped.motion)} values"

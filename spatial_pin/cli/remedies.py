@@ -71,7 +71,7 @@ REMEDIES = (
     Remedy(r"hold=(\[.*?\])", _each("--hold"), "--hold"),
     Remedy(r"; hold=(\[.*?\]) stops the joints with springs", ""),
     Remedy(r"; nothing holds the free base, which .*? does by default", ""),
-    Remedy(r"inverse_dynamics\(\.\.\., actuated=(\[.*?\])\)", _each("--actuated")),
+    Remedy(r"\bactuated=(\[.*?\])", _each("--actuated")),
     Remedy(r"with release=True or free=\[\.\.\.\]", "by --release or --free NAME", "--free"),
     Remedy(r", or let them go with release=True or free=\[\.\.\.\]", ""),
     Remedy(r" \(see State\.gap; assemble\(gap=0\) refuses them\)", ""),

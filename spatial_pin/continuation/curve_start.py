@@ -19,7 +19,7 @@ from spatial_pin.errors import SingularError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.rates.rates import prescribed_at
+from spatial_pin.rates.rates import check_not_held, prescribed_at
 from spatial_pin.settings import Accuracy
 
 # Arc length that a start on a dead centre is moved by: rates there are twenty times the driver's,
@@ -33,7 +33,11 @@ def system_at(
     """Return the square system with `driver` prescribed first, at the assembled guess or near it.
 
     Where the guess is just a dead centre of the driver, a point a little further on is taken.
+
+    Raises:
+        ValueError: the driver is held.
     """
+    check_not_held(mechanism, [mechanism.driven_coordinate(driver)], hold)
     state = assembled(mechanism, {}, guess)
     mechanism = state.mechanism  # of a rounded file one without the equations that it contradicts
     driven = [mechanism.driven_coordinate(c.name) for c in prescribed_at(state, [driver], hold)]

@@ -25,10 +25,11 @@ from spatial_pin.dynamics.solvers.freedoms import (
     round_off,
 )
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.motion.summary import EFFORTS
-from spatial_pin.numerics.linalg import Array, decompose, independent_rows
+from spatial_pin.numerics.linalg import Array, common_rows, decompose, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 NO_MOTOR = "no motor acts on a component of a ball or of a floating joint"
@@ -240,29 +241,49 @@ def _unactuated(
     found = of_one_link(equations, spare, actuation.coordinates) if len(spare) else []
     missing = len(spare) - sum(len(motions) for _, motions in found)
     if missing:
-        active = active_among(equations, spare, found)
-        names = equations.moving(active)
-        chosen = [equations.mechanism.coordinates[v] for v in _to_actuate(equations, active)]
-        way = f"such as inverse_dynamics(..., actuated={[*actuation.names, *chosen]})"
-        if not _bear_motors(equations, chosen):
-            way = f"but {NO_MOTOR}: model it as a chain of revolute joints"
-        bases = free_bases(equations.mechanism)
-        floats = "".join(f"; {joint} floats freely, and no motor acts there: join what it carries "
-                         "to the ground by closures, or load it without a free base"
-                         for joint in bases)
-        raise SpatialPinError(
-            f"mechanism {equations.mechanism.name!r}: {missing} "
-            f"freedom{'s have' if missing > 1 else ' has'} no actuator; actuate {missing} more of "
-            f"{', '.join(names)}, {way}{floats}"
-        )
+        raise SpatialPinError(f"mechanism {equations.mechanism.name!r}: " + _too_few(
+            equations, actuation, active_among(equations, spare, found), size))
     return spare, found
 
 
-def _to_actuate(equations: Equations, freedoms: Array) -> NDArray[np.intp]:
-    """Return velocity entries that tell freedoms (k, nv) apart, where motors act if they can."""
-    own = np.array([c.v for c in equations.mechanism.coordinate_table.values() if c.q >= 0], int)
-    chosen: NDArray[np.intp] = own[independent_rows(freedoms.T[own])] if len(own) else own
-    return chosen if len(chosen) == len(freedoms) else independent_rows(freedoms.T)
+def _too_few(equations: Equations, actuation: Actuation, freedoms: Array, pull: Array) -> str:
+    """Say which freedoms (k, nv) no actuator moves, and by what they can be moved.
+
+    Args:
+        equations: at the configuration.
+        actuation: the actuators, of which each moves something by `pull` (m,) at most.
+        freedoms: that are left, scaled.
+        pull: zero of an actuator at a limit position.
+    """
+    mechanism, missing = equations.mechanism, len(freedoms)
+    chosen = _to_actuate(equations, freedoms)
+    way = f"such as actuated={[*actuation.names, *chosen]}"
+    if not all(mechanism.coordinate(name).q >= 0 for name in chosen):
+        way = f"but {NO_MOTOR}: model it as a chain of revolute joints"
+    floats = "".join(f"; {joint} floats freely, and no motor acts there: join what it carries "
+                     "to the ground by closures, or load it without a free base"
+                     for joint in free_bases(mechanism))
+    stuck = [name for name, x in zip(actuation.names, pull, strict=True)
+             if x < TOLERANCES.near_singular]
+    why = (f"{', '.join(map(repr, stuck))} {'is' if len(stuck) == 1 else 'are'} at a limit "
+           "position (dead centre), where no effort there moves anything: ") if stuck else ""
+    return (f"{why}{missing} freedom{'s have' if missing > 1 else ' has'} no actuator; actuate "
+            f"{missing} more of {', '.join(equations.moving(freedoms))}, {way}{floats}")
+
+
+def _to_actuate(equations: Equations, freedoms: Array) -> list[str]:
+    """Return what tells freedoms (k, nv) apart: drivers first, then where motors can act."""
+    mechanism = equations.mechanism
+    drivers = {c.v: name for name, c in driver_coordinates(mechanism).items() if c.q >= 0}
+    table = mechanism.coordinate_table.values()
+    driven, n = np.array([*drivers], int), len(freedoms)
+    first = driven[common_rows(freedoms.T[driven][None], np.zeros((0, n)), n)]
+    left = freedoms.T @ decompose(freedoms.T[first].reshape(-1, n)).null_space.T
+    own = np.array([c.v for c in table if c.q >= 0], int)
+    rest = own[independent_rows(left[own])]
+    if len(rest) < left.shape[1]:
+        rest = independent_rows(left)
+    return [*(drivers[v] for v in first.tolist()), *(mechanism.coordinates[v] for v in rest)]
 
 
 def _bear_motors(equations: Equations, names: Iterable[str]) -> bool:

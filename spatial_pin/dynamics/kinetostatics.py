@@ -274,6 +274,9 @@ def kinetostatics(
                 for each in {equations, bearing}:
                     each.update(state, mapping(given, "external"), laws, slip_speed)
                 rows.fill(k, equations, bearing, actuation)
+        except SpatialPinError as error:
+            error.args = (f"{error} ({where(motion, k)}, sample {k})",)
+            raise
         except KeyboardInterrupt:
             if not rows.done:
                 raise

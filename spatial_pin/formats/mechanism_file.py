@@ -201,7 +201,11 @@ def _judge_inertias(mechanism: Mechanism, faults: Faults) -> None:
 
 
 def _check_guess(mechanism: Mechanism, where: str, mistakes: Mistakes) -> None:
+    lost = {d.name for d in mechanism.drivers.values()  # which was said of the driver
+            if d.joint not in (*mechanism.coordinate_table, *mechanism.model.names)}
     for key, value in mechanism.guess.items():
+        if key in lost:
+            continue
         with mistakes.each():
             if key in BELONGS[TOP] and key not in (*mechanism.model.names, *mechanism.drivers):
                 raise MechanismFileError(

@@ -67,7 +67,8 @@ def _check_spring(mechanism: Mechanism, spring: Spring, where: str) -> None:
 def _check_driver(mechanism: Mechanism, driver: Driver, driven: dict[str, str], here: str) -> None:
     """Refuse a driver; `driven` has those of others by what they drive, and gets this one."""
     table = mechanism.coordinate_table
-    if driver.joint in mechanism.drivers and driver.joint not in table:
+    others = mechanism.drivers.keys() - {driver.name}
+    if driver.joint in others and driver.joint not in table:
         raise MechanismFileError(
             f"{here}.joint: {driver.joint!r} is a driver, not a joint or coordinate; "
             f"there are: {', '.join(table)}"

@@ -235,12 +235,11 @@ class Mechanism:
         if isinstance(name, str):
             if name in self.coordinate_table:
                 return self.coordinate_table[name]
-            if name in self.drivers:
+            if name in self.drivers and self.drivers[name].joint in self.coordinate_table:
                 return self.coordinate_table[self.drivers[name].joint]
-        raise UnknownNameError(
-            "coordinate or driver", name, [*self.coordinate_table, *self.drivers],
-            f"mechanism {self.name!r}: ",
-        )
+        known = [d.name for d in self.drivers.values() if d.joint in self.coordinate_table]
+        raise UnknownNameError("coordinate or driver", name, [*self.coordinate_table, *known],
+                               f"mechanism {self.name!r}: ")
 
     def prescribed_coordinate(self, name: str) -> Coordinate:
         """Return the coordinate of that name, a component of a ball or a floating joint too.

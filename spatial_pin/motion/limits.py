@@ -113,6 +113,7 @@ def limits(
         AssemblyError: the guess does not close.
         SingularError: the guess closes in a singular configuration.
         SpatialPinError: with `joints`, the guess closes beyond a joint limit.
+        ValueError: the driver is held.
 
     Example:
         >>> span = sp.limits(sp.load("four_bar", r2=0.25), "crank")

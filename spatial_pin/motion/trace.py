@@ -57,7 +57,7 @@ def trace(
     Raises:
         AssemblyError: the guess does not close.
         SingularError: branches cross and none goes straight on; `.motion` holds what came before.
-        ValueError: `step` or `most_rows` is not positive.
+        ValueError: `step` or `most_rows` is not positive, or the driver is held.
 
     Example:
         >>> mech = sp.load("four_bar", r2=0.25)  # no link turns fully

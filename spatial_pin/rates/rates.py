@@ -173,7 +173,7 @@ def _tried(state: State, named: list[Coordinate], hold: Hold) -> tuple[Prescript
 
 
 def check_not_held(mechanism: Mechanism, named: Sequence[Coordinate], hold: Hold) -> None:
-    """Refuse rates of what is held.
+    """Refuse motion of what is held.
 
     Raises:
         ValueError: names it.
@@ -184,7 +184,7 @@ def check_not_held(mechanism: Mechanism, named: Sequence[Coordinate], hold: Hold
     moving, held = divided(mechanism, named, hold)[0], held_by(mechanism, hold, named).coordinates
     for c in named:
         if c not in moving or c in held:
-            raise ValueError(f"mechanism {mechanism.name!r}: {c.name!r} is held, and given a rate "
+            raise ValueError(f"mechanism {mechanism.name!r}: {c.name!r} is held, and is to move "
                              "too: choose one")
     mechanism.memo[key] = True
 

@@ -17,6 +17,7 @@ from spatial_pin.cli.options import Command, data_options, package
 from spatial_pin.cli.results import WIDTH, finite, on_screen, say, tell
 from spatial_pin.formats.export import export_urdf
 from spatial_pin.formats.files import library_titles
+from spatial_pin.mobility.driver_count import driver_advice
 from spatial_pin.motion.report import Info, info
 from spatial_pin.operators import OPERATORS
 
@@ -96,9 +97,8 @@ def _checked(options: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
                  f"{counted(len(mechanism.coordinates), 'coordinate')}, "
                  f"{counted(len(mechanism.closures), 'closure')}; "
                  f"the guess closes to {state.closure_error:.1e}")
-    if len(mechanism.drivers) != working:
-        note = (f"{counted(len(mechanism.drivers), 'driver')} for "
-                f"{counted(working, 'working freedom')}")
+    note = driver_advice(state, found)
+    if note:
         notes.append(note)
         lines.append(f"note: {note}:\n{found}")
     return {"file": str(mechanism.path), "good": True, "mistakes": [], "notes": notes,

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 import spatial_pin as sp
-from spatial_pin.cli.asked import fitting, guess_of, held, in_units, loaded, unique
+from spatial_pin.cli.asked import RATES, fitting, guess_of, held, in_units, loaded, unique
 from spatial_pin.cli.names import check_names
 from spatial_pin.cli.options import (
     SPRINGS_HELP,
@@ -33,6 +33,8 @@ from spatial_pin.dynamics.outputs import with_forces
 from spatial_pin.motion.default_motion import default_motion
 from spatial_pin.motion.joint_limits import KIND as JOINT_LIMIT
 from spatial_pin.motion.report import motion_summary
+from spatial_pin.motion.summary import EFFORTS
+from spatial_pin.units import KINDS
 from spatial_pin.view.page.plots import default_outputs
 
 # ---------------------------------------------------------------- how motions are written
@@ -123,13 +125,13 @@ def sweep_task(options: argparse.Namespace, mechanism: sp.Mechanism) -> dict[str
     """Return the arguments of the sweep that was asked for."""
     for end in (options.first, options.last):
         fitting(options, mechanism, {options.driver: end})
-    for rate in (options.speed, options.acceleration):
-        fitting(options, mechanism, {options.driver: rate}, rates=True)
+    for rate in RATES:
+        fitting(options, mechanism, {options.driver: getattr(options, rate)}, rate)
     values = np.linspace(options.first, options.last, options.steps)
     if options.acceleration and options.speed is None:
         options.usage_error("--acceleration needs a --speed")
     return {"driver": options.driver, "values": values, "speed": options.speed,
-            "acceleration": options.acceleration, "guess": guess_of(options),
+            "acceleration": options.acceleration, "guess": guess_of(options, mechanism),
             "on_limit": "stop" if options.stop else "raise"}
 
 
@@ -165,7 +167,7 @@ def _reduced(
     options: argparse.Namespace, mechanism: sp.Mechanism
 ) -> tuple[sp.Reduced, sp.State]:
     """The model that yields `--only`, the other drivers locked, and where the sweep begins."""
-    state = sp.assemble(mechanism, {options.driver: options.first}, guess_of(options))
+    state = sp.assemble(mechanism, {options.driver: options.first}, guess_of(options, mechanism))
     driven = mechanism.driven_coordinate(options.driver).name
     others = {d.joint: state.coordinate(d.joint).value for d in mechanism.drivers.values()
               if d.joint != driven and d.joint not in options.only and d.name not in options.only}
@@ -216,7 +218,7 @@ def _follow(options: argparse.Namespace) -> None:
     check_names(options, mechanism)
     values, times = read_table(options.table, mechanism)
     write_followed(options, lambda: sp.follow(
-        mechanism, values, times, guess=guess_of(options), hold=held(options),
+        mechanism, values, times, guess=guess_of(options, mechanism), hold=held(options),
         on_limit="stop" if options.stop else "raise",
         on_crossing="stop" if options.stop else "straight", progress=True))
 
@@ -242,13 +244,13 @@ def beginning(
 ) -> tuple[sp.State, dict[str, float]]:
     """Return the state that a simulation starts from, and the efforts."""
     start = fitting(options, mechanism, unique(options, options.at))
-    rates = fitting(options, mechanism, unique(options, speeds), rates=True)
+    rates = fitting(options, mechanism, unique(options, speeds), "speed")
     in_units({"duration": duration}, "s", "ms")
     efforts = unique(options, options.effort)
-    in_units(efforts, "N", "kN", "Nm", "N·m")
-    for name in efforts:
-        mechanism.coordinate(name)
-    state = sp.assemble(mechanism, start, guess_of(options))
+    for name, x in efforts.items():
+        unit = EFFORTS[mechanism.coordinate(name).unit]
+        in_units({f"the effort of {name}": x}, *KINDS[unit])
+    state = sp.assemble(mechanism, start, guess_of(options, mechanism))
     if rates:  # without, it starts from rest, drivers or none
         state = sp.solve_rates(mechanism, state, rates)
     return state, efforts
@@ -293,7 +295,7 @@ def _clearance(options: argparse.Namespace) -> None:
         options.usage_error("--at is one configuration: it takes no driver to sweep")
     if options.at:
         values = fitting(options, mechanism, unique(options, options.at))
-        subject: sp.Motion | sp.State = sp.assemble(mechanism, values, guess_of(options))
+        subject: sp.Motion | sp.State = sp.assemble(mechanism, values, guess_of(options, mechanism))
     else:
         subject = shown(options, mechanism)
     found = sp.clearance(subject, [(a, b) for a, b in options.between] or None,

@@ -44,7 +44,7 @@ def _assemble_options(sub: argparse.ArgumentParser) -> None:
 def _assemble(options: argparse.Namespace) -> None:
     mechanism = loaded(options)
     values = fitting(options, mechanism, unique(options, options.values))
-    state = sp.assemble(mechanism, values, guess_of(options), limits=options.limits,
+    state = sp.assemble(mechanism, values, guess_of(options, mechanism), limits=options.limits,
                         release=options.release, free=options.free)
     tell(options, assembly_summary(state), _content(state), _table(state))
 
@@ -84,8 +84,8 @@ def _limits_options(sub: argparse.ArgumentParser) -> None:
 def _limits(options: argparse.Namespace) -> None:
     mechanism = loaded(options)
     check_names(options, mechanism)
-    found = sp.limits(mechanism, options.driver, guess_of(options), joints=options.joints,
-                      hold=held(options))
+    found = sp.limits(mechanism, options.driver, guess_of(options, mechanism),
+                      joints=options.joints, hold=held(options))
     text, grashof = f"{mechanism.name}, {found}", None
     with contextlib.suppress(sp.SpatialPinError):  # most mechanisms are no plane four-bar
         grashof = sp.grashof(mechanism)
@@ -180,7 +180,7 @@ def _reach(options: argparse.Namespace) -> None:
         value = one.value if isinstance(one, CoordinateValue) else one
         if not isinstance(value, sp.Target):
             fitting(options, mechanism, {name: value})
-    state = sp.assemble(mechanism, {}, guess_of(options))
+    state = sp.assemble(mechanism, {}, guess_of(options, mechanism))
     found = sp.reach(mechanism, targets, state, hold=held(options),
                      limits=options.limits)
     lines = [assembly_summary(found)]
@@ -215,7 +215,7 @@ def _reach_path(
         options.usage_error("--no-limits is of single targets: limits passed are told of a path")
     columns, times = read_table(options.path, mechanism)
     targets = targets_of(options.path, mechanism, columns)
-    state = sp.assemble(mechanism, {}, guess_of(options))
+    state = sp.assemble(mechanism, {}, guess_of(options, mechanism))
     write_followed(options, lambda: sp.reach_path(
         mechanism, {**targets, **fitting(options, mechanism, standing)}, times, state,
         hold=held(options), progress=True))

@@ -7,6 +7,7 @@ import argparse
 import numpy as np
 
 import spatial_pin as sp
+from spatial_pin.assembly.holding import held_by
 from spatial_pin.cli.asked import along, held, loaded, motion_over, state_at
 from spatial_pin.cli.names import check_names
 from spatial_pin.cli.options import (
@@ -21,6 +22,7 @@ from spatial_pin.cli.results import finite, grid, tell
 from spatial_pin.columns import Quantity, flat
 from spatial_pin.motion.motion import first_samples
 from spatial_pin.motion.summary import tidy
+from spatial_pin.rates.rates import check_not_held
 
 UNITS = {"v": "m", "w": "rad"}  # of what rows are rates of
 ROWS = ("vx", "vy", "vz", "wx", "wy", "wz")
@@ -38,9 +40,9 @@ def _jacobian_options(sub: argparse.ArgumentParser) -> None:
 def _jacobian(options: argparse.Namespace) -> None:
     mechanism = loaded(options)
     mechanism.frame_id(options.frame)
-    names = options.by or list(mechanism.drivers)
-    by = [mechanism.driven_coordinate(name) for name in names]
     check_names(options, mechanism)
+    names = _movers(options, mechanism)
+    by = [mechanism.driven_coordinate(name) for name in names]
     state = state_at(options, mechanism)
     found = sp.jacobian(mechanism, state, options.frame, options.by or None,
                         hold=held(options))
@@ -56,6 +58,27 @@ def _jacobian(options: argparse.Namespace) -> None:
         "mechanism": mechanism.name, "frame": options.frame, "rows": list(ROWS),
         "drivers": names, "units": units, "matrix": found.tolist(),
         "closure_error": state.closure_error}), table)
+
+
+def _movers(options: argparse.Namespace, mechanism: sp.Mechanism) -> list[str]:
+    """Return the names of what moves the frame: those of `--by`, else the drivers not held.
+
+    Raises:
+        SpatialPinError: all drivers are held.
+        ValueError: what is to move it is held.
+    """
+    if options.by:
+        check_not_held(mechanism, [mechanism.driven_coordinate(x) for x in options.by],
+                       held(options))
+        return list(options.by)
+    still = held_by(mechanism, held(options)).entries
+    moving = [x for x in mechanism.drivers if mechanism.driven_coordinate(x).v not in still]
+    if mechanism.drivers and not moving:
+        raise sp.SpatialPinError(
+            f"mechanism {mechanism.name!r}: nothing moves {options.frame!r}: "
+            f"{', '.join(mechanism.drivers)} {'are' if len(mechanism.drivers) > 1 else 'is'} "
+            "held; hold less, or name what moves it with --by")
+    return moving
 
 
 def _units(output: str, driver: str) -> dict[str, str]:

@@ -82,7 +82,7 @@ def _workspace(options: argparse.Namespace) -> None:
                 raise ValueError(f"{name} is in {unit}, not in {ends[k].unit}")
     with workers(options.workers) as executor:
         found = sp.workspace(mechanism, options.frame, ranges, points=options.points,
-                             guess=guess_of(options), hold=held(options),
+                             guess=guess_of(options, mechanism), hold=held(options),
                              task=options.task, limits=options.limits,
                              on_crossing=options.on_crossing, clearance=options.clearance,
                              sheets=options.sheets, executor=executor, progress=True)
@@ -101,7 +101,8 @@ def _mapped(options: argparse.Namespace, found: sp.Workspace) -> Iterator[Path |
         found.plot(options.picture, plane=options.plane, at=options.at)
         yield options.picture
     if options.html:
-        yield sp.export_html(sp.assemble(found.mechanism, {}, guess_of(options)), options.html,
+        yield sp.export_html(sp.assemble(found.mechanism, {}, guess_of(
+            options, found.mechanism)), options.html,
                              look=sp.Look(workspace=found))
 
 
@@ -143,7 +144,7 @@ def _design(options: argparse.Namespace) -> None:
         options.usage_error("nothing may change: name dimensions, as r2=50mm..0.6")
     check_bounds(bounds)
     with workers(options.workers) as executor:
-        found = sp.design(mechanism, goals, bounds, guess=guess_of(options),
+        found = sp.design(mechanism, goals, bounds, guess=guess_of(options, mechanism),
                           starts=options.starts, method=options.method, seed=options.seed,
                           executor=executor, progress=True, resume=options.resume,
                           most=options.most)
@@ -203,7 +204,7 @@ def _calibrate(options: argparse.Namespace) -> None:
     found = sp.calibrate(mechanism, read_readings(options.table, mechanism, options.read),
                          dimensions, offsets=options.offset, base=options.base,
                          sigma=sigma or None, loss=options.loss, margin=options.margin,
-                         guess=guess_of(options))
+                         guess=guess_of(options, mechanism))
     content: dict[str, Any] = found.as_dict()
     residuals = content["residuals"]
     table = {key: [row[key] for row in residuals] for key in residuals[0]} if residuals else {}

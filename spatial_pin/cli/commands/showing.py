@@ -51,7 +51,7 @@ def _live(options: argparse.Namespace, mechanism: sp.Mechanism) -> Viewer:
     if options.movie or options.last is not None or options.hold:
         options.usage_error("--live takes no values to sweep, holds nothing and makes no film")
     check_names(options, mechanism)
-    state = sp.assemble(mechanism, {}, guess_of(options))
+    state = sp.assemble(mechanism, {}, guess_of(options, mechanism))
     named = [options.driver] if options.driver else None
     return sp.live(mechanism, state, drivers=named, outputs=options.output,
                    limits=options.limits is not False)
