@@ -1,5 +1,6 @@
 """MuJoCo's models: the same bodies, masses and loops as MuJoCo itself has."""
 
+import os
 import sys
 from pathlib import Path
 
@@ -614,6 +615,17 @@ def test_endless_copies_are_refused_before_they_are_made(tmp_path):
     path = written(tmp_path, """<worldbody><replicate count="100000"><replicate count="100000">
         <body><joint/><geom size="1"/></body></replicate></replicate></worldbody>""")
     with pytest.raises(sp.MechanismFileError, match="copies"):
+        sp.load(path)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes on this system")
+@pytest.mark.parametrize(("file", "says"), [("pipe.xml", "is a pipe"), (".", "is a folder")])
+@pytest.mark.parametrize("element", ["<include file='{}'/>",
+                                     "<asset><model name='m' file='{}'/></asset>"])
+def test_an_include_of_no_file_is_refused_by_who_includes_it(tmp_path, element, file, says):
+    os.mkfifo(tmp_path / "pipe.xml")
+    path = written(tmp_path, element.format(file) + "<worldbody/>")
+    with pytest.raises(sp.MechanismFileError, match=rf"model\.xml: an include: .*{says}"):
         sp.load(path)
 
 
