@@ -263,6 +263,22 @@ def test_a_material_is_what_its_name_says_anywhere_in_the_file(load, head, insid
     assert [x.meshColor.tolist() if x.overrideMaterial else None for x in found] == colours
 
 
+@pytest.mark.parametrize(("hand", "tip", "more", "says"), [
+    (inertial(2.0) + inertial(5.0), "", "", "link 'hand': <inertial>"),
+    (inertial(2.0, more="<mass value='5'/>"), "", "", "link 'hand': <mass>"),
+    ("", "<visual><origin/><origin xyz='1 0 0'/><geometry><sphere radius='1'/></geometry></visual>",
+     "", "link 'tip': <origin>"),
+    ("", "", link("end") + joint("last", "continuous", "tip", "end",
+                                 "<mimic joint='elbow'/><mimic joint='shoulder'/>"),
+     "joint 'last': <mimic>"),
+])
+def test_of_what_is_stated_twice_the_first_counts(told, hand, tip, more, says):
+    mechanism, text = told(arm(hand, more, tip))
+    assert text == f"{says}: stated more than once, the first counts"
+    assert mechanism.inertias["hand"].mass == 2.0
+    assert [c.joints[0] for c in mechanism.closures] == ["elbow"] * len(mechanism.closures)
+
+
 def test_of_two_materials_of_one_name_the_first_counts(told):
     twice = '<material name="x"><color rgba="{} 0 0 1"/></material>'
     mechanism, text = told(twice.format(1) + twice.format(0)

@@ -1,5 +1,6 @@
 """MuJoCo's models: the same bodies, masses and loops as MuJoCo itself has."""
 
+import os
 import sys
 from pathlib import Path
 
@@ -614,6 +615,40 @@ def test_endless_copies_are_refused_before_they_are_made(tmp_path):
     path = written(tmp_path, """<worldbody><replicate count="100000"><replicate count="100000">
         <body><joint/><geom size="1"/></body></replicate></replicate></worldbody>""")
     with pytest.raises(sp.MechanismFileError, match="copies"):
+        sp.load(path)
+
+
+@pytest.mark.parametrize(("joint", "actuators", "efforts"), [
+    ("", ['gear="2" forcerange="-3 3"'], (-6.0, 6.0)),
+    ("", ['gear="-2" forcerange="-1 3"'], (-6.0, 2.0)),
+    ("", ['gear="2" forcerange="-3 3"', 'gear="-1" forcerange="-1 2"'], (-8.0, 7.0)),
+    ("", ['gear="2" forcerange="-3 3"', 'gear="1"'], (-np.inf, np.inf)),
+    ('actuatorfrcrange="-4 9"', ['gear="2" forcerange="-3 3"'], (-4.0, 6.0)),
+    ('actuatorfrcrange="-4 4"', ['gear="2"'], (-4.0, 4.0)),
+])
+def test_efforts_are_those_of_the_actuators_at_the_joint(tmp_path, joint, actuators, efforts):
+    motors = "".join(f'<motor joint="j" {x}/>' for x in actuators)
+    path = written(tmp_path, f"""<worldbody><body><joint name="j" {joint}/><geom size=".1"/></body>
+        </worldbody><actuator>{motors}</actuator>""")
+    model = sp.load(path).model
+    assert (model.lowerEffortLimit[0], model.upperEffortLimit[0]) == efforts
+    if np.isfinite(efforts[0]):  # and MuJoCo has the same
+        theirs = mujoco.MjModel.from_xml_path(str(path))
+        data = mujoco.MjData(theirs)
+        for end in efforts:
+            data.ctrl[:] = np.sign(end) * 100.0 * theirs.actuator_gear[:, 0]
+            mujoco.mj_forward(theirs, data)
+            assert data.qfrc_actuator[0] == end
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes on this system")
+@pytest.mark.parametrize(("file", "says"), [("pipe.xml", "is a pipe"), (".", "is a folder")])
+@pytest.mark.parametrize("element", ["<include file='{}'/>",
+                                     "<asset><model name='m' file='{}'/></asset>"])
+def test_an_include_of_no_file_is_refused_by_who_includes_it(tmp_path, element, file, says):
+    os.mkfifo(tmp_path / "pipe.xml")
+    path = written(tmp_path, element.format(file) + "<worldbody/>")
+    with pytest.raises(sp.MechanismFileError, match=rf"model\.xml: an include: .*{says}"):
         sp.load(path)
 
 

@@ -313,6 +313,11 @@ def test_an_include_that_may_be_missing_may_be_missing(write):
         sp.load(write(arm("1", '<xacro:include filename="gone.xacro"/>')))
 
 
+def test_an_include_of_a_folder_is_refused_by_who_includes_it(write):
+    with pytest.raises(sp.MechanismFileError, match=r"arm.*: an include: .* is a folder"):
+        sp.load(write(arm("1", '<xacro:include filename="."/>')))
+
+
 YAMLS = {
     "an alias in itself": "a: &a [*a, *a]\nx: 1",
     "lists of lists": "".join([f"a{k}: &a{k} [*a{k - 1}, *a{k - 1}]\n" if k else "a0: &a0 [1, 2]\n"

@@ -7,6 +7,7 @@ model opens without its mesh files, and at once.
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 import warnings
 import xml.etree.ElementTree as ET
@@ -130,11 +131,22 @@ def _copies(path: Path, seen: dict[Path, None]) -> float:
                 times *= _product(element.get("count", "1"))
                 total += times
             file = path.parent / element.get("file", "")
-            if element.tag in ("include", "model") and is_file(file) and file not in seen:
-                total += times * _copies(file, seen)
+            if element.tag in ("include", "model") and "file" in element.attrib:
+                _check_included(file, path)
+                if is_file(file) and file not in seen:
+                    total += times * _copies(file, seen)
             deeper += [(child, times) for child in element]
         level = deeper
     return total
+
+
+def _check_included(file: Path, path: Path) -> None:
+    """Refuse a file that `path` includes and that is none; on a pipe MuJoCo would wait for ever."""
+    if os.path.exists(file):  # unlike Path.exists, false for names that are too long
+        try:
+            check_file(file)
+        except MechanismFileError as error:
+            raise MechanismFileError(f"{shown(path)}: an include: {error}") from error
 
 
 def _elements(path: Path) -> list[ET.Element]:

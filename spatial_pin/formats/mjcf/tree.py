@@ -207,10 +207,26 @@ def moves_joint(reading: Reading) -> Array:
 
 def _effort(reading: Reading, joint: int) -> dict[str, float]:
     """Return the limits of what actuators do at a joint, as `[joints.X]` has them."""
-    if not reading.model.jnt_actfrclimited[joint]:
+    lower, upper = _forces(reading, joint)
+    if reading.model.jnt_actfrclimited[joint]:
+        low, high = reading.model.jnt_actfrcrange[joint]
+        lower, upper = max(lower, float(low)), min(upper, float(high))
+    if lower > upper or np.inf in (-lower, upper):
         return {}
-    lower, upper = (float(x) for x in reading.model.jnt_actfrcrange[joint])
     return {"effort": upper} if lower == -upper else {"effort": upper, "lower_effort": lower}
+
+
+def _forces(reading: Reading, joint: int) -> tuple[float, float]:
+    """Return the least and the largest force of all actuators together at a joint."""
+    model = reading.model
+    own = moves_joint(reading) & (model.actuator_trnid[:, 0] == joint)
+    on_tendon = (model.wrap_objid == joint) & (
+        model.wrap_type == int(reading.mujoco.mjtWrap.mjWRAP_JOINT))
+    if not (reading.is_single(joint) and np.any(own) and np.all(model.actuator_forcelimited[own])
+            ) or np.any(on_tendon):
+        return -np.inf, np.inf
+    ends = model.actuator_gear[own, :1] * model.actuator_forcerange[own]
+    return float(ends.min(axis=1).sum()) + 0.0, float(ends.max(axis=1).sum()) + 0.0
 
 
 def _add_inertia(reading: Reading, body: int) -> None:

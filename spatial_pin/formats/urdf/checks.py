@@ -23,6 +23,11 @@ from spatial_pin.numerics.linalg import Array
 LIGHTEST = 1e-200  # kg
 DEEPEST_LINK = 1500  # joints above it: readers of URDF take 2.5 kB of the stack for each, and a
                      # stack of 8 MB ends them, and all of Python, before 4000
+ONCE = {  # what a link or joint, or an element in it, says once
+    ".": ("inertial", "origin", "axis", "limit", "dynamics", "mimic"),
+    "inertial": ("origin", "mass", "inertia"),
+    "visual": ("origin", "geometry"), "collision": ("origin", "geometry"),
+}
 UNIVERSE = "universe"  # the joint that all joints of a Pinocchio model hang on
 
 # ---------------------------------------------------------------- structure
@@ -55,6 +60,7 @@ def check_structure(robot: ET.Element, path: Path, faults: Faults) -> None:
     children = {end_of(joint, "child") for joint in joints}
     roots = [link for link in links if link not in children]
     _check_depth(roots, joints, path)
+    _tell_doubled(robot, faults)
     if len(roots) > 1:
         _join(robot, roots, {*links, *names} - set(roots), faults)
 
@@ -85,6 +91,18 @@ def _check_depth(roots: Iterable[str], joints: Iterable[ET.Element], path: Path)
             raise MechanismFileError(f"{path}: more than {DEEPEST_LINK} joints one after another "
                                      f"below the root, as at link {level[0]!r}; readers of URDF "
                                      "take no longer chains")
+
+
+def _tell_doubled(robot: ET.Element, faults: Faults) -> None:
+    """Tell of what is stated again; readers of URDF take the first."""
+    for path, tags in ONCE.items():
+        for kind in ("link", "joint"):
+            for element in robot.findall(kind):
+                for part in element.iterfind(path):
+                    for tag in tags:
+                        if len(part.findall(tag)) > 1:
+                            faults.note("stated more than once, the first counts",
+                                        f"{kind} {element.get('name')!r}: <{tag}>")
 
 
 def _join(robot: ET.Element, roots: Sequence[str], taken: Container[str], faults: Faults) -> None:

@@ -412,7 +412,12 @@ class Expansion:
         if not files:
             warn(f"{shown(self.file)}: no file matches {shown(name)}")
         for file in files:
-            self.confined(file)
+            path = self.confined(file)
+            try:
+                if os.path.exists(path):
+                    check_file(path)
+            except MechanismFileError as error:
+                raise MechanismFileError(f"{shown(self.file)}: an include: {error}") from error
         return files
 
     def parse(self, _: None, name: str) -> Any:
