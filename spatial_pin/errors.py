@@ -173,7 +173,7 @@ class LimitError(SpatialPinError):
     """The driver cannot reach a value.
 
     Attributes:
-        limit: the driver value of the limit position (dead centre) [rad or m].
+        limit: the driver value of the limit position [rad or m].
         motion: what was reached before it.
 
     Example:
@@ -264,7 +264,7 @@ class SingularError(SpatialPinError):
         ...     sp.solve_rates(mech, state, {"slide": 1.0})
         ... except sp.SingularError as error:
         ...     print(str(error).split(",")[0].partition(": ")[2])
-        singular configuration: 'slide' is at a limit position (dead centre) there
+        singular configuration: 'slide' is at a limit position there
     """
 
     def __init__(

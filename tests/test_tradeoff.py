@@ -485,7 +485,7 @@ def test_the_command_measures_simulations(capfd):
     (["rssr", "crank", "0", "1", "--simulate", "1"], 2, "no driver to sweep"),
     (["rssr", "--simulate", "--at", "crank=1"], 2, "needs a duration"),
     (["rssr", "--simulate", "5mm"], 1, "duration is in s or ms"),
-    (["rssr", "--simulate", "1s", "--effort", "crank=5deg"], 1, "is in N or kN"),
+    (["rssr", "--simulate", "1s", "--effort", "crank=5deg"], 1, "the effort of crank is in Nm"),
     (["swash_plate", "--simulate"], 1, "stands still under gravity"),
     (["rssr", "--error", "-1"], 2, "not a positive number"),
     (["rssr", "--error", "1mm"], 2, "not a positive number"),

@@ -49,14 +49,14 @@ def dependence(asked: Asked, closures: Array) -> str:
         return (f"{where}what is held cannot all stand still beside the loops and the base: "
                 "they move it together; hold less")
     freedom = closures.shape[1] - decompose(closures).rank
-    if not freedom:
-        return where + _nothing_moves(asked, names)
     moving = drive @ decompose(closures).null_space.T
     if freedom < len(asked.driven):
         rank = decompose(closures, TOLERANCES.near_singular).rank
         if closures.shape[1] - rank >= len(asked.driven):
             return (f"{where}singular configuration: branches cross so near that round-off "
                     "hides which equations depend on others; start further from it")
+        if not freedom:
+            return where + _nothing_moves(asked, names)
         kept = common_rows(moving[None], np.zeros((0, freedom)), freedom)
         more = ", ".join(repr(c.name) for k, c in enumerate(asked.driven) if k not in kept)
         return (f"{where}{len(asked.driven)} coordinates are prescribed ({names}), but the "
@@ -67,7 +67,7 @@ def dependence(asked: Asked, closures: Array) -> str:
     stuck = ", ".join(repr(c.name) for c, m in zip(asked.driven, moved, strict=True)
                       if m < TOLERANCES.near_singular)
     if stuck:
-        return (f"{where}singular configuration: {stuck} is at a limit position (dead centre) "
+        return (f"{where}singular configuration: {stuck} is at a limit position "
                 "there, where no speed of it moves the mechanism; start beside it, or "
                 "prescribe another coordinate")
     kept = common_rows(moving[None], np.zeros((0, moving.shape[1])), len(asked.driven))

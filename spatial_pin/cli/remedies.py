@@ -86,7 +86,7 @@ REMEDIES = (
     Remedy(r"sp\.load\(\.\.\., trusted=True\)", "--trusted"),
     Remedy(r"free_flyer=True", "--free-flyer"),
     Remedy(r"\bsp\.mobility\b", "`spatial-pin info`"),
-    Remedy(r"take a smaller time_tolerance or step, or formulation='independent'",
+    Remedy(r"take a smaller time_tolerance or step(, or formulation='independent')?",
            "take --accuracy reference"),
     Remedy(r", a larger time_tolerance, integrator='Radau' .*? Accuracy\(most_steps=.*?\)",
            " or --accuracy draft"),

@@ -22,7 +22,7 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.rates.rates import check_not_held, prescribed_at
 from spatial_pin.settings import Accuracy
 
-# Arc length that a start on a dead centre is moved by: rates there are twenty times the driver's,
+# Arc length that a start on a limit of the driver is moved by: rates there are twenty times the driver's,
 # and no sample is missed, as the way back is followed too.
 BESIDE_DEAD_CENTRE = 0.05
 
@@ -32,7 +32,7 @@ def system_at(
 ) -> tuple[SquareSystem, State]:
     """Return the square system with `driver` prescribed first, at the assembled guess or near it.
 
-    Where the guess is just a dead centre of the driver, a point a little further on is taken.
+    Where the guess is just a limit of the driver, a point a little further on is taken.
 
     Raises:
         ValueError: the driver is held.

@@ -266,7 +266,7 @@ def _too_few(equations: Equations, actuation: Actuation, freedoms: Array, pull: 
     stuck = [name for name, x in zip(actuation.names, pull, strict=True)
              if x < TOLERANCES.near_singular]
     why = (f"{', '.join(map(repr, stuck))} {'is' if len(stuck) == 1 else 'are'} at a limit "
-           "position (dead centre), where no effort there moves anything: ") if stuck else ""
+           "position, where no effort there moves anything: ") if stuck else ""
     return (f"{why}{missing} freedom{'s have' if missing > 1 else ' has'} no actuator; actuate "
             f"{missing} more of {', '.join(equations.moving(freedoms))}, {way}{floats}")
 

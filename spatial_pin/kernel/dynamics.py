@@ -44,9 +44,8 @@ class Run(ctypes.Structure):
                 ("between", REAL)]
 
 
-# why it paused
-AT_END, AT_FAILURE, NEW_COORDINATES, FULL, STIFF, CREEPING, MANY = range(7)
-NO_SAMPLES = 9
+AT_END, AT_FAILURE, NEW_COORDINATES, FULL, STIFF, CREEPING, MANY = range(7)  # why it paused
+NO_SAMPLES = 9  # the same, see Pause in integrating.c
 
 
 class Samples(NamedTuple):

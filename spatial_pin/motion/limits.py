@@ -39,7 +39,7 @@ class Bound(NamedTuple):
 
     Attributes:
         value: driver value [rad or m], infinite where there is no limit.
-        kind: "limit" (dead centre), "branch point", "singular", "none", "upper limit of JOINT" or
+        kind: "limit" (the driver turns back), "branch point", "singular", "none", "upper limit of JOINT" or
             "lower limit of JOINT" (of the URDF), or "not followed further" (the value is then the
             last one reached).
 

@@ -160,7 +160,7 @@ def sweep(
         raise Interrupted(motion)
     if stop is not None:
         motion.events.append(stop_event(stop, n, f"{driver} = {stop.value:.12g} {coordinate.unit}",
-                                        "limit position (dead centre)"))
+                                        "limit position"))
         ends = on_limit if stop.kind in ("limit", "half turn") else on_crossing
         if ends != "stop" or stop.kind == "lost":
             raise _error(motion, stop, driver, coordinate, float(values[n]), on_crossing)

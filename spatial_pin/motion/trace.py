@@ -183,7 +183,7 @@ class _TracedSamples:
     def note(self, kind: str, value: float) -> None:
         """Keep a limit position, a branch point, or an early end as an event."""
         unit = self.mechanism.coordinate(self.driver).unit
-        words = {"limit": "limit position (dead centre)",
+        words = {"limit": "limit position",
                  "branch point": "branch point, passed straight on,",
                  "not closed": f"not closed within {len(self.points)} samples: left off"}
         text = f"{words[kind]} at {self.driver} = {value:.12g} {unit}"

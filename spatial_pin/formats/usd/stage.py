@@ -20,7 +20,7 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 DEGREE = np.pi / 180.0
-DEEPEST = 1000  # braces within one another; USD's reader of text, who calls itself for each, ends
+DEEPEST_PRIM = 1000  # braces within one another; USD's reader of text, who calls itself for each, ends
                 # the process between 50,000 and 200,000 on a stack of 8 MB, before 20,000 on 1 MB
 EARTH = 9.81  # m/s², where a scene says that it has the earth's gravity
 
@@ -202,8 +202,8 @@ def _check_depth(path: Path, where: str) -> None:
     if text[:5].tobytes() != b"#usda":
         return
     braces = text[(text == ord("{")) | (text == ord("}"))]
-    if np.cumsum(np.where(braces == ord("{"), 1, -1)).max(initial=0) > DEEPEST:
-        raise MechanismFileError(f"{where}: more than {DEEPEST} prims within one another; USD "
+    if np.cumsum(np.where(braces == ord("{"), 1, -1)).max(initial=0) > DEEPEST_PRIM:
+        raise MechanismFileError(f"{where}: more than {DEEPEST_PRIM} prims within one another; USD "
                                  "files of robots have ten")
 
 

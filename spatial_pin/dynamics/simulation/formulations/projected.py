@@ -22,7 +22,7 @@ from spatial_pin.errors import SpatialPinError
 from spatial_pin.numerics.linalg import Array
 
 # Rotation vector at which coordinates of joints that turn in space are begun anew [rad].
-COORDINATES_END = 0.5
+TURNED_END = 0.5
 LEFT_OPEN = 1e-6  # closure residual that a step may leave to be projected away, at tight tolerances
 LOOSE = 10.0  # the same relative to the tolerance of a step, at loose ones
 WIDE = 1e-2  # the same at any tolerance: from there Newton's method finds the same branch
@@ -90,7 +90,7 @@ class Projected(Independent):
 
     def needs_new_coordinates(self, t: float, y: Array) -> bool:
         """Whether the coordinates should be begun anew."""
-        return float(np.abs(y[self._turning]).max(initial=0.0)) > COORDINATES_END
+        return float(np.abs(y[self._turning]).max(initial=0.0)) > TURNED_END
 
     def crossings(self, y: Array, to: Array) -> list[tuple[float, float]]:
         """Return nothing: where branches cross the loops lose rank."""

@@ -31,8 +31,9 @@ class Balance:
         self._watches = problem.is_steady and not creeps
         self._part = WORST if fixed else min(
             WORST, max(LOST, TOLERANCES * accuracy.time_tolerance))
-        self._other = (", or formulation='independent'" if accuracy.formulation == "projected"
-                       else "")
+        self._remedy = ("take a smaller time_tolerance or step, or formulation='independent'"
+                        if accuracy.formulation == "projected"
+                        else "take a smaller time_tolerance or step")
         self._name, self._least_exchange = problem.mechanism.name, problem.least_exchange
         self._keeps(start)
 
@@ -48,7 +49,7 @@ class Balance:
             f"mechanism {self._name!r}: at {t:.9g} s there are "
             f"{now.total - now.work:.6g} J, the work done taken off, where "
             f"{self._start.total:.6g} J were at the start: energy came from nowhere or was lost; "
-            f"take a smaller time_tolerance or step{self._other}")
+            f"{self._remedy}")
 
     def refuse_samples(self, record: Record) -> None:
         """Refuse samples whose energy balance is wrong; they are dropped.
