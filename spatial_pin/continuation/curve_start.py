@@ -22,9 +22,9 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.rates.rates import check_not_held, prescribed_at
 from spatial_pin.settings import Accuracy
 
-# Arc length that a start on a limit of the driver is moved by: rates there are twenty times the driver's,
-# and no sample is missed, as the way back is followed too.
-BESIDE_DEAD_CENTRE = 0.05
+# Arc length that a start on a limit of the driver is moved by: rates there are twenty times the
+# driver's, and no sample is missed, as the way back is followed too.
+BESIDE_LIMIT = 0.05
 
 
 def system_at(
@@ -74,7 +74,7 @@ def _beside(
             continue
         curve = Curve(system, Accuracy.named("engineering").tolerance)
         point = curve.settle(state.q, direction_of(system) / system.scale)
-        q = curve.ahead(point, BESIDE_DEAD_CENTRE) if point is not None else None
+        q = curve.ahead(point, BESIDE_LIMIT) if point is not None else None
         if q is not None:
             return State(mechanism, q, closure_error=curve.evaluation.closure_error,
                          angles=curve.evaluation.angles)

@@ -39,9 +39,9 @@ class Bound(NamedTuple):
 
     Attributes:
         value: driver value [rad or m], infinite where there is no limit.
-        kind: "limit" (the driver turns back), "branch point", "singular", "none", "upper limit of JOINT" or
-            "lower limit of JOINT" (of the URDF), or "not followed further" (the value is then the
-            last one reached).
+        kind: "limit" (the driver turns back), "branch point", "singular", "none", "upper limit of
+            JOINT" or "lower limit of JOINT" (of the URDF), or "not followed further" (the value is
+            then the last one reached).
 
     Example:
         >>> bound = sp.limits(sp.load("four_bar", r2=0.25), "crank").upper
