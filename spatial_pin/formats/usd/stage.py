@@ -20,8 +20,8 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 DEGREE = np.pi / 180.0
-# Braces within one another: USD's reader of text, who calls itself for each, ends the process between
-# 50,000 and 200,000 on a stack of 8 MB, before 20,000 on 1 MB.
+# Braces within one another: USD's reader of text, who calls itself for each, ends the process
+# between 50,000 and 200,000 on a stack of 8 MB, before 20,000 on 1 MB.
 DEEPEST_PRIM = 1000
 EARTH = 9.81  # m/s², where a scene says that it has the earth's gravity
 
