@@ -6,6 +6,7 @@ import mechanisms as known
 import pytest
 
 import spatial_pin as sp
+from spatial_pin.assembly.search.refusals import what_of
 
 PUMP = (known.turning("crank_pin", "ground", "crank", axis=(0, 1, 0))
         + known.turning("wrist", "crank", "rod", xyz=(0.05, 0, 0), axis=(0, 1, 0))
@@ -75,6 +76,102 @@ def test_too_much_is_held():
     with pytest.raises(sp.SingularError, match="what is held and the loops leave no freedom, so "
                                                "that 'rocker_pin' cannot move; hold less"):
         sp.sweep(sp.load("four_bar"), "rocker_pin", [1.7, 1.9], hold=["crank"])
+
+
+# ---------------------------------------------------------------- the file with the mistake
+
+
+def refused(pump, more: str) -> str:
+    """Return what is said of a mechanism file with more in it, which is named."""
+    with pytest.raises(sp.MechanismFileError) as told:
+        pump(more=more)
+    where, _, text = str(told.value).partition("pump.toml: ")
+    assert where.endswith("/") and text
+    return text
+
+
+@pytest.mark.parametrize(("more", "says"), [
+    (known.refine("slid", "prismatic"),
+     "joints.slid: the URDF has no such joint; did you mean 'slide'?"),
+    (known.refine("slide", "spherical"),
+     "joints.slide: joint 'slide' is prismatic in the URDF, which does not contain a spherical"),
+])
+def test_the_file_is_named_in_which_the_mistake_is(pump, more, says):
+    assert refused(pump, more).startswith(says)
+
+
+def test_the_file_of_wrong_axes_and_of_a_wrong_order_is_named(tmp_path):
+    tree = known.floating("cross", "ground", "arm")
+    for toml, says in (
+            (known.refine("cross", "universal", axis=[0, 0, 1], axis2=[0, 0.6, 0.8]),
+             "joints.cross: the pins"),
+            ('order = ["crss"]\n' + known.refine("cross", "spherical"),
+             "order: no joint that moves is named 'crss'; did you mean 'cross'?")):
+        with pytest.raises(sp.MechanismFileError) as told:
+            known.load(tmp_path, "joint", tree, toml)
+        assert f"joint.toml: {says}" in str(told.value)
+
+
+@pytest.mark.parametrize("where", ["", "[joints.slide]\ndamping = 1.0\n", START])
+@pytest.mark.parametrize("value", ['["slide"]', '"slide"'])
+def test_drivers_written_as_a_list_are_told_how_they_are_written(tmp_path, where, value):
+    with pytest.raises(sp.MechanismFileError) as told:
+        known.load(tmp_path, "pump", PUMP, f"{where}drivers = {value}\n")
+    assert 'write [drivers.NAME] and below it joint = "slide"' in str(told.value)
+
+
+def test_a_driver_written_as_a_line_is_told_how_it_is_written(tmp_path):
+    with pytest.raises(sp.MechanismFileError) as told:
+        known.load(tmp_path, "pump", PUMP, '[drivers]\ncrank = "crank_pin"\n')
+    assert str(told.value).endswith('pump.toml: drivers.crank: must be a table of key = value '
+                                    'lines; write [drivers.crank] and below it joint = '
+                                    '"crank_pin"')
+
+
+# ---------------------------------------------------------------- guesses and laws
+
+
+def test_a_guess_of_another_size_names_what_the_joint_takes(tmp_path):
+    tree = known.floating("c4", "ground", "arm") + known.turning("wheel", "arm", "disc")
+    refined = known.refine("c4", "cylindrical")
+    for toml, says in (
+            ("[guess]\nc4 = 0.3\n", "'c4' is cylindrical: give [angle, slide], not 0.3"),
+            ("[guess]\nwheel = [0.3, 0.1]\n", "'wheel' is revolute: give a number, not "
+                                             "[0.3, 0.1]")):
+        with pytest.raises(sp.MechanismFileError) as told:
+            known.load(tmp_path, "arm", tree, refined + toml)
+        assert f"arm.toml: guess: {says}" in str(told.value)
+    with pytest.raises(ValueError, match=r"'wheel' is revolute: give a number, not"):
+        sp.assemble(known.load(tmp_path, "arm", tree, refined), {}, {"wheel": [0.3, 0.1]})
+
+
+@pytest.mark.parametrize("law", [lambda t: t, lambda t: (t, 1.0), lambda t: ("a", 1.0, 0.0)])
+def test_a_law_that_returns_something_else_is_told_what_it_must_be(law):
+    mech = sp.load("four_bar")
+    with pytest.raises(TypeError, match=r"the law of 'crank' returns .* at 0 s; it must be a "
+                                        r"function of time that returns \(value, rate, accel"):
+        sp.simulate(mech, sp.assemble(mech), 0.1, drives={"crank": law})
+
+
+# ---------------------------------------------------------------- loops that stay open
+
+
+def test_a_coupling_that_stays_open_has_no_frames_to_check(tmp_path):
+    tree = (known.turning("a", "ground", "one", axis=(0, 0, 1))
+            + known.turning("b", "one", "two", xyz=(1, 0, 0), axis=(0, 0, 1)))
+    mech = known.load(tmp_path, "geared", tree, known.coupling("gears", "a", "b", 50.0, 1.0))
+    assert what_of(mech, "gears").startswith("ratio and offset of coupling 'gears'")
+
+
+def test_a_length_in_another_unit_is_a_hint(tmp_path):
+    tree = (known.turning("a", "ground", "one") + known.point("tip", "one", (0.2, 0, 0))
+            + known.turning("b", "ground", "two", (0.5, 0, 0))
+            + known.point("end", "two", (0.2, 0, 0)))
+    mech = known.load(tmp_path, "rod", tree, known.closure("rod", "distance", "tip", "end",
+                                                           length=400))
+    with pytest.raises(sp.AssemblyError, match=r"length = 400 m is 571 times the mechanism's size: "
+                                               r"400 mm are 0\.4"):
+        sp.assemble(mech)
 
 
 # ---------------------------------------------------------------- forces

@@ -27,6 +27,10 @@ BELONGS = {  # where in a file each key has its place
     "in [passive.NAME]": ("body", "axis"),
     "in [frames.NAME]": ("link", "xyz", "rpy"),
 }
+HEADINGS = {  # how what stands at the top of a file as tables is written
+    "joints": "[joints.{name}]", "closures": "[[closures]]", "drivers": "[drivers.{name}]",
+    "springs": "[[springs]]", "passive": "[passive.{name}]", "frames": "[frames.{name}]",
+    "guess": "[guess]"}
 SPRING = ("stiffness", "damping", "free_length", "free_angle")  # which no closure has
 TWO_NAMES = ["?", "?"]
 # What a table is read on with in the place of a value that is none.
@@ -41,6 +45,20 @@ STAND_INS: dict[str, dict[str, Any]] = {
     "in [frames.NAME]": {"link": "?"},
 }
 LONGEST_VALUE = 80  # letters of a value in a message: one line of a terminal
+
+
+def belongs(key: str, value: Any) -> str:
+    """Return where a key of the top of the file, with that value, is to be written."""
+    return heading(key, value) if key in HEADINGS else f"it belongs {TOP}"
+
+
+def heading(key: str, value: Any, name: str = "NAME") -> str:
+    """Return how a table is written, for messages, in the place of a key with that value."""
+    said = HEADINGS[key].format(name=name)
+    if key != "drivers":
+        return f"write {said} and its lines below"
+    named = value[0] if isinstance(value, list) and value else value
+    return f"write {said} and below it joint = {_said(named)}".replace("'", '"')
 
 
 def _is_finite(value: int | float) -> bool:
@@ -64,8 +82,11 @@ class Table:
 
     def __init__(self, content: Any, where: str, place: str = TOP) -> None:
         if not isinstance(content, dict):
-            key = where.rpartition(".")[2]
-            hint = f"; {key} belongs {TOP}" if place != TOP and key in BELONGS[TOP] else ""
+            table, _, key = where.rpartition(": ")[2].rpartition(".")
+            hint = f"; {heading(table or key, content, key if table else 'NAME')}" * (
+                (table or key) in HEADINGS)
+            if place != TOP and key in BELONGS[TOP]:
+                hint = f"; {belongs(key, content)}"
             raise MechanismFileError(f"{where}: must be a table of key = value lines{hint}")
         self.content, self.where, self.place = content, where, place
         self.known: list[str] = []
@@ -257,5 +278,7 @@ class Table:
             return ("is not a key of this table: closures carry neither springs nor dampers; write "
                     "[[springs]] with name, frames (the same two) and stiffness or damping")
         if places:
-            return f"is not a key of this table; it belongs {' or '.join(places)}"
+            where = belongs(key, self.content[key]) if places == [TOP] else (
+                f"it belongs {' or '.join(places)}")
+            return f"is not a key of this table; {where}"
         return f"is not a key of this table; {suggestion(key, self.known)}"

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from spatial_pin.errors import MechanismFileError, Mistakes
-from spatial_pin.formats.checked_tables import BELONGS, BETWEEN, TOP, Table
+from spatial_pin.formats.checked_tables import BELONGS, BETWEEN, TOP, Table, belongs
 from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.graph.urdf import without_loops
 from spatial_pin.formats.imported import Request
@@ -145,7 +145,8 @@ def mechanism_of(top: Table, file: Path, urdf: str, request: Request, faults: Fa
                 faults.note(notice)
             urdf, top = cut.urdf, Table(cut.content, top.where)
             said = Said(top, mistakes)
-        tree = tree_of(urdf, file, said.refinements, faults, request.packages, said.order)
+        tree = tree_of(urdf, file, said.refinements, faults, request.packages, said.order,
+                       top.where)
         if said.gravity is not None:
             tree.model.gravity.linear = said.gravity
         return _build(top, tree, said, file, request, faults, mistakes)
@@ -208,8 +209,8 @@ def _check_guess(mechanism: Mechanism, where: str, mistakes: Mistakes) -> None:
             continue
         with mistakes.each():
             if key in BELONGS[TOP] and key not in (*mechanism.model.names, *mechanism.drivers):
-                raise MechanismFileError(
-                    f"{where}: guess: {key} is no joint, coordinate or driver; it belongs {TOP}")
+                raise MechanismFileError(f"{where}: guess: {key} is no joint, coordinate or "
+                                         f"driver; {belongs(key, value)}")
             check_guess(mechanism, where, {key: value})
 
 

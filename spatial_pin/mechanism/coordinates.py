@@ -17,7 +17,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.brief import brief
-from spatial_pin.checks import finite_array, finite_number
+from spatial_pin.checks import as_array, finite_array, finite_number
 from spatial_pin.errors import MechanismFileError, SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
@@ -120,6 +120,11 @@ def joint_values(mechanism: Mechanism, guess: Mapping[str, Any]) -> dict[str, fl
                 isinstance(value, list | tuple) and any(isinstance(x, str | bool) for x in value)
             ):
                 raise ValueError(f"{key!r} must be a number, not {value!r}")
+            if as_array(value, f"{key!r}").shape != shape:
+                parts = [c.name.removeprefix(f"{key}.") for c in coordinates]
+                needed = "a number" if len(parts) == 1 else f"[{', '.join(parts)}]"
+                raise ValueError(
+                    f"{key!r} is {mechanism.pair_of(key)}: give {needed}, not {value!r}")
             numbers = np.atleast_1d(finite_array(value, shape, f"{key!r}"))
             values.update({c.name: float(x) for c, x in zip(coordinates, numbers, strict=True)})
         elif key in mechanism.coordinate_table or key in mechanism.drivers:

@@ -20,6 +20,8 @@ from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 
+NO_LENGTH = 30.0  # of the mechanism's size, from which on a length is another unit mostly
+
 
 def failure(search: Search) -> AssemblyError:
     """Return why a search has found nothing, with its best attempt."""
@@ -96,7 +98,7 @@ def _open_words(search: Search, q: Array, worst: str) -> str:
     if not elsewhere:
         return (f"no assembly was found from here, nor does any of {MAX_STARTS} starts close "
                 "the loops" + " at other values of the drivers" * bool(closing.held)
-                + f": check the frames of {worst!r} and the lengths between them; if they "
+                + f": check {what_of(search.mechanism, worst)}; if they "
                 "are right, give a guess nearer to a closed configuration")
     values = _values(elsewhere)
     n = closing.evaluation.constraints.n_closure
@@ -107,6 +109,19 @@ def _open_words(search: Search, q: Array, worst: str) -> str:
                 f"(the nearest values that fit are {values})")
     return ("a value is out of reach: left free, the loops close at "
             f"{values}")
+
+
+def what_of(mechanism: Mechanism, worst: str) -> str:
+    """Return what of the closure that stays open the most may be wrong."""
+    closure = {c.name: c for c in mechanism.closures}.get(worst)
+    if closure and closure.type == COUPLING:
+        return f"ratio and offset of coupling {worst!r}, and the other closures"
+    length = closure.geometry.length if closure and closure.geometry else 0.0
+    times = length / mechanism.characteristic_length
+    hint = "" if times < NO_LENGTH else (
+        f" (length = {length:g} m is {times:.3g} times the mechanism's size: {length:g} mm are "
+        f"{length / 1e3:g})")
+    return f"the frames of {worst!r} and the lengths between them{hint}"
 
 
 def _closed_elsewhere(search: Search, q: Array) -> dict[str, float]:

@@ -35,14 +35,22 @@ BETWEEN_ANCHORS = 1e-11
 EffortLaw = Callable[[float, State], Mapping[str, float]]
 
 
+NO_LAW = ("it must be a function of time that returns (value, rate, acceleration), as those of "
+          "spatial_pin.laws")
+
+
 def _law(name: str, law: Any) -> DriverLaw:
     if not callable(law):
-        raise TypeError(f"drives: the law of {name!r} is {law!r}; it must be a function of time "
-                        "that returns (value, rate, acceleration), as those of spatial_pin.laws")
+        raise TypeError(f"drives: the law of {name!r} is {law!r}; {NO_LAW}")
 
     def asked(t: float) -> tuple[float, float, float]:
         found: tuple[float, float, float] = law(t)
-        if not all(map(math.isfinite, found)):
+        try:
+            value, rate, acceleration = map(math.isfinite, found)
+        except (TypeError, ValueError):
+            raise TypeError(f"drives: the law of {name!r} returns {found!r} at {t:.9g} s; "
+                            f"{NO_LAW}") from None
+        if not (value and rate and acceleration):
             raise ValueError(f"drives: the law of {name!r} has a value that is NaN or infinite at "
                              f"{t:.9g} s: {found}")
         return found

@@ -105,7 +105,7 @@ class Tree:
 
 def tree_of(
     urdf: str, path: Path, refinements: Mapping[str, JointRefinement], faults: Faults,
-    packages: Mapping[str, Path] = NO_PACKAGES, order: Sequence[str] = (),
+    packages: Mapping[str, Path] = NO_PACKAGES, order: Sequence[str] = (), order_of: str = "",
 ) -> Tree:
     """Build the open tree of plain URDF text.
 
@@ -117,6 +117,7 @@ def tree_of(
         packages: folders of ROS packages, by name, in which meshes lie.
         order: joints in the order of their coordinates; those not named go first. Default that of
             Pinocchio's reader: joint by joint upwards, alphabetically at each link.
+        order_of: the file that says so, for errors.
 
     Raises:
         MechanismFileError: it is not a tree, or has impossible numbers.
@@ -138,7 +139,7 @@ def tree_of(
     whole = ET.tostring(robot, encoding="unicode")  # with absolute paths of meshes
     elements = {joint.get("name", ""): joint for joint in robot.findall("joint")}
     plain = _read(robot, path)
-    model = _rebuild(plain, pairs, elements, refinements, _ordered(plain, order, path), path)
+    model = _rebuild(plain, pairs, elements, refinements, _ordered(plain, order, order_of), path)
     _limit(model, refinements)
     slip_speeds = _resist(model, refinements)
     try:
@@ -234,11 +235,10 @@ def _joint_pairs(
 ) -> dict[str, str]:
     """Return the pair of every joint; refinements URDF can express are written into `robot`."""
     joints = {joint.get("name", ""): joint for joint in robot.findall("joint")}
-    for name in refinements:
+    for name, refined in refinements.items():
         if name not in joints:
             raise MechanismFileError(
-                f"{path}: joints.{name}: the URDF has no such joint; {suggestion(name, joints)}"
-            )
+                f"{refined.where}: the URDF has no such joint; {suggestion(name, joints)}")
     pairs = {}
     for name, joint in joints.items():
         kind = joint.get("type", "")
@@ -248,18 +248,18 @@ def _joint_pairs(
                 f"{suggestion(kind, CONTAINED_PAIRS)} (write type=\"floating\" and name the pair "
                 "in the .toml file for spherical, universal, cylindrical and screw)"
             )
-        refined = refinements.get(name)
-        pair = refined.type if refined else None
+        given = refinements.get(name)
+        pair = given.type if given else None
         if pair and pair not in CONTAINED_PAIRS[kind]:
             raise MechanismFileError(
-                f"{path}: joint {name!r} is {kind} in the URDF, which does not contain a "
-                f"{pair} pair; make it \"floating\" there"
+                f"{given.where if given else path}: joint {name!r} is {kind} in the URDF, which "
+                f"does not contain a {pair} pair; make it \"floating\" there"
             )
         pairs[name] = pair or PAIR_OF_URDF_TYPE.get(kind, kind)
-        if refined and pairs[name] == "fixed" and (refined.resistances or refined.limits):
-            key = next(iter({**refined.resistances, **refined.limits}))
+        if given and pairs[name] == "fixed" and (given.resistances or given.limits):
+            key = next(iter({**given.resistances, **given.limits}))
             raise MechanismFileError(
-                f"{refined.where}: {key}: joint {name!r} is fixed and has nothing that could "
+                f"{given.where}: {key}: joint {name!r} is fixed and has nothing that could "
                 "resist or be limited; take the key out"
             )
         if pairs[name] == "fixed":
@@ -315,22 +315,22 @@ def urdf_order(robot: ET.Element) -> list[str]:
     return found
 
 
-def _ordered(model: pin.Model, order: Sequence[str], path: Path) -> list[int]:
+def _ordered(model: pin.Model, order: Sequence[str], where: str) -> list[int]:
     """Return the joints of a model in the order asked for."""
     names = list(model.names)
     wanted = {name: k for k, name in enumerate(order)}
     if len(wanted) < len(order):
-        raise MechanismFileError(f"{path}: order: a joint is named twice")
+        raise MechanismFileError(f"{where}: order: a joint is named twice")
     for name in order:
         if name not in names[1:]:
-            raise MechanismFileError(f"{path}: order: no joint that moves is named {name!r}; "
+            raise MechanismFileError(f"{where}: order: no joint that moves is named {name!r}; "
                                      f"{suggestion(name, names[1:])}")
     found = sorted(range(1, model.njoints), key=lambda i: wanted.get(names[i], -1))
     places = {joint: k for k, joint in enumerate(found)}
     for joint in found:
         parent = model.parents[joint]
         if parent and places[parent] > places[joint]:
-            raise MechanismFileError(f"{path}: order: {names[joint]!r} comes before "
+            raise MechanismFileError(f"{where}: order: {names[joint]!r} comes before "
                                      f"{names[parent]!r}, on which it hangs")
     return found
 
@@ -353,13 +353,14 @@ def joint_axes(
     axis2 = refined.axis2 if refined and refined.axis2 is not None else np.array([0.0, 1.0, 0.0])
     axis = unit(axis)
     kind = refined.type if refined is not None else None
+    said = refined.where if refined and refined.where else where
     if element.get("type") == "planar" and kind not in (None, "planar"):
-        _check_within_plane(str(kind), axis, tag, where)
+        _check_within_plane(str(kind), axis, tag, said)
     if pair.uses_axis2:
         axis2 = unit(axis2)
         if abs(axis @ axis2) > 1e-9:
             raise MechanismFileError(
-                f"{where}: the pins {axis} and {axis2} of a universal joint must be perpendicular"
+                f"{said}: the pins {axis} and {axis2} of a universal joint must be perpendicular"
             )
     return axis, axis2
 
