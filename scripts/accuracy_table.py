@@ -7,9 +7,10 @@ Every mechanism with loops does its usual move (`sp.tradeoff(mech, "sweep")`: on
 driver, 361 values) and swings a few seconds under gravity (`"simulate"`). Only settings that watch
 their error themselves are tried, and none that creeps where a motion is stiff: corrections to a
 tolerance, integrators that choose their step. Of each, the largest error over all mechanisms is
-taken, times `MARGIN`, and the shortest time that it has taken, by that of "engineering", in
-geometric mean. Settings that fail on a mechanism are left out, and so are those that another one
-beats in both. What is left is printed as `MEASURED` in `spatial_pin/settings.py`.
+taken, times `MARGIN` (`MARGIN_LEAST` where only round-off of a sweep is left), and the shortest
+time that it has taken, by that of "engineering", in geometric mean. Settings that fail on a
+mechanism are left out, and so are those that another one beats in both. What is left is printed as
+`MEASURED` in `spatial_pin/settings.py`.
 Motions that no setting is known to follow to `HOPELESS` (through singular configurations) are left
 out, and named, and so are those whose errors grow by more than `UNSTABLE` in time: that of
 "engineering" relative to its tolerance.
@@ -33,6 +34,7 @@ from spatial_pin.accuracy.tradeoff import ROUND_OFF, pareto, tradeoff
 
 REPEATS = 15  # runs of each setting, of which the shortest counts, if the budget allows them
 MARGIN = 10.0  # by which the promised error exceeds the largest that was measured
+MARGIN_LEAST = 3.0  # the same of a sweep's that no setting makes smaller: round-off
 LARGEST = 0.1  # error that is worth a promise
 HOPELESS = {"sweep": 1e-11, "simulate": 1e-9}  # best error above which the motion is to blame
 UNSTABLE = 1e3  # growth of errors in a simulation above which it is, too
@@ -137,17 +139,22 @@ def entries(task: str, tables: list[Table]) -> list[Entry]:
     return sorted(found, key=lambda entry: entry.time)
 
 
-def promised(error: float) -> float:
-    """Return the margin times an error, rounded up to one digit."""
-    size = 10.0 ** math.floor(math.log10(MARGIN * error))
-    return float(f"{math.ceil(MARGIN * error / size * (1 - 1e-12)) * size:.0e}")
+def promised(error: float, least: float) -> float:
+    """Return the margin times an error, rounded up to one digit, with the least of all settings."""
+    most = (MARGIN_LEAST if error <= least else MARGIN) * error
+    size = 10.0 ** math.floor(math.log10(most))
+    return float(f"{math.ceil(most / size * (1 - 1e-12)) * size:.0e}")
 
 
-def chosen(table: list[Entry]) -> list[Entry]:
-    """Return the entries that work everywhere, are not beaten, and are worth a promise."""
-    good = [entry for entry in table if not entry.failed and promised(entry.error) <= LARGEST]
-    flags = pareto([e.time for e in good], [promised(e.error) for e in good])
-    return [entry for entry, flag in zip(good, flags, strict=True) if flag]
+def chosen(task: str, table: list[Entry]) -> list[tuple[float, sp.Accuracy]]:
+    """Return promise and setting where it works everywhere, is not beaten, and worth a promise."""
+    good = [entry for entry in table if not entry.failed]
+    least = min((entry.error for entry in good), default=0.0) if task == "sweep" else 0.0
+    found = [(entry.time, promised(entry.error, least), entry.accuracy) for entry in good]
+    found = [entry for entry in found if entry[1] <= LARGEST]
+    flags = pareto([time for time, *_ in found], [error for _, error, _ in found])
+    return [(error, accuracy) for (_, error, accuracy), flag in zip(found, flags, strict=True)
+            if flag]
 
 
 def literal(accuracy: sp.Accuracy) -> str:
@@ -167,8 +174,7 @@ def report(task: str, tables: list[Table]) -> list[str]:
         lines.append(f"# {describe(entry.accuracy, task):30} time {entry.time:5.2f}  error "
                      f"{entry.error:.1e} ({entry.where}){bad}")
     lines.append(f'    "{task}": (')
-    lines += [f"        ({promised(entry.error)!r}, {literal(entry.accuracy)}),"
-              for entry in chosen(found)]
+    lines += [f"        ({error!r}, {literal(setting)})," for error, setting in chosen(task, found)]
     return [*lines, "    ),"]
 
 

@@ -233,19 +233,20 @@ LEVELS = {
 # error that each setting keeps, the cheapest first, as printed by scripts/accuracy_table.py
 MEASURED: dict[str, tuple[tuple[float, Accuracy], ...]] = {
     "sweep": (
-        (0.06, Accuracy(tolerance=0.01)),
-        (0.04, Accuracy(tolerance=0.001)),
+        (0.04, Accuracy(tolerance=0.01)),
+        (0.02, Accuracy(tolerance=0.001)),
         (0.002, Accuracy(tolerance=0.0001)),
         (0.0002, Accuracy(tolerance=1e-05)),
         (2e-05, Accuracy(tolerance=1e-06)),
         (3e-07, Accuracy(tolerance=1e-07)),
-        (2e-11, Accuracy(tolerance=1e-12)),
-        (4e-13, Accuracy(tolerance=1e-15)),
+        (7e-10, Accuracy(tolerance=1e-10)),
+        (7e-12, Accuracy(tolerance=1e-12)),
+        (4e-13, Accuracy()),
     ),
     "simulate": (
         (0.005, Accuracy(tolerance=1e-08, time_tolerance=1e-06)),
-        (0.004, Accuracy(tolerance=1e-09, time_tolerance=1e-07)),
-        (0.002, Accuracy(tolerance=1e-08, time_tolerance=1e-08)),
+        (0.002, Accuracy(tolerance=1e-09, time_tolerance=1e-07)),
+        (0.0002, Accuracy(tolerance=1e-08, time_tolerance=1e-08)),
         (9e-05, Accuracy(tolerance=1e-10, time_tolerance=1e-08)),
         (4e-05, Accuracy(tolerance=1e-11, time_tolerance=1e-09)),
         (5e-07, Accuracy(tolerance=1e-12, time_tolerance=1e-10)),

@@ -106,6 +106,26 @@ def test_rates_of_interpolated_samples_hold_near_a_limit_position(tolerance):
         assert np.abs(one - two).max() <= tolerance * max(1.0, np.abs(two).max())
 
 
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-3, 1e-5])
+@pytest.mark.parametrize("n", [100, 361, 700, 1500])
+@pytest.mark.parametrize(("name", "sense"), [("bricard", -1), ("bricard", 1), ("excavator", 1),
+                                             ("elliptic_trammel", -1), ("stewart", 1)])
+def test_the_last_samples_before_a_limit_are_as_good_as_is_asked(name, sense, n, tolerance):
+    """However few fit between the last point and the limit, where rates grow without bound."""
+    mechanism = sp.load(name)
+    driver = next(iter(mechanism.drivers))
+    start = sp.assemble(mechanism).coordinate(driver).value
+    is_angle = mechanism.coordinate(driver).unit == "rad"
+    way = 6.5 if is_angle else 3.0 * mechanism.characteristic_length
+    asked = start + sense * np.linspace(0.0, way, n)
+    exact = sp.sweep(mechanism, driver, asked, on_limit="stop")
+    loose = sp.sweep(mechanism, driver, asked, on_limit="stop",
+                     accuracy=Accuracy(tolerance=tolerance))
+    assert len(loose) == len(exact) < n
+    for one, two in ((loose.q, exact.q), (loose.v, exact.v), (loose.a, exact.a)):
+        assert np.abs(one - two).max() <= 0.3 * tolerance * max(1.0, np.abs(two).max())
+
+
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-5, 1e-6, 1e-8])
 def test_passive_freedoms_of_least_motion_are_not_interpolated(tolerance):
     """Their rates and accelerations are least by themselves: no curve has both."""

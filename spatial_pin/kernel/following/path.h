@@ -34,6 +34,8 @@ int step(Path *path, Real target);
 int stand_again(Path *path);
 /* Let the piece that begins at `here` in the sense of a number be in use there. */
 int turn_into(Path *path, Real sense);
+/* Learn where the determinant vanishes, if that is not known, from a small part of a step h. */
+int look_ahead(Path *path, Real h);
 int factor_here(Kernel *k); /* at an evaluated point, with passive freedoms as they are there */
 void keep_choice(Path *path); /* the equations in use are those at `here` */
 int has_redundant(const Kernel *k);

@@ -10,9 +10,10 @@
 #define MOST_HALVINGS 8.0 /* of a step, before the caller is asked, who goes on by arc length */
 #define PIN_HALVINGS 48.0 /* the same where a component is driven: there is no going on */
 #define MOST_FAILED 10000 /* steps on the way to one value: every path ends */
-#define BETWEEN_NEARER 0.25 /* part of the way to where the determinant vanishes that a step which
-                            samples are interpolated in may go: the path grows there like a root,
-                            whose sixth derivative so grows fivefold */
+#define BETWEEN_NEARER 0.0625 /* part of the way to where the determinant vanishes that a step which
+                            samples are interpolated in may go. At a limit the determinant falls
+                            like a root, and that way is four times the true one: a quarter of
+                            this is left, and the path's sixth derivative grows fivefold */
 
 /* Go on to a value of s, by one piece of what is prescribed. */
 static int reach_within(Path *path, Real target)
@@ -71,16 +72,25 @@ static int put_row(Path *path, const PathRows *rows, Int i)
 
 /* ---- values between two points ---- */
 
+/* Whether the value after the one at i lies ahead, in the sense of a number. */
+static int lies_ahead(const Real *values, Int i, Int n, Real sense)
+{
+    return i + 1 < n && (values[i + 1] - values[i]) * sense > 0.0;
+}
+
 /* The last of the values from i on, one after the other in one sense, that one step may reach. */
-static Int last_within(const Path *path, const Real *values, Int i, Int n)
+static Int last_within(Path *path, const Real *values, Int i, Int n)
 {
     const Real s = path->here->s, sense = values[i] - s;
+    if (!lies_ahead(values, i, n, sense) || turn_into(path, sense) != DONE)
+        return i;
     const Real end = piece_end(&path->prescribed, s, copysign(INFINITY, sense));
     const Real longest = fmin(longest_step(path), step_of(path, path->between_way));
+    if (look_ahead(path, copysign(longest, sense)) != DONE)
+        return i;
     const Real most = fmin(fmin(longest, BETWEEN_NEARER * distance_ahead(path, sense)), fabs(end - s));
     Int last = i;
-    while (last + 1 < n && (values[last + 1] - values[last]) * sense > 0.0 &&
-           fabs(values[last + 1] - s) <= most)
+    while (lies_ahead(values, last, n, sense) && fabs(values[last + 1] - s) <= most)
         last++;
     return last;
 }
@@ -110,7 +120,7 @@ static int put_between(Path *path, const Point *from, Real value, const PathRows
 static Int follow_between(Path *path, const Real *values, Int i, Int last, const PathRows *rows)
 {
     const Point *from = path->here; /* it stays what it is until the next step is tried */
-    if (turn_into(path, values[last] - from->s) != DONE || step(path, values[last]) != DONE) {
+    if (step(path, values[last]) != DONE) {
         path->between_way *= 0.5;
         return 0;
     }

@@ -45,10 +45,18 @@ Real distance_ahead(const Path *path, Real h)
     return way * h > 0.0 ? fabs(way) : INFINITY;
 }
 
-/* Learn where the determinant vanishes from a small part of a step h. */
-static int look_ahead(Path *path, Real h)
+static void expect_angles(const Path *path, Real h)
+{
+    for (Int i = 0; i < path->k->n_angles; i++)
+        path->k->angle_reference[i] = path->here->angle[i] + h * path->here->angle_rate[i];
+}
+
+int look_ahead(Path *path, Real h)
 {
     Kernel *k = path->k;
+    if (path->zero_known)
+        return DONE;
+    expect_angles(path, LOOK * h);
     predict_taylor(k, path->here, NULL, LOOK * h, 2, path->next->q);
     path->stale = 1;
     equations_values(k, path->next->q);
@@ -74,12 +82,6 @@ void keep_choice(Path *path)
 }
 
 int has_redundant(const Kernel *k) { return k->n_chosen < k->n_closure; }
-
-static void expect_angles(const Path *path, Real h)
-{
-    for (Int i = 0; i < path->k->n_angles; i++)
-        path->k->angle_reference[i] = path->here->angle[i] + h * path->here->angle_rate[i];
-}
 
 /* Predict `next` at a value of s, by points that are closed or, corrected a fixed number of times,
  * not quite: those no polynomial is put through, that would make the more of it. Nor through points
@@ -287,12 +289,9 @@ static int try_step(Path *path, Real target)
     const Real h = target - path->here->s;
     Real way = path->prescribed.n_pieces ? point_reach(path->k, path->here, h)
                                          : point_way(path->k, path->here, h);
-    int code = DONE;
     if (!(way <= TOLERANCE_LONGEST_STEP) || (path->k->n_idle && way > 1.1 * path->idle_way))
         return UNSAFE;
-    expect_angles(path, h);
-    if (!path->zero_known)
-        code = look_ahead(path, h);
+    int code = look_ahead(path, h);
     if (code != DONE || fabs(h) > NEARER * distance_ahead(path, h))
         return code != DONE ? code : SINGULAR;
     predict(path, target);
