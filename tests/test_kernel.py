@@ -26,7 +26,7 @@ from spatial_pin.constraints.compiled_equations import Constraints
 from spatial_pin.kernel.closer import MeantPlaces
 from spatial_pin.kernel.kernel import Kernel, address
 from spatial_pin.kernel.library import CODES, library
-from spatial_pin.kernel.paths import Samples, _Accuracy, _Rows
+from spatial_pin.kernel.paths import PathRows, Samples, _Accuracy
 
 SCRIPTS = Path(__file__).parent.parent / "scripts"
 ROUND_OFF = 1e-14
@@ -374,7 +374,7 @@ def use_path(handle: ctypes.c_void_p, ints: np.ndarray, q, turns, rng) -> set[in
     end = c.path_start(path, address(q), address(turns), int(rng.integers(2)))
     if not end:
         samples = Samples.empty(4, len(q), nv, len(turns))
-        rows = _Rows(*map(address, samples))
+        rows = PathRows(*map(address, samples))
         s = c.path_stand(path, ctypes.byref(rows))
         values = np.append(s + rng.normal(size=3), rng.choice([np.nan, np.inf, s]))
         reached = c.path_follow(path, address(values), len(values), ctypes.byref(rows),

@@ -190,9 +190,31 @@ class Motion(Tabular):
                 if name in SAMPLED and not is_finite(x):
                     raise ValueError(f"Motion: {name} has a value that is NaN or infinite")
 
+    @classmethod
+    def made(cls, **fields: Any) -> Motion:
+        """Return a Motion of all its fields, of arrays that are finite and that nobody writes.
+
+        For events that depend on nothing but these fields, `_look` may be a function of the motion
+        that looks for them when they are asked for.
+        """
+        motion = cls.__new__(cls)
+        for x in fields.values():
+            if type(x) is np.ndarray:
+                x.setflags(False)  # type: ignore[call-arg]  # by keyword it takes twice as long
+        motion.__dict__ = fields
+        return motion
+
+    def __getattr__(self, name: str) -> Any:
+        """Return the events that have not been looked for yet."""
+        if name == "events" and "_look" in self.__dict__:
+            self.events = self.__dict__.pop("_look")(self)
+            return self.events
+        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied or sent elsewhere: all but what is worked out again on use."""
-        return {k: x for k, x in self.__dict__.items() if k != "_bodies"}
+        fields = {"events": self.events, **self.__dict__}
+        return {k: x for k, x in fields.items() if k not in ("_bodies", "_look")}
 
     def __setstate__(self, kept: dict[str, Any]) -> None:
         """Take over what was copied or sent."""
