@@ -18,7 +18,7 @@ from spatial_pin.mechanism.coordinates import finite_array, needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.methods import method
-from spatial_pin.mobility.finite_motions import finite_dimension, finite_freedom
+from spatial_pin.mobility.finite_motions import finite_freedom, finite_motions
 from spatial_pin.mobility.idle_freedoms import PassiveFreedom, described, idle_freedoms
 from spatial_pin.mobility.loops import ALGEBRA_TOLERANCE, Loop, loop_of
 from spatial_pin.numerics.linalg import Array, independent_rows, null_space, rank
@@ -194,8 +194,8 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
                for v in velocities]
     if dof < nv - r:  # leave out what is instantaneous only
         scale = mechanism.velocity_scale
-        passive = [(joint, v) for joint, v in passive if finite_dimension(
-            evaluation, x, (v / scale / np.linalg.norm(v / scale))[None])]
+        passive = [(joint, v) for joint, v in passive if len(finite_motions(
+            evaluation, x, (v / scale / np.linalg.norm(v / scale))[None]))]
         evaluation.update(x)
     return Mobility(
         every.mechanism,
@@ -219,12 +219,3 @@ def _with_all_rows(evaluation: Evaluation) -> Evaluation:
     every.angle_reference[:] = all_angles(mechanism, evaluation.angles)
     every.update(evaluation.q)
     return every
-
-
-# ---------------------------------------------------------------- finite freedom
-
-
-# ---------------------------------------------------------------- loops
-
-
-# ---------------------------------------------------------------- passive freedoms
