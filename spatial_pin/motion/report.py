@@ -9,6 +9,7 @@ import numpy as np
 
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State
+from spatial_pin.brief import counted
 from spatial_pin.errors import AssemblyError, SingularError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
@@ -118,7 +119,7 @@ def _closure_text(closure: Any) -> str:
         return f"coupling: {b} = {closure.ratio:g} * {a}{offset} (1 equation){stated}"
     length = f", as far as {' - '.join(closure.between)}" if closure.between else ""
     return (f"{closure.type}: {closure.frames[0]} - {closure.frames[1]}{length} "
-            f"({closure.n_rows} equation{'s' * (closure.n_rows != 1)}){stated}")
+            f"({counted(closure.n_rows, 'equation')}){stated}")
 
 
 def _spring_text(mechanism: Mechanism, spring: Spring) -> str:
