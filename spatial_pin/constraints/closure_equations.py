@@ -225,6 +225,14 @@ class Evaluation:
         return next(iter(opposite_axes(self.mechanism, self.data)), "")
 
 
+def evaluated(mechanism: Mechanism, q: Array, angles: Array | float = 0.0) -> Evaluation:
+    """Return a new `Evaluation` at the configuration q (nq,), screws counting turns from angles."""
+    found = Evaluation(constraints_of(mechanism))
+    found.angle_reference[:] = angles
+    found.update(q)
+    return found
+
+
 class evaluation_of(acquired["Evaluation"]):  # with evaluation_of(...) as evaluation
     """Acquire an `Evaluation` of a mechanism, its screws counting turns from some angles.
 

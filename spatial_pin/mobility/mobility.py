@@ -11,7 +11,7 @@ from spatial_pin.assembly.holding import free_bases
 from spatial_pin.assembly.rounding import closed_there, rounding_of
 from spatial_pin.assembly.state import State, all_angles, of_mechanism
 from spatial_pin.checks import checked
-from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.constraints.closure_equations import Evaluation, evaluated
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.coordinates import finite_array, needed
@@ -165,10 +165,7 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
     else:
         x = finite_array(state, (mechanism.model.nq,), "q")
         mechanism = closed_there(mechanism, x)
-    evaluation = Evaluation(constraints_of(mechanism))
-    if isinstance(state, State):
-        evaluation.angle_reference[:] = state.angles
-    evaluation.update(x)
+    evaluation = evaluated(mechanism, x, state.angles if isinstance(state, State) else 0.0)
     if evaluation.closure_error > TOLERANCES.nothing:
         raise SpatialPinError(
             f"mechanism {mechanism.name!r}: mobility asks for a closed configuration; closure "
@@ -215,7 +212,4 @@ def _with_all_rows(evaluation: Evaluation) -> Evaluation:
     mechanism = evaluation.mechanism
     if mechanism.whole is None:
         return evaluation
-    every = Evaluation(constraints_of(mechanism.whole))
-    every.angle_reference[:] = all_angles(mechanism, evaluation.angles)
-    every.update(evaluation.q)
-    return every
+    return evaluated(mechanism.whole, evaluation.q, all_angles(mechanism, evaluation.angles))
