@@ -181,10 +181,10 @@ def joint_vector(mechanism: Mechanism, q: Array, joint: str) -> Array:
 def coordinate_rates(
     mechanism: Mechanism, name: str, q: Array, v: Array, a: Array, *, continued: bool = True
 ) -> CoordinateRates[Array]:
-    """Return value, rate and acceleration of a coordinate over rows q (N, nq), v, a (N, nv).
+    """Return value, rate and acceleration of a coordinate over samples q (N, nq), v, a (N, nv).
 
-    Rotation vectors are continued from row to row, past pi and past whole turns; rows that have
-    nothing to do with each other (not `continued`) get vectors of length up to pi.
+    Rotation vectors are continued from sample to sample, past pi and past whole turns; samples that
+    have nothing to do with each other (not `continued`) get vectors of length up to pi.
     """
     c = mechanism.coordinate(name)
     if c.q >= 0:
@@ -283,7 +283,7 @@ def continued_rotation_vectors(quaternions: Array) -> Array:
         if angle > TOLERANCES.tight:
             axis = phi[i] / angle
             phi[i] += whole_turns(axis @ before - angle) * axis
-        elif before.any():  # a whole number of turns: the axis is that of the row before
+        elif before.any():  # a whole number of turns: the axis is that of the sample before
             length = float(np.linalg.norm(before))
             phi[i] = whole_turns(length) * before / length
     return phi

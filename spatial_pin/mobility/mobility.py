@@ -172,7 +172,7 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
             f"{evaluation.worst_closure()!r} is open by {evaluation.closure_error:.1e}"
         )
     jacobian = evaluation.jacobian[: evaluation.constraints.n_closure].copy()
-    every, rounding = _with_all_rows(evaluation), rounding_of(mechanism)
+    every, rounding = _with_all_equations(evaluation), rounding_of(mechanism)
     n, labels = every.constraints.n_closure, every.constraints.labels
     independent = independent_rows(every.jacobian[:n],
                                    max(TOLERANCES.half_precision, rounding)).tolist()
@@ -207,7 +207,7 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
     )
 
 
-def _with_all_rows(evaluation: Evaluation) -> Evaluation:
+def _with_all_equations(evaluation: Evaluation) -> Evaluation:
     """Return an evaluation, at the same configuration, with the equations left out of its file."""
     mechanism = evaluation.mechanism
     if mechanism.whole is None:
