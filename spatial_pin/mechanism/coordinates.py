@@ -92,6 +92,11 @@ def by_joint(mechanism: Mechanism) -> dict[str, list[Coordinate]]:
     return mechanism.memo["by joint"]
 
 
+def coordinates_of(mechanism: Mechanism, joint: str) -> list[Coordinate]:
+    """Return the coordinates of a joint, none if there is no such joint."""
+    return [*by_joint(mechanism).get(joint, ())]
+
+
 def driver_coordinates(mechanism: Mechanism) -> dict[str, Coordinate]:
     """Return the coordinate of every driver, by its name."""
     if "driver coordinates" not in mechanism.memo:

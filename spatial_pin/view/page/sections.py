@@ -21,6 +21,7 @@ from spatial_pin.dynamics.kinetostatics import Kinetostatics
 from spatial_pin.dynamics.outputs import with_forces
 from spatial_pin.dynamics.simulation.simulate import Simulation
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.mechanism.coordinates import coordinates_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mobility.mobility import mobility
 from spatial_pin.motion.dead_centres import known_dead_centres
@@ -338,11 +339,9 @@ def _structure(subject: Subject) -> str:
     """Tell joints, closures and drivers."""
     mechanism = subject.mechanism
     found = info(mechanism)
-    joints = [
-        (joint, pair, ", ".join(f"{c.name} [{c.unit}]"
-                                for c in mechanism.coordinate_table.values() if c.joint == joint))
-        for joint, pair in found.joints.items()
-    ]
+    joints = [(joint, pair, ", ".join(f"{c.name} [{c.unit}]"
+                                      for c in coordinates_of(mechanism, joint)))
+              for joint, pair in found.joints.items()]
     parts = [f"<h3>Joints of the open tree</h3>{table(('joint', 'pair', 'coordinates'), joints)}"]
     for title, items in (("Closures of the loops", found.closures), ("Drivers", found.drivers),
                          ("Frames", found.frames)):
