@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -190,26 +190,14 @@ class Motion(Tabular):
                 if name in SAMPLED and not is_finite(x):
                     raise ValueError(f"Motion: {name} has a value that is NaN or infinite")
 
-    @classmethod
-    def made(cls, **fields: Any) -> Motion:
-        """Return a Motion of all its fields, of arrays that are finite and that nobody writes.
+    if not TYPE_CHECKING:  # which would take any name for one of its own
 
-        For events that depend on nothing but these fields, `_look` may be a function of the motion
-        that looks for them when they are asked for.
-        """
-        motion = cls.__new__(cls)
-        for x in fields.values():
-            if type(x) is np.ndarray:
-                x.setflags(False)  # type: ignore[call-arg]  # by keyword it takes twice as long
-        motion.__dict__ = fields
-        return motion
-
-    def __getattr__(self, name: str) -> Any:
-        """Return the events that have not been looked for yet."""
-        if name == "events" and "_look" in self.__dict__:
-            self.events = self.__dict__.pop("_look")(self)
-            return self.events
-        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        def __getattr__(self, name: str) -> Any:
+            """Return the events that have not been looked for yet."""
+            if name == "events" and "_look" in self.__dict__:
+                self.events = self.__dict__.pop("_look")(self)
+                return self.events
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied or sent elsewhere: all but what is worked out again on use."""
@@ -568,3 +556,17 @@ def first_samples(motion: Motion, n: int) -> Motion:
         motion.closure_error[:n], motion.driver_speed[:n],
         [event for event in motion.events if event.row < n], motion.angles[:n], motion.per,
         motion.held)
+
+
+def made(**fields: Any) -> Motion:
+    """Return a Motion of all its fields, of arrays that are finite and that nobody writes any more.
+
+    In place of events that depend on nothing but these fields, `_look` may be a function of the
+    motion that looks for them when they are asked for.
+    """
+    motion = Motion.__new__(Motion)
+    for x in fields.values():
+        if type(x) is np.ndarray:
+            x.setflags(False)  # type: ignore[call-arg]  # by keyword it takes twice as long
+    motion.__dict__ = fields
+    return motion

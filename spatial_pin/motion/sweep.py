@@ -37,7 +37,7 @@ from spatial_pin.mechanism.coordinates import driver_coordinates, needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.motion.joint_limits import joint_limit_events
-from spatial_pin.motion.motion import Event, Motion
+from spatial_pin.motion.motion import Event, Motion, made
 from spatial_pin.motion.rated_limits import velocity_limit_events
 from spatial_pin.motion.rounding import check_gaps
 from spatial_pin.numerics.linalg import Array
@@ -288,7 +288,7 @@ def _motion(
         else:
             v, a, time = _scaled(v, a, values, speeds, accels)
     check_finite(v, a, "the speeds and accelerations of the sweep")
-    return Motion.made(
+    return made(
         mechanism=way.mechanism, driver=values.copy(), driver_name=driver, time=time,
         q=samples.q, v=v, a=a, closure_error=samples.error, driver_speed=speeds,
         angles=samples.angles, per=per, held=held,
