@@ -48,7 +48,7 @@ from spatial_pin.settings import Accuracy, accuracy_of
 
 FAST = 300.0  # speed of a joint by the driver's, and by the least over the motion, near a limit
 FAR_SLIDE = 20.0  # characteristic lengths that no slide has to go, near where a branch was lost
-FASTEST = 1e100  # speed whose square times a derivative of any mechanism is a number [rad/s or m/s]
+FASTEST = 1e100  # speed below which nothing overflows, nor in times above its inverse
 DRIFTED = 1e-3  # closure error that a fixed number of corrections may leave without a word
 
 
@@ -283,7 +283,8 @@ def _motion(
     samples = way.samples if way.n == len(way.samples.q) else way.samples.between(0, way.n)
     v, a, time = samples.t, samples.c, None
     if per == "s":
-        if is_steady and way.n and accels is None and abs(speed := speeds.item(0)) < FASTEST:
+        speed = speeds.item(0) if is_steady and way.n and accels is None else 0.0
+        if 1.0 / FASTEST < abs(speed) < FASTEST:
             v, a, time = v * speed, a * (speed * speed), _time(values, speed)
         else:
             v, a, time = _scaled(v, a, values, speeds, accels)
