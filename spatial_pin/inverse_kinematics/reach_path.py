@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from spatial_pin.assembly.holding import BASE, Hold, free_bases, held_by
+from spatial_pin.assembly.holding import BASE, Hold, free_bases, held_by, is_base
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.brief import counted
 from spatial_pin.checks import checked, names_of
@@ -243,9 +243,7 @@ def _standing(mechanism: Mechanism, hold: Hold) -> list[str]:
     """Return names of what stands still, the free bases by their own."""
     found: list[str] = []
     for name in () if hold is None else names_of(hold, "hold"):
-        is_word = name == BASE and name not in mechanism.coordinate_table and (
-            name not in mechanism.drivers) and name not in list(mechanism.model.names)
-        found += free_bases(mechanism) if is_word else [name]
+        found += free_bases(mechanism) if is_base(mechanism, name) else [name]
     return found
 
 

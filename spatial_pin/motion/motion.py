@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.assembly.holding import BASE
+from spatial_pin.assembly.holding import BASE, as_written, written
 from spatial_pin.assembly.state import State
 from spatial_pin.brief import brief, words
 from spatial_pin.checks import checked, is_finite
@@ -490,7 +490,8 @@ def content_of(motion: Motion) -> dict[str, Any]:
         "time": motion.time if motion.time is not None else np.empty(0),
         "q": motion.q, "v": motion.v, "a": motion.a, "closure_error": motion.closure_error,
         "driver_speed": motion.driver_speed, "angles": motion.angles,
-        "mechanism": motion.mechanism.name, "per": motion.per, "held": np.array(motion.held, str),
+        "mechanism": motion.mechanism.name, "per": motion.per,
+        "held": np.array(written(motion.held), str),
         "coordinates": np.array(motion.mechanism.coordinates),
         "event_kind": np.array([e.kind for e in motion.events], dtype=str),
         "event_value": np.array([e.value for e in motion.events], dtype=float),
@@ -532,7 +533,7 @@ def fields_of(content: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
         "driver_name": str(content["driver_name"]),
         "time": content["time"] if content["time"].size else None,
         "events": [Event(*e) for e in events], "per": str(content.get("per", "s")),
-        "held": tuple(content["held"].tolist()) if "held" in content else (BASE,),
+        "held": as_written(content["held"].tolist()) if "held" in content else (BASE,),
         **{name: content[name] for name in arrays},
     }
 

@@ -137,7 +137,7 @@ def sweep(
     speeds, accels = _rates_asked(speed, acceleration, values)
     coordinate = mechanism.prescribed_coordinate(driver)
     given = mapping(hold, "hold") if isinstance(hold, Mapping) else {}
-    held = (hold,) if type(hold) is str else () if hold is None else (BASE,) if isinstance(
+    held = (hold,) if isinstance(hold, str) else () if hold is None else (BASE,) if isinstance(
         hold, Mapping) else tuple(names_of(hold, "hold"))
     begun = None
     if not given and (guess is None or isinstance(guess, State)):

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.assembly.holding import BASE, Hold, free_bases
+from spatial_pin.assembly.holding import BASE, Hold, free_bases, is_base
 from spatial_pin.assembly.state import WORLD_AXES, State, of_mechanism
 from spatial_pin.brief import brief
 from spatial_pin.checks import checked, names_of
@@ -136,7 +136,9 @@ def moving_coordinates(
             raise ValueError(f"drivers: {c.name!r} is named twice")
     moved = {c.joint for c in chosen}
     names = () if hold is None else names_of(hold, "hold")
-    bases = [] if BASE in names else [x for x in free_bases(mechanism) if x not in moved]
+    if any(is_base(mechanism, name) for name in names):
+        return chosen
+    bases = [joint for joint in free_bases(mechanism) if joint not in moved]
     return [*chosen, *(c for joint in bases for c in rate_coordinates(mechanism, joint))]
 
 
