@@ -916,3 +916,51 @@ def test_any_tree_is_saved_and_loaded_as_it_was(tmp_path_factory, chosen, names)
 
 def random_place(rng):
     return at(*rng.uniform(-1.0, 1.0, 3), *rng.uniform(-3.0, 3.0, 3))
+
+
+# ---------------------------------------------------------------- couplings of large ratios
+
+
+def lead_screw(ratio, driver, other_way=False):
+    """Return a slide [m] that a motor [rad] moves, 1 m apart, coupled by motor = ratio · slide."""
+    model = pin.Model()
+    model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "slide")
+    model.addJoint(0, pin.JointModelRX(), pin.SE3(np.eye(3), np.array([1.0, 0.0, 0.0])), "motor")
+    ends = ("motor", "slide", 1.0 / ratio) if other_way else ("slide", "motor", ratio)
+    coupling = sp.closures.coupling(*ends[:2], ratio=ends[2])
+    return sp.Mechanism.from_model(model, [coupling], drivers=[driver], name="lead screw")
+
+
+@pytest.mark.parametrize("ratio", [3.0, 99.0, 101.0, 2e3, -6e4])
+@pytest.mark.parametrize("driver", ["slide", "motor"])
+@pytest.mark.parametrize("other_way", [False, True])
+def test_a_coupling_of_any_ratio_is_exact(ratio, driver, other_way):
+    """Whichever joint is driven, and whichever is stated first."""
+    mechanism = lead_screw(ratio, driver, other_way)
+    state = sp.solve_rates(mechanism, sp.assemble(mechanism, {driver: 0.3}), {driver: 2.0})
+    of_slide = 0.3 if driver == "slide" else 0.3 / ratio
+    slide, motor = state.coordinate("slide"), state.coordinate("motor")
+    assert slide.value == pytest.approx(of_slide, rel=1e-15)
+    assert motor.value == pytest.approx(ratio * of_slide, rel=1e-15)
+    assert motor.rate == pytest.approx(ratio * slide.rate, rel=1e-15)
+    motion = sp.sweep(mechanism, driver, [0.0, 0.001, 0.003], speed=2.0)
+    slide, motor = motion.coordinate("slide"), motion.coordinate("motor")
+    round_off = 1e-15 * abs(ratio)
+    np.testing.assert_allclose(motor.value, ratio * slide.value, rtol=0.0, atol=round_off)
+    np.testing.assert_allclose(motor.rate, ratio * slide.rate, rtol=1e-15)
+    assert not motion.events and motion.closure_error.max() < 1e-13
+
+
+@pytest.mark.parametrize("ratio", [1e2, 1e4, 1e6])
+def test_a_coupling_beside_one_of_a_large_ratio_counts(ratio):
+    """Two gears leave two of four hinges free, whatever their ratios."""
+    model = pin.Model()
+    for k, name in enumerate("abcd"):
+        model.addJoint(0, pin.JointModelRZ(), pin.SE3(np.eye(3), np.array([k, 0.0, 0.0])), name)
+    gears = [sp.closures.coupling("a", "b", ratio=ratio, name="fast"),
+             sp.closures.coupling("c", "d", ratio=1.0, name="slow")]
+    mechanism = sp.Mechanism.from_model(model, gears, drivers=["a", "c"], name="gears")
+    mobility = sp.mobility(mechanism)
+    assert (mobility.rank, mobility.dof, mobility.redundant) == (2, 2, ())
+    state = sp.solve_rates(mechanism, sp.assemble(mechanism), {"a": 1.0, "c": 2.0})
+    np.testing.assert_allclose(state.v, [1.0, ratio, 2.0, 2.0], rtol=1e-15)

@@ -226,8 +226,10 @@ class Extended:
 
     def _coupling(self, closure: Closure, q: Array, v: Array, a: Array) -> Array:
         first, second = (self.mechanism.coordinate(name) for name in closure.joints)
-        scale = Long(1) if second.unit == "rad" else self._scale
+        of_first, scale = (Long(1) if c.unit == "rad" else self._scale for c in (first, second))
         ratio = Long(closure.ratio)
+        if abs(ratio) * scale > 100 * of_first:  # it is judged by the joint that moves less
+            scale = of_first / abs(ratio)
         value = np.stack([x[:, k] - ratio * x[:, i] for x, i, k in (
             (q, first.q, second.q), (v, first.v, second.v), (a, first.v, second.v))])
         value[0] -= closure.offset

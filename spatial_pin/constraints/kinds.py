@@ -17,6 +17,7 @@ Which kind an equation of a pair is says `ConstraintEquation.kind`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -32,6 +33,11 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.taylor import Taylor, argument
 
 Ints = NDArray[np.intp]
+
+
+# Ratio of a coupling, of coordinates relative to their sizes, beyond which it is an equation of its
+# first joint: gears have less.
+LARGE_RATIO = 100.0
 
 
 class Compiler(Protocol):
@@ -96,7 +102,13 @@ def _difference(compiler: Compiler, closure: Closure, equation: ConstraintEquati
 
 def _coupling(compiler: Compiler, closure: Closure, equation: ConstraintEquation | None) -> Parts:
     a, b = (compiler.mechanism.coordinate(name) for name in closure.joints)
-    unit = 1.0 if b.unit == "rad" else compiler.scale
+    of_a, of_b = (1.0 if c.unit == "rad" else compiler.scale for c in (a, b))
+    ratio = abs(closure.ratio)
+    if ratio * of_b <= LARGE_RATIO * of_a:
+        return Parts((), (a, b), (of_b, closure.ratio, closure.offset))
+    # that of the joint that moves less, to a power of two, which changes no digit of a solution:
+    # else digits would seem lost where the other one moves fast
+    unit = 2.0 ** round(math.log2(of_a / ratio))
     return Parts((), (a, b), (unit, closure.ratio, closure.offset))
 
 
