@@ -23,8 +23,7 @@ class Word(str):
     def __ne__(self, other: object) -> bool:
         return not self == other
 
-    def __hash__(self) -> int:
-        return hash((Word, str(self)))
+    __hash__ = str.__hash__
 
 
 BASE, SPRINGS = Word("base"), "springs"  # the first is what is held by default

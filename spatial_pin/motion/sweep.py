@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from typing import Any, NamedTuple
@@ -20,7 +20,6 @@ from spatial_pin.checks import (
     finite_array,
     finite_number,
     is_finite,
-    mapping,
     names_of,
 )
 from spatial_pin.constraints.closure_equations import evaluation_of
@@ -136,9 +135,7 @@ def sweep(
         values = finite_array(values, (values.size,), "values")  # says what is wrong
     speeds, accels = _rates_asked(speed, acceleration, values)
     coordinate = mechanism.prescribed_coordinate(driver)
-    given = mapping(hold, "hold") if isinstance(hold, Mapping) else {}
-    held = (hold,) if isinstance(hold, str) else () if hold is None else (BASE,) if isinstance(
-        hold, Mapping) else tuple(names_of(hold, "hold"))
+    given, held = ({}, (hold,)) if isinstance(hold, str) else _told_to_hold(hold)
     begun = None
     if not given and (guess is None or isinstance(guess, State)):
         begun = swept_at_once(mechanism, coordinate.name, held, values, accuracy,
@@ -148,9 +145,10 @@ def sweep(
     else:
         way = _followed(mechanism, driver, coordinate, values, guess, given, held, accuracy,
                         on_crossing == "straight", progress, begun)
-    n, stop = way.n, way.stop
-    motion = _motion(way, driver, values[:n], speeds[:n], type(speed) is float,
-                     None if accels is None else accels[:n],
+    n, stop, asked = way.n, way.stop, values
+    if n < len(values):
+        values, speeds, accels = values[:n], speeds[:n], None if accels is None else accels[:n]
+    motion = _motion(way, driver, values, speeds, type(speed) is float, accels,
                      coordinate.unit if speed is None else "s", held)
     check_gaps(motion, accuracy.gap)
     if passed := [*joint_limit_events(motion), *velocity_limit_events(motion)]:
@@ -162,8 +160,17 @@ def sweep(
                                         "limit position"))
         ends = on_limit if stop.kind in ("limit", "half turn") else on_crossing
         if ends != "stop" or stop.kind == "lost":
-            raise _error(motion, stop, driver, coordinate, float(values[n]), on_crossing)
+            raise _error(motion, stop, driver, coordinate, asked.item(n), on_crossing)
     return motion
+
+
+def _told_to_hold(
+    hold: Mapping[str, float] | Iterable[str] | None
+) -> tuple[Mapping[str, float], tuple[str, ...]]:
+    """Return what is held at given values, and what by name: free bases beside values."""
+    if isinstance(hold, Mapping):
+        return hold, (BASE,)
+    return {}, () if hold is None else tuple(names_of(hold, "hold"))
 
 
 class _Way(NamedTuple):
