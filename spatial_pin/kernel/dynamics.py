@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import math
-import weakref
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -113,7 +112,6 @@ class Dynamics:
         if code:
             raise RuntimeError(f"the kernel refuses the forces of {mechanism.name!r}: {code}")
         self.handle = handle
-        weakref.finalize(self, self._library.dynamics_destroy, handle)
 
     def _functions(self, asked: Asked) -> _Asked:
         nq, nv, na, safely = self.nq, self.nv, self.n_angles, self.asking.safely

@@ -99,8 +99,7 @@ def _declared(found: ctypes.CDLL) -> ctypes.CDLL:
 
 
 def _declare_dynamics(found: ctypes.CDLL) -> None:
-    found.dynamics_destroy.restype = found.integrator_destroy.restype = None
-    found.dynamics_destroy.argtypes = found.integrator_destroy.argtypes = [POINTER]
+    found.integrator_destroy.restype, found.integrator_destroy.argtypes = None, [POINTER]
     found.dynamics_create.argtypes = [POINTER, POINTER, INT, POINTER, INT, POINTER, POINTER]
     found.dynamics_begin.argtypes = [*[POINTER] * 6, INT]
     found.dynamics_renew.argtypes = [POINTER, REAL, *[POINTER] * 3]

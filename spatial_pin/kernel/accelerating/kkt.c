@@ -14,7 +14,7 @@
 
 #include "choosing.h"
 #include "factors.h"
-#include "tolerances.h"
+#include "reading.h"
 
 #define EPS 2.220446049250313e-16
 #define ROUNDING (128.0 * EPS) /* of an entry, with all that is added to it */
@@ -55,22 +55,18 @@ static int make_room(Kkt *s)
 {
     Kernel *k = s->k;
     const Int nv = k->nv, nc = k->n_closure, n = nv + (nc < nv ? nc : nv);
-    const Int most = most_in_a_group(s);
-    struct {
-        void **to;
-        Int count;
-        size_t size;
-    } arrays[] = {
-        {(void **)&s->chosen, nc, sizeof(Int)},      {(void **)&s->unit, nv, sizeof(Real)},
-        {(void **)&s->size, nc, sizeof(Real)},       {(void **)&s->x, n, sizeof(Real)},
-        {(void **)&s->block, most * nv, sizeof(Real)}, {(void **)&s->place, nv, sizeof(Int)},
-    };
-    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++)
-        if (!(*arrays[i].to = kernel_memory(k, arrays[i].count, arrays[i].size)))
-            return 0;
+    s->chosen = kernel_ints(k, nc);
+    s->unit = kernel_reals(k, nv);
+    s->size = kernel_reals(k, nc);
+    s->x = kernel_reals(k, n);
+    s->block = kernel_reals(k, most_in_a_group(s) * nv);
+    s->place = kernel_ints(k, nv);
+    s->matrix = factors_new(k);
+    if (!kernel_had_memory(k) || !s->matrix)
+        return NO_MEMORY;
     for (Int v = 0; v < nv; v++)
         s->place[v] = -1;
-    return (s->matrix = factors_new(k)) != NULL;
+    return DONE;
 }
 
 static int is_sound(const Kkt *s, Int n_given)
@@ -90,18 +86,14 @@ static int is_sound(const Kkt *s, Int n_given)
 
 static int take(Kkt *s, const Int *ints, Int n_given)
 {
-    const Int n_ints = s->n_groups + 1 + 3 * s->n_mass;
-    Int *copy = kernel_memory(s->k, n_ints, sizeof(Int));
-    if (!copy)
+    Source from = {.k = s->k, .ints = ints, .n_ints = s->n_groups + 1 + 3 * s->n_mass};
+    s->group = read_ints(&from, s->n_groups + 1);
+    s->mass_row = read_ints(&from, s->n_mass);
+    s->mass_column = read_ints(&from, s->n_mass);
+    s->mass_from = read_ints(&from, s->n_mass);
+    if (from.failed)
         return NO_MEMORY;
-    memcpy(copy, ints, (size_t)n_ints * sizeof(Int));
-    s->group = copy;
-    s->mass_row = copy + s->n_groups + 1;
-    s->mass_column = s->mass_row + s->n_mass;
-    s->mass_from = s->mass_column + s->n_mass;
-    if (!is_sound(s, n_given))
-        return BAD_ARRAYS;
-    return make_room(s) ? DONE : NO_MEMORY;
+    return is_sound(s, n_given) ? make_room(s) : BAD_ARRAYS;
 }
 
 /* Memory for the KKT system of a kernel of a characteristic length, freed with the kernel. The ints

@@ -31,15 +31,15 @@ typedef struct {
 static int make_room(Rates *r)
 {
     Kernel *k = r->k;
-    r->chosen = kernel_memory(k, k->n_closure, sizeof(Int));
-    r->x = kernel_memory(k, 5 * k->nv, sizeof(Real));
-    r->q = kernel_memory(k, k->nq, sizeof(Real));
+    r->chosen = kernel_ints(k, k->n_closure);
+    r->x = kernel_reals(k, k->nv);
+    r->away = kernel_reals(k, k->nv);
+    r->along = kernel_reals(k, k->nv);
+    r->change = kernel_reals(k, k->nv);
+    r->sum = kernel_reals(k, k->nv);
+    r->q = kernel_reals(k, k->nq);
     r->matrix = factors_new(k);
-    if (!r->chosen || !r->matrix || !r->x || !r->q)
-        return NO_MEMORY;
-    r->away = r->x + k->nv, r->along = r->away + k->nv;
-    r->change = r->along + k->nv, r->sum = r->change + k->nv;
-    return DONE;
+    return kernel_had_memory(k) && r->matrix ? DONE : NO_MEMORY;
 }
 
 /* Memory for rates of a kernel, freed with it. */
@@ -49,9 +49,9 @@ EXPORT int rates_create(Kernel *k, const Int *driven, Int n_driven, Rates **out)
     if (n_driven < 0)
         return BAD_ARRAYS;
     Rates *r = kernel_memory(k, 1, sizeof *r);
-    Int *copy = kernel_memory(k, n_driven, sizeof(Int));
+    Int *copy = kernel_ints(k, n_driven);
     Pin *pin = kernel_memory(k, n_driven, sizeof *pin);
-    if (!r || !copy || !pin)
+    if (!kernel_had_memory(k))
         return NO_MEMORY;
     for (Int i = 0; i < n_driven; i++)
         if (!within(driven[i], 2 * k->nv) ||

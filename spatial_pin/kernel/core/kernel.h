@@ -142,7 +142,7 @@ typedef struct Kernel {
 
     Int factorisations; /* counted since creation */
     void **owned; /* memory to be freed */
-    Int n_owned, owned_room;
+    Int n_owned, owned_room, lacked_memory; /* lacked: since that was asked last */
     Factors **factors; /* (n_factors) to be freed too */
     Int n_factors;
 } Kernel;
@@ -151,7 +151,12 @@ typedef struct Kernel {
 EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_reals, Kernel **out);
 EXPORT int kernel_set_numbers(Kernel *k, const Real *reals, Int n_reals);
 EXPORT void kernel_destroy(Kernel *k);
-void *kernel_memory(Kernel *k, Int count, size_t size); /* zeroed, freed with k; NULL if none left */
+/* Memory that is freed with k, zeroed; NULL if there is none left. */
+void *kernel_memory(Kernel *k, Int count, size_t size);
+Real *kernel_reals(Kernel *k, Int count);
+Int *kernel_ints(Kernel *k, Int count);
+/* Whether there was all the memory that was asked for since this was asked last. */
+int kernel_had_memory(Kernel *k);
 
 /* ---- tree.c ---- */
 void tree_place(Kernel *k, const Real *q);   /* R, p; q is kept */
@@ -182,7 +187,8 @@ void equations_bias(Kernel *k, const Parts *of, const Real *v);
 /* Find the parts of the square system: chosen equations, idle rotations, and screws, whose angles
    and rates are asked for whether they are chosen or not; and the rest. */
 void equations_of_system(Kernel *k);
-int equations_begin(Kernel *k);      /* room for parts, and those of all; whether there is memory */
+void equations_make_room(Kernel *k); /* for parts */
+void equations_begin(Kernel *k);     /* the parts of all, and the ground */
 void equations_place_ground(Kernel *k); /* vectors that do not move, once for all */
 Real equations_error(const Kernel *k);           /* largest absolute residual; NaN if one is */
 int equations_are_sound(const Kernel *k);        /* whether their indices fit */

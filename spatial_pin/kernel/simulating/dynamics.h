@@ -111,8 +111,6 @@ typedef struct Dynamics {
     Point anchor[3]; /* the two that samples lie between, and where the last step ended */
     Real stride;     /* of x, how far apart they may be */
     Int evaluations;
-    void **owned;
-    Int n_owned;
 } Dynamics;
 
 /* ---- independent.c ---- */
