@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "closing.h"
+#include "relative.h"
 
 #define FACTS 7 /* what is written down of each sample, see `dimensions_close` */
 
@@ -39,41 +40,6 @@ typedef struct {
 
 /* ---------------------------------------------------------------- the way */
 
-/* Rotation vector from one unit quaternion to another, in the axes of either. */
-static void turn_between(const Real *from, const Real *to, Real *turn)
-{
-    Real cross[3];
-    cross3(to, from, cross);
-    for (int i = 0; i < 3; i++)
-        turn[i] = from[3] * to[i] - to[3] * from[i] + cross[i];
-    const Real cosine = dot3(from, to) + from[3] * to[3], sine = sqrt(dot3(turn, turn));
-    const Real factor = sine > 0.0 ? 2.0 * atan2(sine, fabs(cosine)) / sine : 2.0;
-    for (int i = 0; i < 3; i++)
-        turn[i] *= cosine < 0.0 ? -factor : factor;
-}
-
-/* Scaled joint displacements from the start to q; of a free joint's position to first order. */
-static void measure_way(Work *w, const Real *q)
-{
-    const Kernel *k = w->k;
-    for (Int j = 1; j < k->n_joints; j++) {
-        const Real *from = w->q + k->iq[j], *to = q + k->iq[j];
-        Real *way = w->way + k->iv[j];
-        if (k->kind[j] < BALL) {
-            way[0] = to[0] - from[0];
-        } else if (k->kind[j] == BALL) {
-            turn_between(from, to, way);
-        } else {
-            Real R[9], moved[3] = {to[0] - from[0], to[1] - from[1], to[2] - from[2]};
-            quaternion_rotation(from + 3, R);
-            rotate_back3(R, moved, way);
-            turn_between(from + 3, to + 3, way + 3);
-        }
-    }
-    for (Int v = 0; v < k->nv; v++)
-        w->way[v] /= k->scale[v];
-}
-
 static Real entry_times(const Kernel *k, Int equation, const Real *x)
 {
     Real sum = 0.0;
@@ -98,11 +64,18 @@ static Real bend(Work *w)
 
 static void take_off(const Real *direction, Int n, Real *x)
 {
-    Real part = 0.0;
-    for (Int v = 0; v < n; v++)
-        part += direction[v] * x[v];
+    const Real part = dot(direction, x, n);
     for (Int v = 0; v < n; v++)
         x[v] -= part * direction[v];
+}
+
+/* Solve for rates of the least norm: right sides in x, scaled velocities out. */
+static void solve_least(const Work *w, Int n_idle, Real *x)
+{
+    const Kernel *k = w->k;
+    system_solve(k, x);
+    for (Int i = 0; i < n_idle; i++)
+        take_off(w->idle + i * k->nv, k->nv, x);
 }
 
 /* Orthonormal motions that leave all equations and drivers alone, by Gram and Schmidt's method. */
@@ -110,32 +83,14 @@ static void find_idle(Work *w)
 {
     const Kernel *k = w->k;
     for (Int i = 0; i < k->n_fill; i++) {
-        Real *x = w->idle + i * k->nv, square = 0.0;
+        Real *x = w->idle + i * k->nv;
         memset(x, 0, (size_t)k->nv * sizeof *x);
         x[k->nv - k->n_fill + i] = 1.0;
-        system_solve(k, x);
-        for (Int j = 0; j < i; j++)
-            take_off(w->idle + j * k->nv, k->nv, x);
+        solve_least(w, i, x);
+        const Real size = norm(x, k->nv);
         for (Int v = 0; v < k->nv; v++)
-            square += x[v] * x[v];
-        for (Int v = 0; v < k->nv; v++)
-            x[v] /= sqrt(square);
+            x[v] /= size;
     }
-}
-
-/* Solve for rates of the least norm: right sides in x, scaled velocities out. */
-static void solve_least(const Work *w, Real *x)
-{
-    const Kernel *k = w->k;
-    system_solve(k, x);
-    for (Int i = 0; i < k->n_fill; i++)
-        take_off(w->idle + i * k->nv, k->nv, x);
-}
-
-static void put_driven(const Kernel *k, const Real *rate, Real *x)
-{
-    for (Int i = 0; i < k->n_driven; i++)
-        x[k->n_chosen + k->n_idle + i] = rate[i] / k->scale[k->driven[i]];
 }
 
 static void scale_out(const Kernel *k, const Real *x, const Real *rate, Real *out)
@@ -153,21 +108,14 @@ static Real solve_rates(Work *w, Real *v, Real *a)
     Kernel *k = w->k;
     Real *x = k->right, opened = 0.0;
     find_idle(w);
-    memset(x, 0, (size_t)k->nv * sizeof *x);
-    put_driven(k, w->s->speed, x);
-    solve_least(w, x);
+    system_put_rates(k, w->s->speed);
+    solve_least(w, k->n_fill, x);
     for (Int i = 0; i < k->n_closure; i++)
         opened = fmax(opened, fabs(entry_times(k, i, x)));
     const Real fastest = largest(x, k->nv);
     scale_out(k, x, w->s->speed, v);
-    equations_bias(k, &k->all, v);
-    memset(x, 0, (size_t)k->nv * sizeof *x);
-    for (Int i = 0; i < k->n_chosen; i++)
-        x[i] = -k->bias[k->chosen[i]];
-    for (Int i = 0; i < k->n_idle; i++)
-        x[k->n_chosen + i] = -k->bias[k->n_closure + i];
-    put_driven(k, w->s->acceleration, x);
-    solve_least(w, x);
+    system_put_accelerations(k, v, w->s->acceleration);
+    solve_least(w, k->n_fill, x);
     scale_out(k, x, w->s->acceleration, a);
     return fastest > 0.0 ? opened / fastest : 0.0;
 }
@@ -226,7 +174,7 @@ static int close_sample(Work *w, Int i)
     equations_values(k, q);
     equations_jacobian(k, &k->all);
     memcpy(angle, k->angle, angles);
-    measure_way(w, q);
+    relative_coordinates(k, w->q, q, w->way);
     fact[1] = largest(w->way, k->nv);
     fact[2] = 0.0;
     for (Int v = 0; v < k->nv; v++)

@@ -213,6 +213,10 @@ void system_solve(const Kernel *k, Real *x);
    `left_out` tells how independent the others are. */
 int system_reselect(Kernel *k);
 int system_choose(Kernel *k, const Int *chosen); /* these (n_chosen) instead */
+/* Right sides, in k->right, of rates where what is driven has these (n_driven); and of accelerations
+   where joints have velocities v (nv). The others are zero. */
+void system_put_rates(Kernel *k, const Real *rate);
+void system_put_accelerations(Kernel *k, const Real *v, const Real *acceleration);
 /* dq/ds and d2q/ds2 (joint rates), at a factored point, where what is driven has derivatives
    `rate` and `bend` (n_driven) by s */
 void system_path_rates(Kernel *k, const Real *rate, const Real *bend, Real *first, Real *second);

@@ -189,13 +189,26 @@ int system_reselect(Kernel *k)
     return found == k->n_chosen ? system_choose(k, k->candidate) : SINGULAR;
 }
 
-/* Right sides of what is driven, of derivatives (n_driven) by s. */
-static void put_rates(Kernel *k, const Real *rate)
+void system_put_rates(Kernel *k, const Real *rate)
 {
     Real *x = k->right + k->n_chosen + k->n_idle;
     memset(k->right, 0, (size_t)k->nv * sizeof *x);
     for (Int i = 0; i < k->n_driven; i++)
         x[i] = rate[i] / k->scale[driven_at(k, i)];
+}
+
+void system_put_accelerations(Kernel *k, const Real *v, const Real *acceleration)
+{
+    equations_bias(k, &k->system, v);
+    system_put_rates(k, acceleration);
+    for (Int i = 0; i < k->n_chosen; i++)
+        k->right[i] = -k->bias[k->chosen[i]];
+    for (Int i = 0; i < k->n_idle; i++)
+        k->right[k->n_chosen + i] = -k->bias[k->n_closure + i];
+    for (Int i = 0; i < k->n_pins; i++) {
+        const Pin *pin = k->pin + i;
+        k->right[k->pin_row[i]] -= pin_bias(pin, k->q, v) / k->scale[pin->v + pin->component];
+    }
 }
 
 static void solve_rates(Kernel *k, Real *rates)
@@ -207,17 +220,8 @@ static void solve_rates(Kernel *k, Real *rates)
 
 void system_path_rates(Kernel *k, const Real *rate, const Real *bend, Real *first, Real *second)
 {
-    put_rates(k, rate);
+    system_put_rates(k, rate);
     solve_rates(k, first);
-    equations_bias(k, &k->system, first);
-    put_rates(k, bend);
-    for (Int i = 0; i < k->n_chosen; i++)
-        k->right[i] = -k->bias[k->chosen[i]];
-    for (Int i = 0; i < k->n_idle; i++)
-        k->right[k->n_chosen + i] = -k->bias[k->n_closure + i];
-    for (Int i = 0; i < k->n_pins; i++) {
-        const Pin *pin = k->pin + i;
-        k->right[k->pin_row[i]] -= pin_bias(pin, k->q, first) / k->scale[pin->v + pin->component];
-    }
+    system_put_accelerations(k, first, bend);
     solve_rates(k, second);
 }
