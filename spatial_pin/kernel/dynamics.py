@@ -65,6 +65,12 @@ class Samples(NamedTuple):
     angles: Array
 
 
+class _Rows(ctypes.Structure):
+    """SampleRows in dynamics.h."""
+
+    _fields_ = [(name, POINTER) for name in Samples._fields]
+
+
 class Asked(NamedTuple):
     """Python functions that the equations of motion call.
 
@@ -177,7 +183,7 @@ class Dynamics:
     def rates(self, t: float, y: Array) -> Array:
         """Return dy/dt (n,), NaN where the loops cannot be closed."""
         y, out = np.ascontiguousarray(y, float), np.empty(self.n)
-        code = self.asking.settle(self._library.dynamics_function(
+        code = self.asking.settle(self._library.dynamics_rates(
             self.handle, t, address(y), address(out)))
         if code:
             out[:] = math.nan
@@ -224,7 +230,8 @@ class Dynamics:
         times, unknowns = (np.ascontiguousarray(x, float) for x in (times, unknowns))
         found = self.room(len(times))
         code = self.asking.settle(self._library.dynamics_samples(
-            self.handle, len(times), *map(address, (times, unknowns, *found))))
+            self.handle, len(times), address(times), address(unknowns),
+            ctypes.byref(_Rows(*map(address, found)))))
         return None if code else found
 
     def crossed(self, first: float, last: float) -> list[float]:

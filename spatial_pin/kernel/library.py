@@ -103,9 +103,9 @@ def _declare_dynamics(found: ctypes.CDLL) -> None:
     found.dynamics_create.argtypes = [POINTER, POINTER, INT, POINTER, INT, POINTER, POINTER]
     found.dynamics_begin.argtypes = [*[POINTER] * 6, INT]
     found.dynamics_renew.argtypes = [POINTER, REAL, *[POINTER] * 3]
-    found.dynamics_function.argtypes = [POINTER, REAL, POINTER, POINTER]
+    found.dynamics_rates.argtypes = [POINTER, REAL, POINTER, POINTER]
     found.dynamics_place.argtypes = [POINTER, REAL, *[POINTER] * 5]
-    found.dynamics_samples.argtypes = [POINTER, INT, *[POINTER] * 8]
+    found.dynamics_samples.argtypes = [POINTER, INT, *[POINTER] * 3]
     found.dynamics_crossed.argtypes = [POINTER, REAL, REAL, POINTER, INT]
     found.dynamics_crossed.restype = INT
     found.dynamics_keep.argtypes = found.dynamics_pivot.argtypes = [POINTER]

@@ -26,6 +26,13 @@ static int moves_mass(const Kernel *k, Int j)
     return k->mass[j] != 0.0 || I[0] != 0.0 || I[4] != 0.0 || I[8] != 0.0;
 }
 
+/* out = I w, of a body in its own axes. */
+static inline void inertia_times(const Kernel *k, Int j, const Real *w, Real *out)
+{
+    for (int i = 0; i < 3; i++)
+        out[i] = dot3(k->inertia + 9 * j + 3 * i, w);
+}
+
 /* The force at the centre of mass and the moment about the world origin that a body needs. */
 static void needed(const Kernel *k, Int j, Real *force, Real *moment)
 {
@@ -40,11 +47,10 @@ static void needed(const Kernel *k, Int j, Real *force, Real *moment)
                    (k->acceleration[3 * j + i] + turning[i] + swing[i] - k->gravity[i]);
     rotate_back3(R, w, w_own);
     rotate_back3(R, alpha, alpha_own);
-    for (int i = 0; i < 3; i++)
-        spun[i] = dot3(k->inertia + 9 * j + 3 * i, w_own);
+    inertia_times(k, j, w_own, spun);
     cross3(w_own, spun, own);
-    for (int i = 0; i < 3; i++)
-        own[i] += dot3(k->inertia + 9 * j + 3 * i, alpha_own);
+    inertia_times(k, j, alpha_own, spun);
+    add3(1.0, spun, own);
     rotate3(R, own, moment);
     copy3(k->p + 3 * j, point);
     add3(1.0, centre, point);
@@ -214,8 +220,7 @@ static void reduced_mass(Dynamics *d)
         for (Int a = 0; a < n; a++) {
             Real *own = d->twist + apart * a + 6 * j, moment[3];
             see_from_centre(k, j, own);
-            for (int i = 0; i < 3; i++)
-                moment[i] = dot3(k->inertia + 9 * j + 3 * i, own + 3);
+            inertia_times(k, j, own + 3, moment);
             for (Int b = 0; b <= a; b++) {
                 const Real *other = d->twist + apart * b + 6 * j;
                 d->mass[a * n + b] += k->mass[j] * dot3(own, other) + dot3(moment, other + 3);
@@ -237,8 +242,7 @@ static Real inertia_about(const Kernel *k, Int j, const Real *linear, const Real
     copy3(linear, twist);
     copy3(angular, twist + 3);
     see_from_centre(k, j, twist);
-    for (int i = 0; i < 3; i++)
-        moment[i] = dot3(k->inertia + 9 * j + 3 * i, twist + 3);
+    inertia_times(k, j, twist + 3, moment);
     return k->mass[j] * dot3(twist, twist) + dot3(moment, twist + 3);
 }
 
@@ -456,7 +460,6 @@ static void quaternion_rate(const Real *x, const Real *w, Real *rate)
     rate[3] = -0.5 * dot3(w, x);
 }
 
-/* dy/dt. LOST where the loops cannot be closed at y. */
 int dynamics_rates(void *from, Real t, const Real *y, Real *rates)
 {
     Dynamics *d = from;
@@ -506,8 +509,7 @@ static Real energies(Dynamics *d, Real *kinetic)
         Real at[3], velocity[3], w[3], moment[3];
         body_point(k, j, k->com + 3 * j, at, velocity);
         rotate_back3(k->R + 9 * j, k->omega + 3 * j, w);
-        for (int i = 0; i < 3; i++)
-            moment[i] = dot3(k->inertia + 9 * j + 3 * i, w);
+        inertia_times(k, j, w, moment);
         moving += 0.5 * (k->mass[j] * dot3(velocity, velocity) + dot3(w, moment));
         stored -= k->mass[j] * dot3(k->gravity, at);
     }
@@ -534,12 +536,19 @@ static void put_numbers(Dynamics *d, const Real *y, Real *numbers)
     numbers[3] = d->works ? y[d->n_unknowns - 1] : 0.0;
 }
 
-/* One sample: q, v, a, then closure error, kinetic and total energy, work; efforts of prescribed
- * drivers and screw angles. Accelerations of the free coordinates are z, or follow from forces. */
-int dynamics_sample(Dynamics *d, Real t, const Real *y, const Real *z, Real *q, Real *v, Real *a,
-                    Real *numbers, Real *efforts, Real *angles)
+static SampleRows row_of(const Dynamics *d, const SampleRows *rows, Int i)
+{
+    const Kernel *k = d->k;
+    return (SampleRows){rows->q + i * k->nq, rows->v + i * k->nv, rows->a + i * k->nv,
+                        rows->numbers + 4 * i, rows->efforts + i * d->n_drives,
+                        rows->angles + i * k->n_angles};
+}
+
+int dynamics_sample(Dynamics *d, Real t, const Real *y, const Real *z, const SampleRows *rows,
+                    Int i)
 {
     Kernel *k = d->k;
+    const SampleRows row = row_of(d, rows, i);
     int code = place(d, t, y);
     if (code == DONE && !z)
         code = accelerate(d, t, y);
@@ -550,40 +559,42 @@ int dynamics_sample(Dynamics *d, Real t, const Real *y, const Real *z, Real *q, 
         tree_rates(k, d->v);
     }
     whole_accelerations(d);
-    put_numbers(d, y, numbers);
+    put_numbers(d, y, row.numbers);
     if (d->n_drives && drive_efforts(d) != DONE)
         return ASK_FAILED;
-    memcpy(q, d->q, (size_t)k->nq * sizeof *q);
-    memcpy(v, d->v, (size_t)k->nv * sizeof *v);
-    memcpy(a, d->a, (size_t)k->nv * sizeof *a);
-    memcpy(efforts, d->drive_effort, (size_t)d->n_drives * sizeof *efforts);
-    memcpy(angles, d->turns, (size_t)k->n_angles * sizeof *angles);
-    show_spins(d, y, q, v, a);
+    memcpy(row.q, d->q, (size_t)k->nq * sizeof(Real));
+    memcpy(row.v, d->v, (size_t)k->nv * sizeof(Real));
+    memcpy(row.a, d->a, (size_t)k->nv * sizeof(Real));
+    memcpy(row.efforts, d->drive_effort, (size_t)d->n_drives * sizeof(Real));
+    memcpy(row.angles, d->turns, (size_t)k->n_angles * sizeof(Real));
+    show_spins(d, y, row.q, row.v, row.a);
     return DONE;
 }
 
 /* The place that the way goes on from, and its factors, stay what they are. */
 int dynamics_sample_between(Dynamics *d, const Point *from, const Point *to, const Real *y, Real z,
-                            Real *q, Real *v, Real *a, Real *numbers, Real *angles)
+                            const SampleRows *rows, Int i)
 {
     Kernel *k = d->k;
+    const SampleRows row = row_of(d, rows, i);
+    const size_t angles = (size_t)k->n_angles * sizeof(Real);
     const Real x = y[0], rate = y[1], part = (x - from->s) / (to->s - from->s);
     Real *const here = d->q, *const velocity = d->v;
     if (!(part >= 0.0 && part <= 1.0))
         return LOST;
-    point_between(k, from, to, x, q, v, a);
-    for (Int i = 0; i < k->n_angles; i++)
-        k->angle_reference[i] = from->angle[i] + part * (to->angle[i] - from->angle[i]);
-    equations_values(k, q);
-    memcpy(angles, k->angle, (size_t)k->n_angles * sizeof *angles);
-    memcpy(k->angle_reference, d->turns, (size_t)k->n_angles * sizeof *angles);
-    for (Int i = 0; i < k->nv; i++) {
-        a[i] = a[i] * rate * rate + v[i] * z;
-        v[i] *= rate;
+    point_between(k, from, to, x, row.q, row.v, row.a);
+    for (Int n = 0; n < k->n_angles; n++)
+        k->angle_reference[n] = from->angle[n] + part * (to->angle[n] - from->angle[n]);
+    equations_values(k, row.q);
+    memcpy(row.angles, k->angle, angles);
+    memcpy(k->angle_reference, d->turns, angles);
+    for (Int v = 0; v < k->nv; v++) {
+        row.a[v] = row.a[v] * rate * rate + row.v[v] * z;
+        row.v[v] *= rate;
     }
-    tree_rates(k, v);
-    d->q = q, d->v = v;
-    put_numbers(d, y, numbers);
+    tree_rates(k, row.v);
+    d->q = row.q, d->v = row.v;
+    put_numbers(d, y, row.numbers);
     d->q = here, d->v = velocity;
     return DONE;
 }
@@ -603,21 +614,13 @@ EXPORT int dynamics_place(Dynamics *d, Real t, const Real *y, Real *q, Real *v, 
     return DONE;
 }
 
-EXPORT int dynamics_function(Dynamics *d, Real t, const Real *y, Real *rates)
+/* Samples at times (n,) and unknowns (n, n_unknowns). */
+EXPORT int dynamics_samples(Dynamics *d, Int n, const Real *t, const Real *y,
+                            const SampleRows *rows)
 {
-    return dynamics_rates(d, t, y, rates);
-}
-
-/* Samples at times (n,) and unknowns (n, n_unknowns), one row of each array a sample. */
-EXPORT int dynamics_samples(Dynamics *d, Int n, const Real *t, const Real *y, Real *q, Real *v,
-                            Real *a, Real *numbers, Real *efforts, Real *angles)
-{
-    const Kernel *k = d->k;
     int code = DONE;
     for (Int i = 0; i < n && code == DONE; i++)
-        code = dynamics_sample(d, t[i], y + i * d->n_unknowns, NULL, q + i * k->nq, v + i * k->nv,
-                               a + i * k->nv, numbers + 4 * i, efforts + i * d->n_drives,
-                               angles + i * k->n_angles);
+        code = dynamics_sample(d, t[i], y + i * d->n_unknowns, NULL, rows, i);
     return code;
 }
 

@@ -113,6 +113,14 @@ typedef struct Dynamics {
     Int evaluations;
 } Dynamics;
 
+/* Samples of a motion: a row of each array belongs to one. */
+typedef struct {
+    Real *q, *v, *a;
+    Real *numbers; /* (4) closure error, kinetic and total energy, work */
+    Real *efforts; /* (n_drives) of prescribed drivers */
+    Real *angles;  /* (n_angles) of screws */
+} SampleRows;
+
 /* ---- independent.c ---- */
 int independent_begin(Dynamics *d);              /* at d->q: columns, sign, pivots */
 int independent_stand(Dynamics *d);              /* evaluate and factor at d->q */
@@ -144,13 +152,15 @@ int passing_travel(Dynamics *d, const Real *x); /* to coordinates x, branch poin
 Int passing_crossed(const Dynamics *d, Real from, Real to, Real *x, Int room);
 
 /* ---- dynamics.c ---- */
-int dynamics_rates(void *d, Real t, const Real *y, Real *rates);
-int dynamics_sample(Dynamics *d, Real t, const Real *y, const Real *z, Real *q, Real *v, Real *a,
-                    Real *numbers, Real *efforts, Real *angles);
+/* dy/dt of a Dynamics. LOST where the loops cannot be closed at y. */
+EXPORT int dynamics_rates(void *d, Real t, const Real *y, Real *rates);
+/* Write sample i. Accelerations of the free coordinates are z, or NULL: they follow from forces. */
+int dynamics_sample(Dynamics *d, Real t, const Real *y, const Real *z, const SampleRows *rows,
+                    Int i);
 /* The same where one freedom, accelerated by z, lies between two points of its curve; LOST where it
  * does not. */
 int dynamics_sample_between(Dynamics *d, const Point *from, const Point *to, const Real *y, Real z,
-                            Real *q, Real *v, Real *a, Real *numbers, Real *angles);
+                            const SampleRows *rows, Int i);
 EXPORT Real dynamics_keep(Dynamics *d);
 EXPORT Real dynamics_heaviest(Dynamics *d);
 EXPORT int dynamics_place(Dynamics *d, Real t, const Real *y, Real *q, Real *v, Real *angles,

@@ -407,7 +407,7 @@ static void note_branch_points(const Integrator *g, const Dynamics *d, Run *run,
     for (Int i = run->n_crossed; i < run->n_crossed + n; i++) {
         Int row = first;
         while (row < run->row &&
-               sense * ((run->q[row * d->k->nq + q] - d->start[q]) / scale - run->crossed[i]) < 0.0)
+               sense * ((run->rows.q[row * d->k->nq + q] - d->start[q]) / scale - run->crossed[i]) < 0.0)
             row++;
         run->crossed_row[i] = row;
     }

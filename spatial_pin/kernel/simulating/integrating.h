@@ -23,7 +23,7 @@ enum { MOST_CROSSED = 64 };
 typedef struct {
     const Real *times; /* of all samples */
     Int n_times, row;  /* how many there are, and how many are made */
-    Real *q, *v, *a, *numbers, *efforts, *angles; /* rows of all samples */
+    SampleRows rows;
     Int most;          /* steps to take */
     Real patience, largest_step, largest_pivot, allowed; /* allowed: steps of the whole */
     Int n_crossed;     /* branch points passed: the coordinate, and samples before */
