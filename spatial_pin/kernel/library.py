@@ -90,8 +90,8 @@ def _declared(found: ctypes.CDLL) -> ctypes.CDLL:
     found.path_go.argtypes = [POINTER, REAL]
     found.path_prescribe.argtypes = [POINTER, REAL, INT, INT, POINTER, POINTER]
     found.kkt_create.argtypes = [POINTER, POINTER, INT, INT, INT, REAL, POINTER]
-    found.kkt_accelerations.argtypes = [POINTER] * 11
-    found.kkt_solve.argtypes = [POINTER, INT, *[POINTER] * 5]
+    found.kkt_accelerations.argtypes = [POINTER] * 10
+    found.kkt_solve.restype, found.kkt_solve.argtypes = None, [POINTER, INT, *[POINTER] * 4]
     found.kkt_entries.restype, found.kkt_entries.argtypes = INT, [POINTER] * 4
     found.kkt_chosen.restype, found.kkt_chosen.argtypes = INT, [POINTER, POINTER]
     _declare_dynamics(found)

@@ -10,15 +10,15 @@
  *
  * Equations and pivots are chosen where they are asked for anew, so that answers depend on nothing
  * else. */
+#include <float.h>
 #include <string.h>
 
 #include "choosing.h"
 #include "factors.h"
 #include "reading.h"
 
-#define EPS 2.220446049250313e-16
-#define ROUNDING (128.0 * EPS) /* of an entry, with all that is added to it */
-#define PLACED (8.0 * EPS)     /* of a place, by its distance: some joints, each rounded once */
+#define ROUNDING (128.0 * DBL_EPSILON) /* of an entry, with all that is added to it */
+#define PLACED (8.0 * DBL_EPSILON) /* of a place, by its distance: some joints, each rounded once */
 /* Smallest over largest pivot above which equations that are independent in each closure by itself
    surely are so together: the pivot of one that is off the others by d is of the order of d². */
 #define SURE TOLERANCE_HALF_PRECISION
@@ -282,14 +282,13 @@ static int choose_and_factor(Kkt *s, const Real *mass)
 /* ---------------------------------------------------------------- solutions */
 
 /* Accelerations and multipliers (n_closure), 0 of equations that are not chosen, for joint forces
-   given and needed (nv) and second derivatives (n_closure) of the equations at zero acceleration. */
-static void solve(Kkt *s, const Real *given, const Real *needed, const Real *gamma, Real *a,
-                  Real *multipliers)
+   f - b (nv) and second derivatives (n_closure) of the equations at zero acceleration. */
+static void solve(Kkt *s, const Real *force, const Real *gamma, Real *a, Real *multipliers)
 {
     const Kernel *k = s->k;
     Real *x = s->x;
     for (Int v = 0; v < k->nv; v++)
-        x[v] = k->scale[v] * s->unit[v] * (given[v] - needed[v]);
+        x[v] = k->scale[v] * s->unit[v] * force[v];
     for (Int i = 0; i < s->n_chosen; i++)
         x[k->nv + i] = -gamma[s->chosen[i]] / s->size[i];
     factors_solve(s->matrix, x);
@@ -310,7 +309,7 @@ static Real entry_error(const Kkt *s)
         return 0.0;
     for (Int i = 0; i < 3 * k->n_joints; i++)
         farthest = fmax(farthest, fabs(k->p[i]));
-    return PLACED * (1.0 + farthest / s->length) / fmax(s->shortest, EPS);
+    return PLACED * (1.0 + farthest / s->length) / fmax(s->shortest, DBL_EPSILON);
 }
 
 /* Estimated round-off of accelerations, by their size: from the pivots and, for exchanges of rows
@@ -321,7 +320,7 @@ static Real estimated_error(Kkt *s)
     const Int nv = s->k->nv;
     const Int n = s->matrix->n;
     const Real pivot = s->matrix->pivot;
-    Real error = ROUNDING / fmax(pivot, EPS), size = 0.0, largest = 0.0, most = 0.0;
+    Real error = ROUNDING / fmax(pivot, DBL_EPSILON), size = 0.0, largest = 0.0, most = 0.0;
     if (!n || !(pivot > 0.0))
         return error;
     for (Int v = 0; v < nv; v++) {
@@ -331,7 +330,7 @@ static Real estimated_error(Kkt *s)
     }
     error = fmax(error, entry_error(s));
     const Real condition = s->norm * factors_inverse_norm(s->matrix);
-    error = fmax(error, (Real)n * EPS * fmin(condition, 1.0 / EPS));
+    error = fmax(error, (Real)n * DBL_EPSILON * fmin(condition, 1.0 / DBL_EPSILON));
     return size > 0.0 ? error * largest * most / size : error;
 }
 
@@ -349,12 +348,12 @@ static void forces_of(const Kernel *k, const Real *multipliers, Real *force)
 
 /* Evaluate at q, choose equations, factor and solve.
  *
- * mass: entries of M; given, needed (nv): f and b. Returns accelerations (nv), joint forces (nv) and
+ * mass: entries of M; force (nv): f - b. Returns accelerations (nv), joint forces (nv) and
  * multipliers (n_closure) of the closures, and facts (3): smallest over largest pivot, estimated
  * error of the accelerations, how many equations are chosen. */
 EXPORT int kkt_accelerations(Kkt *s, const Real *q, const Real *v, const Real *reference,
-                             const Real *mass, const Real *given, const Real *needed, Real *a,
-                             Real *closures, Real *multipliers, Real *facts)
+                             const Real *mass, const Real *force, Real *a, Real *closures,
+                             Real *multipliers, Real *facts)
 {
     Kernel *k = s->k;
     equations_values_near(k, q, reference);
@@ -363,7 +362,7 @@ EXPORT int kkt_accelerations(Kkt *s, const Real *q, const Real *v, const Real *r
     if (code != DONE)
         return code;
     equations_bias(k, &k->all, v);
-    solve(s, given, needed, k->bias, a, multipliers);
+    solve(s, force, k->bias, a, multipliers);
     forces_of(k, multipliers, closures);
     facts[0] = s->matrix->pivot;
     facts[1] = estimated_error(s);
@@ -371,16 +370,14 @@ EXPORT int kkt_accelerations(Kkt *s, const Real *q, const Real *v, const Real *r
     return DONE;
 }
 
-/* Solve with the last factors: forces given and needed (n, nv), gamma (n, n_closure) -> a and
- * multipliers, alike. */
-EXPORT int kkt_solve(Kkt *s, Int n, const Real *given, const Real *needed, const Real *gamma,
-                     Real *a, Real *multipliers)
+/* Solve with the last factors: forces f - b (n, nv), gamma (n, n_closure) -> a and multipliers,
+ * alike. */
+EXPORT void kkt_solve(Kkt *s, Int n, const Real *force, const Real *gamma, Real *a,
+                      Real *multipliers)
 {
     const Int nv = s->k->nv, nc = s->k->n_closure;
     for (Int i = 0; i < n; i++)
-        solve(s, given + i * nv, needed + i * nv, gamma + i * nc, a + i * nv,
-              multipliers + i * nc);
-    return DONE;
+        solve(s, force + i * nv, gamma + i * nc, a + i * nv, multipliers + i * nc);
 }
 
 /* Rows, columns and values of the entries of J of all equations, for v / scale, at the last place;
