@@ -633,11 +633,9 @@ EXPORT Int dynamics_crossed(const Dynamics *d, Real from, Real to, Real *x, Int 
  * how many times faster than the coordinates another moves. */
 EXPORT Real dynamics_keep(Dynamics *d)
 {
-    if (d->passage >= 0) {
-        independent_remember(d, &d->kept);
-        return 1.0;
-    }
     independent_remember(d, &d->kept);
+    if (d->passage >= 0)
+        return 1.0;
     d->n_points = d->n_points ? 1 : 0; /* as where it returns to */
     return independent_pace(d);
 }

@@ -24,6 +24,12 @@ typedef struct {
                  Real *z); /* accelerations of the free coordinates by scale */
 } Asked;
 
+/* Pivot at which a configuration has seven digits left */
+#define LEAST_SOLVED TOLERANCE_NOTHING
+/* Way of one trial, beyond which it is a wild one: no integrator that is right goes two hundred
+   turns */
+#define WILD_WAY 1280.0
+
 enum { PASSAGE_NODES = 8, MOST_PASSAGES = 8, MOST_BRANCH_POINTS = 6 };
 
 /* The stretch about a branch point of branches, as polynomials in x through nodes on both sides. */
@@ -136,7 +142,7 @@ int independent_return(Dynamics *d, const Place *place);
 void independent_columns(Dynamics *d);
 void independent_rates(Dynamics *d, const Real *v, Real *rates); /* of the free x, at v */
 Real independent_pace(const Dynamics *d);
-int independent_bias(Dynamics *d, const Real *v, const Real *held_acceleration, Real *a);
+void independent_bias(Dynamics *d, const Real *v, const Real *held_acceleration, Real *a);
 
 /* ---- partitioning.c ---- */
 void partitioning_orthonormal_freedoms(Dynamics *d); /* d->freedoms, of the columns */
@@ -162,6 +168,7 @@ int dynamics_sample(Dynamics *d, Real t, const Real *y, const Real *z, const Sam
 int dynamics_sample_between(Dynamics *d, const Point *from, const Point *to, const Real *y, Real z,
                             const SampleRows *rows, Int i);
 EXPORT Real dynamics_keep(Dynamics *d);
+EXPORT Real dynamics_pivot(const Dynamics *d);
 EXPORT Real dynamics_heaviest(Dynamics *d);
 EXPORT int dynamics_place(Dynamics *d, Real t, const Real *y, Real *q, Real *v, Real *angles,
                           Real *error);

@@ -18,13 +18,9 @@
 /* Longest step in one go [rad, characteristic lengths]: from there prediction leaves more than
    that */
 #define LONGEST_GO 0.7
-/* Way of one trial, beyond which it is a wild one: no integrator that is right goes two hundred
-   turns */
-#define WILD_WAY 1280.0
 #define GO_HALVINGS 10       /* of a way, before it is given up: a thousandth of a step */
 #define SHORTEST_TOLD 1e-8   /* way on which a change of the determinant is more than round-off */
 #define REMAINS 0.25         /* of the determinant, where one that falls in a line would be left */
-#define LEAST_SOLVED TOLERANCE_NOTHING /* pivot at which a configuration has seven digits left */
 /* Distances of two points of a curve that a polynomial through them tells ahead: their round-off
    grows by 20 r^5 */
 #define FAR_AHEAD 8.0
@@ -519,7 +515,7 @@ Real independent_pace(const Dynamics *d)
 
 /* Joint accelerations at joint velocities v that spin no body, for given held accelerations, by
  * scale, NULL: none. Takes note of them for the next prediction. */
-int independent_bias(Dynamics *d, const Real *v, const Real *held_acceleration, Real *a)
+void independent_bias(Dynamics *d, const Real *v, const Real *held_acceleration, Real *a)
 {
     Kernel *k = d->k;
     equations_bias(k, &k->system, v);
@@ -550,5 +546,4 @@ int independent_bias(Dynamics *d, const Real *v, const Real *held_acceleration, 
             x[j] += held_acceleration[i] * d->columns[i * k->nv + j];
     for (Int j = 0; j < k->nv; j++)
         a[j] = k->scale[j] * x[j];
-    return DONE;
 }

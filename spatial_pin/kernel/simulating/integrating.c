@@ -391,7 +391,7 @@ static int meets_limit(const Dynamics *d, const Run *run)
 
 static int creeps(Integrator *g, const Dynamics *d, Run *run)
 {
-    const Real h = g->t - g->t_old, pivot = d->passes ? 1.0 : d->pivot;
+    const Real h = g->t - g->t_old, pivot = dynamics_pivot(d);
     run->largest_step = fmax(run->largest_step, h);
     run->largest_pivot = fmax(run->largest_pivot, pivot);
     return (h < CREEPS_BELOW * run->largest_step && pivot < CREEPS_BELOW * run->largest_pivot) ||
