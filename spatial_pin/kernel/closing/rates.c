@@ -13,7 +13,6 @@
 #include "choosing.h"
 #include "rates.h"
 #include "regular.h"
-#include "tolerances.h"
 
 /* Part of the longest equation that is left of each that is chosen, and smallest over largest pivot
    relative to the lengths of their rows, where it is clear what is independent. */

@@ -4,7 +4,6 @@
 #include <stdlib.h>
 
 #include "choosing.h"
-#include "tolerances.h"
 
 #define FAINT 1e-34   /* square of an entry, relative to its row's, that is below round-off of it */
 

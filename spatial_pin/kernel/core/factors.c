@@ -122,10 +122,10 @@ int factors_make(Factors *f)
 static void solve_sparse(const Factors *f, Real *x)
 {
     memcpy(f->left, x, (size_t)f->n * sizeof(Real));
-    lu_solve(f->lu, x, x);
+    lu_solve(f->lu, x);
     for (Int e = 0; e < f->n_entries; e++)
         f->left[f->row[e]] -= f->value[e] * x[f->column[e]];
-    lu_solve(f->lu, f->left, f->left);
+    lu_solve(f->lu, f->left);
     for (Int i = 0; i < f->n; i++)
         x[i] += f->left[i];
 }

@@ -238,6 +238,6 @@ Real lu_even_ratio(const SparseLU *lu, const Real *length);
 int lu_analyse(SparseLU *lu, Int n, Int n_entries, const Int *row, const Int *column,
                const Real *value);
 int lu_factor(SparseLU *lu, const Real *value);  /* 1 good, 0 singular, -1 wants another order */
-void lu_solve(const SparseLU *lu, const Real *right, Real *x); /* right and x may be the same */
+void lu_solve(const SparseLU *lu, Real *x); /* x: right sides, then the solution */
 
 #endif

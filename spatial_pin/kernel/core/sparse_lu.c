@@ -94,7 +94,7 @@ void lu_free(SparseLU *lu)
  * buckets of equal counts (doubly linked), so that those of the smallest counts are found at once. */
 typedef struct {
     Int n;
-    List *row, *column, *below, *beyond; /* below: rows eliminated by each pivot; beyond: its row */
+    List *row, *column, *below; /* below: rows eliminated by each pivot */
     Int *row_done, *column_done, *row_count, *column_count;
     Int *first, *next, *previous; /* buckets */
 } Search;
@@ -123,8 +123,8 @@ static int push(List *list, Int at, Real value, int with_value)
 
 static void search_free(Search *s)
 {
-    List *lists[] = {s->row, s->column, s->below, s->beyond};
-    for (int l = 0; l < 4; l++) {
+    List *lists[] = {s->row, s->column, s->below};
+    for (int l = 0; l < 3; l++) {
         for (Int i = 0; lists[l] && i < s->n; i++) {
             free(lists[l][i].at);
             free(lists[l][i].value);
@@ -163,8 +163,8 @@ static int search_begin(Search *s, Int n, Int n_entries, const Int *row, const I
     const size_t rows = (size_t)n + 1;
     memset(s, 0, sizeof *s);
     s->n = n;
-    List **lists[] = {&s->row, &s->column, &s->below, &s->beyond};
-    for (int l = 0; l < 4; l++)
+    List **lists[] = {&s->row, &s->column, &s->below};
+    for (int l = 0; l < 3; l++)
         if (!(*lists[l] = calloc(rows, sizeof(List))))
             return 0;
     Int **arrays[] = {&s->row_done, &s->column_done, &s->row_count, &s->column_count,
@@ -501,10 +501,10 @@ int lu_factor(SparseLU *lu, const Real *entry)
     return grown < GROWN && lu->ratio > SHRUNK * lu->first_ratio ? 1 : -1;
 }
 
-void lu_solve(const SparseLU *lu, const Real *right, Real *x)
+void lu_solve(const SparseLU *lu, Real *x)
 {
     Real *y = lu->work;
-    memcpy(y, right, (size_t)lu->n * sizeof *y);
+    memcpy(y, x, (size_t)lu->n * sizeof *y);
     for (Int step = 0; step < lu->n; step++) {
         const Real known = y[lu->pivot_row[step]];
         if (known != 0.0)

@@ -168,7 +168,7 @@ int system_factor(Kernel *k)
 
 void system_solve(const Kernel *k, Real *x)
 {
-    lu_solve(k->lu, x, x);
+    lu_solve(k->lu, x);
 }
 
 int system_choose(Kernel *k, const Int *chosen)

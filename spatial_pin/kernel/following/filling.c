@@ -4,7 +4,6 @@
  * factor, X (XᵀX)^(-1/2), is the orthonormal basis of that nearest to the old rows, for fill X = 1
  * [orthogonal Procrustes problem; Golub, Van Loan, 6.4.1]. */
 #include <stdlib.h>
-#include <string.h>
 
 #include "filling.h"
 

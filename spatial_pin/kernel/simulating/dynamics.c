@@ -5,7 +5,6 @@
  *     G^T (M (a0 + G z) + b - f) = 0      [Wehage1982]
  * for their accelerations z. M a0 + b is worked out body by body (Newton and Euler), G^T M G from
  * the bodies' velocities per unit rate. Springs act as forces on the bodies, gravity too. */
-#include <stdlib.h>
 #include <string.h>
 
 #include "dense.h"

@@ -10,7 +10,6 @@
 #include "correcting.h"
 #include "dense.h"
 #include "dynamics.h"
-#include "tolerances.h"
 
 /* Part of a step that the prediction may leave: twice what paths may, as the rates of the
    motion tell where it leads */

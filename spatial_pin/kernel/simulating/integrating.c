@@ -38,7 +38,6 @@ typedef struct {
     Real (*error)(const Integrator *, Real h);
     int (*prepare)(Integrator *);                          /* of dense output */
     void (*between)(const Integrator *, Real part, Real *y);
-    Int extra;      /* stages more that dense output wants */
     Int first, second; /* two stages at one time, and the weights of their difference */
     Real stable;    /* longest stable step, by the fastest decay; 0: any is stable */
     Int patience;   /* steps beyond that before the motion is called stiff */
@@ -207,12 +206,12 @@ static int try_gauss(Integrator *g, Real t_new, Real h)
 /* ---- the table ---- */
 
 static const Method METHODS[] = {
-    {12, DOP853_A, DOP853_B, DOP853_C, 7.0, error_of_853, prepare_853, between_853, 3, 11, 12, 6.1,
+    {12, DOP853_A, DOP853_B, DOP853_C, 7.0, error_of_853, prepare_853, between_853, 11, 12, 6.1,
      LONG_STEPS},
-    {6, RK45_A, RK45_B, RK45_C, 4.0, error_of_45, prepare_none, between_45, 0, 5, 6, 3.25,
+    {6, RK45_A, RK45_B, RK45_C, 4.0, error_of_45, prepare_none, between_45, 5, 6, 3.25,
      LONG_STEPS},
-    {4, RK4_A, RK4_B, RK4_C, 0.0, NULL, prepare_none, between_4, 0, 1, 2, 2.78, 2},
-    {4, NULL, GAUSS_B, NULL, 0.0, NULL, prepare_none, between_4, 0, 0, 0, 0.0, 0},
+    {4, RK4_A, RK4_B, RK4_C, 0.0, NULL, prepare_none, between_4, 1, 2, 2.78, 2},
+    {4, NULL, GAUSS_B, NULL, 0.0, NULL, prepare_none, between_4, 0, 0, 0.0, 0},
 };
 enum { N_METHODS = sizeof METHODS / sizeof *METHODS };
 

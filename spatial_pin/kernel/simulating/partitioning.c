@@ -8,7 +8,6 @@
 
 #include "choosing.h"
 #include "dynamics.h"
-#include "tolerances.h"
 
 #define PLAIN 0.1  /* speed of a plain coordinate, relative to the fastest, at which it will do */
 
