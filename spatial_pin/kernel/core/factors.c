@@ -16,10 +16,8 @@ static int is_full(const Factors *f) { return f->n <= FEW_UNKNOWNS; }
 
 Factors *factors_new(Kernel *k)
 {
-    Factors **more = realloc(k->factors, (size_t)(k->n_factors + 1) * sizeof *more);
-    if (!more)
+    if (!widen((void **)&k->factors, k->n_factors + 1, sizeof *k->factors))
         return NULL;
-    k->factors = more;
     Factors *f = calloc(1, sizeof *f);
     if (f && !(f->lu = lu_new())) {
         free(f);
@@ -37,15 +35,6 @@ void factors_free(Factors *f)
         free(all[i]);
     lu_free(f->lu);
     free(f);
-}
-
-/* Give an array room for n things; 0 if there is no memory. */
-static int widen(void **array, Int n, size_t size)
-{
-    void *more = realloc(*array, (size_t)(n > 0 ? n : 1) * size);
-    if (more)
-        *array = more;
-    return more != NULL;
 }
 
 int factors_begin(Factors *f, Int n, Int n_entries)

@@ -157,6 +157,8 @@ Real *kernel_reals(Kernel *k, Int count);
 Int *kernel_ints(Kernel *k, Int count);
 /* Whether there was all the memory that was asked for since this was asked last. */
 int kernel_had_memory(Kernel *k);
+/* Give an array room for n things, to be freed by its owner; 0 if there is no memory. */
+int widen(void **array, Int n, size_t size);
 
 /* ---- tree.c ---- */
 void tree_place(Kernel *k, const Real *q);   /* R, p; q is kept */

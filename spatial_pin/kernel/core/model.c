@@ -17,17 +17,22 @@ const char kernel_source_hash[] = SOURCE_HASH;
 /* Of anything counted: products of two counts stay far below 2^63 */
 #define MOST_COUNTED 100000000
 
+int widen(void **array, Int n, size_t size)
+{
+    void *more = realloc(*array, (size_t)(n > 0 ? n : 1) * size);
+    if (more)
+        *array = more;
+    return more != NULL;
+}
+
 /* Room for one block of memory more. */
 static int has_place(Kernel *k)
 {
-    if (k->n_owned < k->owned_room)
-        return 1;
-    const Int room = 2 * k->owned_room + 64;
-    void **more = realloc(k->owned, (size_t)room * sizeof *more);
-    if (!more)
-        return 0;
-    k->owned = more;
-    k->owned_room = room;
+    if (k->n_owned == k->owned_room) {
+        if (!widen((void **)&k->owned, 2 * k->owned_room + 64, sizeof *k->owned))
+            return 0;
+        k->owned_room = 2 * k->owned_room + 64;
+    }
     return 1;
 }
 

@@ -103,16 +103,9 @@ static int push(List *list, Int at, Real value, int with_value)
 {
     if (list->n == list->room) {
         const Int room = 2 * list->room + 4;
-        Int *more = realloc(list->at, (size_t)room * sizeof *more);
-        if (!more)
+        if (!widen((void **)&list->at, room, sizeof(Int)) ||
+            (with_value && !widen((void **)&list->value, room, sizeof(Real))))
             return 0;
-        list->at = more;
-        if (with_value) {
-            Real *values = realloc(list->value, (size_t)room * sizeof *values);
-            if (!values)
-                return 0;
-            list->value = values;
-        }
         list->room = room;
     }
     if (with_value)

@@ -1,6 +1,5 @@
 /* The square system: chosen closure equations, idle rotations, what is driven, and rows that fill
  * it up where freedoms are left (passive ones that nothing determines). Unknowns are v / scale. */
-#include <stdlib.h>
 #include <string.h>
 
 #include "choosing.h"
@@ -16,22 +15,14 @@ static int indices_are_sound(const Int *index, Int n, Int below)
 
 static int make_room(Kernel *k, Int n)
 {
-    if (n <= k->system_room)
-        return 1;
-    struct {
-        void **to;
-        size_t size;
-    } arrays[] = {{(void **)&k->system_row, sizeof(Int)},
-                  {(void **)&k->system_column, sizeof(Int)},
-                  {(void **)&k->system_from, sizeof(Int)},
-                  {(void **)&k->system_value, sizeof(Real)}};
-    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++) {
-        void *more = realloc(*arrays[i].to, (size_t)n * arrays[i].size);
-        if (!more)
+    if (n > k->system_room) {
+        if (!widen((void **)&k->system_row, n, sizeof(Int)) ||
+            !widen((void **)&k->system_column, n, sizeof(Int)) ||
+            !widen((void **)&k->system_from, n, sizeof(Int)) ||
+            !widen((void **)&k->system_value, n, sizeof(Real)))
             return 0;
-        *arrays[i].to = more;
+        k->system_room = n;
     }
-    k->system_room = n;
     return 1;
 }
 
@@ -113,12 +104,10 @@ EXPORT int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *dri
         return BAD_ARRAYS;
     if (!driven_is_sound(k, driven, n_driven))
         return BAD_ARRAYS;
-    if (n_fill > 0) {
-        Real *rows = realloc(k->fill, (size_t)(n_fill * k->nv) * sizeof *rows);
-        if (!rows)
+    if (n_fill > 0 && fill != k->fill) {
+        if (!widen((void **)&k->fill, n_fill * k->nv, sizeof *k->fill))
             return NO_MEMORY;
-        k->fill = rows;
-        memcpy(rows, fill, (size_t)(n_fill * k->nv) * sizeof *rows);
+        memcpy(k->fill, fill, (size_t)(n_fill * k->nv) * sizeof *k->fill);
     }
     for (Int i = 0; i < n_chosen; i++)
         k->chosen[i] = chosen ? chosen[i] : i;

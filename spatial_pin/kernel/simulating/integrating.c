@@ -36,7 +36,7 @@ typedef struct {
     const Real *b, *c;
     Real order;     /* of the error estimate; 0: the step is fixed */
     Real (*error)(const Integrator *, Real h);
-    int (*prepare)(Integrator *);                          /* of dense output */
+    int (*prepare)(Integrator *); /* of dense output; NULL: nothing */
     void (*between)(const Integrator *, Real part, Real *y);
     Int first, second; /* two stages at one time, and the weights of their difference */
     Real stable;    /* longest stable step, by the fastest decay; 0: any is stable */
@@ -130,12 +130,6 @@ static void between_853(const Integrator *g, Real part, Real *y)
     }
 }
 
-static int prepare_none(Integrator *g)
-{
-    (void)g;
-    return DONE;
-}
-
 static void between_45(const Integrator *g, Real part, Real *y)
 {
     const Real h = g->t - g->t_old;
@@ -206,12 +200,15 @@ static int try_gauss(Integrator *g, Real t_new, Real h)
 /* ---- the table ---- */
 
 static const Method METHODS[] = {
-    {12, DOP853_A, DOP853_B, DOP853_C, 7.0, error_of_853, prepare_853, between_853, 11, 12, 6.1,
-     LONG_STEPS},
-    {6, RK45_A, RK45_B, RK45_C, 4.0, error_of_45, prepare_none, between_45, 5, 6, 3.25,
-     LONG_STEPS},
-    {4, RK4_A, RK4_B, RK4_C, 0.0, NULL, prepare_none, between_4, 1, 2, 2.78, 2},
-    {4, NULL, GAUSS_B, NULL, 0.0, NULL, prepare_none, between_4, 0, 0, 0.0, 0},
+    {.stages = 12, .a = DOP853_A, .b = DOP853_B, .c = DOP853_C, .order = 7.0,
+     .error = error_of_853, .prepare = prepare_853, .between = between_853,
+     .first = 11, .second = 12, .stable = 6.1, .patience = LONG_STEPS},
+    {.stages = 6, .a = RK45_A, .b = RK45_B, .c = RK45_C, .order = 4.0,
+     .error = error_of_45, .between = between_45,
+     .first = 5, .second = 6, .stable = 3.25, .patience = LONG_STEPS},
+    {.stages = 4, .a = RK4_A, .b = RK4_B, .c = RK4_C, .between = between_4,
+     .first = 1, .second = 2, .stable = 2.78, .patience = 2},
+    {.stages = 4, .b = GAUSS_B, .between = between_4},
 };
 enum { N_METHODS = sizeof METHODS / sizeof *METHODS };
 
@@ -335,15 +332,16 @@ EXPORT int integrator_step(Integrator *g)
 
 EXPORT int integrator_between(Integrator *g, const Real *times, Int count, Real *y)
 {
-    if (!g->is_dense) {
-        const int code = method_of(g)->prepare(g);
+    const Method *m = method_of(g);
+    if (!g->is_dense && m->prepare) {
+        const int code = m->prepare(g);
         if (code != DONE)
             return code;
-        g->is_dense = 1;
     }
+    g->is_dense = 1;
     const Real h = g->t - g->t_old;
     for (Int i = 0; i < count; i++)
-        method_of(g)->between(g, (times[i] - g->t_old) / h, y + i * g->n);
+        m->between(g, (times[i] - g->t_old) / h, y + i * g->n);
     return DONE;
 }
 
