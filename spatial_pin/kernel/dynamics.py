@@ -31,7 +31,7 @@ class _Asked(ctypes.Structure):
 
 
 class Run(ctypes.Structure):
-    """Run in integrating.c: what many steps want, and where their samples go."""
+    """Run in running.h: what many steps want, and where their samples go."""
 
     _fields_ = [("times", POINTER), ("n_times", INT), ("row", INT), ("q", POINTER), ("v", POINTER),
                 ("a", POINTER), ("numbers", POINTER), ("efforts", POINTER), ("angles", POINTER),
@@ -44,7 +44,7 @@ class Run(ctypes.Structure):
 
 
 AT_END, AT_FAILURE, NEW_COORDINATES, FULL, STIFF, CREEPING, MANY = range(7)  # why it paused
-NO_SAMPLES = 9  # the same, see Pause in integrating.c
+NO_SAMPLES = 9  # the same, see Pause in running.c
 
 
 class Samples(NamedTuple):

@@ -7,7 +7,7 @@
 #include <string.h>
 
 #include "correcting.h"
-#include "integrating.h"
+#include "running.h"
 
 #define MAY_LEAVE 0.1 /* of the closure asked for, that polynomials may leave open */
 /* Of that and the square of the way between two anchors: accelerations miss 24 times what is left by
