@@ -10,7 +10,14 @@
 #include "closing.h"
 #include "relative.h"
 
-#define FACTS 7 /* what is written down of each sample, see `dimensions_close` */
+/* What is written down of a sample. */
+typedef struct {
+    Real error;           /* closure error */
+    Real farthest, way;   /* of a joint, and of all together [rad, characteristic lengths] */
+    Real sign, magnitude; /* of the determinant, 0 of a singular one; its natural logarithm */
+    Real bend;            /* by how much the way is bent */
+    Real opened;          /* part of the rates by which equations left out would open */
+} Facts;
 
 /* Samples and what becomes of them: m of each. */
 typedef struct {
@@ -24,7 +31,7 @@ typedef struct {
     Real *angle;        /* (m, n_angles) from which angles of screws count, then those reached */
     Real *v, *a;        /* (m, nv) */
     Real *point;        /* (m, n_points, 5, 3) position, velocity, acceleration, w, w' */
-    Real *fact;         /* (m, FACTS) */
+    Facts *fact;        /* (m) */
     Int n_reals, n_varied, n_points, iterations;
     Real tolerance, cut;
 } Samples;
@@ -155,41 +162,54 @@ static void take_numbers(Work *w, Int i)
         w->numbers[s->place[n]] = s->varied[i * s->n_varied + n];
 }
 
-static int close_sample(Work *w, Int i)
+/* Close sample i, whose numbers the kernel has, from its start; it is evaluated there. */
+static void close_from_start(Work *w, Int i)
 {
     const Samples *s = w->s;
     Kernel *k = w->k;
-    const size_t angles = (size_t)k->n_angles * sizeof(Real);
-    Real *q = s->q + i * k->nq, *angle = s->angle + i * k->n_angles, *fact = s->fact + i * FACTS;
-    Int mirrored = 0;
-    take_numbers(w, i);
-    int code = kernel_set_numbers(k, w->numbers, s->n_reals);
-    if (code != DONE)
-        return code;
+    Real *q = s->q + i * k->nq, *angle = s->angle + i * k->n_angles;
+    Int mirrored;
     memcpy(w->q, q, (size_t)k->nq * sizeof *q);
     equations_values_near(k, q, angle);
     memcpy(w->open, k->residual, (size_t)k->n_closure * sizeof(Real));
     closer_close(w->closer, q, NULL, s->free, NULL, angle, 0.0, s->tolerance, s->iterations,
-                 s->cut, fact, &mirrored);
+                 s->cut, &s->fact[i].error, &mirrored);
     equations_values(k, q);
     equations_jacobian(k, &k->all);
-    memcpy(angle, k->angle, angles);
+    memcpy(angle, k->angle, (size_t)k->n_angles * sizeof(Real));
+}
+
+/* Write down what tells whether a sample at q, evaluated, is on the branch of its start. DONE or
+   SINGULAR, where the system has no solution, or NO_MEMORY. */
+static int judge(Work *w, const Real *q, Facts *fact)
+{
+    Kernel *k = w->k;
     relative_coordinates(k, w->q, q, w->way);
-    fact[1] = largest(w->way, k->nv);
-    fact[2] = 0.0;
+    fact->farthest = largest(w->way, k->nv);
+    fact->way = 0.0;
     for (Int v = 0; v < k->nv; v++)
-        fact[2] += fabs(w->way[v]);
-    code = system_factor(k);
-    const int solved = code == DONE;
-    fact[3] = solved ? k->sign : 0.0;
-    fact[4] = log(k->mantissa) + (Real)k->exponent * log(2.0);
-    fact[5] = solved ? bend(w) : INFINITY;
-    fact[6] = 0.0;
+        fact->way += fabs(w->way[v]);
+    const int code = system_factor(k);
+    fact->sign = code == DONE ? k->sign : 0.0;
+    fact->magnitude = log(k->mantissa) + (Real)k->exponent * log(2.0);
+    fact->bend = code == DONE ? bend(w) : INFINITY;
+    return code;
+}
+
+static int close_sample(Work *w, Int i)
+{
+    const Samples *s = w->s;
+    Kernel *k = w->k;
     Real *v = s->v + i * k->nv, *a = s->a + i * k->nv;
+    take_numbers(w, i);
+    int code = kernel_set_numbers(k, w->numbers, s->n_reals);
+    if (code != DONE)
+        return code;
+    close_from_start(w, i);
+    code = judge(w, s->q + i * k->nq, s->fact + i);
     memset(v, 0, (size_t)k->nv * sizeof *v);
     memset(a, 0, (size_t)k->nv * sizeof *a);
-    if (solved && s->speed)
-        fact[6] = solve_rates(w, v, a);
+    s->fact[i].opened = code == DONE && s->speed ? solve_rates(w, v, a) : 0.0;
     write_points(w, v, a, s->point + 15 * i * s->n_points);
     return code == SINGULAR ? DONE : code;
 }
@@ -207,10 +227,7 @@ static int is_sound(const Kernel *k, const Samples *s)
 
 /* Close m samples with the square system of the kernel, whose numbers are the last sample's then.
 
-   work: (n_reals + 3 n_points + nq + nv + n_closure + n_fill nv). The facts: closure error; the
-   longest way of a joint and that of all together [rad, characteristic lengths]; sign and natural
-   logarithm of the determinant, 0 of a singular one; by how much the way is bent; the part of the
-   rates by which equations left out would open. */
+   work: (n_reals + 3 n_points + nq + nv + n_closure + n_fill nv). */
 EXPORT int dimensions_close(Kernel *k, Closer *closer, const Samples *s, Int m, Real *work)
 {
     if (!is_sound(k, s))

@@ -201,8 +201,8 @@ EXPORT int kernel_evaluate(Kernel *k, const Real *q, const Real *v, const Real *
 
 /* ---- system.c ---- */
 /* Equations to be solved (NULL: the first ones), what is driven, and rows that fill the system up;
-   n_chosen + n_idle + n_driven + n_fill must be nv. Driven is a freedom v, or, as nv + v, the component of a ball or
-   floating joint (pins.h) that stands at v. */
+   n_chosen + n_idle + n_driven + n_fill must be nv. Driven is a freedom v, or, as nv + v, the
+   component of a ball or floating joint (pins.h) that stands at v. */
 EXPORT int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *driven, Int n_driven,
                       const Real *fill, Int n_fill);
 int system_factor(Kernel *k);            /* DONE or SINGULAR or NO_MEMORY, after equations_jacobian */

@@ -1,5 +1,5 @@
-/* Masses of the free coordinates: the reduced mass matrix Gᵀ M G, from the bodies' velocities per unit
- * rate of each. */
+/* Masses of the free coordinates: the reduced mass matrix Gᵀ M G, from the bodies' velocities per
+ * unit rate of each. */
 #include <string.h>
 
 #include "dense.h"

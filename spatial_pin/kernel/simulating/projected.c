@@ -2,9 +2,9 @@
  *
  * Unknowns are the relative coordinates of all joints and their velocities. What they say is
  * brought to the nearest configuration with closed loops, and to the nearest velocity that these
- * allow, before accelerations are worked out; after every step the unknowns themselves are. With K x = -r solved for
- * the held coordinates at rest, and Q an orthonormal basis of the freedoms' motions, the shortest
- * correction is x - Q Q^T x; the nearest velocity is Q Q^T v.
+ * allow, before accelerations are worked out; after every step the unknowns themselves are. With
+ * K x = -r solved for the held coordinates at rest, and Q an orthonormal basis of the freedoms'
+ * motions, the shortest correction is x - Q Q^T x; the nearest velocity is Q Q^T v.
  *
  * Equations, pivots and held coordinates are those of independent coordinates: a step is good where
  * these, followed from its beginning, lead to the place that it is taken to. */

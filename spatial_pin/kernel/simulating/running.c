@@ -1,5 +1,5 @@
-/* Many steps of a mechanism in time, with the samples within them, until something wants to be looked
- * at: a limit, a branch point, other coordinates, a motion that is stiff or hardly goes on. */
+/* Many steps of a mechanism in time, with the samples within them, until something wants to be
+ * looked at: a limit, a branch point, other coordinates, a motion that is stiff or hardly goes on. */
 #include "running.h"
 
 /* Why a run of steps paused; after FULL, STIFF, CREEPING and LIMIT the samples of its last step are
@@ -53,9 +53,11 @@ static void note_branch_points(const Integrator *g, const Dynamics *d, Run *run,
     const Real sense = g->y[0] >= g->y_old[0] ? 1.0 : -1.0, scale = d->k->scale[d->held[0]];
     for (Int i = run->n_crossed; i < run->n_crossed + n; i++) {
         Int row = first;
-        while (row < run->row &&
-               sense * ((run->rows.q[row * d->k->nq + q] - d->start[q]) / scale - run->crossed[i]) < 0.0)
-            row++;
+        for (; row < run->row; row++) {
+            const Real x = (run->rows.q[row * d->k->nq + q] - d->start[q]) / scale;
+            if (!(sense * (x - run->crossed[i]) < 0.0))
+                break;
+        }
         run->crossed_row[i] = row;
     }
     run->n_crossed += n;
