@@ -33,7 +33,6 @@ typedef struct {
     Real *unit;       /* (nv) velocity, by scale, at which the own inertia of a freedom is one */
     Real *size;       /* (n_closure) of each chosen equation, where it was chosen */
     Factors *matrix;
-    Real norm;
     Real length;      /* characteristic */
     Real shortest;    /* largest entry of the chosen equation whose own is the smallest */
     Real *x;          /* (nv + n_chosen) */
@@ -218,45 +217,39 @@ static void measure_equations(Kkt *s)
     }
 }
 
-static int fill(Kkt *s, const Real *mass)
+/* Factor the matrix for the chosen equations. */
+static int factor(Kkt *s, const Real *mass)
 {
     const Kernel *k = s->k;
-    const Int n = k->nv + s->n_chosen, room = s->n_mass + 2 * k->entry_start[k->n_closure];
-    if (factors_begin(s->matrix, n, room) != DONE)
+    Entries *to = &s->matrix->entries;
+    if (!entries_begin(to, s->n_mass + 2 * k->entry_start[k->n_closure]))
         return NO_MEMORY;
     for (Int e = 0; e < s->n_mass; e++) {
         const Int i = s->mass_row[e], j = s->mass_column[e];
         const Real weight = k->scale[i] * s->unit[i] * (k->scale[j] * s->unit[j]);
-        factors_put(s->matrix, i, j, mass[s->mass_from[e]] * weight);
+        entries_put(to, i, j, mass[s->mass_from[e]] * weight);
     }
     for (Int i = 0; i < s->n_chosen; i++)
         for (Int e = k->entry_start[s->chosen[i]]; e < k->entry_start[s->chosen[i] + 1]; e++) {
             const Int v = k->entry_v[e];
             const Real value = k->entry[e] * s->unit[v] / s->size[i];
-            factors_put(s->matrix, k->nv + i, v, value);
-            factors_put(s->matrix, v, k->nv + i, value);
+            entries_put(to, k->nv + i, v, value);
+            entries_put(to, v, k->nv + i, value);
         }
-    return DONE;
+    return factors_make(s->matrix, k->nv + s->n_chosen);
 }
 
 /* The largest sum of the sizes in a row: the matrix is symmetric. */
-static void measure_matrix(Kkt *s)
+static Real matrix_norm(Kkt *s)
 {
-    const Factors *f = s->matrix;
-    memset(s->x, 0, (size_t)f->n * sizeof(Real));
-    for (Int e = 0; e < f->n_entries; e++)
-        s->x[f->row[e]] += fabs(f->value[e]);
-    s->norm = 0.0;
-    for (Int i = 0; i < f->n; i++)
-        s->norm = fmax(s->norm, s->x[i]);
-}
-
-static int factor(Kkt *s, const Real *mass)
-{
-    if (fill(s, mass) != DONE)
-        return NO_MEMORY;
-    measure_matrix(s);
-    return factors_make(s->matrix);
+    const Entries *of = &s->matrix->entries;
+    Real most = 0.0;
+    memset(s->x, 0, (size_t)s->matrix->n * sizeof(Real));
+    for (Int e = 0; e < of->n; e++)
+        s->x[of->row[e]] += fabs(of->value[e]);
+    for (Int i = 0; i < s->matrix->n; i++)
+        most = fmax(most, s->x[i]);
+    return most;
 }
 
 /* Choose independent equations and factor: all if they are that, then those of each closure by itself,
@@ -314,7 +307,7 @@ static Real entry_error(const Kkt *s)
 
 /* Estimated round-off of accelerations, by their size: from the pivots and, for exchanges of rows
    may hide how small they are, from the condition; in the own units of freedoms, of which light
-   ones have larger ones. After `solve`, which left the scaled solution in x. */
+   ones have larger ones. After `solve`, which left the scaled solution in x: that is lost here. */
 static Real estimated_error(Kkt *s)
 {
     const Int nv = s->k->nv;
@@ -329,7 +322,7 @@ static Real estimated_error(Kkt *s)
         most = fmax(most, fabs(s->x[v]));
     }
     error = fmax(error, entry_error(s));
-    const Real condition = s->norm * factors_inverse_norm(s->matrix);
+    const Real condition = matrix_norm(s) * factors_inverse_norm(s->matrix);
     error = fmax(error, (Real)n * DBL_EPSILON * fmin(condition, 1.0 / DBL_EPSILON));
     return size > 0.0 ? error * largest * most / size : error;
 }

@@ -109,60 +109,22 @@ static int is_pin(const Rates *r, Int i) { return r->driven[i] >= r->k->nv; }
 
 static Real driven_scale(const Rates *r, Int i) { return r->k->scale[r->driven[i] % r->k->nv]; }
 
-static Int put_equation(Rates *r, Int row, Int equation)
-{
-    const Kernel *k = r->k;
-    for (Int e = k->entry_start[equation]; e < k->entry_start[equation + 1]; e++)
-        factors_put(r->matrix, row, k->entry_v[e], k->entry[e]);
-    return row + 1;
-}
-
-/* The row of a driven freedom, or of a component that is none. */
-static Int put_driven(Rates *r, Int row, Int i)
-{
-    const Kernel *k = r->k;
-    const Int first = r->pin[i].v;
-    Real gradient[3];
-    if (!is_pin(r, i)) {
-        factors_put(r->matrix, row, r->driven[i], 1.0);
-        return row + 1;
-    }
-    pin_row(r->pin + i, k->q, gradient);
-    for (int x = 0; x < 3; x++)
-        factors_put(r->matrix, row, first + x,
-                    gradient[x] * k->scale[first + x] / driven_scale(r, i));
-    return row + 1;
-}
-
-static Int put_fill(Rates *r, Int row, const Real *fill)
-{
-    for (Int v = 0; v < r->k->nv; v++)
-        if (fill[v] != 0.0)
-            factors_put(r->matrix, row, v, fill[v]);
-    return row + 1;
-}
+/* Where the rows, and right sides, of what is driven stand. */
+static Int first_driven(const Rates *r) { return r->n_chosen + r->k->n_idle; }
 
 /* Factor K, with rows that fill it up, at the evaluated configuration. */
 static int factor(Rates *r, const Real *fill, Int n_fill)
 {
     const Kernel *k = r->k;
-    const Int room = k->entry_start[k->n_equations] + 3 * r->n_driven + n_fill * k->nv;
-    Int row = 0;
-    if (factors_begin(r->matrix, k->nv, room) != DONE)
+    Entries *to = &r->matrix->entries;
+    const Int more = 3 * r->n_driven + n_fill * k->nv;
+    if (!system_put_equations(k, r->chosen, r->n_chosen, more, to))
         return NO_MEMORY;
-    for (Int i = 0; i < r->n_chosen; i++)
-        row = put_equation(r, row, r->chosen[i]);
-    for (Int i = k->n_closure; i < k->n_equations; i++)
-        row = put_equation(r, row, i);
     for (Int i = 0; i < r->n_driven; i++)
-        row = put_driven(r, row, i);
-    for (Int i = 0; i < n_fill; i++)
-        row = put_fill(r, row, fill + i * k->nv);
-    return factors_make(r->matrix);
+        system_put_driven(k, first_driven(r) + i, r->driven[i], r->pin + i, to);
+    system_put_fill(k, first_driven(r) + r->n_driven, fill, n_fill, to);
+    return factors_make(r->matrix, k->nv);
 }
-
-/* Where the right sides of what is driven stand. */
-static Int first_driven(const Rates *r) { return r->n_chosen + r->k->n_idle; }
 
 /* Joint velocities (n, nv) for a unit speed of each of the first n driven freedoms; returns how
    fast the fastest joint is, relative to the driven one. */

@@ -13,6 +13,7 @@
 
 #include <stddef.h>
 
+#include "entries.h"
 #include "tolerances.h"
 #include "vectors.h"
 
@@ -128,10 +129,7 @@ typedef struct Kernel {
     Int n_pins, *pin_row, *pin_entry; /* their rows of the matrix, and first of three entries */
     Real *fill;           /* (n_fill, nv) rows with respect to v / scale */
     SparseLU *lu;
-    Int n_system, system_room;       /* entries of the square matrix, and room for them */
-    Int *system_row, *system_column; /* where each entry stands */
-    Int *system_from;                /* its place in `entry`, or -1 where it is constant */
-    Real *system_value;
+    Entries matrix;       /* of chosen equations, idle rotations, what is driven, filled rows */
     Real sign;            /* of the determinant of the last factorisation */
     Real pivot_ratio;     /* smallest over largest pivot of it */
     Real left_out;        /* largest part of an equation left out, by the longest one chosen, that
@@ -205,6 +203,12 @@ EXPORT int kernel_evaluate(Kernel *k, const Real *q, const Real *v, const Real *
    component of a ball or floating joint (pins.h) that stands at v. */
 EXPORT int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *driven, Int n_driven,
                       const Real *fill, Int n_fill);
+/* Rows of a square matrix: of equations and of all idle rotations, at the evaluated point, with room
+   for so many entries more; 0 if there is no memory. Then those of what is driven, at that point,
+   `pin` being its component if it is one; and rows (n, nv) that fill it up. */
+int system_put_equations(const Kernel *k, const Int *equations, Int n, Int more, Entries *to);
+void system_put_driven(const Kernel *k, Int row, Int driven, const Pin *pin, Entries *to);
+void system_put_fill(const Kernel *k, Int row, const Real *fill, Int n, Entries *to);
 int system_factor(Kernel *k);            /* DONE or SINGULAR or NO_MEMORY, after equations_jacobian */
 /* Size of the determinant of the last factorisation: its binary logarithm. */
 static inline Real determinant_size(const Kernel *k) { return log2(k->mantissa) + (Real)k->exponent; }
@@ -236,9 +240,8 @@ void lu_mark(SparseLU *lu); /* changes of the pivots are told from those of now 
 void lu_changes(const SparseLU *lu, Real *least, Real *most);
 /* Smallest over largest pivot, each relative to the length (n) of its row. */
 Real lu_even_ratio(const SparseLU *lu, const Real *length);
-/* Entries (row[i], column[i]) of an n x n matrix; chooses the order by `value`. */
-int lu_analyse(SparseLU *lu, Int n, Int n_entries, const Int *row, const Int *column,
-               const Real *value);
+/* Choose the order for the entries of an n x n matrix, by their values. */
+int lu_analyse(SparseLU *lu, Int n, const Entries *of);
 int lu_factor(SparseLU *lu, const Real *value);  /* 1 good, 0 singular, -1 wants another order */
 void lu_solve(const SparseLU *lu, Real *x); /* x: right sides, then the solution */
 

@@ -251,10 +251,7 @@ EXPORT void kernel_destroy(Kernel *k)
     free(k->owned);
     free(k->factors);
     free(k->fill);
-    free(k->system_row);
-    free(k->system_column);
-    free(k->system_from);
-    free(k->system_value);
+    entries_free(&k->matrix);
     lu_free(k->lu);
     free(k);
 }

@@ -150,8 +150,7 @@ static void bucket_remove(Search *s, Int row)
         s->previous[s->next[row]] = s->previous[row];
 }
 
-static int search_begin(Search *s, Int n, Int n_entries, const Int *row, const Int *column,
-                        const Real *value)
+static int search_begin(Search *s, Int n, const Entries *of)
 {
     const size_t rows = (size_t)n + 1;
     memset(s, 0, sizeof *s);
@@ -165,9 +164,9 @@ static int search_begin(Search *s, Int n, Int n_entries, const Int *row, const I
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++)
         if (!(*arrays[i] = calloc(rows, sizeof(Int))))
             return 0;
-    for (Int e = 0; e < n_entries; e++)
-        if (!push(s->row + row[e], column[e], value[e], 1) ||
-            !push(s->column + column[e], row[e], 0.0, 0))
+    for (Int e = 0; e < of->n; e++)
+        if (!push(s->row + of->row[e], of->column[e], of->value[e], 1) ||
+            !push(s->column + of->column[e], of->row[e], 0.0, 0))
             return 0;
     for (Int i = 0; i <= n; i++)
         s->first[i] = -1;
@@ -369,7 +368,7 @@ static void write_steps(SparseLU *lu, const Search *s, const Int *when, const In
 }
 
 /* Places of all entries, fill-in included, and the list of steps. */
-static int record(SparseLU *lu, const Search *s, Int n_entries, const Int *row, const Int *column)
+static int record(SparseLU *lu, const Search *s, const Entries *of)
 {
     const size_t n = (size_t)lu->n + 1;
     Int *offset = calloc(n, sizeof *offset), *when = calloc(n, sizeof *when);
@@ -385,8 +384,8 @@ static int record(SparseLU *lu, const Search *s, Int n_entries, const Int *row, 
     }
     if (good) {
         write_steps(lu, s, when, offset);
-        for (Int e = 0; e < n_entries; e++)
-            lu->place[e] = place_of(s, offset, row[e], column[e]);
+        for (Int e = 0; e < of->n; e++)
+            lu->place[e] = place_of(s, offset, of->row[e], of->column[e]);
         lu->parity = parity_of(lu, to, when);
     }
     free(offset);
@@ -395,21 +394,20 @@ static int record(SparseLU *lu, const Search *s, Int n_entries, const Int *row, 
     return good;
 }
 
-int lu_analyse(SparseLU *lu, Int n, Int n_entries, const Int *row, const Int *column,
-               const Real *value)
+int lu_analyse(SparseLU *lu, Int n, const Entries *of)
 {
     Search s;
     release(lu);
     lu->n = n;
-    lu->n_entries = n_entries;
+    lu->n_entries = of->n;
     lu->pivot_row = calloc((size_t)n + 1, sizeof(Int));
     lu->pivot_column = calloc((size_t)n + 1, sizeof(Int));
     int code = NO_MEMORY;
-    if (lu->pivot_row && lu->pivot_column && search_begin(&s, n, n_entries, row, column, value)) {
+    if (lu->pivot_row && lu->pivot_column && search_begin(&s, n, of)) {
         const int found = search(&s, lu->pivot_row, lu->pivot_column);
         if (found == 0)
             code = SINGULAR;
-        else if (found > 0 && record(lu, &s, n_entries, row, column))
+        else if (found > 0 && record(lu, &s, of))
             code = DONE;
         search_free(&s);
     }

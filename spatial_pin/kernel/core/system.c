@@ -13,72 +13,66 @@ static int indices_are_sound(const Int *index, Int n, Int below)
     return 1;
 }
 
-static int make_room(Kernel *k, Int n)
+static Int put_equation(const Kernel *k, Int row, Int equation, Entries *to)
 {
-    if (n > k->system_room) {
-        if (!widen((void **)&k->system_row, n, sizeof(Int)) ||
-            !widen((void **)&k->system_column, n, sizeof(Int)) ||
-            !widen((void **)&k->system_from, n, sizeof(Int)) ||
-            !widen((void **)&k->system_value, n, sizeof(Real)))
-            return 0;
-        k->system_room = n;
-    }
+    for (Int e = k->entry_start[equation]; e < k->entry_start[equation + 1]; e++)
+        entries_put(to, row, k->entry_v[e], k->entry[e]);
+    return row + 1;
+}
+
+int system_put_equations(const Kernel *k, const Int *equations, Int n, Int more, Entries *to)
+{
+    Int row = 0, room = more + k->entry_start[k->n_equations] - k->entry_start[k->n_closure];
+    for (Int i = 0; i < n; i++)
+        room += k->entry_start[equations[i] + 1] - k->entry_start[equations[i]];
+    if (!entries_begin(to, room))
+        return 0;
+    for (Int i = 0; i < n; i++)
+        row = put_equation(k, row, equations[i], to);
+    for (Int i = k->n_closure; i < k->n_equations; i++)
+        row = put_equation(k, row, i, to);
     return 1;
 }
 
-static void put(Kernel *k, Int row, Int column, Int from, Real value)
+void system_put_driven(const Kernel *k, Int row, Int driven, const Pin *pin, Entries *to)
 {
-    const Int e = k->n_system++;
-    k->system_row[e] = row;
-    k->system_column[e] = column;
-    k->system_from[e] = from;
-    k->system_value[e] = value;
+    Real gradient[3];
+    if (driven < k->nv) {
+        entries_put(to, row, driven, 1.0);
+        return;
+    }
+    pin_scaled_row(k, pin, gradient);
+    for (Int x = 0; x < 3; x++)
+        entries_put(to, row, pin->v + x, gradient[x]);
 }
 
-static Int put_equation(Kernel *k, Int row, Int equation)
+void system_put_fill(const Kernel *k, Int row, const Real *fill, Int n, Entries *to)
 {
-    for (Int e = k->entry_start[equation]; e < k->entry_start[equation + 1]; e++)
-        put(k, row, k->entry_v[e], e, 0.0);
-    return row + 1;
+    for (Int i = 0; i < n; i++)
+        for (Int v = 0; v < k->nv; v++)
+            if (fill[i * k->nv + v] != 0.0)
+                entries_put(to, row + i, v, fill[i * k->nv + v]);
 }
 
 Int driven_at(const Kernel *k, Int i) { return k->driven[i] % k->nv; }
 
-/* A row of what is driven: one of a freedom; three of a component, that are filled in later. */
-static void put_driven(Kernel *k, Int row, Int i)
-{
-    const Int v = driven_at(k, i);
-    if (k->driven[i] < k->nv) {
-        put(k, row, v, -1, 1.0);
-        return;
-    }
-    pin_of(k, v, k->pin + k->n_pins);
-    k->pin_row[k->n_pins] = row;
-    k->pin_entry[k->n_pins] = k->n_system;
-    const Int first = k->pin[k->n_pins++].v;
-    for (Int x = 0; x < 3; x++)
-        put(k, row, first + x, -1, 1.0);
-}
-
-/* Where the entries of the square matrix stand and come from. */
+/* The matrix, whose values of equations and components are those of some point. */
 static int lay_out(Kernel *k)
 {
-    Int row = 0, room = k->entry_start[k->n_equations] - k->entry_start[k->n_closure];
-    for (Int i = 0; i < k->n_chosen; i++)
-        room += k->entry_start[k->chosen[i] + 1] - k->entry_start[k->chosen[i]];
-    if (!make_room(k, room + 3 * k->n_driven + k->n_fill * k->nv))
+    Int row = k->n_chosen + k->n_idle;
+    if (!system_put_equations(k, k->chosen, k->n_chosen, 3 * k->n_driven + k->n_fill * k->nv,
+                              &k->matrix))
         return NO_MEMORY;
-    k->n_system = k->n_pins = 0;
-    for (Int i = 0; i < k->n_chosen; i++)
-        row = put_equation(k, row, k->chosen[i]);
-    for (Int i = k->n_closure; i < k->n_equations; i++)
-        row = put_equation(k, row, i);
-    for (Int i = 0; i < k->n_driven; i++)
-        put_driven(k, row++, i);
-    for (Int i = 0; i < k->n_fill; i++, row++)
-        for (Int v = 0; v < k->nv; v++)
-            if (k->fill[i * k->nv + v] != 0.0)
-                put(k, row, v, -1, k->fill[i * k->nv + v]);
+    k->n_pins = 0;
+    for (Int i = 0; i < k->n_driven; i++, row++) {
+        Pin *pin = k->pin + k->n_pins;
+        if (k->driven[i] >= k->nv && pin_of(k, driven_at(k, i), pin)) {
+            k->pin_row[k->n_pins] = row;
+            k->pin_entry[k->n_pins++] = k->matrix.n;
+        }
+        system_put_driven(k, row, k->driven[i], pin, &k->matrix);
+    }
+    system_put_fill(k, row, k->fill, k->n_fill, &k->matrix);
     equations_of_system(k);
     lu_forget(k->lu);
     return DONE;
@@ -119,35 +113,39 @@ EXPORT int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *dri
     return lay_out(k);
 }
 
-/* The rows of components at the point that was evaluated. */
-static void turn_pins(Kernel *k)
+static Real *take_equation(const Kernel *k, Int equation, Real *to)
 {
-    for (Int i = 0; i < k->n_pins; i++) {
-        const Pin *pin = k->pin + i;
-        const Real *scale = k->scale + pin->v;
-        Real row[3];
-        pin_row(pin, k->q, row);
-        for (int x = 0; x < 3; x++)
-            k->system_value[k->pin_entry[i] + x] = row[x] * scale[x] / scale[pin->component];
-    }
+    for (Int e = k->entry_start[equation]; e < k->entry_start[equation + 1]; e++)
+        *to++ = k->entry[e];
+    return to;
+}
+
+/* Take the values at the evaluated point. */
+static void evaluate(Kernel *k)
+{
+    Real *to = k->matrix.value;
+    if (!k->matrix.n) /* there is no system yet */
+        return;
+    for (Int i = 0; i < k->n_chosen; i++)
+        to = take_equation(k, k->chosen[i], to);
+    for (Int i = k->n_closure; i < k->n_equations; i++)
+        to = take_equation(k, i, to);
+    for (Int i = 0; i < k->n_pins; i++)
+        pin_scaled_row(k, k->pin + i, k->matrix.value + k->pin_entry[i]);
 }
 
 /* Factor with the order there is; choose another where it has become a bad one. */
 int system_factor(Kernel *k)
 {
     k->factorisations++;
-    for (Int e = 0; e < k->n_system; e++)
-        if (k->system_from[e] >= 0)
-            k->system_value[e] = k->entry[k->system_from[e]];
-    turn_pins(k);
+    evaluate(k);
     for (int attempt = 0; attempt < 2; attempt++) {
         int code = DONE;
         if (attempt || !lu_has_order(k->lu))
-            code = lu_analyse(k->lu, k->nv, k->n_system, k->system_row, k->system_column,
-                              k->system_value);
+            code = lu_analyse(k->lu, k->nv, &k->matrix);
         if (code != DONE)
             return code;
-        const int factored = lu_factor(k->lu, k->system_value);
+        const int factored = lu_factor(k->lu, k->matrix.value);
         lu_determinant(k->lu, &k->sign, &k->pivot_ratio, &k->mantissa, &k->exponent);
         if (factored > 0 || (factored < 0 && attempt))
             return DONE;

@@ -58,11 +58,11 @@ static void put_spin_rows(Dynamics *d)
 {
     Kernel *k = d->k;
     const Int first = k->nv - d->n_spins;
-    for (Int e = k->n_system - 1; e >= 0 && k->system_row[e] >= first; e--) {
-        const Int s = k->system_row[e] - first, v = k->system_column[e];
+    for (Int e = k->matrix.n - 1; e >= 0 && k->matrix.row[e] >= first; e--) {
+        const Int s = k->matrix.row[e] - first, v = k->matrix.column[e];
         Real line[3];
         rotate3(k->R + 9 * d->spin_joint[s], d->spin_axis + 3 * s, line);
-        k->system_value[e] = k->scale[v] * dot3(line, k->angular + 3 * v);
+        k->matrix.value[e] = k->scale[v] * dot3(line, k->angular + 3 * v);
     }
 }
 
