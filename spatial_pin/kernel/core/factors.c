@@ -72,10 +72,8 @@ static void factor_full(Factors *f)
 static int factor_sparse(Factors *f)
 {
     const int code = lu_analyse(f->lu, f->n, &f->entries);
-    Real sign, mantissa;
-    Int exponent;
     if (code == DONE && lu_factor(f->lu, f->entries.value))
-        lu_determinant(f->lu, &sign, &f->pivot, &mantissa, &exponent);
+        f->pivot = lu_pivot_ratio(f->lu);
     return code == NO_MEMORY ? NO_MEMORY : DONE;
 }
 

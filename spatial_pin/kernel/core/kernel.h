@@ -233,7 +233,8 @@ SparseLU *lu_new(void);
 void lu_free(SparseLU *lu);
 void lu_forget(SparseLU *lu);    /* the order is chosen anew at the next factorisation */
 int lu_has_order(const SparseLU *lu);
-void lu_determinant(const SparseLU *lu, Real *sign, Real *ratio, Real *mantissa, Int *exponent);
+void lu_determinant(const SparseLU *lu, Real *sign, Real *mantissa, Int *exponent);
+Real lu_pivot_ratio(const SparseLU *lu); /* smallest over largest */
 void lu_mark(SparseLU *lu); /* changes of the pivots are told from those of now on */
 /* Bounds of their changes, relative to what they are now; infinite where they are not known. Where
    another order was chosen since, they are those by the former one. */

@@ -48,10 +48,11 @@ void lu_forget(SparseLU *lu)
 
 int lu_has_order(const SparseLU *lu) { return (int)lu->chosen; }
 
-void lu_determinant(const SparseLU *lu, Real *sign, Real *ratio, Real *mantissa, Int *exponent)
+Real lu_pivot_ratio(const SparseLU *lu) { return lu->ratio; }
+
+void lu_determinant(const SparseLU *lu, Real *sign, Real *mantissa, Int *exponent)
 {
     *sign = lu->sign;
-    *ratio = lu->ratio;
     *mantissa = lu->mantissa;
     *exponent = lu->exponent;
 }

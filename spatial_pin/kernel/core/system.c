@@ -146,7 +146,8 @@ int system_factor(Kernel *k)
         if (code != DONE)
             return code;
         const int factored = lu_factor(k->lu, k->matrix.value);
-        lu_determinant(k->lu, &k->sign, &k->pivot_ratio, &k->mantissa, &k->exponent);
+        lu_determinant(k->lu, &k->sign, &k->mantissa, &k->exponent);
+        k->pivot_ratio = lu_pivot_ratio(k->lu);
         if (factored > 0 || (factored < 0 && attempt))
             return DONE;
     }

@@ -108,8 +108,16 @@ typedef struct Dynamics {
 
     /* ---- room to work in ---- */
     const Real *wanted; /* (n_held) coordinates to be reached by corrections */
-    Real *step, *trial, *solved, *goal, *before, *off, *force, *moment, *twist, *mass, *asking,
-        *laws, *rates, *freedoms; /* freedoms: (nv, n_free) */
+    Real *asking;       /* (3, n_held) the same, their rates and accelerations, as unknowns tell */
+    Real *before, *halfway; /* (n_held) where a way begins, and where a step of it is to end */
+    Real *off;          /* (n_held) by how much coordinates are off */
+    Real *by_rates;     /* (n_held, n_held) rates of x by those of held coordinates, and factors */
+    Real *trial, *goal; /* (nq) configurations that are tried */
+    Real *step, *solved; /* (nv) by scale */
+    Real *force, *moment; /* (n_joints, 3) that bodies need, see forces.h */
+    Real *twist, *mass, *unit; /* see masses.c */
+    Real *laws;         /* (n_drives, 3) what is prescribed */
+    Real *freedoms;     /* (nv, n_free) orthonormal motions, see partitioning.c */
     Int *order;  /* (n_held) of rows in the inverse's factors */
     Int *best;   /* (n_free) coordinates that would be best */
     Int *former; /* (nv) equations chosen before others were tried */

@@ -66,7 +66,7 @@ static void put_spin_rows(Dynamics *d)
     }
 }
 
-static int factor(Dynamics *d)
+static int factor_system(Dynamics *d)
 {
     equations_jacobian(d->k, &d->k->system);
     if (d->n_spins)
@@ -88,12 +88,12 @@ void independent_columns(Dynamics *d)
         return;
     for (Int i = 0; i < n; i++)
         for (Int j = 0; j < n; j++)
-            d->goal[i * n + j] = held_rate(d, i, d->columns + j * nv);
+            d->by_rates[i * n + j] = held_rate(d, i, d->columns + j * nv);
     memset(d->inverse, 0, (size_t)(n * n) * sizeof *d->inverse);
     for (Int i = 0; i < n; i++)
         d->inverse[i * n + i] = 1.0;
-    dense_lu(n, d->goal, d->order);
-    dense_lu_solve(n, d->goal, d->order, 0, n, d->inverse);
+    dense_lu(n, d->by_rates, d->order);
+    dense_lu_solve(n, d->by_rates, d->order, 0, n, d->inverse);
 }
 
 /* Add the motion of held coordinates that changes x by dx. */
@@ -185,10 +185,10 @@ static Real put_held(void *owner, Real *q)
     return sqrt(square);
 }
 
-static int factor_here(void *owner)
+static int factor_held(void *owner)
 {
     Dynamics *d = owner;
-    const int code = factor(d);
+    const int code = factor_system(d);
     if (code == DONE && !d->is_linear) {
         for (Int i = 0; i < d->n_held; i++)
             if (!is_plain(d, i))
@@ -221,14 +221,14 @@ static Real tolerance_here(const Dynamics *d)
 /* Newton's method from trial, `predicted` away from the factors at hand; factored where it ends. */
 static int newton(Dynamics *d, const Real *x, Real predicted)
 {
-    const Held held = {d, put_held, factor_here, close_held};
+    const Held held = {d, put_held, factor_held, close_held};
     const Real tolerance = tolerance_here(d);
     Correction c = {.enough = ENOUGH * tolerance, .tolerance = tolerance,
                     .left = TOLERANCE_CLOSED, .allowed = PREDICTED_TO * predicted, .fixed = -1,
                     .held = &held, .away = predicted};
     d->wanted = x;
     const int code = correct(d->k, d->trial, &c);
-    return code == DONE ? factor_here(d) : UNSAFE;
+    return code == DONE ? factor_held(d) : UNSAFE;
 }
 
 /* Whether other equations than the chosen ones would do better here: those left out tell. */
@@ -402,7 +402,7 @@ int independent_factor(Dynamics *d)
     d->has_bend = 0;
     d->n_points = 0;
     d->passage = -1;
-    const int code = factor_here(d);
+    const int code = factor_held(d);
     if (code != DONE)
         return LOST;
     if (d->is_linear)
@@ -430,7 +430,7 @@ void independent_note(Dynamics *d)
 /* Move to x in as many steps as it takes; where it cannot it stands where it came to. */
 int independent_follow(Dynamics *d, const Real *x)
 {
-    Real *from = d->before, *goal = d->rates, part = 1.0, done = 0.0;
+    Real *from = d->before, *goal = d->halfway, part = 1.0, done = 0.0;
     memcpy(from, d->x, (size_t)d->n_held * sizeof *from);
     while (done < 1.0) {
         const Real fraction = done + part < 1.0 ? done + part : 1.0;

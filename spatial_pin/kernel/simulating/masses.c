@@ -100,7 +100,7 @@ EXPORT Real dynamics_heaviest(Dynamics *d)
 int masses_solve(Dynamics *d)
 {
     const Int n = d->n_free;
-    Real *m = d->mass, *z = d->z, *unit = d->off;
+    Real *m = d->mass, *z = d->z, *unit = d->unit;
     reduced_mass(d);
     for (Int i = 0; i < n; i++) {
         if (!(m[i * n + i] > LIGHT_INERTIA * d->heaviest))
