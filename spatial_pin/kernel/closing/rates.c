@@ -234,33 +234,18 @@ static int take_and_factor(Rates *r, const Given *given)
     return code == DONE && !(r->matrix->pivot > 0.0) ? SINGULAR : code;
 }
 
-/* Evaluate and factor at q. */
-static int place(Rates *r, const Real *q, const Real *reference, const Given *given)
-{
-    Kernel *k = r->k;
-    equations_values_near(k, q, reference);
-    equations_jacobian(k, &k->all);
-    const int code = given->equations ? take_and_factor(r, given) : choose_and_factor(r, q);
-    r->is_placed = code == DONE;
-    return code;
-}
-
-static int are_finite(const Real *x, Int n)
-{
-    for (Int i = 0; i < n; i++)
-        if (!isfinite(x[i]))
-            return 0;
-    return 1;
-}
-
 /* Evaluate and factor at q, for what is asked afterwards: DONE; UNSAFE or SINGULAR where there are no
    rates. The n `equations` and n_fill rows that fill the system up are the caller's, or chosen here
    where `equations` is NULL. pivot: smallest over largest. */
 EXPORT int rates_place(Rates *r, const Real *q, const Real *reference, const Int *equations, Int n,
                        const Real *fill, Int n_fill, Real *pivot)
 {
+    Kernel *k = r->k;
     const Given given = {equations, n, fill, n_fill};
-    const int code = place(r, q, reference, &given);
+    equations_values_near(k, q, reference);
+    equations_jacobian(k, &k->all);
+    const int code = equations ? take_and_factor(r, &given) : choose_and_factor(r, q);
+    r->is_placed = code == DONE;
     *pivot = r->matrix->pivot;
     return code;
 }

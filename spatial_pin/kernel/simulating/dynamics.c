@@ -216,10 +216,7 @@ int dynamics_rates(void *from, Real t, const Real *y, Real *rates)
     }
     if (d->works)
         rates[d->n_unknowns - 1] = d->power;
-    for (Int i = 0; i < d->n_unknowns; i++)
-        if (!isfinite(rates[i]))
-            return LOST;
-    return DONE;
+    return are_finite(rates, d->n_unknowns) ? DONE : LOST;
 }
 
 /* ---- what is asked from outside ---- */

@@ -208,9 +208,8 @@ static int try_to(Dynamics *d, const Real *x)
  * tolerance may have taken just beyond where the loops close exactly, is as good as it was. */
 int passing_travel(Dynamics *d, const Real *x)
 {
-    for (Int i = 0; i < d->n_held; i++)
-        if (!isfinite(x[i]))
-            return LOST;
+    if (!are_finite(x, d->n_held))
+        return LOST;
     if (try_to(d, x) == DONE)
         return DONE;
     if (passing_return(d, &d->kept) == DONE && try_to(d, x) == DONE)

@@ -116,10 +116,7 @@ static int project_unknowns(Dynamics *d, const Real *y, Real allowed)
 
 int projected_place(Dynamics *d, const Real *y)
 {
-    for (Int i = 0; i < d->n_unknowns; i++)
-        if (!isfinite(y[i]))
-            return LOST;
-    const int code = project_unknowns(d, y, INFINITY);
+    const int code = are_finite(y, d->n_unknowns) ? project_unknowns(d, y, INFINITY) : LOST;
     if (code == DONE)
         independent_bias(d, d->v, NULL, d->a0);
     return code;
