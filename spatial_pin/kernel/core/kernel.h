@@ -129,7 +129,8 @@ typedef struct Kernel {
     Int n_pins, *pin_row, *pin_entry; /* their rows of the matrix, and first of three entries */
     Real *fill;           /* (n_fill, nv) rows with respect to v / scale */
     SparseLU *lu;
-    Entries matrix;       /* of chosen equations, idle rotations, what is driven, filled rows */
+    Entries matrix;       /* of chosen equations, idle rotations, what is driven, filled rows, in
+                             this order */
     Real sign;            /* of the determinant of the last factorisation */
     Real pivot_ratio;     /* smallest over largest pivot of it */
     Real left_out;        /* largest part of an equation left out, by the longest one chosen, that
