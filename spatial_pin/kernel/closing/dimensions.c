@@ -222,7 +222,7 @@ static int is_sound(const Kernel *k, const Samples *s)
     for (Int i = 0; i < s->n_varied; i++)
         if (!within(s->place[i], s->n_reals + 3 * s->n_points))
             return 0;
-    return k->n_chosen + k->n_idle + k->n_driven + k->n_fill == k->nv;
+    return 1;
 }
 
 /* Close m samples with the square system of the kernel, whose numbers are the last sample's then.
@@ -230,7 +230,7 @@ static int is_sound(const Kernel *k, const Samples *s)
    work: (n_reals + 3 n_points + nq + nv + n_closure + n_fill nv). */
 EXPORT int dimensions_close(Kernel *k, Closer *closer, const Samples *s, Int m, Real *work)
 {
-    if (!is_sound(k, s))
+    if (!is_sound(k, s) || k->n_chosen + k->n_idle + k->n_driven + k->n_fill != k->nv)
         return BAD_ARRAYS;
     Work w = {.k = k, .closer = closer, .s = s, .numbers = work};
     w.q = w.numbers + s->n_reals + 3 * s->n_points;
@@ -252,12 +252,9 @@ EXPORT int dimensions_close(Kernel *k, Closer *closer, const Samples *s, Int m, 
 EXPORT int dimensions_evaluate(Kernel *k, const Samples *s, Int m, Real *residual, Real *R, Real *p,
                                Real *jacobian, Real *linear, Real *angular, Real *work)
 {
-    if (s->n_points)
+    if (s->n_points || !is_sound(k, s))
         return BAD_ARRAYS;
     Work w = {.k = k, .s = s, .numbers = work};
-    for (Int n = 0; n < s->n_varied; n++)
-        if (!within(s->place[n], s->n_reals))
-            return BAD_ARRAYS;
     const Int size = k->n_equations * k->nv;
     for (Int i = 0; i < m; i++) {
         Real *angle = s->angle + i * k->n_angles;

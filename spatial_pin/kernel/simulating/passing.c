@@ -75,9 +75,9 @@ static Int nearest_passage(const Dynamics *d, Real x, Int *turn)
         const Passage *s = d->passages + i;
         const Int first = passage_turns(d, s, from);
         for (Int n = first - 1; n <= first + 1; n++) {
-            if (n != 0 && (d->period == 0.0 || d->period_is_known < 0))
+            if (n != 0 && !passage_repeats(d))
                 continue;
-            const Real low = s->low + (Real)n * d->period, high = s->high + (Real)n * d->period;
+            const Real shift = (Real)n * d->period, low = s->low + shift, high = s->high + shift;
             const Real entry = sense > 0.0 ? low : high;
             const Real way = sense * (entry - from);
             const int ahead = way >= -1e-12 && sense * (x - entry) > 0.0;
