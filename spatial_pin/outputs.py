@@ -65,7 +65,7 @@ def _is_name(text: str) -> bool:
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Lend a name beside `path`; when the block ends well, its file takes the place of `path`.
+    """Give a name beside `path`; when the block ends well, its file takes the place of `path`.
 
     The new file has the permissions of the old one. Links, pipes and devices are written
     themselves, and so is a file in a folder where no other can be made.

@@ -9,9 +9,9 @@ and spatial trigonometry, Freudenstein's equation, and Bennett's and Bricard's l
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import closed_forms
 import numpy as np
@@ -21,8 +21,19 @@ from mpmath import acos, asin, atan2, cos, findroot, mpf, sin, sqrt, tan
 from mpmath import pi as mp_pi
 
 import spatial_pin as sp
+from spatial_pin.formats.checked_tables import Table
+from spatial_pin.formats.faults import Faults
+from spatial_pin.formats.imported import Request
+from spatial_pin.formats.mechanism_file import mechanism_of
 
 # ---------------------------------------------------------------- text
+
+
+def from_text(urdf: str, content: Mapping[str, Any], name: str) -> sp.Mechanism:
+    """Return the mechanism of plain URDF text and of a mechanism file as `tomllib` reads it."""
+    path = Path(name)  # stands for the file in errors
+    made = mechanism_of(Table(dict(content), name), path, urdf, Request(path), Faults())
+    return made.with_fields(path=None, tree=None, dimensions={})
 
 
 def words(values) -> str:

@@ -7,9 +7,9 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 import pinocchio as pin
+from mechanisms import from_text
 
 import spatial_pin as sp
-from spatial_pin.formats.files import from_text
 
 
 def to_digits(n):

@@ -20,11 +20,11 @@ MOST = 13  # modules of a folder
 # rooms in the order of their layers, files of no room at the top among them; rooms inside of rooms
 # likewise, where files beside them may stand anywhere that makes no circle
 LAYERS = {
-    "": ["errors", "brief", "lazy", "methods", "outputs", "figures", "progress", "checks",
-         "columns", "settings", "units", "kernel.sources", "kernel.library", "numerics",
+    "": ["errors", "brief", "lazy", "methods", "outputs", "figures", "progress", "executors",
+         "checks", "columns", "settings", "units", "kernel.sources", "kernel.library", "numerics",
          "operators", "mechanism", "formats", "constraints", "kernel", "assembly", "rates",
-         "mobility", "continuation", "motion", "proximity", "inverse_kinematics",
-         "workspace_map", "dynamics", "dimensions", "reduction", "accuracy", "synthesis", "view",
+         "mobility", "continuation", "motion", "proximity", "inverse_kinematics", "workspace_map",
+         "dynamics", "dimensions", "reduction", "accuracy", "synthesis", "view",
          "cli", "__main__"],
     "formats": ["xacro", "meshes", "urdf", "graph", "sdf", "dialects", "usd", "mjcf",
                 "pinocchio_model"],

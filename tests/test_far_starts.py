@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from mechanisms import from_text
 
 import spatial_pin as sp
-from spatial_pin.formats.files import from_text
 
 DATA = Path(__file__).parent / "data" / "far_starts"
 ROBOTS = sorted(path.stem for path in DATA.glob("*.toml"))

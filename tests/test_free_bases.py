@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -425,3 +426,63 @@ def test_efforts_of_what_floats_are_refused_in_words() -> None:
     free = sp.load("four_bar", free_flyer=True)
     with pytest.raises(sp.SpatialPinError, match=r"root_joint floats freely"):
         sp.inverse_dynamics(free, sp.assemble(free))
+
+
+# ---------------------------------------------------------------- joints that are called "base"
+
+TURRET = """<robot name="turret"><link name="ground"/><link name="L1"/><link name="L2"/>
+<link name="tip"/>
+<joint name="base" type="continuous"><parent link="ground"/><child link="L1"/>
+  <axis xyz="0 0 1"/></joint>
+<joint name="arm" type="continuous"><parent link="L1"/><child link="L2"/><origin xyz="1 0 0"/>
+  <axis xyz="0 1 0"/></joint>
+<joint name="end" type="fixed"><parent link="L2"/><child link="tip"/><origin xyz="1 0 0"/></joint>
+</robot>"""
+
+
+@pytest.fixture
+def turret(tmp_path):
+    (tmp_path / "turret.urdf").write_text(TURRET)
+    return sp.load(tmp_path / "turret.urdf")
+
+
+def test_a_hinge_that_is_called_base_is_no_free_base(turret):
+    """It moves as any other joint does, unless it is held by its name."""
+    state = sp.assemble(turret, {"base": 0.3, "arm": 0.4})
+    assert sp.jacobian(turret, state, "tip").shape == (6, 2)
+    assert sp.jacobian(turret, state, "tip", hold="base").shape == (6, 1)
+    motion = sp.sweep(turret, "base", [0.0, 0.5], speed=2.0)
+    np.testing.assert_allclose(motion.v, [[2.0, 0.0]] * 2)
+    target = sp.assemble(turret, {"base": 1.0, "arm": -0.7}).placement("tip").translation
+    found = sp.reach(turret, {"tip": target}, state)
+    np.testing.assert_allclose(found.placement("tip").translation, target, atol=1e-12)
+    with pytest.raises(sp.ReachError):
+        sp.reach(turret, {"tip": target}, state, hold="base")
+    for hold in ("base", ["base"]):
+        with pytest.raises(ValueError, match="'base' is held"):
+            sp.sweep(turret, "base", [0.0, 0.5], hold=hold)
+    assert sp.limits(turret, "base").full_turn
+    assert sp.solve_rates(turret, state, {"base": 1.0, "arm": 2.0}).v.tolist() == [1.0, 2.0]
+
+
+def test_what_was_held_is_known_of_stored_motions(turret, tmp_path):
+    for hold, held in (({}, False), ({"hold": "base"}, True)):
+        motion = sp.sweep(turret, "arm", [0.0, 0.5], speed=2.0, **hold)
+        for twin in (sp.Motion.load(motion.save(tmp_path / "motion"), turret),
+                     pickle.loads(pickle.dumps(motion))):
+            assert twin.held == motion.held
+            assert (twin.held == ("base",)) == held
+
+
+def test_a_free_base_may_be_called_base(tmp_path):
+    """It stands still while something else moves, and moves if it is driven."""
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "base")
+    model.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Identity())
+    arm = model.addJoint(joint, pin.JointModelRX(), pin.SE3.Identity(), "arm")
+    model.appendBodyToJoint(arm, pin.Inertia.Random(), pin.SE3.Identity())
+    mechanism = sp.Mechanism.from_model(model, drivers=["arm"], name="flyer")
+    moved = sp.sweep(mechanism, "base.x", [0.0, 0.5], speed=1.0)
+    np.testing.assert_allclose(moved.v[:, 0], 1.0)
+    stands = sp.sweep(mechanism, "arm", [0.0, 0.5], speed=1.0)
+    assert not stands.v[:, :6].any()

@@ -10,11 +10,11 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mechanisms import from_text
 from sameness import near, same_closures, same_inertias, same_mechanisms, same_models
 
 import spatial_pin as sp
 from spatial_pin.formats.export import content_of
-from spatial_pin.formats.files import from_text
 from spatial_pin.mechanism.pairs import CLOSURE_TYPES
 
 

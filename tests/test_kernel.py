@@ -23,10 +23,11 @@ from test_closures import JOINTS, KEYS, TYPES, pose, refinement, somewhere, tree
 import spatial_pin as sp
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.compiled_equations import Constraints
-from spatial_pin.kernel.closer import MeantPlaces
+from spatial_pin.kernel.beginning import _Task
+from spatial_pin.kernel.closer import MeantPlaces, Reaching
 from spatial_pin.kernel.kernel import Kernel, address
 from spatial_pin.kernel.library import CODES, library
-from spatial_pin.kernel.paths import Samples, _Accuracy, _Rows
+from spatial_pin.kernel.paths import PathRows, Samples, _Accuracy
 
 SCRIPTS = Path(__file__).parent.parent / "scripts"
 ROUND_OFF = 1e-14
@@ -359,7 +360,31 @@ def use_closer(handle: ctypes.c_void_p, ints: np.ndarray, q, turns, rng) -> set[
         end = c.closer_examine(closer, address(two[0]), address(turns), address(error),
                                address(angles), address(mirrored))
         c.closer_descend(closer, 2, address(two), address(free), 1e-3, 4, address(error))
+        end = reach_wildly(closer, nv, q, turns, pinned, rng)[0]
     return {end}
+
+
+def reach_wildly(closer, nv: int, q, turns, pinned, rng, path=None, values=()) -> tuple[int, int]:
+    """Close from one or two starts, and further ones; follow a path from there, if there is one."""
+    nq, n = len(q), int(rng.integers(1, 3))
+    rows = np.array([q] * (n + 3))
+    free, first, said = (rng.integers(0, k, size) for k, size in ((2, nv), (2, nv), (8, nq)))
+    limits, named, facts = rng.choice(ODD, (2, nq)), rng.choice([*ODD, *q], nq), np.empty(3)
+    shakes, angles = rng.normal(size=(3, nv)), turns.copy()
+    found = [np.empty(n + 3), np.empty(n + 3, np.int64), np.empty(n + 3)]
+    task = Reaching(
+        n, address(rows), rng.choice([None, address(first)]), address(free), 1e-2, 1e-6, 4,
+        address(pinned), address(turns), 1e-12, MeantPlaces(*map(address, (named, said, *limits))),
+        int(rng.integers(0, 4)), address(shakes), rng.choice([0.0, 1e-2, 1e3]), address(found[0]),
+        address(found[2]), address(found[1]), address(facts), address(angles))
+    if path is None:
+        return library().closer_reach(closer, ctypes.byref(task)), 0
+    driven = wild_places(2 * nv, rng, int(rng.integers(0, 3)))
+    values, samples = np.array(values), Samples.empty(len(values), nq, nv, len(turns))
+    follow = _Task(int(rng.integers(-1, nv + 1)), address(driven), len(driven), 1e-4,
+                   address(values), len(values), PathRows(*map(address, samples)))
+    task.m = 1
+    return 0, library().path_from_guess(path, closer, ctypes.byref(task), ctypes.byref(follow))
 
 
 def use_path(handle: ctypes.c_void_p, ints: np.ndarray, q, turns, rng) -> set[int]:
@@ -374,13 +399,17 @@ def use_path(handle: ctypes.c_void_p, ints: np.ndarray, q, turns, rng) -> set[in
     end = c.path_start(path, address(q), address(turns), int(rng.integers(2)))
     if not end:
         samples = Samples.empty(4, len(q), nv, len(turns))
-        rows = _Rows(*map(address, samples))
+        rows = PathRows(*map(address, samples))
         s = c.path_stand(path, ctypes.byref(rows))
         values = np.append(s + rng.normal(size=3), rng.choice([np.nan, np.inf, s]))
         reached = c.path_follow(path, address(values), len(values), ctypes.byref(rows),
                                 ctypes.byref(code))
         assert 0 <= reached <= len(values)
         ends.add(c.path_go(path, rng.choice([s, s + 0.1, *ODD])))
+        closer = ctypes.c_void_p()
+        if not c.closer_create(handle, None, 0, None, 0, ctypes.byref(closer)):
+            done = reach_wildly(closer, nv, q, turns, np.empty(0), rng, path, values)[1]
+            assert -1 <= done <= len(values)
     c.path_destroy(path)
     return {end, code.value} | ends
 

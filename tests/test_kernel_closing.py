@@ -13,7 +13,7 @@ import spatial_pin as sp
 from spatial_pin.assembly.close import close, pinned_rows
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.kernel.closer import NAMED, TURNS, Closer, Meant, Shakes
+from spatial_pin.kernel.closer import NAMED, TURNS, Asked, Closer, Meant, Shakes
 from spatial_pin.numerics.linalg import decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -121,8 +121,9 @@ def test_configurations_closed_in_one_go_are_those_closed_one_by_one(name: str) 
     free, turns = np.ones(mechanism.model.nv, dtype=bool), np.empty(0)
     free[mechanism.coordinate(next(iter(mechanism.drivers))).v] = False
     rest = free, turns, 1e-13, 60, (), 1e-9
-    nothing = Meant(q[0], np.zeros(mechanism.model.nq, np.int64), q[0], q[0])
-    together, alone = Closer(mechanism).reach(q, *rest, None, nothing), Closer(mechanism)
+    asked = Asked(free, None, 1e-13, 60, 1e-9, np.zeros(mechanism.model.nq, np.int64), q[0], q[0],
+                  None)
+    together, alone = Closer(mechanism).reach(q, asked, q[0]), Closer(mechanism)
     for start, found in zip(q, together, strict=True):
         known = alone.close(start, *rest)
         assert np.array_equal(found.q, known.q)
@@ -138,21 +139,20 @@ def test_further_starts_tried_in_one_go_are_those_tried_one_by_one(
     """Of places where nothing is at fault only those nearer than all before are told."""
     mechanism = sp.load(name)
     model, q = mechanism.model, mechanism.neutral.copy()
-    free, turns = np.ones(model.nv, dtype=bool), np.empty(0)
+    free = np.ones(model.nv, dtype=bool)
     free[mechanism.coordinate(next(iter(mechanism.drivers))).v] = False
     first = free.copy()
     if stays:  # named too, and held first
         first[mechanism.coordinate(stays).v] = False
-    rest = free, turns, 1e-13, 60, (), 1e-9, first if stays else None
     said = np.zeros(model.nq, np.int64)
     said[[c.q for c in mechanism.coordinate_table.values() if c.q >= 0]] = NAMED
-    start = Closer(mechanism).reach([_near(mechanism, 3, 0.5)], *rest, Meant(q, said, q, q))[0].q
-    meant = Meant(start + 0.1, said, q, q)
     steps = np.random.default_rng(7).uniform(-2.0, 2.0, (8, model.nv)) * mechanism.velocity_scale
-    told = Closer(mechanism).reach([start], *rest, meant, Shakes(steps, near))
+    asked = Asked(free, first if stays else None, 1e-13, 60, 1e-9, said, q, q, Shakes(steps, near))
+    start = Closer(mechanism).reach([_near(mechanism, 3, 0.5)], asked, q)[0].q
+    told = Closer(mechanism).reach([start], asked, start + 0.1, shaken=True)
     alone, wanted, nearest = Closer(mechanism), [], np.inf
     for step in (np.zeros(model.nv), *steps):
-        (found,) = alone.reach([pin.integrate(model, start, step)], *rest, meant)
+        (found,) = alone.reach([pin.integrate(model, start, step)], asked, start + 0.1)
         is_sound = found.error <= TOLERANCES.closed and not found.may_be_mirrored
         if not is_sound or found.distance < nearest:
             wanted.append(found)

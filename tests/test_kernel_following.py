@@ -5,6 +5,7 @@ from __future__ import annotations
 import mechanisms
 import numpy as np
 import pytest
+from mechanisms import from_text
 
 import spatial_pin as sp
 from spatial_pin.assembly.square_system import SquareSystem
@@ -12,7 +13,6 @@ from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.continuation.cursor import Cursor
 from spatial_pin.continuation.start import Start
 from spatial_pin.formats.export import content_of
-from spatial_pin.formats.files import from_text
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.paths import Path, Samples
 from spatial_pin.rates.rates import prescribed_at

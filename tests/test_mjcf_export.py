@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 from beside_mujoco import accelerations, beside, mass_matrices, random_configuration
+from mechanisms import from_text
 from test_mjcf import ANKLE, ARMS, CASSIE, GRIPPER, SLIDER, opened, written
 
 import spatial_pin as sp
 from spatial_pin.cli import main
-from spatial_pin.formats.files import from_text
 
 mujoco = pytest.importorskip("mujoco")
 

@@ -7,11 +7,11 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mechanisms import from_text
 
 import spatial_pin as sp
 from spatial_pin.cli import main
 from spatial_pin.formats.export import content_of
-from spatial_pin.formats.files import from_text
 
 BARE = """<robot name="bars">
   <link name="ground"/>

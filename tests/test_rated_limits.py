@@ -6,11 +6,11 @@ import mechanisms as known
 import numpy as np
 import pytest
 from masses import heavy
+from mechanisms import from_text
 
 import spatial_pin as sp
 from spatial_pin.dynamics.kinetostatics import kinetostatics
 from spatial_pin.formats.export import content_of
-from spatial_pin.formats.files import from_text
 
 G = 9.81
 

@@ -7,6 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from masses import heavy
+from mechanisms import from_text
 from scipy.integrate import solve_ivp
 
 import spatial_pin as sp
@@ -16,7 +17,6 @@ from spatial_pin.dynamics.inverse import inverse_dynamics
 from spatial_pin.dynamics.kinetostatics import kinetostatics
 from spatial_pin.dynamics.solvers.equations import Equations
 from spatial_pin.formats.export import content_of, export_urdf
-from spatial_pin.formats.files import from_text
 from spatial_pin.motion.report import info
 
 G = 9.81

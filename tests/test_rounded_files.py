@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rounded
+from mechanisms import from_text
 
 import spatial_pin as sp
 from spatial_pin.accuracy import models
 from spatial_pin.assembly import rounding
-from spatial_pin.formats.files import from_text
 
 SIDES = [0.2, 0.5, 0.45, 0.6]
 LOOPS = {

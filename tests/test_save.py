@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mechanisms import from_text
 from sameness import same_mechanisms
 
 import spatial_pin as sp
 from spatial_pin.cli import main
 from spatial_pin.formats.export import content_of
-from spatial_pin.formats.files import from_text
 
 NEEDS = {".xml": "mujoco", ".usda": "pxr"}
 DATA = Path(__file__).parent / "data"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from spatial_pin.brief import counted
 from spatial_pin.settings import LEVELS, Accuracy
 
 CLOSURES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-10, 1e-12, 1e-13, 1e-15)  # of order 3
@@ -66,8 +67,7 @@ def describe(accuracy: Accuracy, kind: str) -> str:
     same: tuple[str, ...] = ("order", "corrections", "tolerance")
     if kind == "sweep":
         n = accuracy.corrections
-        words = (f"to {power(accuracy.tolerance)}" if n is None
-                 else f"{n} correction{'s' * (n != 1)}")
+        words = f"to {power(accuracy.tolerance)}" if n is None else counted(n, "correction")
         text = f"order {accuracy.order}, {words}"
     else:
         dial = (f"step {accuracy.step:.3g} s" if accuracy.step is not None

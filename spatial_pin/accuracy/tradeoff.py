@@ -356,7 +356,7 @@ def tradeoff(
 
 
 def with_reference(task: Task) -> tuple[Task, SweepReference | SimulationReference]:
-    """Return a task and its reference, the usual simulation shortened until it has one.
+    """Return a task and its reference, the default simulation shortened until it has one.
 
     A loose integration may pass a singular configuration by its error.
     """

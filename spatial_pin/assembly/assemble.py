@@ -11,8 +11,9 @@ from spatial_pin.assembly.search.closing import Closing, Equations, gone_from
 from spatial_pin.assembly.search.guesses import Guess, read_guess
 from spatial_pin.assembly.search.refusals import failure, open_gap
 from spatial_pin.assembly.search.search import Search
+from spatial_pin.assembly.search.straight import straight
 from spatial_pin.assembly.search.within_limits import beyond_words
-from spatial_pin.assembly.state import State, all_angles, made
+from spatial_pin.assembly.state import NO_ANGLES, State, all_angles, made
 from spatial_pin.checks import checked, mapping
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.errors import AssemblyError, warn
@@ -125,8 +126,13 @@ def assembled(
             raise ValueError(f"{coordinate!r} is given two values")
         held[coordinate] = finite_number(value, f"driver {name!r}")
     start = read_guess(mechanism, guess)
-    said = _standing(mechanism, held, guess, start, free, taken_along=release)
     beginning = mechanism.start(held) if guess is None else None
+    if not limits and beginning is None and free == () and not isinstance(guess, Mapping):
+        angles = guess.angles if isinstance(guess, State) else NO_ANGLES
+        found = straight(mechanism, held, start, release, accuracy, angles)
+        if found is not None:
+            return found
+    said = _standing(mechanism, held, guess, start, free, taken_along=release)
     if beginning is not None:
         start = read_guess(mechanism, beginning)
     standing = said if beginning is None else {

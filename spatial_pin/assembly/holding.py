@@ -11,7 +11,23 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 
-BASE, SPRINGS = "base", "springs"
+
+class Word(str):
+    """A word that is no name, though a joint may be called so."""
+
+    __slots__ = ()
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Word) and str.__eq__(self, other)
+
+    def __ne__(self, other: object) -> bool:
+        return not self == other
+
+    def __hash__(self) -> int:
+        return hash((Word, str(self)))
+
+
+BASE, SPRINGS = Word("base"), "springs"  # the first is what is held by default
 Hold = str | Iterable[str] | None
 PARTS = {"translation": slice(0, 3), "rotation": slice(-3, None)}  # of a joint's velocity
 
@@ -67,6 +83,22 @@ def velocity_entries(mechanism: Mechanism, joint: str) -> range:
     return range(at, at + int(mechanism.model.nvs[i]))
 
 
+def written(names: Iterable[str]) -> list[str]:
+    """Return names of what is held as a file has them, that of the free bases in asterisks."""
+    return [f"*{name}*" if isinstance(name, Word) else name for name in names]
+
+
+def as_written(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the names that a file has."""
+    return tuple(BASE if name == f"*{BASE}*" else name for name in names)
+
+
+def is_base(mechanism: Mechanism, name: str) -> bool:
+    """Whether a name stands for the free bases: a joint that is called "base" may be meant."""
+    return name == BASE or (name == str(BASE) and name not in _joint_names(mechanism) and (
+        name not in mechanism.coordinate_table) and name not in mechanism.drivers)
+
+
 @made_once
 def _joint_names(mechanism: Mechanism) -> frozenset[str]:
     return frozenset(list(mechanism.model.names)[1:])
@@ -100,7 +132,7 @@ def _held_by(
         joint, _, part = name.rpartition(".")
         known = name in mechanism.coordinate_table or name in mechanism.drivers
         is_word = not known and name not in joints
-        if name == BASE and is_word:
+        if is_base(mechanism, name):
             entries += still_entries(mechanism, driven)
         elif name == SPRINGS and is_word:
             entries += [mechanism.coordinate(x.joint).v for x in mechanism.springs if x.joint]

@@ -110,16 +110,21 @@ def may_be_rounded(
     if seen is None:
         with closer_of(evaluation.mechanism) as closer:
             seen = closer.examine(q, evaluation.angle_reference)
-    if is_clear(seen):
+    if is_clear(seen.least, seen.left_out):
         return False
     evaluation.update(q)
     rows = _evened(evaluation.jacobian[: evaluation.constraints.n_closure])
     return _nearly_depend(rows, min(gap, SOFT))
 
 
-def is_clear(seen: Examined) -> bool:
-    """Whether equations are clearly independent, or follow from others to round-off."""
-    return seen.least > INDEPENDENT and seen.left_out < TOLERANCES.tight
+def is_clear(least: float, left_out: float) -> bool:
+    """Whether equations are clearly independent, or follow from others to round-off.
+
+    Args:
+        least: what is left of the last independent one, see `Examined`.
+        left_out: what is left of the longest of the others.
+    """
+    return least > INDEPENDENT and left_out < TOLERANCES.tight
 
 
 def rounded(mechanism: Mechanism, gap: float) -> Mechanism | None:

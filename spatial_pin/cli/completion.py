@@ -302,7 +302,7 @@ def _ranges(mechanism: sp.Mechanism) -> list[str]:
 # To add a kind: what there is of it in a mechanism. `completion` says which word is of which.
 KINDS: dict[str, Callable[[sp.Mechanism], Iterable[str]]] = {
     "coordinate": _coordinates,
-    "held": lambda m: [*_coordinates(m), *_joints(m), BASE, SPRINGS],
+    "held": lambda m: [*_coordinates(m), *_joints(m), str(BASE), SPRINGS],
     "dimension": lambda m: m.dimensions,
     "frame": _frames,
     "arrow": lambda m: _frames(m, "velocity", "acceleration"),

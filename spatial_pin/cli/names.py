@@ -8,7 +8,7 @@ import contextlib
 import numpy as np
 
 import spatial_pin as sp
-from spatial_pin.assembly.holding import BASE, SPRINGS
+from spatial_pin.assembly.holding import SPRINGS, is_base
 from spatial_pin.errors import UnknownNameError
 from spatial_pin.proximity.clearance import standing
 
@@ -34,7 +34,7 @@ def check_names(options: argparse.Namespace, mechanism: sp.Mechanism) -> None:
 def check_held(options: argparse.Namespace, mechanism: sp.Mechanism) -> None:
     """Refuse names of what is to stand still that do not exist."""
     for name in getattr(options, "hold", ()):
-        if name not in (*mechanism.model.names, BASE, SPRINGS):
+        if name not in (*mechanism.model.names, SPRINGS) and not is_base(mechanism, name):
             mechanism.coordinate(name)
 
 

@@ -15,6 +15,7 @@ import spatial_pin as sp
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.formats.export import robot_of
 from spatial_pin.formats.toml_files import toml_text
+from spatial_pin.mechanism.coordinates import coordinates_of
 from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.outputs import write_text
@@ -116,7 +117,7 @@ def _joints(mechanism: sp.Mechanism) -> str:
     for joint, pair in zip(list(mechanism.model.names)[1:], mechanism.pairs, strict=True):
         where = " - ".join(ends.get(joint, ()))
         limits = " to ".join(x or "any" for x in bounds.get(joint, ()))
-        unit = next((c.unit for c in mechanism.coordinate_table.values() if c.joint == joint), "")
+        unit = next((c.unit for c in coordinates_of(mechanism, joint)), "")
         text = f"#   {joint:{WORD}}  {pair:11}  {where}"
         lines.append(f"{text}  ({limits} {unit})" if limits else text.rstrip())
     return "\n".join(lines) + "\n"

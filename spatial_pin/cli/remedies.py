@@ -48,7 +48,7 @@ def _flag(said: Said, flags: Collection[str]) -> str:
 def _each(flag: str) -> Callable[[Said], str]:
     """Return what writes the names of a list, the last group, each behind an option."""
     return lambda said: " ".join(f"{flag} {name}" for name in ast.literal_eval(
-        said[said.re.groups]) if name != BASE)  # which the commands hold anyway
+        said[said.re.groups]) if name != str(BASE))  # which the commands hold anyway
 
 
 def _rates(said: Said) -> str:

@@ -48,13 +48,13 @@ class Evaluation:
     Attributes:
         q: (nq,) the last configuration; not to be changed before what is made of it.
         residual: (n_closure,) closure equations [-]; lengths divided by the characteristic length.
-        jacobian: (n_closure + n_passive, nv) derivative of the rows with respect to the scaled
+        jacobian: (n_closure + n_passive, nv) derivative of the equations for the scaled
             velocities v / `velocity_scale`; the last ones are rates of idle rotations.
         angles: (n_angles,) relative angle of every screw closure [rad], counting turns from the
             one in `angle_reference`.
         angle_reference: (n_angles,) the angles to which `angles` stays nearest.
         angle_jacobian: (n_angles, nv) derivative of `angles`, like `jacobian`.
-        wrenches: (rows, 6) force and moment about the world origin of each product row.
+        wrenches: (rows, 6) force and moment about the world origin of each product.
         placements: (njoints, 4, 3) view on the joint placements.
         regular: the last configuration that was found to be regular, see `rank_loss`.
     """
@@ -106,10 +106,10 @@ class Evaluation:
             if self._plain:
                 np.multiply(products, self.constraints.signs, out=self.jacobian)
                 return
-        self._finish_rows(q)
+        self._finish(q)
 
     def update_wrenches(self, q: Array) -> None:
-        """Evaluate placements, joint Jacobian, values and wrenches of the rows at q (nq,) only."""
+        """Evaluate placements, joint Jacobian, values and wrenches of equations at q (nq,) only."""
         c, self.q = self.constraints, q
         self._tree.place(q)
         if self._n_all:
@@ -125,11 +125,12 @@ class Evaluation:
                 self._idle_moments[:] = self._idle_axes
 
     def row_wrenches(self) -> Array:
-        """Return (n_wrenches, 6) force on body 2 per unit of each row, and moment about the origin.
+        """Return (n_wrenches, 6) force on body 2 per unit of each equation, and its moment.
 
-        World axes, at the last `update`; a row's derivative is its wrench times the twist of
-        body 2 relative to body 1. Couplings, which act on joints, have none. After the rows come
-        those of `Constraints.elsewhere`: they act on two bodies of their own.
+        World axes, the moment about the world origin, at the last `update`; an equation's
+        derivative is its wrench times the twist of body 2 relative to body 1. Couplings, which act
+        on joints, have none. Behind them come those of `Constraints.elsewhere`: they act on two
+        bodies of their own.
         """
         (found,) = combined_wrenches(self.constraints, [self._values[:, None]], [self.wrenches])
         return found
@@ -148,7 +149,7 @@ class Evaluation:
         return self._tree.frame_jacobian(frame)
 
     def twist_derivatives(self, joint: int) -> Array:
-        """Return (n_closure, 6) derivatives of the rows for a twist of what a joint carries."""
+        """Return derivatives (n_closure, 6) of equations for a twist of what a joint carries."""
         c, at = self.constraints, self.model.idx_vs[joint]
         signs = c.signs[:, at, None] / self.mechanism.velocity_scale[at]
         (moved,) = combined_wrenches(c, [self._values[:, None]], [signs * self.wrenches])
@@ -156,8 +157,8 @@ class Evaluation:
             moved[row] += moved[k]
         return moved[: c.n_closure]
 
-    def _finish_rows(self, q: Array) -> None:
-        """Put the rows in their places, those of composed equations from what they are made of."""
+    def _finish(self, q: Array) -> None:
+        """Put equations in their places, composed ones from what they are made of."""
         c, p = self.constraints, self.constraints.n_products
         products = self._products
         products *= c.signs
@@ -211,11 +212,11 @@ class Evaluation:
 
     @property
     def closure_error(self) -> float:
-        """Largest absolute closure row at the last configuration [-]."""
+        """Largest absolute closure equation at the last configuration [-]."""
         return float(np.abs(self.residual).max()) if self.residual.size else 0.0
 
     def worst_closure(self) -> str:
-        """Return the name of the closure with the largest row; empty when there is none."""
+        """Return the name of the closure with the largest residual; empty when there is none."""
         if not self.residual.size:
             return ""
         return self.constraints.labels[int(np.argmax(np.abs(self.residual)))].closure
@@ -223,6 +224,14 @@ class Evaluation:
     def mirrored(self) -> str:
         """Return the name of a closure whose axes do not point the same way, else nothing."""
         return next(iter(opposite_axes(self.mechanism, self.data)), "")
+
+
+def evaluated(mechanism: Mechanism, q: Array, angles: Array | float = 0.0) -> Evaluation:
+    """Return a new `Evaluation` at the configuration q (nq,), screws counting turns from angles."""
+    found = Evaluation(constraints_of(mechanism))
+    found.angle_reference[:] = angles
+    found.update(q)
+    return found
 
 
 class evaluation_of(acquired["Evaluation"]):  # with evaluation_of(...) as evaluation

@@ -32,7 +32,7 @@ from spatial_pin.numerics.linalg import Array
 
 
 class EquationLabel(NamedTuple):
-    """Which equation of which closure a row is."""
+    """The closure of an equation, and which of its equations it is."""
 
     closure: str
     equation: int
@@ -64,9 +64,10 @@ class Constraints:
         labels: list[EquationLabel] = []
         made: list[tuple[Kind, Closure, ConstraintEquation]] = []
         for closure in mechanism.closures:
-            for k, row in enumerate(closure.rows):
-                made.append((KINDS["difference" if closure.between else row.kind], closure, row))
-                products.add_first(closure, row)
+            for k, equation in enumerate(closure.rows):
+                kind = KINDS["difference" if closure.between else equation.kind]
+                made.append((kind, closure, equation))
+                products.add_first(closure, equation)
                 labels.append(EquationLabel(closure.name, k))
         self.n_products, self.n_angles = len(labels), 0
         self.couplings = [c for c in mechanism.closures if c.type == COUPLING]
@@ -89,9 +90,10 @@ class Constraints:
         """Return the closure equations; products beside their first ones are added kind by kind."""
         equations: list[Any] = [None] * len(made)
         for kind in KINDS.values():
-            for at, (own, closure, row) in enumerate(made):
+            for at, (own, closure, equation) in enumerate(made):
                 if own is kind:
-                    equations[at] = self._equation(kind, (at,), kind.parts(products, closure, row))
+                    equations[at] = self._equation(
+                        kind, (at,), kind.parts(products, closure, equation))
         kind = KINDS["coupling"]
         return equations + [self._equation(kind, (), kind.parts(products, closure, None))
                             for closure in self.couplings]
@@ -136,8 +138,8 @@ def _composed(equations: tuple[Equation, ...]) -> list[Composed]:
     """Return equations that are more than one product each, those of a kind together."""
     found = []
     for kind in dict.fromkeys(e.kind for e in equations if not e.kind.is_product):
-        rows = [at for at, e in enumerate(equations) if e.kind is kind]
-        found.append(Composed(kind, np.array(rows), tuple(equations[at] for at in rows)))
+        places = [at for at, e in enumerate(equations) if e.kind is kind]
+        found.append(Composed(kind, np.array(places), tuple(equations[at] for at in places)))
     return found
 
 

@@ -40,8 +40,8 @@ class Compiler(Protocol):
     mechanism: Mechanism
     scale: float
 
-    def add_direction(self, closure: Closure, row: ConstraintEquation) -> tuple[int, int]:
-        """Add the products sine and cosine of the angle of a row; return their numbers."""
+    def add_direction(self, closure: Closure, equation: ConstraintEquation) -> tuple[int, int]:
+        """Add the products sine and cosine of the angle of an equation; return their numbers."""
 
     def add_length(self, closure: Closure) -> int:
         """Add the product of the distance between the closure's other two frames."""
@@ -65,7 +65,7 @@ def _itself(product: Taylor) -> Taylor:
     return product
 
 
-def _nothing(compiler: Compiler, closure: Closure, row: ConstraintEquation | None) -> Parts:
+def _nothing(compiler: Compiler, closure: Closure, equation: ConstraintEquation | None) -> Parts:
     return Parts()
 
 
@@ -85,16 +85,16 @@ class Kind:
         return self.formula is _itself
 
 
-def _screw(compiler: Compiler, closure: Closure, row: ConstraintEquation | None) -> Parts:
-    assert row is not None and row.pitch is not None
-    return Parts(compiler.add_direction(closure, row), (), (row.pitch * compiler.scale,))
+def _screw(compiler: Compiler, closure: Closure, equation: ConstraintEquation | None) -> Parts:
+    assert equation is not None and equation.pitch is not None
+    return Parts(compiler.add_direction(closure, equation), (), (equation.pitch * compiler.scale,))
 
 
-def _difference(compiler: Compiler, closure: Closure, row: ConstraintEquation | None) -> Parts:
+def _difference(compiler: Compiler, closure: Closure, equation: ConstraintEquation | None) -> Parts:
     return Parts((compiler.add_length(closure),))
 
 
-def _coupling(compiler: Compiler, closure: Closure, row: ConstraintEquation | None) -> Parts:
+def _coupling(compiler: Compiler, closure: Closure, equation: ConstraintEquation | None) -> Parts:
     a, b = (compiler.mechanism.coordinate(name) for name in closure.joints)
     unit = 1.0 if b.unit == "rad" else compiler.scale
     return Parts((), (a, b), (unit, closure.ratio, closure.offset))

@@ -56,20 +56,20 @@ class Products:
         self._add_distance(closure.between, unit_length(self.mechanism, closure), 0.0)
         return len(self.constants) - 1
 
-    def add_first(self, closure: Closure, row: ConstraintEquation) -> None:
+    def add_first(self, closure: Closure, equation: ConstraintEquation) -> None:
         """Add the product that an equation of a closure is, or begins with."""
-        if row.u is None:  # distance: (d . d - L²) / 2L
-            unit = unit_length(self.mechanism, closure) if closure.between else row.offset
-            self._add_distance(closure.frames, unit, 0.5 * row.offset * self.scale)
+        if equation.u is None:  # distance: (d . d - L²) / 2L
+            unit = unit_length(self.mechanism, closure) if closure.between else equation.offset
+            self._add_distance(closure.frames, unit, 0.5 * equation.offset * self.scale)
             return
         one, two = frames_of(self.mechanism, closure.frames)
-        if row.w is None:  # point or screw: u . d
+        if equation.w is None:  # point or screw: u . d
             self.a.add(two.origin(1.0), one.origin(-1.0))
-            self.b.add(one.direction(row.u, self.scale))
+            self.b.add(one.direction(equation.u, self.scale))
             self.x.add(two.origin(1.0))
             self._finish(0.0, 1.0, self._between(one, two))
         else:
-            self._add_dot(one, row.u, two, row.w, row.offset)
+            self._add_dot(one, equation.u, two, equation.w, equation.offset)
 
     def _add_dot(
         self, one: FrameOnBody, u: Array, two: FrameOnBody, w: Array, cosine: float
@@ -80,12 +80,12 @@ class Products:
         self.x.add(two.direction(w))
         self._finish(cosine, 0.0, self._between(one, two))
 
-    def add_direction(self, closure: Closure, row: ConstraintEquation) -> tuple[int, int]:
+    def add_direction(self, closure: Closure, equation: ConstraintEquation) -> tuple[int, int]:
         """Add the products sine and cosine of the angle of an equation; return their numbers."""
         one, two = frames_of(self.mechanism, closure.frames)
-        assert row.angle_from is not None and row.angle_of is not None
-        for u in row.angle_from[::-1]:  # y gives the sine, x the cosine
-            self._add_dot(one, u, two, row.angle_of, 0.0)
+        assert equation.angle_from is not None and equation.angle_of is not None
+        for u in equation.angle_from[::-1]:  # y gives the sine, x the cosine
+            self._add_dot(one, u, two, equation.angle_of, 0.0)
         return len(self.constants) - 2, len(self.constants) - 1
 
     def add_rotation(self, body: str, axis: tuple[str, str]) -> None:

@@ -42,9 +42,10 @@ def followed_in_order(start: Start, values: Array, bar: Any) -> Samples | None:
 
 
 def followed_as_far(
-    start: Start, values: Array, samples: Samples, crossed: list[tuple[float, int]] | None, bar: Any
+    start: Start, values: Array, samples: Samples, crossed: list[tuple[float, int]] | None,
+    bar: Any, begun: int = 0,
 ) -> tuple[int, Arrival | None, bool]:
-    """Write the samples of a branch as far as it goes, as `follow` does.
+    """Write the samples of a branch as far as it goes, as `follow` does, from number `begun` on.
 
     Returns:
         How many are done, what ended it before the last, if anything did, and whether Ctrl-C did.
@@ -55,7 +56,7 @@ def followed_as_far(
     """
     done = 0
     try:
-        for done in follow(start, values, samples, crossed):
+        for done in follow(start, values, samples, crossed, begun):
             bar.update(done - bar.n)
     except Stopped as caught:
         return caught.sample, caught.arrival, False
@@ -67,17 +68,21 @@ def followed_as_far(
 
 
 def follow(
-    start: Start, values: Array, samples: Samples, crossed: list[tuple[float, int]] | None
+    start: Start, values: Array, samples: Samples, crossed: list[tuple[float, int]] | None,
+    begun: int = 0,
 ) -> Iterator[int]:
     """Write the samples of a branch at driver values; yields the number of those done.
 
     Branch points that are passed are added to `crossed`, if that is a list, as (value, sample).
+    It goes on after the last of those that the kernel has `begun` with.
 
     Raises:
         Stopped: a value cannot be reached; says which, and where the branch ended.
         SingularError: the driver does not determine the motion at the start.
     """
-    cursor, k = Cursor(start), 0
+    cursor, k = Cursor(start), begun
+    if k:
+        cursor.stand(Place.of(samples, k - 1, float(values[k - 1])))
     chunk = max(CHUNK // max(start.kernel.nv, 1), 1)
     while k < len(values):
         last = cursor.here if k else None

@@ -17,11 +17,21 @@ from spatial_pin.continuation.driving import DriversLaw, OneDriver
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.paths import Path, Samples, prescribed_places
+from spatial_pin.mechanism.coordinates import driver_coordinates
+from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.rates import prescribed_at, prescribed_first
 from spatial_pin.settings import Accuracy
+
+
+def moving_drivers(
+    mechanism: Mechanism, driven: Sequence[Coordinate], still: Sequence[int]
+) -> set[str]:
+    """Return the drivers that move though they are not driven, as nothing lets them stand."""
+    return {name for name, c in driver_coordinates(mechanism).items()
+            if c not in driven and c.v not in still}
 
 
 class Start:

@@ -22,6 +22,7 @@ from spatial_pin.dimensions.samples import Near, Samples
 from spatial_pin.dimensions.sensitivity import sensitivities, with_spread, within_half_turn
 from spatial_pin.dimensions.variants import Variants, tell_idle
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.executors import in_order
 from spatial_pin.formats.files import load
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.outputs import label_of
@@ -268,8 +269,7 @@ def _solved(
     jobs = [_Job(str(mechanism.path), mechanism.loading,
                  dict(zip(spread, drawn[k].tolist(), strict=True)), start, drive, names, mark)
             for k in rest]
-    futures = [executor.submit(_sample, job) for job in jobs] if executor else []
-    found = (future.result() for future in futures) if executor else map(_sample, jobs)
+    found = in_order(executor, _sample, [(job,) for job in jobs])
     k = rest[0] if rest else n
     try:
         for k, sample in zip(rest, found, strict=True):
@@ -280,8 +280,7 @@ def _solved(
             bar.update()
     except KeyboardInterrupt:
         n = k  # all before it are surely done
-        for future in futures:
-            future.cancel()
+        found.close()
     bar.close()
     if not n:
         raise KeyboardInterrupt

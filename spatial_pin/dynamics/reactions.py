@@ -19,6 +19,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.stacked import cross
 
 MANY = ("* one of many (along these axes), the least: loops, or more actuators than freedoms, "
         "can be under stress by themselves")
@@ -248,23 +249,15 @@ def _in_world(placements: Array, forces: Array) -> Array:
     """Return forces (..., 6) given in joint axes at joint origins in world axes at its origin."""
     turned = forces.reshape(*forces.shape[:-1], 2, 3) @ placements[..., :3, :]
     turned = turned.reshape(forces.shape)
-    turned[..., 3:] += _cross(placements[..., 3, :], turned[..., :3])
+    turned[..., 3:] += cross(placements[..., 3, :], turned[..., :3])
     return turned
 
 
 def _moved(wrench: Array, point: Array) -> Array:
     """Return wrenches (..., 6) at the world origin with their moment about `point` (..., 3)."""
     moved = wrench.copy()
-    moved[..., 3:] -= _cross(point, wrench[..., :3])
+    moved[..., 3:] -= cross(point, wrench[..., :3])
     return moved
-
-
-def _cross(a: Array, b: Array) -> Array:
-    return (a[..., _YZX] * b[..., _ZXY]) - (a[..., _ZXY] * b[..., _YZX])
-
-
-_YZX: NDArray[np.intp] = np.array([1, 2, 0])
-_ZXY: NDArray[np.intp] = np.array([2, 0, 1])
 
 
 def _along(axes: Array, values: Array) -> Array:

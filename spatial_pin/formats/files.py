@@ -225,19 +225,3 @@ def _floated(urdf: str, path: Path, content: Mapping[str, Any]) -> str:
     tables = joints if isinstance(joints, dict) else {}
     refined = [name for name, x in tables.items() if isinstance(x, dict) and "type" in x]
     return with_free_flyer(urdf, path, refined)
-
-
-def from_text(urdf: str, content: Mapping[str, Any], name: str) -> Mechanism:
-    """Return the mechanism of plain URDF text and what a mechanism file says beside it.
-
-    Args:
-        urdf: the open tree; mesh files are named by absolute paths.
-        content: as `tomllib` reads a mechanism file.
-        name: stands for the file in errors.
-
-    Raises:
-        MechanismFileError: as `load`.
-    """
-    path = Path(name)
-    made = mechanism_of(Table(dict(content), name), path, urdf, Request(path), Faults())
-    return made.with_fields(path=None, tree=None, dimensions={})

@@ -18,7 +18,7 @@ PLACES = ("", "urdf", "robots")  # where in a folder, or package, its URDF lies
 
 def is_statement(path: Path) -> bool:
     """Return whether a YAML file states the loops of a URDF."""
-    return path.name == loop_closures.NAME or gepetto.is_robot(path)
+    return loop_closures.is_closures(path) or gepetto.is_robot(path)
 
 
 def read_folder(request: Request) -> Imported:
@@ -42,7 +42,7 @@ def read_statement(request: Request) -> Imported:
         MechanismFileError: it is about no file that is there.
     """
     path = request.path
-    if path.name == loop_closures.NAME:
+    if loop_closures.is_closures(path):
         folder = path.parent.parent if path.parent.name == "config" else path.parent
         urdf, name = _only(folder), folder.resolve().name
     else:

@@ -28,13 +28,13 @@ class _Linear(NamedTuple):
 
     Attributes:
         q: the configuration.
-        found: by what moves, the identity of what is kept, and whether idle rotations count: what
-            is kept, so that its identity is its own, and the decomposed derivatives.
-        motions: likewise, motions that keep it.
+        found: by what moves and the identity of what is kept: what is kept, so that its identity
+            is its own, and the decomposed derivatives.
+        motions: likewise, and by whether idle rotations count: motions that keep it.
     """
 
     q: Array
-    found: dict[tuple[bytes, int, bool], tuple[Sequence[Target], Decomposition]]
+    found: dict[tuple[bytes, int], tuple[Sequence[Target], Decomposition]]
     motions: dict[tuple[bytes, int, bool], tuple[Sequence[Target], Array]]
 
 
@@ -178,15 +178,12 @@ class Constrained:
         return known.motions[key][1]
 
     def linearised(
-        self, q: Array, free: NDArray[np.bool_], kept: Sequence[Target], idle: bool = True
+        self, q: Array, free: NDArray[np.bool_], kept: Sequence[Target]
     ) -> Decomposition:
-        """Return the decomposed derivatives (k, n) of loops and targets for what is free (n,).
-
-        Those of idle rotations are among them, where these are not motions that are wanted.
-        """
-        found, key = self._at(q).found, (free.tobytes(), id(kept), idle)
+        """Return the decomposed derivatives (k, n) of loops and targets for what is free (n,)."""
+        found, key = self._at(q).found, (free.tobytes(), id(kept))
         if key not in found:
-            found[key] = kept, decompose(self._rows(q, free, kept, idle))
+            found[key] = kept, decompose(self._rows(q, free, kept, True))
         return found[key][1]
 
     def _at(self, q: Array) -> _Linear:

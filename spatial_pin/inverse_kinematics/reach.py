@@ -12,6 +12,7 @@ from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.holding import BASE, Hold, held_by
 from spatial_pin.assembly.search.whole_turns import periodic
 from spatial_pin.assembly.state import State, of_mechanism
+from spatial_pin.brief import counted
 from spatial_pin.checks import checked
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.errors import ReachError
@@ -250,7 +251,7 @@ def _stops(start: State, solver: Solver, found: Reached) -> Iterable[Stop]:
         yield Stop("steps", "it was still coming nearer when the steps ran out: go on from the "
                    "state of this error, or start nearer")
     elif freedom < asked:
-        yield Stop("too few freedoms", f"it has {freedom} freedom{'s' * (freedom != 1)} there for "
+        yield Stop("too few freedoms", f"it has {counted(freedom, 'freedom')} there for "
                    f"{asked} numbers asked for: ask for fewer, or give some a weight")
     else:
         yield Stop("nearest found", "this is the nearest that was found: start from another state")

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from spatial_pin.assembly.holding import BASE, Hold, free_bases, held_by
+from spatial_pin.assembly.holding import BASE, Hold, free_bases, held_by, is_base
 from spatial_pin.assembly.state import State, of_mechanism
+from spatial_pin.brief import counted
 from spatial_pin.checks import checked, names_of
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.errors import Interrupted, ReachError, SingularError, SpatialPinError
@@ -175,9 +176,9 @@ def _too_much(state: State, tables: list[Table], asked: int, freedom: int) -> Re
     names = ", ".join(repr(t.name) for t in tables)
     return ReachError(
         f"mechanism {state.mechanism.name!r}: {names}: {asked} numbers are asked for along the "
-        f"path, but there {'are' if freedom != 1 else 'is'} {freedom} "
-        f"freedom{'s' * (freedom != 1)} at its start; ask for fewer (a position instead of a "
-        "placement, or a coordinate), or start beside a singular configuration", state=state,
+        f"path, but there {'are' if freedom != 1 else 'is'} {counted(freedom, 'freedom')} at its "
+        "start; ask for fewer (a position instead of a placement, or a coordinate), or start "
+        "beside a singular configuration", state=state,
         distances={t.name: 0.0 for t in tables}, residuals={}, limits=(),
         stops=("more is asked for than is free",), reasons=("too few freedoms",))
 
@@ -242,9 +243,7 @@ def _standing(mechanism: Mechanism, hold: Hold) -> list[str]:
     """Return names of what stands still, the free bases by their own."""
     found: list[str] = []
     for name in () if hold is None else names_of(hold, "hold"):
-        is_word = name == BASE and name not in mechanism.coordinate_table and (
-            name not in mechanism.drivers) and name not in list(mechanism.model.names)
-        found += free_bases(mechanism) if is_word else [name]
+        found += free_bases(mechanism) if is_base(mechanism, name) else [name]
     return found
 
 

@@ -127,6 +127,27 @@ class Shakes:
         self.at = address(self.steps)
 
 
+class Asked(NamedTuple):
+    """How loops are closed, whatever the values of what is held: two are the same if one object.
+
+    Attributes:
+        free, first: (nv,) velocities that may move, and may move before that, see `Closer.close`.
+        tolerance, iterations, cut: see `Closer.close`.
+        said, lower, upper: see `Meant`.
+        shakes: further starts; None: there are none.
+    """
+
+    free: NDArray[np.bool_]
+    first: NDArray[np.bool_] | None
+    tolerance: float
+    iterations: int
+    cut: float
+    said: NDArray[np.int64]
+    lower: Array
+    upper: Array
+    shakes: Shakes | None
+
+
 class Closer:
     """Closes the loops of a mechanism with some coordinates pinned; one caller at a time.
 
@@ -137,6 +158,8 @@ class Closer:
     Attributes:
         kernel: the compiled mechanism, in whose memory it works.
         handle: of the C structure.
+        facts: (3,) of what was examined last: see `Examined`.
+        at_task: where C reads what is to be reached.
         knows_mirrors: whether it knows the axes of all closures that make them parallel: not of
             those of which only some equations are kept.
     """
@@ -156,7 +179,7 @@ class Closer:
         self._q, self._pinned = np.empty(kernel.nq), np.empty(len(pins))
         self._first, self._free = np.empty((2, kernel.nv), np.int64)
         self._reference, self._angles = np.empty((2, kernel.n_angles))
-        self._error, self._mirrored = np.empty(3), np.empty(1, np.int64)
+        self.facts, self._mirrored = np.empty(3), np.empty(1, np.int64)
         rows = 1 + AT_ONCE
         self._starts, self._mirrors = np.empty((rows, kernel.nq)), np.empty(rows, np.int64)
         self._errors, self._distances = np.empty((2, rows))
@@ -169,21 +192,15 @@ class Closer:
             address(x) for x in (self._q, self._first, self._free, self._pinned, self._reference))
         meant = MeantPlaces(address(self._value), address(self._said))
         found = *map(address, (self._errors, self._mirrors, self._distances)),
-        self._facts = address(self._error), address(self._angles), address(self._mirrored)
+        self._facts = address(self.facts), address(self._angles), address(self._mirrored)
         self._task = Reaching(
             0, address(self._starts), None, self._at_free, pinned=self._at[0],
             reference=self._at_turns, meant=meant,
             **dict(zip(("error", "mirrored", "distance"), found, strict=True)),
             facts=self._facts[0], angle=self._facts[1])
-        self._at_task, self._meant = ctypes.byref(self._task), self._task.meant
+        self.at_task, self._meant = ctypes.byref(self._task), self._task.meant
         self._reached = ctypes.byref(self._meant), *found
-        # read-only arrays that are there from the last call need not be copied again
-        self._known_free: NDArray[np.bool_] | None = None
-        self._known_first: NDArray[np.bool_] | None = None
-        self._known_said: NDArray[np.int64] | None = None
-        self._known_lower: Array | None = None
-        self._known_upper: Array | None = None
-        self._asked: tuple[float, int, float] | None = None
+        self._asked: Asked | None = None  # what the arrays of the task are set to
 
     def close(
         self, q: Array, free: NDArray[np.bool_], reference: Array, tolerance: float,
@@ -203,83 +220,110 @@ class Closer:
             first: (nv,) velocities that may move before that, to a residual of `LOOSE`.
         """
         self._q[:] = q
-        self._take(free, first, reference, pinned)
+        self._let_move(free, first)
+        self._take(reference, pinned)
         self._library.closer_close(
             self.handle, self._at_q, None if first is None else self._at_first, self._at_free,
             *self._at, self._at_turns, max(tolerance, LOOSE), tolerance, iterations, cut,
             *self._facts[::2])
-        return Closed(self._q.copy(), self._error.item(0), self._is_mirrored(self._mirrored))
+        return Closed(self._q.copy(), self.facts.item(0), self._is_mirrored(self._mirrored))
 
     def reach(
-        self, q: Sequence[Array], free: NDArray[np.bool_], reference: Array, tolerance: float,
-        iterations: int, pinned: Iterable[float], cut: float, first: NDArray[np.bool_] | None,
-        meant: Meant, shakes: Shakes | None = None,
+        self, q: Sequence[Array], asked: Asked, value: Array, reference: Array | float = 0.0,
+        pinned: Iterable[float] = (), shaken: bool = False,
     ) -> list[Reached]:
         """Close from each of some q (nq,), `AT_ONCE` at most, by itself, as `close` does.
 
-        With `shakes`, from further starts too where a single one closes, nothing is at fault, and
-        it is not near: those that lead to what is closed, but no nearer, are left out.
+        Args:
+            q: where to start.
+            asked: how.
+            value: (nq,) of what is named or held, see `Meant`.
+            reference: see `close`.
+            pinned: see `close`.
+            shaken: close from the further starts too where a single one closes, nothing is at
+                fault, and it is not near: those that lead to what is closed, but no nearer, are
+                left out.
         """
         task = self._task
+        if asked is not self._asked:
+            self._ask(asked)
         for row, start in enumerate(q):
             self._starts[row] = start
-        self._take(free, first, reference, pinned)
-        self._judge_by(meant)
-        if self._asked != (tolerance, iterations, cut):
-            self._asked = tolerance, iterations, cut
-            task.tolerance, task.iterations, task.cut = self._asked
-            task.loose = max(tolerance, LOOSE)
-        task.m, task.first = len(q), None if first is None else self._at_first
-        task.n_shakes = 0
-        if shakes is not None and self.knows_mirrors:
-            task.n_shakes, task.near, task.shakes = len(shakes.steps), shakes.near, shakes.at
-        check(self._library.closer_reach(self.handle, self._at_task))
+        self._take(reference, pinned)
+        self._value[:] = value
+        task.m = len(q)
+        shakes = asked.shakes
+        task.n_shakes = len(shakes.steps) if shaken and shakes and self.knows_mirrors else 0
+        check(self._library.closer_reach(self.handle, self.at_task))
         mirrors = self._mirrors.tolist() if self.knows_mirrors else self._all_may_be
-        seen = self._examined(mirrors[0]) if self._error.item(0) < np.inf else None
+        seen = self._examined(mirrors[0]) if self.facts.item(0) < np.inf else None
         return [Reached(
             self._starts[k].copy(), self._errors.item(k), mirrors[k] != 0,
             self._distances.item(k), None if k else seen) for k in range(task.m)]
 
+    def begin_at(
+        self, q: Array, place: int, value: float, angles: Array | None, asked: Asked
+    ) -> None:
+        """Let C close the loops from q (nq,), an entry of which has another value.
+
+        It is also what is named and held, and shaken if need be.
+        """
+        if asked is not self._asked:
+            self._ask(asked)
+        self._value[:] = q
+        self._value[place] = value
+        self._starts[0] = self._value
+        if len(self._reference):
+            is_known = angles is not None and len(angles) == len(self._reference)
+            self._reference[:] = angles if is_known else 0.0
+        self._task.m = 1
+        self._task.n_shakes = len(asked.shakes.steps) if asked.shakes else 0
+
+    def _ask(self, asked: Asked) -> None:
+        """Set what does not depend on values."""
+        task = self._task
+        self._let_move(asked.free, asked.first)
+        self._said[:] = asked.said
+        self._limits = asked.lower, asked.upper  # the model's own, where it keeps them
+        self._meant.lower, self._meant.upper = map(address, self._limits)
+        task.tolerance, task.iterations, task.cut = asked.tolerance, asked.iterations, asked.cut
+        task.loose = max(asked.tolerance, LOOSE)
+        task.first = None if asked.first is None else self._at_first
+        if asked.shakes is not None:
+            task.near, task.shakes = asked.shakes.near, asked.shakes.at
+        self._asked = asked
+
     def judge(self, q: Array, reference: Array | float, meant: Meant) -> Reached:
         """Return what q (nq,) is, whole turns taken off its angles."""
         self._q[:], self._reference[:] = q, reference
-        self._judge_by(meant)
+        self._value[:], self._said[:], self._asked = meant.value, meant.said, None
+        self._limits = meant.lower, meant.upper
+        self._meant.lower, self._meant.upper = map(address, self._limits)
         self._library.closer_judge(
             self.handle, self._at_q, self._at_turns, *self._reached)
         return Reached(self._q.copy(), self._errors.item(0), self._is_mirrored(self._mirrors),
                        self._distances.item(0))
 
-    def _judge_by(self, meant: Meant) -> None:
-        self._value[:] = meant.value
-        if meant.lower is not self._known_lower:  # the model's own, where it keeps them
-            self._known_lower, self._known_upper = meant.lower, meant.upper
-            self._meant.lower, self._meant.upper = address(meant.lower), address(meant.upper)
-        if meant.said is not self._known_said:
-            self._said[:] = meant.said
-            self._known_said = None if meant.said.flags.writeable else meant.said
-
-    def _take(
-        self, free: NDArray[np.bool_], first: NDArray[np.bool_] | None, reference: Array,
-        pinned: Iterable[float],
-    ) -> None:
-        self._reference[:] = reference
-        if free is not self._known_free:
-            self._free[:] = free
-            self._known_free = None if free.flags.writeable else free
-        if first is not None and first is not self._known_first:
+    def _let_move(self, free: NDArray[np.bool_], first: NDArray[np.bool_] | None) -> None:
+        self._asked = None
+        self._free[:] = free
+        if first is not None:
             self._first[:] = first
-            self._known_first = None if first.flags.writeable else first
+
+    def _take(self, reference: Array | float, pinned: Iterable[float]) -> None:
+        if len(self._reference):
+            self._reference[:] = reference
         if len(self._order):
             self._pinned[:] = np.array(list(pinned))[self._order]
 
-    def examine(self, q: Array, reference: Array) -> Examined:
+    def examine(self, q: Array, reference: Array | float) -> Examined:
         """Return what q (nq,) is like; turns (n_angles,) are those that angles count from [rad]."""
         self._q[:], self._reference[:] = q, reference
         check(self._library.closer_examine(self.handle, self._at_q, self._at_turns, *self._facts))
         return self._examined(self._is_mirrored(self._mirrored))
 
     def _examined(self, mirrored: float) -> Examined:
-        error, least, left_out = self._error.tolist()
+        error, least, left_out = self.facts.tolist()
         angles = self._angles.copy() if self.kernel.n_angles else self._angles
         return Examined(error, angles, mirrored != 0, least, left_out)
 
@@ -294,7 +338,7 @@ class Closer:
         By products alone; the angles of screws count from zero.
         """
         q, errors = np.array(q, order="C"), np.empty(len(q))
-        self._free[:], self._known_free = free, None
+        self._let_move(free, None)
         self._library.closer_descend(self.handle, len(q), address(q), self._at_free, tolerance,
                                      iterations, address(errors))
         return q, errors

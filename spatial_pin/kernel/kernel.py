@@ -20,15 +20,15 @@ from spatial_pin.numerics.linalg import Array
 _ENTRY = ctypes.c_double()
 _NOWHERE = ctypes.addressof(_ENTRY)  # where an array without entries may begin
 _view = ctypes.c_char.from_buffer  # of a tenth of the price of `array.ctypes`
+_addressof = ctypes.addressof
 
 
 def address(array: NDArray[Any]) -> int:
     """Return where a contiguous array begins; the caller keeps it alive."""
-    if not array.size:
-        return _NOWHERE
-    if not array.flags.writeable:
-        return int(array.ctypes.data)
-    return ctypes.addressof(_view(array))  # type: ignore[arg-type]
+    try:
+        return _addressof(_view(array))  # type: ignore[arg-type]
+    except (TypeError, ValueError):  # it is read-only, or has no entries
+        return int(array.ctypes.data) if array.size else _NOWHERE
 
 
 def numbers(array: Array, shape: tuple[int, ...]) -> Array:

@@ -85,6 +85,8 @@ def _declared(found: ctypes.CDLL) -> ctypes.CDLL:
     found.path_start.argtypes = [POINTER, POINTER, POINTER, INT]
     found.path_follow.restype = INT
     found.path_follow.argtypes = [POINTER, POINTER, INT, POINTER, POINTER]
+    found.path_from_guess.restype = INT
+    found.path_from_guess.argtypes = [POINTER] * 4
     found.path_stand.restype = REAL
     found.path_stand.argtypes = [POINTER] * 2
     found.path_go.argtypes = [POINTER, REAL]

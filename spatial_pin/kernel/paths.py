@@ -61,7 +61,7 @@ class _Accuracy(ctypes.Structure):
 
 
 @cache
-def _asked(accuracy: Accuracy, has_redundant: bool, is_determined: bool) -> Any:
+def asked_path(accuracy: Accuracy, has_redundant: bool, is_determined: bool) -> Any:
     """Return what is asked of a path, for C.
 
     Args:
@@ -81,7 +81,9 @@ def _asked(accuracy: Accuracy, has_redundant: bool, is_determined: bool) -> Any:
         -1 if accuracy.corrections is None else accuracy.corrections))
 
 
-class _Rows(ctypes.Structure):
+class PathRows(ctypes.Structure):
+    """Where the arrays of `Samples` are, for C."""
+
     _fields_ = [(name, ctypes.c_void_p) for name in Samples._fields]
 
 
@@ -113,7 +115,7 @@ class Path:
             (INT * len(driven))(*driven), len(driven),
             None if fill is None else address(fill), 0 if fill is None else len(fill)))
         handle = ctypes.c_void_p()
-        asked = _asked(accuracy, n < kernel.n_closure, fill is None or not len(fill))
+        asked = asked_path(accuracy, n < kernel.n_closure, fill is None or not len(fill))
         check(self._library.path_create(kernel.handle, asked, ctypes.byref(handle)))
         self._handle = handle
 
@@ -135,7 +137,7 @@ class Path:
     def follow(self, values: Array, samples: Samples) -> int:
         """Write samples at values of the parameter (m,); return how many were reached."""
         values = numbers(values, (len(samples.q),))
-        rows, code = _Rows(*map(address, samples)), ctypes.c_int()
+        rows, code = PathRows(*map(address, samples)), ctypes.c_int()
         return self._library.path_follow(
             self._handle, address(values), len(values), ctypes.byref(rows), ctypes.byref(code))
 
@@ -148,7 +150,7 @@ class Path:
         """The current point, which may lie between samples: the parameter, and one sample."""
         kernel = self.kernel
         sample = Samples.empty(1, kernel.nq, kernel.nv, kernel.n_angles)
-        row = _Rows(*map(address, sample))
+        row = PathRows(*map(address, sample))
         s: float = self._library.path_stand(self._handle, ctypes.byref(row))
         return s, sample
 

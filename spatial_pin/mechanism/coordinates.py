@@ -92,6 +92,11 @@ def by_joint(mechanism: Mechanism) -> dict[str, list[Coordinate]]:
     return mechanism.memo["by joint"]
 
 
+def coordinates_of(mechanism: Mechanism, joint: str) -> list[Coordinate]:
+    """Return the coordinates of a joint, none if there is no such joint."""
+    return [*by_joint(mechanism).get(joint, ())]
+
+
 def driver_coordinates(mechanism: Mechanism) -> dict[str, Coordinate]:
     """Return the coordinate of every driver, by its name."""
     if "driver coordinates" not in mechanism.memo:
@@ -181,10 +186,10 @@ def joint_vector(mechanism: Mechanism, q: Array, joint: str) -> Array:
 def coordinate_rates(
     mechanism: Mechanism, name: str, q: Array, v: Array, a: Array, *, continued: bool = True
 ) -> CoordinateRates[Array]:
-    """Return value, rate and acceleration of a coordinate over rows q (N, nq), v, a (N, nv).
+    """Return value, rate and acceleration of a coordinate over samples q (N, nq), v, a (N, nv).
 
-    Rotation vectors are continued from row to row, past pi and past whole turns; rows that have
-    nothing to do with each other (not `continued`) get vectors of length up to pi.
+    Rotation vectors are continued from sample to sample, past pi and past whole turns; samples that
+    have nothing to do with each other (not `continued`) get vectors of length up to pi.
     """
     c = mechanism.coordinate(name)
     if c.q >= 0:
@@ -283,7 +288,7 @@ def continued_rotation_vectors(quaternions: Array) -> Array:
         if angle > TOLERANCES.tight:
             axis = phi[i] / angle
             phi[i] += whole_turns(axis @ before - angle) * axis
-        elif before.any():  # a whole number of turns: the axis is that of the row before
+        elif before.any():  # a whole number of turns: the axis is that of the sample before
             length = float(np.linalg.norm(before))
             phi[i] = whole_turns(length) * before / length
     return phi

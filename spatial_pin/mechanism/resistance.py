@@ -15,6 +15,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from spatial_pin.checks import positive_number
+from spatial_pin.mechanism.coordinates import coordinates_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 
@@ -68,7 +69,7 @@ def _slip_speeds(mechanism: Mechanism, given: SlipSpeed | None) -> Array:
         total = np.where(np.isnan(mechanism.slip_speeds), total, mechanism.slip_speeds)
     if isinstance(given, Mapping):
         for name, value in given.items():
-            at = [c.v for c in mechanism.coordinate_table.values() if c.joint == name]
+            at = [c.v for c in coordinates_of(mechanism, name)]
             total[at or [mechanism.coordinate(name).v]] = positive_number(
                 value, f"slip_speed of {name!r}")
     elif given is not None:

@@ -8,8 +8,7 @@ from spatial_pin.assembly.holding import still_entries
 from spatial_pin.assembly.state import State
 from spatial_pin.assembly.undetermined import check_loops
 from spatial_pin.brief import counted
-from spatial_pin.constraints.closure_equations import Evaluation
-from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.constraints.closure_equations import evaluated
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -59,7 +58,7 @@ def _undriven(
 ) -> list[str]:
     """Return coordinates that are independent of the drivers and move no passive freedom."""
     rows = _tangents(mechanism, state).T
-    evaluation = _evaluation(state)
+    evaluation = evaluated(mechanism, state.q, state.angles)
     idle = [v for _, velocities in idle_freedoms(evaluation, state.q) for v in velocities]
     still = np.abs(np.array(idle)).max(axis=0, initial=0.0) if idle else np.zeros(len(rows))
     free = [c for c in mechanism.coordinate_table.values()
@@ -72,13 +71,6 @@ def _undriven(
 
 def _tangents(mechanism: Mechanism, state: State) -> Array:
     """Return (freedoms, nv) velocities at which the loops stay closed."""
-    evaluation = _evaluation(state)
+    evaluation = evaluated(mechanism, state.q, state.angles)
     return null_space(evaluation.jacobian[: evaluation.constraints.n_closure],
                       TOLERANCES.half_precision)
-
-
-def _evaluation(state: State) -> Evaluation:
-    evaluation = Evaluation(constraints_of(state.mechanism))
-    evaluation.angle_reference[:] = state.angles
-    evaluation.update(state.q)
-    return evaluation

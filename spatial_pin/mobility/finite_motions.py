@@ -35,22 +35,14 @@ def finite_freedom(evaluation: Evaluation, q: Array, tangents: Array) -> int:
     return 0
 
 
-def finite_dimension(
-    evaluation: Evaluation, q: Array, tangents: Array, free: NDArray[np.bool_] | None = None
-) -> int:
-    """Return how many independent trial motions along `tangents` survive closing the loops at q.
-
-    The nullity is only a bound: a part that is shaky in every configuration adds to it. For the
-    arguments see `finite_motions`.
-    """
-    return len(finite_motions(evaluation, q, tangents, free))
-
-
 def finite_motions(
     evaluation: Evaluation, q: Array, tangents: Array, free: NDArray[np.bool_] | None = None,
     probe: float = PROBES[1],
 ) -> Array:
     """Return orthonormal scaled velocities (d, nv) that span what is left of trial motions.
+
+    The number of `tangents` is only a bound on d: a part that is shaky in every configuration adds
+    to it.
 
     Args:
         evaluation: the closure equations; left anywhere.

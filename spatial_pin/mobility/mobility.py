@@ -11,14 +11,14 @@ from spatial_pin.assembly.holding import free_bases
 from spatial_pin.assembly.rounding import closed_there, rounding_of
 from spatial_pin.assembly.state import State, all_angles, of_mechanism
 from spatial_pin.checks import checked
-from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.constraints.closure_equations import Evaluation, evaluated
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.coordinates import finite_array, needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.methods import method
-from spatial_pin.mobility.finite_motions import finite_dimension, finite_freedom
+from spatial_pin.mobility.finite_motions import finite_freedom, finite_motions
 from spatial_pin.mobility.idle_freedoms import PassiveFreedom, described, idle_freedoms
 from spatial_pin.mobility.loops import ALGEBRA_TOLERANCE, Loop, loop_of
 from spatial_pin.numerics.linalg import Array, independent_rows, null_space, rank
@@ -165,17 +165,14 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
     else:
         x = finite_array(state, (mechanism.model.nq,), "q")
         mechanism = closed_there(mechanism, x)
-    evaluation = Evaluation(constraints_of(mechanism))
-    if isinstance(state, State):
-        evaluation.angle_reference[:] = state.angles
-    evaluation.update(x)
+    evaluation = evaluated(mechanism, x, state.angles if isinstance(state, State) else 0.0)
     if evaluation.closure_error > TOLERANCES.nothing:
         raise SpatialPinError(
             f"mechanism {mechanism.name!r}: mobility asks for a closed configuration; closure "
             f"{evaluation.worst_closure()!r} is open by {evaluation.closure_error:.1e}"
         )
     jacobian = evaluation.jacobian[: evaluation.constraints.n_closure].copy()
-    every, rounding = _with_all_rows(evaluation), rounding_of(mechanism)
+    every, rounding = _with_all_equations(evaluation), rounding_of(mechanism)
     n, labels = every.constraints.n_closure, every.constraints.labels
     independent = independent_rows(every.jacobian[:n],
                                    max(TOLERANCES.half_precision, rounding)).tolist()
@@ -194,8 +191,8 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
                for v in velocities]
     if dof < nv - r:  # leave out what is instantaneous only
         scale = mechanism.velocity_scale
-        passive = [(joint, v) for joint, v in passive if finite_dimension(
-            evaluation, x, (v / scale / np.linalg.norm(v / scale))[None])]
+        passive = [(joint, v) for joint, v in passive if len(finite_motions(
+            evaluation, x, (v / scale / np.linalg.norm(v / scale))[None]))]
         evaluation.update(x)
     return Mobility(
         every.mechanism,
@@ -210,21 +207,9 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
     )
 
 
-def _with_all_rows(evaluation: Evaluation) -> Evaluation:
+def _with_all_equations(evaluation: Evaluation) -> Evaluation:
     """Return an evaluation, at the same configuration, with the equations left out of its file."""
     mechanism = evaluation.mechanism
     if mechanism.whole is None:
         return evaluation
-    every = Evaluation(constraints_of(mechanism.whole))
-    every.angle_reference[:] = all_angles(mechanism, evaluation.angles)
-    every.update(evaluation.q)
-    return every
-
-
-# ---------------------------------------------------------------- finite freedom
-
-
-# ---------------------------------------------------------------- loops
-
-
-# ---------------------------------------------------------------- passive freedoms
+    return evaluated(mechanism.whole, evaluation.q, all_angles(mechanism, evaluation.angles))

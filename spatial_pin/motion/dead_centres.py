@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 
 from spatial_pin.checks import checked
 from spatial_pin.continuation.cursor import Stopped, cursor_along
-from spatial_pin.errors import SingularError
+from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.motion.motion import Event, Motion, motion_needed
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -52,6 +54,15 @@ def dead_centres(motion: Motion, output: str | None = None) -> list[Event]:
         found += [_event(motion, name, row, float(motion.swept[row]),
                          float(motion.coordinate(name).value[row])) for row in ends]
     return sorted(found, key=lambda event: event.row)
+
+
+def known_dead_centres(motion: Motion) -> list[Event]:
+    """Return the dead centres of any motion's outputs, as far as they can be located."""
+    if motion.driver is None or len(motion) < 2:
+        return []
+    with suppress(SpatialPinError):
+        return dead_centres(motion)
+    return []
 
 
 def _rates(motion: Motion, name: str) -> Array:

@@ -8,12 +8,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.assembly.holding import BASE
+from spatial_pin.assembly.holding import BASE, as_written, written
 from spatial_pin.assembly.state import State
 from spatial_pin.brief import brief, words
 from spatial_pin.checks import checked, is_finite
@@ -190,9 +190,19 @@ class Motion(Tabular):
                 if name in SAMPLED and not is_finite(x):
                     raise ValueError(f"Motion: {name} has a value that is NaN or infinite")
 
+    if not TYPE_CHECKING:  # which would take any name for one of its own
+
+        def __getattr__(self, name: str) -> Any:
+            """Return the events that have not been looked for yet."""
+            if name == "events" and "_look" in self.__dict__:
+                self.events = self.__dict__.pop("_look")(self)
+                return self.events
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied or sent elsewhere: all but what is worked out again on use."""
-        return {k: x for k, x in self.__dict__.items() if k != "_bodies"}
+        fields = {"events": self.events, **self.__dict__}
+        return {k: x for k, x in fields.items() if k not in ("_bodies", "_look")}
 
     def __setstate__(self, kept: dict[str, Any]) -> None:
         """Take over what was copied or sent."""
@@ -480,7 +490,8 @@ def content_of(motion: Motion) -> dict[str, Any]:
         "time": motion.time if motion.time is not None else np.empty(0),
         "q": motion.q, "v": motion.v, "a": motion.a, "closure_error": motion.closure_error,
         "driver_speed": motion.driver_speed, "angles": motion.angles,
-        "mechanism": motion.mechanism.name, "per": motion.per, "held": np.array(motion.held, str),
+        "mechanism": motion.mechanism.name, "per": motion.per,
+        "held": np.array(written(motion.held), str),
         "coordinates": np.array(motion.mechanism.coordinates),
         "event_kind": np.array([e.kind for e in motion.events], dtype=str),
         "event_value": np.array([e.value for e in motion.events], dtype=float),
@@ -522,7 +533,7 @@ def fields_of(content: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
         "driver_name": str(content["driver_name"]),
         "time": content["time"] if content["time"].size else None,
         "events": [Event(*e) for e in events], "per": str(content.get("per", "s")),
-        "held": tuple(content["held"].tolist()) if "held" in content else (BASE,),
+        "held": as_written(content["held"].tolist()) if "held" in content else (BASE,),
         **{name: content[name] for name in arrays},
     }
 
@@ -546,3 +557,17 @@ def first_samples(motion: Motion, n: int) -> Motion:
         motion.closure_error[:n], motion.driver_speed[:n],
         [event for event in motion.events if event.row < n], motion.angles[:n], motion.per,
         motion.held)
+
+
+def made(**fields: Any) -> Motion:
+    """Return a Motion of all its fields, of arrays that are finite and that nobody writes any more.
+
+    In place of events that depend on nothing but these fields, `_look` may be a function of the
+    motion that looks for them when they are asked for.
+    """
+    motion = Motion.__new__(Motion)
+    for x in fields.values():
+        if type(x) is np.ndarray:
+            x.setflags(False)  # type: ignore[call-arg]  # by keyword it takes twice as long
+    motion.__dict__ = fields
+    return motion

@@ -102,8 +102,13 @@ class BeyondLimit(NamedTuple):
 
 def velocity_limits(mechanism: Mechanism) -> list[RatedLimit]:
     """Return the velocity limits that the URDF states, in the order of the coordinates."""
-    return [RatedLimit(VELOCITY, c.name, c.v, float(x), f"{c.unit}/s")
-            for c, x in _stated(mechanism, mechanism.model.upperVelocityLimit)]
+    values = mechanism.model.upperVelocityLimit  # which anybody may change
+    known: tuple[bytes, list[RatedLimit]] | None = mechanism.memo.get("velocity limits")
+    if known is None or known[0] != values.tobytes():
+        known = mechanism.memo["velocity limits"] = values.tobytes(), [
+            RatedLimit(VELOCITY, c.name, c.v, float(x), f"{c.unit}/s")
+            for c, x in _stated(mechanism, values)]
+    return known[1]
 
 
 def effort_limits(mechanism: Mechanism) -> list[RatedLimit]:

@@ -9,14 +9,15 @@ import numpy as np
 
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State
-from spatial_pin.errors import AssemblyError, SingularError
+from spatial_pin.brief import counted
+from spatial_pin.errors import AssemblyError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Spring
 from spatial_pin.mechanism.resistance import resistance_texts
 from spatial_pin.mobility.mobility import Mobility, mobility
-from spatial_pin.motion.dead_centres import dead_centres
-from spatial_pin.motion.motion import Event, Motion
+from spatial_pin.motion.dead_centres import known_dead_centres
+from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.summary import heading, ranges
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -118,7 +119,7 @@ def _closure_text(closure: Any) -> str:
         return f"coupling: {b} = {closure.ratio:g} * {a}{offset} (1 equation){stated}"
     length = f", as far as {' - '.join(closure.between)}" if closure.between else ""
     return (f"{closure.type}: {closure.frames[0]} - {closure.frames[1]}{length} "
-            f"({closure.n_rows} equation{'s' * (closure.n_rows != 1)}){stated}")
+            f"({counted(closure.n_rows, 'equation')}){stated}")
 
 
 def _spring_text(mechanism: Mechanism, spring: Spring) -> str:
@@ -169,13 +170,5 @@ def shown_value(state: State, name: str) -> float:
 
 def motion_summary(motion: Motion) -> str:
     """Return the ranges of a motion's coordinates, its accuracy, its events and dead centres."""
-    events = [*_dead_centres(motion), *motion.events]
+    events = [*known_dead_centres(motion), *motion.events]
     return "\n".join([heading(motion), *ranges(motion), *(f"  {event.text}" for event in events)])
-
-
-def _dead_centres(motion: Motion) -> list[Event]:
-    """Return the dead centres of the outputs, as far as they can be located."""
-    try:
-        return dead_centres(motion) if len(motion) > 1 and motion.driver is not None else []
-    except SingularError:
-        return []

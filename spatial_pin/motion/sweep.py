@@ -6,19 +6,30 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from spatial_pin.assembly.held_start import held_start
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State
-from spatial_pin.checks import as_array, checked, finite_array, finite_number, mapping, names_of
+from spatial_pin.checks import (
+    FEW,
+    as_array,
+    checked,
+    finite_array,
+    finite_number,
+    is_finite,
+    mapping,
+    names_of,
+)
 from spatial_pin.constraints.closure_equations import evaluation_of
+from spatial_pin.constraints.workspaces import made_once
+from spatial_pin.continuation.at_once import swept_at_once
 from spatial_pin.continuation.cursor import FARTHEST
 from spatial_pin.continuation.follow import followed_as_far, followed_in_order
 from spatial_pin.continuation.pseudo_arclength import Arrival
-from spatial_pin.continuation.start import Start
+from spatial_pin.continuation.start import Start, moving_drivers
 from spatial_pin.errors import Interrupted, LimitError, SingularError, SpatialPinError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.paths import Samples
@@ -26,7 +37,7 @@ from spatial_pin.mechanism.coordinates import driver_coordinates, needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.motion.joint_limits import joint_limit_events
-from spatial_pin.motion.motion import Event, Motion
+from spatial_pin.motion.motion import Event, Motion, made
 from spatial_pin.motion.rated_limits import velocity_limit_events
 from spatial_pin.motion.rounding import check_gaps
 from spatial_pin.numerics.linalg import Array
@@ -37,6 +48,7 @@ from spatial_pin.settings import Accuracy, accuracy_of
 
 FAST = 300.0  # speed of a joint by the driver's, and by the least over the motion, near a limit
 FAR_SLIDE = 20.0  # characteristic lengths that no slide has to go, near where a branch was lost
+FASTEST = 1e100  # speed below which nothing overflows, nor in times above its inverse
 DRIFTED = 1e-3  # closure error that a fixed number of corrections may leave without a word
 
 
@@ -119,44 +131,31 @@ def sweep(
     values = as_array(values, "values")
     if not values.size:
         raise ValueError("values is empty; a sweep needs at least one driver value")
-    values = finite_array(values if values.ndim else values[None], (values.size,), "values")
-    speeds = _per_sample(1.0 if speed is None else speed, values, "speed")
-    accels = None
-    if type(acceleration) is not float or acceleration != 0.0:
-        accels = _per_sample(acceleration, values, "acceleration")
-        accels = accels if accels.any() else None
-    if speed is None and accels is not None:
-        raise ValueError("an acceleration is given but no speed: give both (speed=0.0 at rest)")
+    values = values if values.ndim else values[None]
+    if values.ndim > 1 or not is_finite(values):
+        values = finite_array(values, (values.size,), "values")  # says what is wrong
+    speeds, accels = _rates_asked(speed, acceleration, values)
     coordinate = mechanism.prescribed_coordinate(driver)
     given = mapping(hold, "hold") if isinstance(hold, Mapping) else {}
-    held: tuple[str, ...] = () if hold is None else (BASE,) if isinstance(
+    held = (hold,) if isinstance(hold, str) else () if hold is None else (BASE,) if isinstance(
         hold, Mapping) else tuple(names_of(hold, "hold"))
-    check_not_held(mechanism, [coordinate], held)
-    first = {**given, coordinate.name: float(values[0])}
-    state, gone = held_start(mechanism, first, guess, held, _tight(accuracy))
-    mechanism = state.mechanism
-    stop, n, is_cut = None, len(values), False
-    crossed: list[tuple[float, int]] = []
-    bar = progress_bar(n, f"{mechanism.name}: {driver}", progress)
-    with bar, evaluation_of(mechanism) as evaluation, kernel_of(mechanism) as kernel:
-        start = Start.along(state, [driver, *given], held, accuracy, kernel, evaluation)
-        samples = followed_in_order(start, values, bar) if accuracy.corrections is None else None
-        if samples is None:
-            samples = start.samples(n)
-            passed = crossed if on_crossing == "straight" else None
-            n, stop, is_cut = followed_as_far(start, values, samples, passed, bar)
-    motion = _motion(mechanism, driver, samples, values[:n], speeds[:n], type(speed) is float,
+    begun = None
+    if not given and (guess is None or isinstance(guess, State)):
+        begun = swept_at_once(mechanism, coordinate.name, held, values, accuracy,
+                              min(accuracy.tolerance, TOLERANCES.tight), guess)
+    if begun is not None and begun[0] == len(values):
+        way = _Way(mechanism, begun[1], len(values))
+    else:
+        way = _followed(mechanism, driver, coordinate, values, guess, given, held, accuracy,
+                        on_crossing == "straight", progress, begun)
+    n, stop = way.n, way.stop
+    motion = _motion(way, driver, values[:n], speeds[:n], type(speed) is float,
                      None if accels is None else accels[:n],
-                     coordinate.unit if speed is None else "s")
-    motion.held = held
+                     coordinate.unit if speed is None else "s", held)
     check_gaps(motion, accuracy.gap)
-    motion.events += [Event("released", float(values[0]), 0, text) for text in gone]
-    motion.events += _released(state, start.driven, start.still, float(values[0]))
-    motion.events += [crossed_event(value, row, f"{driver} = {value:.12g} {coordinate.unit}")
-                      for value, row in crossed]
-    motion.events += [*_near_limit(motion, samples.t[:n]), *_drift(motion),
-                      *joint_limit_events(motion), *velocity_limit_events(motion)]
-    if is_cut:
+    if passed := [*joint_limit_events(motion), *velocity_limit_events(motion)]:
+        motion.events += passed
+    if way.is_cut:
         raise Interrupted(motion)
     if stop is not None:
         motion.events.append(stop_event(stop, n, f"{driver} = {stop.value:.12g} {coordinate.unit}",
@@ -167,6 +166,55 @@ def sweep(
     return motion
 
 
+class _Way(NamedTuple):
+    """The samples of a sweep.
+
+    Attributes:
+        mechanism: without the equations that a rounded file contradicts.
+        samples: of them the first `n` are done.
+        n: how many were reached.
+        stop: what ended the motion before the last, if anything did.
+        is_cut: whether Ctrl-C did.
+        events: drivers released at the first value, branch points passed.
+    """
+
+    mechanism: Mechanism
+    samples: Samples
+    n: int
+    stop: Arrival | None = None
+    is_cut: bool = False
+    events: Sequence[Event] = ()
+
+
+def _followed(
+    mechanism: Mechanism, driver: str, coordinate: Coordinate, values: Array, guess: Any,
+    given: Mapping[str, float], held: tuple[str, ...], accuracy: Accuracy, is_straight: bool,
+    progress: bool, begun: tuple[int, Samples] | None,
+) -> _Way:
+    """Return the samples, also beyond what the kernel has `begun`, as far as the branch goes."""
+    check_not_held(mechanism, [coordinate], held)
+    first, n = values.item(0), len(values)
+    state, gone = held_start(
+        mechanism, {**given, coordinate.name: first}, guess, held, _tight(accuracy))
+    mechanism, stop, is_cut = state.mechanism, None, False
+    crossed: list[tuple[float, int]] = []
+    bar = progress_bar(n, f"{mechanism.name}: {driver}", progress)
+    with bar, evaluation_of(mechanism) as evaluation, kernel_of(mechanism) as kernel:
+        start = Start.along(state, [driver, *given], held, accuracy, kernel, evaluation)
+        samples = None
+        if accuracy.corrections is None and begun is None:
+            samples = followed_in_order(start, values, bar)
+        if samples is None:
+            done, samples = begun or (0, start.samples(n))
+            n, stop, is_cut = followed_as_far(
+                start, values, samples, crossed if is_straight else None, bar, done)
+    events = [Event("released", first, 0, text) for text in gone]
+    events += _released(state, start.driven, start.still, first)
+    events += [crossed_event(value, row, f"{driver} = {value:.12g} {coordinate.unit}")
+               for value, row in crossed]
+    return _Way(mechanism, samples, n, stop, is_cut, events)
+
+
 def _released(
     state: State, driven: Sequence[Coordinate], still: Sequence[int], value: float
 ) -> list[Event]:
@@ -174,9 +222,8 @@ def _released(
 
     A coordinate that moves the only freedoms there are moves the drivers: that is no event.
     """
-    mechanism = state.mechanism
-    drivers = driver_coordinates(mechanism)
-    moving = {name for name, c in drivers.items() if c not in driven and c.v not in still}
+    drivers = driver_coordinates(state.mechanism)
+    moving = moving_drivers(state.mechanism, driven, still)
     if len(moving) == len(drivers) or not (moving or state.released):
         return []
     texts: list[str] = []
@@ -206,47 +253,70 @@ def check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
         raise ValueError(f"{name} is {value!r}; it is one of {', '.join(map(repr, choices))}")
 
 
+def _rates_asked(speed: Any, acceleration: Any, values: Array) -> tuple[Array, Array | None]:
+    """Return the driver's speeds and accelerations (N,); None where these are zero."""
+    speeds = _per_sample(1.0 if speed is None else speed, values, "speed")
+    if type(acceleration) is float and acceleration == 0.0:
+        return speeds, None
+    accels = _per_sample(acceleration, values, "acceleration")
+    if not accels.any():
+        return speeds, None
+    if speed is None:
+        raise ValueError("an acceleration is given but no speed: give both (speed=0.0 at rest)")
+    return speeds, accels
+
+
 def _per_sample(value: Any, values: Array, what: str) -> Array:
     """Return one number, or one for every sample, as (N,)."""
     numbers = value if type(value) is float else as_array(value, what)
     if isinstance(numbers, np.ndarray) and numbers.ndim:
-        return finite_array(numbers, values.shape, what)
-    return np.full(values.shape, finite_number(float(numbers), what))
+        return finite_array(numbers, values.shape, what).copy()
+    speeds = np.empty(len(values))
+    speeds.fill(finite_number(float(numbers), what))
+    return speeds
+
+
+def _motion(
+    way: _Way, driver: str, values: Array, speeds: Array, is_steady: bool, accels: Array | None,
+    per: str, held: tuple[str, ...],
+) -> Motion:
+    samples = way.samples if way.n == len(way.samples.q) else way.samples.between(0, way.n)
+    v, a, time = samples.t, samples.c, None
+    if per == "s":
+        speed = speeds.item(0) if is_steady and way.n and accels is None else 0.0
+        if 1.0 / FASTEST < abs(speed) < FASTEST:
+            v, a, time = v * speed, a * (speed * speed), _time(values, speed)
+        else:
+            v, a, time = _scaled(v, a, values, speeds, accels)
+    check_finite(v, a, "the speeds and accelerations of the sweep")
+    return made(
+        mechanism=way.mechanism, driver=values.copy(), driver_name=driver, time=time,
+        q=samples.q, v=v, a=a, closure_error=samples.error, driver_speed=speeds,
+        angles=samples.angles, per=per, held=held,
+        _look=lambda motion: [*way.events, *_near_limit(motion, samples.t), *_drift(motion)])
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows is refused
-def _motion(
-    mechanism: Mechanism, driver: str, samples: Samples, values: Array, speeds: Array,
-    is_steady: bool, accels: Array | None, per: str,
-) -> Motion:
-    n = len(values)
-    v, a, time = samples.t[:n], samples.c[:n], None
-    if per == "s":
-        is_steady = n > 0 and (is_steady or bool((speeds == speeds[0]).all()))
-        speed = float(speeds[0]) if is_steady else speeds[:, None]
-        a = a * (speed * speed)
-        if accels is not None:
-            a += v * accels[:, None]
-        elif is_steady:
-            time = _time(values, float(speeds[0]))
-        v = v * speed
-    check_finite(v, a, "the speeds and accelerations of the sweep")
-    return Motion(
-        mechanism=mechanism, driver=values.copy(), driver_name=driver, time=time,
-        q=samples.q[:n], v=v, a=a, closure_error=samples.error[:n], driver_speed=speeds.copy(),
-        angles=samples.angles[:n], per=per)
+def _scaled(
+    t: Array, c: Array, values: Array, speeds: Array, accels: Array | None
+) -> tuple[Array, Array, Array | None]:
+    """Return rates, accelerations and, if the speed is the same all along, times."""
+    speed = speeds[:, None]
+    a = c * (speed * speed)
+    if accels is not None:
+        return t * speed, a + t * accels[:, None], None
+    is_steady = len(values) > 0 and bool((speeds == speeds[0]).all())
+    return t * speed, a, _time(values, speeds.item(0)) if is_steady else None
 
 
 def _near_limit(motion: Motion, t: Array) -> list[Event]:
     """Report samples near a limit position, where joints move so fast that digits are lost."""
     if not len(t):
         return []
-    size = motion.mechanism.velocity_scale
-    of_driver = float(size[motion.mechanism.coordinate(motion.driver_name).v])
-    # no entry is larger than the length of all, by the least size
-    if math.sqrt(np.vdot(t, t)) * of_driver < 0.5 * FAST * min(size.tolist()):
+    of_driver, slow = _sizes(motion.mechanism, motion.driver_name)
+    if np.vdot(t, t) < slow:  # no entry is larger than the length of all
         return []
-    paces = np.abs(t / size) * of_driver
+    paces = np.abs(t / motion.mechanism.velocity_scale) * of_driver
     if paces.max() <= FAST:
         return []
     pace = paces.max(axis=1)
@@ -261,9 +331,18 @@ def _near_limit(motion: Motion, t: Array) -> list[Event]:
     return [Event("near limit", value, row, text)]
 
 
+@made_once
+def _sizes(mechanism: Mechanism, driver: str) -> tuple[float, float]:
+    """Return the driver's size, and a square of dq/ds (nv,) that no joint is fast with."""
+    sizes = mechanism.velocity_scale
+    of_driver = float(sizes[mechanism.coordinate(driver).v])
+    return of_driver, (0.5 * FAST * float(sizes.min()) / of_driver) ** 2
+
+
 def _drift(motion: Motion) -> list[Event]:
     """Report where a motion that is not corrected to tolerance has left its closed loops."""
-    if not motion.closure_error.max(initial=0.0) > DRIFTED:
+    errors = motion.closure_error
+    if not (max(errors.tolist(), default=0.0) if len(errors) < FEW else errors.max()) > DRIFTED:
         return []
     row = int(np.argmax(motion.closure_error > DRIFTED))
     value, unit = float(motion.swept[row]), motion.driver_unit
@@ -276,8 +355,10 @@ def _time(values: Array, speed: float) -> Array | None:
     """Return (value - first)/speed where that rises from sample to sample, else None."""
     if speed == 0.0:
         return None
+    if len(values) == 1:
+        return np.zeros(1)
     time = (values - values[0]) / speed + 0.0  # nor -0.0
-    rises = len(values) < 2 or (math.isfinite(time[-1]) and (time[1:] > time[:-1]).all())
+    rises = not len(values) or (math.isfinite(time[-1]) and (time[1:] > time[:-1]).all())
     return time if rises else None
 
 

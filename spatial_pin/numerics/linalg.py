@@ -76,15 +76,15 @@ def decompose(a: Array, tolerance: float = TOLERANCES.rank) -> Decomposition:
     return Decomposition(u, s, vt, rank)
 
 
-def full_decomposition(a: Array, tolerance: float = TOLERANCES.rank) -> Decomposition:
+def full_decomposition(a: Array) -> Decomposition:
     """Decompose `a` (m, n) with `u` (m, m) and `vt` (n, n) whole: all four subspaces."""
     m, n = a.shape
     if not a.size:
         return Decomposition(np.eye(m), np.empty(0), np.eye(n), 0)
     if not np.isfinite(a).all():
-        return decompose(a, tolerance)  # which refuses it
+        return decompose(a)  # which refuses it
     u, s, vt = np.linalg.svd(a, full_matrices=True)
-    rank = int(np.count_nonzero(s > max(tolerance * s[0], TOLERANCES.zero)))
+    rank = int(np.count_nonzero(s > max(TOLERANCES.rank * s[0], TOLERANCES.zero)))
     return Decomposition(u, s, vt, rank)
 
 
@@ -113,16 +113,15 @@ class Triangular:
 
     Args:
         a: the matrix; columns and rows are expected to be scaled alike.
-        tolerance: below which part of the longest row what is left of one is none.
     """
 
-    def __init__(self, a: Array, tolerance: float = TOLERANCES.rank) -> None:
+    def __init__(self, a: Array) -> None:
         if not np.isfinite(a).all():
             raise SingularError(NOT_FINITE)
         self._rows, self._n = a.shape
         self._factors, self._order, self._tau = dense.qr(a.T)
         sizes = np.abs(self._factors.diagonal())
-        least = max(tolerance * float(sizes.max(initial=0.0)), TOLERANCES.zero)
+        least = max(TOLERANCES.rank * float(sizes.max(initial=0.0)), TOLERANCES.zero)
         self.rank = int(np.count_nonzero(sizes > least))
 
     @property

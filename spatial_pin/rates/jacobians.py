@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.assembly.holding import BASE, Hold, free_bases
+from spatial_pin.assembly.holding import BASE, Hold, free_bases, is_base
 from spatial_pin.assembly.state import WORLD_AXES, State, of_mechanism
 from spatial_pin.brief import brief
 from spatial_pin.checks import checked, names_of
@@ -127,7 +127,7 @@ def moving_coordinates(
         ValueError: a driver is named twice.
     """
     if drivers is None:
-        chosen = _usual_coordinates(mechanism)
+        chosen = _default_coordinates(mechanism)
     else:
         chosen = [c for name in names_of(drivers, "drivers")
                   for c in rate_coordinates(mechanism, name)]
@@ -136,11 +136,13 @@ def moving_coordinates(
             raise ValueError(f"drivers: {c.name!r} is named twice")
     moved = {c.joint for c in chosen}
     names = () if hold is None else names_of(hold, "hold")
-    bases = [] if BASE in names else [x for x in free_bases(mechanism) if x not in moved]
+    if any(is_base(mechanism, name) for name in names):
+        return chosen
+    bases = [joint for joint in free_bases(mechanism) if joint not in moved]
     return [*chosen, *(c for joint in bases for c in rate_coordinates(mechanism, joint))]
 
 
-def _usual_coordinates(mechanism: Mechanism) -> list[Coordinate]:
+def _default_coordinates(mechanism: Mechanism) -> list[Coordinate]:
     """Return the drivers; of an open tree that names none, all velocity entries but of bases."""
     drivers = driven_coordinates(mechanism, ())
     joints = dict(zip(list(mechanism.model.names)[1:], mechanism.pairs, strict=True))
@@ -202,7 +204,7 @@ def jacobian_rate(
         for w in rates.columns().T:
             turned = _bracket(mechanism, state.v, w)
             polar = rates.acceleration(state.v + w) - rates.acceleration(state.v - w)
-            spread = rates.answer(_row_brackets(evaluation, turned, state.v, w))
+            spread = rates.answer(_equation_brackets(evaluation, turned, state.v, w))
             columns.append(moving.rate(w, turned)
                            + moving.jacobian @ (0.25 * polar + 0.5 * spread))
     return np.array(columns).reshape(-1, 6).T
@@ -244,8 +246,8 @@ def _bracket(mechanism: Mechanism, u: Array, w: Array) -> Array:
     return out
 
 
-def _row_brackets(evaluation: Evaluation, turned: Array, u: Array, w: Array) -> Array:
-    """Return what the rows' Jacobians at u differ by from symmetry, (n_closure + n_passive,).
+def _equation_brackets(evaluation: Evaluation, turned: Array, u: Array, w: Array) -> Array:
+    """Return what the equations' Jacobians at u lack of symmetry, (n_closure + n_passive,).
 
     The spin about a line fixed in a body is no function of the configuration: the body's angular
     velocities have a bracket of their own.

@@ -171,7 +171,7 @@ def solve_jerks(
     with (kernel_of(mechanism) as kernel, evaluation_of(mechanism, state.angles) as evaluation):
         rates = placed(kernel, state, given)
         evaluation.update(state.q)
-        j = rates.answer(_row_jerks(evaluation, state, bodies), drive)
+        j = rates.answer(_equation_jerks(evaluation, state, bodies), drive)
     return Jerks(state, j, bodies + columns @ j)
 
 
@@ -205,8 +205,8 @@ def placement_rates(g: Array, twist: Array, accel: Array, jerk: Array) -> list[A
     return [g, g1, g2, h @ g2 + 2.0 * dh @ g1 + ddh @ g]
 
 
-def _row_jerks(evaluation: Evaluation, state: State, bodies: Array) -> Array:
-    """Return the third derivatives (n_closure + n_passive,) of the rows at zero joint jerk."""
+def _equation_jerks(evaluation: Evaluation, state: State, bodies: Array) -> Array:
+    """Return the third derivatives (n_closure + n_passive,) of the equations at zero joint jerk."""
     c = evaluation.constraints
     twists, accels = evaluation.move(state.q, state.v, state.a)
     rates = placement_rates(evaluation.placements, twists, accels, bodies)
@@ -219,7 +219,7 @@ def _row_jerks(evaluation: Evaluation, state: State, bodies: Array) -> Array:
 
 
 def _product_rate(a: list[Array], b: list[Array], order: int) -> Array:
-    """Return a derivative (n,) of the rows' products a . b [Leibniz]."""
+    """Return a derivative (n,) of the equations' products a . b [Leibniz]."""
     binomial = ((1,), (1, 1), (1, 2, 1), (1, 3, 3, 1))[order]
     return sum(f * np.vecdot(a[order - k], b[k]) for k, f in enumerate(binomial))  # type: ignore[return-value]
 

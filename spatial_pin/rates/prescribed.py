@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from spatial_pin.checks import finite_array, finite_number
+from spatial_pin.mechanism.coordinates import coordinates_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
@@ -25,7 +26,7 @@ def rate_coordinates(mechanism: Mechanism, name: str) -> list[Coordinate]:
     Raises:
         UnknownNameError: there is none.
     """
-    components = components_of(mechanism, name)
+    components = coordinates_of(mechanism, name)
     if len(components) < 2 or name in mechanism.drivers:
         return [mechanism.coordinate(name)]
     if PAIRS[mechanism.pair_of(name)].is_linear:
@@ -33,16 +34,11 @@ def rate_coordinates(mechanism: Mechanism, name: str) -> list[Coordinate]:
     return [VelocityEntry(*c) for c in components]
 
 
-def components_of(mechanism: Mechanism, joint: str) -> list[Coordinate]:
-    """Return the coordinates of a joint, none if there is no such joint."""
-    return [c for c in mechanism.coordinate_table.values() if c.joint == joint]
-
-
 def siblings(mechanism: Mechanism, named: Iterable[Coordinate]) -> list[Coordinate]:
     """Return the other coordinates of the joints of which some coordinates are named."""
     named = list(named)
     joints = dict.fromkeys(c.joint for c in named)
-    return [c for joint in joints for c in components_of(mechanism, joint) if c not in named]
+    return [c for joint in joints for c in coordinates_of(mechanism, joint) if c not in named]
 
 
 def rates_given(

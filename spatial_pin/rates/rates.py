@@ -11,8 +11,7 @@ from spatial_pin.assembly.close import scaled_row
 from spatial_pin.assembly.holding import BASE, Hold, divided, free_bases, held_by
 from spatial_pin.assembly.state import State, made, of_mechanism
 from spatial_pin.checks import checked, finite_number, is_finite, mapping, names_of
-from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
-from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.constraints.closure_equations import Evaluation, evaluated, evaluation_of
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.rates import Chosen, Solved
@@ -87,9 +86,7 @@ def _with_standing(state: State, wanted: list[Coordinate], hold: Hold) -> list[C
     drivers = driven_coordinates(mechanism, mechanism.drivers)
     wanted, still = divided(mechanism, wanted, hold)
     others = [c for c in divided(mechanism, drivers, hold)[0] if c not in wanted]
-    evaluation = Evaluation(constraints_of(mechanism))
-    evaluation.angle_reference[:] = state.angles
-    evaluation.update(state.q)
+    evaluation = evaluated(mechanism, state.q, state.angles)
     n = evaluation.constraints.n_closure
     rows = np.vstack([evaluation.jacobian[independent_rows(evaluation.jacobian[:n])],
                       evaluation.jacobian[n:], np.eye(mechanism.model.nv)[list(still)]])

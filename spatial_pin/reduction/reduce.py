@@ -15,7 +15,7 @@ from spatial_pin.checks import checked
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.mechanism.coordinates import joint_values, needed
+from spatial_pin.mechanism.coordinates import coordinates_of, joint_values, needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.resistance import resists
@@ -322,8 +322,7 @@ def _locked(
     joints = set()
     for name in values:
         joint = mechanism.coordinate(name).joint
-        missing = [c.name for c in mechanism.coordinate_table.values()
-                   if c.joint == joint and c.name not in values]
+        missing = [c.name for c in coordinates_of(mechanism, joint) if c.name not in values]
         if missing:
             raise SpatialPinError(
                 f"mechanism {mechanism.name!r}: {name!r} alone cannot be locked: lock all "
@@ -380,7 +379,6 @@ def _coordinates(mechanism: Mechanism, state: State) -> dict[str, Any]:
     """Return the coordinates of a state by the joints of a reduced mechanism, as a file's guess."""
     out: dict[str, Any] = {}
     for joint in list(mechanism.model.names)[1:]:
-        own = [state.coordinate(c.name).value for c in mechanism.coordinate_table.values()
-               if c.joint == joint]
+        own = [state.coordinate(c.name).value for c in coordinates_of(mechanism, joint)]
         out[joint] = own[0] if len(own) == 1 else own
     return out

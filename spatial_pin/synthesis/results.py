@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State
-from spatial_pin.brief import brief
+from spatial_pin.brief import brief, counted
 from spatial_pin.dimensions.homotopy import followed
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.joint_limits import joint_limits
@@ -298,7 +298,7 @@ class Designs(Sequence[Design]):
     def __getitem__(self, k: int | slice) -> Design | tuple[Design, ...]:
         if isinstance(k, int) and not -len(self) <= k < len(self):
             raise IndexError(f"{self.name}: there is no design {k}; {len(self)} were found, "
-                             f"from {self._starts}{self._why}")
+                             f"from {counted(self.starts, 'start')}{self._why}")
         return self.designs[k]
 
     def __iter__(self) -> Iterator[Design]:
@@ -320,10 +320,6 @@ class Designs(Sequence[Design]):
                 "designs": [design.as_dict() for design in self.designs]}
 
     @property
-    def _starts(self) -> str:
-        return f"{self.starts} start{'s' * (self.starts != 1)}"
-
-    @property
     def _why(self) -> str:
         """Why there is no design, in words that go on a sentence; empty if there is one."""
         if self.designs or not self.failed:
@@ -338,9 +334,9 @@ class Designs(Sequence[Design]):
         return f"Designs({self.name!r}: {len(self)} from {self.starts} starts{best})"
 
     def __str__(self) -> str:
-        n = len(self.designs)
         none = f", {self.failed} of them without one" if self.failed else ""
-        head = (f"{self.name}: {n} design{'s' * (n != 1)} from {self._starts}{none}; "
+        head = (f"{self.name}: {counted(len(self), 'design')} from "
+                f"{counted(self.starts, 'start')}{none}; "
                 f"{self.evaluations} sets of dimensions tried"
                 f"{'' if self.is_whole else '; cut short'}{self._why}")
         return "\n".join([*textwrap.wrap(head, REPORT_WIDTH),

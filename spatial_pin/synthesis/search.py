@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -15,6 +15,7 @@ import numpy as np
 
 from spatial_pin.checks import whole_number
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.executors import in_order
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mobility.mobility import mobility
@@ -158,20 +159,11 @@ class _Search:
                 bar.update()
 
     def _all(self, work: Callable[..., Any], jobs: Sequence[Any]) -> Iterator[Any]:
-        """Yield what some work makes of jobs, in their order, wherever it is done."""
+        """Return what some work makes of jobs, in their order, wherever it is done."""
         if self._executor is None:
-            for job in jobs:
-                yield work(self._problem, job)
-            return
-        futures = list[Future[Any]]()
-        try:
-            for job in jobs:
-                futures.append(self._executor.submit(_there, work, self._spec, self._key, job))
-            for future in futures:
-                yield future.result()
-        finally:
-            for future in futures:
-                future.cancel()
+            return in_order(None, work, [(self._problem, job) for job in jobs])
+        return in_order(self._executor, _there,
+                        [(work, self._spec, self._key, job) for job in jobs])
 
     def _charted(self, seed: int, progress: bool) -> list[Begin]:
         """Return starts from curves that look like a path, the most alike first."""

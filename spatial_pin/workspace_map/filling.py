@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin.executors import in_order
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.workspace_map.lines import Asked, Followed, Run, followed
@@ -157,18 +158,9 @@ def spread(
     executor: Executor | None,
 ) -> Iterator[Any]:
     """Yield what some work makes of jobs, in their order, wherever it is done."""
-    parts = [jobs[k : k + LINES_TOGETHER] for k in range(0, len(jobs), LINES_TOGETHER)]
-    if executor is None:
-        for part in parts:
-            yield from work(asked, part)
-        return
-    futures = [executor.submit(work, asked, part) for part in parts]
-    try:
-        for future in futures:
-            yield from future.result()
-    finally:
-        for future in futures:
-            future.cancel()
+    parts = [(asked, jobs[k : k + LINES_TOGETHER]) for k in range(0, len(jobs), LINES_TOGETHER)]
+    for found in in_order(executor, work, parts):
+        yield from found
 
 
 def signs(values: Array) -> NDArray[np.int8]:

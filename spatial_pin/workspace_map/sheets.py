@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from spatial_pin.assembly.holding import BASE, held_by
+from spatial_pin.assembly.holding import held_by, is_base
 from spatial_pin.assembly.state import State
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.coordinates import coordinate_value
@@ -49,7 +49,7 @@ def other_starts(filling: Filling) -> Iterator[tuple[Index, Followed]]:
 
 def _held(asked: Asked) -> list[str]:
     """Return the coordinates that are held, but for those of free bases, which stand anyway."""
-    held = held_by(asked.mechanism, [name for name in asked.hold if name != BASE])
+    held = held_by(asked.mechanism, [x for x in asked.hold if not is_base(asked.mechanism, x)])
     return [c.name for c in asked.mechanism.coordinate_table.values()
             if c in held.coordinates or c.v in held.entries]
 

@@ -10,17 +10,17 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.assembly.close import DAMPED_STEPS, NOTHING, close, closed, finite
+from spatial_pin.assembly.close import NOTHING, close, closed, finite
 from spatial_pin.assembly.rounding import cut_of
 from spatial_pin.assembly.search.guesses import NEAR_GUESS, OPEN, Guess, far_ones
 from spatial_pin.assembly.search.release import least_motion
-from spatial_pin.assembly.search.targets import free_but, left_of
+from spatial_pin.assembly.search.targets import asked_of, free_but, left_of
 from spatial_pin.assembly.search.whole_turns import periodic, turned_apart
 from spatial_pin.assembly.state import all_angles
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.workspaces import made_once
-from spatial_pin.kernel.closer import LOOSE, Closed, Examined, Meant, Reached, Shakes, closer_of
+from spatial_pin.kernel.closer import LOOSE, Closed, Examined, Meant, Reached, closer_of
 from spatial_pin.lazy import cached_property
 from spatial_pin.mechanism.coordinates import coordinate_round_off, coordinate_value, with_values
 from spatial_pin.mechanism.joint_limits import position_limits
@@ -108,8 +108,8 @@ class Closing:
         self.pinned = {name: self.held[name] for name in left.pinned} if left.pinned else NOTHING
         self.still, self.free, self.first = left.still, left.free, left.first
         self.further, self._is_whole, self._guess = left.further, left.is_whole, guess
+        self._left = left
         self.goal = with_values(self.mechanism, guess.q, self.held)
-        self._meant = Meant(self.goal, left.said, *position_limits(self.mechanism))
 
     @cached_property
     def named(self) -> dict[str, float]:
@@ -137,19 +137,19 @@ class Closing:
         return closed(self.mechanism, q, free, self.equations.reference, tolerance,
                       pinned=pinned)
 
-    def reached(self, starts: Sequence[Array], shakes: Shakes | None = None) -> Iterable[Reached]:
+    def reached(self, starts: Sequence[Array], shaken: bool = False) -> Iterable[Reached]:
         """Return where starts (nq,) lead, first while what is named is held too.
 
-        Of starts `AT_ONCE` at most; with `shakes` see `Closer.reach`.
+        Of starts `AT_ONCE` at most; where it is `shaken` see `Closer.reach`.
         """
         if self.whole is not None:
             return map(self._reached_by_all, starts)
         if not starts:
             return ()
+        asked = asked_of(self.mechanism, self._left, self.tolerance)
         with closer_of(self.mechanism, self.pinned) as closer:
-            found = closer.reach(starts, self.free, self.equations.reference, self.tolerance,
-                                 DAMPED_STEPS, self.pinned.values(), TOLERANCES.rank, self.first,
-                                 self._meant, shakes)
+            found = closer.reach(starts, asked, self.goal, self.equations.reference,
+                                 self.pinned.values(), shaken)
         return map(finite, found)
 
     def _reached_by_all(self, q: Array) -> Reached:
@@ -158,19 +158,18 @@ class Closing:
             q = self.closed(q, self.first, self.pinned, max(self.tolerance, LOOSE)).q
         return self.seen(self.closed(q, self.free, self.pinned).q)
 
-    def shakes(self) -> Shakes | None:
-        """Return the further starts that `reached` can try, with the first one, in one call."""
+    def may_be_shaken(self) -> bool:
+        """Whether `reached` can try further starts with the first one, in one call."""
         further = self.further
         if self.whole is not None or self.let_go or not self._is_whole or further is None:
-            return None
-        if further.lengths and far_ones(self.mechanism, self.named, further):
-            return None
-        return further.first
+            return False
+        return not (further.lengths and far_ones(self.mechanism, self.named, further))
 
     def seen(self, q: Array) -> Reached:
         """Return what q (nq,) is, whole turns taken off its angles."""
         with closer_of(self.mechanism) as closer:
-            return closer.judge(q, self.equations.reference, self._meant)
+            return closer.judge(q, self.equations.reference, Meant(
+                self.goal, self._left.said, *position_limits(self.mechanism)))
 
     def examined(self, q: Array) -> Examined:
         """Return what the equations, of the mechanism alone, are like at q (nq,)."""

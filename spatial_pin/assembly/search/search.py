@@ -20,7 +20,7 @@ from spatial_pin.assembly.search.guesses import (
 )
 from spatial_pin.assembly.search.release import can_move, can_stand, least_motion
 from spatial_pin.assembly.search.within_limits import violated_limit, within_limits
-from spatial_pin.kernel.closer import AT_ONCE, Examined, Reached, Shakes
+from spatial_pin.kernel.closer import AT_ONCE, Examined, Reached
 from spatial_pin.numerics.linalg import Array
 
 # Starts of drivers that stand, where they need go a little only for the loops to close: a place
@@ -32,6 +32,11 @@ MORE_STARTS = AT_ONCE
 # rad, characteristic lengths; drivers that go no further are just out of reach: by rounding of what
 # one reads off a drawing, not by a wrong value.
 OUT_OF_REACH = 0.05
+
+
+def is_nearer(distance: float, best: float) -> bool:
+    """Whether a place is nearer than the best one, by more than closing leaves in doubt."""
+    return distance < best * (1.0 - 1e-6) - 1e-9
 
 
 class Search:
@@ -64,7 +69,7 @@ class Search:
         """
         closing, most = self.closing, MAX_STARTS
         first = closing.goal if q is None else q
-        compared = self.attempt(first, None if self.limits else closing.shakes())
+        compared = self.attempt(first, not self.limits and closing.may_be_shaken())
         if compared or self._done(0) or self.is_near:
             return
         if self.best is None and release and closing.standing:
@@ -117,7 +122,7 @@ class Search:
         far = max((abs(by) / sizes[table[name].v] for name, by in gone.items()), default=0.0)
         return FEW_STARTS if far < OUT_OF_REACH else MAX_STARTS
 
-    def attempt(self, q: Array, shakes: Shakes | None = None) -> bool:
+    def attempt(self, q: Array, shaken: bool = False) -> bool:
         """Solve from one start and keep the result if it is the best so far.
 
         Returns:
@@ -125,12 +130,12 @@ class Search:
         """
         if size_of(self.mechanism, q) * COORDINATE_ERROR >= 1.0:  # it has no digit
             return False
-        found = list(self.closing.reached([q], shakes))
+        found = list(self.closing.reached([q], shaken))
         for place in found:
             self._keep(place)
             if self.is_near:
                 break
-        return shakes is not None and self.closing.is_sound(found[0])
+        return shaken and self.closing.is_sound(found[0])
 
     def _keep(self, found: Reached) -> None:
         """Keep where closing has led if it is the best so far."""
@@ -157,7 +162,7 @@ class Search:
                 self.nearest_miss = (error, q, problem)
             return
         distance = closing.distance(found)
-        if self.best is None or distance < self.best[0] * (1.0 - 1e-6) - 1e-9:
+        if self.best is None or is_nearer(distance, self.best[0]):
             self.best, self._known = (distance, q), found.examined
 
     def examined(self) -> Examined:
@@ -173,7 +178,7 @@ class Search:
         if self.best is None or closing.whole is not None:
             return self.is_near
         seen = self.examined()
-        return not is_clear(seen) and may_be_rounded(
+        return not is_clear(seen.least, seen.left_out) and may_be_rounded(
             closing.evaluation, self.best[1], closing.gap, seen)
 
     def _done(self, k: int) -> bool:

@@ -8,13 +8,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from spatial_pin.assembly.close import DAMPED_STEPS
 from spatial_pin.assembly.holding import still_entries
 from spatial_pin.assembly.search.guesses import Further, further_starts
 from spatial_pin.assembly.search.whole_turns import said_of
 from spatial_pin.constraints.workspaces import made_once
-from spatial_pin.kernel.closer import NAMED
+from spatial_pin.kernel.closer import NAMED, Asked
 from spatial_pin.mechanism.coordinates import by_joint
+from spatial_pin.mechanism.joint_limits import position_limits
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.tolerances import TOLERANCES
 
 
 class Left(NamedTuple):
@@ -56,6 +59,19 @@ def left_of(
         array.flags.writeable = False
     return Left(pinned, still, free, first if has_first else None, entries, is_whole,
                 further_starts(mechanism, held, named, still))
+
+
+def asked_of(mechanism: Mechanism, left: Left, tolerance: float) -> Asked:
+    """Return how loops are closed where so much is left to move; the same object every time."""
+    lower, upper = position_limits(mechanism)
+    key = "asked", id(left), tolerance
+    known: tuple[Left, Asked] | None = mechanism.memo.get(key)
+    if known is None or known[0] is not left or known[1].lower is not lower:
+        shakes = None if left.further is None else left.further.first
+        known = mechanism.memo[key] = left, Asked(
+            left.free, left.first, tolerance, DAMPED_STEPS, TOLERANCES.rank, left.said, lower,
+            upper, shakes)
+    return known[1]
 
 
 def _said(

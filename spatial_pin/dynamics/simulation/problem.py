@@ -125,16 +125,13 @@ class Problem:
         """What finds accelerations for any masses."""
         return LeastConstraint(self.mechanism)
 
-    def state(self, q: Array, v: Array, evaluation: Evaluation, a: Array | None = None) -> State:
-        """Return a State at which `evaluation` stands."""
-        return State(self.mechanism, q, v, a, closure_error=evaluation.closure_error,
-                     angles=evaluation.angles)
-
     def efforts(self, t: float, q: Array, v: Array, evaluation: Evaluation) -> Array:
         """Return the efforts (nv,) at joints [N·m, N]."""
         if self.law is None:
             return self.constant
-        return joint_efforts(self.mechanism, self.law(t, self.state(q, v, evaluation)))
+        state = State(self.mechanism, q, v, closure_error=evaluation.closure_error,
+                      angles=evaluation.angles)
+        return joint_efforts(self.mechanism, self.law(t, state))
 
     def given(self, t: float, q: Array, v: Array, evaluation: Evaluation) -> Array:
         """Return the joint forces (nv,) of efforts, springs and what resists."""

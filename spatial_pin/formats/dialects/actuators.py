@@ -10,7 +10,7 @@ import xml.etree.ElementTree as ET
 
 from spatial_pin.formats.dialects import drake
 from spatial_pin.formats.dialects.reading import Reading
-from spatial_pin.formats.dialects.tree import local
+from spatial_pin.formats.urdf.elements import local
 
 ACTUATED = ("joint", "flexJoint", "rollJoint")  # the latter of PR2's wrist
 DRIVABLE = ("revolute", "continuous", "prismatic")  # one coordinate

@@ -20,8 +20,8 @@ import xml.etree.ElementTree as ET
 import pinocchio as pin
 
 from spatial_pin.formats.dialects.reading import Reading
-from spatial_pin.formats.dialects.tree import local
 from spatial_pin.formats.urdf.checks import numbers
+from spatial_pin.formats.urdf.elements import local
 
 TREE_JOINTS = ("ball", "universal", "screw", "planar")
 

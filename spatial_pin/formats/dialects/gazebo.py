@@ -29,9 +29,10 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.formats.dialects.reading import Reading
-from spatial_pin.formats.dialects.tree import local, said
+from spatial_pin.formats.dialects.tree import said
 from spatial_pin.formats.sdf.poses import pose
 from spatial_pin.formats.urdf.checks import end_of
+from spatial_pin.formats.urdf.elements import local
 from spatial_pin.numerics.linalg import Array
 
 WORLD, MODEL = "world", "__model__"

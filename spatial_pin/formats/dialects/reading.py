@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.formats.dialects.tree import Tree, local
+from spatial_pin.formats.dialects.tree import Tree
 from spatial_pin.formats.urdf.checks import end_of
+from spatial_pin.formats.urdf.elements import local
 from spatial_pin.mechanism.pairs import PAIRS, axes_from_z
 from spatial_pin.numerics.linalg import Array
 

@@ -23,7 +23,7 @@ from spatial_pin.formats.dialects import (
 )
 from spatial_pin.formats.dialects.beside import gepetto, loop_closures
 from spatial_pin.formats.dialects.reading import Reading
-from spatial_pin.formats.dialects.tree import local
+from spatial_pin.formats.urdf.elements import local
 
 Reader = Callable[[ET.Element, Reading], None]
 

@@ -14,6 +14,7 @@ import pinocchio as pin
 from spatial_pin.errors import MechanismFileError, suggestion
 from spatial_pin.formats.sources import shown
 from spatial_pin.formats.urdf.checks import end_of, numbers, placement
+from spatial_pin.formats.urdf.elements import URDF_AXIS, local
 from spatial_pin.numerics.linalg import Array
 
 PAIR_OF = {  # what dialects call a joint -> our pair
@@ -22,7 +23,6 @@ PAIR_OF = {  # what dialects call a joint -> our pair
     "prismatic": "prismatic", "slider": "prismatic", "cylindrical": "cylindrical",
     "planar": "planar", "universal": "universal", "screw": "screw",
 }
-URDF_AXIS = (1.0, 0.0, 0.0)  # of a joint without <axis>, in URDF and what extends it
 
 
 @dataclass
@@ -147,11 +147,6 @@ class Tree:
         common = ways[0].keys() & ways[1].keys()
         return [[name for name, joint in way.items()
                  if name not in common and joint.get("type") != "fixed"] for way in ways]
-
-
-def local(element: ET.Element) -> str:
-    """Return an element's name without its namespace."""
-    return str(element.tag).rpartition("}")[2]
 
 
 def said(element: ET.Element) -> str:

@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Collection, Iterator
 
 from spatial_pin.formats.dialects.reading import Reading
-from spatial_pin.formats.dialects.tree import local
+from spatial_pin.formats.urdf.elements import local
 
 KNOWN = ("link", "joint", "material", "transmission", "ros2_control")  # what is read
 HARMLESS = (  # they name links, and join none: drawing, sensing, contact, planning

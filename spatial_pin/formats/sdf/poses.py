@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass, field
 
@@ -11,7 +10,7 @@ import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError, suggestion
 from spatial_pin.formats.graph.joints import WORLD
-from spatial_pin.formats.urdf.elements import number_of
+from spatial_pin.formats.urdf.elements import finite_numbers
 from spatial_pin.numerics.linalg import Array
 
 MODEL = "__model__"  # a model's own frame
@@ -27,14 +26,10 @@ def number_list(text: str | None, count: int, where: str) -> Array:
         MechanismFileError: there are more or fewer, or no numbers.
     """
     try:
-        values = np.array([number_of(word) for word in (text or "").split()])
-    except ValueError:
-        values = np.array([math.nan])
-    if values.size != count or not np.all(np.isfinite(values)):
-        wanted = "one finite number" if count == 1 else f"{count} finite numbers"
+        return finite_numbers(text or "", count)
+    except ValueError as wanted:
         shown = " ".join((text or "").split())[:80]
-        raise MechanismFileError(f"{where} is {shown!r}; it must be {wanted}")
-    return values
+        raise MechanismFileError(f"{where} is {shown!r}; it must be {wanted}") from None
 
 
 def number(parent: ET.Element | None, tag: str, default: float, where: str) -> float:

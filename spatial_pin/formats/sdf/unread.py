@@ -6,6 +6,7 @@ import re
 import xml.etree.ElementTree as ET
 
 from spatial_pin.errors import MechanismFileError
+from spatial_pin.formats.urdf.elements import local
 
 OF_MODEL = ("static", "self_collide", "allow_auto_disable", "enable_wind", "frame", "pose", "link",
             "joint", "plugin", "include", "model", "name")
@@ -56,7 +57,7 @@ def _plugin(plugin: ET.Element, where: str) -> str:
 
 def _unknown(element: ET.Element, names: set[str], joins: int, where: str) -> str:
     """Refuse an element of another program that names so many links, frames or joints."""
-    tag = str(element.tag).rpartition("}")[2]
+    tag = local(element)
     texts = {word for x in element.iter() for word in ((x.text or "").strip(), *x.attrib.values())}
     named = sorted(texts & names)
     if len(named) >= joins and not APART.search(tag):

@@ -16,7 +16,7 @@ import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError, suggestion
 from spatial_pin.formats.faults import Faults
-from spatial_pin.formats.urdf.elements import UNBOUNDED, number_of
+from spatial_pin.formats.urdf.elements import UNBOUNDED, finite_numbers, local
 from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.numerics.linalg import Array
 
@@ -158,14 +158,10 @@ def numbers(element: ET.Element, attribute: str, count: int, where: str) -> Arra
     """
     text = element.get(attribute, "")
     try:
-        values = np.array([number_of(word) for word in text.split()])
-    except ValueError:
-        values = np.array([np.nan])
-    if values.size != count or not np.all(np.isfinite(values)):
-        wanted = "one finite number" if count == 1 else f"{count} finite numbers"
-        tag = str(element.tag).rpartition("}")[2]
-        raise MechanismFileError(f"{where}: <{tag} {attribute}={text!r}> needs {wanted}")
-    return values
+        return finite_numbers(text, count)
+    except ValueError as wanted:
+        raise MechanismFileError(
+            f"{where}: <{local(element)} {attribute}={text!r}> needs {wanted}") from None
 
 
 def placement(element: ET.Element | None, where: str) -> pin.SE3:

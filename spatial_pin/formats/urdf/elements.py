@@ -11,18 +11,29 @@ import pinocchio as pin
 
 from spatial_pin.numerics.linalg import Array
 
+URDF_AXIS = (1.0, 0.0, 0.0)  # of a joint without <axis>, in URDF and what extends it
 UNBOUNDED = sys.float_info.max  # of a limit: URDF readers take no infinite one
 
 
-def number_of(word: str) -> float:
-    """Return the number that a word of a file is.
+def local(element: ET.Element) -> str:
+    """Return an element's name without its namespace."""
+    return str(element.tag).rpartition("}")[2]
+
+
+def finite_numbers(text: str, count: int) -> Array:
+    """Return the `count` finite numbers of a text.
 
     Raises:
-        ValueError: it is none, or one to Python only: 1_0, or digits of other scripts.
+        ValueError: there are more or fewer, or no numbers; says what is wanted.
     """
-    if "_" in word or not word.isascii():
-        raise ValueError(f"{word!r} is no number")
-    return float(word)
+    try:  # 1_0, and digits of other scripts, are numbers to Python only
+        values = np.array([float(word) if word.isascii() and "_" not in word else math.nan
+                           for word in text.split()])
+    except ValueError:
+        values = np.array([math.nan])
+    if values.size != count or not np.all(np.isfinite(values)):
+        raise ValueError("one finite number" if count == 1 else f"{count} finite numbers")
+    return values
 
 
 def numbers_text(values: Array) -> str:

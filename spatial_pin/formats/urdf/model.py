@@ -29,7 +29,7 @@ from spatial_pin.formats.urdf.checks import (
     end_of,
     numbers,
 )
-from spatial_pin.formats.urdf.elements import UNBOUNDED, numbers_text
+from spatial_pin.formats.urdf.elements import UNBOUNDED, URDF_AXIS, numbers_text
 from spatial_pin.formats.urdf.shapes import Shapes, take_shapes
 from spatial_pin.formats.xacro.parsing import parse_urdf
 from spatial_pin.mechanism.inertia import put_inertias
@@ -347,7 +347,7 @@ def joint_axes(
         if math.hypot(*axis) < 1e-12:
             raise MechanismFileError(f"{where}: <axis> is zero")
     elif pair.uses_axis and element.get("type") != "floating":
-        axis = np.array([1.0, 0.0, 0.0])  # URDF's default
+        axis = np.array(URDF_AXIS)
     else:
         axis = np.array(pair.axis)
     axis2 = refined.axis2 if refined and refined.axis2 is not None else np.array([0.0, 1.0, 0.0])
@@ -366,7 +366,7 @@ def joint_axes(
 
 
 def _check_within_plane(kind: str, axis: Array, tag: ET.Element | None, where: str) -> None:
-    normal = numbers(tag, "xyz", 3, where) if tag is not None else np.array([1.0, 0.0, 0.0])
+    normal = numbers(tag, "xyz", 3, where) if tag is not None else np.array(URDF_AXIS)
     cosine = abs(float(axis @ unit(normal)))
     if abs(cosine - (1.0 if kind == "revolute" else 0.0)) > 1e-9:
         along = "about" if kind == "revolute" else "square to"
@@ -457,10 +457,9 @@ def _resist(model: pin.Model, refinements: Mapping[str, JointRefinement]) -> Arr
     slip_speeds = np.full(model.nv, math.nan)
     for name, refined in refinements.items():
         joint = model.getJointId(name) if refined.resistances else 0
-        at, nv = model.idx_vs[joint], model.nvs[joint]
         for key, values in refined.resistances.items():
-            _check_count(values, nv, key, refined.where)
-            own = slice(at, at + nv)
+            own = own_entries(model, joint, key)
+            _check_count(values, own.stop - own.start, key, refined.where)
             if key == "friction":
                 model.lowerDryFrictionLimit[own] = -values
                 model.upperDryFrictionLimit[own] = values

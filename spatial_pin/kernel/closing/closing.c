@@ -53,6 +53,9 @@
 #define POLISHED 30
 /* Part of a distance that makes no branch the nearer one: half of the digits */
 #define AS_NEAR TOLERANCE_HALF_PRECISION
+/* The same of a place that is the nearer one, and the least difference, as `is_nearer` has them */
+#define NEARER_PART 1e-6
+#define NEARER 1e-9
 /* Residual, and what is left to go, from which it is seen how far a branch is: what is left is known
    from how fast steps grow shorter */
 #define SEEN 1e-4
@@ -83,13 +86,6 @@ struct Closer {
     Real cut;            /* size of equations, by the largest, that move nothing */
     int squares;         /* whether steps are worked out by squares */
 };
-
-/* What loops are closed with. */
-typedef struct {
-    const Int *first, *free;  /* (nv) velocities that may move first, or NULL, and then */
-    Real loose, tolerance;    /* residuals to which, then and then */
-    Int iterations;           /* damped steps at most */
-} Closing;
 
 /* How a descent ends, and what leads it. */
 typedef struct {
@@ -458,7 +454,7 @@ static int judge_independence(Closer *c, Real *least, Real *left_out)
                                             c->order, facts);
     if (found < 0)
         return NO_MEMORY;
-    *least = facts[0];
+    *least = k->n_closure ? facts[0] : 1.0;
     *left_out = facts[1];
     return DONE;
 }
@@ -475,22 +471,6 @@ EXPORT int closer_examine(Closer *c, const Real *q, const Real *reference, Real 
     *mirrored = rotations_are_mirrored(k, &c->rotations);
     return judge_independence(c, facts + 1, facts + 2);
 }
-
-/* What closer_reach closes with, and what it finds: as `Reaching` in closer.py. */
-typedef struct {
-    Int m;                        /* starts, then rows found */
-    Real *q;                      /* (m, nq) */
-    Closing how;
-    const Real *pinned, *reference; /* as closer_close has them */
-    Real cut;
-    Meant meant;
-    Int n_shakes;
-    const Real *shakes;           /* (n_shakes, nv) of further starts, from the first one */
-    Real near;                    /* distance from what is named that is not questioned */
-    Real *error, *distance;       /* (m) */
-    Int *mirrored;                /* (m) */
-    Real *facts, *angle;          /* as closer_examine has them */
-} Reaching;
 
 /* Where c->q is, turns taken off: row i. */
 static void judge_one(Closer *c, Reaching *r, Int i)
@@ -557,9 +537,6 @@ static void reach_nearer(Closer *c, Reaching *r)
     }
 }
 
-/* Close the loops as closer_close does, and judge where that leads. Of a single start, what is closed
-   is examined too, else facts[0] is infinite; and where nothing is at fault there, further starts
-   are tried: q, error, distance and mirrored have room for 1 + n_shakes rows. */
 EXPORT int closer_reach(Closer *c, Reaching *r)
 {
     const Int starts = r->m;
@@ -575,6 +552,15 @@ EXPORT int closer_reach(Closer *c, Reaching *r)
     if (code == DONE && is_sound(r, 0))
         reach_nearer(c, r);
     return code;
+}
+
+int reached_straight(const Reaching *r, Real open)
+{
+    const Real nearer = r->distance[0] * (1.0 - NEARER_PART) - NEARER;
+    for (Int i = 0; i < r->m; i++)
+        if (is_sound(r, i) ? r->distance[i] < nearer : !i || !(r->error[i] > open) || !isfinite(r->error[i]))
+            return 0;
+    return isfinite(r->facts[0]);
 }
 
 /* Descend from configurations q (m, nq) to residuals of a length, by products alone, the angles of

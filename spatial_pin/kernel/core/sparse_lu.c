@@ -19,7 +19,8 @@
 typedef struct {
     Int n, room;
     Int *at;
-    Real *value; /* NULL: only numbers are kept */
+    Real *value;  /* NULL: only numbers are kept */
+    int is_alone; /* whether these are its own memory, not parts of a larger block */
 } List;
 
 struct SparseLU {
@@ -36,6 +37,7 @@ struct SparseLU {
     Real parity, first_ratio;
     Real sign, ratio, mantissa;
     Int exponent;
+    void *order, *memory;               /* of the pivots, and of all else */
 };
 
 SparseLU *lu_new(void) { return calloc(1, sizeof(SparseLU)); }
@@ -73,11 +75,8 @@ void lu_changes(const SparseLU *lu, Real *least, Real *most)
 static void release(SparseLU *lu)
 {
     const Real least = lu->least_change, most = lu->most_change; /* with the order until now */
-    void *all[] = {lu->place, lu->pivot_row, lu->pivot_column, lu->pivot_at, lu->lower_start,
-                   lu->lower_row, lu->lower_at, lu->upper_start, lu->upper_column, lu->upper_at,
-                   lu->target, lu->value, lu->inverse, lu->work, lu->marked};
-    for (size_t i = 0; i < sizeof all / sizeof *all; i++)
-        free(all[i]);
+    free(lu->order);
+    free(lu->memory);
     memset(lu, 0, sizeof *lu);
     lu->least_change = least, lu->most_change = most;
 }
@@ -95,20 +94,44 @@ void lu_free(SparseLU *lu)
  * buckets of equal counts (doubly linked), so that those of the smallest counts are found at once. */
 typedef struct {
     Int n;
-    List *row, *column, *below; /* below: rows eliminated by each pivot */
+    List *row, *column, *below; /* below: rows eliminated by each pivot. Behind each other */
     Int *row_done, *column_done, *row_count, *column_count;
     Int *first, *next, *previous; /* buckets */
+    void *block;                  /* memory of all, but of lists that have grown */
 } Search;
+
+#define LISTS 3
+#define ARRAYS 7
+
+/* Move a list to memory of its own with more room. */
+static int grow(List *list, int with_value)
+{
+    const Int room = 2 * list->room + 4;
+    Int *at = malloc((size_t)room * sizeof *at);
+    Real *value = with_value ? malloc((size_t)room * sizeof *value) : NULL;
+    if (!at || (with_value && !value)) {
+        free(at);
+        free(value);
+        return 0;
+    }
+    if (list->n)
+        memcpy(at, list->at, (size_t)list->n * sizeof *at);
+    if (list->n && with_value)
+        memcpy(value, list->value, (size_t)list->n * sizeof *value);
+    if (list->is_alone) {
+        free(list->at);
+        free(list->value);
+    }
+    list->at = at, list->value = value;
+    list->room = room;
+    list->is_alone = 1;
+    return 1;
+}
 
 static int push(List *list, Int at, Real value, int with_value)
 {
-    if (list->n == list->room) {
-        const Int room = 2 * list->room + 4;
-        if (!widen((void **)&list->at, room, sizeof(Int)) ||
-            (with_value && !widen((void **)&list->value, room, sizeof(Real))))
-            return 0;
-        list->room = room;
-    }
+    if (list->n == list->room && !grow(list, with_value))
+        return 0;
     if (with_value)
         list->value[list->n] = value;
     list->at[list->n++] = at;
@@ -117,18 +140,13 @@ static int push(List *list, Int at, Real value, int with_value)
 
 static void search_free(Search *s)
 {
-    List *lists[] = {s->row, s->column, s->below};
-    for (int l = 0; l < 3; l++) {
-        for (Int i = 0; lists[l] && i < s->n; i++) {
-            free(lists[l][i].at);
-            free(lists[l][i].value);
+    for (Int i = 0; s->row && i < LISTS * s->n; i++)
+        if (s->row[i].is_alone) {
+            free(s->row[i].at);
+            free(s->row[i].value);
         }
-        free(lists[l]);
-    }
-    Int *arrays[] = {s->row_done, s->column_done, s->row_count, s->column_count,
-                     s->first,    s->next,        s->previous};
-    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++)
-        free(arrays[i]);
+    free(s->row);
+    free(s->block);
 }
 
 static void bucket_add(Search *s, Int row)
@@ -153,18 +171,32 @@ static void bucket_remove(Search *s, Int row)
 
 static int search_begin(Search *s, Int n, const Entries *of)
 {
-    const size_t rows = (size_t)n + 1;
-    memset(s, 0, sizeof *s);
+    const size_t size = (size_t)n + 1, entries = (size_t)of->n;
     s->n = n;
-    List **lists[] = {&s->row, &s->column, &s->below};
-    for (int l = 0; l < 3; l++)
-        if (!(*lists[l] = calloc(rows, sizeof(List))))
-            return 0;
-    Int **arrays[] = {&s->row_done, &s->column_done, &s->row_count, &s->column_count,
-                      &s->first,    &s->next,        &s->previous};
-    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++)
-        if (!(*arrays[i] = calloc(rows, sizeof(Int))))
-            return 0;
+    s->row = calloc(LISTS * size, sizeof *s->row);
+    s->block = calloc(1, entries * sizeof(Real) + (ARRAYS * size + 2 * entries) * sizeof(Int));
+    if (!s->row || !s->block)
+        return 0;
+    s->column = s->row + n;
+    s->below = s->column + n;
+    Real *values = s->block;
+    Int *numbers = (Int *)(values + entries);
+    Int **arrays[ARRAYS] = {&s->row_done, &s->column_done, &s->row_count, &s->column_count,
+                            &s->first,    &s->next,        &s->previous};
+    for (int i = 0; i < ARRAYS; i++, numbers += size)
+        *arrays[i] = numbers;
+    for (Int e = 0; e < of->n; e++) {
+        s->row[of->row[e]].room++;
+        s->column[of->column[e]].room++;
+    }
+    for (Int i = 0; i < 2 * n; i++) { /* rows, then columns */
+        s->row[i].at = numbers;
+        numbers += s->row[i].room;
+        if (i < n) {
+            s->row[i].value = values;
+            values += s->row[i].room;
+        }
+    }
     for (Int e = 0; e < of->n; e++)
         if (!push(s->row + of->row[e], of->column[e], of->value[e], 1) ||
             !push(s->column + of->column[e], of->row[e], 0.0, 0))
@@ -290,6 +322,11 @@ static int allocate(SparseLU *lu, Int n_lower, Int n_upper, Int n_targets)
 {
     const size_t n = (size_t)lu->n + 1;
     struct {
+        Real **to;
+        size_t count;
+    } reals[] = {{&lu->value, (size_t)lu->n_values + 1}, {&lu->inverse, n}, {&lu->work, n},
+                 {&lu->marked, n}};
+    struct {
         Int **to;
         size_t count;
     } ints[] = {
@@ -298,14 +335,20 @@ static int allocate(SparseLU *lu, Int n_lower, Int n_upper, Int n_targets)
         {&lu->upper_column, (size_t)n_upper + 1}, {&lu->upper_at, (size_t)n_upper + 1},
         {&lu->target, (size_t)n_targets + 1}, {&lu->place, (size_t)lu->n_entries + 1},
     };
+    size_t n_reals = 0, n_ints = 0;
+    for (size_t i = 0; i < sizeof reals / sizeof *reals; i++)
+        n_reals += reals[i].count;
     for (size_t i = 0; i < sizeof ints / sizeof *ints; i++)
-        if (!(*ints[i].to = malloc(ints[i].count * sizeof(Int))))
-            return 0;
-    lu->value = calloc((size_t)lu->n_values + 1, sizeof(Real));
-    lu->inverse = calloc(n, sizeof(Real));
-    lu->work = calloc(n, sizeof(Real));
-    lu->marked = calloc(n, sizeof(Real));
-    return lu->value && lu->inverse && lu->work && lu->marked;
+        n_ints += ints[i].count;
+    Real *real = lu->memory = calloc(1, n_reals * sizeof(Real) + n_ints * sizeof(Int));
+    if (!real)
+        return 0;
+    for (size_t i = 0; i < sizeof reals / sizeof *reals; real += reals[i++].count)
+        *reals[i].to = real;
+    Int *number = (Int *)real;
+    for (size_t i = 0; i < sizeof ints / sizeof *ints; number += ints[i++].count)
+        *ints[i].to = number;
+    return 1;
 }
 
 /* Sign of the permutation that takes the pivots to the diagonal. */
@@ -372,46 +415,44 @@ static void write_steps(SparseLU *lu, const Search *s, const Int *when, const In
 static int record(SparseLU *lu, const Search *s, const Entries *of)
 {
     const size_t n = (size_t)lu->n + 1;
-    Int *offset = calloc(n, sizeof *offset), *when = calloc(n, sizeof *when);
-    Int *to = calloc(n, sizeof *to);
-    int good = offset && when && to;
+    Int *offset = calloc(3 * n, sizeof *offset);
+    int good = offset != NULL;
     if (good) {
+        Int *when = offset + n, *to = when + n;
         for (Int i = 0; i < lu->n; i++) {
             offset[i + 1] = offset[i] + s->row[i].n;
             when[lu->pivot_column[i]] = i;
         }
         lu->n_values = offset[lu->n];
         good = count_steps(lu, s, when);
-    }
-    if (good) {
-        write_steps(lu, s, when, offset);
-        for (Int e = 0; e < of->n; e++)
-            lu->place[e] = place_of(s, offset, of->row[e], of->column[e]);
-        lu->parity = parity_of(lu, to, when);
+        if (good) {
+            write_steps(lu, s, when, offset);
+            for (Int e = 0; e < of->n; e++)
+                lu->place[e] = place_of(s, offset, of->row[e], of->column[e]);
+            lu->parity = parity_of(lu, to, when);
+        }
     }
     free(offset);
-    free(when);
-    free(to);
     return good;
 }
 
 int lu_analyse(SparseLU *lu, Int n, const Entries *of)
 {
-    Search s;
+    Search s = {0};
     release(lu);
     lu->n = n;
     lu->n_entries = of->n;
-    lu->pivot_row = calloc((size_t)n + 1, sizeof(Int));
-    lu->pivot_column = calloc((size_t)n + 1, sizeof(Int));
+    lu->pivot_row = lu->order = calloc(2 * ((size_t)n + 1), sizeof(Int));
     int code = NO_MEMORY;
-    if (lu->pivot_row && lu->pivot_column && search_begin(&s, n, of)) {
+    if (lu->order && search_begin(&s, n, of)) {
+        lu->pivot_column = lu->pivot_row + n;
         const int found = search(&s, lu->pivot_row, lu->pivot_column);
         if (found == 0)
             code = SINGULAR;
         else if (found > 0 && record(lu, &s, of))
             code = DONE;
-        search_free(&s);
     }
+    search_free(&s);
     lu->chosen = code == DONE;
     lu->first_ratio = 0.0;
     return code;

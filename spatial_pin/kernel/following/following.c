@@ -127,6 +127,16 @@ EXPORT int path_start(Path *path, const Real *q, const Real *angles, Int choose)
     return code == DONE && is_chosen ? is_regular(path) : code;
 }
 
+EXPORT Int path_from_guess(Path *path, Closer *c, Reaching *r, const PathTask *task)
+{
+    int code;
+    if (closer_reach(c, r) != DONE || !reached_straight(r, task->open) ||
+        system_set(path->k, NULL, task->n_chosen, task->driven, task->n_driven, NULL, 0) != DONE ||
+        path_start(path, r->q, r->angle, 1) != DONE)
+        return -1;
+    return path_follow(path, task->value, task->n, &task->rows, &code);
+}
+
 EXPORT int path_go(Path *path, Real target)
 {
     const int code = reach(path, target);

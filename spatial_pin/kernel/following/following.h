@@ -5,6 +5,7 @@
 #ifndef SPATIAL_PIN_FOLLOWING_H
 #define SPATIAL_PIN_FOLLOWING_H
 
+#include "closing.h"
 #include "correcting.h"
 
 /* How exactly a path is followed. */
@@ -47,6 +48,21 @@ typedef struct {
 /* Follow the path through values of s. Returns how many were reached; then `code` says why no
  * more, as `path_go`. The path then stands at the last safe point. */
 EXPORT Int path_follow(Path *path, const Real *values, Int n, const PathRows *rows, int *code);
+
+/* Where a path begins, and where its values go: what `path_from_guess` takes. */
+typedef struct {
+    Int n_chosen;        /* equations to choose */
+    const Int *driven;   /* (n_driven) as system_set has them */
+    Int n_driven;
+    Real open;           /* see `reached_straight` */
+    const Real *value;   /* (n) */
+    Int n;
+    PathRows rows;
+} PathTask;
+
+/* Close the loops from a guess, begin the path there and follow it, in one call. Returns as
+ * `path_follow`; -1 where closing leaves something to choose, or the loops are not regular. */
+EXPORT Int path_from_guess(Path *path, Closer *c, Reaching *r, const PathTask *task);
 
 /* Go to a value of s: DONE, or SINGULAR: it lies beyond where equations seem to become dependent,
  * UNSAFE, NOT_CONVERGED: steps become too small, the path bends or ends, or it is out of all

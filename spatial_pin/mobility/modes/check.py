@@ -228,7 +228,7 @@ class Check:
     def signs(self, modes: list[tuple[Array, Kind]]) -> list[str]:
         """Return the signs of the determinants of the closed loops at modes, in words.
 
-        Of redundant rows the same are left out in all modes.
+        Of redundant equations the same are left out in all modes.
         """
         evaluation, mechanism = self.evaluation, self.mechanism
         nv, n = mechanism.model.nv, evaluation.constraints.n_closure

@@ -201,7 +201,7 @@ class Drive:
 
     @contextlib.contextmanager
     def _cursor(self, state: State, driven: Sequence[Coordinate]) -> Iterator[Cursor]:
-        """Lend a point that moves along the branch of a state, the first coordinate driven.
+        """Acquire a cursor on the branch of a state, the first coordinate driven.
 
         Raises:
             SingularError: the drivers do not determine the motion there.

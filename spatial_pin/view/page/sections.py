@@ -21,11 +21,13 @@ from spatial_pin.dynamics.kinetostatics import Kinetostatics
 from spatial_pin.dynamics.outputs import with_forces
 from spatial_pin.dynamics.simulation.simulate import Simulation
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.mechanism.coordinates import coordinates_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mobility.mobility import mobility
-from spatial_pin.motion.dead_centres import dead_centres
-from spatial_pin.motion.motion import Event, Motion, Output
+from spatial_pin.motion.dead_centres import known_dead_centres
+from spatial_pin.motion.motion import Motion, Output
 from spatial_pin.motion.report import info
+from spatial_pin.motion.summary import EFFORTS
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.view.page.designed import goals_told
 from spatial_pin.view.page.html import page
@@ -265,7 +267,7 @@ def _events(subject: Subject) -> str | None:
     if motion is None:
         return None
     title = "Special positions"
-    events = [*motion.events, *_outputs_turning(motion)]
+    events = [*motion.events, *known_dead_centres(motion)]
     if not events:
         return section(title, paragraph("No limit and no singular position was met."))
     unit = motion.driver_unit if motion.driver_name else "s"
@@ -275,22 +277,11 @@ def _events(subject: Subject) -> str | None:
     return section(title, table(heads, rows, numbers=1))
 
 
-def _outputs_turning(motion: Motion) -> list[Event]:
-    """Return the dead centres of a motion's outputs, as far as they can be located."""
-    if motion.driver is None or len(motion) < 2:
-        return []
-    try:
-        return dead_centres(motion)
-    except SpatialPinError:
-        return []
-
-
 def _efforts(subject: Subject) -> str | None:
     """Draw what the drivers have to do."""
     if subject.loads is None:
         return None
-    units = {"rad": "N·m", "m": "N"}
-    curves = [Output(values, f"{name} effort", units[subject.mechanism.coordinate(name).unit])
+    curves = [Output(values, f"{name} effort", EFFORTS[subject.mechanism.coordinate(name).unit])
               for name, values in subject.loads.efforts.items()]
     note = ("What the drivers bring about this motion with, against links, gravity, springs and "
             "what resists at joints.")
@@ -348,11 +339,9 @@ def _structure(subject: Subject) -> str:
     """Tell joints, closures and drivers."""
     mechanism = subject.mechanism
     found = info(mechanism)
-    joints = [
-        (joint, pair, ", ".join(f"{c.name} [{c.unit}]"
-                                for c in mechanism.coordinate_table.values() if c.joint == joint))
-        for joint, pair in found.joints.items()
-    ]
+    joints = [(joint, pair, ", ".join(f"{c.name} [{c.unit}]"
+                                      for c in coordinates_of(mechanism, joint)))
+              for joint, pair in found.joints.items()]
     parts = [f"<h3>Joints of the open tree</h3>{table(('joint', 'pair', 'coordinates'), joints)}"]
     for title, items in (("Closures of the loops", found.closures), ("Drivers", found.drivers),
                          ("Frames", found.frames)):

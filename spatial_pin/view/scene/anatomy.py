@@ -10,6 +10,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.dynamics.kinetostatics import Kinetostatics
+from spatial_pin.mechanism.coordinates import coordinates_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
@@ -64,7 +65,7 @@ def _frame(mechanism: Mechanism, name: str) -> dict[str, Any]:
 
 
 def _pair(mechanism: Mechanism, place: Place) -> dict[str, Any]:
-    coordinates = [c.name for c in mechanism.coordinate_table.values() if c.joint == place.name]
+    coordinates = [c.name for c in coordinates_of(mechanism, place.name)]
     told = {"name": place.name, "kind": place.kind, "joints": place.joints,
             "at": [_short(frame[:3, 3]) for frame in place.frames], "coordinates": coordinates}
     if place.kind in AXIAL:

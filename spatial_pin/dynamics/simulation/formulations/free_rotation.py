@@ -21,8 +21,7 @@ import pinocchio as pin
 from spatial_pin.assembly.close import close
 from spatial_pin.assembly.passive_freedoms import driven_groups, passive_freedoms
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import Evaluation
-from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.constraints.closure_equations import Evaluation, evaluated
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.mechanism.resistance import resists
 from spatial_pin.numerics.linalg import Array, null_space
@@ -56,9 +55,7 @@ def spinning_bodies(problem: Problem, state: State) -> list[Spinning]:
     mechanism = problem.mechanism
     if "spherical" not in mechanism.pairs:
         return []
-    evaluation = Evaluation(constraints_of(mechanism))
-    evaluation.angle_reference[:] = state.angles
-    evaluation.update(state.q)
+    evaluation = evaluated(mechanism, state.q, state.angles)
     freedoms = null_space(evaluation.jacobian[: evaluation.constraints.n_closure])
     if len(freedoms) < 2:
         return []

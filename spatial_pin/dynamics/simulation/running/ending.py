@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import Evaluation
-from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.constraints.closure_equations import Evaluation, evaluated
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.solvers.independent_coordinates import IndependentCoordinates
 from spatial_pin.numerics.linalg import Array, decompose, independent_rows
@@ -71,9 +70,7 @@ def _place(problem: Problem, t: float, state: State) -> Place:
 
 def _rows(problem: Problem, state: State) -> tuple[Evaluation, Array, Array]:
     """Return an evaluation at a state, the loops' rows, and those with the prescribed ones."""
-    evaluation = Evaluation(constraints_of(problem.mechanism))
-    evaluation.angle_reference[:] = state.angles
-    evaluation.update(state.q)
+    evaluation = evaluated(problem.mechanism, state.q, state.angles)
     loops = evaluation.jacobian[: evaluation.constraints.n_closure].copy()
     drives = np.eye(problem.model.nv)[[c.v for c, _ in problem.drives]]
     return evaluation, loops, np.vstack([loops, drives])
