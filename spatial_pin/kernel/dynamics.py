@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import math
-import weakref
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -32,7 +31,7 @@ class _Asked(ctypes.Structure):
 
 
 class Run(ctypes.Structure):
-    """Run in integrating.c: what many steps want, and where their samples go."""
+    """Run in running.h: what many steps want, and where their samples go."""
 
     _fields_ = [("times", POINTER), ("n_times", INT), ("row", INT), ("q", POINTER), ("v", POINTER),
                 ("a", POINTER), ("numbers", POINTER), ("efforts", POINTER), ("angles", POINTER),
@@ -45,7 +44,7 @@ class Run(ctypes.Structure):
 
 
 AT_END, AT_FAILURE, NEW_COORDINATES, FULL, STIFF, CREEPING, MANY = range(7)  # why it paused
-NO_SAMPLES = 9  # the same, see Pause in integrating.c
+NO_SAMPLES = 9  # the same, see Pause in running.c
 
 
 class Samples(NamedTuple):
@@ -64,6 +63,12 @@ class Samples(NamedTuple):
     numbers: Array
     efforts: Array
     angles: Array
+
+
+class _Rows(ctypes.Structure):
+    """SampleRows in dynamics.h."""
+
+    _fields_ = [(name, POINTER) for name in Samples._fields]
 
 
 class Asked(NamedTuple):
@@ -113,7 +118,6 @@ class Dynamics:
         if code:
             raise RuntimeError(f"the kernel refuses the forces of {mechanism.name!r}: {code}")
         self.handle = handle
-        weakref.finalize(self, self._library.dynamics_destroy, handle)
 
     def _functions(self, asked: Asked) -> _Asked:
         nq, nv, na, safely = self.nq, self.nv, self.n_angles, self.asking.safely
@@ -179,7 +183,7 @@ class Dynamics:
     def rates(self, t: float, y: Array) -> Array:
         """Return dy/dt (n,), NaN where the loops cannot be closed."""
         y, out = np.ascontiguousarray(y, float), np.empty(self.n)
-        code = self.asking.settle(self._library.dynamics_function(
+        code = self.asking.settle(self._library.dynamics_rates(
             self.handle, t, address(y), address(out)))
         if code:
             out[:] = math.nan
@@ -226,7 +230,8 @@ class Dynamics:
         times, unknowns = (np.ascontiguousarray(x, float) for x in (times, unknowns))
         found = self.room(len(times))
         code = self.asking.settle(self._library.dynamics_samples(
-            self.handle, len(times), *map(address, (times, unknowns, *found))))
+            self.handle, len(times), address(times), address(unknowns),
+            ctypes.byref(_Rows(*map(address, found)))))
         return None if code else found
 
     def crossed(self, first: float, last: float) -> list[float]:

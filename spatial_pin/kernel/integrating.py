@@ -23,7 +23,7 @@ LOST, ASK_FAILED = 20, 21
 
 
 class _Integrator(ctypes.Structure):
-    """The first entries of Integrator in integrating.c."""
+    """The first entries of Integrator in integrating.h."""
 
     _fields_ = [
         ("n", INT), ("method", INT), ("status", INT), ("code", INT), ("t", REAL), ("t_old", REAL),

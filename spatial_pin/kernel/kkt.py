@@ -51,12 +51,12 @@ class KKT:
         self._handle = handle
         self.pivot, self.error, self.rank = 1.0, 0.0, 0
         self._q, self._reference = np.empty(kernel.nq), np.empty(kernel.n_angles)
-        self._v, self._given, self._needed, self._a = np.empty((4, nv))
+        self._v, self._force, self._a = np.empty((3, nv))
         self.mass, self._facts = np.empty(n_masses), np.empty(3)
         self.closures, self.multipliers = np.empty(nv), np.empty(n_closure)
         self._rows = np.empty(n_closure, np.int64)
         self._inputs = [handle, *map(address, (
-            self._q, self._v, self._reference, self.mass, self._given, self._needed))]
+            self._q, self._v, self._reference, self.mass, self._force))]
         self._outputs = [address(x) for x in (
             self._a, self.closures, self.multipliers, self._facts)]
 
@@ -73,7 +73,7 @@ class KKT:
             needed: (nv,) joint forces b that the motion needs without acceleration.
         """
         self._q[:], self._v[:], self._reference[:] = q, v, reference
-        self._given[:], self._needed[:] = given, needed
+        np.subtract(given, needed, out=self._force)
         check(self._library.kkt_accelerations(*self._inputs, *self._outputs))
         self.pivot, self.error, rank = self._facts.tolist()
         self.rank = int(rank)
@@ -88,9 +88,8 @@ class KKT:
         """
         n = len(force)
         force, gamma = numbers(force, (n, len(self._v))), numbers(gamma, (n, len(self._rows)))
-        a, multipliers, none = np.empty_like(force), np.empty_like(gamma), np.zeros_like(force)
-        check(self._library.kkt_solve(self._handle, n, *map(address, (
-            force, none, gamma, a, multipliers))))
+        a, multipliers = np.empty_like(force), np.empty_like(gamma)
+        self._library.kkt_solve(self._handle, n, *map(address, (force, gamma, a, multipliers)))
         return a, multipliers
 
     @property

@@ -92,8 +92,8 @@ def _declared(found: ctypes.CDLL) -> ctypes.CDLL:
     found.path_go.argtypes = [POINTER, REAL]
     found.path_prescribe.argtypes = [POINTER, REAL, INT, INT, POINTER, POINTER]
     found.kkt_create.argtypes = [POINTER, POINTER, INT, INT, INT, REAL, POINTER]
-    found.kkt_accelerations.argtypes = [POINTER] * 11
-    found.kkt_solve.argtypes = [POINTER, INT, *[POINTER] * 5]
+    found.kkt_accelerations.argtypes = [POINTER] * 10
+    found.kkt_solve.restype, found.kkt_solve.argtypes = None, [POINTER, INT, *[POINTER] * 4]
     found.kkt_entries.restype, found.kkt_entries.argtypes = INT, [POINTER] * 4
     found.kkt_chosen.restype, found.kkt_chosen.argtypes = INT, [POINTER, POINTER]
     _declare_dynamics(found)
@@ -101,14 +101,13 @@ def _declared(found: ctypes.CDLL) -> ctypes.CDLL:
 
 
 def _declare_dynamics(found: ctypes.CDLL) -> None:
-    found.dynamics_destroy.restype = found.integrator_destroy.restype = None
-    found.dynamics_destroy.argtypes = found.integrator_destroy.argtypes = [POINTER]
+    found.integrator_destroy.restype, found.integrator_destroy.argtypes = None, [POINTER]
     found.dynamics_create.argtypes = [POINTER, POINTER, INT, POINTER, INT, POINTER, POINTER]
     found.dynamics_begin.argtypes = [*[POINTER] * 6, INT]
     found.dynamics_renew.argtypes = [POINTER, REAL, *[POINTER] * 3]
-    found.dynamics_function.argtypes = [POINTER, REAL, POINTER, POINTER]
+    found.dynamics_rates.argtypes = [POINTER, REAL, POINTER, POINTER]
     found.dynamics_place.argtypes = [POINTER, REAL, *[POINTER] * 5]
-    found.dynamics_samples.argtypes = [POINTER, INT, *[POINTER] * 8]
+    found.dynamics_samples.argtypes = [POINTER, INT, *[POINTER] * 3]
     found.dynamics_crossed.argtypes = [POINTER, REAL, REAL, POINTER, INT]
     found.dynamics_crossed.restype = INT
     found.dynamics_keep.argtypes = found.dynamics_pivot.argtypes = [POINTER]

@@ -10,15 +10,15 @@
  *
  * Equations and pivots are chosen where they are asked for anew, so that answers depend on nothing
  * else. */
+#include <float.h>
 #include <string.h>
 
 #include "choosing.h"
 #include "factors.h"
-#include "tolerances.h"
+#include "reading.h"
 
-#define EPS 2.220446049250313e-16
-#define ROUNDING (128.0 * EPS) /* of an entry, with all that is added to it */
-#define PLACED (8.0 * EPS)     /* of a place, by its distance: some joints, each rounded once */
+#define ROUNDING (128.0 * DBL_EPSILON) /* of an entry, with all that is added to it */
+#define PLACED (8.0 * DBL_EPSILON) /* of a place, by its distance: some joints, each rounded once */
 /* Smallest over largest pivot above which equations that are independent in each closure by itself
    surely are so together: the pivot of one that is off the others by d is of the order of d². */
 #define SURE TOLERANCE_HALF_PRECISION
@@ -33,7 +33,6 @@ typedef struct {
     Real *unit;       /* (nv) velocity, by scale, at which the own inertia of a freedom is one */
     Real *size;       /* (n_closure) of each chosen equation, where it was chosen */
     Factors *matrix;
-    Real norm;
     Real length;      /* characteristic */
     Real shortest;    /* largest entry of the chosen equation whose own is the smallest */
     Real *x;          /* (nv + n_chosen) */
@@ -55,22 +54,18 @@ static int make_room(Kkt *s)
 {
     Kernel *k = s->k;
     const Int nv = k->nv, nc = k->n_closure, n = nv + (nc < nv ? nc : nv);
-    const Int most = most_in_a_group(s);
-    struct {
-        void **to;
-        Int count;
-        size_t size;
-    } arrays[] = {
-        {(void **)&s->chosen, nc, sizeof(Int)},      {(void **)&s->unit, nv, sizeof(Real)},
-        {(void **)&s->size, nc, sizeof(Real)},       {(void **)&s->x, n, sizeof(Real)},
-        {(void **)&s->block, most * nv, sizeof(Real)}, {(void **)&s->place, nv, sizeof(Int)},
-    };
-    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++)
-        if (!(*arrays[i].to = kernel_memory(k, arrays[i].count, arrays[i].size)))
-            return 0;
+    s->chosen = kernel_ints(k, nc);
+    s->unit = kernel_reals(k, nv);
+    s->size = kernel_reals(k, nc);
+    s->x = kernel_reals(k, n);
+    s->block = kernel_reals(k, most_in_a_group(s) * nv);
+    s->place = kernel_ints(k, nv);
+    s->matrix = factors_new(k);
+    if (!kernel_had_memory(k) || !s->matrix)
+        return NO_MEMORY;
     for (Int v = 0; v < nv; v++)
         s->place[v] = -1;
-    return (s->matrix = factors_new(k)) != NULL;
+    return DONE;
 }
 
 static int is_sound(const Kkt *s, Int n_given)
@@ -90,18 +85,14 @@ static int is_sound(const Kkt *s, Int n_given)
 
 static int take(Kkt *s, const Int *ints, Int n_given)
 {
-    const Int n_ints = s->n_groups + 1 + 3 * s->n_mass;
-    Int *copy = kernel_memory(s->k, n_ints, sizeof(Int));
-    if (!copy)
+    Source from = {.k = s->k, .ints = ints, .n_ints = s->n_groups + 1 + 3 * s->n_mass};
+    s->group = read_ints(&from, s->n_groups + 1);
+    s->mass_row = read_ints(&from, s->n_mass);
+    s->mass_column = read_ints(&from, s->n_mass);
+    s->mass_from = read_ints(&from, s->n_mass);
+    if (from.failed)
         return NO_MEMORY;
-    memcpy(copy, ints, (size_t)n_ints * sizeof(Int));
-    s->group = copy;
-    s->mass_row = copy + s->n_groups + 1;
-    s->mass_column = s->mass_row + s->n_mass;
-    s->mass_from = s->mass_column + s->n_mass;
-    if (!is_sound(s, n_given))
-        return BAD_ARRAYS;
-    return make_room(s) ? DONE : NO_MEMORY;
+    return is_sound(s, n_given) ? make_room(s) : BAD_ARRAYS;
 }
 
 /* Memory for the KKT system of a kernel of a characteristic length, freed with the kernel. The ints
@@ -226,45 +217,39 @@ static void measure_equations(Kkt *s)
     }
 }
 
-static int fill(Kkt *s, const Real *mass)
+/* Factor the matrix for the chosen equations. */
+static int factor(Kkt *s, const Real *mass)
 {
     const Kernel *k = s->k;
-    const Int n = k->nv + s->n_chosen, room = s->n_mass + 2 * k->entry_start[k->n_closure];
-    if (factors_begin(s->matrix, n, room) != DONE)
+    Entries *to = &s->matrix->entries;
+    if (!entries_begin(to, s->n_mass + 2 * k->entry_start[k->n_closure]))
         return NO_MEMORY;
     for (Int e = 0; e < s->n_mass; e++) {
         const Int i = s->mass_row[e], j = s->mass_column[e];
         const Real weight = k->scale[i] * s->unit[i] * (k->scale[j] * s->unit[j]);
-        factors_put(s->matrix, i, j, mass[s->mass_from[e]] * weight);
+        entries_put(to, i, j, mass[s->mass_from[e]] * weight);
     }
     for (Int i = 0; i < s->n_chosen; i++)
         for (Int e = k->entry_start[s->chosen[i]]; e < k->entry_start[s->chosen[i] + 1]; e++) {
             const Int v = k->entry_v[e];
             const Real value = k->entry[e] * s->unit[v] / s->size[i];
-            factors_put(s->matrix, k->nv + i, v, value);
-            factors_put(s->matrix, v, k->nv + i, value);
+            entries_put(to, k->nv + i, v, value);
+            entries_put(to, v, k->nv + i, value);
         }
-    return DONE;
+    return factors_make(s->matrix, k->nv + s->n_chosen);
 }
 
 /* The largest sum of the sizes in a row: the matrix is symmetric. */
-static void measure_matrix(Kkt *s)
+static Real matrix_norm(Kkt *s)
 {
-    const Factors *f = s->matrix;
-    memset(s->x, 0, (size_t)f->n * sizeof(Real));
-    for (Int e = 0; e < f->n_entries; e++)
-        s->x[f->row[e]] += fabs(f->value[e]);
-    s->norm = 0.0;
-    for (Int i = 0; i < f->n; i++)
-        s->norm = fmax(s->norm, s->x[i]);
-}
-
-static int factor(Kkt *s, const Real *mass)
-{
-    if (fill(s, mass) != DONE)
-        return NO_MEMORY;
-    measure_matrix(s);
-    return factors_make(s->matrix);
+    const Entries *of = &s->matrix->entries;
+    Real most = 0.0;
+    memset(s->x, 0, (size_t)s->matrix->n * sizeof(Real));
+    for (Int e = 0; e < of->n; e++)
+        s->x[of->row[e]] += fabs(of->value[e]);
+    for (Int i = 0; i < s->matrix->n; i++)
+        most = fmax(most, s->x[i]);
+    return most;
 }
 
 /* Choose independent equations and factor: all if they are that, then those of each closure by itself,
@@ -290,14 +275,13 @@ static int choose_and_factor(Kkt *s, const Real *mass)
 /* ---------------------------------------------------------------- solutions */
 
 /* Accelerations and multipliers (n_closure), 0 of equations that are not chosen, for joint forces
-   given and needed (nv) and second derivatives (n_closure) of the equations at zero acceleration. */
-static void solve(Kkt *s, const Real *given, const Real *needed, const Real *gamma, Real *a,
-                  Real *multipliers)
+   f - b (nv) and second derivatives (n_closure) of the equations at zero acceleration. */
+static void solve(Kkt *s, const Real *force, const Real *gamma, Real *a, Real *multipliers)
 {
     const Kernel *k = s->k;
     Real *x = s->x;
     for (Int v = 0; v < k->nv; v++)
-        x[v] = k->scale[v] * s->unit[v] * (given[v] - needed[v]);
+        x[v] = k->scale[v] * s->unit[v] * force[v];
     for (Int i = 0; i < s->n_chosen; i++)
         x[k->nv + i] = -gamma[s->chosen[i]] / s->size[i];
     factors_solve(s->matrix, x);
@@ -318,18 +302,18 @@ static Real entry_error(const Kkt *s)
         return 0.0;
     for (Int i = 0; i < 3 * k->n_joints; i++)
         farthest = fmax(farthest, fabs(k->p[i]));
-    return PLACED * (1.0 + farthest / s->length) / fmax(s->shortest, EPS);
+    return PLACED * (1.0 + farthest / s->length) / fmax(s->shortest, DBL_EPSILON);
 }
 
 /* Estimated round-off of accelerations, by their size: from the pivots and, for exchanges of rows
    may hide how small they are, from the condition; in the own units of freedoms, of which light
-   ones have larger ones. After `solve`, which left the scaled solution in x. */
+   ones have larger ones. After `solve`, which left the scaled solution in x: that is lost here. */
 static Real estimated_error(Kkt *s)
 {
     const Int nv = s->k->nv;
     const Int n = s->matrix->n;
     const Real pivot = s->matrix->pivot;
-    Real error = ROUNDING / fmax(pivot, EPS), size = 0.0, largest = 0.0, most = 0.0;
+    Real error = ROUNDING / fmax(pivot, DBL_EPSILON), size = 0.0, largest = 0.0, most = 0.0;
     if (!n || !(pivot > 0.0))
         return error;
     for (Int v = 0; v < nv; v++) {
@@ -338,8 +322,8 @@ static Real estimated_error(Kkt *s)
         most = fmax(most, fabs(s->x[v]));
     }
     error = fmax(error, entry_error(s));
-    const Real condition = s->norm * factors_inverse_norm(s->matrix);
-    error = fmax(error, (Real)n * EPS * fmin(condition, 1.0 / EPS));
+    const Real condition = matrix_norm(s) * factors_inverse_norm(s->matrix);
+    error = fmax(error, (Real)n * DBL_EPSILON * fmin(condition, 1.0 / DBL_EPSILON));
     return size > 0.0 ? error * largest * most / size : error;
 }
 
@@ -357,12 +341,12 @@ static void forces_of(const Kernel *k, const Real *multipliers, Real *force)
 
 /* Evaluate at q, choose equations, factor and solve.
  *
- * mass: entries of M; given, needed (nv): f and b. Returns accelerations (nv), joint forces (nv) and
+ * mass: entries of M; force (nv): f - b. Returns accelerations (nv), joint forces (nv) and
  * multipliers (n_closure) of the closures, and facts (3): smallest over largest pivot, estimated
  * error of the accelerations, how many equations are chosen. */
 EXPORT int kkt_accelerations(Kkt *s, const Real *q, const Real *v, const Real *reference,
-                             const Real *mass, const Real *given, const Real *needed, Real *a,
-                             Real *closures, Real *multipliers, Real *facts)
+                             const Real *mass, const Real *force, Real *a, Real *closures,
+                             Real *multipliers, Real *facts)
 {
     Kernel *k = s->k;
     equations_values_near(k, q, reference);
@@ -371,7 +355,7 @@ EXPORT int kkt_accelerations(Kkt *s, const Real *q, const Real *v, const Real *r
     if (code != DONE)
         return code;
     equations_bias(k, &k->all, v);
-    solve(s, given, needed, k->bias, a, multipliers);
+    solve(s, force, k->bias, a, multipliers);
     forces_of(k, multipliers, closures);
     facts[0] = s->matrix->pivot;
     facts[1] = estimated_error(s);
@@ -379,16 +363,14 @@ EXPORT int kkt_accelerations(Kkt *s, const Real *q, const Real *v, const Real *r
     return DONE;
 }
 
-/* Solve with the last factors: forces given and needed (n, nv), gamma (n, n_closure) -> a and
- * multipliers, alike. */
-EXPORT int kkt_solve(Kkt *s, Int n, const Real *given, const Real *needed, const Real *gamma,
-                     Real *a, Real *multipliers)
+/* Solve with the last factors: forces f - b (n, nv), gamma (n, n_closure) -> a and multipliers,
+ * alike. */
+EXPORT void kkt_solve(Kkt *s, Int n, const Real *force, const Real *gamma, Real *a,
+                      Real *multipliers)
 {
     const Int nv = s->k->nv, nc = s->k->n_closure;
     for (Int i = 0; i < n; i++)
-        solve(s, given + i * nv, needed + i * nv, gamma + i * nc, a + i * nv,
-              multipliers + i * nc);
-    return DONE;
+        solve(s, force + i * nv, gamma + i * nc, a + i * nv, multipliers + i * nc);
 }
 
 /* Rows, columns and values of the entries of J of all equations, for v / scale, at the last place;

@@ -8,8 +8,16 @@
 #include <string.h>
 
 #include "closing.h"
+#include "relative.h"
 
-#define FACTS 7 /* what is written down of each sample, see `dimensions_close` */
+/* What is written down of a sample. */
+typedef struct {
+    Real error;           /* closure error */
+    Real farthest, way;   /* of a joint, and of all together [rad, characteristic lengths] */
+    Real sign, magnitude; /* of the determinant, 0 of a singular one; its natural logarithm */
+    Real bend;            /* by how much the way is bent */
+    Real opened;          /* part of the rates by which equations left out would open */
+} Facts;
 
 /* Samples and what becomes of them: m of each. */
 typedef struct {
@@ -23,7 +31,7 @@ typedef struct {
     Real *angle;        /* (m, n_angles) from which angles of screws count, then those reached */
     Real *v, *a;        /* (m, nv) */
     Real *point;        /* (m, n_points, 5, 3) position, velocity, acceleration, w, w' */
-    Real *fact;         /* (m, FACTS) */
+    Facts *fact;        /* (m) */
     Int n_reals, n_varied, n_points, iterations;
     Real tolerance, cut;
 } Samples;
@@ -38,41 +46,6 @@ typedef struct {
 } Work;
 
 /* ---------------------------------------------------------------- the way */
-
-/* Rotation vector from one unit quaternion to another, in the axes of either. */
-static void turn_between(const Real *from, const Real *to, Real *turn)
-{
-    Real cross[3];
-    cross3(to, from, cross);
-    for (int i = 0; i < 3; i++)
-        turn[i] = from[3] * to[i] - to[3] * from[i] + cross[i];
-    const Real cosine = dot3(from, to) + from[3] * to[3], sine = sqrt(dot3(turn, turn));
-    const Real factor = sine > 0.0 ? 2.0 * atan2(sine, fabs(cosine)) / sine : 2.0;
-    for (int i = 0; i < 3; i++)
-        turn[i] *= cosine < 0.0 ? -factor : factor;
-}
-
-/* Scaled joint displacements from the start to q; of a free joint's position to first order. */
-static void measure_way(Work *w, const Real *q)
-{
-    const Kernel *k = w->k;
-    for (Int j = 1; j < k->n_joints; j++) {
-        const Real *from = w->q + k->iq[j], *to = q + k->iq[j];
-        Real *way = w->way + k->iv[j];
-        if (k->kind[j] < BALL) {
-            way[0] = to[0] - from[0];
-        } else if (k->kind[j] == BALL) {
-            turn_between(from, to, way);
-        } else {
-            Real R[9], moved[3] = {to[0] - from[0], to[1] - from[1], to[2] - from[2]};
-            quaternion_rotation(from + 3, R);
-            rotate_back3(R, moved, way);
-            turn_between(from + 3, to + 3, way + 3);
-        }
-    }
-    for (Int v = 0; v < k->nv; v++)
-        w->way[v] /= k->scale[v];
-}
 
 static Real entry_times(const Kernel *k, Int equation, const Real *x)
 {
@@ -98,11 +71,18 @@ static Real bend(Work *w)
 
 static void take_off(const Real *direction, Int n, Real *x)
 {
-    Real part = 0.0;
-    for (Int v = 0; v < n; v++)
-        part += direction[v] * x[v];
+    const Real part = dot(direction, x, n);
     for (Int v = 0; v < n; v++)
         x[v] -= part * direction[v];
+}
+
+/* Solve for rates of the least norm: right sides in x, scaled velocities out. */
+static void solve_least(const Work *w, Int n_idle, Real *x)
+{
+    const Kernel *k = w->k;
+    system_solve(k, x);
+    for (Int i = 0; i < n_idle; i++)
+        take_off(w->idle + i * k->nv, k->nv, x);
 }
 
 /* Orthonormal motions that leave all equations and drivers alone, by Gram and Schmidt's method. */
@@ -110,32 +90,14 @@ static void find_idle(Work *w)
 {
     const Kernel *k = w->k;
     for (Int i = 0; i < k->n_fill; i++) {
-        Real *x = w->idle + i * k->nv, square = 0.0;
+        Real *x = w->idle + i * k->nv;
         memset(x, 0, (size_t)k->nv * sizeof *x);
         x[k->nv - k->n_fill + i] = 1.0;
-        system_solve(k, x);
-        for (Int j = 0; j < i; j++)
-            take_off(w->idle + j * k->nv, k->nv, x);
+        solve_least(w, i, x);
+        const Real size = norm(x, k->nv);
         for (Int v = 0; v < k->nv; v++)
-            square += x[v] * x[v];
-        for (Int v = 0; v < k->nv; v++)
-            x[v] /= sqrt(square);
+            x[v] /= size;
     }
-}
-
-/* Solve for rates of the least norm: right sides in x, scaled velocities out. */
-static void solve_least(const Work *w, Real *x)
-{
-    const Kernel *k = w->k;
-    system_solve(k, x);
-    for (Int i = 0; i < k->n_fill; i++)
-        take_off(w->idle + i * k->nv, k->nv, x);
-}
-
-static void put_driven(const Kernel *k, const Real *rate, Real *x)
-{
-    for (Int i = 0; i < k->n_driven; i++)
-        x[k->n_chosen + k->n_idle + i] = rate[i] / k->scale[k->driven[i]];
 }
 
 static void scale_out(const Kernel *k, const Real *x, const Real *rate, Real *out)
@@ -153,21 +115,14 @@ static Real solve_rates(Work *w, Real *v, Real *a)
     Kernel *k = w->k;
     Real *x = k->right, opened = 0.0;
     find_idle(w);
-    memset(x, 0, (size_t)k->nv * sizeof *x);
-    put_driven(k, w->s->speed, x);
-    solve_least(w, x);
+    system_put_rates(k, w->s->speed);
+    solve_least(w, k->n_fill, x);
     for (Int i = 0; i < k->n_closure; i++)
         opened = fmax(opened, fabs(entry_times(k, i, x)));
     const Real fastest = largest(x, k->nv);
     scale_out(k, x, w->s->speed, v);
-    equations_bias(k, &k->all, v);
-    memset(x, 0, (size_t)k->nv * sizeof *x);
-    for (Int i = 0; i < k->n_chosen; i++)
-        x[i] = -k->bias[k->chosen[i]];
-    for (Int i = 0; i < k->n_idle; i++)
-        x[k->n_chosen + i] = -k->bias[k->n_closure + i];
-    put_driven(k, w->s->acceleration, x);
-    solve_least(w, x);
+    system_put_accelerations(k, v, w->s->acceleration);
+    solve_least(w, k->n_fill, x);
     scale_out(k, x, w->s->acceleration, a);
     return fastest > 0.0 ? opened / fastest : 0.0;
 }
@@ -207,41 +162,54 @@ static void take_numbers(Work *w, Int i)
         w->numbers[s->place[n]] = s->varied[i * s->n_varied + n];
 }
 
-static int close_sample(Work *w, Int i)
+/* Close sample i, whose numbers the kernel has, from its start; it is evaluated there. */
+static void close_from_start(Work *w, Int i)
 {
     const Samples *s = w->s;
     Kernel *k = w->k;
-    const size_t angles = (size_t)k->n_angles * sizeof(Real);
-    Real *q = s->q + i * k->nq, *angle = s->angle + i * k->n_angles, *fact = s->fact + i * FACTS;
-    Int mirrored = 0;
-    take_numbers(w, i);
-    int code = kernel_set_numbers(k, w->numbers, s->n_reals);
-    if (code != DONE)
-        return code;
+    Real *q = s->q + i * k->nq, *angle = s->angle + i * k->n_angles;
+    Int mirrored;
     memcpy(w->q, q, (size_t)k->nq * sizeof *q);
     equations_values_near(k, q, angle);
     memcpy(w->open, k->residual, (size_t)k->n_closure * sizeof(Real));
     closer_close(w->closer, q, NULL, s->free, NULL, angle, 0.0, s->tolerance, s->iterations,
-                 s->cut, fact, &mirrored);
+                 s->cut, &s->fact[i].error, &mirrored);
     equations_values(k, q);
     equations_jacobian(k, &k->all);
-    memcpy(angle, k->angle, angles);
-    measure_way(w, q);
-    fact[1] = largest(w->way, k->nv);
-    fact[2] = 0.0;
+    memcpy(angle, k->angle, (size_t)k->n_angles * sizeof(Real));
+}
+
+/* Write down what tells whether a sample at q, evaluated, is on the branch of its start. DONE or
+   SINGULAR, where the system has no solution, or NO_MEMORY. */
+static int judge(Work *w, const Real *q, Facts *fact)
+{
+    Kernel *k = w->k;
+    relative_coordinates(k, w->q, q, w->way);
+    fact->farthest = largest(w->way, k->nv);
+    fact->way = 0.0;
     for (Int v = 0; v < k->nv; v++)
-        fact[2] += fabs(w->way[v]);
-    code = system_factor(k);
-    const int solved = code == DONE;
-    fact[3] = solved ? k->sign : 0.0;
-    fact[4] = log(k->mantissa) + (Real)k->exponent * log(2.0);
-    fact[5] = solved ? bend(w) : INFINITY;
-    fact[6] = 0.0;
+        fact->way += fabs(w->way[v]);
+    const int code = system_factor(k);
+    fact->sign = code == DONE ? k->sign : 0.0;
+    fact->magnitude = log(k->mantissa) + (Real)k->exponent * log(2.0);
+    fact->bend = code == DONE ? bend(w) : INFINITY;
+    return code;
+}
+
+static int close_sample(Work *w, Int i)
+{
+    const Samples *s = w->s;
+    Kernel *k = w->k;
     Real *v = s->v + i * k->nv, *a = s->a + i * k->nv;
+    take_numbers(w, i);
+    int code = kernel_set_numbers(k, w->numbers, s->n_reals);
+    if (code != DONE)
+        return code;
+    close_from_start(w, i);
+    code = judge(w, s->q + i * k->nq, s->fact + i);
     memset(v, 0, (size_t)k->nv * sizeof *v);
     memset(a, 0, (size_t)k->nv * sizeof *a);
-    if (solved && s->speed)
-        fact[6] = solve_rates(w, v, a);
+    s->fact[i].opened = code == DONE && s->speed ? solve_rates(w, v, a) : 0.0;
     write_points(w, v, a, s->point + 15 * i * s->n_points);
     return code == SINGULAR ? DONE : code;
 }
@@ -254,18 +222,15 @@ static int is_sound(const Kernel *k, const Samples *s)
     for (Int i = 0; i < s->n_varied; i++)
         if (!within(s->place[i], s->n_reals + 3 * s->n_points))
             return 0;
-    return k->n_chosen + k->n_idle + k->n_driven + k->n_fill == k->nv;
+    return 1;
 }
 
 /* Close m samples with the square system of the kernel, whose numbers are the last sample's then.
 
-   work: (n_reals + 3 n_points + nq + nv + n_closure + n_fill nv). The facts: closure error; the
-   longest way of a joint and that of all together [rad, characteristic lengths]; sign and natural
-   logarithm of the determinant, 0 of a singular one; by how much the way is bent; the part of the
-   rates by which equations left out would open. */
+   work: (n_reals + 3 n_points + nq + nv + n_closure + n_fill nv). */
 EXPORT int dimensions_close(Kernel *k, Closer *closer, const Samples *s, Int m, Real *work)
 {
-    if (!is_sound(k, s))
+    if (!is_sound(k, s) || k->n_chosen + k->n_idle + k->n_driven + k->n_fill != k->nv)
         return BAD_ARRAYS;
     Work w = {.k = k, .closer = closer, .s = s, .numbers = work};
     w.q = w.numbers + s->n_reals + 3 * s->n_points;
@@ -287,12 +252,9 @@ EXPORT int dimensions_close(Kernel *k, Closer *closer, const Samples *s, Int m, 
 EXPORT int dimensions_evaluate(Kernel *k, const Samples *s, Int m, Real *residual, Real *R, Real *p,
                                Real *jacobian, Real *linear, Real *angular, Real *work)
 {
-    if (s->n_points)
+    if (s->n_points || !is_sound(k, s))
         return BAD_ARRAYS;
     Work w = {.k = k, .s = s, .numbers = work};
-    for (Int n = 0; n < s->n_varied; n++)
-        if (!within(s->place[n], s->n_reals))
-            return BAD_ARRAYS;
     const Int size = k->n_equations * k->nv;
     for (Int i = 0; i < m; i++) {
         Real *angle = s->angle + i * k->n_angles;

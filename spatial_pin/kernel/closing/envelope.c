@@ -9,21 +9,15 @@ typedef struct {
     Int *start, *row;
 } Columns;
 
-static int transposed(Kernel *k, const Envelope *e, Columns *out)
+static void transpose(const Envelope *e, Columns *out)
 {
-    const Int entries = e->start[e->n];
-    out->start = kernel_memory(k, e->nv + 2, sizeof(Int));
-    out->row = kernel_memory(k, entries, sizeof(Int));
-    if (!out->start || !out->row)
-        return NO_MEMORY;
-    for (Int i = 0; i < entries; i++)
+    for (Int i = 0; i < e->start[e->n]; i++)
         out->start[e->column[i] + 2]++;
     for (Int v = 0; v < e->nv; v++)
         out->start[v + 2] += out->start[v + 1];
     for (Int r = 0; r < e->n; r++)
         for (Int i = e->start[r]; i < e->start[r + 1]; i++)
             out->row[out->start[e->column[i] + 1]++] = r;
-    return DONE;
 }
 
 /* Append to `order`, from place n on, all rows that hang together with `row`, the nearest first;
@@ -86,25 +80,24 @@ static int lay_out(Kernel *k, Envelope *e, Int *lowest)
         e->at[p] = entries;
         entries += p - first + 1;
     }
-    e->square = kernel_memory(k, entries, sizeof(Real));
-    e->factor = kernel_memory(k, entries, sizeof(Real));
-    return e->square && e->factor ? DONE : NO_MEMORY;
+    e->square = kernel_reals(k, entries);
+    e->factor = kernel_reals(k, entries);
+    return kernel_had_memory(k) ? DONE : NO_MEMORY;
 }
 
 int envelope_create(Kernel *k, Int n, const Int *start, const Int *column, Envelope *e)
 {
-    Columns c;
     e->n = n, e->nv = k->nv, e->start = start, e->column = column;
-    e->order = kernel_memory(k, n, sizeof(Int));
-    e->first = kernel_memory(k, n, sizeof(Int));
-    e->at = kernel_memory(k, n, sizeof(Int));
-    e->wide = kernel_memory(k, k->nv, sizeof(Real));
-    e->answer = kernel_memory(k, n, sizeof(Real));
-    Int *mark = kernel_memory(k, n + k->nv, sizeof(Int));
-    if (!e->order || !e->first || !e->at || !e->wide || !e->answer || !mark)
+    e->order = kernel_ints(k, n);
+    e->first = kernel_ints(k, n);
+    e->at = kernel_ints(k, n);
+    e->wide = kernel_reals(k, k->nv);
+    e->answer = kernel_reals(k, n);
+    Int *mark = kernel_ints(k, n + k->nv);
+    Columns c = {kernel_ints(k, k->nv + 2), kernel_ints(k, start[n])};
+    if (!kernel_had_memory(k))
         return NO_MEMORY;
-    if (transposed(k, e, &c))
-        return NO_MEMORY;
+    transpose(e, &c);
     choose_order(e, &c, mark);
     return lay_out(k, e, mark);
 }
@@ -149,8 +142,6 @@ int envelope_factor(Envelope *e, Real damping)
         if (!(pivot > 0.0))
             return 0;
         row[i] = 1.0 / sqrt(pivot);
-        if (!i || pivot < e->smallest)
-            e->smallest = pivot;
     }
     return 1;
 }

@@ -15,7 +15,6 @@ typedef struct {
     Real *wide;                /* (nv) zero between uses */
     Real *answer;              /* (n) in the order of places */
     Real largest;              /* of the diagonal of J Jᵀ */
-    Real smallest;             /* squared pivot of the last factorisation */
 } Envelope;
 
 /* The order of rows is chosen from the pattern alone. DONE or NO_MEMORY. */

@@ -9,23 +9,20 @@
 
 #include "least_motion.h"
 
-
 static Int smaller(Int a, Int b) { return a < b ? a : b; }
 
 int least_motion_create(Kernel *k, Int n, Int most, LeastMotion *e)
 {
     const Int r = smaller(n, most);
     e->n = n, e->m = most, e->rank = 0;
-    e->pivot = kernel_memory(k, n, sizeof(Int));
-    e->vectors = kernel_memory(k, n * most, sizeof(Real));
-    e->factor = kernel_memory(k, 2 * r, sizeof(Real));
-    e->R = kernel_memory(k, r * n, sizeof(Real));
-    e->tall = kernel_memory(k, r * (n + r), sizeof(Real));
-    e->right = kernel_memory(k, n + most, sizeof(Real));
-    e->left = kernel_memory(k, n, sizeof(Real));
-    return e->pivot && e->vectors && e->factor && e->R && e->tall && e->right && e->left
-               ? DONE
-               : NO_MEMORY;
+    e->pivot = kernel_ints(k, n);
+    e->vectors = kernel_reals(k, n * most);
+    e->factor = kernel_reals(k, 2 * r);
+    e->R = kernel_reals(k, r * n);
+    e->tall = kernel_reals(k, r * (n + r));
+    e->right = kernel_reals(k, n + most);
+    e->left = kernel_reals(k, n);
+    return kernel_had_memory(k) ? DONE : NO_MEMORY;
 }
 
 /* Turn x (n) into the Householder vector that takes it to (head, 0 ...); its factor is left. */

@@ -13,7 +13,6 @@
 #include "choosing.h"
 #include "rates.h"
 #include "regular.h"
-#include "tolerances.h"
 
 /* Part of the longest equation that is left of each that is chosen, and smallest over largest pivot
    relative to the lengths of their rows, where it is clear what is independent. */
@@ -31,15 +30,15 @@ typedef struct {
 static int make_room(Rates *r)
 {
     Kernel *k = r->k;
-    r->chosen = kernel_memory(k, k->n_closure, sizeof(Int));
-    r->x = kernel_memory(k, 5 * k->nv, sizeof(Real));
-    r->q = kernel_memory(k, k->nq, sizeof(Real));
+    r->chosen = kernel_ints(k, k->n_closure);
+    r->x = kernel_reals(k, k->nv);
+    r->away = kernel_reals(k, k->nv);
+    r->along = kernel_reals(k, k->nv);
+    r->change = kernel_reals(k, k->nv);
+    r->sum = kernel_reals(k, k->nv);
+    r->q = kernel_reals(k, k->nq);
     r->matrix = factors_new(k);
-    if (!r->chosen || !r->matrix || !r->x || !r->q)
-        return NO_MEMORY;
-    r->away = r->x + k->nv, r->along = r->away + k->nv;
-    r->change = r->along + k->nv, r->sum = r->change + k->nv;
-    return DONE;
+    return kernel_had_memory(k) && r->matrix ? DONE : NO_MEMORY;
 }
 
 /* Memory for rates of a kernel, freed with it. */
@@ -49,9 +48,9 @@ EXPORT int rates_create(Kernel *k, const Int *driven, Int n_driven, Rates **out)
     if (n_driven < 0)
         return BAD_ARRAYS;
     Rates *r = kernel_memory(k, 1, sizeof *r);
-    Int *copy = kernel_memory(k, n_driven, sizeof(Int));
+    Int *copy = kernel_ints(k, n_driven);
     Pin *pin = kernel_memory(k, n_driven, sizeof *pin);
-    if (!r || !copy || !pin)
+    if (!kernel_had_memory(k))
         return NO_MEMORY;
     for (Int i = 0; i < n_driven; i++)
         if (!within(driven[i], 2 * k->nv) ||
@@ -110,60 +109,22 @@ static int is_pin(const Rates *r, Int i) { return r->driven[i] >= r->k->nv; }
 
 static Real driven_scale(const Rates *r, Int i) { return r->k->scale[r->driven[i] % r->k->nv]; }
 
-static Int put_equation(Rates *r, Int row, Int equation)
-{
-    const Kernel *k = r->k;
-    for (Int e = k->entry_start[equation]; e < k->entry_start[equation + 1]; e++)
-        factors_put(r->matrix, row, k->entry_v[e], k->entry[e]);
-    return row + 1;
-}
-
-/* The row of a driven freedom, or of a component that is none. */
-static Int put_driven(Rates *r, Int row, Int i)
-{
-    const Kernel *k = r->k;
-    const Int first = r->pin[i].v;
-    Real gradient[3];
-    if (!is_pin(r, i)) {
-        factors_put(r->matrix, row, r->driven[i], 1.0);
-        return row + 1;
-    }
-    pin_row(r->pin + i, k->q, gradient);
-    for (int x = 0; x < 3; x++)
-        factors_put(r->matrix, row, first + x,
-                    gradient[x] * k->scale[first + x] / driven_scale(r, i));
-    return row + 1;
-}
-
-static Int put_fill(Rates *r, Int row, const Real *fill)
-{
-    for (Int v = 0; v < r->k->nv; v++)
-        if (fill[v] != 0.0)
-            factors_put(r->matrix, row, v, fill[v]);
-    return row + 1;
-}
+/* Where the rows, and right sides, of what is driven stand. */
+static Int first_driven(const Rates *r) { return r->n_chosen + r->k->n_idle; }
 
 /* Factor K, with rows that fill it up, at the evaluated configuration. */
 static int factor(Rates *r, const Real *fill, Int n_fill)
 {
     const Kernel *k = r->k;
-    const Int room = k->entry_start[k->n_equations] + 3 * r->n_driven + n_fill * k->nv;
-    Int row = 0;
-    if (factors_begin(r->matrix, k->nv, room) != DONE)
+    Entries *to = &r->matrix->entries;
+    const Int more = 3 * r->n_driven + n_fill * k->nv;
+    if (!system_put_equations(k, r->chosen, r->n_chosen, more, to))
         return NO_MEMORY;
-    for (Int i = 0; i < r->n_chosen; i++)
-        row = put_equation(r, row, r->chosen[i]);
-    for (Int i = k->n_closure; i < k->n_equations; i++)
-        row = put_equation(r, row, i);
     for (Int i = 0; i < r->n_driven; i++)
-        row = put_driven(r, row, i);
-    for (Int i = 0; i < n_fill; i++)
-        row = put_fill(r, row, fill + i * k->nv);
-    return factors_make(r->matrix);
+        system_put_driven(k, first_driven(r) + i, r->driven[i], r->pin + i, to);
+    system_put_fill(k, first_driven(r) + r->n_driven, fill, n_fill, to);
+    return factors_make(r->matrix, k->nv);
 }
-
-/* Where the right sides of what is driven stand. */
-static Int first_driven(const Rates *r) { return r->n_chosen + r->k->n_idle; }
 
 /* Joint velocities (n, nv) for a unit speed of each of the first n driven freedoms; returns how
    fast the fastest joint is, relative to the driven one. */
@@ -273,33 +234,18 @@ static int take_and_factor(Rates *r, const Given *given)
     return code == DONE && !(r->matrix->pivot > 0.0) ? SINGULAR : code;
 }
 
-/* Evaluate and factor at q. */
-static int place(Rates *r, const Real *q, const Real *reference, const Given *given)
-{
-    Kernel *k = r->k;
-    equations_values_near(k, q, reference);
-    equations_jacobian(k, &k->all);
-    const int code = given->equations ? take_and_factor(r, given) : choose_and_factor(r, q);
-    r->is_placed = code == DONE;
-    return code;
-}
-
-static int are_finite(const Real *x, Int n)
-{
-    for (Int i = 0; i < n; i++)
-        if (!isfinite(x[i]))
-            return 0;
-    return 1;
-}
-
 /* Evaluate and factor at q, for what is asked afterwards: DONE; UNSAFE or SINGULAR where there are no
    rates. The n `equations` and n_fill rows that fill the system up are the caller's, or chosen here
    where `equations` is NULL. pivot: smallest over largest. */
 EXPORT int rates_place(Rates *r, const Real *q, const Real *reference, const Int *equations, Int n,
                        const Real *fill, Int n_fill, Real *pivot)
 {
+    Kernel *k = r->k;
     const Given given = {equations, n, fill, n_fill};
-    const int code = place(r, q, reference, &given);
+    equations_values_near(k, q, reference);
+    equations_jacobian(k, &k->all);
+    const int code = equations ? take_and_factor(r, &given) : choose_and_factor(r, q);
+    r->is_placed = code == DONE;
     *pivot = r->matrix->pivot;
     return code;
 }

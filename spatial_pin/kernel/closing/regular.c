@@ -6,15 +6,14 @@
 
 int stays_closed(Kernel *k, const Real *q, Real error, Real *there)
 {
-    Real *x = k->right, square = 0.0;
+    Real *x = k->right;
     memset(x, 0, (size_t)k->nv * sizeof *x);
     for (Int i = 0; i < k->n_driven + k->n_fill; i++)
         x[k->n_chosen + k->n_idle + i] = cos(1.0 + (Real)i); /* a direction of none of them alone */
     system_solve(k, x);
+    const Real size = norm(x, k->nv);
     for (Int v = 0; v < k->nv; v++)
-        square += x[v] * x[v];
-    for (Int v = 0; v < k->nv; v++)
-        x[v] *= TOLERANCE_TRIAL_STEP / sqrt(square) * k->scale[v];
+        x[v] *= TOLERANCE_TRIAL_STEP / size * k->scale[v];
     memcpy(there, q, (size_t)k->nq * sizeof *q);
     tree_integrate(k, there, x);
     /* Closed more tightly than the others are judged by: of many loops these are sums of many chosen

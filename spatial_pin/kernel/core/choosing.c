@@ -4,7 +4,6 @@
 #include <stdlib.h>
 
 #include "choosing.h"
-#include "tolerances.h"
 
 #define FAINT 1e-34   /* square of an entry, relative to its row's, that is below round-off of it */
 
@@ -49,10 +48,8 @@ static int begin(Choice *c, Int n, Int width)
 
 static void measure(Choice *c, Int i)
 {
-    const Real *row = c->row + i * c->width;
-    c->square[i] = 0.0;
-    for (Int v = c->first[i]; v < c->end[i]; v++)
-        c->square[i] += row[v] * row[v];
+    const Real *row = c->row + i * c->width + c->first[i];
+    c->square[i] = dot(row, row, c->end[i] - c->first[i]);
 }
 
 /* The place of a column, from which on rows may have it. */
@@ -70,6 +67,7 @@ static void put(Choice *c, Int i, Int column, Real value)
     c->end[i] = at >= c->end[i] ? at + 1 : c->end[i];
     c->row[i * c->width + at] = value;
 }
+
 /* Forget what a row has at its ends below round-off: what loops hand on to others fades away. */
 static void trim(Choice *c, Int i)
 {
@@ -111,9 +109,7 @@ static void straighten(Choice *c, Int i, Int chosen, Real square)
     Real *row = c->row + i * c->width;
     const Int first = c->first[chosen], end = c->end[chosen];
     for (int twice = 0; twice < 2; twice++) {
-        Real part = 0.0;
-        for (Int v = first; v < end; v++)
-            part += row[v] * along[v];
+        const Real part = dot(row + first, along + first, end - first);
         if (part == 0.0)
             break;
         for (Int v = first; v < end; v++)
@@ -198,8 +194,5 @@ Int independent_equations(const Kernel *k, const Int *among, Int n, Int most, Re
 
 Real equation_length(const Kernel *k, Int i)
 {
-    Real square = 0.0;
-    for (Int e = k->entry_start[i]; e < k->entry_start[i + 1]; e++)
-        square += k->entry[e] * k->entry[e];
-    return sqrt(square);
+    return norm(k->entry + k->entry_start[i], k->entry_start[i + 1] - k->entry_start[i]);
 }

@@ -258,17 +258,16 @@ int equations_are_sound(const Kernel *k)
 
 /* ---- parts: some of the equations, and what they are made of ---- */
 
-/* What the marks say, as lists. */
-static void list(const char *mark, char wanted, Int n, Int *count, Int *places)
-{
-    *count = 0;
-    for (Int i = 0; i < n; i++)
-        if (mark[i] == wanted)
-            places[(*count)++] = i;
-}
-
-/* Marks of vectors: in the system, not in it; and those of the ground, which do not move. */
+/* Marks: in the system, not in it; and vectors of the ground, which do not move. */
 enum { OUTSIDE = 0, INSIDE = 1, STANDING = 2 };
+
+static void unmark(Kernel *k)
+{
+    memset(k->is_equation, OUTSIDE, (size_t)k->n_equations);
+    memset(k->is_product, OUTSIDE, (size_t)k->n_products);
+    for (Int i = 0; i < k->n_vectors; i++)
+        k->is_vector[i] = k->vector_body[i] ? OUTSIDE : STANDING;
+}
 
 static void mark_vector(Kernel *k, Int i)
 {
@@ -279,10 +278,10 @@ static void mark_vector(Kernel *k, Int i)
 /* Mark what an equation of the system is made of. */
 static void mark_equation(Kernel *k, Int i)
 {
-    k->is_equation[i] = 1;
+    k->is_equation[i] = INSIDE;
     for (int p = 0; p < TABLE[k->equation_kind[i]].n_products; p++) {
         const Int product = k->equation_int[4 * i + p];
-        k->is_product[product] = 1;
+        k->is_product[product] = INSIDE;
         mark_vector(k, k->x_term[product]);
         for (int t = 0; t < 2; t++) {
             mark_vector(k, k->a_term[2 * product + t]);
@@ -291,53 +290,53 @@ static void mark_equation(Kernel *k, Int i)
     }
 }
 
-static void mark_no_vector(Kernel *k)
+static Int list(const char *mark, char wanted, Int n, Int *places)
 {
-    for (Int i = 0; i < k->n_vectors; i++)
-        k->is_vector[i] = k->vector_body[i] ? OUTSIDE : STANDING;
+    Int count = 0;
+    for (Int i = 0; i < n; i++)
+        if (mark[i] == wanted)
+            places[count++] = i;
+    return count;
+}
+
+/* List what is marked so. */
+static void list_parts(const Kernel *k, char mark, Parts *of)
+{
+    of->n_equations = list(k->is_equation, mark, k->n_equations, of->equation);
+    of->n_products = list(k->is_product, mark, k->n_products, of->product);
+    of->n_vectors = list(k->is_vector, mark, k->n_vectors, of->vector);
 }
 
 void equations_of_system(Kernel *k)
 {
-    Parts *of = &k->system, *rest = &k->rest;
-    memset(k->is_equation, 0, (size_t)k->n_equations);
-    memset(k->is_product, 0, (size_t)k->n_products);
-    mark_no_vector(k);
+    unmark(k);
     for (Int i = 0; i < k->n_chosen; i++)
         mark_equation(k, k->chosen[i]);
     for (Int i = 0; i < k->n_equations; i++)
         if (i >= k->n_closure || TABLE[k->equation_kind[i]].n_angles)
             mark_equation(k, i);
-    list(k->is_equation, 1, k->n_equations, &of->n_equations, of->equation);
-    list(k->is_product, 1, k->n_products, &of->n_products, of->product);
-    list(k->is_vector, INSIDE, k->n_vectors, &of->n_vectors, of->vector);
-    list(k->is_equation, 0, k->n_equations, &rest->n_equations, rest->equation);
-    list(k->is_product, 0, k->n_products, &rest->n_products, rest->product);
-    list(k->is_vector, OUTSIDE, k->n_vectors, &rest->n_vectors, rest->vector);
+    list_parts(k, INSIDE, &k->system);
+    list_parts(k, OUTSIDE, &k->rest);
 }
 
-static int make_parts(Kernel *k, Parts *of)
+void equations_make_room(Kernel *k)
 {
-    of->equation = kernel_memory(k, k->n_equations, sizeof(Int));
-    of->product = kernel_memory(k, k->n_products, sizeof(Int));
-    of->vector = kernel_memory(k, k->n_vectors, sizeof(Int));
-    return of->equation && of->product && of->vector;
-}
-
-int equations_begin(Kernel *k)
-{
-    Parts *all = &k->all;
+    Parts *const parts[] = {&k->all, &k->system, &k->rest};
+    for (int i = 0; i < 3; i++) {
+        parts[i]->equation = kernel_ints(k, k->n_equations);
+        parts[i]->product = kernel_ints(k, k->n_products);
+        parts[i]->vector = kernel_ints(k, k->n_vectors);
+    }
     k->is_equation = kernel_memory(k, k->n_equations, 1);
     k->is_product = kernel_memory(k, k->n_products, 1);
     k->is_vector = kernel_memory(k, k->n_vectors, 1);
-    if (!k->is_equation || !k->is_product || !k->is_vector || !make_parts(k, all) ||
-        !make_parts(k, &k->system) || !make_parts(k, &k->rest))
-        return 0;
-    mark_no_vector(k);
-    list(k->is_equation, 0, k->n_equations, &all->n_equations, all->equation);
-    list(k->is_product, 0, k->n_products, &all->n_products, all->product);
-    list(k->is_vector, OUTSIDE, k->n_vectors, &all->n_vectors, all->vector);
-    return 1;
+}
+
+void equations_begin(Kernel *k)
+{
+    unmark(k);
+    list_parts(k, OUTSIDE, &k->all);
+    equations_place_ground(k);
 }
 
 /* ---- all equations ---- */

@@ -16,10 +16,8 @@ static int is_full(const Factors *f) { return f->n <= FEW_UNKNOWNS; }
 
 Factors *factors_new(Kernel *k)
 {
-    Factors **more = realloc(k->factors, (size_t)(k->n_factors + 1) * sizeof *more);
-    if (!more)
+    if (!widen((void **)&k->factors, k->n_factors + 1, sizeof *k->factors))
         return NULL;
-    k->factors = more;
     Factors *f = calloc(1, sizeof *f);
     if (f && !(f->lu = lu_new())) {
         free(f);
@@ -32,61 +30,37 @@ Factors *factors_new(Kernel *k)
 
 void factors_free(Factors *f)
 {
-    void *all[] = {f->row, f->column, f->value, f->matrix, f->order, f->left, f->scratch};
-    for (size_t i = 0; i < sizeof all / sizeof *all; i++)
-        free(all[i]);
+    entries_free(&f->entries);
+    free(f->matrix);
+    free(f->order);
+    free(f->left);
+    free(f->scratch);
     lu_free(f->lu);
     free(f);
 }
 
-/* Give an array room for n things; 0 if there is no memory. */
-static int widen(void **array, Int n, size_t size)
+static int make_room(Factors *f)
 {
-    void *more = realloc(*array, (size_t)(n > 0 ? n : 1) * size);
-    if (more)
-        *array = more;
-    return more != NULL;
-}
-
-int factors_begin(Factors *f, Int n, Int n_entries)
-{
-    const Int few = n < FEW_UNKNOWNS ? n : FEW_UNKNOWNS;
-    f->n = n;
-    f->n_entries = 0;
-    f->pivot = 0.0;
-    if (n_entries > f->entry_room || !f->row) {
-        if (!widen((void **)&f->row, n_entries, sizeof(Int)) ||
-            !widen((void **)&f->column, n_entries, sizeof(Int)) ||
-            !widen((void **)&f->value, n_entries, sizeof(Real)))
-            return NO_MEMORY;
-        f->entry_room = n_entries;
-    }
+    const Int n = f->n, few = n < FEW_UNKNOWNS ? n : FEW_UNKNOWNS;
     if (n > f->room || !f->left) {
         if (!widen((void **)&f->matrix, few * few, sizeof(Real)) ||
             !widen((void **)&f->order, few, sizeof(Int)) ||
             !widen((void **)&f->left, n, sizeof(Real)) ||
             !widen((void **)&f->scratch, 2 * n, sizeof(Real)))
-            return NO_MEMORY;
+            return 0;
         f->room = n;
     }
-    return DONE;
-}
-
-void factors_put(Factors *f, Int row, Int column, Real value)
-{
-    const Int e = f->n_entries++;
-    f->row[e] = row;
-    f->column[e] = column;
-    f->value[e] = value;
+    return 1;
 }
 
 static void factor_full(Factors *f)
 {
+    const Entries *from = &f->entries;
     const Int n = f->n;
     Real least = INFINITY, most = 0.0;
     memset(f->matrix, 0, (size_t)(n * n) * sizeof(Real));
-    for (Int e = 0; e < f->n_entries; e++)
-        f->matrix[f->column[e] * n + f->row[e]] = f->value[e];
+    for (Int e = 0; e < from->n; e++)
+        f->matrix[from->column[e] * n + from->row[e]] = from->value[e];
     const Int failed = dense_lu(n, f->matrix, f->order);
     for (Int i = 0; i < n; i++) {
         least = fmin(least, fabs(f->matrix[i * (n + 1)]));
@@ -97,23 +71,22 @@ static void factor_full(Factors *f)
 
 static int factor_sparse(Factors *f)
 {
-    const int code = lu_analyse(f->lu, f->n, f->n_entries, f->row, f->column, f->value);
-    Real sign, mantissa;
-    Int exponent;
-    f->pivot = 0.0;
-    if (code == DONE && lu_factor(f->lu, f->value))
-        lu_determinant(f->lu, &sign, &f->pivot, &mantissa, &exponent);
+    const int code = lu_analyse(f->lu, f->n, &f->entries);
+    if (code == DONE && lu_factor(f->lu, f->entries.value))
+        f->pivot = lu_pivot_ratio(f->lu);
     return code == NO_MEMORY ? NO_MEMORY : DONE;
 }
 
-int factors_make(Factors *f)
+int factors_make(Factors *f, Int n)
 {
-    f->pivot = 1.0;
-    if (!f->n)
-        return DONE;
-    if (!is_full(f))
+    f->n = n;
+    f->pivot = n ? 0.0 : 1.0;
+    if (!make_room(f))
+        return NO_MEMORY;
+    if (n && !is_full(f))
         return factor_sparse(f);
-    factor_full(f);
+    if (n)
+        factor_full(f);
     return DONE;
 }
 
@@ -121,11 +94,12 @@ int factors_make(Factors *f)
    costs. */
 static void solve_sparse(const Factors *f, Real *x)
 {
+    const Entries *of = &f->entries;
     memcpy(f->left, x, (size_t)f->n * sizeof(Real));
-    lu_solve(f->lu, x, x);
-    for (Int e = 0; e < f->n_entries; e++)
-        f->left[f->row[e]] -= f->value[e] * x[f->column[e]];
-    lu_solve(f->lu, f->left, f->left);
+    lu_solve(f->lu, x);
+    for (Int e = 0; e < of->n; e++)
+        f->left[of->row[e]] -= of->value[e] * x[of->column[e]];
+    lu_solve(f->lu, f->left);
     for (Int i = 0; i < f->n; i++)
         x[i] += f->left[i];
 }
@@ -145,8 +119,8 @@ Real factors_even_ratio(Factors *f)
     if (is_full(f) || !(f->pivot > 0.0))
         return f->pivot;
     memset(f->left, 0, (size_t)f->n * sizeof(Real));
-    for (Int e = 0; e < f->n_entries; e++)
-        f->left[f->row[e]] += f->value[e] * f->value[e];
+    for (Int e = 0; e < f->entries.n; e++)
+        f->left[f->entries.row[e]] += f->entries.value[e] * f->entries.value[e];
     for (Int i = 0; i < f->n; i++)
         f->left[i] = sqrt(f->left[i]);
     return lu_even_ratio(f->lu, f->left);

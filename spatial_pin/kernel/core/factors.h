@@ -1,4 +1,4 @@
-/* A square matrix given by its entries, and its factors. */
+/* A square matrix and its factors, for few or many unknowns. */
 #ifndef SPATIAL_PIN_FACTORS_H
 #define SPATIAL_PIN_FACTORS_H
 
@@ -6,21 +6,19 @@
 
 struct Factors {
     Int n;                        /* unknowns */
-    Int n_entries, *row, *column; /* each place at most once */
-    Real *value;
+    Entries entries;              /* to be put there before it is factored */
     Real pivot;                   /* smallest over largest, 0 if there is no solution */
     Real *matrix;                 /* (n, n) of a few unknowns */
     Int *order;
     SparseLU *lu;                 /* of many */
     Real *left, *scratch;         /* (n), (2 n) */
-    Int room, entry_room;
+    Int room;
 };
 
 Factors *factors_new(Kernel *k); /* freed with the kernel; NULL if there is no memory */
 void factors_free(Factors *f);
-int factors_begin(Factors *f, Int n, Int n_entries); /* no entries, and room; DONE or NO_MEMORY */
-void factors_put(Factors *f, Int row, Int column, Real value);
-int factors_make(Factors *f);                 /* DONE, also where `pivot` is 0, or NO_MEMORY */
+/* Factor the entries of n unknowns: DONE, also where `pivot` is 0, or NO_MEMORY. */
+int factors_make(Factors *f, Int n);
 void factors_solve(const Factors *f, Real *x); /* x := K^-1 x; zero where there is no solution */
 /* Smallest over largest pivot, each relative to its row's length if the unknowns are many. */
 Real factors_even_ratio(Factors *f);

@@ -13,6 +13,7 @@
 
 #include <stddef.h>
 
+#include "entries.h"
 #include "tolerances.h"
 #include "vectors.h"
 
@@ -128,10 +129,8 @@ typedef struct Kernel {
     Int n_pins, *pin_row, *pin_entry; /* their rows of the matrix, and first of three entries */
     Real *fill;           /* (n_fill, nv) rows with respect to v / scale */
     SparseLU *lu;
-    Int n_system, system_room;       /* entries of the square matrix, and room for them */
-    Int *system_row, *system_column; /* where each entry stands */
-    Int *system_from;                /* its place in `entry`, or -1 where it is constant */
-    Real *system_value;
+    Entries matrix;       /* of chosen equations, idle rotations, what is driven, filled rows, in
+                             this order */
     Real sign;            /* of the determinant of the last factorisation */
     Real pivot_ratio;     /* smallest over largest pivot of it */
     Real left_out;        /* largest part of an equation left out, by the longest one chosen, that
@@ -142,7 +141,7 @@ typedef struct Kernel {
 
     Int factorisations; /* counted since creation */
     void **owned; /* memory to be freed */
-    Int n_owned, owned_room;
+    Int n_owned, owned_room, lacked_memory; /* lacked: since that was asked last */
     Factors **factors; /* (n_factors) to be freed too */
     Int n_factors;
 } Kernel;
@@ -151,7 +150,14 @@ typedef struct Kernel {
 EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_reals, Kernel **out);
 EXPORT int kernel_set_numbers(Kernel *k, const Real *reals, Int n_reals);
 EXPORT void kernel_destroy(Kernel *k);
-void *kernel_memory(Kernel *k, Int count, size_t size); /* zeroed, freed with k; NULL if none left */
+/* Memory that is freed with k, zeroed; NULL if there is none left. */
+void *kernel_memory(Kernel *k, Int count, size_t size);
+Real *kernel_reals(Kernel *k, Int count);
+Int *kernel_ints(Kernel *k, Int count);
+/* Whether there was all the memory that was asked for since this was asked last. */
+int kernel_had_memory(Kernel *k);
+/* Give an array room for n things, to be freed by its owner; 0 if there is no memory. */
+int widen(void **array, Int n, size_t size);
 
 /* ---- tree.c ---- */
 void tree_place(Kernel *k, const Real *q);   /* R, p; q is kept */
@@ -182,7 +188,8 @@ void equations_bias(Kernel *k, const Parts *of, const Real *v);
 /* Find the parts of the square system: chosen equations, idle rotations, and screws, whose angles
    and rates are asked for whether they are chosen or not; and the rest. */
 void equations_of_system(Kernel *k);
-int equations_begin(Kernel *k);      /* room for parts, and those of all; whether there is memory */
+void equations_make_room(Kernel *k); /* for parts */
+void equations_begin(Kernel *k);     /* the parts of all, and the ground */
 void equations_place_ground(Kernel *k); /* vectors that do not move, once for all */
 Real equations_error(const Kernel *k);           /* largest absolute residual; NaN if one is */
 int equations_are_sound(const Kernel *k);        /* whether their indices fit */
@@ -193,10 +200,16 @@ EXPORT int kernel_evaluate(Kernel *k, const Real *q, const Real *v, const Real *
 
 /* ---- system.c ---- */
 /* Equations to be solved (NULL: the first ones), what is driven, and rows that fill the system up;
-   n_chosen + n_idle + n_driven + n_fill must be nv. Driven is a freedom v, or, as nv + v, the component of a ball or
-   floating joint (pins.h) that stands at v. */
+   n_chosen + n_idle + n_driven + n_fill must be nv. Driven is a freedom v, or, as nv + v, the
+   component of a ball or floating joint (pins.h) that stands at v. */
 EXPORT int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *driven, Int n_driven,
                       const Real *fill, Int n_fill);
+/* Rows of a square matrix: of equations and of all idle rotations, at the evaluated point, with room
+   for so many entries more; 0 if there is no memory. Then those of what is driven, at that point,
+   `pin` being its component if it is one; and rows (n, nv) that fill it up. */
+int system_put_equations(const Kernel *k, const Int *equations, Int n, Int more, Entries *to);
+void system_put_driven(const Kernel *k, Int row, Int driven, const Pin *pin, Entries *to);
+void system_put_fill(const Kernel *k, Int row, const Real *fill, Int n, Entries *to);
 int system_factor(Kernel *k);            /* DONE or SINGULAR or NO_MEMORY, after equations_jacobian */
 /* Size of the determinant of the last factorisation: its binary logarithm. */
 static inline Real determinant_size(const Kernel *k) { return log2(k->mantissa) + (Real)k->exponent; }
@@ -207,6 +220,10 @@ void system_solve(const Kernel *k, Real *x);
    `left_out` tells how independent the others are. */
 int system_reselect(Kernel *k);
 int system_choose(Kernel *k, const Int *chosen); /* these (n_chosen) instead */
+/* Right sides, in k->right, of rates where what is driven has these (n_driven); and of accelerations
+   where joints have velocities v (nv). The others are zero. */
+void system_put_rates(Kernel *k, const Real *rate);
+void system_put_accelerations(Kernel *k, const Real *v, const Real *acceleration);
 /* dq/ds and d2q/ds2 (joint rates), at a factored point, where what is driven has derivatives
    `rate` and `bend` (n_driven) by s */
 void system_path_rates(Kernel *k, const Real *rate, const Real *bend, Real *first, Real *second);
@@ -217,17 +234,17 @@ SparseLU *lu_new(void);
 void lu_free(SparseLU *lu);
 void lu_forget(SparseLU *lu);    /* the order is chosen anew at the next factorisation */
 int lu_has_order(const SparseLU *lu);
-void lu_determinant(const SparseLU *lu, Real *sign, Real *ratio, Real *mantissa, Int *exponent);
+void lu_determinant(const SparseLU *lu, Real *sign, Real *mantissa, Int *exponent);
+Real lu_pivot_ratio(const SparseLU *lu); /* smallest over largest */
 void lu_mark(SparseLU *lu); /* changes of the pivots are told from those of now on */
 /* Bounds of their changes, relative to what they are now; infinite where they are not known. Where
    another order was chosen since, they are those by the former one. */
 void lu_changes(const SparseLU *lu, Real *least, Real *most);
 /* Smallest over largest pivot, each relative to the length (n) of its row. */
 Real lu_even_ratio(const SparseLU *lu, const Real *length);
-/* Entries (row[i], column[i]) of an n x n matrix; chooses the order by `value`. */
-int lu_analyse(SparseLU *lu, Int n, Int n_entries, const Int *row, const Int *column,
-               const Real *value);
+/* Choose the order for the entries of an n x n matrix, by their values. */
+int lu_analyse(SparseLU *lu, Int n, const Entries *of);
 int lu_factor(SparseLU *lu, const Real *value);  /* 1 good, 0 singular, -1 wants another order */
-void lu_solve(const SparseLU *lu, const Real *right, Real *x); /* right and x may be the same */
+void lu_solve(const SparseLU *lu, Real *x); /* x: right sides, then the solution */
 
 #endif

@@ -6,6 +6,7 @@
 
 #include "factors.h"
 #include "pins.h"
+#include "reading.h"
 
 #ifndef SOURCE_HASH
 #define SOURCE_HASH "0123456789abcdef" /* whoever compiles these files says which they are */
@@ -16,44 +17,49 @@ const char kernel_source_hash[] = SOURCE_HASH;
 /* Of anything counted: products of two counts stay far below 2^63 */
 #define MOST_COUNTED 100000000
 
-void *kernel_memory(Kernel *k, Int count, size_t size)
+int widen(void **array, Int n, size_t size)
+{
+    void *more = realloc(*array, (size_t)(n > 0 ? n : 1) * size);
+    if (more)
+        *array = more;
+    return more != NULL;
+}
+
+/* Room for one block of memory more. */
+static int has_place(Kernel *k)
 {
     if (k->n_owned == k->owned_room) {
-        const Int room = 2 * k->owned_room + 64;
-        void **more = realloc(k->owned, (size_t)room * sizeof *more);
-        if (!more)
-            return NULL;
-        k->owned = more;
-        k->owned_room = room;
+        if (!widen((void **)&k->owned, 2 * k->owned_room + 64, sizeof *k->owned))
+            return 0;
+        k->owned_room = 2 * k->owned_room + 64;
     }
-    void *memory = calloc(count > 0 ? (size_t)count : 1, size);
+    return 1;
+}
+
+void *kernel_memory(Kernel *k, Int count, size_t size)
+{
+    void *memory = has_place(k) ? calloc(count > 0 ? (size_t)count : 1, size) : NULL;
     if (memory)
         k->owned[k->n_owned++] = memory;
+    else
+        k->lacked_memory = 1;
     return memory;
 }
 
-/* What is left of an array to be read. */
-typedef struct {
-    const Int *at;
-    Int left;
-} Ints;
+Real *kernel_reals(Kernel *k, Int count) { return kernel_memory(k, count, sizeof(Real)); }
 
-/* Copy the next n integers into memory of the kernel; NULL when there are not as many. */
-static const Int *take_ints(Kernel *k, Ints *from, Int n)
+Int *kernel_ints(Kernel *k, Int count) { return kernel_memory(k, count, sizeof(Int)); }
+
+int kernel_had_memory(Kernel *k)
 {
-    if (n < 0 || n > from->left)
-        return NULL;
-    Int *copy = kernel_memory(k, n, sizeof *copy);
-    if (copy && n)
-        memcpy(copy, from->at, (size_t)n * sizeof *copy);
-    from->at += n;
-    from->left -= n;
-    return copy;
+    const int lacked = k->lacked_memory;
+    k->lacked_memory = 0;
+    return !lacked;
 }
 
-static int read_structure(Kernel *k, Ints from)
+static int read_structure(Kernel *k, Source from)
 {
-    const Int *head = take_ints(k, &from, 10);
+    const Int *head = read_ints(&from, 10);
     if (!head)
         return 0;
     for (int i = 0; i < 10; i++)
@@ -64,23 +70,22 @@ static int read_structure(Kernel *k, Ints from)
     k->n_closure = head[5], k->n_idle = head[6], k->n_angles = head[7];
     const Int n_support = head[8], n_entries = head[9], np = k->n_products;
     const Int n = k->n_joints, ne = k->n_equations = k->n_closure + k->n_idle;
-    int good = n > 0;
-    good = good && (k->kind = take_ints(k, &from, n));
-    good = good && (k->parent = take_ints(k, &from, n));
-    good = good && (k->iq = take_ints(k, &from, n));
-    good = good && (k->iv = take_ints(k, &from, n));
-    good = good && (k->vector_body = take_ints(k, &from, k->n_vectors));
-    good = good && (k->vector_flag = take_ints(k, &from, k->n_vectors));
-    good = good && (k->a_term = take_ints(k, &from, 2 * np));
-    good = good && (k->b_term = take_ints(k, &from, 2 * np));
-    good = good && (k->x_term = take_ints(k, &from, np));
-    good = good && (k->support_start = take_ints(k, &from, np + 1));
-    good = good && (k->support_v = take_ints(k, &from, n_support));
-    good = good && (k->equation_kind = take_ints(k, &from, ne));
-    good = good && (k->equation_int = take_ints(k, &from, 4 * ne));
-    good = good && (k->entry_start = take_ints(k, &from, ne + 1));
-    good = good && (k->entry_v = take_ints(k, &from, n_entries));
-    return good && from.left == 0 && k->support_start[np] == n_support &&
+    k->kind = read_ints(&from, n);
+    k->parent = read_ints(&from, n);
+    k->iq = read_ints(&from, n);
+    k->iv = read_ints(&from, n);
+    k->vector_body = read_ints(&from, k->n_vectors);
+    k->vector_flag = read_ints(&from, k->n_vectors);
+    k->a_term = read_ints(&from, 2 * np);
+    k->b_term = read_ints(&from, 2 * np);
+    k->x_term = read_ints(&from, np);
+    k->support_start = read_ints(&from, np + 1);
+    k->support_v = read_ints(&from, n_support);
+    k->equation_kind = read_ints(&from, ne);
+    k->equation_int = read_ints(&from, 4 * ne);
+    k->entry_start = read_ints(&from, ne + 1);
+    k->entry_v = read_ints(&from, n_entries);
+    return n > 0 && !from.failed && from.n_ints == 0 && k->support_start[np] == n_support &&
            k->entry_start[ne] == n_entries;
 }
 
@@ -157,7 +162,7 @@ static int read_numbers(Kernel *k, const Real *reals, Int n_reals)
         total += fields[i].count;
     if (total != n_reals)
         return BAD_ARRAYS;
-    Real *copy = k->rotation ? (Real *)k->rotation : kernel_memory(k, total, sizeof *copy);
+    Real *copy = k->rotation ? (Real *)k->rotation : kernel_reals(k, total);
     if (!copy)
         return NO_MEMORY;
     memcpy(copy, reals, (size_t)total * sizeof *copy);
@@ -191,18 +196,18 @@ static int make_room(Kernel *k)
         {&k->vector_bias, 3 * k->n_vectors}, {&k->row, nv}, {&k->right, nv},
     };
     for (size_t i = 0; i < sizeof fields / sizeof *fields; i++)
-        if (!(*fields[i].to = kernel_memory(k, fields[i].count, sizeof(Real))))
-            return 0;
-    k->chosen = kernel_memory(k, nv, sizeof(Int));
-    k->candidate = kernel_memory(k, nv, sizeof(Int));
-    k->driven = kernel_memory(k, nv, sizeof(Int));
+        *fields[i].to = kernel_reals(k, fields[i].count);
+    k->plain = kernel_ints(k, n);
+    k->moves = kernel_ints(k, n);
+    k->chosen = kernel_ints(k, nv);
+    k->candidate = kernel_ints(k, nv);
+    k->driven = kernel_ints(k, nv);
     k->pin = kernel_memory(k, nv, sizeof(Pin));
-    k->pin_row = kernel_memory(k, nv, sizeof(Int));
-    k->pin_entry = kernel_memory(k, nv, sizeof(Int));
+    k->pin_row = kernel_ints(k, nv);
+    k->pin_entry = kernel_ints(k, nv);
     k->lu = lu_new();
-    k->R[0] = k->R[4] = k->R[8] = 1.0; /* the ground */
-    equations_place_ground(k);
-    return equations_begin(k) && k->chosen && k->candidate && k->driven && k->pin && k->pin_row && k->pin_entry && k->lu;
+    equations_make_room(k);
+    return kernel_had_memory(k) && k->lu;
 }
 
 EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_reals, Kernel **out)
@@ -211,19 +216,16 @@ EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_r
     Kernel *k = calloc(1, sizeof *k);
     if (!k)
         return NO_MEMORY;
-    const Ints from = {ints, n_ints};
+    const Source from = {.k = k, .ints = ints, .n_ints = n_ints};
     int code = BAD_ARRAYS;
     if (read_structure(k, from) && tree_is_sound(k) && products_are_sound(k) &&
-        equations_are_sound(k)) {
-        k->plain = kernel_memory(k, k->n_joints, sizeof(Int));
-        k->moves = kernel_memory(k, k->n_joints, sizeof(Int));
-        code = k->plain && k->moves ? read_numbers(k, reals, n_reals) : NO_MEMORY;
-        if (code == DONE && !make_room(k))
-            code = NO_MEMORY;
-    }
-    if (code == DONE)
+        equations_are_sound(k))
+        code = make_room(k) ? read_numbers(k, reals, n_reals) : NO_MEMORY;
+    if (code == DONE) {
+        k->R[0] = k->R[4] = k->R[8] = 1.0; /* the ground */
+        equations_begin(k);
         *out = k;
-    else
+    } else
         kernel_destroy(k);
     return code;
 }
@@ -249,10 +251,7 @@ EXPORT void kernel_destroy(Kernel *k)
     free(k->owned);
     free(k->factors);
     free(k->fill);
-    free(k->system_row);
-    free(k->system_column);
-    free(k->system_from);
-    free(k->system_value);
+    entries_free(&k->matrix);
     lu_free(k->lu);
     free(k);
 }

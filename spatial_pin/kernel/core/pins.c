@@ -141,6 +141,14 @@ void pin_row(const Pin *pin, const Real *q, Real *row)
     (pin->turns ? rotation_row : position_row)(q + pin->q, pin->component, row);
 }
 
+void pin_scaled_row(const Kernel *k, const Pin *pin, Real *row)
+{
+    const Real *scale = k->scale + pin->v;
+    pin_row(pin, k->q, row);
+    for (int x = 0; x < 3; x++)
+        row[x] = row[x] * scale[x] / scale[pin->component];
+}
+
 /* phi'' at w' = 0: the formula of phi', phi and g taking turns to change. */
 static void rotation_bias(const Real *phi, const Real *w, Real *bias)
 {

@@ -30,6 +30,9 @@ Real pin_value_near(const Pin *pin, const Real *q, Real wanted);
 /* Derivative (3) of the value with respect to the velocities from `pin->v` on. */
 void pin_row(const Pin *pin, const Real *q, Real *row);
 
+/* The same with respect to v / scale, by the scale of the value, at the kernel's q. */
+void pin_scaled_row(const Kernel *k, const Pin *pin, Real *row);
+
 /* Second derivative of the value at joint rates v and zero joint accelerations. */
 Real pin_bias(const Pin *pin, const Real *q, const Real *v);
 

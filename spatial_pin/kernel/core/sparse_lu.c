@@ -50,10 +50,11 @@ void lu_forget(SparseLU *lu)
 
 int lu_has_order(const SparseLU *lu) { return (int)lu->chosen; }
 
-void lu_determinant(const SparseLU *lu, Real *sign, Real *ratio, Real *mantissa, Int *exponent)
+Real lu_pivot_ratio(const SparseLU *lu) { return lu->ratio; }
+
+void lu_determinant(const SparseLU *lu, Real *sign, Real *mantissa, Int *exponent)
 {
     *sign = lu->sign;
-    *ratio = lu->ratio;
     *mantissa = lu->mantissa;
     *exponent = lu->exponent;
 }
@@ -168,10 +169,9 @@ static void bucket_remove(Search *s, Int row)
         s->previous[s->next[row]] = s->previous[row];
 }
 
-static int search_begin(Search *s, Int n, Int n_entries, const Int *row, const Int *column,
-                        const Real *value)
+static int search_begin(Search *s, Int n, const Entries *of)
 {
-    const size_t size = (size_t)n + 1, entries = (size_t)n_entries;
+    const size_t size = (size_t)n + 1, entries = (size_t)of->n;
     s->n = n;
     s->row = calloc(LISTS * size, sizeof *s->row);
     s->block = calloc(1, entries * sizeof(Real) + (ARRAYS * size + 2 * entries) * sizeof(Int));
@@ -185,9 +185,9 @@ static int search_begin(Search *s, Int n, Int n_entries, const Int *row, const I
                             &s->first,    &s->next,        &s->previous};
     for (int i = 0; i < ARRAYS; i++, numbers += size)
         *arrays[i] = numbers;
-    for (Int e = 0; e < n_entries; e++) {
-        s->row[row[e]].room++;
-        s->column[column[e]].room++;
+    for (Int e = 0; e < of->n; e++) {
+        s->row[of->row[e]].room++;
+        s->column[of->column[e]].room++;
     }
     for (Int i = 0; i < 2 * n; i++) { /* rows, then columns */
         s->row[i].at = numbers;
@@ -197,9 +197,9 @@ static int search_begin(Search *s, Int n, Int n_entries, const Int *row, const I
             values += s->row[i].room;
         }
     }
-    for (Int e = 0; e < n_entries; e++)
-        if (!push(s->row + row[e], column[e], value[e], 1) ||
-            !push(s->column + column[e], row[e], 0.0, 0))
+    for (Int e = 0; e < of->n; e++)
+        if (!push(s->row + of->row[e], of->column[e], of->value[e], 1) ||
+            !push(s->column + of->column[e], of->row[e], 0.0, 0))
             return 0;
     for (Int i = 0; i <= n; i++)
         s->first[i] = -1;
@@ -412,7 +412,7 @@ static void write_steps(SparseLU *lu, const Search *s, const Int *when, const In
 }
 
 /* Places of all entries, fill-in included, and the list of steps. */
-static int record(SparseLU *lu, const Search *s, Int n_entries, const Int *row, const Int *column)
+static int record(SparseLU *lu, const Search *s, const Entries *of)
 {
     const size_t n = (size_t)lu->n + 1;
     Int *offset = calloc(3 * n, sizeof *offset);
@@ -427,8 +427,8 @@ static int record(SparseLU *lu, const Search *s, Int n_entries, const Int *row, 
         good = count_steps(lu, s, when);
         if (good) {
             write_steps(lu, s, when, offset);
-            for (Int e = 0; e < n_entries; e++)
-                lu->place[e] = place_of(s, offset, row[e], column[e]);
+            for (Int e = 0; e < of->n; e++)
+                lu->place[e] = place_of(s, offset, of->row[e], of->column[e]);
             lu->parity = parity_of(lu, to, when);
         }
     }
@@ -436,21 +436,20 @@ static int record(SparseLU *lu, const Search *s, Int n_entries, const Int *row, 
     return good;
 }
 
-int lu_analyse(SparseLU *lu, Int n, Int n_entries, const Int *row, const Int *column,
-               const Real *value)
+int lu_analyse(SparseLU *lu, Int n, const Entries *of)
 {
     Search s = {0};
     release(lu);
     lu->n = n;
-    lu->n_entries = n_entries;
+    lu->n_entries = of->n;
     lu->pivot_row = lu->order = calloc(2 * ((size_t)n + 1), sizeof(Int));
     int code = NO_MEMORY;
-    if (lu->order && search_begin(&s, n, n_entries, row, column, value)) {
+    if (lu->order && search_begin(&s, n, of)) {
         lu->pivot_column = lu->pivot_row + n;
         const int found = search(&s, lu->pivot_row, lu->pivot_column);
         if (found == 0)
             code = SINGULAR;
-        else if (found > 0 && record(lu, &s, n_entries, row, column))
+        else if (found > 0 && record(lu, &s, of))
             code = DONE;
     }
     search_free(&s);
@@ -535,10 +534,10 @@ int lu_factor(SparseLU *lu, const Real *entry)
     return grown < GROWN && lu->ratio > SHRUNK * lu->first_ratio ? 1 : -1;
 }
 
-void lu_solve(const SparseLU *lu, const Real *right, Real *x)
+void lu_solve(const SparseLU *lu, Real *x)
 {
     Real *y = lu->work;
-    memcpy(y, right, (size_t)lu->n * sizeof *y);
+    memcpy(y, x, (size_t)lu->n * sizeof *y);
     for (Int step = 0; step < lu->n; step++) {
         const Real known = y[lu->pivot_row[step]];
         if (known != 0.0)

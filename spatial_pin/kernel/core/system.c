@@ -1,6 +1,5 @@
 /* The square system: chosen closure equations, idle rotations, what is driven, and rows that fill
  * it up where freedoms are left (passive ones that nothing determines). Unknowns are v / scale. */
-#include <stdlib.h>
 #include <string.h>
 
 #include "choosing.h"
@@ -14,80 +13,66 @@ static int indices_are_sound(const Int *index, Int n, Int below)
     return 1;
 }
 
-static int make_room(Kernel *k, Int n)
+static Int put_equation(const Kernel *k, Int row, Int equation, Entries *to)
 {
-    if (n <= k->system_room)
-        return 1;
-    struct {
-        void **to;
-        size_t size;
-    } arrays[] = {{(void **)&k->system_row, sizeof(Int)},
-                  {(void **)&k->system_column, sizeof(Int)},
-                  {(void **)&k->system_from, sizeof(Int)},
-                  {(void **)&k->system_value, sizeof(Real)}};
-    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++) {
-        void *more = realloc(*arrays[i].to, (size_t)n * arrays[i].size);
-        if (!more)
-            return 0;
-        *arrays[i].to = more;
-    }
-    k->system_room = n;
+    for (Int e = k->entry_start[equation]; e < k->entry_start[equation + 1]; e++)
+        entries_put(to, row, k->entry_v[e], k->entry[e]);
+    return row + 1;
+}
+
+int system_put_equations(const Kernel *k, const Int *equations, Int n, Int more, Entries *to)
+{
+    Int row = 0, room = more + k->entry_start[k->n_equations] - k->entry_start[k->n_closure];
+    for (Int i = 0; i < n; i++)
+        room += k->entry_start[equations[i] + 1] - k->entry_start[equations[i]];
+    if (!entries_begin(to, room))
+        return 0;
+    for (Int i = 0; i < n; i++)
+        row = put_equation(k, row, equations[i], to);
+    for (Int i = k->n_closure; i < k->n_equations; i++)
+        row = put_equation(k, row, i, to);
     return 1;
 }
 
-static void put(Kernel *k, Int row, Int column, Int from, Real value)
+void system_put_driven(const Kernel *k, Int row, Int driven, const Pin *pin, Entries *to)
 {
-    const Int e = k->n_system++;
-    k->system_row[e] = row;
-    k->system_column[e] = column;
-    k->system_from[e] = from;
-    k->system_value[e] = value;
+    Real gradient[3];
+    if (driven < k->nv) {
+        entries_put(to, row, driven, 1.0);
+        return;
+    }
+    pin_scaled_row(k, pin, gradient);
+    for (Int x = 0; x < 3; x++)
+        entries_put(to, row, pin->v + x, gradient[x]);
 }
 
-static Int put_equation(Kernel *k, Int row, Int equation)
+void system_put_fill(const Kernel *k, Int row, const Real *fill, Int n, Entries *to)
 {
-    for (Int e = k->entry_start[equation]; e < k->entry_start[equation + 1]; e++)
-        put(k, row, k->entry_v[e], e, 0.0);
-    return row + 1;
+    for (Int i = 0; i < n; i++)
+        for (Int v = 0; v < k->nv; v++)
+            if (fill[i * k->nv + v] != 0.0)
+                entries_put(to, row + i, v, fill[i * k->nv + v]);
 }
 
 Int driven_at(const Kernel *k, Int i) { return k->driven[i] % k->nv; }
 
-/* A row of what is driven: one of a freedom; three of a component, that are filled in later. */
-static void put_driven(Kernel *k, Int row, Int i)
-{
-    const Int v = driven_at(k, i);
-    if (k->driven[i] < k->nv) {
-        put(k, row, v, -1, 1.0);
-        return;
-    }
-    pin_of(k, v, k->pin + k->n_pins);
-    k->pin_row[k->n_pins] = row;
-    k->pin_entry[k->n_pins] = k->n_system;
-    const Int first = k->pin[k->n_pins++].v;
-    for (Int x = 0; x < 3; x++)
-        put(k, row, first + x, -1, 1.0);
-}
-
-/* Where the entries of the square matrix stand and come from. */
+/* The matrix, whose values of equations and components are those of some point. */
 static int lay_out(Kernel *k)
 {
-    Int row = 0, room = k->entry_start[k->n_equations] - k->entry_start[k->n_closure];
-    for (Int i = 0; i < k->n_chosen; i++)
-        room += k->entry_start[k->chosen[i] + 1] - k->entry_start[k->chosen[i]];
-    if (!make_room(k, room + 3 * k->n_driven + k->n_fill * k->nv))
+    Int row = k->n_chosen + k->n_idle;
+    if (!system_put_equations(k, k->chosen, k->n_chosen, 3 * k->n_driven + k->n_fill * k->nv,
+                              &k->matrix))
         return NO_MEMORY;
-    k->n_system = k->n_pins = 0;
-    for (Int i = 0; i < k->n_chosen; i++)
-        row = put_equation(k, row, k->chosen[i]);
-    for (Int i = k->n_closure; i < k->n_equations; i++)
-        row = put_equation(k, row, i);
-    for (Int i = 0; i < k->n_driven; i++)
-        put_driven(k, row++, i);
-    for (Int i = 0; i < k->n_fill; i++, row++)
-        for (Int v = 0; v < k->nv; v++)
-            if (k->fill[i * k->nv + v] != 0.0)
-                put(k, row, v, -1, k->fill[i * k->nv + v]);
+    k->n_pins = 0;
+    for (Int i = 0; i < k->n_driven; i++, row++) {
+        Pin *pin = k->pin + k->n_pins;
+        if (k->driven[i] >= k->nv && pin_of(k, driven_at(k, i), pin)) {
+            k->pin_row[k->n_pins] = row;
+            k->pin_entry[k->n_pins++] = k->matrix.n;
+        }
+        system_put_driven(k, row, k->driven[i], pin, &k->matrix);
+    }
+    system_put_fill(k, row, k->fill, k->n_fill, &k->matrix);
     equations_of_system(k);
     lu_forget(k->lu);
     return DONE;
@@ -113,12 +98,10 @@ EXPORT int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *dri
         return BAD_ARRAYS;
     if (!driven_is_sound(k, driven, n_driven))
         return BAD_ARRAYS;
-    if (n_fill > 0) {
-        Real *rows = realloc(k->fill, (size_t)(n_fill * k->nv) * sizeof *rows);
-        if (!rows)
+    if (n_fill > 0 && fill != k->fill) {
+        if (!widen((void **)&k->fill, n_fill * k->nv, sizeof *k->fill))
             return NO_MEMORY;
-        k->fill = rows;
-        memcpy(rows, fill, (size_t)(n_fill * k->nv) * sizeof *rows);
+        memcpy(k->fill, fill, (size_t)(n_fill * k->nv) * sizeof *k->fill);
     }
     for (Int i = 0; i < n_chosen; i++)
         k->chosen[i] = chosen ? chosen[i] : i;
@@ -130,36 +113,41 @@ EXPORT int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *dri
     return lay_out(k);
 }
 
-/* The rows of components at the point that was evaluated. */
-static void turn_pins(Kernel *k)
+static Real *take_equation(const Kernel *k, Int equation, Real *to)
 {
-    for (Int i = 0; i < k->n_pins; i++) {
-        const Pin *pin = k->pin + i;
-        const Real *scale = k->scale + pin->v;
-        Real row[3];
-        pin_row(pin, k->q, row);
-        for (int x = 0; x < 3; x++)
-            k->system_value[k->pin_entry[i] + x] = row[x] * scale[x] / scale[pin->component];
-    }
+    for (Int e = k->entry_start[equation]; e < k->entry_start[equation + 1]; e++)
+        *to++ = k->entry[e];
+    return to;
+}
+
+/* Take the values at the evaluated point. */
+static void evaluate(Kernel *k)
+{
+    Real *to = k->matrix.value;
+    if (!k->matrix.n) /* there is no system yet */
+        return;
+    for (Int i = 0; i < k->n_chosen; i++)
+        to = take_equation(k, k->chosen[i], to);
+    for (Int i = k->n_closure; i < k->n_equations; i++)
+        to = take_equation(k, i, to);
+    for (Int i = 0; i < k->n_pins; i++)
+        pin_scaled_row(k, k->pin + i, k->matrix.value + k->pin_entry[i]);
 }
 
 /* Factor with the order there is; choose another where it has become a bad one. */
 int system_factor(Kernel *k)
 {
     k->factorisations++;
-    for (Int e = 0; e < k->n_system; e++)
-        if (k->system_from[e] >= 0)
-            k->system_value[e] = k->entry[k->system_from[e]];
-    turn_pins(k);
+    evaluate(k);
     for (int attempt = 0; attempt < 2; attempt++) {
         int code = DONE;
         if (attempt || !lu_has_order(k->lu))
-            code = lu_analyse(k->lu, k->nv, k->n_system, k->system_row, k->system_column,
-                              k->system_value);
+            code = lu_analyse(k->lu, k->nv, &k->matrix);
         if (code != DONE)
             return code;
-        const int factored = lu_factor(k->lu, k->system_value);
-        lu_determinant(k->lu, &k->sign, &k->pivot_ratio, &k->mantissa, &k->exponent);
+        const int factored = lu_factor(k->lu, k->matrix.value);
+        lu_determinant(k->lu, &k->sign, &k->mantissa, &k->exponent);
+        k->pivot_ratio = lu_pivot_ratio(k->lu);
         if (factored > 0 || (factored < 0 && attempt))
             return DONE;
     }
@@ -168,7 +156,7 @@ int system_factor(Kernel *k)
 
 void system_solve(const Kernel *k, Real *x)
 {
-    lu_solve(k->lu, x, x);
+    lu_solve(k->lu, x);
 }
 
 int system_choose(Kernel *k, const Int *chosen)
@@ -189,13 +177,26 @@ int system_reselect(Kernel *k)
     return found == k->n_chosen ? system_choose(k, k->candidate) : SINGULAR;
 }
 
-/* Right sides of what is driven, of derivatives (n_driven) by s. */
-static void put_rates(Kernel *k, const Real *rate)
+void system_put_rates(Kernel *k, const Real *rate)
 {
     Real *x = k->right + k->n_chosen + k->n_idle;
     memset(k->right, 0, (size_t)k->nv * sizeof *x);
     for (Int i = 0; i < k->n_driven; i++)
         x[i] = rate[i] / k->scale[driven_at(k, i)];
+}
+
+void system_put_accelerations(Kernel *k, const Real *v, const Real *acceleration)
+{
+    equations_bias(k, &k->system, v);
+    system_put_rates(k, acceleration);
+    for (Int i = 0; i < k->n_chosen; i++)
+        k->right[i] = -k->bias[k->chosen[i]];
+    for (Int i = 0; i < k->n_idle; i++)
+        k->right[k->n_chosen + i] = -k->bias[k->n_closure + i];
+    for (Int i = 0; i < k->n_pins; i++) {
+        const Pin *pin = k->pin + i;
+        k->right[k->pin_row[i]] -= pin_bias(pin, k->q, v) / k->scale[pin->v + pin->component];
+    }
 }
 
 static void solve_rates(Kernel *k, Real *rates)
@@ -207,17 +208,8 @@ static void solve_rates(Kernel *k, Real *rates)
 
 void system_path_rates(Kernel *k, const Real *rate, const Real *bend, Real *first, Real *second)
 {
-    put_rates(k, rate);
+    system_put_rates(k, rate);
     solve_rates(k, first);
-    equations_bias(k, &k->system, first);
-    put_rates(k, bend);
-    for (Int i = 0; i < k->n_chosen; i++)
-        k->right[i] = -k->bias[k->chosen[i]];
-    for (Int i = 0; i < k->n_idle; i++)
-        k->right[k->n_chosen + i] = -k->bias[k->n_closure + i];
-    for (Int i = 0; i < k->n_pins; i++) {
-        const Pin *pin = k->pin + i;
-        k->right[k->pin_row[i]] -= pin_bias(pin, k->q, first) / k->scale[pin->v + pin->component];
-    }
+    system_put_accelerations(k, first, bend);
     solve_rates(k, second);
 }

@@ -33,6 +33,14 @@ static inline Real largest(const Real *a, Int n)
     return size;
 }
 
+static inline int are_finite(const Real *a, Int n)
+{
+    for (Int i = 0; i < n; i++)
+        if (!isfinite(a[i]))
+            return 0;
+    return 1;
+}
+
 static inline Real dot3(const Real *a, const Real *b)
 {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];

@@ -4,7 +4,6 @@
  * factor, X (XᵀX)^(-1/2), is the orthonormal basis of that nearest to the old rows, for fill X = 1
  * [orthogonal Procrustes problem; Golub, Van Loan, 6.4.1]. */
 #include <stdlib.h>
-#include <string.h>
 
 #include "filling.h"
 
@@ -17,9 +16,7 @@ static Real three_less_gram(const Real *x, Int n, Int nv, Real *gram)
     Real off = 0.0;
     for (Int i = 0; i < n; i++)
         for (Int j = 0; j < n; j++) {
-            Real product = 0.0;
-            for (Int v = 0; v < nv; v++)
-                product += x[i * nv + v] * x[j * nv + v];
+            const Real product = dot(x + i * nv, x + j * nv, nv);
             off = fmax(off, fabs(product - (i == j)));
             gram[i * n + j] = (i == j ? 3.0 : 0.0) - product;
         }

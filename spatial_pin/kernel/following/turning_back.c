@@ -24,17 +24,13 @@ static void turn_back(const Real *x, Real *rate)
  * the rates are as they were, in axes that have turned. */
 static int turns_balls_only(const Kernel *k, const Real *x)
 {
-    Real most = 0.0;
+    const Real least = TOLERANCE_NOTHING * largest(x, k->nv);
     Int moved = 0;
-    for (Int v = 0; v < k->nv; v++)
-        most = fmax(most, fabs(x[v]));
     for (Int j = 1; j < k->n_joints; j++) {
-        Real size = 0.0;
-        for (Int i = 0; i < joint_nv(k->kind[j]); i++)
-            size = fmax(size, fabs(x[k->iv[j] + i]));
-        if (size > TOLERANCE_NOTHING * most && k->kind[j] != BALL)
+        const int moves = largest(x + k->iv[j], joint_nv(k->kind[j])) > least;
+        if (moves && k->kind[j] != BALL)
             return 0;
-        moved += size > TOLERANCE_NOTHING * most;
+        moved += moves;
     }
     return moved <= k->n_idle;
 }

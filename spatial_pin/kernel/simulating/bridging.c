@@ -13,7 +13,7 @@
 
 enum { ASTRAY = 42 };
 
-static int note_node(Dynamics *d, Passage *s, Int node)
+static void note_node(Dynamics *d, Passage *s, Int node)
 {
     Kernel *k = d->k;
     s->x[node] = d->x[0];
@@ -21,7 +21,7 @@ static int note_node(Dynamics *d, Passage *s, Int node)
     memcpy(s->angles + node * k->n_angles, d->turns, (size_t)k->n_angles * sizeof *d->turns);
     for (Int v = 0; v < k->nv; v++)
         s->t[node * k->nv + v] = k->scale[v] * d->columns[v];
-    return independent_bias(d, s->t + node * k->nv, NULL, s->c + node * k->nv);
+    independent_bias(d, s->t + node * k->nv, NULL, s->c + node * k->nv);
 }
 
 /* Nodes from `first` on, outwards from x. */
@@ -29,8 +29,9 @@ static int note_side(Dynamics *d, Passage *s, Int first, Real x, Real apart)
 {
     for (Int i = 0; i < NODE; i++) {
         const Real goal = x + (Real)i * apart;
-        if (independent_follow(d, &goal) != DONE || note_node(d, s, first + i) != DONE)
+        if (independent_follow(d, &goal) != DONE)
             return LOST;
+        note_node(d, s, first + i);
     }
     return DONE;
 }

@@ -1,60 +1,11 @@
 /* A Dynamics made from two flat arrays. Every index is checked here. */
-#include <stdlib.h>
-#include <string.h>
-
 #include "dynamics.h"
-
-#define MOST_OWNED 128 /* arrays of a simulation, of which there are about sixty */
-
-static void *memory(Dynamics *d, Int count, size_t size)
-{
-    if (d->n_owned == MOST_OWNED)
-        return NULL;
-    void *made = calloc(count > 0 ? (size_t)count : 1, size);
-    if (made)
-        d->owned[d->n_owned++] = made;
-    return made;
-}
-
-typedef struct {
-    Dynamics *d;
-    const Int *ints;
-    Int ints_left;
-    const Real *reals;
-    Int reals_left;
-    int failed;
-} Source;
-
-static const Int *take_ints(Source *from, Int n)
-{
-    Int *copy = n < 0 || n > from->ints_left ? NULL : memory(from->d, n, sizeof *copy);
-    if (!copy) {
-        from->failed = 1;
-        return NULL;
-    }
-    memcpy(copy, from->ints, (size_t)n * sizeof *copy);
-    from->ints += n;
-    from->ints_left -= n;
-    return copy;
-}
-
-static const Real *take_reals(Source *from, Int n)
-{
-    Real *copy = n < 0 || n > from->reals_left ? NULL : memory(from->d, n, sizeof *copy);
-    if (!copy) {
-        from->failed = 1;
-        return NULL;
-    }
-    memcpy(copy, from->reals, (size_t)n * sizeof *copy);
-    from->reals += n;
-    from->reals_left -= n;
-    return copy;
-}
+#include "reading.h"
 
 static int read_arrays(Dynamics *d, Source from)
 {
     const Int nv = d->k->nv;
-    const Int *head = take_ints(&from, 7);
+    const Int *head = read_ints(&from, 7);
     if (!head)
         return 0;
     for (int i = 0; i < 7; i++)
@@ -64,24 +15,24 @@ static int read_arrays(Dynamics *d, Source from)
     d->n_lines = head[3], d->n_turns = head[4], d->works = head[5], d->projects = head[6];
     d->n_held = d->n_free + d->n_drives;
     d->n_unknowns = (d->projects ? 2 * nv : 2 * d->n_free + 4 * d->n_spins) + (d->works ? 1 : 0);
-    d->prescribed = take_ints(&from, d->n_drives);
-    d->spin_joint = take_ints(&from, d->n_spins);
-    d->line_body = take_ints(&from, 2 * d->n_lines);
-    d->line_law = take_ints(&from, d->n_lines);
-    d->turn_q = take_ints(&from, d->n_turns);
-    d->turn_v = take_ints(&from, d->n_turns);
-    d->turn_law = take_ints(&from, d->n_turns);
-    const Real *tolerance = take_reals(&from, 1);
-    d->damping = take_reals(&from, nv);
-    d->friction = take_reals(&from, nv);
-    d->slip = take_reals(&from, nv);
-    d->armature = take_reals(&from, nv);
-    d->constant = take_reals(&from, nv);
-    d->spin_axis = take_reals(&from, 3 * d->n_spins);
-    d->line_point = take_reals(&from, 6 * d->n_lines);
-    d->line_spring = take_reals(&from, 3 * d->n_lines);
-    d->turn_spring = take_reals(&from, 3 * d->n_turns);
-    if (from.failed || from.ints_left || from.reals_left)
+    d->prescribed = read_ints(&from, d->n_drives);
+    d->spin_joint = read_ints(&from, d->n_spins);
+    d->line_body = read_ints(&from, 2 * d->n_lines);
+    d->line_law = read_ints(&from, d->n_lines);
+    d->turn_q = read_ints(&from, d->n_turns);
+    d->turn_v = read_ints(&from, d->n_turns);
+    d->turn_law = read_ints(&from, d->n_turns);
+    const Real *tolerance = read_reals(&from, 1);
+    d->damping = read_reals(&from, nv);
+    d->friction = read_reals(&from, nv);
+    d->slip = read_reals(&from, nv);
+    d->armature = read_reals(&from, nv);
+    d->constant = read_reals(&from, nv);
+    d->spin_axis = read_reals(&from, 3 * d->n_spins);
+    d->line_point = read_reals(&from, 6 * d->n_lines);
+    d->line_spring = read_reals(&from, 3 * d->n_lines);
+    d->turn_spring = read_reals(&from, 3 * d->n_turns);
+    if (from.failed || from.n_ints || from.n_reals)
         return 0;
     d->tolerance = *tolerance;
     return 1;
@@ -112,54 +63,54 @@ static int forces_are_sound(const Dynamics *d)
     return (d->asked.spring || !law) && (d->asked.drives || !d->n_drives) && d->asked.least;
 }
 
-static int make_place(Dynamics *d, Place *place)
+static void make_place(const Dynamics *d, Place *place)
 {
-    const Kernel *k = d->k;
+    Kernel *k = d->k;
     place->passage = -1;
-    return (place->q = memory(d, k->nq, sizeof(Real))) &&
-           (place->x = memory(d, d->n_held, sizeof(Real))) &&
-           (place->turns = memory(d, k->n_angles, sizeof(Real))) &&
-           (place->bend = memory(d, k->nv, sizeof(Real))) &&
-           (place->bend_rate = memory(d, d->n_held, sizeof(Real))) &&
-           (place->change = memory(d, d->n_held, sizeof(Real)));
+    place->q = kernel_reals(k, k->nq);
+    place->x = kernel_reals(k, d->n_held);
+    place->turns = kernel_reals(k, k->n_angles);
+    place->bend = kernel_reals(k, k->nv);
+    place->bend_rate = kernel_reals(k, d->n_held);
+    place->change = kernel_reals(k, d->n_held);
 }
 
-static int make_points(Dynamics *d)
+static void make_point(Kernel *k, Point *point)
 {
-    const Int n = point_numbers(d->k);
-    Real *from = memory(d, 5 * n, sizeof(Real));
-    if (!from)
-        return 0;
+    Real *from = kernel_reals(k, point_numbers(k));
+    if (from)
+        point_carve(k, &from, point);
+}
+
+static void make_points(Dynamics *d)
+{
     for (int i = 0; i < 2; i++)
-        point_carve(d->k, &from, d->points + i);
+        make_point(d->k, d->points + i);
     for (int i = 0; i < 3; i++) {
-        point_carve(d->k, &from, d->anchor + i);
+        make_point(d->k, d->anchor + i);
         d->anchor[i].s = NAN;
     }
     d->stride = INFINITY;
     d->point = d->points;
     d->point_before = d->points + 1;
-    return 1;
 }
 
-static int make_passages(Dynamics *d)
+static void make_passages(Dynamics *d)
 {
-    const Kernel *k = d->k;
+    Kernel *k = d->k;
+    const Int n = 2 * PASSAGE_NODES;
     for (Int i = 0; d->n_free == 1 && !d->n_drives && i < MOST_PASSAGES; i++) {
         Passage *s = d->passages + i;
-        const Int n = 2 * PASSAGE_NODES;
-        if (!(s->q = memory(d, n * k->nq, sizeof(Real))) ||
-            !(s->t = memory(d, n * k->nv, sizeof(Real))) ||
-            !(s->c = memory(d, n * k->nv, sizeof(Real))) ||
-            !(s->angles = memory(d, n * k->n_angles, sizeof(Real))))
-            return 0;
+        s->q = kernel_reals(k, n * k->nq);
+        s->t = kernel_reals(k, n * k->nv);
+        s->c = kernel_reals(k, n * k->nv);
+        s->angles = kernel_reals(k, n * k->n_angles);
     }
-    return 1;
 }
 
 static int make_room(Dynamics *d)
 {
-    const Kernel *k = d->k;
+    Kernel *k = d->k;
     const Int nq = k->nq, nv = k->nv, n = d->n_held, nj = k->n_joints, na = k->n_angles;
     struct {
         Real **to;
@@ -170,64 +121,46 @@ static int make_room(Dynamics *d)
         {&d->bend, nv}, {&d->bend_rate, n}, {&d->v, nv}, {&d->a, nv}, {&d->a0, nv},
         {&d->given, nv}, {&d->tau, nv}, {&d->z, n}, {&d->drive_effort, d->n_drives},
         {&d->period_q, nq}, {&d->period_angle, na}, {&d->passage_t, nv}, {&d->passage_c, nv},
-        {&d->step, nv}, {&d->trial, nq}, {&d->solved, nv}, {&d->goal, n * n + nq}, {&d->asking, 3 * n},
-        {&d->before, n}, {&d->rates, n}, {&d->off, n}, {&d->force, 3 * nj}, {&d->moment, 3 * nj},
+        {&d->step, nv}, {&d->trial, nq}, {&d->solved, nv}, {&d->goal, nq},
+        {&d->by_rates, n * n}, {&d->asking, 3 * n}, {&d->unit, d->n_free},
+        {&d->before, n}, {&d->halfway, n}, {&d->off, n}, {&d->force, 3 * nj}, {&d->moment, 3 * nj},
         {&d->twist, 6 * nj * d->n_free}, {&d->mass, d->n_free * d->n_free + 1},
         {&d->freedoms, d->n_free * nv}, {&d->change, n},
         {&d->laws, 3 * d->n_drives},
     };
     for (size_t i = 0; i < sizeof fields / sizeof *fields; i++)
-        if (!(*fields[i].to = memory(d, fields[i].count, sizeof(Real))))
-            return 0;
+        *fields[i].to = kernel_reals(k, fields[i].count);
     Int **indices[] = {&d->held, &d->held_q, &d->held_joint, &d->held_component, &d->order,
                        &d->best};
     for (size_t i = 0; i < sizeof indices / sizeof *indices; i++)
-        if (!(*indices[i] = memory(d, n, sizeof(Int))))
-            return 0;
-    if (!(d->former = memory(d, nv, sizeof(Int))))
-        return 0;
-    return make_place(d, &d->kept) && make_place(d, &d->aside) &&
-           make_place(d, &d->ended) && make_points(d) && make_passages(d);
+        *indices[i] = kernel_ints(k, n);
+    d->former = kernel_ints(k, nv);
+    make_place(d, &d->kept);
+    make_place(d, &d->aside);
+    make_place(d, &d->ended);
+    make_points(d);
+    make_passages(d);
+    return kernel_had_memory(k);
 }
 
-EXPORT void dynamics_destroy(Dynamics *d)
-{
-    if (!d)
-        return;
-    for (Int i = 0; i < d->n_owned; i++)
-        free(d->owned[i]);
-    free(d->owned);
-    free(d);
-}
-
-/* Make one on a kernel without equations of idle rotations, which it must not outlive. */
+/* Make one on a kernel without equations of idle rotations, which it is freed with. */
 EXPORT int dynamics_create(Kernel *k, const Int *ints, Int n_ints, const Real *reals, Int n_reals,
                            const Asked *asked, Dynamics **out)
 {
     *out = NULL;
-    Dynamics *d = calloc(1, sizeof *d);
-    void **owned = calloc(MOST_OWNED, sizeof *owned);
-    if (!d || !owned) {
-        free(d);
-        free(owned);
+    Dynamics *d = kernel_memory(k, 1, sizeof *d);
+    if (!d)
         return NO_MEMORY;
-    }
-    d->owned = owned;
     d->k = k;
     d->asked = *asked;
     d->passage = -1;
-    const Source from = {d, ints, n_ints, reals, n_reals, 0};
-    int code = k->n_idle == 0 && read_arrays(d, from) && forces_are_sound(d)
-                   ? DONE
-                   : BAD_ARRAYS;
-    if (code == DONE) {
-        for (Int i = 0; i < k->nv; i++)
-            d->resists = d->resists || d->damping[i] != 0.0 || d->friction[i] != 0.0;
-        code = make_room(d) ? DONE : NO_MEMORY;
-    }
-    if (code == DONE)
-        *out = d;
-    else
-        dynamics_destroy(d);
-    return code;
+    const Source from = {k, ints, n_ints, reals, n_reals, 0};
+    if (k->n_idle || !read_arrays(d, from) || !forces_are_sound(d))
+        return BAD_ARRAYS;
+    for (Int i = 0; i < k->nv; i++)
+        d->resists = d->resists || d->damping[i] != 0.0 || d->friction[i] != 0.0;
+    if (!make_room(d))
+        return NO_MEMORY;
+    *out = d;
+    return DONE;
 }

@@ -24,6 +24,12 @@ typedef struct {
                  Real *z); /* accelerations of the free coordinates by scale */
 } Asked;
 
+/* Pivot at which a configuration has seven digits left */
+#define LEAST_SOLVED TOLERANCE_NOTHING
+/* Way of one trial, beyond which it is a wild one: no integrator that is right goes two hundred
+   turns */
+#define WILD_WAY 1280.0
+
 enum { PASSAGE_NODES = 8, MOST_PASSAGES = 8, MOST_BRANCH_POINTS = 6 };
 
 /* The stretch about a branch point of branches, as polynomials in x through nodes on both sides. */
@@ -102,8 +108,16 @@ typedef struct Dynamics {
 
     /* ---- room to work in ---- */
     const Real *wanted; /* (n_held) coordinates to be reached by corrections */
-    Real *step, *trial, *solved, *goal, *before, *off, *force, *moment, *twist, *mass, *asking,
-        *laws, *rates, *freedoms; /* freedoms: (nv, n_free) */
+    Real *asking;       /* (3, n_held) the same, their rates and accelerations, as unknowns tell */
+    Real *before, *halfway; /* (n_held) where a way begins, and where a step of it is to end */
+    Real *off;          /* (n_held) by how much coordinates are off */
+    Real *by_rates;     /* (n_held, n_held) rates of x by those of held coordinates, and factors */
+    Real *trial, *goal; /* (nq) configurations that are tried */
+    Real *step, *solved; /* (nv) by scale */
+    Real *force, *moment; /* (n_joints, 3) that bodies need, see forces.h */
+    Real *twist, *mass, *unit; /* see masses.c */
+    Real *laws;         /* (n_drives, 3) what is prescribed */
+    Real *freedoms;     /* (nv, n_free) orthonormal motions, see partitioning.c */
     Int *order;  /* (n_held) of rows in the inverse's factors */
     Int *best;   /* (n_free) coordinates that would be best */
     Int *former; /* (nv) equations chosen before others were tried */
@@ -111,9 +125,15 @@ typedef struct Dynamics {
     Point anchor[3]; /* the two that samples lie between, and where the last step ended */
     Real stride;     /* of x, how far apart they may be */
     Int evaluations;
-    void **owned;
-    Int n_owned;
 } Dynamics;
+
+/* Samples of a motion: a row of each array belongs to one. */
+typedef struct {
+    Real *q, *v, *a;
+    Real *numbers; /* (4) closure error, kinetic and total energy, work */
+    Real *efforts; /* (n_drives) of prescribed drivers */
+    Real *angles;  /* (n_angles) of screws */
+} SampleRows;
 
 /* ---- independent.c ---- */
 int independent_begin(Dynamics *d);              /* at d->q: columns, sign, pivots */
@@ -130,7 +150,7 @@ int independent_return(Dynamics *d, const Place *place);
 void independent_columns(Dynamics *d);
 void independent_rates(Dynamics *d, const Real *v, Real *rates); /* of the free x, at v */
 Real independent_pace(const Dynamics *d);
-int independent_bias(Dynamics *d, const Real *v, const Real *held_acceleration, Real *a);
+void independent_bias(Dynamics *d, const Real *v, const Real *held_acceleration, Real *a);
 
 /* ---- partitioning.c ---- */
 void partitioning_orthonormal_freedoms(Dynamics *d); /* d->freedoms, of the columns */
@@ -146,14 +166,17 @@ int passing_travel(Dynamics *d, const Real *x); /* to coordinates x, branch poin
 Int passing_crossed(const Dynamics *d, Real from, Real to, Real *x, Int room);
 
 /* ---- dynamics.c ---- */
-int dynamics_rates(void *d, Real t, const Real *y, Real *rates);
-int dynamics_sample(Dynamics *d, Real t, const Real *y, const Real *z, Real *q, Real *v, Real *a,
-                    Real *numbers, Real *efforts, Real *angles);
+/* dy/dt of a Dynamics. LOST where the loops cannot be closed at y. */
+EXPORT int dynamics_rates(void *d, Real t, const Real *y, Real *rates);
+/* Write sample i. Accelerations of the free coordinates are z, or NULL: they follow from forces. */
+int dynamics_sample(Dynamics *d, Real t, const Real *y, const Real *z, const SampleRows *rows,
+                    Int i);
 /* The same where one freedom, accelerated by z, lies between two points of its curve; LOST where it
  * does not. */
 int dynamics_sample_between(Dynamics *d, const Point *from, const Point *to, const Real *y, Real z,
-                            Real *q, Real *v, Real *a, Real *numbers, Real *angles);
+                            const SampleRows *rows, Int i);
 EXPORT Real dynamics_keep(Dynamics *d);
+EXPORT Real dynamics_pivot(const Dynamics *d);
 EXPORT Real dynamics_heaviest(Dynamics *d);
 EXPORT int dynamics_place(Dynamics *d, Real t, const Real *y, Real *q, Real *v, Real *angles,
                           Real *error);

@@ -10,7 +10,6 @@
 #include "correcting.h"
 #include "dense.h"
 #include "dynamics.h"
-#include "tolerances.h"
 
 /* Part of a step that the prediction may leave: twice what paths may, as the rates of the
    motion tell where it leads */
@@ -18,13 +17,9 @@
 /* Longest step in one go [rad, characteristic lengths]: from there prediction leaves more than
    that */
 #define LONGEST_GO 0.7
-/* Way of one trial, beyond which it is a wild one: no integrator that is right goes two hundred
-   turns */
-#define WILD_WAY 1280.0
 #define GO_HALVINGS 10       /* of a way, before it is given up: a thousandth of a step */
 #define SHORTEST_TOLD 1e-8   /* way on which a change of the determinant is more than round-off */
 #define REMAINS 0.25         /* of the determinant, where one that falls in a line would be left */
-#define LEAST_SOLVED TOLERANCE_NOTHING /* pivot at which a configuration has seven digits left */
 /* Distances of two points of a curve that a polynomial through them tells ahead: their round-off
    grows by 20 r^5 */
 #define FAR_AHEAD 8.0
@@ -63,15 +58,15 @@ static void put_spin_rows(Dynamics *d)
 {
     Kernel *k = d->k;
     const Int first = k->nv - d->n_spins;
-    for (Int e = k->n_system - 1; e >= 0 && k->system_row[e] >= first; e--) {
-        const Int s = k->system_row[e] - first, v = k->system_column[e];
+    for (Int e = k->matrix.n - 1; e >= 0 && k->matrix.row[e] >= first; e--) {
+        const Int s = k->matrix.row[e] - first, v = k->matrix.column[e];
         Real line[3];
         rotate3(k->R + 9 * d->spin_joint[s], d->spin_axis + 3 * s, line);
-        k->system_value[e] = k->scale[v] * dot3(line, k->angular + 3 * v);
+        k->matrix.value[e] = k->scale[v] * dot3(line, k->angular + 3 * v);
     }
 }
 
-static int factor(Dynamics *d)
+static int factor_system(Dynamics *d)
 {
     equations_jacobian(d->k, &d->k->system);
     if (d->n_spins)
@@ -93,12 +88,12 @@ void independent_columns(Dynamics *d)
         return;
     for (Int i = 0; i < n; i++)
         for (Int j = 0; j < n; j++)
-            d->goal[i * n + j] = held_rate(d, i, d->columns + j * nv);
+            d->by_rates[i * n + j] = held_rate(d, i, d->columns + j * nv);
     memset(d->inverse, 0, (size_t)(n * n) * sizeof *d->inverse);
     for (Int i = 0; i < n; i++)
         d->inverse[i * n + i] = 1.0;
-    dense_lu(n, d->goal, d->order);
-    dense_lu_solve(n, d->goal, d->order, 0, n, d->inverse);
+    dense_lu(n, d->by_rates, d->order);
+    dense_lu_solve(n, d->by_rates, d->order, 0, n, d->inverse);
 }
 
 /* Add the motion of held coordinates that changes x by dx. */
@@ -190,10 +185,10 @@ static Real put_held(void *owner, Real *q)
     return sqrt(square);
 }
 
-static int factor_here(void *owner)
+static int factor_held(void *owner)
 {
     Dynamics *d = owner;
-    const int code = factor(d);
+    const int code = factor_system(d);
     if (code == DONE && !d->is_linear) {
         for (Int i = 0; i < d->n_held; i++)
             if (!is_plain(d, i))
@@ -226,14 +221,14 @@ static Real tolerance_here(const Dynamics *d)
 /* Newton's method from trial, `predicted` away from the factors at hand; factored where it ends. */
 static int newton(Dynamics *d, const Real *x, Real predicted)
 {
-    const Held held = {d, put_held, factor_here, close_held};
+    const Held held = {d, put_held, factor_held, close_held};
     const Real tolerance = tolerance_here(d);
     Correction c = {.enough = ENOUGH * tolerance, .tolerance = tolerance,
                     .left = TOLERANCE_CLOSED, .allowed = PREDICTED_TO * predicted, .fixed = -1,
                     .held = &held, .away = predicted};
     d->wanted = x;
     const int code = correct(d->k, d->trial, &c);
-    return code == DONE ? factor_here(d) : UNSAFE;
+    return code == DONE ? factor_held(d) : UNSAFE;
 }
 
 /* Whether other equations than the chosen ones would do better here: those left out tell. */
@@ -407,7 +402,7 @@ int independent_factor(Dynamics *d)
     d->has_bend = 0;
     d->n_points = 0;
     d->passage = -1;
-    const int code = factor_here(d);
+    const int code = factor_held(d);
     if (code != DONE)
         return LOST;
     if (d->is_linear)
@@ -435,7 +430,7 @@ void independent_note(Dynamics *d)
 /* Move to x in as many steps as it takes; where it cannot it stands where it came to. */
 int independent_follow(Dynamics *d, const Real *x)
 {
-    Real *from = d->before, *goal = d->rates, part = 1.0, done = 0.0;
+    Real *from = d->before, *goal = d->halfway, part = 1.0, done = 0.0;
     memcpy(from, d->x, (size_t)d->n_held * sizeof *from);
     while (done < 1.0) {
         const Real fraction = done + part < 1.0 ? done + part : 1.0;
@@ -519,7 +514,7 @@ Real independent_pace(const Dynamics *d)
 
 /* Joint accelerations at joint velocities v that spin no body, for given held accelerations, by
  * scale, NULL: none. Takes note of them for the next prediction. */
-int independent_bias(Dynamics *d, const Real *v, const Real *held_acceleration, Real *a)
+void independent_bias(Dynamics *d, const Real *v, const Real *held_acceleration, Real *a)
 {
     Kernel *k = d->k;
     equations_bias(k, &k->system, v);
@@ -550,5 +545,4 @@ int independent_bias(Dynamics *d, const Real *v, const Real *held_acceleration, 
             x[j] += held_acceleration[i] * d->columns[i * k->nv + j];
     for (Int j = 0; j < k->nv; j++)
         a[j] = k->scale[j] * x[j];
-    return DONE;
 }

@@ -10,25 +10,13 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "dynamics.h"
 #include "integrating.h"
 #include "tableaus.h"
-
-enum Status { RUNNING = 0, FINISHED = 1, FAILED = 2 };
-
-/* Why a run of steps paused; after FULL, STIFF, CREEPING and LIMIT the samples of its last step are
- * still to be made, after NO_SAMPLES they could not be. */
-enum Pause { AT_END = 0, AT_FAILURE = 1, NEW_COORDINATES = 2, FULL = 3, STIFF = 4, CREEPING = 5,
-             MANY = 6, RAISED = 7, LIMIT = 8, NO_SAMPLES = 9 };
 
 #define LONG_STEPS 15 /* steps at the bound of stability of a stiff motion [HairerWanner1996] */
 #define SHORT_STEPS 6 /* steps well within it that tell that it is none */
 #define SELDOM 5    /* steps from one look to the next */
-/* Step, and pivot, relative to the largest so far, below which the motion creeps: neither alone
-   is one */
-#define CREEPS_BELOW 1e-3
-#define NOWHERE 1e-2 /* of the longest step, that all steps allowed would lead to */
-#define NEAR_LIMIT 0.5 /* of a velocity limit: what is nearer may pass it within a step */
-#define COORDINATES_END 1.0 /* rotation vector at which coordinates are begun anew [rad] */
 
 typedef struct {
     Int stages;     /* of a step; the slope at its end comes after them */
@@ -36,15 +24,12 @@ typedef struct {
     const Real *b, *c;
     Real order;     /* of the error estimate; 0: the step is fixed */
     Real (*error)(const Integrator *, Real h);
-    int (*prepare)(Integrator *);                          /* of dense output */
+    int (*prepare)(Integrator *); /* of dense output; NULL: nothing */
     void (*between)(const Integrator *, Real part, Real *y);
-    Int extra;      /* stages more that dense output wants */
     Int first, second; /* two stages at one time, and the weights of their difference */
     Real stable;    /* longest stable step, by the fastest decay; 0: any is stable */
     Int patience;   /* steps beyond that before the motion is called stiff */
 } Method;
-
-static const Method *method_of(const Integrator *g);
 
 /* ---- errors ---- */
 
@@ -131,12 +116,6 @@ static void between_853(const Integrator *g, Real part, Real *y)
     }
 }
 
-static int prepare_none(Integrator *g)
-{
-    (void)g;
-    return DONE;
-}
-
 static void between_45(const Integrator *g, Real part, Real *y)
 {
     const Real h = g->t - g->t_old;
@@ -207,12 +186,15 @@ static int try_gauss(Integrator *g, Real t_new, Real h)
 /* ---- the table ---- */
 
 static const Method METHODS[] = {
-    {12, DOP853_A, DOP853_B, DOP853_C, 7.0, error_of_853, prepare_853, between_853, 3, 11, 12, 6.1,
-     LONG_STEPS},
-    {6, RK45_A, RK45_B, RK45_C, 4.0, error_of_45, prepare_none, between_45, 0, 5, 6, 3.25,
-     LONG_STEPS},
-    {4, RK4_A, RK4_B, RK4_C, 0.0, NULL, prepare_none, between_4, 0, 1, 2, 2.78, 2},
-    {4, NULL, GAUSS_B, NULL, 0.0, NULL, prepare_none, between_4, 0, 0, 0, 0.0, 0},
+    {.stages = 12, .a = DOP853_A, .b = DOP853_B, .c = DOP853_C, .order = 7.0,
+     .error = error_of_853, .prepare = prepare_853, .between = between_853,
+     .first = 11, .second = 12, .stable = 6.1, .patience = LONG_STEPS},
+    {.stages = 6, .a = RK45_A, .b = RK45_B, .c = RK45_C, .order = 4.0,
+     .error = error_of_45, .between = between_45,
+     .first = 5, .second = 6, .stable = 3.25, .patience = LONG_STEPS},
+    {.stages = 4, .a = RK4_A, .b = RK4_B, .c = RK4_C, .between = between_4,
+     .first = 1, .second = 2, .stable = 2.78, .patience = 2},
+    {.stages = 4, .b = GAUSS_B, .between = between_4},
 };
 enum { N_METHODS = sizeof METHODS / sizeof *METHODS };
 
@@ -336,15 +318,16 @@ EXPORT int integrator_step(Integrator *g)
 
 EXPORT int integrator_between(Integrator *g, const Real *times, Int count, Real *y)
 {
-    if (!g->is_dense) {
-        const int code = method_of(g)->prepare(g);
+    const Method *m = method_of(g);
+    if (!g->is_dense && m->prepare) {
+        const int code = m->prepare(g);
         if (code != DONE)
             return code;
-        g->is_dense = 1;
     }
+    g->is_dense = 1;
     const Real h = g->t - g->t_old;
     for (Int i = 0; i < count; i++)
-        method_of(g)->between(g, (times[i] - g->t_old) / h, y + i * g->n);
+        m->between(g, (times[i] - g->t_old) / h, y + i * g->n);
     return DONE;
 }
 
@@ -363,95 +346,6 @@ void integrator_slopes(const Integrator *g, Real t, Real *slopes)
         }
         slopes[i] = slope / h;
     }
-}
-
-/* ---- many steps of a mechanism ---- */
-
-/* Whether a limit may have been passed in the last step, at whose end the mechanism stands: the
- * joint is beyond it, or has turned back, or is nearly as fast as allowed. */
-static int meets_limit(const Dynamics *d, const Run *run)
-{
-    int meets = run->looks != 0;
-    for (Int i = 0; i < run->n_limits; i++) {
-        const Real value = run->limit_value[i], rate = d->v[run->limit_v[i]];
-        const Real side = (Real)run->limit_side[i];
-        Real *before = run->limit_before + 2 * i, room = value - fabs(rate);
-        if (side == 0.0)
-            meets = meets || (before[0] >= 0.0 && fmin(before[0], room) < NEAR_LIMIT * value);
-        else {
-            room = side * (value - d->q[run->limit_q[i]]);
-            meets = meets || (before[0] >= 0.0 &&
-                              (room < 0.0 || (before[1] > 0.0 && side * rate < 0.0)));
-        }
-        before[0] = room;
-        before[1] = side * rate;
-    }
-    return meets;
-}
-
-static int creeps(Integrator *g, const Dynamics *d, Run *run)
-{
-    const Real h = g->t - g->t_old, pivot = d->passes ? 1.0 : d->pivot;
-    run->largest_step = fmax(run->largest_step, h);
-    run->largest_pivot = fmax(run->largest_pivot, pivot);
-    return (h < CREEPS_BELOW * run->largest_step && pivot < CREEPS_BELOW * run->largest_pivot) ||
-           h * run->allowed < NOWHERE * run->largest_step;
-}
-
-/* Note the branch points that the last step has passed, whose samples are those from `first` on. */
-static void note_branch_points(const Integrator *g, const Dynamics *d, Run *run, Int first)
-{
-    const Int room = MOST_CROSSED - run->n_crossed, q = d->held_q[0];
-    const Int n = passing_crossed(d, g->y_old[0], g->y[0], run->crossed + run->n_crossed, room);
-    const Real sense = g->y[0] >= g->y_old[0] ? 1.0 : -1.0, scale = d->k->scale[d->held[0]];
-    for (Int i = run->n_crossed; i < run->n_crossed + n; i++) {
-        Int row = first;
-        while (row < run->row &&
-               sense * ((run->q[row * d->k->nq + q] - d->start[q]) / scale - run->crossed[i]) < 0.0)
-            row++;
-        run->crossed_row[i] = row;
-    }
-    run->n_crossed += n;
-}
-
-static int needs_new_coordinates(const Integrator *g, Dynamics *d, const Run *run)
-{
-    for (Int i = 0; !d->is_linear && i < d->n_free; i++)
-        if (fabs(g->y[i]) > COORDINATES_END)
-            return 1;
-    return dynamics_keep(d) > run->patience;
-}
-
-/* Steps with their samples, until something wants to be looked at; why it paused. */
-EXPORT int integrator_run(Integrator *g, Dynamics *d, Run *run)
-{
-    for (Int step = 0; step < run->most; step++) {
-        const Int first = run->row;
-        if (integrator_step(g) != DONE)
-            return RAISED;
-        if (g->status == FAILED)
-            return AT_FAILURE;
-        if (creeps(g, d, run))
-            return CREEPING;
-        if (meets_limit(d, run))
-            return LIMIT;
-        if (g->is_stiff)
-            return STIFF;
-        if (run->n_crossed > MOST_CROSSED / 2)
-            return FULL;
-        const int code = samples_of_step(g, d, run);
-        if (code != DONE) {
-            run->row = first;
-            return code == ASK_FAILED ? RAISED : NO_SAMPLES;
-        }
-        if (d->passes)
-            note_branch_points(g, d, run, first);
-        if (needs_new_coordinates(g, d, run))
-            return NEW_COORDINATES;
-        if (g->status == FINISHED)
-            return AT_END;
-    }
-    return MANY;
 }
 
 /* ---- making one ---- */

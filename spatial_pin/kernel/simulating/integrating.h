@@ -1,8 +1,10 @@
-/* Steps in time, and what many of them want: what integrating.c and samples.c share. */
+/* Runge-Kutta methods, of the rates of whatever it is: see integrating.c. */
 #ifndef SPATIAL_PIN_INTEGRATING_H
 #define SPATIAL_PIN_INTEGRATING_H
 
-#include "dynamics.h"
+#include "kernel.h"
+
+enum Status { RUNNING = 0, FINISHED = 1, FAILED = 2 };
 
 typedef int (*Rates)(void *context, Real t, const Real *y, Real *rates);
 typedef struct Integrator Integrator;
@@ -18,23 +20,8 @@ struct Integrator {
     void *context;
 };
 
-enum { MOST_CROSSED = 64 };
-
-typedef struct {
-    const Real *times; /* of all samples */
-    Int n_times, row;  /* how many there are, and how many are made */
-    Real *q, *v, *a, *numbers, *efforts, *angles; /* rows of all samples */
-    Int most;          /* steps to take */
-    Real patience, largest_step, largest_pivot, allowed; /* allowed: steps of the whole */
-    Int n_crossed;     /* branch points passed: the coordinate, and samples before */
-    Real crossed[MOST_CROSSED];
-    Int crossed_row[MOST_CROSSED];
-    Int looks, n_limits;   /* whether every step is looked at; limits of coordinates */
-    const Int *limit_q, *limit_v, *limit_side; /* side: 1 above, -1 below, 0 of the velocity */
-    const Real *limit_value;
-    Real *limit_before;    /* (2) room, and how fast it closes, where the last step ended */
-    Real between; /* what samples between others may miss: closure, and x; 0: there are none */
-} Run;
+/* One step; g->status tells how it ended. DONE or ASK_FAILED. */
+EXPORT int integrator_step(Integrator *g);
 
 /* The last step at times (count,): unknowns (count, n). */
 EXPORT int integrator_between(Integrator *g, const Real *times, Int count, Real *y);
@@ -42,8 +29,5 @@ EXPORT int integrator_between(Integrator *g, const Real *times, Int count, Real 
 /* Whether it tells derivatives of the unknowns as well; these (n), once `between` was asked. */
 int integrator_has_slopes(const Integrator *g);
 void integrator_slopes(const Integrator *g, Real t, Real *slopes);
-
-/* The samples within the last step, from its beginning on; the mechanism is left at its end. */
-int samples_of_step(Integrator *g, Dynamics *d, Run *run);
 
 #endif

@@ -49,7 +49,7 @@ static Real determinant(Dynamics *d, const Passage *s, Real x, Real *size)
     *size = -INFINITY;
     if (factor_at(d, s, x) != DONE)
         return 0.0;
-    *size = log2(k->mantissa) + (Real)k->exponent;
+    *size = determinant_size(k);
     return k->sign;
 }
 

@@ -8,7 +8,6 @@
 
 #include "choosing.h"
 #include "dynamics.h"
-#include "tolerances.h"
 
 #define PLAIN 0.1  /* speed of a plain coordinate, relative to the fastest, at which it will do */
 
@@ -192,38 +191,49 @@ int partitioning_hold_better(Dynamics *d)
     return independent_learn_change(d);
 }
 
+/* Begin with these coordinates where it stands, with other equations if there are more: the former
+ * ones may be nearly dependent. DONE or SINGULAR. */
+static int begin_anew(Dynamics *d, const Int *free_ones)
+{
+    Kernel *k = d->k;
+    int code = begin(d, free_ones, k->chosen, k->n_chosen);
+    if (k->n_chosen < k->n_closure && (code == DONE || code == SINGULAR))
+        code = system_reselect(k) == DONE ? independent_begin(d) : SINGULAR;
+    return code == DONE && d->pivot > TOLERANCE_SINGULAR ? DONE : SINGULAR;
+}
+
+/* The unknowns where coordinates begin, at joint velocities v; the work done stays. */
+static void put_unknowns(const Dynamics *d, const Real *v, Real *y)
+{
+    const Kernel *k = d->k;
+    const Int n = d->projects ? k->nv : d->n_free;
+    for (Int i = 0; i < n; i++) {
+        const Int at = d->projects ? i : d->held[i];
+        y[i] = 0.0;
+        y[n + i] = v[at] / k->scale[at];
+    }
+    for (Int s = 0; s < d->n_spins; s++)
+        memcpy(y + 2 * n + 4 * s, d->q + k->iq[d->spin_joint[s]], 4 * sizeof *y);
+}
+
 /* Change the unknowns y to the best coordinates where they are; `same` tells whether these are the
  * old ones, and nothing has been done as nothing would be better. SINGULAR where there are none. */
 EXPORT int dynamics_renew(Dynamics *d, Real t, Real *y, Int *free_ones, Int *same)
 {
-    Kernel *k = d->k;
-    const Int n = d->n_free;
     Real error;
-    const int code = dynamics_place(d, t, y, d->trial, d->a, k->angle, &error);
+    const int code = dynamics_place(d, t, y, d->trial, d->a, d->k->angle, &error);
     if (code != DONE)
         return code;
     if (!choose(d))
         return SINGULAR;
     const int keeps = are_held(d);
     *same = keeps && d->is_linear && !d->projects;
-    memcpy(free_ones, keeps ? d->held : d->best, (size_t)n * sizeof *free_ones);
+    memcpy(free_ones, keeps ? d->held : d->best, (size_t)d->n_free * sizeof *free_ones);
     if (*same)
         return DONE;
-    memcpy(d->q, d->trial, (size_t)k->nq * sizeof *d->q);
-    int begun = begin(d, free_ones, k->chosen, k->n_chosen);
-    if (k->n_chosen < k->n_closure && (begun == DONE || begun == SINGULAR))
-        begun = system_reselect(k) == DONE ? independent_begin(d) : SINGULAR;
-    if (begun != DONE)
+    memcpy(d->q, d->trial, (size_t)d->k->nq * sizeof *d->q);
+    if (begin_anew(d, free_ones) != DONE)
         return SINGULAR;
-    if (!(d->pivot > TOLERANCE_SINGULAR))
-        return SINGULAR;
-    const Int count = d->projects ? k->nv : n;
-    for (Int i = 0; i < count; i++) {
-        const Int v = d->projects ? i : d->held[i];
-        y[i] = 0.0;
-        y[count + i] = d->a[v] / k->scale[v];
-    }
-    for (Int s = 0; s < d->n_spins; s++)
-        memcpy(y + 2 * n + 4 * s, d->q + k->iq[d->spin_joint[s]], 4 * sizeof *y);
+    put_unknowns(d, d->a, y);
     return DONE;
 }

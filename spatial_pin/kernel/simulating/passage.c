@@ -49,9 +49,11 @@ void passage_place(Dynamics *d, const Passage *s, Int turn, Real x)
     equations_values(k, d->trial);
 }
 
+int passage_repeats(const Dynamics *d) { return d->period != 0.0 && d->period_is_known >= 0; }
+
 Int passage_turns(const Dynamics *d, const Passage *s, Real x)
 {
-    if (d->period == 0.0 || d->period_is_known < 0)
+    if (!passage_repeats(d))
         return 0;
     const Real middle = 0.5 * (s->low + s->high);
     return (Int)floor((x - middle) / d->period + 0.5);

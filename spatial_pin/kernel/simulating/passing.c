@@ -19,7 +19,7 @@
 /* Step, relative to the way to go, that is tried last: limits are met as roots */
 #define LAST_STEP TOLERANCE_NOTHING
 
-enum { FOUND = 40 };
+enum { FOUND = 40, LEFT = 43 };
 
 /* ---- standing on a passage ---- */
 
@@ -43,13 +43,18 @@ static void put(Dynamics *d, Int which, Int turn, Real x)
     d->distance = 0.0;
 }
 
+/* The node at an end. */
+static Int end_node(const Passage *s, int high)
+{
+    return (s->x[s->far] > s->x[s->near]) == high ? s->far : s->near;
+}
+
 /* Stand at an end of a passage, off it. */
 static int leave(Dynamics *d, Int which, Int turn, int high)
 {
     Kernel *k = d->k;
     const Passage *s = d->passages + which;
-    const Int node = (s->x[s->far] > s->x[s->near]) == high ? s->far : s->near;
-    const Real x = s->x[node] + (Real)turn * d->period;
+    const Real x = s->x[end_node(s, high)] + (Real)turn * d->period;
     passage_place(d, s, turn, x);
     memcpy(d->q, d->trial, (size_t)k->nq * sizeof *d->q);
     memcpy(d->turns, k->angle_reference, (size_t)k->n_angles * sizeof *d->turns);
@@ -70,9 +75,9 @@ static Int nearest_passage(const Dynamics *d, Real x, Int *turn)
         const Passage *s = d->passages + i;
         const Int first = passage_turns(d, s, from);
         for (Int n = first - 1; n <= first + 1; n++) {
-            if (n != 0 && (d->period == 0.0 || d->period_is_known < 0))
+            if (n != 0 && !passage_repeats(d))
                 continue;
-            const Real low = s->low + (Real)n * d->period, high = s->high + (Real)n * d->period;
+            const Real shift = (Real)n * d->period, low = s->low + shift, high = s->high + shift;
             const Real entry = sense > 0.0 ? low : high;
             const Real way = sense * (entry - from);
             const int ahead = way >= -1e-12 && sense * (x - entry) > 0.0;
@@ -94,8 +99,7 @@ static int image_is_same(Dynamics *d, Int which, Int turn, Real x)
     const Passage *s = d->passages + which;
     if (turn == 0 || d->period_is_known > 0)
         return 1;
-    const int high = d->x[0] > x;
-    const Int node = (s->x[s->far] > s->x[s->near]) == high ? s->far : s->near;
+    const Int node = end_node(s, d->x[0] > x);
     Real goal = s->x[node] + (Real)turn * d->period, worst = 0.0;
     if (independent_follow(d, &goal) != DONE)
         return 0;
@@ -148,10 +152,22 @@ static int walk(Dynamics *d, Real x, int may_build)
         if (flipped && passage_bridge(d, (goal - from) * before / (before + after)) == DONE)
             return FOUND;
         part *= 0.5;
-        if (fabs(part) < smallest || fabs(x - from) * passage_pace(d) > 1280.0)
+        if (fabs(part) < smallest || fabs(x - from) * passage_pace(d) > WILD_WAY)
             return LOST;
     }
     return DONE;
+}
+
+/* Go on a passage to x, or to its end on the way there: it is LEFT then. */
+static int go_along(Dynamics *d, Int which, Int turn, Real x)
+{
+    const Passage *s = d->passages + which;
+    const Real shift = (Real)turn * d->period;
+    if (s->low + shift < x && x < s->high + shift) {
+        put(d, which, turn, x);
+        return DONE;
+    }
+    return leave(d, which, turn, x > d->x[0]) == DONE ? LEFT : LOST;
 }
 
 static int travel(Dynamics *d, Real x)
@@ -159,34 +175,17 @@ static int travel(Dynamics *d, Real x)
     int is_found = 0;
     for (int i = 0; i < 4 * MOST_PASSAGES; i++) {
         Int turn = 0;
-        const int on_passage = d->passage >= 0;
-        if (on_passage) {
-            const Passage *s = d->passages + d->passage;
-            const Real shift = (Real)d->turn * d->period;
-            if (s->low + shift < x && x < s->high + shift) {
-                put(d, d->passage, d->turn, x);
-                return DONE;
-            }
-            if (leave(d, d->passage, d->turn, x > d->x[0]) != DONE)
-                return LOST;
-        }
-        const Int which = nearest_passage(d, x, &turn);
-        if (which >= 0 && image_is_same(d, which, turn, x)) {
-            const Passage *s = d->passages + which;
-            const Real low = s->low + (Real)turn * d->period, high = s->high + (Real)turn * d->period;
-            if (low < x && x < high) {
-                put(d, which, turn, x);
-                return DONE;
-            }
-            if (leave(d, which, turn, x > d->x[0]) != DONE)
-                return LOST;
-            is_found = 0;
-            continue;
-        }
-        const int code = walk(d, x, !is_found);
-        is_found = code == FOUND; /* the next one is looked for once it is passed */
-        if (code != FOUND)
+        int code = d->passage >= 0 ? go_along(d, d->passage, d->turn, x) : LEFT;
+        if (code != LEFT)
             return code;
+        const Int which = nearest_passage(d, x, &turn);
+        if (which >= 0 && image_is_same(d, which, turn, x))
+            code = go_along(d, which, turn, x);
+        else
+            code = walk(d, x, !is_found);
+        if (code != FOUND && code != LEFT)
+            return code;
+        is_found = code == FOUND; /* the next one is looked for once it is passed */
     }
     return LOST;
 }
@@ -209,9 +208,8 @@ static int try_to(Dynamics *d, const Real *x)
  * tolerance may have taken just beyond where the loops close exactly, is as good as it was. */
 int passing_travel(Dynamics *d, const Real *x)
 {
-    for (Int i = 0; i < d->n_held; i++)
-        if (!isfinite(x[i]))
-            return LOST;
+    if (!are_finite(x, d->n_held))
+        return LOST;
     if (try_to(d, x) == DONE)
         return DONE;
     if (passing_return(d, &d->kept) == DONE && try_to(d, x) == DONE)

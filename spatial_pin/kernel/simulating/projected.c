@@ -2,9 +2,9 @@
  *
  * Unknowns are the relative coordinates of all joints and their velocities. What they say is
  * brought to the nearest configuration with closed loops, and to the nearest velocity that these
- * allow, before accelerations are worked out; after every step the unknowns themselves are. With K x = -r solved for
- * the held coordinates at rest, and Q an orthonormal basis of the freedoms' motions, the shortest
- * correction is x - Q Q^T x; the nearest velocity is Q Q^T v.
+ * allow, before accelerations are worked out; after every step the unknowns themselves are. With
+ * K x = -r solved for the held coordinates at rest, and Q an orthonormal basis of the freedoms'
+ * motions, the shortest correction is x - Q Q^T x; the nearest velocity is Q Q^T v.
  *
  * Equations, pivots and held coordinates are those of independent coordinates: a step is good where
  * these, followed from its beginning, lead to the place that it is taken to. */
@@ -14,7 +14,6 @@
 #include "dynamics.h"
 
 #define MOST_CORRECTIONS 8   /* each leaves at most a quarter: 1e-4 of a residual, or it is lost */
-#define LEAST_SOLVED TOLERANCE_NOTHING /* pivot at which a configuration has seven digits left */
 /* How fast another joint may move by the held ones: it costs half a digit of the joint */
 #define FASTER_THAN_HELD 4.0
 /* Of the pivots where equations were chosen, at which others are tried: what the chosen ones leave
@@ -62,19 +61,14 @@ static void split(Dynamics *d, Real *motion, int along)
     }
 }
 
+static void shorten(void *owner, Real *step) { split(owner, step, 0); }
+
 /* The shortest Newton correction of d->q. */
 static void correct_shortest(Dynamics *d)
 {
-    Kernel *k = d->k;
-    Real *x = d->step;
-    memset(x, 0, (size_t)k->nv * sizeof *x);
-    for (Int i = 0; i < k->n_chosen; i++)
-        x[i] = -k->residual[k->chosen[i]];
-    system_solve(k, x);
-    split(d, x, 0);
-    for (Int v = 0; v < k->nv; v++)
-        x[v] *= k->scale[v];
-    tree_integrate(k, d->q, x);
+    const Held all_across = {.owner = d, .close = shorten};
+    solve_correction(d->k, &all_across);
+    tree_integrate(d->k, d->q, d->k->right);
 }
 
 /* Take d->q, whose loops are open by less than `allowed`, and d->v to where loops are closed. LOST
@@ -122,11 +116,10 @@ static int project_unknowns(Dynamics *d, const Real *y, Real allowed)
 
 int projected_place(Dynamics *d, const Real *y)
 {
-    for (Int i = 0; i < d->n_unknowns; i++)
-        if (!isfinite(y[i]))
-            return LOST;
-    const int code = project_unknowns(d, y, INFINITY);
-    return code == DONE ? independent_bias(d, d->v, NULL, d->a0) : code;
+    const int code = are_finite(y, d->n_unknowns) ? project_unknowns(d, y, INFINITY) : LOST;
+    if (code == DONE)
+        independent_bias(d, d->v, NULL, d->a0);
+    return code;
 }
 
 void projected_rates(Dynamics *d, Real *rates)

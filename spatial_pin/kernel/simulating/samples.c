@@ -7,7 +7,7 @@
 #include <string.h>
 
 #include "correcting.h"
-#include "integrating.h"
+#include "running.h"
 
 #define MAY_LEAVE 0.1 /* of the closure asked for, that polynomials may leave open */
 /* Of that and the square of the way between two anchors: accelerations miss 24 times what is left by
@@ -26,7 +26,6 @@ static int tells(const Integrator *g, const Dynamics *d, const Run *run)
 
 static int close(Integrator *g, Dynamics *d, const Run *run, Int i)
 {
-    const Kernel *k = d->k;
     const Real t = run->times[i], *z = NULL;
     const int code = integrator_between(g, &t, 1, g->trial);
     if (code != DONE)
@@ -35,9 +34,7 @@ static int close(Integrator *g, Dynamics *d, const Run *run, Int i)
         integrator_slopes(g, t, g->ended);
         z = g->ended + d->n_free;
     }
-    return dynamics_sample(d, t, g->trial, z, run->q + i * k->nq, run->v + i * k->nv,
-                           run->a + i * k->nv, run->numbers + 4 * i, run->efforts + i * d->n_drives,
-                           run->angles + i * k->n_angles);
+    return dynamics_sample(d, t, g->trial, z, &run->rows, i);
 }
 
 /* ---- samples between anchors ---- */
@@ -75,18 +72,13 @@ static int anchor_at(Integrator *g, Dynamics *d, const Run *run, Int i, Point *a
 static Real write_between(Integrator *g, Dynamics *d, const Run *run, const Point *from,
                           const Point *to, Int i)
 {
-    const Kernel *k = d->k;
     const Real way = to->s - from->s, part = fmin(MAY_LEAVE, MAY_BEND * way * way);
-    Real *numbers = run->numbers + 4 * i;
     integrator_between(g, run->times + i, 1, g->trial);
     integrator_slopes(g, run->times[i], g->ended);
-    const int code = dynamics_sample_between(d, from, to, g->trial, g->ended[1],
-                                             run->q + i * k->nq, run->v + i * k->nv,
-                                             run->a + i * k->nv, numbers,
-                                             run->angles + i * k->n_angles);
-    if (code != DONE)
+    if (dynamics_sample_between(d, from, to, g->trial, g->ended[1], &run->rows, i) != DONE)
         return INFINITY;
-    return fmax(numbers[0], solve_correction(d->k, NULL)) / (part * run->between);
+    const Real open = run->rows.numbers[4 * i];
+    return fmax(open, solve_correction(d->k, NULL)) / (part * run->between);
 }
 
 /* Write the samples from the next one to before `end`, between two anchors. One that leaves too much

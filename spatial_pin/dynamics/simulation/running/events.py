@@ -40,7 +40,7 @@ class Found(NamedTuple):
 
 
 class Bounds(NamedTuple):
-    """Limits of coordinates, as the kernel's steps heed them: `meets_limit` in integrating.c.
+    """Limits of coordinates, as the kernel's steps heed them: `meets_limit` in running.c.
 
     Attributes:
         q, v: entries of the configuration and of the velocity.

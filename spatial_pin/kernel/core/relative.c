@@ -33,22 +33,28 @@ static const Real *quaternion(const Kernel *k, Int j, const Real *q)
     return q + k->iq[j] + (k->kind[j] == FREE ? 3 : 0);
 }
 
+/* The slide (3) of a free joint, along the axes at the start. */
+static void slide_between(const Kernel *k, Int j, const Real *start, const Real *q, Real *slide)
+{
+    Real away[3], R[9];
+    copy3(q + k->iq[j], away);
+    add3(-1.0, start + k->iq[j], away);
+    quaternion_rotation(quaternion(k, j, start), R);
+    rotate_back3(R, away, slide);
+}
+
 Real relative_coordinate(const Kernel *k, Int j, Int component, const Real *start, const Real *q)
 {
     const Int at = k->iq[j];
     const Real scale = k->scale[k->iv[j] + component];
+    Real away[3];
     if (joint_nv(k->kind[j]) == 1)
         return (q[at] - start[at]) / scale;
-    Real away[3], seen[3], R[9];
-    if (!slides(k, j, component)) {
+    if (slides(k, j, component))
+        slide_between(k, j, start, q, away);
+    else
         rotation_between(quaternion(k, j, start), quaternion(k, j, q), away);
-        return away[component % 3] / scale;
-    }
-    copy3(q + at, away);
-    add3(-1.0, start + at, away);
-    quaternion_rotation(quaternion(k, j, start), R);
-    rotate_back3(R, away, seen);
-    return seen[component] / scale;
+    return away[component % 3] / scale;
 }
 
 /* Row of the derivative of the rotation vector w with respect to the turn in body axes:
@@ -112,9 +118,22 @@ void relative_configuration(Kernel *k, const Real *start, const Real *x, Real *q
 
 void relative_coordinates(const Kernel *k, const Real *start, const Real *q, Real *x)
 {
-    for (Int j = 1; j < k->n_joints; j++)
-        for (Int c = 0; c < joint_nv(k->kind[j]); c++)
-            x[k->iv[j] + c] = relative_coordinate(k, j, c, start, q);
+    for (Int j = 1; j < k->n_joints; j++) {
+        Real *own = x + k->iv[j];
+        switch (k->kind[j]) {
+        case FREE:
+            slide_between(k, j, start, q, own);
+            own += 3;
+            /* fall through */
+        case BALL:
+            rotation_between(quaternion(k, j, start), quaternion(k, j, q), own);
+            break;
+        default:
+            own[0] = q[k->iq[j]] - start[k->iq[j]];
+        }
+    }
+    for (Int v = 0; v < k->nv; v++)
+        x[v] /= k->scale[v];
 }
 
 void relative_rates(const Kernel *k, const Real *start, const Real *q, const Real *v, Real *rates)
