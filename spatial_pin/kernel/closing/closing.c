@@ -54,8 +54,8 @@
 /* Part of a distance that makes no branch the nearer one: half of the digits */
 #define AS_NEAR TOLERANCE_HALF_PRECISION
 /* The same of a place that is the nearer one, and the least difference, as `is_nearer` has them */
-#define NEARER_PART 1e-6
-#define NEARER 1e-9
+#define NEARER_PART 1e-6 /* of their distances: what closing leaves in doubt is far less */
+#define NEARER_BY 1e-9   /* of two that are at what is named but for round-off neither is */
 /* Residual, and what is left to go, from which it is seen how far a branch is: what is left is known
    from how fast steps grow shorter */
 #define SEEN 1e-4
@@ -556,7 +556,7 @@ EXPORT int closer_reach(Closer *c, Reaching *r)
 
 int reached_straight(const Reaching *r, Real open)
 {
-    const Real nearer = r->distance[0] * (1.0 - NEARER_PART) - NEARER;
+    const Real nearer = r->distance[0] * (1.0 - NEARER_PART) - NEARER_BY;
     for (Int i = 0; i < r->m; i++)
         if (is_sound(r, i) ? r->distance[i] < nearer : !i || !(r->error[i] > open) || !isfinite(r->error[i]))
             return 0;

@@ -100,8 +100,8 @@ typedef struct {
     void *block;                  /* memory of all, but of lists that have grown */
 } Search;
 
-#define LISTS 3
-#define ARRAYS 7
+#define LISTS 3  /* row, column, below */
+#define ARRAYS 7 /* row_done to previous */
 
 /* Move a list to memory of its own with more room. */
 static int grow(List *list, int with_value)
