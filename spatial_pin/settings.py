@@ -19,7 +19,7 @@ class Integrator(NamedTuple):
     1. A class that is made and steps like those of SciPy's `solve_ivp` is told by its module and
        name: "scipy.integrate:Radau", or one of your own.
     2. One of the kernel (Runge and Kutta's) is an entry of `METHODS` in
-       `kernel/simulating/integrating.c`; these have the same order here.
+       `kernel/integrators/integrating.c`; these have the same order here.
     3. "automatic" begins as DOP853; `dynamics.simulation.integrators.successor` decides when Radau
        goes on, and when DOP853 again.
 

@@ -127,7 +127,7 @@ def test_a_library_older_than_its_c_files_is_refused(tree):
     library = build_kernel.compile_kernel(tree, strict)
     assert library == folder / LIBRARY
     assert compiled_from(opened(library)) == source_hash(folder)
-    with (folder / "core" / "vectors.h").open("a") as file:
+    with (folder / "algebra" / "vectors.h").open("a") as file:
         file.write("/* changed */\n")
     with pytest.raises(sp.SpatialPinError, match=r"is older than the C files.*build_kernel\.py"):
         opened(library)

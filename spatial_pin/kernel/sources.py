@@ -1,8 +1,9 @@
 """What the kernel is compiled from, and what that makes: read by the build and by the loader.
 
-Its C files stand in one folder a job: core (the mechanism, its equations, factorisations), closing
-(far from closure, and rates), accelerating (forces at one moment), following (paths), simulating
-(forces and steps in time).
+Its C files stand in one folder a job: algebra (dense and sparse matrices, independent rows), core
+(the mechanism, its equations and their square system), closing (far from closure), states (rates
+and accelerations at one state), path_points and following (continuation), simulating (equations of
+motion), integrators (steps in time), passages (through branch points in time).
 
 It imports nothing of the package: the build runs it before there is one.
 """
