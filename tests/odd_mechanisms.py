@@ -143,6 +143,69 @@ def tensegrity(folder: Path, wrap=str, radius=0.4, height=0.7) -> sp.Mechanism:
     return known.load(folder, "tensegrity", wrap(tree), toml)
 
 
+def plate_on_legs(folder: Path, wrap=str, size=1.0) -> sp.Mechanism:
+    """A plate on three equal parallel legs, a hinge above and a ball below: it shakes far.
+
+    With one leg held at an angle d, the least residual of the loops [lengths of a leg] is 9.4e-8
+    at 0.05 rad, 2.4e-5 at 0.2: 0.015 d^4, by least squares on the plate's own equations.
+    """
+    tree = heavy(known.floating("pose", "ground", "plate"), plate=BAR)
+    toml = known.driver("leg", "hinge_0")
+    for k in range(3):
+        corner = size * np.array([np.cos(2 * k), np.sin(2 * k), 0.0])
+        tree += heavy(known.turning(f"hinge_{k}", "plate", f"leg_{k}", corner,
+                                    (np.cos(k), np.sin(k), 0)), **{f"leg_{k}": BAR})
+        tree += known.point(f"end_{k}", f"leg_{k}", (0, 0, -size))
+        tree += known.point(f"foot_{k}", "ground", corner)
+        toml += known.closure(f"ball_{k}", "spherical", f"end_{k}", f"foot_{k}")
+    return known.load(folder, "plate_on_legs", wrap(tree),
+                      toml + known.guess(pose=(0, 0, size, 0, 0, 0)))
+
+
+def dead_centres(folder: Path, count: int, size=1.0, times=1, carried=False,
+                 is_locked=True) -> sp.Mechanism:
+    """Slides in a row, a bar from each to the next at its dead centre, the last one to a wall.
+
+    Where the first slide moves by d, each next one does by half the square of what the one before
+    does: bar k opens by half the power 2^k of d, and less. Without the last bar they all move.
+    """
+    root = "carriage" if carried else "ground"
+    tree = known.turning("table", "ground", "carriage") if carried else ""
+    toml, at, names = "", np.zeros(3), [*(f"block_{k}" for k in range(count)), "wall"]
+    for k in range(count):
+        tree += known.sliding(f"slide_{k}", root, names[k], at, axis=np.eye(3)[k % 2])
+        at = at + size * np.eye(3)[1 - k % 2]
+    tree += known.point("wall", root, at)
+    for k in range(count if is_locked else count - 1):
+        for bar in range(times):
+            toml += known.closure(f"bar_{k}_{bar}", "distance", names[k], names[k + 1],
+                                  length=size)
+    return known.load(folder, "dead_centres", tree, toml)
+
+
+def watt_pair(folder: Path, first: tuple, second: tuple) -> sp.Mechanism:
+    """Two of Watt's linkages in their middle position, a bar between the points that they guide.
+
+    Args:
+        folder: where its files are written.
+        first: arms, half the length of the coupler, and where on it the guided point is.
+        second: likewise.
+    """
+    tree = toml = ""
+    for name, x, (arm, other, half, part) in (("a", 0.0, first), ("b", 2.0, second)):
+        top, middle = (0, -2 * half, 0), (0, -2 * half * part, 0)
+        tree += known.turning(f"{name}1", "ground", f"{name}_arm", (x - arm, 2 * half * part, 0))
+        tree += known.turning(f"{name}2", f"{name}_arm", f"{name}_coupler", (arm, 0, 0))
+        tree += known.turning(f"{name}3", "ground", f"{name}_rocker",
+                              (x + other, -2 * half * (1 - part), 0))
+        tree += known.point(f"{name}_end", f"{name}_coupler", top)
+        tree += known.point(f"{name}_guided", f"{name}_coupler", middle)
+        tree += known.point(f"{name}_tip", f"{name}_rocker", (-other, 0, 0))
+        toml += known.closure(f"{name}4", "revolute", f"{name}_end", f"{name}_tip")
+    return known.load(folder, "watt_pair", tree, toml + known.closure(
+        "bar", "distance", "a_guided", "b_guided", length=2.0))
+
+
 EMPTY = {f.__name__: f for f in (nothing, only_frames, welded)}
 FREE = {f.__name__: f for f in (free_arm, driven_arm, undriven_four_bar)}
 STRUCTURES = {
@@ -160,4 +223,6 @@ STRUCTURES = {
     "parallel rods, nearly alike": lambda folder: parallel_rods(folder, (0.6, 0.6, 0.601)),
     "parallel rods with balls": lambda folder: parallel_rods(folder, kind="spherical"),
     "a truss that is carried": carried_truss,
+    "plate on equal legs": plate_on_legs,
+    "plate on equal legs, tilted": lambda folder: plate_on_legs(folder, known.tilted),
 }

@@ -74,6 +74,82 @@ def test_what_else_can_be_wrong_is_said_as_well(tmp_path):
                        {"crank": 1.0})
 
 
+@pytest.mark.parametrize("size", [1e-6, 1.0, 1e5])
+def test_a_plate_on_equal_legs_cannot_move(size, tmp_path):
+    """Its loops open by the fourth power of the way, and stay closed to round-off at first."""
+    mechanism = odd.plate_on_legs(tmp_path, size=size)
+    mobility = sp.mobility(mechanism)
+    assert (mobility.instantaneous, mobility.dof) == (1, 0)
+    modes = sp.assembly_modes(mechanism, free=["leg"], most_starts=2000)
+    heights = sorted(round(x.coordinate("pose.z").value / size, 6) for x in modes)
+    assert heights == [-1.0, 1.0]
+    assert {x.branch for x in modes} == {"singular 1", "singular 2"} and not modes.continua
+
+
+@pytest.mark.parametrize("size", [1e-6, 1.0, 1e5])
+@pytest.mark.parametrize("times", [1, 2])
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_dead_centres_in_a_row_cannot_move(count, times, size, tmp_path):
+    """The loops open by the second, fourth, eighth, sixteenth power of the way."""
+    mechanism = odd.dead_centres(tmp_path, count, size, times)
+    mobility = sp.mobility(mechanism)
+    assert (mobility.instantaneous, mobility.dof) == (1, 0)
+    carried = sp.mobility(odd.dead_centres(tmp_path, count, size, times, carried=True))
+    assert (carried.instantaneous, carried.dof) == (2, 1)
+
+
+@pytest.mark.parametrize("size", [1e-6, 1.0, 1e5])
+@pytest.mark.parametrize("count", [2, 3, 4])
+def test_dead_centres_without_the_last_bar_move(count, size, tmp_path):
+    for carried in (False, True):
+        mechanism = odd.dead_centres(tmp_path, count, size, 2, carried, is_locked=False)
+        mobility = sp.mobility(mechanism)
+        assert mobility.dof == mobility.instantaneous == 1 + carried
+        with pytest.raises(sp.ContinuumError, match=f"{1 + carried} freedom"):
+            sp.assembly_modes(mechanism)
+
+
+def test_dead_centres_in_a_row_are_one_mode(tmp_path):
+    """Round-off lets them stand anywhere within 0.1 about it."""
+    for count in (2, 3):
+        (mode,) = sp.assembly_modes(odd.dead_centres(tmp_path, count), most_starts=2000)
+        assert mode.branch == "singular"
+
+
+PAIRS_THAT_MOVE = {  # two curves of the guided points touch, or one turns back at a cusp
+    "tacnode": ((1, 0.5, 0.3, 1 / 3), (1, 1, 0.3, 0.5)),
+    "tacnode of unequal arms": ((1, 0.5, 0.4, 1 / 3), (0.5, 1, 0.3, 2 / 3)),
+    "cusp": ((1, 1, 0.3, 0.5), (1, 1, 0.6, 0.5)),
+}
+# With the first arm held 0.1 rad away the least residual is 1.2e-5, 1.9e-6 and 9.8e-4: the fourth
+# power twice, the square.
+PAIRS_THAT_DO_NOT = {
+    "fourth power": ((1, 1, 0.3, 0.5), (1, 0.5, 0.3, 1 / 3)),
+    "a small fourth power": ((0.5, 1, 0.3, 2 / 3), (1, 0.5, 0.4, 1 / 3)),
+    "square": ((1, 1, 0.3, 0.5), (1, 0.5, 0.3, 2 / 3)),
+}
+
+
+@pytest.mark.parametrize("name", PAIRS_THAT_MOVE)
+def test_two_watt_linkages_move_where_their_curves_touch(name, tmp_path):
+    mechanism = odd.watt_pair(tmp_path, *PAIRS_THAT_MOVE[name])
+    mobility = sp.mobility(mechanism, mechanism.neutral)
+    assert (mobility.instantaneous, mobility.dof) == (2, 1)
+    with pytest.raises(sp.ContinuumError, match="1 freedom"):
+        sp.assembly_modes(mechanism)
+
+
+@pytest.mark.parametrize("name", PAIRS_THAT_DO_NOT)
+def test_two_watt_linkages_stand_where_their_curves_only_seem_to_touch(name, tmp_path):
+    mechanism = odd.watt_pair(tmp_path, *PAIRS_THAT_DO_NOT[name])
+    mobility = sp.mobility(mechanism, mechanism.neutral)
+    assert (mobility.instantaneous, mobility.dof) == (2, 0)
+    modes = sp.assembly_modes(mechanism, most_starts=2000)
+    assert [x.branch for x in modes] == ["singular"]
+    assert np.abs(modes[0].q).max() < 0.05
+    assert len(modes.continua) == 1  # elsewhere they move
+
+
 @pytest.mark.parametrize("height", [0.05, 1e-2])
 def test_a_shallow_truss_is_rigid_and_a_bent_four_bar_moves(height, tmp_path):
     """Near structures that can be shaken there are those that cannot, and true mechanisms."""

@@ -1,45 +1,88 @@
-"""Trial motions: whether a mechanism moves by a finite amount, or to first order only."""
+"""Whether a mechanism moves by a finite amount, or to some order only: ways out of q.
+
+What shakes without moving opens its loops by some power of the distance, the second as a rule, the
+fourth or the eighth where dead centres come together. Near q that is round-off. So closed
+configurations count as a motion only if they lead far enough out for such powers to be seen.
+"""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.assembly.close import close
+from spatial_pin.assembly.close import closed
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.numerics.linalg import Array, decompose, null_space
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-# lengths of finite trial motions [rad, characteristic lengths], the shorter where links turn back;
-# still shorter ones would take a linkage that is shaky to third order for one that moves
-PROBES = (0.05, 0.005)
-# trial motions for each instantaneous freedom: where half of all directions lead back, all six do
-# in one of 64 cases, and then the shorter ones are tried
-TRIALS = 6
+# Lengths in radians and characteristic lengths. How far a way out of q is followed: what opens
+# loops by the eighth power only, and by a thousandth of it, opens them by 7e-8 there.
+REACH = 0.3
+# Its first step: where links turn back, a longer one leads past all closed configurations, and
+# near where branches cross they are as straight as this is short.
+FIRST_STEP = 0.005
+# The same from configurations where no branches cross; displacements are read from such a way: what
+# opens loops by the fourth power has been slid back to less than a tenth of it.
+LONG_STEP = 0.1
+GROWTH = 4.0  # of steps: four from the first, or two long ones, reach out
+# Closure error all the way: ten times `closed`, for Bennett's loop with a wrong ninth digit opens
+# by 5e-11, and sweeps follow it.
+STAYS_CLOSED = 10.0 * TOLERANCES.closed
+BEND = 0.5  # cosine between a way and its first step: up to it bends leave most of their direction
+MOST_STEPS = 40  # where links turn back again and again
+# Random directions for each instantaneous freedom, each tried both ways: a cusp leads to one side
+DIRECTIONS = 6
+SLIDES = 40  # at most: each leaves a third of the residual, all of them 1e-19
+# Part of a residual that is left by Newton's step towards a root of any order k: (1 - 1/k)^k < 1/e
+SLID = 0.5
+
+
+class Way(NamedTuple):
+    """Closed configurations that lead out of one.
+
+    Attributes:
+        direction: (nv,) of its first part, up to a bend, a scaled velocity of length 1.
+        end: (nq,) the configuration where it was left.
+    """
+
+    direction: Array
+    end: Array
 
 
 def finite_freedom(evaluation: Evaluation, q: Array, tangents: Array) -> int:
-    """Return the largest dimension of the closed configurations near q, by trial motions.
+    """Return the largest dimension of the closed configurations near q.
 
-    A trial moves along a random tangent and closes the loops again. Where that leaves a real
-    displacement, the point found is a generic one, and the nullity there is the dimension; where
-    every trial falls back to q, the freedoms are instantaneous only. (Where no equation is
-    redundant, there is nothing to try: the nullity at q is the dimension.)
+    Where a way leads out of q along a random tangent, its end is a generic configuration, and what
+    moves there is counted; where none does, the freedoms are instantaneous only. (Where no equation
+    is redundant, there is nothing to try: the nullity at q is the dimension.)
     """
     rng = np.random.default_rng(1)
-    for probe in PROBES:
-        best = _trial_motions(evaluation, q, tangents, probe, rng)
-        if best:
-            return best
-    return 0
+    free = np.ones(len(evaluation.mechanism.velocity_scale), dtype=bool)
+    n, best = evaluation.constraints.n_closure, 0
+    for _ in range(DIRECTIONS * len(tangents)):
+        direction = rng.normal(size=len(tangents)) @ tangents
+        way = _way_out(evaluation, q, direction / np.linalg.norm(direction), free, FIRST_STEP)
+        if way is None:
+            continue
+        if len(tangents) == 1:
+            return 1
+        evaluation.update(way.end)
+        there = null_space(evaluation.jacobian[:n], TOLERANCES.half_precision)
+        best = max(best, len(finite_motions(
+            evaluation, way.end, there, steps=(LONG_STEP, FIRST_STEP))))
+        if best == len(tangents):
+            break
+    return best
 
 
 def finite_motions(
     evaluation: Evaluation, q: Array, tangents: Array, free: NDArray[np.bool_] | None = None,
-    probe: float = PROBES[1],
+    steps: tuple[float, ...] = (FIRST_STEP,),
 ) -> Array:
-    """Return orthonormal scaled velocities (d, nv) that span what is left of trial motions.
+    """Return orthonormal scaled velocities (d, nv) that span the ways out of q along tangents.
 
     The number of `tangents` is only a bound on d: a part that is shaky in every configuration adds
     to it.
@@ -47,41 +90,92 @@ def finite_motions(
     Args:
         evaluation: the closure equations; left anywhere.
         q: (nq,) closed configuration.
-        tangents: (k, nv) scaled velocities that open no loop at q.
+        tangents: (k, nv) orthonormal scaled velocities that open no loop at q.
         free: (nv,) which velocities may close the loops again; default all.
-        probe: length of a trial motion.
+        steps: the first of a way, one after the other until one leads out.
     """
-    scale = evaluation.mechanism.velocity_scale
-    free = np.ones(len(scale), dtype=bool) if free is None else free
-    left = [np.zeros(len(scale))]
+    free = np.ones(len(evaluation.mechanism.velocity_scale), dtype=bool) if free is None else free
+    left: list[Array] = [np.zeros(len(free))]
+    flat: list[Array] = [np.zeros(len(tangents))]
     for tangent in tangents:
-        start = pin.integrate(evaluation.model, q, scale * probe * tangent)
-        found, error = close(evaluation, start, free, TOLERANCES.round_off)
-        if error <= TOLERANCES.closed:
-            left.append(pin.difference(evaluation.model, q, found) / (scale * probe))
-    svd = decompose(np.array(left))
-    return svd.vt[: np.count_nonzero(svd.s > TOLERANCES.moved)]
+        for step in steps:
+            way = _way_out(evaluation, q, tangent, free, step)
+            along = np.zeros(0) if way is None else tangents @ way.direction
+            size = float(np.linalg.norm(along))
+            if way is not None and size > TOLERANCES.moved:
+                left.append(way.direction)
+                flat.append(along / size)  # bends are no motions of their own
+                break
+    count = np.count_nonzero(decompose(np.array(flat)).s > TOLERANCES.moved)
+    return decompose(np.array(left)).vt[:count]
 
 
-def _trial_motions(
-    evaluation: Evaluation, q: Array, tangents: Array, probe: float, rng: np.random.Generator
-) -> int:
-    """Return the largest dimension of the closed configurations that trial motions come to."""
-    scale = evaluation.mechanism.velocity_scale
-    free = np.ones(len(scale), dtype=bool)
-    n = evaluation.constraints.n_closure
-    best = 0
-    for _ in range(TRIALS * len(tangents)):
-        direction = rng.normal(size=len(tangents)) @ tangents
-        step = probe * direction / np.linalg.norm(direction)
-        start = pin.integrate(evaluation.model, q, scale * step)
-        found, error = close(evaluation, start, free, TOLERANCES.round_off)
-        moved = pin.difference(evaluation.model, q, found) / scale
-        if error > TOLERANCES.closed or np.linalg.norm(moved) < TOLERANCES.moved * probe:
+def _way_out(
+    evaluation: Evaluation, q: Array, tangent: Array, free: NDArray[np.bool_], step: float
+) -> Way | None:
+    """Return the way out of q along a tangent or against it; None where neither leads out."""
+    return (_followed(evaluation, q, tangent, free, step)
+            or _followed(evaluation, q, -tangent, free, step))
+
+
+def _followed(
+    evaluation: Evaluation, q: Array, direction: Array, free: NDArray[np.bool_], step: float
+) -> Way | None:
+    """Follow closed configurations from q; None where they end.
+
+    Loops that open by a high power of the distance stay closed to round-off over short steps, so
+    these grow until the way is long, or has come round a bend.
+    """
+    model, scale = evaluation.model, evaluation.mechanism.velocity_scale
+    at, length, growth, least = q, 0.0, GROWTH, step / GROWTH
+    first = way = direction
+    for _ in range(MOST_STEPS):
+        start = pin.integrate(model, at, scale * step * direction)
+        found, error = _closed(evaluation, start, free)
+        moved = pin.difference(model, at, found) / scale
+        size = float(np.linalg.norm(moved))
+        ahead = float(moved @ direction) if length else size  # branches may leave q at any angle
+        aside = np.linalg.norm(pin.difference(model, start, found) / scale)
+        if error > STAYS_CLOSED or ahead < TOLERANCES.moved * step or aside > step:
+            step, growth = step / GROWTH, 1.0
+            if not length or step < least:
+                return None
             continue
-        there = null_space(evaluation.jacobian[:n], TOLERANCES.half_precision)
-        small = probe * PROBES[1] / PROBES[0]
-        best = max(best, len(finite_motions(evaluation, found, there, probe=small)))
-        if best == len(tangents):
+        at, direction = found, moved / size
+        if not length:
+            first = direction
+        there = pin.difference(model, q, at) / scale
+        if length < LONG_STEP and there @ first > BEND * np.linalg.norm(there):
+            way = there
+        length, step = length + size, step * growth
+        if length >= REACH or direction @ first < 0.0:
+            return Way(way / np.linalg.norm(way), at)
+    return None
+
+
+def _closed(evaluation: Evaluation, q: Array, free: NDArray[np.bool_]) -> tuple[Array, float]:
+    """Close the loops from q, also along the valleys of what opens them by a high power only.
+
+    There Newton's method takes a part of the way back each time; what other equations say is
+    restored after each step. The evaluation is left anywhere.
+    """
+    mechanism, reference = evaluation.mechanism, evaluation.angle_reference
+    found, error, _ = closed(mechanism, q, free, reference, TOLERANCES.round_off)
+    n, scale = evaluation.constraints.n_closure, mechanism.velocity_scale
+    for _ in range(SLIDES):
+        if error <= TOLERANCES.round_off:
             break
-    return best
+        evaluation.update(found)
+        svd = decompose(evaluation.jacobian[:n, free])
+        weak = np.flatnonzero(svd.s[: svd.rank] < TOLERANCES.well_conditioned * svd.s[0])
+        back = np.zeros(len(scale))
+        back[free] = -svd.vt[weak].T @ (svd.u[:, weak].T @ evaluation.residual / svd.s[weak])
+        if not 0.0 < np.linalg.norm(back) < REACH:
+            break
+        slid, left, _ = closed(
+            mechanism, pin.integrate(evaluation.model, found, scale * back), free, reference,
+            TOLERANCES.round_off, cut=TOLERANCES.well_conditioned)
+        if left > SLID * error:
+            break
+        found, error = slid, left
+    return found, error

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from spatial_pin.assembly.close import close
 from spatial_pin.assembly.passive_freedoms import chain_links
-from spatial_pin.assembly.search.whole_turns import nearest_turn
+from spatial_pin.assembly.search.whole_turns import nearest_turn, turned_apart
 from spatial_pin.assembly.state import State, gap_of
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
-from spatial_pin.mobility.finite_motions import finite_motions
+from spatial_pin.mobility.finite_motions import REACH, finite_motions
 from spatial_pin.mobility.idle_freedoms import idle_freedoms
 from spatial_pin.mobility.modes.marks import NOTHING, WHOLE, Mark, of_line, resting, rows_of
 from spatial_pin.mobility.modes.result import Continuum
@@ -39,6 +39,9 @@ MOVING = 1e-3  # part of the fastest joint's speed that is worth a name: three d
 # Part of a motion that coordinates must change by to hold it: a tenth leaves its place known to one
 # digit less than theirs.
 HOLDS = 0.1
+# Parts of the way between two configurations where loops are looked at: what is closed there by
+# chance is open at another.
+BETWEEN = (0.25, 0.5, 0.75)
 # Starts for rods whose other end cannot be reached from the guess: one in two reaches it, and all
 # of so many fail in one of a million cases.
 TRIES = 20
@@ -115,6 +118,23 @@ class Check:
             kind = kind._replace(motions=finite_motions(evaluation, q, tangents, self.free))
         evaluation.update(q)
         return kind
+
+    def is_joined(self, q: Array, other: Array) -> bool:
+        """Whether loops are closed all the way between two closed configurations (nq,) nearby.
+
+        Of modes that cannot move, both are then one, as far as round-off tells.
+        """
+        way = turned_apart(self.mechanism, q, other)
+        size = float(np.linalg.norm(way))
+        return size < REACH and all(self._is_closed_near(q, part * way, size) for part in BETWEEN)
+
+    def _is_closed_near(self, q: Array, step: Array, size: float) -> bool:
+        """Whether loops close a scaled step (nv,) from q, but for a tenth of a size right there."""
+        start = pin.integrate(self.mechanism.model, q, self.mechanism.velocity_scale * step)
+        found, error = close(self.evaluation, start, self.free, self.tolerance,
+                             cut=TOLERANCES.well_conditioned)
+        moved = float(np.linalg.norm(turned_apart(self.mechanism, start, found)))
+        return error <= SAME_MODE * SAME_MODE and moved <= TOLERANCES.unexplained * size
 
     def continuum(self, q: Array, kind: Kind) -> Continuum:
         """Return what can move at a configuration, and what would hold it."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from spatial_pin.assembly.search.guesses import read_guess
 from spatial_pin.errors import ContinuumError
 from spatial_pin.mechanism.coordinates import with_values
-from spatial_pin.mobility.finite_motions import PROBES
+from spatial_pin.mobility.finite_motions import FIRST_STEP, REACH
 from spatial_pin.mobility.modes.check import SAME_MODE, Check, Kind
 from spatial_pin.mobility.modes.recognition import Recognition, apart
 from spatial_pin.mobility.modes.result import Continuum
@@ -107,6 +107,22 @@ class Search:
             if not self.modes:
                 raise
             self.is_whole = False
+        self._join()
+
+    def _join(self) -> None:
+        """Make one mode of singular ones that round-off lets stand anywhere along a valley."""
+        groups: list[list[Mode]] = []
+        for mode in self.modes:
+            own = [group for group in groups if mode.kind.is_singular and any(
+                self._check.is_joined(mode.q, other.q) for other in group)]
+            groups = [group for group in groups if group not in own]
+            groups.append([mode, *(other for group in own for other in group)])
+        self.modes = []
+        for group in groups:
+            middle = min(group, key=lambda x: max(
+                apart(x.signature[None], y.signature)[0] for y in group))
+            middle.count = sum(x.count for x in group)
+            self.modes.append(middle)
 
     def _is_done(self, patience: int, most_starts: int) -> bool:
         """Whether further starts can be spared."""
@@ -183,23 +199,33 @@ class Search:
         return Mode(q, kind, self.recognition.signature(q), self._core.rods)
 
     def _moving(self, q: Array, signatures: Array) -> NDArray[np.bool_]:
-        """Whether configurations q (nq, m) go on when pushed where they can to first order."""
-        scale = self._core.mechanism.velocity_scale[:, None]
+        """Whether configurations q (nq, m) go on when pushed where they can to first order.
+
+        A little, and as far as what opens loops by a high power only does not lead.
+        """
         jacobian = self.recognition.jacobians(q)
         if not jacobian.size:
             return np.ones(q.shape[1], dtype=bool)
         vectors, ranks = null_vectors(jacobian, TOLERANCES.half_precision)
-        width = jacobian.shape[2]
+        moves = jacobian.shape[2] - ranks > self.recognition.generic_nullity
+        for push in (FIRST_STEP, REACH):
+            at = np.flatnonzero(moves)
+            if at.size:
+                moves[at] = self._goes_on(q[:, at], signatures[at], vectors[at].T, push)
+        return moves
+
+    def _goes_on(self, q: Array, signatures: Array, vectors: Array, push: float
+                 ) -> NDArray[np.bool_]:
+        """Whether configurations q (nq, m) are elsewhere after a push along vectors (n, m)."""
+        scale = self._core.mechanism.velocity_scale[:, None]
         step = np.zeros((len(scale), q.shape[1]))
-        step[self._starts.free] = vectors.T
-        step *= PROBES[1] / np.maximum(np.linalg.norm(step, axis=0), 1e-300)
+        step[self._starts.free] = vectors
+        step *= push / np.maximum(np.linalg.norm(step, axis=0), 1e-300)
         pushed = self._starts.kernel.displaced(q.T, (scale * step).T).T
         found, error = self._starts.descend(pushed)
         left = apart(self.recognition.signatures(found), signatures)
         asked = apart(self.recognition.signatures(pushed), signatures)
-        return ((width - ranks > self.recognition.generic_nullity)
-                & (error <= SAME_MODE * SAME_MODE)
-                & (left > TOLERANCES.moved * asked))
+        return (error <= SAME_MODE * SAME_MODE) & (left > TOLERANCES.moved * asked)
 
 
 def moving(check: Check, continuum: Continuum) -> ContinuumError:
