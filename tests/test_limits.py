@@ -233,3 +233,19 @@ def test_what_goes_far_with_its_driver_has_no_asymptote(tmp_path):
                            + mechanisms.coupling("mesh", "pinion", "rack", 1.0))
     motion = sp.sweep(mech, "pinion", [0.0, 1.0, 5e4], on_limit="stop")
     assert len(motion) == 3 and {event.kind for event in motion.events} <= {"joint limit"}
+
+
+def test_a_joint_limit_comes_before_an_asymptote(to_a_wall):
+    """The slide has limits of the URDF: it reaches the upper one at cos(arm) = 1 / limit."""
+    at = to_a_wall.coordinate("out").q
+    most = float(to_a_wall.model.upperPositionLimit[at])
+    span = sp.limits(to_a_wall, "arm", joints=True)
+    assert span.upper.kind == "upper limit of out"
+    assert span.upper.value == pytest.approx(acos(1.0 / most), abs=1e-9)
+
+
+def test_a_workspace_ends_at_an_asymptote_without_a_point_there(to_a_wall):
+    found = sp.workspace(to_a_wall, "block", {"arm": (0.0, 2.0)}, points=7)
+    assert found.why == ("",) * 5 + ("limit",) * 2
+    assert found.boundary.drivers[0, 0] == pytest.approx(RIGHT, abs=1e-12)
+    assert np.isnan(found.boundary.points).all()
