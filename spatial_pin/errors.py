@@ -173,7 +173,8 @@ class LimitError(SpatialPinError):
     """The driver cannot reach a value.
 
     Attributes:
-        limit: the driver value of the limit position [rad or m].
+        limit: the driver value of the limit position, or the one towards which a joint runs away
+            without end [rad or m].
         motion: what was reached before it.
 
     Example:

@@ -271,3 +271,26 @@ def test_clearance_of_a_sweep_and_of_one_configuration(run):
     (row,) = csv.DictReader(io.StringIO(out))
     standing = sp.clearance(sp.assemble(sp.load("delta"), {"arm_1": 0.1}), [("rod_1a", "rod_2b")])
     assert float(row["distance [m]"]) == standing.least.distance and row["touches"] == "False"
+
+
+@pytest.mark.parametrize(("table", "words"), [
+    ("time [s],crank [rad]\n\n0,1\n1,nan\n", "line 4, column 2: 'nan' is no number"),
+    ("crank\n0\n-inf\n", "line 3, column 1: '-inf' is no number"),
+    ("time [s],krank [rad]\n0,1\n1,2\n", "column 'krank': mechanism 'four_bar': no coordinate or "
+     "driver 'krank'; did you mean 'crank'?"),
+    ("time,crank\n0,1\n1,2\n\n1,3\n", "line 5: the time 1 s does not rise: 1 s comes before it"),
+    ("time\n0\n1\n", "there is no column of a driver"),
+])
+def test_a_table_that_cannot_be_followed_is_named(run, tmp_path, table, words):
+    """With its line, where one is wrong, as it is counted in the file, and its column."""
+    path = tmp_path / "values.csv"
+    path.write_text(table)
+    code, out, err = run("follow", "four_bar", str(path))
+    assert (code, out) == (1, "") and err.startswith(f"spatial-pin: {path}: {words}")
+
+
+def test_a_column_of_targets_that_is_no_frame_is_named(run, tmp_path):
+    path = tmp_path / "targets.csv"
+    path.write_text("tipp.x,tipp.y,tipp.z\n0,1,1\n1,2,2\n")
+    code, _, err = run("reach", "four_bar", "--path", str(path))
+    assert code == 1 and f"{path}: column 'tipp.x': mechanism 'four_bar': no" in err

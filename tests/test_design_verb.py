@@ -8,6 +8,7 @@ import pinocchio as pin
 import pytest
 
 import spatial_pin as sp
+from spatial_pin.dimensions.bounds import bounds_of
 from spatial_pin.synthesis.contradictions import refuse_off_plane
 from spatial_pin.synthesis.problem import Problem
 
@@ -154,6 +155,19 @@ def test_goals_that_are_none_are_refused_when_they_are_made(make, says):
 
 
 # ---------------------------------------------------------------- bounds
+
+
+@pytest.mark.parametrize("kind", [float, np.float64, np.float32])
+def test_infinity_is_an_open_end_on_its_own_side_alone(kind):
+    four_bar = sp.load("four_bar")
+    least, most = kind(-np.inf), kind(np.inf)
+    for given, wanted in (((least, 0.5), (None, 0.5)), ((0.125, most), (0.125, None)),
+                          ((least, most), None)):
+        assert bounds_of(four_bar, {"r2": given}) == bounds_of(four_bar, {"r2": wanted})
+    for wrong in ((most, 0.5), (0.1, least), (kind(np.nan), 0.5), (0.1, kind(np.nan))):
+        with pytest.raises(ValueError, match="a bound of 'r2' has a value that is NaN or infinite"):
+            bounds_of(four_bar, {"r2": wrong})
+
 
 SIZE = 0.54  # of the library's four-bar: ground and rocker in a line
 

@@ -821,6 +821,23 @@ def test_coordinates_of_a_floating_joint(tmp_path):
         np.testing.assert_allclose(again, [value[4], rate[4], acceleration[4]], rtol=0, atol=1e-12)
 
 
+def test_a_rotation_vector_is_continued_to_the_turn_nearest_to_the_sample_before():
+    """A ball that turns with a crank: samples more than half a turn apart read a turn less."""
+    here, out = (pin.SE3(np.eye(3), np.array([x, 0.0, 0.0])) for x in (0.0, 0.5))
+    model = pin.Model()
+    model.addJoint(0, pin.JointModelRZ(), here, "crank")
+    model.addJoint(0, pin.JointModelSpherical(), here, "ball")
+    mech = sp.Mechanism.from_model(model, [sp.closures.weld(("crank", out), ("ball", out))],
+                                   drivers=["crank"], name="on_a_ball")
+    last = 5.0  # [rad]
+    for values, read in ((np.linspace(0.0, last, 51), last), ([0.0, 0.5 * last, last], last),
+                         ([0.0, last], last - 2 * np.pi)):
+        motion = sp.sweep(mech, "crank", values)
+        assert motion.coordinate("ball.z").value[-1] == pytest.approx(read, abs=1e-12)
+        alone = motion.state(-1).coordinate("ball.z").value
+        assert alone == pytest.approx(last - 2 * np.pi, abs=1e-12)
+
+
 def test_guess_of_a_ball_is_a_rotation_vector(folder):
     phi = np.array([0.3, -0.4, 0.5])
     mechanism = sp.load("rssr")

@@ -4,7 +4,10 @@ from math import acos, pi
 
 import mechanisms
 import numpy as np
+import pinocchio as pin
 import pytest
+from scipy.interpolate import CubicSpline
+from scipy.optimize import brentq
 
 import spatial_pin as sp
 
@@ -108,17 +111,141 @@ def test_only_plane_four_bars_have_a_grashof_type():
             sp.grashof(sp.load(name))
 
 
-@pytest.mark.parametrize("values", [[1.5, -0.5], np.linspace(1.5, -0.1, 50)])
-def test_a_slide_that_runs_away_is_named(tmp_path, values):
-    """A slide along a crank reaches a wall until they are parallel: nearer values do not help."""
-    tree = (mechanisms.turning("pin", "ground", "crank")
-            + mechanisms.sliding("out", "crank", "block", axis=(1, 0, 0))
-            + mechanisms.point("wall", "ground", (0, 1, 0)))
-    mech = mechanisms.load(tmp_path, "runaway", tree, mechanisms.driver("crank", "pin")
+# ---------------------------------------------------------------- joints that run away
+
+
+RIGHT = np.pi / 2  # of an arm's angle, at which a slide along it is parallel to the wall
+
+
+@pytest.fixture
+def to_a_wall(tmp_path):
+    """A slide along a turning arm whose end stays in a wall at x = 1: at 1 / cos(arm)."""
+    tree = (mechanisms.turning("pin", "ground", "arm")
+            + mechanisms.sliding("out", "arm", "block", axis=(1, 0, 0))
+            + mechanisms.point("wall", "ground", (1, 0, 0)))
+    return mechanisms.load(tmp_path, "runaway", tree, mechanisms.driver("arm", "pin")
                            + mechanisms.closure("on_wall", "point_on_plane", "wall", "block",
-                                                axis=(0, 1, 0)) + mechanisms.guess(pin=1.5, out=1))
-    with pytest.raises(sp.SingularError, match=r"out has run away to [0-9]+ m") as caught:
-        sp.sweep(mech, "crank", values)
-    last = caught.value.motion.state(-1)
-    assert last.coordinate("out").value == pytest.approx(
-        1.0 / np.sin(last.coordinate("crank").value), rel=1e-12)
+                                                axis=(1, 0, 0)) + mechanisms.guess(pin=0.1, out=1))
+
+
+@pytest.mark.parametrize("degrees", [
+    [0, 95], [0, 30, 60, 85, 95], [0, 90], [0, 89.99, 95], [60, 120], [0, 270], [0, 80, 95, 20],
+    [0, 89.9999], np.linspace(0, 91, 30), np.linspace(0, 180, 1000)])
+def test_a_slide_that_runs_away_is_an_end_at_its_asymptote(to_a_wall, degrees):
+    """Between two samples, beside one, or right at one: no other branch is jumped to."""
+    values = np.radians(degrees)
+    with pytest.raises(sp.LimitError, match="out runs away without end towards arm = 1"
+                       ) as caught:
+        sp.sweep(to_a_wall, "arm", values)
+    assert caught.value.limit == pytest.approx(RIGHT, abs=1e-13)
+    stopped = sp.sweep(to_a_wall, "arm", values, on_limit="stop")
+    event = stopped.events[-1]
+    assert (event.kind, event.row) == ("limit", len(stopped))
+    assert event.value == pytest.approx(RIGHT, abs=1e-13)
+    for motion in (caught.value.motion, stopped):
+        arm, out = (motion.coordinate(name).value for name in ("pin", "out"))
+        assert 0 < len(motion) < len(values) and arm.max() < RIGHT
+        np.testing.assert_allclose(out * np.cos(arm), 1.0, rtol=1e-11)
+        np.testing.assert_array_equal(arm, values[:len(motion)])
+
+
+@pytest.mark.parametrize(("first", "last", "end"), [
+    (-1.0, -2.0, -RIGHT), (np.pi, 1.0, RIGHT), (np.pi, 5.0, 3 * RIGHT)])
+def test_a_slide_runs_away_on_either_side_of_its_asymptote(to_a_wall, first, last, end):
+    """Beyond a right angle the slide is behind the pin; from there no way leads back either."""
+    with pytest.raises(sp.LimitError) as caught:
+        sp.sweep(to_a_wall, "arm", [first, last], guess={"pin": first, "out": 1 / np.cos(first)})
+    assert caught.value.limit == pytest.approx(end, abs=1e-13)
+
+
+def test_values_before_an_asymptote_are_reached(to_a_wall):
+    arm = np.radians([0, 80, 89, 89.9, 0, -89.9])
+    out = sp.sweep(to_a_wall, "arm", arm).coordinate("out").value
+    np.testing.assert_allclose(out, 1 / np.cos(arm), rtol=1e-9)
+
+
+def test_limits_are_asymptotes(to_a_wall):
+    span = sp.limits(to_a_wall, "arm")
+    assert span.lower.kind == span.upper.kind == "out runs away"
+    np.testing.assert_allclose([span.lower.value, span.upper.value], [-RIGHT, RIGHT], atol=1e-13)
+    assert not span.full_turn and "(90°) (out runs away)" in str(span)
+
+
+@pytest.mark.parametrize("n", [4, 12, 60, 400])
+def test_several_drivers_end_where_a_joint_runs_away(tmp_path, n):
+    """A slide on two arms that turn about one line, each by its table."""
+    tree = (mechanisms.turning("pin", "ground", "arm") + mechanisms.turning("fine", "arm", "hand")
+            + mechanisms.sliding("out", "hand", "block", axis=(1, 0, 0))
+            + mechanisms.point("wall", "ground", (1, 0, 0)))
+    mech = mechanisms.load(tmp_path, "two_arms", tree, mechanisms.driver("pin", "pin")
+                           + mechanisms.driver("fine", "fine")
+                           + mechanisms.closure("on_wall", "point_on_plane", "wall", "block",
+                                                axis=(1, 0, 0)) + mechanisms.guess(out=1))
+    times = np.linspace(0.0, 2.0, n)
+    tables = {"pin": times, "fine": 0.3 * np.sin(2 * times)}
+    law = CubicSpline(times, tables["pin"] + tables["fine"])
+    end = brentq(lambda t: law(t) - RIGHT, 1.0, 2.0, xtol=1e-15)
+    with pytest.raises(sp.LimitError, match="out runs away without end towards it") as caught:
+        sp.follow(mech, tables, times)
+    assert caught.value.limit == pytest.approx(end, abs=1e-11)
+    stopped = sp.follow(mech, tables, times, on_limit="stop")
+    assert len(stopped) == len(caught.value.motion) == np.searchsorted(times, end)
+    assert stopped.events[-1].kind == "limit"
+    assert stopped.events[-1].value == pytest.approx(end, abs=1e-11)
+
+
+def away_by(kind: str) -> sp.Mechanism:
+    """Return an arm with something along it whose end stays in a wall: no slide of the tree."""
+    at = [pin.SE3(np.eye(3), np.array([x, 0.0, 0.0])) for x in (0.0, 1.0)]
+    wall = sp.closures.point_on_plane(("universe", at[1]), ("body", at[0]), axis=[1, 0, 0])
+    model, closures, place = pin.Model(), [wall], [1.0]
+    arm = model.addJoint(0, pin.JointModelRZ(), at[0], "arm")
+    if kind == "screw":
+        model.addJoint(arm, pin.JointModelHX(0.3 / (2 * np.pi)), at[0], "body")
+        place = [2 * np.pi / 0.3]
+    elif kind == "planar":
+        model.addJoint(0, pin.JointModelPlanar(), at[0], "body")
+        closures += [sp.closures.point_on_line(("arm", at[0]), ("body", at[0]), axis=[1, 0, 0]),
+                     sp.closures.perpendicular(("universe", at[0]), ("body", at[0]),
+                                               axis=[1, 0, 0], axis2=[0, 1, 0])]
+        place += [0.1, 0.0]
+    else:
+        model.addJoint(0, pin.JointModelFreeFlyer(), at[0], "body")
+        closures.append(sp.closures.prismatic(("arm", at[0]), ("body", at[0]), axis=[1, 0, 0]))
+        place += [0.1, 0.0, 0.0, 0.0, 0.1]
+    guess = {"arm": 0.1, "body": place if len(place) > 1 else place[0]}
+    return sp.Mechanism.from_model(model, closures, drivers=["arm"], guess=guess, name=kind)
+
+
+@pytest.mark.parametrize("n", [5, 100, 10_000])
+@pytest.mark.parametrize("kind", ["screw", "planar", "floating"])
+def test_screws_and_free_bodies_run_away_as_slides_do(kind, n):
+    motion = sp.sweep(away_by(kind), "arm", np.linspace(0.0, 1.6, n), on_limit="stop")
+    assert motion.events[-1].kind == "limit" and "body" in motion.events[-1].text
+    assert motion.events[-1].value == pytest.approx(RIGHT, abs=1e-13)
+
+
+def test_what_goes_far_with_its_driver_has_no_asymptote(tmp_path):
+    """A rack goes on with its pinion for ever, and far out there is no end."""
+    tree = (mechanisms.turning("pinion", "ground", "wheel")
+            + mechanisms.sliding("rack", "ground", "bar"))
+    mech = mechanisms.load(tmp_path, "rack", tree, mechanisms.driver("pinion", "pinion")
+                           + mechanisms.coupling("mesh", "pinion", "rack", 1.0))
+    motion = sp.sweep(mech, "pinion", [0.0, 1.0, 5e4], on_limit="stop")
+    assert len(motion) == 3 and {event.kind for event in motion.events} <= {"joint limit"}
+
+
+def test_a_joint_limit_comes_before_an_asymptote(to_a_wall):
+    """The slide has limits of the URDF: it reaches the upper one at cos(arm) = 1 / limit."""
+    at = to_a_wall.coordinate("out").q
+    most = float(to_a_wall.model.upperPositionLimit[at])
+    span = sp.limits(to_a_wall, "arm", joints=True)
+    assert span.upper.kind == "upper limit of out"
+    assert span.upper.value == pytest.approx(acos(1.0 / most), abs=1e-9)
+
+
+def test_a_workspace_ends_at_an_asymptote_without_a_point_there(to_a_wall):
+    found = sp.workspace(to_a_wall, "block", {"arm": (0.0, 2.0)}, points=7)
+    assert found.why == ("",) * 5 + ("limit",) * 2
+    assert found.boundary.drivers[0, 0] == pytest.approx(RIGHT, abs=1e-12)
+    assert np.isnan(found.boundary.points).all()

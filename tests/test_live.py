@@ -15,6 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from pictures import ink, pixels
 
@@ -198,6 +199,23 @@ def test_one_driver_of_many_can_have_the_only_slider():
 
 
 # ---------------------------------------------------------------- what the page is told
+
+
+def test_a_move_ends_where_a_joint_runs_away():
+    """An arm whose slide reaches a wall until they are parallel, at a quarter turn."""
+    here, wall = (pin.SE3(np.eye(3), np.array([x, 0.0, 0.0])) for x in (0.0, 1.0))
+    model = pin.Model()
+    arm = model.addJoint(0, pin.JointModelRZ(), here, "arm")
+    model.addJoint(arm, pin.JointModelPX(), here, "slide")
+    on_wall = sp.closures.point_on_plane(("universe", wall), ("slide", here), axis=[1, 0, 0])
+    mech = sp.Mechanism.from_model(model, [on_wall], drivers=["arm"],
+                                   guess={"arm": 0.1, "slide": 1.0}, name="wall")
+    drive = Drive(sp.assemble(mech), ["arm"])
+    reach, stop = drive.reach("arm", 91), drive.move("arm", 2.0)
+    for found, end in zip((*reach.stops, stop), (-1.0, 1.0, 1.0), strict=True):
+        assert found.kind == "limit" and found.value == pytest.approx(end * np.pi / 2, abs=1e-12)
+    assert abs(drive.value("arm")) < np.pi / 2
+    assert drive.move("arm", 0.2) is None and drive.value("arm") == 0.2
 
 
 def test_limit_is_told_in_words_and_marked_on_the_slider():

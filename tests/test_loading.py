@@ -762,6 +762,8 @@ REFUSED = {
                         "did you mean 'spherical'"),
     "screw joint without lead": bad('type = "spherical"\n# joint', 'type = "screw"',
                                     r"joints\.ball", "lead is missing"),
+    "screw joint of lead 0": bad('type = "spherical"\n# joint', 'type = "screw"\nlead = 0.0',
+                                 r"joints\.ball", "lead is 0", "revolute"),
     "axis of a ball": bad("# joint", "axis = [0, 0, 1]", r"joints\.ball", "axis"),
     "pins of a universal joint that are not square": bad(
         'type = "spherical"\n# joint', 'type = "universal"\naxis = [0, 1, 0]', "joints.ball",
@@ -791,6 +793,8 @@ REFUSED = {
     "zero length": bad(CLOSURE, closure("distance", "length = 0"), "'end_ball'", "length",
                        "spherical"),
     "no length": bad(CLOSURE, closure("distance"), "'end_ball'", "length is missing"),
+    "screw closure of lead 0": bad(CLOSURE, closure("screw", "lead = 0"), "'end_ball'", "lead is 0",
+                                   "revolute"),
     "screw without lead": bad(CLOSURE, closure("screw"), "'end_ball'", "lead is missing"),
     "NaN for a lead": bad(CLOSURE, closure("screw", "lead = nan"), "'end_ball'", "lead", "finite"),
     "length of a ball": bad(CLOSURE, CLOSURE + "length = 1.0\n", "'end_ball'", "length"),

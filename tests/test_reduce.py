@@ -14,6 +14,7 @@ import spatial_pin as sp
 from spatial_pin.cli import main
 from spatial_pin.formats.export import export_urdf
 from spatial_pin.formats.files import library_folder
+from spatial_pin.reduction import verification as verification_of
 
 # a driver's range ends where rates grow without bound, and with them round-off
 CLOSE = 5e-11
@@ -438,3 +439,40 @@ def test_an_effort_is_the_same_in_the_model_that_is_reduced_to_it(name):
 def test_forces_that_a_smaller_model_does_not_tell_are_refused(output, dynamics, why):
     with pytest.raises(sp.SpatialPinError, match=why):
         sp.reduce(sp.load("rssr"), output, dynamics=dynamics)
+
+
+def test_verify_compares_what_there_is_of_an_endless_slide(tmp_path):
+    """A slide along a turning arm to a wall: at a right angle it would be endless."""
+    tree = (mechanisms.turning("pin", "ground", "arm")
+            + mechanisms.sliding("out", "arm", "block", axis=(1, 0, 0))
+            + mechanisms.point("wall", "ground", (1, 0, 0)))
+    full = mechanisms.load(tmp_path, "endless", tree, mechanisms.driver("arm", "pin")
+                           + mechanisms.closure("on_wall", "point_on_plane", "wall", "block",
+                                                axis=(1, 0, 0)) + mechanisms.guess(pin=0.1, out=1))
+    reduced = sp.reduce(full, "out")
+    found = reduced.verify()
+    assert found.rows == 361 and found.worst < 1e-10 and not found.remarks
+    assert found.compared == ("361 rows over arm from -1.41372 to 1.41372 rad",)
+    asked = reduced.verify("arm", np.linspace(0.0, 2.0, 21))
+    assert asked.rows == 16 and asked.compared == ("16 rows over arm from 0 to 1.5 rad",)
+    assert any("out runs away without end" in remark for remark in asked.remarks)
+    assert asked.compared[0] in str(asked)
+
+
+def test_verify_ends_where_a_branch_is_lost(monkeypatch):
+    """Whatever a sweep comes upon, what it had reached before is compared."""
+    whole = verification_of.sweep
+
+    def losing(mechanism, driver, values, *args, **keys):
+        motion = whole(mechanism, driver, values, *args, **keys)
+        kept = motion if len(motion) < 9 or abs(values[-1]) < 1.0 else whole(
+            mechanism, driver, values[:9], *args, **keys)
+        if kept is motion:
+            return motion
+        kept.events.append(sp.Event("lost", float(values[9]), 9, "end of the followed path"))
+        raise sp.SingularError("lost", motion=kept)
+
+    monkeypatch.setattr(verification_of, "sweep", losing)
+    found = sp.reduce(sp.load("rssr"), "rocker_pin").verify()
+    assert found.rows > 0 and found.worst < 1e-9
+    assert "rows over crank from " in found.compared[0]

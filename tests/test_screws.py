@@ -52,3 +52,8 @@ def test_a_nut_runs_down_its_screw(nut, formulation):
     np.testing.assert_allclose(spin, -slide * TURN / LEAD, rtol=1e-11, atol=1e-10)
     np.testing.assert_allclose(motion.angles[:, 0], -spin, rtol=1e-11, atol=1e-10)
     assert spin[-1] > 1000.0
+
+
+def test_a_screw_without_lead_is_none():
+    with pytest.raises(ValueError, match="lead is 0; a screw advances as it turns"):
+        sp.closures.screw("nut", "spindle", 0.0)

@@ -251,6 +251,8 @@ class State:
     def coordinate(self, name: str) -> CoordinateRates[float]:
         """Return (value, rate, acceleration) of a joint coordinate [rad or m, per s, per s²].
 
+        A rotation vector, of a ball or a floating joint, is no longer than half a turn.
+
         Args:
             name: a coordinate, a one-freedom joint, or a driver.
 

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import csv
+import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.errors import SpatialPinError
+from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.inverse_kinematics import targets
 from spatial_pin.inverse_kinematics.named_targets import is_angle, is_coordinate, is_part
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -55,8 +57,9 @@ def read_table(
     if len(lines) < 2:
         raise SpatialPinError(f"{path}: no table: a line of names and lines of numbers are needed")
     found: dict[str, Array] = {}
-    for k, head in enumerate(lines[0]):
-        if not "".join(word for line in lines for word in line[k : k + 1]).strip():
+    (_, heads), *rows = lines
+    for k, head in enumerate(heads):
+        if not "".join(word for _, line in lines for word in line[k : k + 1]).strip():
             continue  # what a comma at the end of every line leaves
         name, unit = _head(path, head)
         if name.endswith(NOT_READ) or NO_POSITION.search(name) or unit == ENERGY:
@@ -65,25 +68,44 @@ def read_table(
             raise SpatialPinError(f"{path}: two columns are named {name!r}")
         _check_unit(path, mechanism, name, unit)
         read = _Column(path, mechanism, name, unit, k, with_blanks)
-        found[name] = np.array([read(line, row) for row, line in enumerate(lines[1:], start=2)])
-    return found, found.pop(TIME, None)
+        found[name] = np.array([read(line, row) for row, line in rows])
+    times = found.pop(TIME, None)
+    if times is not None and not with_blanks and (back := np.diff(times) <= 0.0).any():
+        k = int(np.argmax(back))
+        raise SpatialPinError(f"{path}: line {rows[k + 1][0]}: the time {times[k + 1]:.9g} s does "
+                              f"not rise: {times[k]:.9g} s comes before it")
+    return found, times
 
 
-def _lines(path: str | Path) -> list[list[str]]:
-    """Return the words of a table's lines, but for those that are blank."""
+@contextmanager
+def name_of_column(path: str | Path, column: str) -> Iterator[None]:
+    """Name file and column where it is the name of nothing.
+
+    Raises:
+        SpatialPinError: the block looks up a name that does not exist.
+    """
+    try:
+        yield
+    except UnknownNameError as error:
+        raise SpatialPinError(f"{path}: column {column!r}: {error}") from error
+
+
+def _lines(path: str | Path) -> list[tuple[int, list[str]]]:
+    """Return number and words of a table's lines, but for those that are blank."""
     try:
         with open(path, encoding="utf-8-sig") as file:
             text = file.read()
         first = text.partition("\n")[0]
         mark = next((mark for mark in ",;\t" if mark in first), ",")
-        lines = [line for line in csv.reader(text.splitlines(), delimiter=mark)
-                 if any(word.strip() for word in line)]
+        reader = csv.reader(text.splitlines(), delimiter=mark)
+        lines = [(reader.line_num, line) for line in reader if any(word.strip() for word in line)]
     except (UnicodeDecodeError, csv.Error) as error:
         raise SpatialPinError(f"{path}: no table in UTF-8: {error}") from None
-    for row, line in enumerate(lines, start=1):
-        if any(word.strip() for word in line[len(lines[0]):]):
+    for row, line in lines:
+        if any(word.strip() for word in line[len(lines[0][1]):]):
             raise SpatialPinError(f"{path}: line {row} has more numbers than there are names")
-    return [[word.replace(",", ".") for word in line] for line in lines] if mark == ";" else lines
+    return [(row, [word.replace(",", ".") for word in line]) for row, line in lines] if (
+        mark == ";") else lines
 
 
 def _check_unit(path: str | Path, mechanism: Mechanism | None, name: str, unit: str) -> None:
@@ -115,20 +137,21 @@ def targets_of(
     of one number, as `NAME.position.z` [m] and `LINK.angle` [rad].
 
     Raises:
-        SpatialPinError: columns of a frame are missing.
-        UnknownNameError: there is no such frame, coordinate or driver.
+        SpatialPinError: columns of a frame are missing, or there is no such frame, coordinate or
+            driver.
     """
     found: dict[str, Any] = {}
     frames: dict[str, dict[str, Array]] = {}
     for name, column in columns.items():
         frame, _, part = name.rpartition(".")
-        if frame and part in (*POINT, *TURNED) and not is_coordinate(mechanism, name) and (
-                not is_part(mechanism, name)):
-            mechanism.frame_id(frame)
-            frames.setdefault(frame, {})[part] = column
-        else:
-            is_own = is_coordinate(mechanism, name) or not is_part(mechanism, name)
-            found[mechanism.coordinate(name).name if is_own else name] = column
+        with name_of_column(path, name):
+            if frame and part in (*POINT, *TURNED) and not is_coordinate(mechanism, name) and (
+                    not is_part(mechanism, name)):
+                mechanism.frame_id(frame)
+                frames.setdefault(frame, {})[part] = column
+            else:
+                is_own = is_coordinate(mechanism, name) or not is_part(mechanism, name)
+                found[mechanism.coordinate(name).name if is_own else name] = column
     return {**found, **{frame: frame_targets(f"{path}: no column", frame, parts)
                         for frame, parts in frames.items()}}
 
@@ -188,10 +211,13 @@ class _Column(NamedTuple):
         """Return the number of a line [rad, m, s]."""
         word = line[self.k].strip() if self.k < len(line) else ""
         try:
-            return UNITS[self.unit] * float(word)
+            value = UNITS[self.unit] * float(word)
         except ValueError:
             if self.may_be_blank and not word:
                 return float("nan")
+        else:
+            if math.isfinite(value) or (self.may_be_blank and math.isnan(value)):
+                return value
         try:
             found = quantity(word)
         except ValueError:

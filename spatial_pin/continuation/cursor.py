@@ -17,6 +17,7 @@ from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import evaluation_of
+from spatial_pin.continuation.asymptotes import running_away
 from spatial_pin.continuation.driving import DriversLaw
 from spatial_pin.continuation.pseudo_arclength import Arrival, towards
 from spatial_pin.continuation.solution_curve import Curve
@@ -126,18 +127,22 @@ class Cursor:
         """
         return self.start.system(self.here.q, self.here.angles)
 
-    def curve(self, system: SquareSystem, tolerance: float) -> Curve:
+    def curve(
+        self, system: SquareSystem, tolerance: float, pace: float | None = None
+    ) -> Curve:
         """Return the curve through the current place, what leads set free.
 
         Args:
             system: the square system there.
             tolerance: closure residual to reach.
+            pace: how much of a law's parameter counts as one radian, its inverse; default: how
+                fast joints move here.
         """
         leading = self.start.leading
         if not isinstance(leading, DriversLaw):
             return Curve(system, tolerance)
         span = float(leading.law.x[-1] - leading.law.x[0])
-        pace = max(self.pace(self.here), 1.0 / span)
+        pace = max(self.pace(self.here) if pace is None else pace, 1.0 / span)
         return Curve(system, tolerance, WithParameter(system, leading, 1.0 / pace))
 
     def place(self, q: Array, s: float, angles: Array, system: SquareSystem) -> Place:
@@ -193,12 +198,13 @@ class Cursor:
             goal = value if stretches <= 1.0 else begin.s + (value - begin.s) / stretches
             # a stretch may be lost in the round-off of the driver's value
             if not stretches * STRETCH <= FARTHEST or goal == begin.s:
-                raise Stopped(Arrival("lost", begin.q, begin.s, is_far=True))
+                raise Stopped(self._running_away(value) or Arrival(
+                    "lost", begin.q, begin.s, is_far=True))
             if self._go(goal):
                 continue
             if not self.has_arc_length:
                 raise Stopped(self._end())
-            self._go_by_arc_length(goal, begin)
+            self._go_by_arc_length(goal, begin, value)
 
     def _go(self, value: float) -> bool:
         """Move towards a driver value as far as the kernel can; True if it was reached."""
@@ -225,10 +231,38 @@ class Cursor:
         """Return how far joints move from a place to a leading value at the rates there."""
         return abs(value - place.s) * self.pace(place)
 
-    def _go_by_arc_length(self, value: float, clear: Place) -> None:
+    def _running_away(
+        self, goal: float, system: SquareSystem | None = None, arrival: Arrival | None = None
+    ) -> Arrival | None:
+        """Return the end of the branch before a goal at which a joint runs away, or None.
+
+        Args:
+            goal: the leading value that is to be reached.
+            system: the square system; default: that of the start, if none can be chosen here.
+            arrival: where following the branch ended; default: here. The evaluation expects angles
+                as they are there.
+        """
+        start, here = self.start, self.here
+        if not self.has_arc_length:
+            return None
+        if system is None:
+            try:
+                system = self.system()
+            except SingularError:
+                system = start.system(start.state.q, start.state.angles)
+            start.evaluation.angle_reference[:] = here.angles
+        q, s = (here.q, here.s) if arrival is None else (arrival.q, arrival.value)
+        sizes = start.mechanism.velocity_scale[[c.v for c in start.driven]]
+        # joints have any pace there; that of what is driven is a measure
+        pace = float(np.linalg.norm(start.leading.rates(s) / sizes))
+        curve = self.curve(system, TOLERANCES.round_off, pace)
+        return running_away(curve, curve.unknowns.of(q, s), goal)
+
+    def _go_by_arc_length(self, value: float, clear: Place, goal: float) -> None:
         """Continue by pseudo-arclength, which finds the limit or passes the hard stretch.
 
-        It starts at the place `clear`, if near: that is farther from the singularity ahead.
+        It starts at the place `clear`, if near: that is farther from the singularity ahead. The
+        value is one on the way to the goal.
         """
         if self.way(clear, self.here.s) < TOLERANCES.longest_step:
             self.stand(clear)
@@ -236,20 +270,30 @@ class Cursor:
             system = self.system()
         except SingularError:
             self.stand(clear)
-            system = self.system()
+            try:
+                system = self.system()
+            except SingularError:
+                if end := self._running_away(goal):
+                    raise Stopped(end) from None
+                raise
+        if end := self._running_away(goal, system):
+            raise Stopped(end)
         here = self.here
         # few steps: open loops would hide where the branch turns, and what is redundant
         wanted = min(self.start.accuracy.tolerance, TOLERANCES.tight)
         curve = self.curve(system, max(wanted, 1e-14))
         arrival = towards(curve, curve.unknowns.of(here.q, here.s), value, here.t)
+        if arrival.kind == "lost":
+            raise Stopped(self._running_away(goal, system, arrival) or arrival)
         if arrival.kind != "reached":
             raise Stopped(arrival)
+        singular = Arrival("singular", arrival.q, value)
         try:
             system.select(arrival.q)
         except SingularError:
-            raise Stopped(Arrival("singular", arrival.q, value)) from None
+            raise Stopped(singular) from None
         if system.pivot < TOLERANCES.singular:
-            raise Stopped(Arrival("singular", arrival.q, value))
+            raise Stopped(self._running_away(goal, system, singular) or singular)
         self.stand(self._solved(system, arrival.q, value))
 
 

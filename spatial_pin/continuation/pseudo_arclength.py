@@ -40,16 +40,20 @@ class Arrival(NamedTuple):
     """Where following a path ended.
 
     Attributes:
-        kind: "reached", "limit", "branch point", "singular" or "lost".
+        kind: "reached", "limit", "branch point", "singular", "lost", or "runs away" (a joint does
+            so without end, see `asymptotes`).
         q: (nq,) the configuration.
-        value: the leading value there, of a driver [rad or m] or the parameter.
+        value: the leading value there, of a driver [rad or m] or the parameter; where a joint runs
+            away, the limit that it comes to.
         is_far: whether it was lost only because the way is too long.
+        runs_away: name of the coordinate that does.
     """
 
     kind: str
     q: Array
     value: float
     is_far: bool = False
+    runs_away: str = ""
 
 
 class Step(NamedTuple):

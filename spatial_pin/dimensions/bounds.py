@@ -21,12 +21,14 @@ def bounds_of(
 
     Args:
         mechanism: whose dimensions they are.
-        dimensions: their names, or {name: (least, most) or None}; None for an end without bound.
+        dimensions: their names, or {name: (least, most) or None}; an end without bound is None,
+            or infinity of its sign.
         around: whether bounds must hold the dimension that the mechanism has.
 
     Raises:
         UnknownNameError: there is no such dimension.
-        ValueError: bounds are none, or the wrong way round; a name comes twice.
+        ValueError: bounds are none, NaN, infinity at the other end, or the wrong way round; a name
+            comes twice.
         SpatialPinError: the mechanism has no file to change dimensions in.
     """
     names = names_of(dimensions, "dimensions")
@@ -67,6 +69,6 @@ def _pair(name: str, given: Any) -> tuple[float, float]:
 
 def _end(name: str, given: Any, none: float) -> float:
     """Return one bound; infinite if there is none, which is said by None or by infinity itself."""
-    if given is None or (isinstance(given, float) and given == none):
+    if given is None or (isinstance(given, float | np.floating) and given == none):
         return none
     return finite_number(given, f"a bound of {name!r}")

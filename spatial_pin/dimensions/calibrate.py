@@ -204,7 +204,7 @@ def calibrate(
             link, frame or joint, the value of a coordinate, or `targets.distance`,
             `targets.orientation`.
         dimensions: names of those that are looked for; or with bounds {name: (least, most) or
-            None}; None for an end leaves it open.
+            None}; None for an end leaves it open, as -inf and inf do.
         offsets: drivers whose encoders are off: their value is what was read plus the offset.
         base: True: points and placements were measured in axes of their own, in which the
             mechanism's world is to be found; a placement: where to begin with that.

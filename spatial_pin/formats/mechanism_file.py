@@ -228,9 +228,18 @@ def _refinement(table: Table) -> JointRefinement:
         kind,
         axis=table.axis("axis") if pair.uses_axis and "axis" in table else None,
         axis2=table.axis("axis2") if pair.uses_axis2 and "axis2" in table else None,
-        lead=table.number("lead") if pair.uses_lead else 0.0,
+        lead=_lead(table) if pair.uses_lead else 0.0,
         resistances=resistances, limits=limits, where=table.where,
     )
+
+
+def _lead(table: Table) -> float:
+    """Return the lead of a screw, which is not zero."""
+    lead = table.number("lead")
+    if lead == 0.0:
+        table.fail("lead", 'is 0; a screw advances as it turns (one that does not is of type = '
+                   '"revolute")')
+    return lead
 
 
 def _closure(table: Table) -> Closure:
@@ -270,7 +279,7 @@ def _geometry(table: Table, pair: Pair) -> PairGeometry:
         if length <= 0.0:
             table.fail("length",
                        f"is {length} m; it must be positive (for 0 use type = \"spherical\")")
-    lead = table.number("lead") if pair.uses_lead else 0.0
+    lead = _lead(table) if pair.uses_lead else 0.0
     return closure_geometry(pair, axis, axis2, length=length, lead=lead)
 
 

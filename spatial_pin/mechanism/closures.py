@@ -155,21 +155,24 @@ def screw(frame_1: FramePlace, frame_2: FramePlace, lead: float, name: str | Non
     Args:
         frame_1: frame on the first body: its name, or (link or joint, `pin.SE3` on it) [m].
         frame_2: frame on the second body, likewise.
-        lead: advance per turn [m]; positive of a right-handed thread.
+        lead: advance per turn [m], not zero; positive of a right-handed thread.
         name: for reports; default its type.
         axis: direction of the pair, a unit vector (3,) in both frames; default z.
         equations: numbers of its equations that are asked for, from 0, rising; default all.
 
     Raises:
         TypeError: a frame is neither a name nor a placement.
-        ValueError: a number is none, or an axis is no unit vector.
+        ValueError: a number is none, the lead is zero, or an axis is no unit vector.
 
     Example:
         >>> sp.closures.screw("nut", "spindle", 0.005).n_rows  # a lead of 5 mm per turn
         5
     """
-    return _closure("screw", (frame_1, frame_2), name, equations, axis,
-                    lead=finite_number(lead, "lead"))
+    lead = finite_number(lead, "lead")
+    if lead == 0.0:
+        raise ValueError("lead is 0; a screw advances as it turns: for one that does not take "
+                         "closures.revolute")
+    return _closure("screw", (frame_1, frame_2), name, equations, axis, lead=lead)
 
 
 def cylindrical(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,

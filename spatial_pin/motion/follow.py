@@ -24,7 +24,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.joint_limits import joint_limit_events
 from spatial_pin.motion.motion import Event, Motion
 from spatial_pin.motion.rated_limits import velocity_limit_events
-from spatial_pin.motion.sweep import check_choice, crossed_event, stop_event, sweep
+from spatial_pin.motion.sweep import ENDS, check_choice, crossed_event, stop_event, sweep
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.progress import progress_bar
@@ -208,7 +208,7 @@ def finished(
     if stop is not None:
         motion.events.append(stop_event(stop, followed.done, _where(stop.value, times is None),
                                         f"limit of what the {who} can do together"))
-        ends = on_limit if stop.kind in ("limit", "half turn") else on_crossing
+        ends = on_limit if stop.kind in ENDS else on_crossing
         if ends != "stop" or stop.kind == "lost":
             raise _error(motion, stop, names, times is None, who, ends)
     return motion
@@ -305,6 +305,9 @@ def _error(
     if stop.kind == "half turn":
         return LimitError(f"{where}a rotation vector is no longer than half a turn; prescribe what "
                           "turns further by a revolute joint", limit=stop.value, motion=motion)
+    if stop.kind == "runs away":
+        return LimitError(f"{where}{stop.runs_away} runs away without end towards it",
+                          limit=stop.value, motion=motion)
     if stop.kind == "lost":
         return SingularError(f"{where}the branch was lost there; ask for values nearer to each "
                              "other", motion=motion)

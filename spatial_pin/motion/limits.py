@@ -11,6 +11,7 @@ from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.checks import checked
+from spatial_pin.continuation.asymptotes import running_away
 from spatial_pin.continuation.curve_start import body_places, direction_of, not_spinning, system_at
 from spatial_pin.continuation.pseudo_arclength import towards
 from spatial_pin.continuation.solution_curve import Curve
@@ -40,8 +41,9 @@ class Bound(NamedTuple):
     Attributes:
         value: driver value [rad or m], infinite where there is no limit.
         kind: "limit" (the driver turns back), "branch point", "singular", "none", "upper limit of
-            JOINT" or "lower limit of JOINT" (of the URDF), or "not followed further" (the value is
-            then the last one reached).
+            JOINT" or "lower limit of JOINT" (of the URDF), "COORDINATE runs away" (without end,
+            while the driver comes to that value), or "not followed further" (the value is then the
+            last one reached).
 
     Example:
         >>> bound = sp.limits(sp.load("four_bar", r2=0.25), "crank").upper
@@ -96,7 +98,8 @@ def limits(
 ) -> Range:
     """Find how far a driver can go either way on the branch of a guess.
 
-    Dead centres are located by arc length, where the driver turns back, to about 1e-14.
+    Dead centres are located by arc length, where the driver turns back, to about 1e-14. Where a
+    joint runs away without end, the driver's value is extrapolated, to 1e-11 at least.
 
     Args:
         mechanism: the mechanism; other drivers stay where the guess has them.
@@ -142,8 +145,11 @@ def _bound(
     bodies = not_spinning(system)
     place, angles, q = body_places(evaluation, bodies), evaluation.angles.copy(), state.q
     for k in range(1, MOST_TURNS + 1):
-        arrival = towards(Curve(system, tolerance), q, start + sense * k * span, direction)
+        curve, goal = Curve(system, tolerance), start + sense * k * span
+        arrival = towards(curve, q, goal, direction)
         if arrival.kind == "lost":
+            if end := running_away(curve, arrival.q, goal):
+                return Bound(end.value, f"{end.runs_away} runs away")
             return Bound(arrival.value, "not followed further")
         if arrival.kind != "reached":
             return Bound(arrival.value, arrival.kind)

@@ -247,6 +247,10 @@ class Motion(Tabular):
     def coordinate(self, name: str) -> CoordinateRates[Array]:
         """Return (value, rate, acceleration), each (N,), of a coordinate; angles without jumps.
 
+        Rotation vectors of balls and floating joints are continued from sample to sample, each to
+        the nearest turn: where such a joint turns more than half a turn between two samples, they
+        may read a turn less.
+
         Args:
             name: a coordinate, a joint of one freedom, or a driver.
 

@@ -24,6 +24,7 @@ from spatial_pin.checks import (
 )
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.constraints.workspaces import made_once
+from spatial_pin.continuation.asymptotes import FAR
 from spatial_pin.continuation.at_once import swept_at_once
 from spatial_pin.continuation.cursor import FARTHEST
 from spatial_pin.continuation.follow import followed_as_far, followed_in_order
@@ -32,7 +33,7 @@ from spatial_pin.continuation.start import Start, moving_drivers
 from spatial_pin.errors import Interrupted, LimitError, SingularError, SpatialPinError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.paths import Samples
-from spatial_pin.mechanism.coordinates import driver_coordinates, needed
+from spatial_pin.mechanism.coordinates import coordinate_value, driver_coordinates, needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.motion.joint_limits import joint_limit_events
@@ -46,7 +47,7 @@ from spatial_pin.rates.rates import SOLUTION_ERROR, check_finite, check_not_held
 from spatial_pin.settings import Accuracy, accuracy_of
 
 FAST = 300.0  # speed of a joint by the driver's, and by the least over the motion, near a limit
-FAR_SLIDE = 20.0  # characteristic lengths that no slide has to go, near where a branch was lost
+ENDS = ("limit", "half turn", "runs away")  # kinds of arrivals beyond which there is nothing
 FASTEST = 1e100  # speed below which nothing overflows, nor in times above its inverse
 DRIFTED = 1e-3  # closure error that a fixed number of corrections may leave without a word
 
@@ -158,7 +159,7 @@ def sweep(
     if stop is not None:
         motion.events.append(stop_event(stop, n, f"{driver} = {stop.value:.12g} {coordinate.unit}",
                                         "limit position"))
-        ends = on_limit if stop.kind in ("limit", "half turn") else on_crossing
+        ends = on_limit if stop.kind in ENDS else on_crossing
         if ends != "stop" or stop.kind == "lost":
             raise _error(motion, stop, driver, coordinate, asked.item(n), on_crossing)
     return motion
@@ -379,8 +380,9 @@ def stop_event(stop: Arrival, row: int, at: str, limit: str) -> Event:
     """Return the event of what ended a motion, in words where, and of what a limit is."""
     words = {"limit": limit, "singular": "singular configuration", "branch point": "branch point",
              "lost": "end of the followed path",
-             "half turn": "end of a rotation vector, half a turn,"}
-    kind = "limit" if stop.kind == "half turn" else stop.kind
+             "half turn": "end of a rotation vector, half a turn,",
+             "runs away": f"end of the way, as {stop.runs_away} runs away without end,"}
+    kind = "limit" if stop.kind in ENDS else stop.kind
     return Event(kind, stop.value, row, f"{words[stop.kind]} at {at}")
 
 
@@ -401,6 +403,10 @@ def _error(
             f"{where} is out of reach: a rotation vector about another axis than the component's "
             f"is no longer than half a turn, at {stop.value:.12g} {unit} ({last}); drive what "
             "turns further by a revolute joint", limit=stop.value, motion=motion)
+    if stop.kind == "runs away":
+        return LimitError(
+            f"{where} is out of reach: {stop.runs_away} runs away without end towards {driver} = "
+            f"{stop.value:.9g} {unit} ({last})", limit=stop.value, motion=motion)
     if stop.kind == "branch point":
         why = ("on_crossing='raise' asks to stop there; give on_crossing='straight' to go on"
                if on_crossing == "raise" else
@@ -419,16 +425,17 @@ def _error(
             f"{where} is too far from the sample before to be followed to ({last}): joints move by "
             f"more than {FARTHEST:g} rad or characteristic lengths between them; "
             "ask for values between")
-    lost = f"{where}: the branch was lost near {driver} = {stop.value:.9g} {unit} ({last}); "
-    why = _run_away(motion.mechanism, stop.q) or "ask for values nearer to each other"
-    return SingularError(lost + why, motion=motion)
+    far = _far_out(motion.mechanism, stop.q)
+    return SingularError(
+        f"{where}: the branch was lost near {driver} = {stop.value:.9g} {unit} ({last}); {far}"
+        "ask for values nearer to each other", motion=motion)
 
 
-def _run_away(mechanism: Mechanism, q: Array) -> str:
+def _far_out(mechanism: Mechanism, q: Array) -> str:
     """Tell of the slide that is farthest out at a configuration, if out of all proportion."""
-    slides = [c for c in mechanism.coordinate_table.values() if c.q >= 0 and c.unit == "m"]
-    far = max(slides, key=lambda c: abs(q[c.q]), default=None)
-    if far is None or abs(q[far.q]) < FAR_SLIDE * mechanism.characteristic_length:
+    slides = [c for c in mechanism.coordinate_table.values() if c.unit == "m"]
+    far = max(slides, key=lambda c: abs(coordinate_value(mechanism, c, q)), default=None)
+    value = 0.0 if far is None else coordinate_value(mechanism, far, q)
+    if far is None or abs(value) < FAR * mechanism.characteristic_length:
         return ""
-    return (f"{far.name} has run away to {q[far.q]:.3g} m there, and may have no end: a slide that "
-            "is parallel to what it should reach")
+    return f"{far.name} is at {value:.3g} m there, out of all proportion; "

@@ -36,12 +36,15 @@ class Verification(NamedTuple):
         differences: one for each output and driver.
         rows: number of samples compared.
         full_seconds, reduced_seconds: how long the sweeps took [s].
-        remarks: where the two did not end alike.
+        remarks: where the two did not end alike, or not where they were asked to.
+        compared: over which values of which driver, in words.
 
     Example:
         >>> found = sp.reduce(sp.load("rssr"), "rocker_pin").verify()
         >>> found.rows, found.worst < 1e-10, found.remarks
         (361, True, ())
+        >>> found.compared
+        ('361 rows over crank from 0 to 6.28319 rad',)
     """
 
     differences: tuple[Difference, ...]
@@ -49,6 +52,7 @@ class Verification(NamedTuple):
     full_seconds: float
     reduced_seconds: float
     remarks: tuple[str, ...]
+    compared: tuple[str, ...] = ()
 
     @property
     def worst(self) -> float:
@@ -58,6 +62,7 @@ class Verification(NamedTuple):
     def __str__(self) -> str:
         lines = [f"{self.rows} rows compared, largest difference {self.worst:.1e}; full "
                  f"{1e3 * self.full_seconds:.3g} ms, reduced {1e3 * self.reduced_seconds:.3g} ms"]
+        lines += [f"  {x}" for x in self.compared]
         lines += [f"  {d.output} over {d.driver}: position {d.position:.1e}, rate {d.rate:.1e}, "
                   f"acceleration {d.acceleration:.1e}" for d in self.differences]
         return "\n".join([*lines, *(f"  note: {x}" for x in self.remarks)])

@@ -147,7 +147,8 @@ class Reduced(Mechanism):
 
         Args:
             driver: what to sweep; default every driver in turn.
-            values: (N,) its values [rad or m]; default its range, or a whole turn.
+            values: (N,) its values [rad or m], compared as far as both models can go; default its
+                range, or a whole turn.
             speed: of the driver [rad/s or m/s].
             acceleration: likewise [rad/s² or m/s²].
             guess: where both assemble, by joints that both have.

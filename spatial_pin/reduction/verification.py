@@ -10,6 +10,7 @@ import numpy as np
 
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State
+from spatial_pin.brief import counted
 from spatial_pin.checks import as_array
 from spatial_pin.dynamics.forward import forward_dynamics
 from spatial_pin.dynamics.kinetostatics import kinetostatics
@@ -46,6 +47,7 @@ def verification(
         raise ValueError(f"values has shape {np.shape(values)}; (N,) is needed")
     differences: list[Difference] = []
     remarks: list[str] = []
+    compared: list[str] = []
     rows, seconds = 0, np.zeros(2)
     hold = {full.driven_coordinate(name).name: value for name, value in hold.items()}
     for name in names:
@@ -54,14 +56,14 @@ def verification(
         pair = []
         for k, mechanism in enumerate((full, reduced)):
             start = time.perf_counter()
-            pair.append(sweep(mechanism, name, asked_values, speed, acceleration, guess=guess,
-                              hold=_held(mechanism, full, reduced, name, hold, asked_values, guess),
-                              on_limit="stop", on_crossing="stop"))
+            pair.append(_as_far(mechanism, name, asked_values, speed, acceleration, guess,
+                                _held(mechanism, full, reduced, name, hold, asked_values, guess)))
             seconds[k] += time.perf_counter() - start
         count = min(map(len, pair))
         rows += count
         remarks += _remarks(pair[0], pair[1], name, np.size(asked_values))
         if count:
+            compared.append(_compared(pair[0], name, count))
             differences += [_difference(output, name, a, b) for (output, a), (_, b) in zip(
                 *(_outputs(motion, asked, count) for motion in pair), strict=True)]
             if reduced.dynamics:
@@ -70,7 +72,33 @@ def verification(
     if not differences:
         raise SpatialPinError(f"mechanism {full.name!r}: no sample could be compared")
     return Verification(tuple(differences), rows, float(seconds[0]), float(seconds[1]),
-                        tuple(remarks))
+                        tuple(remarks), tuple(compared))
+
+
+def _as_far(
+    mechanism: Mechanism, driver: str, values: Array, speed: float, acceleration: float,
+    guess: Any, hold: Mapping[str, float],
+) -> Motion:
+    """Return the motion through values as far as it exists, or can be followed.
+
+    Raises:
+        SpatialPinError: not even the first value can be reached.
+    """
+    try:
+        return sweep(mechanism, driver, values, speed, acceleration, guess=guess, hold=hold,
+                     on_limit="stop", on_crossing="stop")
+    except SpatialPinError as error:
+        motion: Motion | None = getattr(error, "motion", None)
+        if motion is None or not len(motion):
+            raise
+        return motion
+
+
+def _compared(motion: Motion, driver: str, count: int) -> str:
+    """Tell over which values of a driver samples were compared."""
+    values = motion.swept[:count]
+    return (f"{counted(count, 'row')} over {driver} from {values.min():.6g} to "
+            f"{values.max():.6g} {motion.driver_unit}")
 
 
 def _drivers(reduced: Reduced, full: Mechanism) -> list[str]:
@@ -109,10 +137,12 @@ def _end(
     full: Mechanism, driver: str, state: State, hold: Mapping[str, float], at: float, room: float
 ) -> float:
     """Return how far the driver goes, at most `room`."""
-    found = sweep(full, driver, np.linspace(at, at + room, VALUES), np.sign(room), guess=state,
-                  hold=hold, on_limit="stop", on_crossing="stop")
-    stops = [e.value for e in found.events if e.kind in EVENTS]
-    return at + room if len(found) == VALUES else stops[-1]
+    found = _as_far(full, driver, np.linspace(at, at + room, VALUES), float(np.sign(room)), 0.0,
+                    state, hold)
+    stops = [e for e in found.events if e.kind in EVENTS]
+    if len(found) == VALUES:
+        return at + room
+    return float(found.swept[-1]) if stops[-1].kind == "lost" else stops[-1].value
 
 
 def _held(

@@ -55,10 +55,10 @@ def design(
         mechanism: a mechanism of that kind, which closes at its own dimensions; it need not do what
             is asked.
         goals: of `sp.goals`: one or several.
-        dimensions: {name: (least, most)} of those that may change [m or rad]; None for an end
-            leaves it open, None for both, or names alone, leave one free. Starts without a bound
-            are drawn within half and twice a dimension's own value, or its distance to the other
-            bound.
+        dimensions: {name: (least, most)} of those that may change [m or rad]; an end is left open
+            by None, or by -inf for the least and inf for the most; None for both, or names alone,
+            leave one free. Starts without a bound are drawn within half and twice a dimension's
+            own value, or its distance to the other bound.
         guess: which branch the first start is on, as for `assemble`.
         starts: how many local solutions are tried, the first one from the mechanism's own
             dimensions, the others from drawn ones.

@@ -100,7 +100,8 @@ class End(NamedTuple):
     Attributes:
         why: "limit", "branch point", "singular", "lost", or "joint limit: " and which.
         value: of the coordinate that changes.
-        point: (3,) of the frame there; NaN where it could not be followed up to there.
+        point: (3,) of the frame there; NaN where it could not be followed up to there, or runs
+            away without end.
         q, angles: the last configuration before it that is known; None where none is.
     """
 
@@ -258,6 +259,8 @@ def _seen(asked: Asked, last: Run, end: End) -> End:
     if motion is None or n < 4:
         return end
     places = motion.frame(asked.frame).position
+    if np.ptp(places[1:4], axis=0).max() > asked.body.characteristic_length:
+        return end  # it runs away without end
     return end._replace(point=TO_END @ places[1:4], q=motion.q[3], angles=motion.angles[3])
 
 

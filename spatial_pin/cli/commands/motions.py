@@ -28,7 +28,7 @@ from spatial_pin.cli.options import (
     value,
 )
 from spatial_pin.cli.results import Told, finite, on_screen, say, tell
-from spatial_pin.cli.tables import read_table
+from spatial_pin.cli.tables import name_of_column, read_table
 from spatial_pin.dynamics.outputs import with_forces
 from spatial_pin.motion.default_motion import default_motion
 from spatial_pin.motion.joint_limits import KIND as JOINT_LIMIT
@@ -217,6 +217,11 @@ def _follow(options: argparse.Namespace) -> None:
     mechanism = loaded(options)
     check_names(options, mechanism)
     values, times = read_table(options.table, mechanism)
+    for name in values:
+        with name_of_column(options.table, name):
+            mechanism.prescribed_coordinate(name)
+    if not values:
+        raise sp.SpatialPinError(f"{options.table}: there is no column of a driver")
     write_followed(options, lambda: sp.follow(
         mechanism, values, times, guess=guess_of(options, mechanism), hold=held(options),
         on_limit="stop" if options.stop else "raise",

@@ -229,6 +229,8 @@ class Drive:
     def _stop(self, cursor: Cursor, arrival: Arrival) -> Stop:
         """Stand where a branch has ended."""
         self.state = cursor.here.state(cursor.start)
+        if arrival.runs_away:
+            return Stop("limit", float(arrival.value))
         if arrival.kind != "lost":
             evaluation = cursor.start.evaluation
             evaluation.angle_reference[:] = self.state.angles

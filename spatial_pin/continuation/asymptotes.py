@@ -1,0 +1,169 @@
+"""Ends of branches at which a joint runs away without end, while what leads comes to a value.
+
+A slide along a turning arm whose end stays in a plane is such a joint: it is parallel to the plane
+at last. The curve of closed configurations goes on for ever there; of its leading value only the
+limit is a number. It is a power series of one over the joint's coordinate, or of a root of that,
+and is extrapolated from places farther and farther out.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from spatial_pin.continuation.pseudo_arclength import STRAIGHT, Arrival
+from spatial_pin.continuation.solution_curve import Curve, CurvePoint
+from spatial_pin.mechanism.coordinates import coordinate_gradient, coordinate_value
+from spatial_pin.mechanism.parts import Coordinate
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
+
+# rad, characteristic lengths, that no joint has to go: ten times as far as links reach. From there
+# on it is asked whether it has an end.
+FAR = 20.0
+# The same of the last place: round-off opens loops by that times machine epsilon, 4e-12.
+FARTHEST_OUT = 2e4
+FEWEST_PLACES = 6  # from which a limit is extrapolated
+ROOTS = 1, 2, 3  # of the coordinate, in which the leading value may be a power series
+MOST_STEPS = 40  # from one place to the next, which is twice as far out
+
+
+def running_away(curve: Curve, x: Array, target: float) -> Arrival | None:
+    """Return the end of a branch on which a joint runs away, before a target; None if none does.
+
+    A target so near the end that the joint would be farther out than is followed is beyond it too.
+
+    Args:
+        curve: of the branch; its evaluation expects angles as they are at x.
+        x: (n,) unknowns, farther out than links reach if a joint runs away.
+        target: leading value that is to be reached.
+    """
+    found = _outward(curve, x)
+    if found is None:
+        return None
+    places = np.array(_places(*found)).reshape(-1, 2)
+    known = TOLERANCES.closed * float(curve.unknowns.scale[curve.unknowns.rate])
+    limit = _limit(places[:, 0], places[:, 1], known)
+    if limit is None or not (target - places[-1, 1]) * (limit - places[0, 1]) > 0.0:
+        return None
+    return Arrival("runs away", curve.unknowns.configuration(x), limit, runs_away=found[0].of.name)
+
+
+class _Far(NamedTuple):
+    """A coordinate that may run away along a curve."""
+
+    curve: Curve
+    of: Coordinate
+
+    @property
+    def size(self) -> float:
+        """What counts as one of it [rad or m]."""
+        return float(self.curve.unknowns.scale[self.of.v])
+
+    def value(self, x: Array) -> float:
+        """Return how far out it is [rad, characteristic lengths]."""
+        mechanism, q = self.curve.evaluation.mechanism, self.curve.unknowns.configuration(x)
+        return coordinate_value(mechanism, self.of, q) / self.size
+
+    def row(self, x: Array) -> Array:
+        """Return the derivative of that (m,) with respect to scaled steps."""
+        mechanism, q = self.curve.evaluation.mechanism, self.curve.unknowns.configuration(x)
+        gradient, scale = coordinate_gradient(mechanism, self.of, q), self.curve.unknowns.scale
+        found = np.zeros(len(scale))
+        found[: len(gradient)] = gradient * scale[: len(gradient)] / self.size
+        return found
+
+    def pace(self, point: CurvePoint) -> float:
+        """Return how fast it moves along the tangent at a point."""
+        return float(self.row(point.x) @ point.t)
+
+
+def _outward(curve: Curve, x: Array) -> tuple[_Far, CurvePoint] | None:
+    """Return which joint runs away at x, and the point there, its tangent that way."""
+    table = curve.evaluation.mechanism.coordinate_table.values()
+    far = [f for c in table if c not in curve.system.driven and (f := _Far(curve, c))
+           and abs(f.value(x)) >= FAR]
+    if not far:
+        return None
+    along = np.sum([f.value(x) * f.row(x) for f in far], axis=0)
+    point = curve.settle(x, along) or curve.point(x, curve.direction(x, along)[0])
+    if not np.isfinite(point.t).all():
+        return None
+    fastest = max(far, key=lambda f: abs(f.pace(point)))
+    return (fastest, point) if fastest.value(x) * fastest.pace(point) > 0.0 else None
+
+
+def _places(far: _Far, point: CurvePoint) -> list[tuple[float, float]]:
+    """Return coordinate and leading value at places, each twice as far out as the one before."""
+    back = point._replace(t=-point.t, sign=-point.sign)
+    inward: list[CurvePoint] = []
+    outward = [point]
+    if abs(far.value(point.x)) > FARTHEST_OUT:
+        outward = []
+    while not inward or abs(far.value(back.x)) > FAR or len(inward) < FEWEST_PLACES:
+        goal = min(0.5 * abs(far.value(back.x)), FARTHEST_OUT)
+        inner = _led(far, back, float(np.copysign(goal, far.value(back.x))))
+        if inner is None:
+            break
+        back = inner
+        inward.append(inner)
+    while outward and abs(far.value(outward[-1].x)) < FARTHEST_OUT:
+        outer = _led(far, outward[-1], 2.0 * far.value(outward[-1].x))
+        if outer is None:
+            break
+        outward.append(outer)
+    return [(far.value(p.x), far.curve.value(p.x)) for p in [*inward[::-1], *outward]]
+
+
+def _led(far: _Far, point: CurvePoint, goal: float) -> CurvePoint | None:
+    """Return the point of the curve at which a coordinate has about a value, or None."""
+    curve, length = far.curve, np.inf
+    for _ in range(MOST_STEPS):
+        left, pace = goal - far.value(point.x), far.pace(point)
+        if not left * pace > 0.0:
+            return None  # it turned back
+        length = min(length, left / pace)
+        step = length * point.t
+        curve.expect(point, step)
+        ahead = curve.unknowns.moved(point.x, step)
+        x = curve.onto(ahead, far.row(ahead))
+        t, sign = curve.direction(x, point.t) if x is not None else (point.t, 0)
+        if x is None or sign != point.sign or t @ point.t < STRAIGHT:
+            length *= 0.5
+            continue
+        point, is_there = curve.point(x, t), length == left / pace
+        if is_there:
+            return point
+        length *= 2.0
+    return None
+
+
+def _limit(x: Array, values: Array, known: float) -> float | None:
+    """Return the limit of values (n,) for growing x (n,); None if there is none that is known.
+
+    Inner places are left out where that makes it better known: laws that drivers go by have pieces.
+
+    Args:
+        x: places.
+        values: there.
+        known: by how much the limit may change if the innermost place is left out.
+    """
+    ways = [_at_zero(np.abs(x[first:]) ** (-1.0 / root), values[first:])
+            for first in range(len(x) - FEWEST_PLACES + 1) for root in ROOTS]
+    found, change = min(ways, key=lambda pair: pair[1], default=(np.nan, np.inf))
+    left = np.abs(found - values)
+    comes_near = bool((left[1:] < left[:-1]).all())
+    return found if comes_near and change <= known else None
+
+
+def _at_zero(y: Array, values: Array) -> tuple[float, float]:
+    """Return the polynomial through points (n,) at y = 0, and how much the first one changes it.
+
+    Neville's scheme.
+    """
+    n, column = len(y), values
+    for k in range(1, n):
+        last = column[-1]
+        column = (y[:-k] * column[1:] - y[k:] * column[:-1]) / (y[:-k] - y[k:])
+    return float(column[0]), float(abs(column[0] - last))
