@@ -21,12 +21,12 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 
 # rad, characteristic lengths, that no joint has to go: ten times as far as links reach. From there
 # on it is asked whether it has an end.
-FAR = 20.0
+BEYOND_LINKS = 20.0
 # The same of the last place: round-off opens loops by that times machine epsilon, 4e-12.
 FARTHEST_OUT = 2e4
 FEWEST_PLACES = 6  # from which a limit is extrapolated
 ROOTS = 1, 2, 3  # of the coordinate, in which the leading value may be a power series
-MOST_STEPS = 40  # from one place to the next, which is twice as far out
+MOST_TRIALS = 40  # from one place to the next, which is twice as far out
 
 
 def running_away(curve: Curve, x: Array, target: float) -> Arrival | None:
@@ -83,7 +83,7 @@ def _outward(curve: Curve, x: Array) -> tuple[_Far, CurvePoint] | None:
     """Return which joint runs away at x, and the point there, its tangent that way."""
     table = curve.evaluation.mechanism.coordinate_table.values()
     far = [f for c in table if c not in curve.system.driven and (f := _Far(curve, c))
-           and abs(f.value(x)) >= FAR]
+           and abs(f.value(x)) >= BEYOND_LINKS]
     if not far:
         return None
     along = np.sum([f.value(x) * f.row(x) for f in far], axis=0)
@@ -101,7 +101,7 @@ def _places(far: _Far, point: CurvePoint) -> list[tuple[float, float]]:
     outward = [point]
     if abs(far.value(point.x)) > FARTHEST_OUT:
         outward = []
-    while not inward or abs(far.value(back.x)) > FAR or len(inward) < FEWEST_PLACES:
+    while not inward or abs(far.value(back.x)) > BEYOND_LINKS or len(inward) < FEWEST_PLACES:
         goal = min(0.5 * abs(far.value(back.x)), FARTHEST_OUT)
         inner = _led(far, back, float(np.copysign(goal, far.value(back.x))))
         if inner is None:
@@ -119,7 +119,7 @@ def _places(far: _Far, point: CurvePoint) -> list[tuple[float, float]]:
 def _led(far: _Far, point: CurvePoint, goal: float) -> CurvePoint | None:
     """Return the point of the curve at which a coordinate has about a value, or None."""
     curve, length = far.curve, np.inf
-    for _ in range(MOST_STEPS):
+    for _ in range(MOST_TRIALS):
         left, pace = goal - far.value(point.x), far.pace(point)
         if not left * pace > 0.0:
             return None  # it turned back

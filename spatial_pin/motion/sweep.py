@@ -24,7 +24,7 @@ from spatial_pin.checks import (
 )
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.constraints.workspaces import made_once
-from spatial_pin.continuation.asymptotes import FAR
+from spatial_pin.continuation.asymptotes import BEYOND_LINKS
 from spatial_pin.continuation.at_once import swept_at_once
 from spatial_pin.continuation.cursor import FARTHEST
 from spatial_pin.continuation.follow import followed_as_far, followed_in_order
@@ -436,6 +436,6 @@ def _far_out(mechanism: Mechanism, q: Array) -> str:
     slides = [c for c in mechanism.coordinate_table.values() if c.unit == "m"]
     far = max(slides, key=lambda c: abs(coordinate_value(mechanism, c, q)), default=None)
     value = 0.0 if far is None else coordinate_value(mechanism, far, q)
-    if far is None or abs(value) < FAR * mechanism.characteristic_length:
+    if far is None or abs(value) < BEYOND_LINKS * mechanism.characteristic_length:
         return ""
     return f"{far.name} is at {value:.3g} m there, out of all proportion; "
