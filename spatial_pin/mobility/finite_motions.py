@@ -20,22 +20,21 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 
 # Lengths in radians and characteristic lengths. How far a way out of q is followed: what opens
 # loops by the eighth power only, and by a thousandth of it, opens them by 7e-8 there.
-REACH = 0.3
+WAY_OUT = 0.3
 # Its first step: where links turn back, a longer one leads past all closed configurations, and
 # near where branches cross they are as straight as this is short.
-FIRST_STEP = 0.005
-# The same from configurations where no branches cross; displacements are read from such a way: what
-# opens loops by the fourth power has been slid back to less than a tenth of it.
-LONG_STEP = 0.1
-GROWTH = 4.0  # of steps: four from the first, or two long ones, reach out
+SETTING_OUT = 0.005
+# Of a way in such steps, from which its direction is read: bends are slight so far.
+STRAIGHT_SO_FAR = 0.1
+STEP_GROWTH = 4.0  # of steps: four from the first reach out
 # Closure error all the way: ten times `closed`, for Bennett's loop with a wrong ninth digit opens
-# by 5e-11, and sweeps follow it.
+# by 5e-11, and sweeps follow it; hinges of robots, parallel to ten digits, open loops by 2e-11.
 STAYS_CLOSED = 10.0 * TOLERANCES.closed
 BEND = 0.5  # cosine between a way and its first step: up to it bends leave most of their direction
-MOST_STEPS = 40  # where links turn back again and again
+MOST_PARTS = 40  # where links turn back again and again
 # Random directions for each instantaneous freedom, each tried both ways: a cusp leads to one side
 DIRECTIONS = 6
-SLIDES = 40  # at most: each leaves a third of the residual, all of them 1e-19
+MOST_SLIDES = 20  # at most: each leaves a third of the residual, all of them 3e-10
 # Part of a residual that is left by Newton's step towards a root of any order k: (1 - 1/k)^k < 1/e
 SLID = 0.5
 
@@ -56,15 +55,16 @@ def finite_freedom(evaluation: Evaluation, q: Array, tangents: Array) -> int:
     """Return the largest dimension of the closed configurations near q.
 
     Where a way leads out of q along a random tangent, its end is a generic configuration, and what
-    moves there is counted; where none does, the freedoms are instantaneous only. (Where no equation
-    is redundant, there is nothing to try: the nullity at q is the dimension.)
+    moves there is counted, in one step where it can be; where no way does, the freedoms are
+    instantaneous only. (Where no equation is redundant, there is nothing to try: the nullity at q
+    is the dimension.)
     """
     rng = np.random.default_rng(1)
     free = np.ones(len(evaluation.mechanism.velocity_scale), dtype=bool)
     n, best = evaluation.constraints.n_closure, 0
     for _ in range(DIRECTIONS * len(tangents)):
         direction = rng.normal(size=len(tangents)) @ tangents
-        way = _way_out(evaluation, q, direction / np.linalg.norm(direction), free, FIRST_STEP)
+        way = _way_out(evaluation, q, direction / np.linalg.norm(direction), free, SETTING_OUT)
         if way is None:
             continue
         if len(tangents) == 1:
@@ -72,7 +72,7 @@ def finite_freedom(evaluation: Evaluation, q: Array, tangents: Array) -> int:
         evaluation.update(way.end)
         there = null_space(evaluation.jacobian[:n], TOLERANCES.half_precision)
         best = max(best, len(finite_motions(
-            evaluation, way.end, there, steps=(LONG_STEP, FIRST_STEP))))
+            evaluation, way.end, there, steps=(WAY_OUT, SETTING_OUT))))
         if best == len(tangents):
             break
     return best
@@ -80,7 +80,7 @@ def finite_freedom(evaluation: Evaluation, q: Array, tangents: Array) -> int:
 
 def finite_motions(
     evaluation: Evaluation, q: Array, tangents: Array, free: NDArray[np.bool_] | None = None,
-    steps: tuple[float, ...] = (FIRST_STEP,),
+    steps: tuple[float, ...] = (SETTING_OUT,),
 ) -> Array:
     """Return orthonormal scaled velocities (d, nv) that span the ways out of q along tangents.
 
@@ -127,9 +127,9 @@ def _followed(
     these grow until the way is long, or has come round a bend.
     """
     model, scale = evaluation.model, evaluation.mechanism.velocity_scale
-    at, length, growth, least = q, 0.0, GROWTH, step / GROWTH
+    at, length, growth, least = q, 0.0, STEP_GROWTH, step / STEP_GROWTH
     first = way = direction
-    for _ in range(MOST_STEPS):
+    for _ in range(MOST_PARTS):
         start = pin.integrate(model, at, scale * step * direction)
         found, error = _closed(evaluation, start, free)
         moved = pin.difference(model, at, found) / scale
@@ -137,7 +137,7 @@ def _followed(
         ahead = float(moved @ direction) if length else size  # branches may leave q at any angle
         aside = np.linalg.norm(pin.difference(model, start, found) / scale)
         if error > STAYS_CLOSED or ahead < TOLERANCES.moved * step or aside > step:
-            step, growth = step / GROWTH, 1.0
+            step, growth = step / STEP_GROWTH, 1.0
             if not length or step < least:
                 return None
             continue
@@ -145,10 +145,10 @@ def _followed(
         if not length:
             first = direction
         there = pin.difference(model, q, at) / scale
-        if length < LONG_STEP and there @ first > BEND * np.linalg.norm(there):
+        if length < STRAIGHT_SO_FAR and there @ first > BEND * np.linalg.norm(there):
             way = there
         length, step = length + size, step * growth
-        if length >= REACH or direction @ first < 0.0:
+        if length >= WAY_OUT or direction @ first < 0.0:
             return Way(way / np.linalg.norm(way), at)
     return None
 
@@ -162,15 +162,15 @@ def _closed(evaluation: Evaluation, q: Array, free: NDArray[np.bool_]) -> tuple[
     mechanism, reference = evaluation.mechanism, evaluation.angle_reference
     found, error, _ = closed(mechanism, q, free, reference, TOLERANCES.round_off)
     n, scale = evaluation.constraints.n_closure, mechanism.velocity_scale
-    for _ in range(SLIDES):
-        if error <= TOLERANCES.round_off:
+    for _ in range(MOST_SLIDES):
+        if error <= STAYS_CLOSED:
             break
         evaluation.update(found)
         svd = decompose(evaluation.jacobian[:n, free])
         weak = np.flatnonzero(svd.s[: svd.rank] < TOLERANCES.well_conditioned * svd.s[0])
         back = np.zeros(len(scale))
         back[free] = -svd.vt[weak].T @ (svd.u[:, weak].T @ evaluation.residual / svd.s[weak])
-        if not 0.0 < np.linalg.norm(back) < REACH:
+        if not 0.0 < np.linalg.norm(back) < WAY_OUT:
             break
         slid, left, _ = closed(
             mechanism, pin.integrate(evaluation.model, found, scale * back), free, reference,

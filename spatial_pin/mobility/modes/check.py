@@ -17,7 +17,7 @@ from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
-from spatial_pin.mobility.finite_motions import REACH, finite_motions
+from spatial_pin.mobility.finite_motions import WAY_OUT, finite_motions
 from spatial_pin.mobility.idle_freedoms import idle_freedoms
 from spatial_pin.mobility.modes.marks import NOTHING, WHOLE, Mark, of_line, resting, rows_of
 from spatial_pin.mobility.modes.result import Continuum
@@ -126,7 +126,7 @@ class Check:
         """
         way = turned_apart(self.mechanism, q, other)
         size = float(np.linalg.norm(way))
-        return size < REACH and all(self._is_closed_near(q, part * way, size) for part in BETWEEN)
+        return size < WAY_OUT and all(self._is_closed_near(q, part * way, size) for part in BETWEEN)
 
     def _is_closed_near(self, q: Array, step: Array, size: float) -> bool:
         """Whether loops close a scaled step (nv,) from q, but for a tenth of a size right there."""

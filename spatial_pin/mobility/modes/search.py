@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from spatial_pin.assembly.search.guesses import read_guess
 from spatial_pin.errors import ContinuumError
 from spatial_pin.mechanism.coordinates import with_values
-from spatial_pin.mobility.finite_motions import FIRST_STEP, REACH
+from spatial_pin.mobility.finite_motions import SETTING_OUT, WAY_OUT
 from spatial_pin.mobility.modes.check import SAME_MODE, Check, Kind
 from spatial_pin.mobility.modes.recognition import Recognition, apart
 from spatial_pin.mobility.modes.result import Continuum
@@ -208,7 +208,7 @@ class Search:
             return np.ones(q.shape[1], dtype=bool)
         vectors, ranks = null_vectors(jacobian, TOLERANCES.half_precision)
         moves = jacobian.shape[2] - ranks > self.recognition.generic_nullity
-        for push in (FIRST_STEP, REACH):
+        for push in (SETTING_OUT, WAY_OUT):
             at = np.flatnonzero(moves)
             if at.size:
                 moves[at] = self._goes_on(q[:, at], signatures[at], vectors[at].T, push)
