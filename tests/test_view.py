@@ -76,6 +76,7 @@ def arm(text: str = ARM) -> SimpleNamespace:
         frames={},
         coordinate_table={},
         neutral=pin.neutral(model),
+        memo={},
         drivers=("shoulder",),
         coordinate=lambda name: SimpleNamespace(unit="rad"),
     )
