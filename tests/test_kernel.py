@@ -526,3 +526,13 @@ def test_two_threads_with_a_kernel_each_answer_as_one(tmp_path):
     finally:
         sys.setswitchinterval(before)
     assert [set(f) for f in found] == [{a} for a in alone]
+
+
+def test_arrays_that_are_not_contiguous_are_refused():
+    """C would read what stands between their entries."""
+    numbers = np.arange(6.0)
+    with pytest.raises(TypeError):
+        address(numbers[::2])
+    numbers.setflags(write=False)
+    assert address(numbers) == numbers.ctypes.data
+    assert address(np.empty(0)) == address(np.empty((3, 0)))

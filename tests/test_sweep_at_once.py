@@ -170,3 +170,17 @@ def test_mechanisms_with_known_answers_are_swept_alike(label, tmp_path, one_by_o
         options["hold"] = known.hold
     assert_same(sp.sweep(mechanism, known.driver, known.values, **options),
                 one_by_one(mechanism, known.driver, known.values, **options))
+
+
+def test_what_the_kernel_has_begun_is_kept_at_ctrl_c(monkeypatch):
+    """Where Ctrl-C comes before anything was added to it, too."""
+
+    def interrupted(*arguments):
+        raise KeyboardInterrupt
+
+    mechanism, turn = sp.load("four_bar", r2=0.25), np.linspace(0.0, 7.0, 71)
+    whole = sp.sweep(mechanism, "crank", turn, on_limit="stop")
+    monkeypatch.setattr(following.Cursor, "reach", interrupted)
+    with pytest.raises(sp.Interrupted) as stopped:
+        sp.sweep(mechanism, "crank", turn, on_limit="stop")
+    np.testing.assert_array_equal(stopped.value.motion.q, whole.q)

@@ -54,7 +54,7 @@ def followed_as_far(
         SingularError: the driver does not determine the motion at the start.
         KeyboardInterrupt: before anything was followed.
     """
-    done = 0
+    done = begun
     try:
         for done in follow(start, values, samples, crossed, begun):
             bar.update(done - bar.n)

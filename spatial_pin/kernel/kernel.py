@@ -27,8 +27,12 @@ def address(array: NDArray[Any]) -> int:
     """Return where a contiguous array begins; the caller keeps it alive."""
     try:
         return _addressof(_view(array))  # type: ignore[arg-type]
-    except (TypeError, ValueError):  # it is read-only, or has no entries
-        return int(array.ctypes.data) if array.size else _NOWHERE
+    except (TypeError, ValueError):
+        if not array.size:
+            return _NOWHERE
+        if array.flags.writeable:  # it is not contiguous
+            raise
+        return int(array.ctypes.data)
 
 
 def numbers(array: Array, shape: tuple[int, ...]) -> Array:
