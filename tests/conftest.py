@@ -5,10 +5,10 @@ from __future__ import annotations
 import importlib
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 import hypothesis
 import pytest
+from folders import ROOT
 
 from spatial_pin.cli import main
 
@@ -51,6 +51,6 @@ def run(capfd):
 def problems():
     """Problems of the comparison script."""
     before = list(sys.path)
-    sys.path.insert(0, str(Path(__file__).parent.parent / "scripts"))
+    sys.path.insert(0, str(ROOT / "scripts"))
     yield importlib.import_module("benchmark.designs").PROBLEMS
     sys.path[:] = before

@@ -1,0 +1,59 @@
+"""A few dozen random mechanisms and damaged files; `scripts/fuzz.py` judges thousands."""
+
+import importlib.util
+import sys
+
+import numpy as np
+import pytest
+from folders import ROOT
+
+SCRIPTS = ROOT / "scripts"
+SEEDS = 35
+EXTENDED = np.finfo(np.longdouble).eps < 1e-18
+
+
+@pytest.fixture(scope="module")
+def fuzz():
+    """The script as a module."""
+    before = list(sys.path)
+    spec = importlib.util.spec_from_file_location("fuzz", SCRIPTS / "fuzz.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    yield module
+    sys.path[:] = before
+
+
+@pytest.mark.skipif(not EXTENDED, reason="the judge needs extended precision")
+@pytest.mark.parametrize("first", range(0, SEEDS, 5))
+def test_answers_for_random_mechanisms_are_right_or_refused_for_a_reason(fuzz, first):
+    sums = fuzz.Sums()
+    for seed in range(first, first + 5):
+        sums.add(fuzz.judged(seed))
+    assert sums.count("right") > 5
+    assert not sums.count("wrong", "crashed", "hung", "refused?"), str(sums)
+
+
+@pytest.mark.skipif(not EXTENDED, reason="the judge needs extended precision")
+def test_the_judge_notices_a_wrong_answer(fuzz, monkeypatch):
+    import spatial_pin as sp
+
+    right = sp.forward_dynamics
+
+    def wrong(mechanism, state, efforts=None):
+        found = right(mechanism, state, efforts)
+        found.a = found.a * (1 + 1e-6)
+        return found
+
+    monkeypatch.setattr(sp, "forward_dynamics", wrong)
+    sums = fuzz.Sums()
+    for seed in range(10):
+        sums.add(fuzz.judged(seed, ("forward",)))
+    assert sums.count("wrong") >= 5
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::spatial_pin.SpatialPinWarning")
+def test_damaged_files_load_or_are_refused_in_words(fuzz):
+    ends = [fuzz.Damage.judged(seed) for seed in range(60)]
+    assert not [r for r in ends if r["end"] in fuzz.BAD]
+    assert {r["end"] for r in ends} >= {"same", "error"}

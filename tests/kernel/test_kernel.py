@@ -1,0 +1,539 @@
+"""The compiled kernel: Pinocchio's and NumPy's numbers to round-off, whatever was asked before.
+
+Arrays that nobody packed it refuses.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+import tomllib
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import mechanisms
+import numpy as np
+import odd_mechanisms
+import pinocchio as pin
+import pytest
+import scipy.linalg
+from folders import ROOT
+from mechanisms import between, closure, coupling, floating, load, point
+from test_closures import JOINTS, KEYS, TYPES, pose, refinement, somewhere, tree_with
+
+import spatial_pin as sp
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.constraints.compiled_equations import Constraints
+from spatial_pin.kernel.beginning import _Task
+from spatial_pin.kernel.closer import MeantPlaces, Reaching
+from spatial_pin.kernel.kernel import Kernel, address
+from spatial_pin.kernel.library import CODES, library
+from spatial_pin.kernel.paths import PathRows, Samples, _Accuracy
+
+SCRIPTS = ROOT / "scripts"
+ROUND_OFF = 1e-14
+LIBRARY = sorted(p.stem for p in (Path(sp.__file__).parents[1] / "urdf").glob("*.toml"))
+
+
+# ---------------------------------------------------------------- mechanisms
+
+
+def everything(folder: Path, seed: int, size: float = 1.0) -> sp.Mechanism:
+    """A random tree with a joint of every kind, a closure of every kind between any two bodies."""
+    rng = np.random.default_rng(seed)
+    tree = toml = ""
+    bodies = ["ground"]
+    for k, kind in enumerate(rng.permutation([*JOINTS, "revolute", "prismatic"])):
+        place = pose(rng)
+        tree += floating(f"to_{k}", str(rng.choice(bodies[-4:])), f"body_{k}",
+                         size * place["xyz"], place["rpy"])
+        text = refinement(f"to_{k}", str(kind), rng)
+        toml += text.replace("lead = 0.023", f"lead = {0.023 * size!r}")
+        bodies.append(f"body_{k}")
+    for k, kind in enumerate([*TYPES, "between"]):
+        names = []
+        for i, body in enumerate(rng.choice(bodies, 4, replace=False)):
+            names.append(f"at_{k}_{i}")
+            place = pose(rng)
+            tree += point(names[-1], body, size * place["xyz"], place["rpy"])
+        keys = {name: size * value for name, value in KEYS.get(kind, {}).items()}
+        toml += (between(f"c_{k}", names[:2], names[2:]) if kind == "between"
+                 else closure(f"c_{k}", kind, *names[:2], **keys))
+    turns = [name for name, joint in tomllib.loads(toml)["joints"].items()
+             if joint["type"] in ("revolute", "prismatic", "screw")]
+    a, b, c = (str(n) for n in rng.choice(turns, 3, replace=False))
+    toml += coupling("gear", a, b, 1.7, 0.3) + coupling("rack", b, c, -0.4 * size)
+    toml += f'[passive.spin]\nbody = "{bodies[-1]}"\naxis = ["tip", "tail"]\n'
+    tree += "".join(point(end, bodies[-1], size * rng.normal(size=3)) for end in ("tip", "tail"))
+    return load(folder, "everything", tree, toml)
+
+
+# ---------------------------------------------------------------- Pinocchio is the authority
+
+
+def asked_at(mechanism: sp.Mechanism, rng: np.random.Generator):
+    """A configuration and velocities of ordinary size for the mechanism."""
+    scale = mechanism.velocity_scale
+    q = pin.integrate(mechanism.model, mechanism.neutral,
+                      rng.uniform(-1.3, 1.3, mechanism.model.nv) * scale)
+    return q, scale * rng.normal(size=mechanism.model.nv)
+
+
+def assert_near(ours: np.ndarray, theirs: np.ndarray, size: float, what: str) -> None:
+    """Equal to round-off of numbers of a size."""
+    assert ours.shape == theirs.shape, what
+    worst = float(np.abs(ours - theirs).max(initial=0.0))
+    assert worst <= ROUND_OFF * size, f"{what}: {worst / size:.2g} of {size:.3g}"
+
+
+def reach(mechanism: sp.Mechanism, places: np.ndarray) -> float:
+    """Length that placements are rounded by: how far bodies stand from the world's origin [m]."""
+    return max(mechanism.characteristic_length, float(np.abs(places).max(initial=0.0)))
+
+
+def assert_same_as_pinocchio(mechanism: sp.Mechanism, q: np.ndarray, v: np.ndarray) -> None:
+    judge, kernel = Evaluation(Constraints(mechanism)), Kernel(mechanism)
+    judge.update(q)
+    turns = judge.angles + 2.0 * np.pi * np.arange(1, len(judge.angles) + 1)
+    judge.angle_reference[:] = turns
+    judge.update(q)
+    bias = judge.bias(q, v)
+    found = kernel.evaluate(q, v, turns)
+    rotations = np.array([m.rotation for m in judge.data.oMi])
+    places = np.array([m.translation for m in judge.data.oMi])
+    assert_near(found.rotations, rotations, 1.0, "rotations")
+    far = reach(mechanism, places)
+    assert_near(found.translations, places, far, "translations")
+    # equations are products of lengths relative to the characteristic one, and of unit vectors
+    far = 1.0 + far / mechanism.characteristic_length
+    steep = far * (1.0 + float(np.abs(judge.jacobian).max(initial=0.0)))
+    assert_near(found.residual, judge.residual, steep, "residual")
+    assert_near(found.angles, judge.angles, 10.0 * (1.0 + np.abs(turns).max(initial=0.0)), "angles")
+    assert_near(found.jacobian, judge.jacobian, steep, "Jacobian")
+    speed = 1.0 + float(np.abs(v / mechanism.velocity_scale).max(initial=0.0))
+    assert_near(found.bias, bias, speed**2 * steep + np.abs(bias).max(initial=0.0), "bias")
+
+
+@pytest.mark.parametrize("joint", JOINTS)
+def test_every_joint_with_every_closure(tmp_path, joint):
+    for seed, kind in enumerate(TYPES):
+        mechanism, rng = tree_with(tmp_path, joint, ("leaf", "right"), kind, seed)
+        for _ in range(3):
+            assert_same_as_pinocchio(mechanism, *asked_at(mechanism, rng))
+
+
+@pytest.mark.parametrize("size", [1e-30, 1e-6, 1.0, 1e6, 1e30])
+def test_all_kinds_together_at_every_size(tmp_path, size):
+    for seed in range(6):
+        mechanism, rng = everything(tmp_path, seed, size), np.random.default_rng(seed)
+        for _ in range(3):
+            assert_same_as_pinocchio(mechanism, *asked_at(mechanism, rng))
+
+
+@pytest.mark.parametrize("first", range(0, 40, 10))
+def test_random_mechanisms(tmp_path, monkeypatch, first):
+    monkeypatch.syspath_prepend(str(SCRIPTS))
+    from fuzzing.files import write
+    from fuzzing.generate import make
+
+    for seed in range(first, first + 10):
+        mechanism, rng = sp.load(write(make(seed), tmp_path)), np.random.default_rng(seed)
+        assert_same_as_pinocchio(mechanism, *asked_at(mechanism, rng))
+
+
+@pytest.mark.parametrize("name", LIBRARY)
+def test_the_library(name):
+    mechanism, rng = sp.load(name), np.random.default_rng(1)
+    assert_same_as_pinocchio(mechanism, *asked_at(mechanism, rng))
+    assert_same_as_pinocchio(mechanism, sp.assemble(mechanism).q, np.zeros(mechanism.model.nv))
+
+
+@pytest.mark.parametrize("builders", [
+    {name: known.build for name, known in mechanisms.KNOWN.items()}, odd_mechanisms.EMPTY,
+    odd_mechanisms.FREE], ids=["known", "empty", "free"])
+def test_mechanisms_of_other_tests(tmp_path, builders):
+    rng = np.random.default_rng(1)
+    for build in builders.values():
+        mechanism = build(tmp_path)
+        assert_same_as_pinocchio(mechanism, *asked_at(mechanism, rng))
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-300, 1e-9, 1e-4, 1.0, 3.0, 100.0])
+def test_displacements_are_pinocchios(tmp_path, size):
+    mechanism, rng = everything(tmp_path, 1), np.random.default_rng(5)
+    kernel = Kernel(mechanism)
+    for _ in range(20):
+        q, step = somewhere(mechanism, rng), size * rng.normal(size=mechanism.model.nv)
+        expected = pin.integrate(mechanism.model, q, step)
+        moved = integrated(kernel, q, step)
+        assert_near(moved, expected, 1.0 + float(np.abs(expected).max()), f"step of {size}")
+
+
+def integrated(kernel: Kernel, q: np.ndarray, step: np.ndarray) -> np.ndarray:
+    moved = q.copy()
+    library().kernel_integrate(kernel.handle, 1, address(moved), address(step))
+    return moved
+
+
+# ---------------------------------------------------------------- the square system
+
+
+def square_system(mechanism: sp.Mechanism, rng: np.random.Generator):
+    """A kernel, q, and equations, driven freedoms and filled rows that determine everything."""
+    kernel = Kernel(mechanism)
+    q, v = asked_at(mechanism, rng)
+    jacobian = kernel.evaluate(q, v, np.zeros(kernel.n_angles)).jacobian
+    closures, idle = jacobian[: kernel.n_closure], jacobian[kernel.n_closure :]
+    kept = independent(closures, rng.permutation(kernel.n_closure), idle)
+    rows = np.vstack([closures[kept], idle])
+    missing = kernel.nv - len(rows)
+    driven = independent(np.eye(kernel.nv), rng.permutation(kernel.nv), rows)[: missing // 2]
+    rows = np.vstack([rows, np.eye(kernel.nv)[driven]])
+    fill = scipy.linalg.null_space(rows).T if len(rows) else np.eye(kernel.nv)
+    return kernel, q, kept, driven, np.ascontiguousarray(fill), np.vstack([rows, fill])
+
+
+def independent(rows: np.ndarray, order: np.ndarray, beside: np.ndarray) -> np.ndarray:
+    """Numbers of rows that are well independent of each other and of those beside them."""
+    basis, kept = list(beside), []
+    for i in order:
+        if np.linalg.svd(np.array([*basis, rows[i]]), compute_uv=False).min(initial=1.0) > 0.02:
+            basis.append(rows[i])
+            kept.append(i)
+        if len(basis) == rows.shape[1]:
+            break
+    return np.sort(np.array(kept, np.int64))
+
+
+def solved(kernel: Kernel, q, kept, driven, fill, right) -> np.ndarray:
+    """Choose the square system anew and solve it."""
+    c, x, turns = library(), right.copy(), np.zeros(kernel.n_angles)
+    assert c.system_set(kernel.handle, address(kept), len(kept), address(driven), len(driven),
+                        address(fill), len(fill)) == 0
+    assert c.kernel_solve(kernel.handle, address(q), address(turns), address(x)) == 0
+    return x
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_square_systems_are_solved_as_by_numpy(tmp_path, seed):
+    rng = np.random.default_rng(seed)
+    mechanism = everything(tmp_path, seed)
+    for _ in range(3):
+        kernel, q, kept, driven, fill, matrix = square_system(mechanism, rng)
+        idle = kernel.n_passive
+        right = rng.normal(size=kernel.nv)
+        x = solved(kernel, q, kept, driven, fill, right)
+        # rows: chosen, idle, driven, filled; backward error, then the solution itself
+        order = np.arange(len(matrix))
+        assert np.array_equal(order[: len(kept) + idle], np.arange(len(kept) + idle))
+        condition = np.linalg.cond(matrix)
+        assert np.abs(matrix @ x - right).max() < 1e-13 * (1.0 + np.abs(matrix).sum(axis=1).max()
+                                                           * np.abs(x).max())
+        other = np.linalg.solve(matrix, right)
+        assert np.abs(x - other).max() < 1e-15 * condition * len(x) * np.abs(other).max()
+
+
+def test_a_system_without_solution_is_singular(tmp_path):
+    mechanism = everything(tmp_path, 3)
+    kernel, q, kept, driven, fill, _ = square_system(mechanism, np.random.default_rng(3))
+    twice = np.array([kept[0], *kept[:-1]])
+    c, x, turns = library(), np.ones(kernel.nv), np.zeros(kernel.n_angles)
+    assert c.system_set(kernel.handle, address(twice), len(twice), address(driven), len(driven),
+                        address(fill), len(fill)) == 0
+    code = c.kernel_solve(kernel.handle, address(q), address(turns), address(x))
+    assert CODES[code] == "a singular system"
+
+
+# ---------------------------------------------------------------- arrays of nobody
+
+
+HEAD = 10  # counts that begin the integers, see `read_structure` in model.c
+WILD = np.array([0, 1, -1, 2, 3, 4, 5, 6, 7, 100, -100, 10**5, 10**8, 10**8 + 1, 2**31, 2**32,
+                 2**62, 2**63 - 1, -(2**63)])
+ODD = np.array([0.0, -0.0, 1.0, -1.0, 1e308, -1e308, 1e-308, 5e-324, np.nan, np.inf, -np.inf, 1e20])
+
+
+def made_of(ints: np.ndarray, reals: np.ndarray) -> tuple[str, ctypes.c_void_p]:
+    """What the kernel says of arrays, and the kernel if it takes them."""
+    # copies of their own: a sanitizer then notices a single entry read beyond the end
+    ints, reals, handle = ints.astype(np.int64), reals.astype(float), ctypes.c_void_p()
+    code = library().kernel_create(address(ints), len(ints), address(reals), len(reals),
+                                   ctypes.byref(handle))
+    assert (code == 0) == bool(handle)
+    return CODES[code], handle
+
+
+def use(handle: ctypes.c_void_p, ints: np.ndarray, reals: np.ndarray, rng) -> set[str]:
+    """Ask everything of a kernel of arrays, at any configuration; how that ended."""
+    c = library()
+    n, nq, nv, _, _, n_closure, n_idle, n_angles = (int(x) for x in ints[:8])
+    q, v, turns = rng.normal(size=nq), rng.normal(size=nv), rng.normal(size=n_angles)
+    if rng.random() < 0.3 and nq:
+        q[rng.integers(nq)] = rng.choice(ODD)
+    sizes = (9 * n, 3 * n, n_closure, n_angles, (n_closure + n_idle) * nv, n_closure + n_idle)
+    out = [np.empty(size) for size in sizes]
+    ends = {c.kernel_evaluate(handle, *map(address, (q, v, turns, *out)))}
+    c.kernel_integrate(handle, 1, address(q), address(v))
+    chosen = rng.integers(-1, n_closure + 1, max(nv - n_idle, 0))
+    chosen, driven = np.split(chosen, [rng.integers(len(chosen) + 1)])
+    driven, fill = np.split(driven, [rng.integers(len(driven) + 1)])
+    if rng.random() < 0.7:
+        chosen, driven = np.unique(np.abs(chosen)), np.unique(np.abs(driven))
+    if rng.random() < 0.5:
+        driven = rng.integers(-1, 2 * nv + 1, len(driven))
+    fill = rng.choice(ODD, (max(nv - n_idle - len(chosen) - len(driven), 0), nv))
+    ends.add(c.system_set(handle, address(chosen), len(chosen), address(driven), len(driven),
+                          address(fill), len(fill)))
+    ends.add(c.kernel_solve(handle, address(q), address(turns), address(v)))
+    ends |= use_rates(handle, ints, q, turns, rng) | use_closer(handle, ints, q, turns, rng)
+    ends |= use_path(handle, ints, q, turns, rng)
+    reals = mutated(reals, ODD, rng).astype(float)
+    ends.add(c.kernel_set_numbers(handle, address(reals), len(reals)))
+    ends.add(c.kernel_solve(handle, address(q), address(turns), address(v)))
+    c.kernel_destroy(handle)
+    return {CODES[end] for end in ends}
+
+
+def wild_places(n: int, rng, *shape: int) -> np.ndarray:
+    """Places below n, and sometimes some that are none."""
+    found = rng.integers(0, max(n, 1), shape)
+    return np.where(rng.random(shape) < 0.1, rng.choice(WILD, shape), found)
+
+
+def use_rates(handle: ctypes.c_void_p, ints: np.ndarray, q, turns, rng) -> set[int]:
+    c, rates = library(), ctypes.c_void_p()
+    n, nv, free = int(ints[0]), int(ints[2]), max(int(ints[2] - ints[6] - ints[5]), 0)
+    count = free + int(rng.integers(-1, 2)) if rng.random() < 0.5 else int(rng.integers(-1, nv + 2))
+    driven = wild_places(nv, rng, max(count, 0))
+    end = c.rates_create(handle, address(driven), count, ctypes.byref(rates))
+    assert (end == 0) == bool(rates)
+    if end:
+        return {end}
+    moving = int(rng.integers(-1, count + 2))
+    speed = np.ones((2, count))
+    columns, v, facts = np.empty((count, nv)), np.empty((2, nv)), np.empty(3)
+    jacobian, local = np.empty((6, count)), rng.normal(size=3)
+    joint = int(wild_places(n, rng, 1)[0])
+    closed, idle = int(ints[5]), int(ints[6])
+    chosen = wild_places(closed, rng, int(rng.integers(0, max(closed, 0) + 1)))
+    fill = rng.normal(size=(max(nv - idle - count - len(chosen), 0), nv))
+    given = ((None, 0, None, 0) if rng.random() < 0.5 else
+             (address(chosen), len(chosen), address(fill), len(fill)))
+    bias = np.ones(max(closed + idle, 0))
+    beside = np.empty(int(ints[1]))
+    few = rng.normal(size=(max(nv - idle - len(chosen), 0), nv))
+    return {c.regular_beside(handle, address(q), address(turns), address(chosen), len(chosen),
+                             address(few), len(few), address(beside)),
+            c.rates_columns(rates, moving, address(columns)),
+            c.rates_solve(rates, address(q), address(turns), *given, moving, address(speed[0]),
+                          address(speed[1]), address(columns), address(v[0]), address(v[1]),
+                          address(facts)),
+            c.rates_place(rates, address(q), address(turns), *given, address(facts)),
+            c.rates_columns(rates, moving, address(columns)),
+            c.rates_acceleration(rates, address(v[0]), address(speed[0]), address(v[1])),
+            c.rates_answer(rates, address(bias), address(speed[0]), address(v[1])),
+            c.rates_jacobian(rates, moving, joint, address(local), address(columns),
+                             address(jacobian))}
+
+
+def use_closer(handle: ctypes.c_void_p, ints: np.ndarray, q, turns, rng) -> set[int]:
+    c, closer = library(), ctypes.c_void_p()
+    nq, nv, closed = int(ints[1]), int(ints[2]), int(ints[5])
+    n, m = (int(x) for x in rng.integers(0, 3, 2))
+    rotations = np.array([wild_places(closed, rng, n), rng.choice([1, 3, 3, 2], n)])
+    pins = np.column_stack([wild_places(nq, rng, m), wild_places(nv, rng, m),
+                            wild_places(3, rng, m), wild_places(2, rng, m)])
+    end = c.closer_create(handle, address(rotations), n, address(pins), m, ctypes.byref(closer))
+    assert (end == 0) == bool(closer)
+    if not end:
+        free, pinned = rng.integers(0, 2, nv), rng.choice(ODD, m)
+        first, angles = rng.integers(0, 2, nv), turns.copy()
+        two, error, mirrored = np.array([q, q]), np.empty(3), np.empty(2, np.int64)
+        distance = np.empty(2)
+        c.closer_close(closer, address(two), rng.choice([None, address(first)]),
+                       address(free), address(pinned), address(turns), 1e-2, 1e-3, 4, 1e-12,
+                       address(error), address(mirrored))
+        said, limits = rng.integers(0, 8, nq), rng.choice(ODD, (2, nq))
+        values = rng.choice(ODD, nq)
+        meant = MeantPlaces(*map(address, (values, said, *limits)))
+        c.closer_judge(closer, address(two), address(turns), ctypes.byref(meant), address(error),
+                       address(mirrored), address(distance))
+        end = c.closer_examine(closer, address(two[0]), address(turns), address(error),
+                               address(angles), address(mirrored))
+        c.closer_descend(closer, 2, address(two), address(free), 1e-3, 4, address(error))
+        end = reach_wildly(closer, nv, q, turns, pinned, rng)[0]
+    return {end}
+
+
+def reach_wildly(closer, nv: int, q, turns, pinned, rng, path=None, values=()) -> tuple[int, int]:
+    """Close from one or two starts, and further ones; follow a path from there, if there is one."""
+    nq, n = len(q), int(rng.integers(1, 3))
+    rows = np.array([q] * (n + 3))
+    free, first, said = (rng.integers(0, k, size) for k, size in ((2, nv), (2, nv), (8, nq)))
+    limits, named, facts = rng.choice(ODD, (2, nq)), rng.choice([*ODD, *q], nq), np.empty(3)
+    shakes, angles = rng.normal(size=(3, nv)), turns.copy()
+    found = [np.empty(n + 3), np.empty(n + 3, np.int64), np.empty(n + 3)]
+    task = Reaching(
+        n, address(rows), rng.choice([None, address(first)]), address(free), 1e-2, 1e-6, 4,
+        address(pinned), address(turns), 1e-12, MeantPlaces(*map(address, (named, said, *limits))),
+        int(rng.integers(0, 4)), address(shakes), rng.choice([0.0, 1e-2, 1e3]), address(found[0]),
+        address(found[2]), address(found[1]), address(facts), address(angles))
+    if path is None:
+        return library().closer_reach(closer, ctypes.byref(task)), 0
+    driven = wild_places(2 * nv, rng, int(rng.integers(0, 3)))
+    values, samples = np.array(values), Samples.empty(len(values), nq, nv, len(turns))
+    follow = _Task(int(rng.integers(-1, nv + 1)), address(driven), len(driven), 1e-4,
+                   address(values), len(values), PathRows(*map(address, samples)))
+    task.m = 1
+    return 0, library().path_from_guess(path, closer, ctypes.byref(task), ctypes.byref(follow))
+
+
+def use_path(handle: ctypes.c_void_p, ints: np.ndarray, q, turns, rng) -> set[int]:
+    """Follow a path a little, whatever the square system is."""
+    c, path, code = library(), ctypes.c_void_p(), ctypes.c_int()
+    asked = _Accuracy(1e-13, 1e-13, 1e-12, 0.1, rng.choice([0.0, 1e-6]), int(rng.integers(0, 4)),
+                      int(rng.integers(-1, 3)))
+    assert c.path_create(handle, ctypes.byref(asked), ctypes.byref(path)) == 0
+    nv, ends = int(ints[2]), set()
+    if rng.random() < 0.3:
+        ends.add(prescribe(path, nv, rng))
+    end = c.path_start(path, address(q), address(turns), int(rng.integers(2)))
+    if not end:
+        samples = Samples.empty(4, len(q), nv, len(turns))
+        rows = PathRows(*map(address, samples))
+        s = c.path_stand(path, ctypes.byref(rows))
+        values = np.append(s + rng.normal(size=3), rng.choice([np.nan, np.inf, s]))
+        reached = c.path_follow(path, address(values), len(values), ctypes.byref(rows),
+                                ctypes.byref(code))
+        assert 0 <= reached <= len(values)
+        ends.add(c.path_go(path, rng.choice([s, s + 0.1, *ODD])))
+        closer = ctypes.c_void_p()
+        if not c.closer_create(handle, None, 0, None, 0, ctypes.byref(closer)):
+            done = reach_wildly(closer, nv, q, turns, np.empty(0), rng, path, values)[1]
+            assert -1 <= done <= len(values)
+    c.path_destroy(path)
+    return {end, code.value} | ends
+
+
+def prescribe(path: ctypes.c_void_p, nv: int, rng) -> int:
+    """Prescribe polynomials of any number, sound or not."""
+    pieces, degree = int(rng.integers(-1, 4)), int(rng.choice([-1, 0, 1, 3, 101]))
+    breaks = np.sort(rng.normal(size=max(pieces, 0) + 1))
+    numbers = rng.normal(size=(max(pieces, 0), nv, max(degree, 0) + 1))
+    if rng.random() < 0.3:
+        breaks[rng.integers(len(breaks))] = rng.choice(ODD)
+        numbers[rng.random(numbers.shape) < 0.2] = rng.choice(ODD)
+    return library().path_prescribe(path, rng.choice([0.0, 0.1, *ODD]), pieces, degree,
+                                    address(breaks), address(numbers))
+
+
+def mutated(array: np.ndarray, values: np.ndarray, rng) -> np.ndarray:
+    """An array with some entries replaced, or shortened or lengthened."""
+    out = array.copy()
+    for _ in range(rng.integers(1, 4)):
+        out[rng.integers(len(out))] = rng.choice(values)
+    if rng.random() < 0.1:
+        out = out[: rng.integers(len(out) + 1)]
+    elif rng.random() < 0.1:
+        out = np.append(out, rng.choice(values, rng.integers(1, 5)))
+    return out
+
+
+def test_every_integer_is_looked_at(tmp_path):
+    """Whichever is wild, the arrays are refused, or make a kernel that answers."""
+    kernel = Kernel(everything(tmp_path, 6))
+    ints, reals = kernel.packed.ints, kernel.packed.reals
+    rng, ends = np.random.default_rng(1), set()
+    for at in range(len(ints)):
+        for value in [*rng.choice(WILD, 2), ints[at] + 1, ints[at] - 1]:
+            wild = ints.copy()
+            wild[at] = value
+            end, handle = made_of(wild, reals)
+            ends |= {end} | (use(handle, wild, reals, rng) if handle else set())
+    assert ends >= {"done", "arrays that do not fit together", "a singular system"}
+
+
+@pytest.mark.parametrize("build", [mechanisms.rssp, mechanisms.geared_five_bar,
+                                   mechanisms.press_closure, everything])
+def test_damaged_arrays_are_refused_or_answered(tmp_path, build):
+    kernel = Kernel(build(tmp_path, *[1][: build is everything]))
+    ints, reals = kernel.packed.ints, kernel.packed.reals
+    rng, ends = np.random.default_rng(2), set()
+    for _ in range(1500):
+        bad = mutated(ints, np.append(WILD, rng.choice(ints, 20)), rng)
+        numbers = reals if rng.random() < 0.5 else mutated(reals, ODD, rng)
+        for wild in (bad, ints):
+            end, handle = made_of(wild, numbers)
+            ends |= {end} | (use(handle, wild, numbers, rng) if handle else set())
+    assert ends >= {"done", "arrays that do not fit together", "not finite"}
+
+
+def test_arrays_that_end_early_or_late_are_refused(tmp_path):
+    kernel = Kernel(everything(tmp_path, 1))
+    ints, reals = kernel.packed.ints, kernel.packed.reals
+    cuts = [*((ints[:n], reals) for n in range(len(ints))),
+            *((ints, reals[:n]) for n in range(len(reals))),
+            (np.append(ints, 0), reals), (ints, np.append(reals, 0.0))]
+    assert {made_of(*cut)[0] for cut in cuts} == {"arrays that do not fit together"}
+
+
+# ---------------------------------------------------------------- who asks, and after what
+
+
+def answers(kernel: Kernel, mechanism: sp.Mechanism, seed: int) -> bytes:
+    """All that a kernel says of some configurations, bit by bit."""
+    rng, said = np.random.default_rng(seed), []
+    for _ in range(5):
+        q, v = asked_at(mechanism, rng)
+        said += kernel.evaluate(q, v, np.zeros(kernel.n_angles))
+        said.append(integrated(kernel, q, v))
+    fresh, q, *system, _ = square_system(mechanism, rng)
+    said.append(solved(kernel, q, *system, np.ones(fresh.nv)))
+    return b"".join(np.ascontiguousarray(x).tobytes() for x in said)
+
+
+def test_answers_do_not_depend_on_what_was_asked_before(tmp_path):
+    mechanism = everything(tmp_path, 2)
+    used, c = Kernel(mechanism), library()
+    first = answers(used, mechanism, 1)
+    assert answers(Kernel(mechanism), mechanism, 1) == first
+    answers(used, mechanism, 2)
+    bad = np.full(used.nq, np.nan)
+    used.evaluate(bad, np.full(used.nv, np.inf), np.zeros(used.n_angles))
+    x, turns = np.ones(used.nv), np.full(used.n_angles, 1e300)
+    c.kernel_solve(used.handle, address(bad), address(turns), address(x))
+    own = used.packed.reals
+    other = own * 3.0
+    assert not c.kernel_set_numbers(used.handle, address(other), len(other))
+    used.evaluate(mechanism.neutral, np.ones(used.nv), np.zeros(used.n_angles))
+    assert not c.kernel_set_numbers(used.handle, address(own), len(own))
+    assert answers(used, mechanism, 1) == first
+
+
+def test_two_threads_with_a_kernel_each_answer_as_one(tmp_path):
+    assert not isinstance(library(), ctypes.PyDLL)  # that is: the interpreter is let go
+    made = [everything(tmp_path, seed) for seed in (4, 5)]
+    alone = [answers(Kernel(m), m, 7) for m in made]
+    kernels = [Kernel(m) for m in made]
+
+    def ask(k: int) -> list[bytes]:
+        return [answers(kernels[k], made[k], 7) for _ in range(8)]
+
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)
+    try:
+        with ThreadPoolExecutor(2) as pool:
+            found = list(pool.map(ask, (0, 1)))
+    finally:
+        sys.setswitchinterval(before)
+    assert [set(f) for f in found] == [{a} for a in alone]
+
+
+def test_arrays_that_are_not_contiguous_are_refused():
+    """C would read what stands between their entries."""
+    numbers = np.arange(6.0)
+    with pytest.raises(TypeError):
+        address(numbers[::2])
+    numbers.setflags(write=False)
+    assert address(numbers) == numbers.ctypes.data
+    assert address(np.empty(0)) == address(np.empty((3, 0)))
