@@ -36,7 +36,7 @@ FOUR_BAR = (0.30, 0.10, 0.28, 0.24)  # ground, crank, coupler, rocker
 
 
 def _of_tests(name: str) -> Any:
-    path = Path(__file__).resolve().parents[1] / "tests" / f"{name}.py"
+    path = Path(__file__).resolve().parents[1] / "tests" / "support" / f"{name}.py"
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)

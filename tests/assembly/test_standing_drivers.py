@@ -5,68 +5,21 @@ import math
 import mechanisms
 import numpy as np
 import pytest
+from machines import limited_slider, rocker_of, two_motors, wishbone
 from mechanisms import (
-    closure,
     coupling,
     driver,
-    floating,
-    guess,
-    joint,
     load,
-    point,
-    refine,
-    sliding,
     turning,
 )
 from scipy.optimize import brentq, minimize
 
 import spatial_pin as sp
 
-HARD_POINTS = {  # of a double wishbone [m]: x forward, y outward, z up
-    "lower_pivot": (0.0, 0.35, 0.20), "lower_ball": (0.0, 0.72, 0.18),
-    "upper_pivot": (-0.02, 0.42, 0.46), "upper_ball": (-0.03, 0.68, 0.48),
-    "rack_end": (-0.12, 0.33, 0.24), "arm_end": (-0.14, 0.70, 0.23),
-}
-
 
 @pytest.fixture
 def folder(tmp_path):
     return tmp_path
-
-
-def wishbone(folder, size=1.0, rack=0.0):
-    """A double wishbone: the lower arm (wheel travel) and the rack are driven."""
-    p = {name: size * np.array(x) for name, x in HARD_POINTS.items()}
-    tie = float(np.linalg.norm(p["arm_end"] - p["rack_end"]))
-    tree = (turning("travel", "ground", "lower", p["lower_pivot"], axis=(1, 0, 0))
-            + turning("upper_pin", "ground", "upper", p["upper_pivot"], axis=(1, 0, 0))
-            + sliding("rack", "ground", "rack_bar", p["rack_end"], axis=(0, 1, 0))
-            + floating("ball", "lower", "upright", p["lower_ball"] - p["lower_pivot"])
-            + point("upright_top", "upright", p["upper_ball"] - p["lower_ball"])
-            + point("upper_end", "upper", p["upper_ball"] - p["upper_pivot"])
-            + point("steering_arm", "upright", p["arm_end"] - p["lower_ball"]))
-    toml = (refine("ball", "spherical") + driver("wheel", "travel") + driver("steering", "rack")
-            + closure("top", "spherical", "upright_top", "upper_end")
-            + closure("tie_rod", "distance", "rack_bar", "steering_arm", length=tie)
-            + (guess(rack=size * rack) if rack else ""))
-    return load(folder, "wishbone", tree, toml)
-
-
-def two_motors(folder, rough=0.0):
-    """A plane four-bar with a motor at the crank and another at the rocker: one too many."""
-    tree = (turning("crank", "ground", "a") + turning("knee", "a", "b", (0.1, 0, 0))
-            + turning("rocker", "ground", "c", (0.3, 0, 0))
-            + point("b_end", "b", (0.28, 0, 0)) + point("c_end", "c", (0.24, 0, 0)))
-    toml = (closure("pin", "revolute", "b_end", "c_end") + driver("first", "crank")
-            + driver("second", "rocker") + guess(crank=0.4, knee=0.4, rocker=1.5 + rough))
-    return load(folder, "two_motors", tree, toml)
-
-
-def rocker_of(crank):
-    """The rocker's angle, coupler above, by the law of cosines."""
-    x, y = 0.3 - 0.1 * math.cos(crank), -0.1 * math.sin(crank)
-    d = math.hypot(x, y)
-    return math.atan2(y, x) + math.pi - math.acos((d**2 + 0.24**2 - 0.28**2) / (2 * d * 0.24))
 
 
 def motion_of(mechanism, state):
@@ -280,13 +233,6 @@ def test_rates_keep_what_was_released(folder):
 # ---------------------------------------------------------------- joint limits
 
 
-def limited_slider(folder):
-    """A slider-crank whose rail ends before the crank's dead centres."""
-    tree = (turning("crank", "ground", "a") + turning("knee", "a", "b", (0.1, 0, 0))
-            + joint("prismatic", "slide", "ground", "c", axis=(1, 0, 0), limits=(0.25, 0.38))
-            + point("b_end", "b", (0.3, 0, 0)))
-    toml = closure("pin", "revolute", "b_end", "c") + driver("crank", "crank")
-    return load(folder, "limited", tree, toml + guess(crank=1.2, slide=0.3))
 
 
 def test_a_state_says_how_far_it_is_beyond_its_limits(folder):

@@ -6,44 +6,24 @@ import mechanisms
 import numpy as np
 import pinocchio as pin
 import pytest
-from test_closures import JOINTS, somewhere, tree_with
+from closure_trees import JOINTS, tree_with
+from kernel_checks import SEVERAL, assert_same, check_kernel, configurations
 
 import spatial_pin as sp
-from spatial_pin.constraints.closure_equations import Evaluation
-from spatial_pin.constraints.compiled_equations import Constraints
 from spatial_pin.continuation.cursor import Cursor
 from spatial_pin.continuation.start import Start
 from spatial_pin.kernel.kernel import Kernel
 
-SEVERAL = 4
 TURN = np.linspace(0.0, 2.0 * np.pi, 500)
 
 
-def configurations(mechanism: sp.Mechanism, seed: int) -> np.ndarray:
-    rng = np.random.default_rng(seed)
-    return np.array([somewhere(mechanism, rng) for _ in range(SEVERAL)]).T
 
 
-def assert_same(one: np.ndarray, other: np.ndarray, by: float = 1e-13) -> None:
-    np.testing.assert_allclose(one, other, rtol=0, atol=by * (1.0 + np.abs(other).max(initial=0)))
 
 
 # ---------------------------------------------------------------- configurations
 
 
-def check_kernel(mechanism: sp.Mechanism, q: np.ndarray) -> None:
-    """Placements and Jacobians of several configurations (nq, m) are those of Pinocchio."""
-    model, kernel = mechanism.model, Kernel(mechanism)
-    data, evaluation = model.createData(), Evaluation(Constraints(mechanism))
-    placements, jacobians = kernel.placements(q.T), kernel.jacobians(q.T)
-    for k in range(q.shape[1]):
-        pin.forwardKinematics(model, data, q[:, k])
-        for i, own in enumerate(data.oMi):
-            assert_same(placements[k, i, :3].T, own.rotation)
-            assert_same(placements[k, i, 3], own.translation)
-        evaluation.angle_reference[:] = 0.0
-        evaluation.update(q[:, k])
-        assert_same(jacobians[k], evaluation.jacobian)
 
 
 @pytest.mark.parametrize("joint", JOINTS)

@@ -11,10 +11,9 @@ import closed_forms
 import mechanisms as known
 import numpy as np
 import pytest
+from machines import ROD, delta
 from masses import heavy
 from scipy.optimize import brentq
-from test_linkages import delta
-from test_order_of_questions import ROD
 
 import spatial_pin as sp
 from spatial_pin.accuracy import models

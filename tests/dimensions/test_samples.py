@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_closures import JOINTS, KEYS, TYPES
+from closure_trees import JOINTS, KEYS, TYPES
 
 import spatial_pin as sp
 from spatial_pin.dimensions import homotopy

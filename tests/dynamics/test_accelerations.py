@@ -6,10 +6,9 @@ import mechanisms as known
 import numpy as np
 import pinocchio as pin
 import pytest
+from closure_trees import JOINTS, tree_with
+from ladders import G, heavy_four_bar, ladder, leaning, moving, uniform
 from masses import energy_rate, heavy, with_masses
-from test_closures import JOINTS, tree_with
-from test_dynamics import G, heavy_four_bar, ladder, leaning, moving
-from test_simulation_extremes import uniform
 
 import spatial_pin as sp
 from spatial_pin.constraints.closure_equations import Evaluation

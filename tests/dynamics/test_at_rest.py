@@ -4,6 +4,7 @@ import mechanisms as known
 import numpy as np
 import pinocchio as pin
 import pytest
+from ladders import Z_DOWN, hanging
 from masses import heavy
 
 import spatial_pin as sp
@@ -14,21 +15,8 @@ SETTINGS = {
     **{name: {"integrator": name, "step": 0.01} for name in ("RK4", "Gauss")},
     "projected": {"formulation": "projected"},
 }
-DOWN = "gravity = [0.0, 0.0, -9.81]\n"
 
 
-def hanging(folder, angle, seed=0):
-    """A pendulum about any axis on a tilted base, that hangs at rest at an angle of its joint."""
-    rng = np.random.default_rng(seed)
-    rpy, axis, com = rng.uniform(-1.2, 1.2, 3), rng.normal(size=3), rng.normal(size=3)
-    axis /= np.linalg.norm(axis)
-    down = pin.rpy.rpyToMatrix(*rpy).T @ np.array([0.0, 0.0, -1.0])
-    lever, across = com - (com @ axis) * axis, np.cross(axis, com)
-    rest = np.arctan2(down @ across, down @ lever)
-    com = pin.AngleAxis(rest - angle, axis).toRotationMatrix() @ com
-    tree = heavy(known.turning("pin", "ground", "rod", rpy=tuple(rpy), axis=tuple(axis)),
-                 rod=(1.3, tuple(com), (0.1, 0.08, 0.12)))
-    return known.load(folder, "hanging", tree, DOWN), {"pin": float(angle)}
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -69,14 +57,14 @@ def ball(folder):
     tree = heavy(known.floating("ball", "ground", "bob", rpy=(0.3, -0.2, 0.9)),
                  bob=(2.0, (0.0, 0.0, -0.7), (0.1, 0.12, 0.05)))
     turned = pin.log3(pin.rpy.rpyToMatrix(0.3, -0.2, 0.9).T)
-    return (known.load(folder, "ball", tree, DOWN + known.refine("ball", "spherical")),
+    return (known.load(folder, "ball", tree, Z_DOWN + known.refine("ball", "spherical")),
             {"ball": turned})
 
 
 def on_a_spring(folder):
     tree = heavy(known.sliding("slide", "ground", "block"), block=ROD)
     spring = '[[springs]]\nname = "s"\njoint = "slide"\nstiffness = 130.0\nfree_length = 0.3\n'
-    return (known.load(folder, "on_a_spring", tree, DOWN + spring),
+    return (known.load(folder, "on_a_spring", tree, Z_DOWN + spring),
             {"slide": 0.3 - 1.3 * 9.81 / 130.0})
 
 

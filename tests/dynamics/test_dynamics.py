@@ -10,6 +10,7 @@ import pytest
 from closed_forms import rssr
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from ladders import BARS, DOWN, LENGTHS, G, heavy_four_bar, ladder, leaning, moving
 from masses import (
     PlaneBody,
     PlanePin,
@@ -33,14 +34,8 @@ from spatial_pin.formats.export import content_of
 from spatial_pin.numerics.sparse_spaces import SparseSpaces
 
 LIBRARY = sp.list_mechanisms()
-G = 9.81
 
 
-def moving(mech: sp.Mechanism, at=None, speed=0.7, acceleration=0.4) -> sp.State:
-    """Assembled at `at`, all drivers moving."""
-    state = sp.assemble(mech, at or {})
-    return sp.solve_rates(mech, state, dict.fromkeys(mech.drivers, speed),
-                          dict.fromkeys(mech.drivers, acceleration))
 
 
 # ---------------------------------------------------------------- one body
@@ -110,7 +105,6 @@ def test_a_coordinate_without_inertia_stays_unless_a_force_acts(tmp_path):
 
 SPEED, ALPHA = mpf("3.0"), mpf("2.0")
 CRANK, ROD, SLIDER = (0.8, 0.02, 1e-3), (0.5, 0.06, 2e-3), (1.2, 0.0, 3e-3)  # mass, com, inertia
-DOWN = "gravity = [0.0, -9.81, 0.0]\n"
 
 
 def crank_angle(t, start):
@@ -201,13 +195,8 @@ def test_slider_crank_by_free_bodies(build, start, tmp_path):
 
 # ---------------------------------------------------------------- plane four-bar
 
-LENGTHS = (0.30, 0.10, 0.28, 0.24)
-BARS = {"crank": (0.3, 0.05, 4e-4), "coupler": (0.7, 0.13, 5e-3), "rocker": (0.5, 0.11, 3e-3)}
 
 
-def heavy_four_bar(folder, toml=""):
-    return with_masses(known.bare_four_bar(folder, *LENGTHS), folder, DOWN + toml, **{
-        name: (m, (c, 0, 0), (i, i, i)) for name, (m, c, i) in BARS.items()})
 
 
 def four_bar_forces(start):
@@ -694,26 +683,8 @@ def test_native_closures_as_pinocchio_solves_them(name):
 # ---------------------------------------------------------------- many loops
 
 
-def ladder(folder, n):
-    """Square windows side by side [IFToMM A02]: n + 1 upright rods, n couplers, 1 m, 1 kg."""
-    rod = (1.0, (0.5, 0, 0), (1e-3, 1 / 12, 1 / 12))
-    tree, toml = "", DOWN
-    for k in range(n + 1):
-        tree += heavy(known.turning(f"p{k}", "ground", f"r{k}", (k, 0, 0), rpy=(0, 0, np.pi / 2)),
-                      **{f"r{k}": rod})
-        tree += known.point(f"t{k}", f"r{k}", (1, 0, 0))
-    for k in range(n):
-        tree += heavy(known.turning(f"k{k}", f"r{k}", f"c{k}", (1, 0, 0), rpy=(0, 0, -np.pi / 2)),
-                      **{f"c{k}": rod})
-        tree += known.point(f"e{k}", f"c{k}", (1, 0, 0))
-        toml += known.closure(f"c{k}", "revolute", f"e{k}", f"t{k + 1}")
-    return known.load(folder, f"ladder{n}", tree, toml)
 
 
-def leaning(mech, angle, rate):
-    """Uprights turned by -angle from the vertical, couplers level."""
-    sense = np.array([-1.0 if name.startswith("p") else 1.0 for name in mech.coordinates])
-    return sp.State(mech, sense * angle, sense * rate, closure_error=0.0), sense
 
 
 @pytest.mark.parametrize("n", [1, 3, 20, 100])

@@ -6,9 +6,10 @@ import mechanisms as known
 import numpy as np
 import pinocchio as pin
 import pytest
-from masses import heavy, with_masses
+from derivative_cases import NAMES, REGULAR, WEIGHT, moving, rod
+from ladders import ladder, leaning
+from masses import with_masses
 from memory import peak_memory
-from test_dynamics import ladder, leaning
 
 import spatial_pin as sp
 from spatial_pin.constraints import trees
@@ -16,7 +17,6 @@ from spatial_pin.dynamics.derivatives.derivatives import dynamics_derivatives
 from spatial_pin.dynamics.forward import forward_dynamics
 from spatial_pin.numerics.linalg import null_space
 
-WEIGHT = (1.0, (0.01, 0.02, 0.03), (0.02, 0.03, 0.04))
 STENCIL = ((1, 3 / 4), (2, -3 / 20), (3, 1 / 60))
 
 
@@ -24,66 +24,22 @@ def difference(f, h):
     return sum(c * (f(k * h) - f(-k * h)) for k, c in STENCIL) / h
 
 
-def sprung(folder):
-    """An open chain with springs and dampers of both kinds."""
-    tree = heavy(known.turning("shoulder", "ground", "upper", axis=(0, 1, 0))
-                 + known.floating("elbow", "upper", "lower", (0.3, 0, 0)), upper=WEIGHT,
-                 lower=WEIGHT)
-    tree += known.point("hook", "ground", (0.1, 0.4, 0.2))
-    tree += known.point("eye", "lower", (0.1, 0, 0.1))
-    toml = known.refine("elbow", "spherical")
-    toml += ('[[springs]]\nname = "a"\nframes = ["hook", "eye"]\nstiffness = 80.0\ndamping = 4.0\n'
-             'free_length = 0.1\n[[springs]]\nname = "b"\njoint = "shoulder"\nstiffness = 9.0\n'
-             "damping = 0.5\nfree_angle = 0.3\n")
-    return known.load(folder, "sprung", tree, toml)
 
 
-def nut(folder):
-    """A nut on a screw, as a closure of a free body."""
-    tree = heavy(known.floating("free", "ground", "nut"), nut=WEIGHT)
-    tree += known.point("spindle", "ground", rpy=(0.3, 0.2, 0.1))
-    tree += known.point("thread", "nut", rpy=(0.3, 0.2, 0.1))
-    return known.load(folder, "nut", tree, known.closure("screw", "screw", "spindle", "thread",
-                                                         lead=0.3))
 
 
-def lamp(folder):
-    return with_masses(known.lamp(folder), folder, arm=WEIGHT, shade=WEIGHT)
 
 
-def rod(folder):
-    return with_masses(known.rssr_with_a_rod(folder), folder, crank=WEIGHT, rocker=WEIGHT)
 
 
-def swash(folder):
-    return with_masses(known.swash_point(folder), folder, plate=WEIGHT, piston=WEIGHT)
 
 
-def pointer(folder):
-    return with_masses(known.leaning_pointer(folder), folder, cone=WEIGHT, pointer=WEIGHT)
 
 
-REGULAR = [*(lambda _, name=name: sp.load(name) for name in (
-    "rssr", "rspc", "crank_collar", "stewart", "delta", "swash_plate", "turntable_collar")),
-    sprung, nut, lamp, rod, swash, pointer]
-NAMES = ["rssr", "rspc", "crank_collar", "stewart", "delta", "swash_plate", "turntable_collar",
-         "sprung", "nut", "lamp", "rod", "swash", "pointer"]
 OVERCONSTRAINED = ["bennett", "bricard", "four_bar", "hooke_joint", "double_cardan", "sarrus",
                    "geared_five_bar", "screw_press", "oldham", "watt_six_bar"]
 
 
-def moving(mech):
-    state = sp.assemble(mech, {})
-    if mech.drivers:
-        return sp.solve_rates(mech, state, dict.fromkeys(mech.drivers, 0.7))
-    if mech.closures:  # the nut
-        turn = np.concatenate([0.3 / (2 * np.pi) * np.eye(3)[2], np.eye(3)[2]])
-        axis = pin.SE3(pin.rpy.rpyToMatrix(0.3, 0.2, 0.1), np.zeros(3))
-        return sp.State(mech, state.q, axis.act(pin.Motion(1.3 * turn)).vector, closure_error=0.0,
-                        angles=state.angles)
-    rng = np.random.default_rng(5)
-    q = pin.integrate(mech.model, state.q, rng.uniform(-0.5, 0.5, mech.model.nv))
-    return sp.State(mech, q, rng.uniform(-1, 1, mech.model.nv), closure_error=0.0)
 
 
 @pytest.mark.parametrize("build", REGULAR, ids=NAMES)

@@ -10,62 +10,23 @@ import mechanisms as known
 import numpy as np
 import pinocchio as pin
 import pytest
+from closure_trees import JOINTS, TYPES, tree_with
+from derivative_cases import NAMES, REGULAR, WEIGHT, check, difference, flat_derivative, moving
 from masses import heavy, with_masses
-from test_closures import JOINTS, TYPES, tree_with
-from test_dynamics_derivatives import NAMES, REGULAR, WEIGHT, moving
 
 import spatial_pin as sp
 from spatial_pin.dynamics.derivatives.forces import slope
 
-EIGHTH = ((1, 4 / 5), (2, -1 / 5), (3, 4 / 105), (4, -1 / 280))
 LAWS = {"stiffening": lambda x, rate: 30 * x**3 + 2 * np.sin(rate) * x,
         "one-sided": lambda x, rate: max(0.0, x - 0.05) ** 1.5 * (40 + np.tanh(rate))}
 
 
-def difference(f, h):
-    return sum(c * (f(k * h) - f(-k * h)) for k, c in EIGHTH) / h
 
 
-def flat(answer):
-    """Accelerations, reactions and shaking wrench of `forward_dynamics` in one row."""
-    return np.concatenate([answer.a, *(r.vector for r in answer.reactions.values()),
-                           answer.on_ground.vector])
 
 
-def flat_derivative(found, part):
-    return np.vstack([getattr(found, f"a_{part}"),
-                      *(getattr(r, part) for r in found.reactions.values()),
-                      getattr(found.on_ground, part)])
 
 
-def check(mech, state, efforts, h, tolerance, **loads):
-    """Values and derivatives by q, v and efforts along random directions."""
-    found = sp.dynamics_derivatives(mech, state, efforts, **loads)
-
-    def near(dq, dv, effort=efforts):
-        q = pin.integrate(mech.model, state.q, dq)
-        return flat(sp.forward_dynamics(mech, sp.State(
-            mech, q, state.v + dv, closure_error=0.0, angles=state.angles), effort, **loads))
-
-    rest = np.zeros(mech.model.nv)
-    value = near(rest, rest)
-    assert np.concatenate([found.a, *(r.value for r in found.reactions.values()),
-                           found.on_ground.value]) == pytest.approx(
-        value, abs=1e-11 * np.abs(value).max())
-    n, rng = mech.model.nv, np.random.default_rng(2)
-    for _ in range(2):
-        d = mech.velocity_scale * rng.uniform(-1, 1, n)
-        for part, want in (
-                ("by_q", difference(lambda e, d=d: near(e * d, rest), h)),
-                ("by_v", difference(lambda e, d=d: near(rest, e * d), 0.02))):
-            got = flat_derivative(found, part) @ d
-            for rows in (slice(0, n), slice(n, None)):
-                size = np.abs(np.stack([want[rows], value[rows]])).max(initial=1e-9)
-                assert got[rows] == pytest.approx(want[rows], abs=tolerance * size), part
-    for name in efforts:
-        unit = near(rest, rest, {**efforts, name: efforts[name] + 1.0}) - value
-        column = flat_derivative(found, "by_effort")[:, mech.coordinate(name).v]
-        assert column == pytest.approx(unit, abs=1e-10 * np.abs(unit).max())
 
 
 def some_efforts(mech):

@@ -4,6 +4,7 @@ import mechanisms as known
 import numpy as np
 import pinocchio as pin
 import pytest
+from ladders import two_rods, uniform
 from masses import heavy
 from scipy.integrate import solve_ivp
 
@@ -18,8 +19,6 @@ BARS = {"crank": 0.1, "coupler": 0.28, "rocker": 0.24}
 GUESS = known.guess(a=1.0, b=-0.41, c=1.63)
 
 
-def uniform(mass, length):
-    return mass, (0.5 * length, 0, 0), (0.0, mass * length**2 / 12, mass * length**2 / 12)
 
 
 # ---------------------------------------------------------------- integrators
@@ -70,13 +69,6 @@ def test_a_fixed_step_that_opens_the_loops_too_far_is_refused():
 # ---------------------------------------------------------------- masses
 
 
-def two_rods(folder, end):
-    """Two rods of 1 kg and 1 m, and a mass at the end."""
-    tree = heavy(
-        known.turning("p", "ground", "upper") + known.turning("k", "upper", "lower", (1, 0, 0))
-        + known.point("load", "lower", (1, 0, 0)),
-        upper=uniform(1.0, 1.0), lower=uniform(1.0, 1.0), load=(end,))
-    return known.load(folder, "two_rods", tree, "gravity = [0.0, -9.81, 0.0]\n")
 
 
 def lagrange(end, g=9.81):

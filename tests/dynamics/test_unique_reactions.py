@@ -7,7 +7,7 @@ import numpy as np
 import odd_mechanisms as odd
 import pinocchio as pin
 import pytest
-import test_order_of_questions as order
+from machines import three_rods, translation
 from masses import with_masses
 
 import spatial_pin as sp
@@ -79,7 +79,7 @@ def rewrapped(mechanism, folder, wrap):
 HINGED = {
     "four-bar": four_bar,
     "tilted four-bar": lambda folder: four_bar(folder, known.tilted),
-    "three rods": order.three_rods,
+    "three rods": three_rods,
     "bennett": known.bennett,
     "bricard": known.bricard,
     "sarrus": known.sarrus,
@@ -94,7 +94,7 @@ def test_components_are_unique_where_no_stress_reaches_them(name, tmp_path):
     start = sp.assemble(mechanism).coordinate(driver).value
     state = sp.assemble(mechanism, {driver: start + 0.1})
     if name == "three rods":
-        state = order.translation(mechanism, 0.5)
+        state = translation(mechanism, 0.5)
     want = unique_by_free_bodies(mechanism, state)
     got = sp.forward_dynamics(mechanism, state).unique
     assert got.keys() == want.keys()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from beside_mujoco import accelerations, beside, mass_matrices, random_configuration
 from mechanisms import from_text
-from test_mjcf import ANKLE, ARMS, CASSIE, GRIPPER, SLIDER, opened, written
+from mujoco_files import ANKLE, ARMS, CASSIE, GRIPPER, SLIDER, opened, written
 
 import spatial_pin as sp
 from spatial_pin.cli import main

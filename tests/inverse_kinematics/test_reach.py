@@ -11,6 +11,7 @@ import pytest
 from folders import DATA
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from machines import arm, at
 from scipy.optimize import brute, minimize
 
 import spatial_pin as sp
@@ -23,29 +24,8 @@ from spatial_pin.inverse_kinematics.stationary import LeastSquares, Stationary
 CASSIE = DATA / "mjcf" / "agility_cassie" / "cassie.xml"
 
 
-def arm(folder, lengths=(1.0, 0.8, 0.6), limits=()):
-    """Return a plane arm of hinges about z, masses at the links' ends."""
-    links = ["<link name='base'/>"]
-    for k, length in enumerate(lengths, start=1):
-        bound = limits[k - 1] if k <= len(limits) else None
-        kind, stop = ("revolute", f"<limit lower='{bound[0]}' upper='{bound[1]}' effort='1' "
-                      "velocity='1'/>") if bound else ("continuous", "")
-        place = lengths[k - 2] if k > 1 else 0.0
-        parent = f"link{k - 1}" if k > 1 else "base"
-        links.append(
-            f"<link name='link{k}'><inertial><origin xyz='{length} 0 0'/><mass value='{k}'/>"
-            "<inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/></inertial></link>"
-            f"<joint name='j{k}' type='{kind}'><parent link='{parent}'/><child link='link{k}'/>"
-            f"<origin xyz='{place} 0 0'/><axis xyz='0 0 1'/>{stop}</joint>")
-    links.append(f"<link name='tip'/><joint name='end' type='fixed'><parent link='link"
-                 f"{len(lengths)}'/><child link='tip'/><origin xyz='{lengths[-1]} 0 0'/></joint>")
-    (folder / "arm.urdf").write_text(f"<robot name='arm'>{''.join(links)}</robot>")
-    return sp.load(folder / "arm.urdf")
 
 
-def at(mechanism, *angles):
-    names = mechanism.coordinates
-    return sp.assemble(mechanism, dict(zip(names, angles, strict=True)))
 
 
 SHIFTS = st.tuples(*[st.floats(-0.02, 0.02)] * 3)

@@ -7,10 +7,10 @@ import json
 import numpy as np
 import pinocchio as pin
 import pytest
+from machines import arm, at
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
-from test_reach import arm, at
 
 import spatial_pin as sp
 from spatial_pin.cli.running import main

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import ctypes
 import sys
-import tomllib
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -17,13 +16,11 @@ import odd_mechanisms
 import pinocchio as pin
 import pytest
 import scipy.linalg
+from closure_trees import JOINTS, TYPES, somewhere, tree_with
 from folders import ROOT
-from mechanisms import between, closure, coupling, floating, load, point
-from test_closures import JOINTS, KEYS, TYPES, pose, refinement, somewhere, tree_with
+from kernel_checks import asked_at, assert_near, assert_same_as_pinocchio, everything
 
 import spatial_pin as sp
-from spatial_pin.constraints.closure_equations import Evaluation
-from spatial_pin.constraints.compiled_equations import Constraints
 from spatial_pin.kernel.beginning import _Task
 from spatial_pin.kernel.closer import MeantPlaces, Reaching
 from spatial_pin.kernel.kernel import Kernel, address
@@ -31,87 +28,23 @@ from spatial_pin.kernel.library import CODES, library
 from spatial_pin.kernel.paths import PathRows, Samples, _Accuracy
 
 SCRIPTS = ROOT / "scripts"
-ROUND_OFF = 1e-14
 LIBRARY = sorted(p.stem for p in (Path(sp.__file__).parents[1] / "urdf").glob("*.toml"))
 
 
 # ---------------------------------------------------------------- mechanisms
 
 
-def everything(folder: Path, seed: int, size: float = 1.0) -> sp.Mechanism:
-    """A random tree with a joint of every kind, a closure of every kind between any two bodies."""
-    rng = np.random.default_rng(seed)
-    tree = toml = ""
-    bodies = ["ground"]
-    for k, kind in enumerate(rng.permutation([*JOINTS, "revolute", "prismatic"])):
-        place = pose(rng)
-        tree += floating(f"to_{k}", str(rng.choice(bodies[-4:])), f"body_{k}",
-                         size * place["xyz"], place["rpy"])
-        text = refinement(f"to_{k}", str(kind), rng)
-        toml += text.replace("lead = 0.023", f"lead = {0.023 * size!r}")
-        bodies.append(f"body_{k}")
-    for k, kind in enumerate([*TYPES, "between"]):
-        names = []
-        for i, body in enumerate(rng.choice(bodies, 4, replace=False)):
-            names.append(f"at_{k}_{i}")
-            place = pose(rng)
-            tree += point(names[-1], body, size * place["xyz"], place["rpy"])
-        keys = {name: size * value for name, value in KEYS.get(kind, {}).items()}
-        toml += (between(f"c_{k}", names[:2], names[2:]) if kind == "between"
-                 else closure(f"c_{k}", kind, *names[:2], **keys))
-    turns = [name for name, joint in tomllib.loads(toml)["joints"].items()
-             if joint["type"] in ("revolute", "prismatic", "screw")]
-    a, b, c = (str(n) for n in rng.choice(turns, 3, replace=False))
-    toml += coupling("gear", a, b, 1.7, 0.3) + coupling("rack", b, c, -0.4 * size)
-    toml += f'[passive.spin]\nbody = "{bodies[-1]}"\naxis = ["tip", "tail"]\n'
-    tree += "".join(point(end, bodies[-1], size * rng.normal(size=3)) for end in ("tip", "tail"))
-    return load(folder, "everything", tree, toml)
 
 
 # ---------------------------------------------------------------- Pinocchio is the authority
 
 
-def asked_at(mechanism: sp.Mechanism, rng: np.random.Generator):
-    """A configuration and velocities of ordinary size for the mechanism."""
-    scale = mechanism.velocity_scale
-    q = pin.integrate(mechanism.model, mechanism.neutral,
-                      rng.uniform(-1.3, 1.3, mechanism.model.nv) * scale)
-    return q, scale * rng.normal(size=mechanism.model.nv)
 
 
-def assert_near(ours: np.ndarray, theirs: np.ndarray, size: float, what: str) -> None:
-    """Equal to round-off of numbers of a size."""
-    assert ours.shape == theirs.shape, what
-    worst = float(np.abs(ours - theirs).max(initial=0.0))
-    assert worst <= ROUND_OFF * size, f"{what}: {worst / size:.2g} of {size:.3g}"
 
 
-def reach(mechanism: sp.Mechanism, places: np.ndarray) -> float:
-    """Length that placements are rounded by: how far bodies stand from the world's origin [m]."""
-    return max(mechanism.characteristic_length, float(np.abs(places).max(initial=0.0)))
 
 
-def assert_same_as_pinocchio(mechanism: sp.Mechanism, q: np.ndarray, v: np.ndarray) -> None:
-    judge, kernel = Evaluation(Constraints(mechanism)), Kernel(mechanism)
-    judge.update(q)
-    turns = judge.angles + 2.0 * np.pi * np.arange(1, len(judge.angles) + 1)
-    judge.angle_reference[:] = turns
-    judge.update(q)
-    bias = judge.bias(q, v)
-    found = kernel.evaluate(q, v, turns)
-    rotations = np.array([m.rotation for m in judge.data.oMi])
-    places = np.array([m.translation for m in judge.data.oMi])
-    assert_near(found.rotations, rotations, 1.0, "rotations")
-    far = reach(mechanism, places)
-    assert_near(found.translations, places, far, "translations")
-    # equations are products of lengths relative to the characteristic one, and of unit vectors
-    far = 1.0 + far / mechanism.characteristic_length
-    steep = far * (1.0 + float(np.abs(judge.jacobian).max(initial=0.0)))
-    assert_near(found.residual, judge.residual, steep, "residual")
-    assert_near(found.angles, judge.angles, 10.0 * (1.0 + np.abs(turns).max(initial=0.0)), "angles")
-    assert_near(found.jacobian, judge.jacobian, steep, "Jacobian")
-    speed = 1.0 + float(np.abs(v / mechanism.velocity_scale).max(initial=0.0))
-    assert_near(found.bias, bias, speed**2 * steep + np.abs(bias).max(initial=0.0), "bias")
 
 
 @pytest.mark.parametrize("joint", JOINTS)

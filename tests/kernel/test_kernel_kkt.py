@@ -6,8 +6,8 @@ import ctypes
 
 import numpy as np
 import pytest
-from test_closures import somewhere
-from test_kernel import everything
+from closure_trees import somewhere
+from kernel_checks import everything
 
 from spatial_pin.accuracy import models
 from spatial_pin.constraints.closure_equations import Evaluation

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from closure_trees import check_derivatives, pose, refinement
 from folders import ROOT
+from kernel_checks import asked_at, assert_same_as_pinocchio
 from masses import heavy
 from mechanisms import closure, driver, floating, load, point
 from mpmath import atan2, cos, exp, mp, sin, taylor
-from test_closures import check_derivatives, pose, refinement
-from test_kernel import asked_at, assert_same_as_pinocchio
 
 import spatial_pin as sp
 from spatial_pin.constraints.closure_equations import Evaluation

@@ -6,10 +6,7 @@ import mechanisms as known
 import numpy as np
 import pinocchio as pin
 import pytest
-from masses import heavy, with_masses
-from mechanisms import RAM, between, floating, load, point
-from test_batch import assert_same, check_kernel, configurations
-from test_closures import (
+from closure_trees import (
     FIRST,
     JOINTS,
     STEP,
@@ -19,8 +16,10 @@ from test_closures import (
     refinement,
     somewhere,
 )
-from test_dynamics_derivatives import WEIGHT
-from test_reaction_derivatives import check
+from derivative_cases import WEIGHT, check
+from kernel_checks import assert_same, check_kernel, configurations
+from masses import heavy, with_masses
+from mechanisms import RAM, between, floating, load, point
 
 import spatial_pin as sp
 from spatial_pin.accuracy.extended import Extended

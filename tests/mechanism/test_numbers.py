@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from ladders import hanging
 from masses import heavy
 from mechanisms import closure, driver, floating, load, point, refine, sliding, turning
-from test_at_rest import hanging
 
 import spatial_pin as sp
 

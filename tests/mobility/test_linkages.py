@@ -16,17 +16,16 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from closed_forms import Pose, Rates, placement, rotation, vector
+from machines import ARMS, UPRIGHT, X, Y, Z, delta
+from masses import inertias, solid, urdf
 from mpmath import acos, asin, atan2, cos, mp, mpf, sin, sqrt
-from test_mechanisms import inertias, solid, urdf
 
 import spatial_pin as sp
 
 SPEED, ACCELERATION = 2.5, 7.0  # of every driver [rad/s and rad/s2, or m and s]
 TOLERANCE = 1e-11
-X, Y, Z = np.eye(3, dtype=int)
 DEGREE = np.pi / 180
 INNER = 0.12 - 2.4 * 0.06 * 0.12  # radius at which the spherical four-bar's coupler is drawn
-UPRIGHT = np.eye(3, dtype=int)  # the orientation of what does not turn
 
 
 # ---------------------------------------------------------------- closed forms
@@ -215,42 +214,8 @@ def watt_six_bar(crank, r1=0.30, r2=0.10, r3=0.28, r4=0.24, r5=0.15, r6=0.25, r7
     )
 
 
-ARMS = (-0.2, 0.3)  # the held angles of the delta's arms 2 and 3
 
 
-def delta(arm_1, sb=0.567, sp=0.076, lu=0.524, ll=1.244, w=0.13, others=ARMS) -> Pose:
-    """The platform is ll below the elbows, when these are moved in by its corners."""
-    sb, sp, lu, ll, w = map(mpf, (sb, sp, lu, ll, w))
-    base, corner = sb * sqrt(3) / 6, sp * sqrt(3) / 3
-    out = base + lu - corner
-    home = atan2(-out, -sqrt(ll**2 - out**2))  # of a rod in the plane of its arm
-    arms, elbows = [], []
-    for k, angle in enumerate((arm_1, *map(mpf, others))):
-        yaw = rotation(Z, 2 * mp.pi / 3 * k - mp.pi / 2)
-        arms.append(placement(yaw.dot(rotation(Y, angle)), base * yaw[:, 0]))
-        elbows.append(yaw.dot(vector(base - corner + lu * cos(angle), 0, -lu * sin(angle))))
-    # |P - elbow| = ll for each: P = E1 + a u + b v + c n, u along E1 E2, n normal to all three
-    first, second = elbows[1] - elbows[0], elbows[2] - elbows[0]
-    side = sqrt(first.dot(first))
-    u = first / side
-    across = second - u.dot(second) * u
-    height = sqrt(across.dot(across))
-    v = across / height
-    a = side / 2
-    b = (second.dot(second) - 2 * a * u.dot(second)) / (2 * height)
-    p = elbows[0] + a * u + b * v - sqrt(ll**2 - a**2 - b**2) * np.cross(u, v)
-    coordinates = {"shoulder_1": arm_1, "shoulder_2": mpf(others[0]), "shoulder_3": mpf(others[1])}
-    points = {}
-    for k, (arm, elbow) in enumerate(zip(arms, elbows, strict=True), 1):
-        rod = arm[:3, :3].T.dot(p - elbow) / ll
-        yaw = rotation(Z, 2 * mp.pi / 3 * (k - 1) - mp.pi / 2)
-        for name, y in (("a", -w / 2), ("b", w / 2)):
-            coordinates[f"elbow_{k}{name}.first"] = atan2(rod[0], rod[2]) - home
-            coordinates[f"elbow_{k}{name}.second"] = -asin(rod[1])
-            points[f"rod_{k}{name}_end"] = p + yaw.dot(vector(corner, y, 0))
-            points[f"rod_{k}{name}"] = elbow + yaw.dot(vector(corner, y, 0))
-    return Pose(coordinates, {"platform": placement(UPRIGHT, p),
-                              **{f"arm_{k}": arm for k, arm in enumerate(arms, 1)}}, points)
 
 
 # ---------------------------------------------------------------- the Gough platform

@@ -13,6 +13,13 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from dietmaier import (
+    DIETMAIER_BASE,
+    DIETMAIER_LEGS,
+    DIETMAIER_PLATFORM,
+    assert_distinct,
+    dietmaier,
+)
 from mechanisms import (
     closure,
     driver,
@@ -24,13 +31,6 @@ from mechanisms import (
     refine,
     sliding,
     turning,
-)
-from test_modes import (
-    DIETMAIER_BASE,
-    DIETMAIER_LEGS,
-    DIETMAIER_PLATFORM,
-    assert_distinct,
-    dietmaier,
 )
 
 import spatial_pin as sp

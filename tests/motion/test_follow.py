@@ -6,8 +6,8 @@ import mechanisms as known
 import numpy as np
 import pinocchio as pin
 import pytest
+from machines import delta
 from scipy.interpolate import CubicSpline
-from test_linkages import delta
 
 import spatial_pin as sp
 from spatial_pin.cli.running import main

@@ -8,9 +8,9 @@ import mpmath
 import numpy as np
 import pytest
 from masses import heavy
+from rsup import poses, rsup
 from scipy.optimize import brentq
 from scipy.special import ellipj, ellipk
-from test_seven_bodies import poses, rsup
 
 import spatial_pin as sp
 from spatial_pin.assembly.assemble import assembled

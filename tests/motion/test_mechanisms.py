@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable
 from functools import cache
 from typing import NamedTuple
@@ -12,15 +11,12 @@ import lecture_forms
 import numpy as np
 import pinocchio as pin
 import pytest
-import xacro
 from closed_forms import Pose, Rates
-from folders import ROOT
+from masses import inertias, numbers, solid, urdf
 from mpmath import cos, mp, mpf, sin, sqrt
 
 import spatial_pin as sp
 
-URDF = ROOT / "urdf"
-STEEL = 7850.0  # kg/m3
 TOLERANCE = 1e-11
 SPEED = 25.13  # rad/s
 ACCELERATION = 314.16  # rad/s2
@@ -145,31 +141,10 @@ def links(name: str) -> list[str]:
     return [*truth_at(name, 0.0).value.links, *CASES[name].spinless]
 
 
-@cache
-def urdf(mechanism: str, **parameters: float) -> ElementTree.Element:
-    mappings = {key: repr(value) for key, value in parameters.items()}
-    document = xacro.process_file(str(URDF / f"{mechanism}.urdf.xacro"), mappings=mappings)
-    return ElementTree.fromstring(document.toxml())
 
 
-def numbers(text: str) -> np.ndarray:
-    return np.array(text.split(), dtype=float)
 
 
-def inertias(mechanism: str, **parameters: float) -> dict[str, pin.Inertia]:
-    """The inertia of every moving link as its URDF states it."""
-    stated = {}
-    for link in urdf(mechanism, **parameters).iter("link"):
-        if (inertial := link.find("inertial")) is not None:
-            mass = float(inertial.find("mass").get("value"))
-            centre = numbers(inertial.find("origin").get("xyz"))
-            xx, xy, xz, yy, yz, zz = (
-                float(inertial.find("inertia").get(f"i{k}"))
-                for k in ("xx", "xy", "xz", "yy", "yz", "zz")
-            )
-            moments = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-            stated[link.get("name")] = pin.Inertia(mass, centre, moments)
-    return stated
 
 
 # ---------------------------------------------------------------- the library
@@ -431,20 +406,6 @@ def test_links_weigh_what_is_drawn(name):
         np.testing.assert_allclose(stated.inertia, drawn[link].inertia, rtol=0, atol=round_off)
 
 
-def solid(visual: ElementTree.Element) -> pin.Inertia:
-    """The inertia of a drawn shape as a solid of steel, in its link's frame."""
-    origin, shape = visual.find("origin"), visual.find("geometry")[0]
-    if shape.tag == "cylinder":
-        r, length = float(shape.get("radius")), float(shape.get("length"))
-        inertia = pin.Inertia.FromCylinder(STEEL * np.pi * r**2 * length, r, length)
-    elif shape.tag == "sphere":
-        r = float(shape.get("radius"))
-        inertia = pin.Inertia.FromSphere(STEEL * np.pi * r**3 * 4 / 3, r)
-    else:
-        size = numbers(shape.get("size"))
-        inertia = pin.Inertia.FromBox(STEEL * size.prod(), *size)
-    rotation = pin.rpy.rpyToMatrix(numbers(origin.get("rpy")))
-    return pin.SE3(rotation, numbers(origin.get("xyz"))).act(inertia)
 
 
 @pytest.mark.parametrize("name", MECHANISMS)

@@ -4,6 +4,7 @@ import mechanisms
 import numpy as np
 import pinocchio as pin
 import pytest
+from machines import rocker_of, two_motors, wishbone
 from mechanisms import (
     closure,
     driver,
@@ -16,7 +17,6 @@ from mechanisms import (
     tilted,
     turning,
 )
-from test_standing_drivers import rocker_of, two_motors, wishbone
 
 import spatial_pin as sp
 

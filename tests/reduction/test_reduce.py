@@ -8,7 +8,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from folders import ROOT
-from test_seven_bodies import rsup
+from rsup import rsup
+from sameness import sizes
 
 import spatial_pin as sp
 from spatial_pin.cli import main
@@ -20,9 +21,6 @@ from spatial_pin.reduction import verification as verification_of
 CLOSE = 5e-11
 
 
-def sizes(mechanism):
-    """Coordinates and equations."""
-    return len(mechanism.coordinates), len(sp.closure_jacobian(mechanism, mechanism.neutral))
 
 
 LINKAGES = [n for n in sp.list_mechanisms() if n != "stewart"]  # which has tests of its own

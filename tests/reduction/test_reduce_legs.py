@@ -11,7 +11,7 @@ import pytest
 from mechanisms import between, closure, coupling, driver, floating, guess, load, point, refine
 from mechanisms import sliding as slide
 from mechanisms import turning as hinge
-from test_reduce import sizes
+from sameness import sizes
 
 import spatial_pin as sp
 from spatial_pin.formats.export import export_urdf

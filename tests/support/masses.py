@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,6 +12,8 @@ import mechanisms as known
 import mpmath
 import numpy as np
 import pinocchio as pin
+import xacro
+from folders import ROOT
 from mpmath import mpf
 
 import spatial_pin as sp
@@ -204,3 +208,49 @@ def energy_rate(state: sp.State) -> float:
         need = motion.needed
         total += (need[:3] - motion.mass * gravity) @ motion.velocity + need[3:] @ motion.omega
     return float(total)
+
+URDF = ROOT / "urdf"
+STEEL = 7850.0  # kg/m3
+
+
+@cache
+def urdf(mechanism: str, **parameters: float) -> ElementTree.Element:
+    mappings = {key: repr(value) for key, value in parameters.items()}
+    document = xacro.process_file(str(URDF / f"{mechanism}.urdf.xacro"), mappings=mappings)
+    return ElementTree.fromstring(document.toxml())
+
+
+def numbers(text: str) -> np.ndarray:
+    return np.array(text.split(), dtype=float)
+
+
+def inertias(mechanism: str, **parameters: float) -> dict[str, pin.Inertia]:
+    """The inertia of every moving link as its URDF states it."""
+    stated = {}
+    for link in urdf(mechanism, **parameters).iter("link"):
+        if (inertial := link.find("inertial")) is not None:
+            mass = float(inertial.find("mass").get("value"))
+            centre = numbers(inertial.find("origin").get("xyz"))
+            xx, xy, xz, yy, yz, zz = (
+                float(inertial.find("inertia").get(f"i{k}"))
+                for k in ("xx", "xy", "xz", "yy", "yz", "zz")
+            )
+            moments = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            stated[link.get("name")] = pin.Inertia(mass, centre, moments)
+    return stated
+
+
+def solid(visual: ElementTree.Element) -> pin.Inertia:
+    """The inertia of a drawn shape as a solid of steel, in its link's frame."""
+    origin, shape = visual.find("origin"), visual.find("geometry")[0]
+    if shape.tag == "cylinder":
+        r, length = float(shape.get("radius")), float(shape.get("length"))
+        inertia = pin.Inertia.FromCylinder(STEEL * np.pi * r**2 * length, r, length)
+    elif shape.tag == "sphere":
+        r = float(shape.get("radius"))
+        inertia = pin.Inertia.FromSphere(STEEL * np.pi * r**3 * 4 / 3, r)
+    else:
+        size = numbers(shape.get("size"))
+        inertia = pin.Inertia.FromBox(STEEL * size.prod(), *size)
+    rotation = pin.rpy.rpyToMatrix(numbers(origin.get("rpy")))
+    return pin.SE3(rotation, numbers(origin.get("xyz"))).act(inertia)

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+import spatial_pin as sp
+
 ARRAYS = ("lowerPositionLimit", "upperPositionLimit", "lowerVelocityLimit", "upperVelocityLimit",
           "lowerEffortLimit", "upperEffortLimit", "damping", "armature", "lowerDryFrictionLimit",
           "upperDryFrictionLimit")
@@ -75,3 +77,9 @@ def same_mechanisms(found, expected):
     speeds = [x.slip_speeds if x.slip_speeds.size else np.full(x.model.nv, np.nan)
               for x in (found, expected)]
     np.testing.assert_array_equal(*speeds)
+
+
+
+def sizes(mechanism):
+    """Coordinates and equations."""
+    return len(mechanism.coordinates), len(sp.closure_jacobian(mechanism, mechanism.neutral))

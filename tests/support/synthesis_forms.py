@@ -15,8 +15,9 @@ import tomllib
 from typing import NamedTuple
 
 import numpy as np
+import synthesis_forms as forms
 from folders import DATA
-from mpmath import cos, mp, mpc, mpf, sin, sqrt
+from mpmath import cos, log, mp, mpc, mpf, radians, sin, sqrt
 from mpmath import matrix as mp_matrix
 from scipy.optimize import minimize_scalar
 
@@ -251,3 +252,11 @@ def published(case: dict) -> FourBar:
         tracer = given.pop("length") * np.exp(1j * given.pop("angle"))
         given |= {"cx": float(tracer.real), "cy": float(tracer.imag)}
     return FourBar(**given)
+
+
+
+def logarithm(start, swing, to, by):
+    """Three pairs of angles [rad] that generate y = log2 x, 1 <= x <= 2, from degrees."""
+    x = forms.chebyshev_points(1, 2)
+    return ([radians(start + swing * (u - 1)) for u in x],
+            [radians(to + by * log(u, 2)) for u in x])

@@ -7,7 +7,7 @@ import pytest
 import synthesis_forms as forms
 from drawing_four_bars import at, bar, side
 from mpmath import mp, mpf, pi
-from test_synthesis_forms import logarithm
+from synthesis_forms import logarithm
 
 import spatial_pin as sp
 

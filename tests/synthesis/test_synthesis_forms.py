@@ -3,19 +3,15 @@
 import numpy as np
 import pytest
 import synthesis_forms as forms
-from mpmath import log, mp, mpc, mpf, pi, radians
+from mpmath import mp, mpc, mpf, pi
 from scipy.optimize import least_squares
+from synthesis_forms import logarithm
 
 import spatial_pin as sp
 
 PATHS = [name for name, case in forms.CASES.items() if "published" in case]
 
 
-def logarithm(start, swing, to, by):
-    """Three pairs of angles [rad] that generate y = log2 x, 1 <= x <= 2, from degrees."""
-    x = forms.chebyshev_points(1, 2)
-    return ([radians(start + swing * (u - 1)) for u in x],
-            [radians(to + by * log(u, 2)) for u in x])
 
 
 @pytest.mark.parametrize("alpha", [0, "0.3", pi / 3, "1.4"])

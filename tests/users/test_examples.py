@@ -5,7 +5,7 @@ import sys
 
 import pytest
 from folders import ROOT
-from test_view import needs_browser
+from images import needs_browser
 
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 

@@ -299,7 +299,7 @@ def test_a_door_shuts_when_an_equation_of_one_freedom_says(run):
 def test_cassies_foot_is_where_mujoco_has_it(run):
     mujoco = pytest.importorskip("mujoco")
     from beside_mujoco import beside, put, without_meshes
-    from test_mjcf import CASSIE, closed_by_mujoco
+    from mujoco_files import CASSIE, closed_by_mujoco
 
     made, h = run("cassie"), 1e-3
     pair = beside(made["robot"], without_meshes(CASSIE))

@@ -8,8 +8,8 @@ import numpy as np
 import odd_mechanisms as odd
 import pinocchio as pin
 import pytest
+from ladders import two_rods, uniform
 from masses import heavy
-from test_simulation_extremes import two_rods, uniform
 
 import spatial_pin as sp
 

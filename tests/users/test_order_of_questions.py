@@ -12,33 +12,10 @@ import mechanisms as known
 import numpy as np
 import pinocchio as pin
 import pytest
-from masses import heavy
-from test_dynamics import ladder, leaning
+from ladders import ladder, leaning
+from machines import three_rods, translation
 
 import spatial_pin as sp
-
-G = "gravity = [0.0, -9.81, 0.0]\n"
-ROD = (0.3, (0.3, 0, 0), (1e-4, 2e-3, 2e-3))
-
-
-def three_rods(folder, wrap=str) -> sp.Mechanism:
-    """Three equal rods between congruent triangles: a mode of translation, and isolated ones."""
-    feet, tips = [(0, 0, 0), (1.0, 0, 0), (0.4, 0.7, 0)], [(1.0, 0, 0), (0.4, 0.7, 0)]
-    tree = heavy(
-        known.turning("a", "ground", "rod_a") + known.turning("top", "rod_a", "plate", (0.6, 0, 0))
-        + known.turning("b", "ground", "rod_b", feet[1])
-        + known.turning("c", "ground", "rod_c", feet[2]),
-        rod_a=ROD, rod_b=ROD, rod_c=ROD, plate=(1.0, (0.4, 0.2, 0), (1e-3, 1e-2, 1e-2)))
-    toml = G + known.driver("a", "a")
-    for name, tip in zip("bc", tips, strict=True):
-        tree += known.point(f"end_{name}", f"rod_{name}", (0.6, 0, 0))
-        tree += known.point(f"corner_{name}", "plate", tip)
-        toml += known.closure(f"pin_{name}", "revolute", f"end_{name}", f"corner_{name}")
-    return known.load(folder, "three_rods", wrap(tree), toml)
-
-
-def translation(mechanism: sp.Mechanism, angle: float) -> sp.State:
-    return sp.assemble(mechanism, guess={"a": angle, "top": -angle, "b": angle, "c": angle})
 
 
 def isolated(mechanism: sp.Mechanism) -> sp.State:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from folders import ROOT
-from pictures import colour_mask, ink, middle, near, pixels, seen_at
+from images import colour_mask, ink, middle, near, pixels, seen_at
 from PIL import Image
 
 import spatial_pin as sp

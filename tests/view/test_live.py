@@ -17,7 +17,7 @@ from types import SimpleNamespace
 import numpy as np
 import pinocchio as pin
 import pytest
-from pictures import ink, pixels
+from images import ink, pixels
 
 import spatial_pin as sp
 from spatial_pin.errors import SpatialPinError
@@ -234,7 +234,7 @@ def test_limit_is_told_in_words_and_marked_on_the_slider():
 
 def limited_slider(folder):
     """A slider-crank whose rail ends before the dead centres of its crank."""
-    from test_standing_drivers import limited_slider as made
+    from machines import limited_slider as made
 
     return made(folder)
 

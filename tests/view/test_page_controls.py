@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pinocchio as pin
 import pytest
-from pictures import colour_mask, middle, pixels
+from images import colour_mask, middle, pixels
 
 import spatial_pin as sp
 from spatial_pin.view.browser.devtools import NEXT_PICTURE, Browser

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from pictures import pixels
+from images import pixels
 
 import spatial_pin as sp
 from spatial_pin.view.browser.devtools import Browser

@@ -8,6 +8,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from images import commands, data_of, needs_browser, picture
 from mechanisms import (
     closure,
     coupling,
@@ -19,7 +20,6 @@ from mechanisms import (
     refine,
     turning,
 )
-from test_view import commands, data_of, needs_browser, picture
 
 import spatial_pin as sp
 from spatial_pin.errors import SpatialPinError, UnknownNameError

@@ -1,8 +1,5 @@
 """The page, the server, the plots and the pictures of a motion."""
 
-import base64
-import io
-import json
 import math
 import re
 import signal
@@ -11,7 +8,6 @@ import sys
 import threading
 import urllib.error
 import urllib.request
-import zlib
 from subprocess import PIPE
 from types import SimpleNamespace
 from typing import NamedTuple
@@ -20,12 +16,12 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-import umsgpack
+from images import commands, data_of, needs_browser, picture
 
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.view import Viewer, export_html, plot, screenshot, show
 from spatial_pin.view.browser.picture import find_browser, photograph
-from spatial_pin.view.page.html import RAW_DEFLATE, page
+from spatial_pin.view.page.html import page
 from spatial_pin.view.scene.film import MAX_ROWS, film, nice
 from spatial_pin.view.scene.framing import ASPECT, FIELD_OF_VIEW, frame, occupied, rotate
 
@@ -106,18 +102,8 @@ def state(**changes: object) -> SimpleNamespace:
     return made
 
 
-def data_of(text: str) -> dict:
-    """The film that a page holds, its commands decoded."""
-    found = re.search(r'<script type="application/json" id="film">(.*?)</script>', text, re.S)
-    film = json.loads(found[1])
-    sizes, packed = film["commands"].values()
-    every = io.BytesIO(zlib.decompress(base64.b64decode(packed), RAW_DEFLATE))
-    film["commands"] = [umsgpack.unpackb(every.read(size)) for size in sizes]
-    return film
 
 
-def commands(text: str, kind: str) -> list[dict]:
-    return [c for c in data_of(text)["commands"] if c["type"] == kind]
 
 
 # ---------------------------------------------------------------- pace
@@ -510,16 +496,8 @@ def test_plot_over_a_sliding_driver_or_time():
 
 # ---------------------------------------------------------------- pictures
 
-needs_browser = pytest.mark.skipif(
-    find_browser() is None, reason="no Chromium or Chrome on this machine: pictures not checked"
-)
 
 
-def picture(path) -> np.ndarray:
-    from PIL import Image
-
-    with Image.open(path) as image:
-        return np.asarray(image.convert("RGB"), float) / 255
 
 
 def hue_mask(image: np.ndarray, colour: tuple[float, float, float]) -> np.ndarray:

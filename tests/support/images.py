@@ -1,11 +1,19 @@
 """What tests look for in pictures: colours, and where a page's camera sees a point."""
 
+import base64
 import io
+import json
 import math
+import re
+import zlib
 
 import numpy as np
+import pytest
+import umsgpack
 from PIL import Image
 
+from spatial_pin.view.browser.picture import find_browser
+from spatial_pin.view.page.html import RAW_DEFLATE
 from spatial_pin.view.scene.framing import ASPECT, FIELD_OF_VIEW, Framing
 
 
@@ -52,3 +60,30 @@ def seen_at(points: np.ndarray, framing: Framing, size: tuple[int, int]) -> np.n
     focus = height / 2 / math.tan(math.radians(FIELD_OF_VIEW) / 2)
     flat = np.stack([p @ right, -(p @ up)], axis=1) / (away - p @ v)[:, None]
     return flat * focus + [width / 2, height / 2]
+
+
+
+def data_of(text: str) -> dict:
+    """The film that a page holds, its commands decoded."""
+    found = re.search(r'<script type="application/json" id="film">(.*?)</script>', text, re.S)
+    film = json.loads(found[1])
+    sizes, packed = film["commands"].values()
+    every = io.BytesIO(zlib.decompress(base64.b64decode(packed), RAW_DEFLATE))
+    film["commands"] = [umsgpack.unpackb(every.read(size)) for size in sizes]
+    return film
+
+
+def commands(text: str, kind: str) -> list[dict]:
+    return [c for c in data_of(text)["commands"] if c["type"] == kind]
+
+
+needs_browser = pytest.mark.skipif(
+    find_browser() is None, reason="no Chromium or Chrome on this machine: pictures not checked"
+)
+
+
+def picture(path) -> np.ndarray:
+    from PIL import Image
+
+    with Image.open(path) as image:
+        return np.asarray(image.convert("RGB"), float) / 255
