@@ -19,14 +19,14 @@ hypothesis.settings.load_profile("always the same")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Let --slow add the tests that are marked so."""
-    parser.addoption("--slow", action="store_true", help="run the slow tests too")
+    """Let --all add the tests that are marked slow."""
+    parser.addoption("--all", action="store_true", help="run the slow tests too")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: Sequence[pytest.Item]) -> None:
-    """Leave out slow tests, unless they are asked for: by --slow, by a marker or by name."""
+    """Leave out slow tests, unless --all, a marker or a name selects them."""
     named = any("::" in text for text in config.args)
-    if config.option.slow or config.option.markexpr or config.option.keyword or named:
+    if config.option.all or config.option.markexpr or config.option.keyword or named:
         return
     slow = [item for item in items if item.get_closest_marker("slow")]
     config.hook.pytest_deselected(items=slow)
