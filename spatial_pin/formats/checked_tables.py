@@ -16,8 +16,8 @@ _REQUIRED: Any = object()
 BETWEEN = "length_between"
 TOP = "at the top of the file, before the first [table]"
 BELONGS = {  # where in a file each key has its place
-    TOP: ("name", "title", "source", "tree", "gravity", "order", "joints", "closures", "drivers",
-          "springs", "passive", "frames", "guess"),
+    TOP: ("name", "title", "source", "tree", "gravity", "gap", "order", "joints", "closures",
+          "drivers", "springs", "passive", "frames", "guess"),
     "in [joints.NAME]": ("type", "axis", "axis2", "lead", *RESISTANCES, *LIMITS),
     "in [[closures]]": ("name", "type", "frames", "joints", "ratio", "offset", "length", BETWEEN,
                         "equations", "axis", "axis2", "lead", "source"),

@@ -187,6 +187,7 @@ def content_of(mechanism: Mechanism) -> dict[str, Any]:
     content: dict[str, Any] = {
         "name": mechanism.name, "title": mechanism.title, "source": mechanism.source,
         "tree": f"{mechanism.name}.urdf", "gravity": mechanism.model.gravity.linear.tolist(),
+        "gap": [] if mechanism.gap is None else mechanism.gap,
         "order": moving if moving != [n for n in urdf_order(robot) if n in moving] else [],
         "joints": {joint.get("name", ""): table for joint in robot.findall("joint")
                    if (table := _joint(mechanism, joint))},

@@ -67,6 +67,9 @@ class Said:
         for key in ("title", "source"):
             with mistakes.each():
                 self.parts[key] = top.text(key, "")
+        self.parts["gap"] = None
+        with mistakes.each():
+            self.parts["gap"] = top.number("gap", least=0.0) if "gap" in top else None
         with mistakes.each():
             self.parts["guess"] = dict(top.table("guess").content)
         self.order: tuple[str, ...] = ()
