@@ -137,7 +137,8 @@ def dynamics_derivatives(
 
     Raises:
         SingularError: as `forward_dynamics`.
-        SpatialPinError: the numbers of the mechanism's file are rounded, see `State.gap`.
+        SpatialPinError: the numbers of the mechanism's file are rounded, see `State.gap`; or the
+            frames of a spring coincide, and its force or damping has no direction.
         UnknownNameError: a name does not exist.
 
     Example:
@@ -232,7 +233,7 @@ def _changes(
     spring_by_q, spring_by_v = spring_slopes(terms.lines, terms.turns, nv)
     borne = np.zeros(equations.n_closure)
     borne[chosen] = multipliers
-    pull = np.array([-x.force / x.length for x in terms.lines])
+    pull = np.array([-x.per_length for x in terms.lines])
     force_by_q -= rows.bending(rates, borne, pull) + spring_by_q
     force_by_v -= spring_by_v
     closed_by_q, closed_by_v = rows.accelerations(rates)
