@@ -77,8 +77,9 @@ class Derivatives:
         """By pair, tree joint or closure: `value` (6,), `by_q`, `by_v`, `by_effort` (6, nv).
 
         The force, then the moment, that the pair exerts, as in `Dynamics.reactions`: world axes,
-        about the pair's own origin, which moves with it. All NaN where the reaction is not unique
-        (`Dynamics.determined`): what is one of many has no derivative. Worked out when asked for.
+        about the pair's own origin, which moves with it. All NaN where loops can be under stress by
+        themselves: what is one of many has no derivative. Beside couplings they are those of
+        what `Dynamics.reactions` has, without the couplings' forces. Worked out when asked for.
         """
         return self._borne[0]
 
