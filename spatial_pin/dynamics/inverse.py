@@ -111,7 +111,8 @@ class Efforts(Dynamics):
         """Which components of each pair's reaction are unique, force then moment (6,), world axes.
 
         Those are not that an overconstrained loop can be under stress with by itself, nor those
-        that more actuators than freedoms can press for, one against the other.
+        that more actuators than freedoms can press for, one against the other, nor those of pairs
+        beside a coupling, as in `Dynamics.unique`.
         """
         actuation = self._actuation
         with self._equations() as equations:
