@@ -20,7 +20,7 @@ from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.free_flyer import with_free_flyer
 from spatial_pin.formats.imported import Request
 from spatial_pin.formats.mechanism_file import Said, mechanism_of
-from spatial_pin.formats.merging import merged
+from spatial_pin.formats.merging import merged, without_loops_and_motors
 from spatial_pin.formats.sources import (
     check_file,
     is_file,
@@ -189,8 +189,11 @@ def _load_toml(request: Request) -> Mechanism:
     with mistakes.each():
         file = _tree_of(top)
         read = (importer_of(file) or urdf_importer.IMPORTER).read
-        tree = read(replace(request, path=file, alone="closures" not in top))
-        content, left_out = merged(top.content, tree.content)
+        complete = top.flag("complete")
+        tree = read(replace(request, path=file, complete=complete,
+                            alone=not complete and "closures" not in top))
+        stated = without_loops_and_motors(tree.content) if complete else tree.content
+        content, left_out = merged(top.content, stated)
     if mistakes:
         Said(top, mistakes)
         mistakes.tell()

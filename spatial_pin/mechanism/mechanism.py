@@ -498,7 +498,7 @@ class _MadeWhenAsked:
         owner.__dict__[self.name] = value
 
 
-for _name in ("visual_model", "collision_model", "dimensions"):
+for _name in ("visual_model", "collision_model", "dimensions", "guess"):
     setattr(Mechanism, _name, _MadeWhenAsked(_name))
 
 
