@@ -11,13 +11,13 @@ import re
 import numpy as np
 import pinocchio as pin
 import pytest
+from images import needs_browser
 
 import spatial_pin as sp
 from spatial_pin import operators
-from spatial_pin.lazy import cached_property
-from spatial_pin.view.browser.picture import find_browser
 
 MODULES = ("closures", "goals", "laws", "targets")  # of constructors
+PROPERTIES = (property, type(vars(sp.Mechanism)["characteristic_length"]))  # worked out once
 BROWSER = {"movie", "screenshot"}  # need one
 OPTIONAL = {"Tabular.to_dataframe": "pandas", "Tabular.to_xarray": "xarray"}
 LONG = {  # what designs, workspaces and searches give: the example of the verb always runs
@@ -65,7 +65,7 @@ def members(kind):
             continue
         for name, found in vars(owner).items():
             found = getattr(found, "__func__", found)
-            shown = isinstance(found, property | cached_property) or inspect.isfunction(found)
+            shown = isinstance(found, PROPERTIES) or inspect.isfunction(found)
             if shown and not name.startswith("_") and name not in INNER.get(owner.__name__, ()):
                 yield f"{owner.__name__}.{name}", found
 
@@ -112,7 +112,7 @@ def example_of(name):
 def is_in_the_example_of_its_class(name):
     """A property may be shown by the example of its class."""
     kind, _, member = name.partition(".")
-    return isinstance(NAMES[name], property | cached_property) and any(
+    return isinstance(NAMES[name], PROPERTIES) and any(
         re.search(rf"\.{member}\b", x.source) for x in example_of(kind).examples)
 
 
@@ -223,8 +223,7 @@ for _name in NAMES:
     if example_of(_name).examples:
         GROUPS.setdefault(group_of(_name), []).append(_name)
 MARKS = {
-    "drawn by a browser": [pytest.mark.browser, pytest.mark.skipif(
-        find_browser() is None, reason="no Chromium or Chrome here")],
+    "drawn by a browser": [pytest.mark.browser, needs_browser],
     "long": [pytest.mark.slow],
 }
 
