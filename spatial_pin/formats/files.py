@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from spatial_pin.checks import number_from_zero
 from spatial_pin.errors import MechanismFileError, Mistakes, suggestion, warn
 from spatial_pin.formats import urdf_importer
 from spatial_pin.formats.checked_tables import Table
@@ -19,7 +20,7 @@ from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.free_flyer import with_free_flyer
 from spatial_pin.formats.imported import Request
 from spatial_pin.formats.mechanism_file import Said, mechanism_of
-from spatial_pin.formats.merging import merged
+from spatial_pin.formats.merging import merged, without_loops_and_motors
 from spatial_pin.formats.sources import (
     check_file,
     is_file,
@@ -53,7 +54,8 @@ def library_titles() -> dict[str, tuple[str, str]]:
 
 def load(
     source: str | Path, *, trusted: bool = False, free_flyer: bool = False,
-    packages: Mapping[str, str | Path] | None = None, **parameters: float,
+    packages: Mapping[str, str | Path] | None = None, gap: float | None = None,
+    **parameters: float,
 ) -> Mechanism:
     """Load a mechanism.
 
@@ -78,6 +80,9 @@ def load(
         packages: folders of ROS packages by name, such as {"talos_data": "robots/talos_data"}, in
             which `package://NAME/...` and `$(find NAME)` lie; they go before ROS_PACKAGE_PATH,
             AMENT_PREFIX_PATH, the folders round the file, and installed packages of data.
+        gap: largest closure error that redundant equations may keep where the file's numbers are
+            rounded: part of the characteristic length, or rad; 0 if the numbers are exact. Default:
+            as the file says, else 1e-4. See `State.gap`.
         **parameters: values of the xacro arguments of its tree [SI, rad].
 
     Returns:
@@ -106,7 +111,8 @@ def load(
         if not isinstance(given, bool | np.bool_):
             raise TypeError(f"{key} is True or False, not {given!r}")
     folders = _folders(packages or {})
-    return _loaded(Request(_find(source), parameters, trusted, folders, free_flyer))
+    mechanism = _loaded(Request(_find(source), parameters, trusted, folders, free_flyer))
+    return mechanism if gap is None else mechanism.with_fields(gap=number_from_zero(gap, "gap"))
 
 
 def load_expanded(mechanism: Mechanism, parameters: Mapping[str, float], urdf: str) -> Mechanism:
@@ -123,7 +129,7 @@ def load_expanded(mechanism: Mechanism, parameters: Mapping[str, float], urdf: s
     m = mechanism
     assert m.path is not None
     return _loaded(Request(m.path, {**m.parameters, **parameters}, m.trusted, dict(m.packages),
-                           m.free_flyer, expanded=urdf))
+                           m.free_flyer, expanded=urdf)).with_fields(gap=m.gap)
 
 
 def _loaded(request: Request) -> Mechanism:
@@ -183,8 +189,11 @@ def _load_toml(request: Request) -> Mechanism:
     with mistakes.each():
         file = _tree_of(top)
         read = (importer_of(file) or urdf_importer.IMPORTER).read
-        tree = read(replace(request, path=file, alone="closures" not in top))
-        content, left_out = merged(top.content, tree.content)
+        complete = top.flag("complete")
+        tree = read(replace(request, path=file, complete=complete,
+                            alone=not complete and "closures" not in top))
+        stated = without_loops_and_motors(tree.content) if complete else tree.content
+        content, left_out = merged(top.content, stated)
     if mistakes:
         Said(top, mistakes)
         mistakes.tell()

@@ -20,6 +20,7 @@ class Request:
         packages: folders of ROS packages, by name, absolute; go before all others.
         free_flyer: whether a floating joint is put below the root of what is read.
         alone: whether no mechanism file with closures says more of it.
+        complete: whether a mechanism file says all that there is beside links and joints.
         expanded: what the xacro file of its tree expands to, where that is known.
     """
 
@@ -29,6 +30,7 @@ class Request:
     packages: Mapping[str, Path] = field(default_factory=dict)
     free_flyer: bool = False
     alone: bool = True
+    complete: bool = False
     expanded: str | None = None
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.dialects import Reading, read_dialects
 from spatial_pin.formats.dialects.beside import gepetto
+from spatial_pin.formats.dialects.unknown import refuse_unread
 from spatial_pin.formats.imported import Imported, Importer, Request
 from spatial_pin.formats.sources import read_text
 from spatial_pin.formats.xacro.expansion import expand
@@ -40,7 +41,10 @@ def read_urdf(request: Request, beside: Path | None = None) -> Imported:
         text = expand(request.path, request.parameters, request.trusted, request.packages)
     reading = Reading(parse_urdf(text, request.path), request.path)
     before = ET.tostring(reading.robot, encoding="unicode")
-    read_dialects(reading, beside)
+    if request.complete:
+        refuse_unread(reading)
+    else:
+        read_dialects(reading, beside)
     if request.alone and not reading.content.get("closures"):
         gepetto.tell_unstated(reading)
     after = ET.tostring(reading.robot, encoding="unicode")

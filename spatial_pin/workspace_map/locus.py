@@ -23,6 +23,7 @@ import pinocchio as pin
 
 from spatial_pin.mechanism.joint_limits import JointLimit
 from spatial_pin.numerics.linalg import Array, aligned, decompose
+from spatial_pin.numerics.roots import sign_change
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.workspace_map.section import CURVE_ENDS_BESIDE, LIMIT, Section
 
@@ -301,12 +302,11 @@ def _ends(locus: Locus, spot: Spot, there: Spot) -> Iterator[tuple[str, Callable
 
 def _root(locus: Locus, spot: Spot, function: Callable[[Array], float], length: float) -> float:
     """Return where on a step a function falls through zero; zero where it begins there."""
-    from scipy.optimize import brentq  # on use: it takes a tenth of a second to import
-
     def value(x: float) -> float:
         q = locus.at(spot, x) if x else spot.q
         return np.nan if q is None else function(q)
 
-    if value(0.0) <= AT_CORNER or not value(length) < 0.0:
+    before, after = value(0.0), value(length)
+    if not before > AT_CORNER or not after < 0.0:
         return 0.0
-    return float(brentq(value, 0.0, length, xtol=1e-14, rtol=1e-14))
+    return sign_change(value, 0.0, length, before, after)

@@ -11,7 +11,6 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.close import NOTHING, close, closed, finite
-from spatial_pin.assembly.rounding import cut_of
 from spatial_pin.assembly.search.guesses import NEAR_GUESS, OPEN, Guess, far_ones
 from spatial_pin.assembly.search.release import least_motion
 from spatial_pin.assembly.search.targets import asked_of, free_but, left_of
@@ -103,7 +102,7 @@ class Closing:
         self.held, self.let_go = {**held, **standing}, let_go or {}
         self.accuracy, self.tolerance = accuracy, accuracy.tolerance
         self.gap = accuracy.gap
-        self._cut = cut_of(self.whole.mechanism, accuracy.gap) if self.whole else 0.0
+        self._cut = self.mechanism.kept.cut if self.mechanism.kept else 0.0
         left = left_of(self.mechanism, tuple(self.held), tuple(self.let_go), guess.names)
         self.pinned = {name: self.held[name] for name in left.pinned} if left.pinned else NOTHING
         self.still, self.free, self.first = left.still, left.free, left.first

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from spatial_pin.assembly.rounding import clearly_above
 from spatial_pin.assembly.search.closing import ACCEPTED, Closing, coordinate_sizes, size_of
 from spatial_pin.assembly.search.guesses import COORDINATE_ERROR, MAX_STARTS, Guess
 from spatial_pin.assembly.search.search import Search
@@ -60,6 +61,10 @@ def _gap_words(search: Search, error: float, q: Array, worst: str) -> str:
     mechanism, whole = search.mechanism, search.closing.whole or search.closing.evaluation
     whole.update(q)
     gap = open_gap(whole.mechanism, whole, worst)
+    if search.closing.whole is not None and search.closing.evaluation.closure_error <= ACCEPTED:
+        return (f"the file's numbers are rounded, and redundant equations of closure {worst!r} "
+                f"open by {gap} there (closure error {error:.1e}), beyond the gap of "
+                f"{search.closing.gap:.0e} (gap={clearly_above(error):.0e} allows it)")
     large = size_of(mechanism, q) * COORDINATE_ERROR > ACCEPTED
     words = (f"closure {worst!r} stays open by {gap} (closure error {error:.1e}), the smallest gap "
              "found; ") + (_too_large(mechanism, q) if large else _open_words(search, q, worst))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import islice
 
-from spatial_pin.assembly.rounding import is_clear, may_be_rounded
 from spatial_pin.assembly.search.closing import (
     ACCEPTED,
     Closing,
@@ -49,12 +48,10 @@ class Search:
     Attributes:
         best: the nearest closed configuration, after its distance from what is named.
         nearest_miss: closure error, configuration and what is at fault, of the best attempt else.
-        is_near: whether some loops closed but for what the file's rounded numbers may leave.
     """
 
     def __init__(self, closing: Closing, limits: bool) -> None:
         self.closing, self.limits, self.mechanism = closing, limits, closing.mechanism
-        self.is_near = False
         self.best: tuple[float, Array] | None = None
         self.nearest_miss: tuple[float, Array, str] | None = None
         self._known: Examined | None = None
@@ -70,7 +67,7 @@ class Search:
         closing, most = self.closing, MAX_STARTS
         first = closing.goal if q is None else q
         compared = self.attempt(first, not self.limits and closing.may_be_shaken())
-        if compared or self._done(0) or self.is_near:
+        if compared or self._done(0):
             return
         if self.best is None and release and closing.standing:
             most = self._worth_trying(first)
@@ -82,7 +79,7 @@ class Search:
                 self._compare(list(islice(starts, min(MORE_STARTS, most - k))), k)
                 break
             self.attempt(next(starts))
-            if self._done(k) or self.is_near:
+            if self._done(k):
                 break
 
     def _compare(self, starts: Sequence[Array], first: int) -> None:
@@ -94,7 +91,7 @@ class Search:
         """
         for k, found in enumerate(self.closing.reached(starts), start=first):
             self._keep(found)
-            if self._done(k) or self.is_near:
+            if self._done(k):
                 break
 
     def _worth_trying(self, q: Array) -> int:
@@ -133,8 +130,6 @@ class Search:
         found = list(self.closing.reached([q], shaken))
         for place in found:
             self._keep(place)
-            if self.is_near:
-                break
         return shaken and self.closing.is_sound(found[0])
 
     def _keep(self, found: Reached) -> None:
@@ -157,7 +152,6 @@ class Search:
                 found = bounded
         q = found.q
         if problem:
-            self.is_near |= closing.whole is None and closing.accepted(q) < error <= closing.gap
             if self.nearest_miss is None or error < self.nearest_miss[0]:
                 self.nearest_miss = (error, q, problem)
             return
@@ -171,15 +165,6 @@ class Search:
             assert self.best is not None
             self._known = self.closing.examined(self.best[1])
         return self._known
-
-    def may_be_rounded(self) -> bool:
-        """Whether loops closed nearly, or some equations nearly follow from others."""
-        closing = self.closing
-        if self.best is None or closing.whole is not None:
-            return self.is_near
-        seen = self.examined()
-        return not is_clear(seen.least, seen.left_out) and may_be_rounded(
-            closing.evaluation, self.best[1], closing.gap, seen)
 
     def _done(self, k: int) -> bool:
         """Whether further starts can be spared after start number `k`."""

@@ -10,7 +10,6 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
-from spatial_pin.assembly.rounding import is_clear
 from spatial_pin.assembly.search.closing import ACCEPTED
 from spatial_pin.assembly.search.guesses import ANOTHER_SIZE, COORDINATE_ERROR, OPEN, Guess
 from spatial_pin.assembly.search.search import is_nearer
@@ -84,8 +83,6 @@ def straight(
             elif place is best or not leads_nowhere(accuracy) < place.error < math.inf:
                 return None
         seen = best.examined or closer.examine(best.q, reference)
-    if not is_clear(seen.least, seen.left_out):
-        return None  # some may follow from others but for what the file's rounding leaves
     return made(mechanism, best.q, None, None, closure_error=seen.error, angles=seen.angles)
 
 

@@ -32,7 +32,7 @@ from spatial_pin.mechanism.coordinates import finite_array
 from spatial_pin.mechanism.laws import DriverLaw
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
-from spatial_pin.motion.rounding import check_gaps
+from spatial_pin.motion.rounding import within_gap
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.progress import progress_bar
 from spatial_pin.settings import INTEGRATORS, Accuracy, accuracy_of
@@ -143,7 +143,7 @@ def simulate(
         moved = motion()
         if moved.energy_drift > LOST_SHARE:
             run.refuse_samples()
-        check_gaps(moved, accuracy.gap)
+        moved = within_gap(moved, accuracy, "stop")
     except Lost as lost:
         why = str(lost) or run.why()
         raise SingularError(

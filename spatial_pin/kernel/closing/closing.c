@@ -443,7 +443,8 @@ static void make_even(Kernel *k, Real *square)
 }
 
 /* How clearly equations, all columns alike, are independent or follow from others: the length of what
-   is left of the last independent one, and of the longest of the others, by the first one's. */
+   is left of the last independent one, and of the longest of the others, by the first one's. The
+   latter is not quite zero if there are any. */
 static int judge_independence(Closer *c, Real *least, Real *left_out)
 {
     Kernel *k = c->k;
@@ -455,7 +456,7 @@ static int judge_independence(Closer *c, Real *least, Real *left_out)
     if (found < 0)
         return NO_MEMORY;
     *least = k->n_closure ? facts[0] : 1.0;
-    *left_out = facts[1];
+    *left_out = found < k->n_closure ? fmax(facts[1], DBL_MIN) : 0.0;
     return DONE;
 }
 

@@ -302,9 +302,7 @@ def _reactions(subject: Subject) -> str | None:
         force, moment = np.linalg.norm(wrench.reshape(-1, 2, 3), axis=2).max(axis=0)
         marks = loads.marks(name)
         rows.append((name, number(force, "N") + marks[0], number(moment, "N·m") + marks[1]))
-    many = any(" *" in part for row in rows for part in row[1:])
-    note = paragraph("* one of many along these axes, the least: the loop is overconstrained and "
-                     "can be under stress by itself.") if many else ""
+    note = "".join(map(paragraph, loads.why_not_unique()))
     return section("Reactions", table(("pair", "largest force", "largest moment"), rows, 2) + note)
 
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,14 +110,23 @@ class Film:
     @cached_property
     def motion(self) -> Motion:
         """The samples shown, with their rates."""
-        whole = as_motion(self.source)
-        if len(self.rows) == len(whole):
+        whole, rows = as_motion(self.source), self.rows
+        if len(rows) == len(whole):
             return whole
-        names = ("driver", "q", "v", "a", "closure_error", "driver_speed")
-        kept = {name: getattr(whole, name)[self.rows] for name in names}
-        time = None if whole.time is None else whole.time[self.rows]
-        angles = whole.angles[self.rows] if whole.angles.size else whole.angles
-        return replace(whole, time=time, angles=angles, events=[], **kept)
+        sampled = {f.name: _some(getattr(whole, f.name), rows, len(whole)) for f in fields(whole)
+                   if f.name != "events"}
+        return replace(whole, **sampled, events=[])
+
+
+def _some(x: Any, rows: NDArray[np.intp], n: int) -> Any:
+    """Return those samples of a field of a motion of n samples; other fields as they are."""
+    if isinstance(x, np.ndarray):
+        return x[rows] if len(x) == n else x
+    if isinstance(x, dict):  # efforts by driver
+        some = copy(x)
+        some.update({name: _some(values, rows, n) for name, values in x.items()})
+        return some
+    return x
 
 
 def as_motion(source: Motion | State) -> Motion:
