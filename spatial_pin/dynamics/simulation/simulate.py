@@ -17,7 +17,7 @@ from spatial_pin.dynamics.simulation.formulations.projected import Projected
 from spatial_pin.dynamics.simulation.independent_coordinates import Lost
 from spatial_pin.dynamics.simulation.problem import EffortLaw, Problem
 from spatial_pin.dynamics.simulation.result import Projection, Simulation, driver_names
-from spatial_pin.dynamics.simulation.running.energy_balance import LOST
+from spatial_pin.dynamics.simulation.running.energy_balance import LOST_SHARE
 from spatial_pin.dynamics.simulation.running.equations_in_use import Formulate, GivenUp
 from spatial_pin.dynamics.simulation.running.events import AT_LIMITS, Watch
 from spatial_pin.dynamics.simulation.running.run import Run
@@ -141,7 +141,7 @@ def simulate(
         for t in run.follow(state):
             bar.update(t - bar.n)
         moved = motion()
-        if moved.energy_drift > LOST:
+        if moved.energy_drift > LOST_SHARE:
             run.refuse_samples()
         moved = within_gap(moved, accuracy, "stop")
     except Lost as lost:

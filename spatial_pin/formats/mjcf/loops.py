@@ -17,7 +17,7 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 
 SAME_SHAPE = 1e-3  # of a distance: anchors of the same two points, written with a few digits
 TORQUE_SCALE = 10  # of the data of a weld: the weight of its turns, 0 for a ball
-TURN, SLIDE = 3, 2  # equations of a weld: no turn about its z, no slide along it
+TURN_ROW, SLIDE_ROW = 3, 2  # equations of a weld: no turn about its z, no slide along it
 
 
 class End(NamedTuple):
@@ -275,4 +275,5 @@ def _held(reading: Reading, joint: int, value: float, name: str) -> dict[str, An
              else shift(value * place.axis))
     frames = [reading.urdf.frame(f"{name}_1", place.parent, place.placement * moved * axes),
               reading.urdf.frame(f"{name}_2", place.child, axes)]
-    return {"name": name, "type": "weld", "frames": frames, "equations": [TURN if turns else SLIDE]}
+    return {"name": name, "type": "weld", "frames": frames,
+            "equations": [TURN_ROW if turns else SLIDE_ROW]}

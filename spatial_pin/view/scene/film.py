@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from spatial_pin.mechanism.mechanism import Mechanism
 
 
-SHORTEST, USUAL, LONGEST = 2.0, 6.0, 20.0  # duration of an animation [s]
+SHORTEST_FILM, USUAL_FILM, LONGEST_FILM = 2.0, 6.0, 20.0  # duration of an animation [s]
 LENGTHS = ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm"))
 MAX_ROWS = 1201  # 60 a second for 20 s: more cannot be seen
 
@@ -159,8 +159,8 @@ def _time_pace(time: Array) -> tuple[Array, str]:
     """Return seconds of the film for times of the motion [s], true where that can be watched."""
     elapsed = time - time[0]
     factor = 1.0
-    if not SHORTEST <= elapsed[-1] <= LONGEST:
-        factor = nice(USUAL / elapsed[-1])
+    if not SHORTEST_FILM <= elapsed[-1] <= LONGEST_FILM:
+        factor = nice(USUAL_FILM / elapsed[-1])
     if factor == 1.0:
         return elapsed, ""
     much, way = (factor, "slower") if factor > 1 else (1 / factor, "faster")
@@ -170,9 +170,9 @@ def _time_pace(time: Array) -> tuple[Array, str]:
 def _driver_pace(driver: Array, unit: str) -> tuple[Array, str]:
     """Return seconds of the film at a constant driver speed, one second a radian if watchable."""
     travel = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(driver)))))
-    if unit == "rad" and SHORTEST <= travel[-1] <= LONGEST:
+    if unit == "rad" and SHORTEST_FILM <= travel[-1] <= LONGEST_FILM:
         return travel, "shown at 1 rad/s"
-    speed = nice(travel[-1] / USUAL)
+    speed = nice(travel[-1] / USUAL_FILM)
     words = f"{speed:g} rad/s" if unit == "rad" else f"{1e3 * speed:g} mm/s"
     return travel / speed, f"shown at {words}"
 
@@ -186,7 +186,7 @@ def _pace(motion: Motion) -> tuple[Array, str]:
         return _time_pace(np.asarray(motion.time, float))
     if motion.driver is not None and np.ptp(motion.driver) > 0:
         return _driver_pace(np.asarray(motion.driver, float), motion.driver_unit)
-    return np.linspace(0.0, USUAL, n), f"shown at {(n - 1) / USUAL:.3g} samples a second"
+    return np.linspace(0.0, USUAL_FILM, n), f"shown at {(n - 1) / USUAL_FILM:.3g} samples a second"
 
 
 def reading(name: str, values: Array, unit: str) -> Reading:
