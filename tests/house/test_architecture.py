@@ -15,7 +15,7 @@ from spatial_pin import methods
 
 PACKAGE = Path(sp.__file__).parent
 MODULES = sorted(p for p in PACKAGE.rglob("*.py") if p != PACKAGE / "__init__.py")
-MOST = 13  # modules of a folder
+MOST = 20  # modules of a folder: files are found by name
 # rooms in the order of their layers, files of no room at the top among them; rooms inside of rooms
 # likewise, where files beside them may stand anywhere that makes no circle
 LAYERS = {
