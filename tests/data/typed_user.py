@@ -122,8 +122,8 @@ def loading_with_forces(mech: sp.Mechanism, state: sp.State, motion: sp.Motion) 
     limit: sp.JointLimit = passed[0].limit
     determined: bool = free.determined["ball_b"]
     reasons: list[str] = free.why_not_unique() + loads.why_not_unique()
-    print(free.a.shape, free.error + effort, determined, reasons, reaction.shape, shaking.by_q.shape,
-          slopes.a_by_v.shape, run.energy_drift + run.energy.max(), limit.value,
+    print(free.a.shape, free.error + effort, determined, reasons, reaction.shape,
+          shaking.by_q.shape, slopes.a_by_v.shape, run.energy_drift + run.energy.max(), limit.value,
           beyond[0].most + 1.0, 0 if projection is None else projection.steps + 1)
 
 
