@@ -145,8 +145,9 @@ def assembled(
         if search.best is None and standing and release:
             goal = Guess(mechanism, with_values(mechanism, start.q, standing),
                          {**standing, **start.values})
+            before = search
             search = Search(Closing(equations, held, {}, goal, accuracy, said), limits)
-            search.run(with_values(mechanism, start.q, held))
+            search.run(with_values(mechanism, start.q, held), before=before)
         state = _result(search, said)
     if mechanism.whole is not None:
         tell(state)

@@ -17,6 +17,7 @@ from spatial_pin.assembly.search.guesses import (
     NEAR_GUESS,
     starts_from,
 )
+from spatial_pin.assembly.search.loop_groups import LoopGroup
 from spatial_pin.assembly.search.release import can_move, can_stand, least_motion
 from spatial_pin.assembly.search.within_limits import violated_limit, within_limits
 from spatial_pin.kernel.closer import AT_ONCE, Examined, Reached
@@ -28,6 +29,9 @@ FEW_STARTS = 4
 # Starts after the first success, to find the branch nearest to the guess: of two branches that as
 # many starts end at, the nearer is missed in one of 256 cases. They are closed in one call.
 MORE_STARTS = AT_ONCE
+# Times that drivers go for the loops that do not close where they stand: the first ones may take
+# them to where others do not.
+ROUNDS = 3
 # rad, characteristic lengths; drivers that go no further are just out of reach: by rounding of what
 # one reads off a drawing, not by a wrong value.
 OUT_OF_REACH = 0.05
@@ -41,11 +45,15 @@ def is_nearer(distance: float, best: float) -> bool:
 class Search:
     """Attempts from several starts, and the best of what they found.
 
+    Groups of loops that share nothing that may move are searched one by one.
+
     Args:
         closing: what closes the loops.
         limits: whether joint limits are kept.
 
     Attributes:
+        parts: groups of loops, where there are several, and the search of each.
+        worst: the search that has failed the most, of these or this one.
         best: the nearest closed configuration, after its distance from what is named.
         nearest_miss: closure error, configuration and what is at fault, of the best attempt else.
     """
@@ -56,14 +64,80 @@ class Search:
         self.nearest_miss: tuple[float, Array, str] | None = None
         self._known: Examined | None = None
         self._found_at = -1
+        groups = closing.groups if len(closing.groups) > 1 else ()
+        self.worst: Search = self
+        self.parts = [(group, Search(closing.part(group), limits)) for group in groups]
 
-    def run(self, q: Array | None = None, release: bool = False) -> None:
+    def run(
+        self, q: Array | None = None, release: bool = False, before: Search | None = None
+    ) -> None:
         """Try starts until one is surely the nearest, or all have failed.
 
         Args:
             q: (nq,) the first one, where what is held has its values; default: the guess.
             release: whether to give up where the drivers that stand cannot.
+            before: the search in which drivers stood that may go now: what it has closed stays.
         """
+        if before is not None and before.parts:
+            q = self._beside(before, q)
+        if not self.parts:
+            self._run(q, release)
+            return
+        for group, part in self.parts:
+            if before is not None and before.has_closed(group):
+                part.keep(part.closing.seen(before.put_together(self.closing.goal)))
+            else:
+                part.run(q, release)
+        self._join()
+
+    def _beside(self, before: Search, q: Array | None) -> Array:
+        """Return a start (nq,) for where drivers may go that stood in the search before.
+
+        Groups of loops that were not closed are closed by themselves. Drivers stand where that
+        takes them, and the others are closed there.
+        """
+        q = before.put_together(self.closing.goal if q is None else q)
+        for _ in range(ROUNDS):
+            if before.best is not None:
+                break
+            for group in [group for group, part in before.parts if part.best is None]:
+                alone = Search(self.closing.part(group), self.limits)
+                alone.run(q)
+                if alone.best is None:
+                    return q
+                q[group.places] = alone.best[1][group.places]
+            before = Search(self.closing.standing_at(q), self.limits)
+            before.run(q)
+            q = before.put_together(q)
+        return q
+
+    def has_closed(self, group: LoopGroup) -> bool:
+        """Whether all loops of a group are closed, which were searched group by group."""
+        return bool(self.parts) and all(
+            part.best is not None for own, part in self.parts
+            if not set(own.closures).isdisjoint(group.closures))
+
+    def put_together(self, q: Array) -> Array:
+        """Return q (nq,) with each group of loops that is closed where it is then."""
+        q = q.copy()
+        for group, part in self.parts:
+            if part.best is not None:
+                q[group.places] = part.best[1][group.places]
+        return q
+
+    def _join(self) -> None:
+        """Put together what the groups of loops have led to."""
+        q = self.put_together(self.closing.goal)
+        failed = [(group, part) for group, part in self.parts if part.best is None]
+        misses = [(*part.nearest_miss, group, part) for group, part in failed if part.nearest_miss]
+        if not failed:
+            self.keep(self.closing.seen(q))
+        elif len(misses) == len(failed):
+            error, there, problem, group, self.worst = max(misses, key=lambda x: x[0])
+            q[group.places] = there[group.places]
+            self.nearest_miss = error, q, problem
+
+    def _run(self, q: Array | None, release: bool) -> None:
         closing, most = self.closing, MAX_STARTS
         first = closing.goal if q is None else q
         compared = self.attempt(first, not self.limits and closing.may_be_shaken())
@@ -90,7 +164,7 @@ class Search:
             first: number of the first of them.
         """
         for k, found in enumerate(self.closing.reached(starts), start=first):
-            self._keep(found)
+            self.keep(found)
             if self._done(k):
                 break
 
@@ -125,28 +199,33 @@ class Search:
         Returns:
             Whether the further starts have been tried with it, see `Closing.reached`.
         """
+        for _, part in self.parts:
+            part.attempt(q)
+        if self.parts:
+            self._join()
+            return False
         if size_of(self.mechanism, q) * COORDINATE_ERROR >= 1.0:  # it has no digit
             return False
         found = list(self.closing.reached([q], shaken))
         for place in found:
-            self._keep(place)
+            self.keep(place)
         return shaken and self.closing.is_sound(found[0])
 
-    def _keep(self, found: Reached) -> None:
+    def keep(self, found: Reached) -> None:
         """Keep where closing has led if it is the best so far."""
         closing = self.closing
-        if closing.let_go and found.error <= ACCEPTED:
+        if closing.let_go and found.error <= ACCEPTED and not self.parts:
             least, _ = closing.least(found.q, closing.free)
             if closing.given or can_move(
                     closing.evaluation, closing.free, closing.let_go, closing.pinned):
                 found = closing.seen(least)
         error, problem = closing.judged(found)
-        violated = violated_limit(self.mechanism, found.q) if self.limits and not problem else ""
+        violated = self._violated(found.q) if self.limits and not problem else ""
         if violated:
             q, loose_ones = within_limits(closing.evaluation, found.q, closing.free, closing.let_go)
             bounded = closing.seen(closing.least(q, loose_ones)[0] if closing.let_go else
                                    closing.closed(q, loose_ones, closing.pinned).q)
-            if closing.judged(bounded)[1] or violated_limit(self.mechanism, bounded.q):
+            if closing.judged(bounded)[1] or self._violated(bounded.q):
                 problem = violated
             else:
                 found = bounded
@@ -158,6 +237,10 @@ class Search:
         distance = closing.distance(found)
         if self.best is None or is_nearer(distance, self.best[0]):
             self.best, self._known = (distance, q), found.examined
+
+    def _violated(self, q: Array) -> str:
+        """Return which joint limit q (nq,) breaks, as text: of what the loops depend on."""
+        return violated_limit(self.mechanism, q, self.closing.entries)
 
     def examined(self) -> Examined:
         """Return what the best closed configuration is like, once there is one."""
