@@ -46,7 +46,7 @@ CLOSED = TOLERANCES.closed
 FITS = 0.1 * CLOSED  # closure error on the way of equations that follow from others everywhere
 # Singular values of equations that rounding opens by a gap are below so many gaps: a gap is the
 # rounding of one number, an equation is made of about ten.
-GAPS_WIDE, WIDEST = 10.0, 0.02
+GAPS_WIDE, WIDEST_GAP = 10.0, 0.02
 # Configurations, from one of which it is seen whether all equations can be closed: a dozen of 48,
 # as each takes as many steps as a start may.
 EVERY = 4
@@ -64,10 +64,11 @@ ABOVE = 10.0
 # Independence relative to that of all equations, with which a choice is left at that: a better one
 # gains less than a digit.
 GOOD = 0.2
-HALF_RADIAN, PARTS = 0.5, 4  # of motion from the guess, over which equations stay within the gap
+# of motion from the guess, over which equations stay within the gap
+HALF_RADIAN, PARTS_OF_MOTION = 0.5, 4
 DIRECTIONS = 6  # of that motion, each taken both ways
-PROBES, STEPS = 4, 3  # other poses tried, and steps to each
-PROBE = 0.1  # length of a step [rad, characteristic lengths]
+PROBES, STEPS_TO_POSE = 4, 3  # other poses tried, and steps to each
+STEP_TO_POSE = 0.1  # length of a step [rad, characteristic lengths]
 GAPS_TRIED = (1e-3, 1e-2)  # of files of three digits, and of two
 FEW_CHOICES = 300  # of equations, that are all looked at: in a fraction of a second
 # Weight of equations that are kept if they can, those of screws and couplings: no other is as well
@@ -122,8 +123,8 @@ def _is_exact(evaluation: Evaluation) -> bool:
     with closer_of(mechanism) as closer:
         for _ in range(PROBES):
             q, ahead, error = start, rng.uniform(-1.0, 1.0, len(free)), 0.0
-            for _ in range(STEPS):  # the first finds a direction that the loops leave free
-                step = PROBE * mechanism.velocity_scale * ahead / np.abs(ahead).max()
+            for _ in range(STEPS_TO_POSE):  # the first finds a direction that the loops leave free
+                step = STEP_TO_POSE * mechanism.velocity_scale * ahead / np.abs(ahead).max()
                 there, error = close(
                     evaluation, pin.integrate(mechanism.model, q, step), free, CLOSED)
                 q, ahead = there, pin.difference(mechanism.model, q, there) / (
@@ -190,7 +191,7 @@ def rounding_of(mechanism: Mechanism) -> float:
 
 def _kept(evaluation: Evaluation, gap: float) -> Equations | None:
     """Return the equations that stay where the numbers of others are rounded; None: all stay."""
-    cut = min(GAPS_WIDE * gap, WIDEST)
+    cut = min(GAPS_WIDE * gap, WIDEST_GAP)
     first = next(_beginnings(evaluation, cut, gap), None)
     if first is None:
         return None
@@ -251,7 +252,7 @@ def _moving(samples: list[Sample], rank: int | None) -> NDArray[np.bool_]:
     moves = np.zeros(samples[0].jacobian.shape[1], dtype=bool)
     for x in samples[::EVERY]:
         cut = TOLERANCES.rank if rank is None else 2.0 * x.s[rank] / x.s[0] + TOLERANCES.rank
-        tangents = null_space(x.jacobian, min(cut, WIDEST))
+        tangents = null_space(x.jacobian, min(cut, WIDEST_GAP))
         moves |= np.abs(tangents).max(axis=0, initial=0.0) > TOLERANCES.rank
     return moves
 
@@ -263,7 +264,7 @@ def _shortest_link(mechanism: Mechanism) -> float:
     """
     lengths = [float(np.linalg.norm(x.translation)) / mechanism.characteristic_length
                for x in list(mechanism.model.jointPlacements)[1:]]
-    return min((x for x in lengths if TOLERANCES.nothing < x < WIDEST), default=0.0)
+    return min((x for x in lengths if TOLERANCES.nothing < x < WIDEST_GAP), default=0.0)
 
 
 def _rank(s: Array, cut: float) -> int:
@@ -306,8 +307,8 @@ def _opens_nearby(whole: Evaluation, reduced: Mechanism, q: Array, gap: float) -
         for _ in range(DIRECTIONS if len(tangents) else 0):
             direction = rng.standard_normal(len(tangents)) @ tangents
             for here, ahead in ((q, direction), (q, -direction)):
-                for _ in range(PARTS):
-                    step = HALF_RADIAN / PARTS * ahead / np.abs(ahead).max()
+                for _ in range(PARTS_OF_MOTION):
+                    step = HALF_RADIAN / PARTS_OF_MOTION * ahead / np.abs(ahead).max()
                     there, error = close(
                         evaluation, pin.integrate(model, here, scale * step), free, CLOSED)
                     moved = pin.difference(model, here, there) / scale

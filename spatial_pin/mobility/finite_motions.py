@@ -28,11 +28,11 @@ SETTING_OUT = 0.005
 STRAIGHT_SO_FAR = 0.1
 STEP_GROWTH = 4.0  # of steps: four from the first reach out
 # The shortest step: a four-bar with a play of 1e-6 of its size goes round an oval of 2e-3.
-SHORTEST = 2e-5
+SHORTEST_STEP = 2e-5
 AFTER_A_BEND = 1.5  # growth of steps once one has failed
 # Part of a short step that may lead aside: where loops open by a high power, closing takes off what
 # opens them, however short the step is.
-STRAIGHT = 0.1
+MOST_ASIDE = 0.1
 # A way that comes round within this length is an oval only if it closes to the last digits: loops
 # that open by a high power stay closed to some digits round q, and a way may turn at their border.
 SMALL_OVAL = 0.05
@@ -137,7 +137,7 @@ def _followed(
     """
     model, scale = evaluation.model, evaluation.mechanism.velocity_scale
     at, length, growth, worst = q, 0.0, STEP_GROWTH, 0.0
-    least = step / STEP_GROWTH if step > SETTING_OUT else SHORTEST
+    least = step / STEP_GROWTH if step > SETTING_OUT else SHORTEST_STEP
     first = way = direction
     for _ in range(MOST_PARTS):
         start = pin.integrate(model, at, scale * step * direction)
@@ -148,7 +148,7 @@ def _followed(
         aside = np.linalg.norm(pin.difference(model, start, found) / scale)
         is_short = step < SETTING_OUT / STEP_GROWTH
         if error > STAYS_CLOSED or ahead < TOLERANCES.moved * step or aside > (
-                STRAIGHT if is_short else 1.0) * step:
+                MOST_ASIDE if is_short else 1.0) * step:
             step, growth = step / STEP_GROWTH, AFTER_A_BEND
             if step < least:
                 return None
