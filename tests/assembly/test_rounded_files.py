@@ -13,8 +13,6 @@ from folders import DATA
 from mechanisms import from_text
 
 import spatial_pin as sp
-from spatial_pin.accuracy import models
-from spatial_pin.assembly import rounding
 
 SIDES = [0.2, 0.5, 0.45, 0.6]
 LOOPS = {
@@ -325,23 +323,3 @@ def test_what_rounded_numbers_cannot_have_is_refused_in_words():
     state = sp.assemble(mechanism, {"crank": 0.5})
     with pytest.raises(sp.SpatialPinError, match=r"numbers are rounded .* write more digits"):
         sp.dynamics_derivatives(mechanism, state)
-
-
-def test_loops_that_are_clearly_independent_need_no_singular_values(monkeypatch):
-    """Whose cost grows with the cube of the number of loops."""
-    def refused(rows):
-        raise AssertionError("singular values were asked for")
-
-    monkeypatch.setattr(rounding, "singular_values", refused)
-    mechanism = models.ladder(60)
-    first = sp.assemble(mechanism, {"pin_0": 0.3})
-    assert sp.assemble(mechanism, {"pin_0": 0.4}, first).closure_error < 1e-13
-
-
-def test_small_singular_values_are_found_where_rows_are_not_clearly_independent():
-    rows = np.eye(6)[[0, 1, 2, 3, 4, 2]]
-    assert not rounding._nearly_depend(rows, 1e-5)
-    for nearly, found in ((1e-12, False), (1e-7, True), (1e-3, False)):
-        bent = rows.copy()
-        bent[5, 5] = nearly
-        assert rounding._nearly_depend(bent, 1e-5) is found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import mechanisms as known
 import numpy as np
@@ -162,3 +163,8 @@ def limited_slider(folder):
             + point("b_end", "b", (0.3, 0, 0)))
     toml = closure("pin", "revolute", "b_end", "c") + driver("crank", "crank")
     return load(folder, "limited", tree, toml + guess(crank=1.2, slide=0.3))
+
+
+def free_bases(mechanism: sp.Mechanism) -> tuple[str, ...]:
+    """Return the joints of which the mobility says that they are free bases."""
+    return tuple(re.findall(r"(\S+) carries all of it as a free base", str(sp.mobility(mechanism))))
