@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from machines import free_bases
 
 import spatial_pin as sp
-from spatial_pin.assembly.holding import free_bases
 
 POSE = [0.3, -0.2, 0.5, 0.4, -0.3, 0.2]
 LIBRARY = ("four_bar", "rssr", "stewart", "delta", "double_cardan", "screw_press")

@@ -13,8 +13,6 @@ from folders import DATA
 from mechanisms import from_text
 
 import spatial_pin as sp
-from spatial_pin.accuracy import models
-from spatial_pin.assembly import rounding
 
 SIDES = [0.2, 0.5, 0.45, 0.6]
 LOOPS = {
@@ -325,14 +323,3 @@ def test_what_rounded_numbers_cannot_have_is_refused_in_words():
     state = sp.assemble(mechanism, {"crank": 0.5})
     with pytest.raises(sp.SpatialPinError, match=r"numbers are rounded .* write more digits"):
         sp.dynamics_derivatives(mechanism, state)
-
-
-def test_loops_that_are_clearly_independent_need_no_singular_values(monkeypatch):
-    """Whose cost grows with the cube of the number of loops."""
-    def refused(rows):
-        raise AssertionError("singular values were asked for")
-
-    monkeypatch.setattr(rounding, "singular_values", refused)
-    mechanism = models.ladder(60)
-    first = sp.assemble(mechanism, {"pin_0": 0.3})
-    assert sp.assemble(mechanism, {"pin_0": 0.4}, first).closure_error < 1e-13

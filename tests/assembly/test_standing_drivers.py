@@ -233,8 +233,6 @@ def test_rates_keep_what_was_released(folder):
 # ---------------------------------------------------------------- joint limits
 
 
-
-
 def test_a_state_says_how_far_it_is_beyond_its_limits(folder):
     mechanism = limited_slider(folder)
     assert sp.assemble(mechanism).beyond_limits == {}
@@ -306,18 +304,17 @@ def test_a_gear_that_counts_more_turns_than_digits_is_named(turns):
 
 
 @pytest.mark.filterwarnings("default::spatial_pin.SpatialPinWarning")
-def test_the_command_line_says_who_was_released(capsys):
-    from spatial_pin.cli import main
-
-    assert main(["assemble", "delta", "arm_1=3"]) == 0
-    said = capsys.readouterr().out
+def test_the_command_line_says_who_was_released(run):
+    code, said, _ = run("assemble", "delta", "arm_1=3")
+    assert code == 0
     for arm in (2, 3):
         assert f"released: driver arm_{arm} went +0.304141578 rad" in said
-    assert main(["assemble", "delta", "arm_1=3", "--no-release"]) == 1
-    assert "or let them go by --release or --free NAME" in " ".join(capsys.readouterr().err.split())
-    assert main(["assemble", "delta", "arm_1=3", "--free", "arm_2"]) == 0
-    assert "released" not in capsys.readouterr().out
-    assert main(["assemble", "stewart", "leg_1=0.5"]) == 0
-    told = capsys.readouterr()
-    assert "beyond limits: slide_1 is 0.0289" in told.out
-    assert "slide_1: 0.5 m is not in" in told.err
+    code, _, told = run("assemble", "delta", "arm_1=3", "--no-release")
+    assert code == 1
+    assert "or let them go by --release or --free NAME" in " ".join(told.split())
+    code, said, _ = run("assemble", "delta", "arm_1=3", "--free", "arm_2")
+    assert code == 0 and "released" not in said
+    code, said, told = run("assemble", "stewart", "leg_1=0.5")
+    assert code == 0
+    assert "beyond limits: slide_1 is 0.0289" in said
+    assert "slide_1: 0.5 m is not in" in told

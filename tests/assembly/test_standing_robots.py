@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from machines import free_bases
 
 import spatial_pin as sp
-from spatial_pin.assembly.holding import free_bases
 
 LEGS = ("FL", "FR", "HL", "HR")
 SIX = ["FL_HFE", "FL_KFE", "FR_HAA", "FR_HFE", "HL_HAA", "HL_KFE"]

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import spatial_pin as sp
-from spatial_pin.cli import main
 
 LEAD = 0.004
 JACK = """<robot name="jack" xmlns:xacro="http://www.ros.org/wiki/xacro">
@@ -126,9 +125,9 @@ def test_a_sweep_can_stop_where_branches_cross():
     ["assemble", "rssr", "crank=25rpm"],
     ["modes", "rssr", "crank=2mm"],
 ])
-def test_a_length_for_an_angle_is_refused_on_the_command_line(words, capsys):
-    assert main(words) == 1
-    assert "is in rad, not in" in capsys.readouterr().err
+def test_a_length_for_an_angle_is_refused_on_the_command_line(words, run):
+    code, _, error = run(*words)
+    assert code == 1 and "is in rad, not in" in error
 
 
 @pytest.mark.parametrize(("words", "says"), [
@@ -143,9 +142,9 @@ def test_a_length_for_an_angle_is_refused_on_the_command_line(words, capsys):
     ("simulate four_bar --duration 1s --speed crank=2deg",
      "the speed of crank is in rad/s, not in deg"),
 ])
-def test_a_unit_of_another_order_is_refused_on_the_command_line(words, says, capsys):
-    assert main(words.split()) == 1
-    assert capsys.readouterr().err == f"spatial-pin: {says}\n"
+def test_a_unit_of_another_order_is_refused_on_the_command_line(words, says, run):
+    code, _, error = run(*words.split())
+    assert (code, error) == (1, f"spatial-pin: {says}\n")
 
 
 def test_a_mechanism_that_nobody_holds_is_forgotten():

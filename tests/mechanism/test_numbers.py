@@ -5,6 +5,7 @@ import pytest
 from ladders import hanging
 from masses import heavy
 from mechanisms import closure, driver, floating, load, point, refine, sliding, turning
+from variety import paired
 
 import spatial_pin as sp
 
@@ -100,9 +101,10 @@ def test_efforts_that_balance_have_no_drift(tmp_path, formulation):
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
-@pytest.mark.parametrize(("gravity", "height"), [(0.0, 0.0), (0.0, 1e7), (9.81, 0.0), (9.81, 1e7)])
-@pytest.mark.parametrize("duration", [1e-12, 1e-6, 1.0])
-def test_a_floating_body_has_no_drift(tmp_path, gravity, height, duration, formulation):
+@pytest.mark.parametrize(("pull", "duration"), paired(
+    [(0.0, 0.0), (0.0, 1e7), (9.81, 0.0), (9.81, 1e7)], [1e-12, 1e-6, 1.0]))
+def test_a_floating_body_has_no_drift(tmp_path, pull, duration, formulation):
+    gravity, height = pull
     tree = heavy(floating("base", "ground", "body", (0.0, 0.0, height), (0.3, 0.2, 0.1)),
                  body=(2.0, (0.45, 0.1, 0), (0.1, 0.2, 0.25)))
     mech = load(tmp_path, "body", tree, f"gravity = [0.0, 0.0, {-gravity}]\n"
@@ -144,8 +146,8 @@ def test_any_tolerance_of_closure_works(bar, moving, tolerance):
             tolerance=tolerance, formulation=formulation))
 
 
-@pytest.mark.parametrize("integrator", INTEGRATORS)
-@pytest.mark.parametrize("tolerance", [5e-324, 1e-300, 1e-17, 1e-15])
+@pytest.mark.parametrize(("integrator", "tolerance"), paired(INTEGRATORS,
+                                                             [5e-324, 1e-300, 1e-17, 1e-15]))
 def test_a_time_tolerance_below_round_off_is_round_off(bar, moving, tolerance, integrator):
     duration = 0.1 if integrator != "BDF" else 0.01
     motions = [sp.simulate(bar, moving, duration, times=[duration], accuracy=sp.Accuracy(
@@ -153,8 +155,8 @@ def test_a_time_tolerance_below_round_off_is_round_off(bar, moving, tolerance, i
     np.testing.assert_allclose(motions[0].q, motions[1].q, rtol=0.0, atol=1e-10)
 
 
-@pytest.mark.parametrize("integrator", [*INTEGRATORS, "RK4", "Gauss"])
-@pytest.mark.parametrize("step", TINY_TO_HUGE)
+@pytest.mark.parametrize(("integrator", "step"), paired([*INTEGRATORS, "RK4", "Gauss"],
+                                                        TINY_TO_HUGE))
 def test_a_step_works_or_cannot_be_that_short(bar, moving, integrator, step):
     accuracy = sp.Accuracy(integrator=integrator, step=step)
     if step < 1e-9:
@@ -189,9 +191,8 @@ def test_a_duration_without_a_square_is_refused(bar, moving, duration):
         sp.simulate(bar, moving, duration)
 
 
-@pytest.mark.parametrize("integrator", INTEGRATORS)
-@pytest.mark.parametrize("duration", [1e12, 1e100])
-def test_a_duration_without_end_is_given_up_early(bar, moving, duration, integrator):
+@pytest.mark.parametrize(("integrator", "duration"), paired(INTEGRATORS, [1e12, 1e100]))
+def test_a_duration_without_end_is_given_up_early(bar, moving, integrator, duration):
     with pytest.raises(sp.StepLimitError, match=r"1000 steps have led to .* shorter duration"):
         sp.simulate(bar, moving, duration, times=[duration],
                     accuracy=sp.Accuracy(integrator=integrator))

@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from closure_trees import JOINTS, KEYS, TYPES
+from loaded_library import library
+from variety import few
 
 import spatial_pin as sp
 from spatial_pin.dimensions import homotopy
@@ -216,7 +218,7 @@ def test_a_thousand_library_samples_load_no_file_again(monkeypatch, by_themselve
     loads: list[object] = []
     for place in (module, homotopy):
         monkeypatch.setattr(place, "load", lambda *x, **y: loads.append(x))
-    mechanism, deviations = sp.load("rssr"), dict.fromkeys(RSSR, 1e-4)
+    mechanism, deviations = library("rssr"), dict.fromkeys(RSSR, 1e-4)
     state = sp.assemble(mechanism, {"crank": 1.0})
     found = sp.tolerance(mechanism, "rocker_pin", deviations, state, samples=1000)
     drawn = np.array([list(x.values()) for x in draws(mechanism, deviations, 1000)])
@@ -263,17 +265,18 @@ def lever(folder: Path, r1: float = 0.3) -> sp.Mechanism:
     return sp.load(write(folder, tree, toml, r1=r1, r2=0.1, r3=0.28, r4=0.24))
 
 
-def test_samples_that_cannot_be_closed_are_counted(tmp_path, by_themselves):
+@pytest.mark.parametrize("n", few([40, 80], 40))
+def test_samples_that_cannot_be_closed_are_counted(tmp_path, by_themselves, n):
     """The crank stands 0.06 rad before its limit, which the dimensions move."""
     mechanism = lever(tmp_path, 0.45)
     end = sp.limits(mechanism, "crank").upper.value
     state = sp.assemble(mechanism, {"crank": end - 0.06})
     deviations = {"r1": 5e-3, "r3": 5e-3}
-    found = sp.tolerance(mechanism, ["rocker"], deviations, state, samples=80)
-    each = [alone(state, ["rocker"], x) for x in draws(mechanism, deviations, 80)]
+    found = sp.tolerance(mechanism, ["rocker"], deviations, state, samples=n)
+    each = [alone(state, ["rocker"], x) for x in draws(mechanism, deviations, n)]
     closed = np.array([x[0] for x in each if x is not None])
-    assert 0 < found.failed == 80 - len(closed) < 80 / 2
-    assert 0 < len(by_themselves) < 80
+    assert 0 < found.failed == n - len(closed) < n / 2
+    assert 0 < len(by_themselves) < n
     np.testing.assert_allclose(found.samples["rocker"], closed, rtol=0, atol=1e-11)
 
 
@@ -295,12 +298,12 @@ def test_samples_far_away_stay_on_the_branch(tmp_path, by_themselves):
     assert not by_themselves
 
 
-@pytest.mark.parametrize("way", ["together", "one by one"])
+@pytest.mark.parametrize("way", few(["together", "one by one"], "together"))
 def test_samples_fail_only_where_the_triangle_cannot_be_closed(monkeypatch, by_themselves, way):
     """Deviations of 5 % turn the rocker by up to a radian; the RSSR's closed form tells it all."""
     if way == "one by one":
         monkeypatch.setattr(module, "_together", lambda *args: None)
-    mechanism = sp.load("rssr")
+    mechanism = library("rssr")
     state = sp.assemble(mechanism, {"crank": 0.0})
     state = sp.solve_rates(mechanism, state, {"crank": 1.0})
     n = 600 if way == "together" else 60
@@ -318,7 +321,7 @@ def test_samples_fail_only_where_the_triangle_cannot_be_closed(monkeypatch, by_t
 
 
 def test_samples_are_told_with_their_dimensions():
-    mechanism = sp.load("rssr")
+    mechanism = library("rssr")
     state = sp.assemble(mechanism, {"crank": 1.0})
     found = sp.tolerance(mechanism, "rocker_pin", {"b": 1e-5, "d": 2e-5}, state, samples=200)
     by = np.stack([found.dimensions[name][found.is_closed] for name in ("b", "d")])
@@ -399,7 +402,7 @@ def test_a_sample_does_not_depend_on_the_others(tmp_path):
 
 def test_axes_that_dimensions_turn(by_themselves):
     """Those of the RSPC: its crank's lies at an angle, its slide's joins two points."""
-    mechanism = sp.load("rspc")
+    mechanism = library("rspc")
     state = sp.assemble(mechanism)
     state = sp.solve_rates(mechanism, state, {"crank": 2.0}, {"crank": -1.0})
     check(state, {name: 3e-4 * (x or 1.0) for name, x in mechanism.dimensions.items()},

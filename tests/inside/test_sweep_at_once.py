@@ -1,11 +1,10 @@
 """A sweep in one call of the kernel is the one that is assembled first and followed then."""
 
-import copy
-import pickle
-
 import mechanisms
 import numpy as np
 import pytest
+from loaded_library import library
+from variety import each
 
 import spatial_pin as sp
 from spatial_pin.continuation import at_once
@@ -59,9 +58,9 @@ def assert_same_or_refused(mechanism, driver, values, one_by_one, **options):
     assert_same(sp.sweep(mechanism, driver, values, **options), known)
 
 
-@pytest.mark.parametrize("name", sp.list_mechanisms())
+@pytest.mark.parametrize("name", each(sp.list_mechanisms()))
 def test_at_once_from_the_guess_of_the_file(name, one_by_one):
-    mechanism = sp.load(name)
+    mechanism = library(name)
     for driver in mechanism.drivers:
         start = sp.assemble(mechanism).coordinate(driver).value
         size = mechanism.velocity_scale[mechanism.coordinate(driver).v]
@@ -70,9 +69,9 @@ def test_at_once_from_the_guess_of_the_file(name, one_by_one):
             assert_same_or_refused(mechanism, driver, values, one_by_one, **options)
 
 
-@pytest.mark.parametrize("name", sp.list_mechanisms())
+@pytest.mark.parametrize("name", each(sp.list_mechanisms()))
 def test_at_once_from_a_state(name, one_by_one):
-    mechanism = sp.load(name)
+    mechanism = library(name)
     state = sp.assemble(mechanism)
     for driver in mechanism.drivers:
         start = state.coordinate(driver).value
@@ -85,7 +84,7 @@ def test_most_sweeps_are_got_at_once(told):
     """Else the tests above would compare nothing."""
     names = "rssr", "four_bar", "bennett", "screw_press", "watt_six_bar", "excavator", "crane"
     for name in names:
-        mechanism = sp.load(name)
+        mechanism = library(name)
         driver = next(iter(mechanism.drivers))
         state = sp.assemble(mechanism)
         values = state.coordinate(driver).value + 0.01 * np.arange(4.0)
@@ -97,7 +96,7 @@ def test_most_sweeps_are_got_at_once(told):
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-13, 1e-15])
 def test_whatever_was_swept_before(tolerance, one_by_one):
     """The path that is kept knows nothing of the sweeps before."""
-    mechanism, accuracy = sp.load("rssr"), sp.Accuracy(tolerance=tolerance)
+    mechanism, accuracy = library("rssr"), sp.Accuracy(tolerance=tolerance)
     values = np.linspace(0.0, 6.0, 90)
     known = one_by_one(mechanism, "crank", values, accuracy=accuracy)
     for other in (sp.Accuracy(), sp.Accuracy(order=1), sp.Accuracy(corrections=2), accuracy):
@@ -112,7 +111,7 @@ def test_it_goes_on_where_the_kernel_stops(told, one_by_one):
     for name, parameters, values in (
             ("four_bar", {"r2": 0.25}, turn), ("four_bar", {"r2": 0.25}, turn[[0, -1]]),
             ("bricard", {}, turn), ("excavator", {}, np.linspace(2.7, 4.0, 27))):
-        mechanism = sp.load(name, **parameters)
+        mechanism = library(name, **parameters)
         driver = next(iter(mechanism.drivers))
         motion = sp.sweep(mechanism, driver, values, on_limit="stop")
         assert_same(motion, one_by_one(mechanism, driver, values, on_limit="stop"))
@@ -120,49 +119,16 @@ def test_it_goes_on_where_the_kernel_stops(told, one_by_one):
     assert all(0 < n < 71 for n, _ in told)
 
 
-def test_the_guess_may_change():
-    mechanism = sp.load("four_bar")
-    values = [0.5, 0.6]
-    one = sp.sweep(mechanism, "crank", values)
-    other = sp.assembly_modes(mechanism, {"crank": 0.5})[0]
-    if np.allclose(other.q, one.q[0]):
-        other = sp.assembly_modes(mechanism, {"crank": 0.5})[1]
-    mechanism.guess.clear()
-    mechanism.guess.update({name: other.coordinate(name).value for name in mechanism.coordinates})
-    assert np.abs(sp.sweep(mechanism, "crank", values).q[0] - other.q).max() < 1e-12
-    assert np.abs(one.q[0] - other.q).max() > 0.1
-
-
 def test_long_sweeps_are_followed_in_parts(monkeypatch, told, one_by_one):
     """Ctrl-C waits for one part at most."""
-    mechanism, values = sp.load("four_bar"), np.linspace(0.0, 3.0, 61)
+    mechanism, values = library("four_bar"), np.linspace(0.0, 3.0, 61)
     known = sp.sweep(mechanism, "crank", values)
     monkeypatch.setattr(following, "CHUNK", 30)
     assert_same(sp.sweep(mechanism, "crank", values), known)
     assert told[0][0] == 61 and told[1] is None
 
 
-def test_what_names_do_not_exist_or_are_held_is_refused_every_time():
-    mechanism = sp.load("rssr")
-    for _ in range(2):
-        with pytest.raises(ValueError, match="is held"):
-            sp.sweep(mechanism, "crank", [0.0], hold=["crank_pin"])
-        with pytest.raises(sp.UnknownNameError):
-            sp.sweep(mechanism, "crank", [0.0], hold=["nothing"])
-
-
-def test_events_are_looked_for_when_they_are_asked_for():
-    """Copies have them, and what has no other name is no attribute."""
-    mechanism = sp.load("four_bar", r2=0.25)
-    motion = sp.sweep(mechanism, "crank", [0.0, 2.4751083])
-    for twin in (pickle.loads(pickle.dumps(motion)), copy.deepcopy(motion), copy.copy(motion)):
-        assert twin.events == motion.events
-    with pytest.raises(AttributeError, match="no attribute 'event'"):
-        _ = motion.event
-    assert [e.kind for e in motion.events] == ["near limit"]
-
-
-@pytest.mark.parametrize("label", mechanisms.KNOWN)
+@pytest.mark.parametrize("label", each(mechanisms.KNOWN))
 def test_mechanisms_with_known_answers_are_swept_alike(label, tmp_path, one_by_one):
     known = mechanisms.KNOWN[label]
     mechanism, options = known.build(tmp_path), {"speed": 2.0}
@@ -178,7 +144,7 @@ def test_what_the_kernel_has_begun_is_kept_at_ctrl_c(monkeypatch):
     def interrupted(*arguments):
         raise KeyboardInterrupt
 
-    mechanism, turn = sp.load("four_bar", r2=0.25), np.linspace(0.0, 7.0, 71)
+    mechanism, turn = library("four_bar", r2=0.25), np.linspace(0.0, 7.0, 71)
     whole = sp.sweep(mechanism, "crank", turn, on_limit="stop")
     monkeypatch.setattr(following.Cursor, "reach", interrupted)
     with pytest.raises(sp.Interrupted) as stopped:
