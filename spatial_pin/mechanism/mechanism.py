@@ -57,6 +57,7 @@ class Mechanism:
         trusted, packages: how its files may be read and found, see `load`.
         notices: faults of the file that it was loaded with, a sentence for each kind.
         free_flyer: whether `load` put a floating joint below its root link.
+        model_of_file, without: which model of its file it is, and what was left out, see `load`.
         whole: the mechanism as its file has it, where this one is without equations that the
             file's rounded numbers contradict, see `assembly.rounding`; else None.
         kept: which equations of the `whole` it has.
@@ -99,6 +100,8 @@ class Mechanism:
     notices: tuple[str, ...] = ()
     frames: Mapping[str, Frame] = field(default_factory=dict)
     free_flyer: bool = False
+    model_of_file: str | None = None
+    without: tuple[str, ...] = ()
     whole: Mechanism | None = None
     kept: Equations | None = None
     dimensions: Mapping[str, float] = field(default_factory=dict)
@@ -184,7 +187,8 @@ class Mechanism:
     def loading(self) -> dict[str, Any]:
         """What `load` was given besides the file."""
         return {**self.parameters, "trusted": self.trusted, "packages": self.packages,
-                "free_flyer": self.free_flyer}
+                "free_flyer": self.free_flyer, "model": self.model_of_file,
+                "without": self.without}
 
     def with_equations(self, kept: Equations) -> Mechanism:
         """Return the same mechanism with some of its equations only; this one is its `whole`."""
