@@ -146,8 +146,9 @@ def load_expanded(mechanism: Mechanism, parameters: Mapping[str, float], urdf: s
     """
     m = mechanism
     assert m.path is not None
-    return _loaded(Request(m.path, {**m.parameters, **parameters}, m.trusted, dict(m.packages),
-                           without=m.without, free_flyer=m.free_flyer, expanded=urdf)).with_fields(gap=m.gap)
+    made = _loaded(Request(m.path, {**m.parameters, **parameters}, m.trusted, dict(m.packages),
+                           without=m.without, free_flyer=m.free_flyer, expanded=urdf))
+    return made.with_fields(gap=m.gap)
 
 
 def _loaded(request: Request) -> Mechanism:
