@@ -1,35 +1,25 @@
 """What one can do with a page: play it, turn it, point at it, hide parts, measure, read curves."""
 
-import base64
-import json
+import html
+import re
 
 import numpy as np
 import pinocchio as pin
 import pytest
-from images import colour_mask, middle, pixels
+from chromium import NEXT_PICTURE, READY, Browser, needs_browser
+from images import colour_mask, data_of, middle, pixels
 
 import spatial_pin as sp
-from spatial_pin.view.browser.devtools import NEXT_PICTURE, Browser
-from spatial_pin.view.browser.movie import READY
-from spatial_pin.view.browser.picture import find_browser
-from spatial_pin.view.page.html import packed
-from spatial_pin.view.page.html import page as page_of
-from spatial_pin.view.scene.film import film
-from spatial_pin.view.scene.look import Look
 
 SIZE = (900, 640)
 CODES = {" ": ("Space", 32), "ArrowLeft": ("ArrowLeft", 37), "ArrowRight": ("ArrowRight", 39),
          "Home": ("Home", 36), "End": ("End", 35)}
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.skipif(find_browser() is None, reason="no Chromium or Chrome on this machine"),
-]
+pytestmark = [pytest.mark.browser, needs_browser]
 
 
-@pytest.fixture(scope="module")
-def one_browser():
-    with Browser(SIZE) as browser:
-        yield browser
+@pytest.fixture(autouse=True)
+def size(one_browser):
+    one_browser.resize(SIZE)
 
 
 @pytest.fixture(scope="module")
@@ -40,6 +30,12 @@ def motion():
 @pytest.fixture(scope="module")
 def address(motion, tmp_path_factory):
     return sp.export_html(motion, tmp_path_factory.mktemp("page") / "rssr.html")
+
+
+@pytest.fixture(scope="module")
+def seconds(address):
+    """When the page shows each sample [s]."""
+    return data_of(address.read_text(encoding="utf-8"))["seconds"]
 
 
 @pytest.fixture(scope="module")
@@ -106,8 +102,7 @@ def where(browser: Browser, link: str) -> tuple[float, float]:
 # ---------------------------------------------------------------- playing
 
 
-def test_keys_play_and_step_without_focus(page, motion):
-    seconds = film(motion).seconds
+def test_keys_play_and_step_without_focus(page, seconds):
     key(page, "ArrowRight")
     assert page.evaluate("animator.time") == pytest.approx(seconds[1], abs=1e-6)
     key(page, "ArrowRight", shift=True)
@@ -126,17 +121,16 @@ def test_keys_play_and_step_without_focus(page, motion):
     assert not page.evaluate("animator.playing")
 
 
-def test_step_from_between_two_samples_goes_to_the_next_of_them(page, motion):
-    seconds = film(motion).seconds
+def test_step_from_between_two_samples_goes_to_the_next_of_them(page, seconds):
     page.evaluate(f"go({(seconds[4] + seconds[5]) / 2}); step(1); 1")
     assert page.evaluate("animator.time") == pytest.approx(seconds[5], abs=1e-6)
     page.evaluate(f"go({(seconds[4] + seconds[5]) / 2}); step(-1); 1")
     assert page.evaluate("animator.time") == pytest.approx(seconds[4], abs=1e-6)
 
 
-def test_buttons_step(page, motion):
+def test_buttons_step(page, seconds):
     click(page, "[data-step='1']")
-    assert page.evaluate("animator.time") == pytest.approx(film(motion).seconds[1], abs=1e-6)
+    assert page.evaluate("animator.time") == pytest.approx(seconds[1], abs=1e-6)
     click(page, "[data-step='-1']")
     assert page.evaluate("animator.time") == 0
 
@@ -468,8 +462,10 @@ def test_page_of_a_report_tells_reactions(one_browser, tmp_path):
     mech = sp.load("four_bar")
     motion = sp.sweep(mech, "crank", np.linspace(0.0, 6.0, 31), speed=4.0)
     loads = sp.kinetostatics(mech, motion)
-    path = tmp_path / "a.html"
-    path.write_text(page_of(motion, loads=loads))
+    report = sp.report(motion, tmp_path / "a.html").read_text(encoding="utf-8")
+    (view,) = re.findall(r'srcdoc="([^"]*)"', report)
+    path = tmp_path / "view.html"
+    path.write_text(html.unescape(view), encoding="utf-8")
     one_browser.open(path, READY)
     one_browser.evaluate("toggleTool('inspector'); go(film.seconds[9]); inspect('pair crank_pin')")
     (force,) = [v for k, v in told(one_browser).items() if k.startswith("reaction, force")]
@@ -541,7 +537,7 @@ def test_shadow_is_off_where_it_is_drawn_slowly_and_can_be_switched_on(page):
 
 
 def test_shadow_can_be_asked_for(one_browser, motion, tmp_path):
-    page = sp.export_html(motion, tmp_path / "a.html", look=Look(shadow=True))
+    page = sp.export_html(motion, tmp_path / "a.html", look=sp.Look(shadow=True))
     one_browser.open(page, READY)
     assert one_browser.evaluate("document.querySelector('#parts [data-group=shadow]').checked")
 
@@ -549,7 +545,7 @@ def test_shadow_can_be_asked_for(one_browser, motion, tmp_path):
 # ---------------------------------------------------------------- curves
 
 
-def test_curve_is_the_output_and_its_cursor_moves_both_ways(page, motion):
+def test_curve_is_the_output_and_its_cursor_moves_both_ways(page, motion, seconds):
     assert not page.evaluate("document.getElementById('curves').checkVisibility()")
     height = page.evaluate("pane.clientHeight")
     click(page, "[data-opens=curves]")
@@ -557,7 +553,7 @@ def test_curve_is_the_output_and_its_cursor_moves_both_ways(page, motion):
     assert page.evaluate("film.curves.name") == "crank [°]"
     values = page.evaluate("film.curves.panels[0].lines[0].values")
     np.testing.assert_allclose(values, np.rad2deg(motion.coordinate("rocker_pin").value), rtol=1e-5)
-    page.evaluate(f"go({film(motion).seconds[20]}); 1")
+    page.evaluate(f"go({seconds[20]}); 1")
     page.screenshot()
     assert page.evaluate("panels[0].values[0].textContent") == f"{values[20]:.5g} °"
     cursor = page.evaluate("Number(panels[0].cursor.getAttribute('x1'))")
@@ -572,7 +568,7 @@ def test_curve_is_the_output_and_its_cursor_moves_both_ways(page, motion):
 
 
 def test_curves_that_are_asked_for_are_open(one_browser, motion, tmp_path):
-    look = Look(curves=("coupler.com.position", "rocker_pin.ratio"))
+    look = sp.Look(curves=("coupler.com.position", "rocker_pin.ratio"))
     one_browser.resize(SIZE)
     one_browser.open(sp.export_html(motion, tmp_path / "a.html", look=look), READY)
     assert one_browser.evaluate("panels.length") == 2
@@ -583,7 +579,7 @@ def test_curves_that_are_asked_for_are_open(one_browser, motion, tmp_path):
     for colour in ((0.0, 0.447, 0.698), (0.835, 0.369, 0.0), (0.0, 0.62, 0.451)):
         assert colour_mask(colours, colour).sum() > 100
     with pytest.raises(sp.UnknownNameError, match="rocker_pni"):
-        sp.export_html(motion, tmp_path / "b.html", look=Look(curves="rocker_pni"))
+        sp.export_html(motion, tmp_path / "b.html", look=sp.Look(curves="rocker_pni"))
 
 
 def test_page_of_a_state_has_views_and_names_but_no_curves(one_browser, tmp_path):
@@ -624,7 +620,7 @@ def test_curves_can_be_added_and_taken_away(page, motion):
 
 def test_curves_of_another_motion_are_dashed_where_it_is_shown(one_browser, motion, tmp_path):
     other = sp.sweep(sp.load("rssr", d=0.33), "crank", np.linspace(1.0, 3.0, 31))
-    look = Look(curves="rocker_pin", ghosts=other)
+    look = sp.Look(curves="rocker_pin", ghosts=other)
     one_browser.resize(SIZE)
     one_browser.open(sp.export_html(motion, tmp_path / "a.html", look=look), READY)
     values = one_browser.evaluate("film.curves.panels[0].lines[1].values")
@@ -769,18 +765,6 @@ def test_names_views_and_signs_are_there_without_webgl(without_webgl, address):
 
 
 # ---------------------------------------------------------------- what the page holds packed
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("data", [
-    [], [b""], [b"one", b"", b"three"], [b"again " * 20000], [bytes(range(256)) * 300],
-    [np.random.default_rng(5).bytes(70000), b"end"],
-], ids=["none", "empty", "few", "repeated", "every byte", "random"])
-def test_page_unpacks_what_was_packed(page, data):
-    text = page.evaluate(
-        f"unpacked({json.dumps(packed(data))}).then(found => found.map("
-        "d => btoa(Array.from(d, c => String.fromCharCode(c)).join(''))))")
-    assert [base64.b64decode(piece) for piece in text] == data
 
 
 def test_page_is_light(address):

@@ -4,29 +4,24 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from chromium import READY, Browser, needs_browser
 from images import pixels
 
 import spatial_pin as sp
-from spatial_pin.view.browser.devtools import Browser
-from spatial_pin.view.browser.movie import READY
-from spatial_pin.view.browser.picture import find_browser
 
 SIZE = (900, 640)
 SIDES = 16  # of a prism: its sides meet at 22.5 degrees
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.skipif(find_browser() is None, reason="no Chromium or Chrome on this machine"),
-]
+pytestmark = [pytest.mark.browser, needs_browser]
 URDF = """<robot name="body"><link name="ground"/><link name="body"><visual><geometry>{shape}
 </geometry><material name="white"><color rgba="1 1 1 1"/></material></visual></link>
 <joint name="turn" type="continuous"><parent link="ground"/><child link="body"/>
 <axis xyz="0 0 1"/></joint></robot>"""
 
 
-@pytest.fixture(scope="module")
-def browser():
-    with Browser(SIZE) as opened:
-        yield opened
+@pytest.fixture
+def browser(one_browser):
+    one_browser.resize(SIZE)
+    return one_browser
 
 
 @pytest.fixture
