@@ -15,18 +15,9 @@ from derivative_cases import NAMES, REGULAR, WEIGHT, check, difference, flat_der
 from masses import heavy, with_masses
 
 import spatial_pin as sp
-from spatial_pin.dynamics.derivatives.forces import slope
 
 LAWS = {"stiffening": lambda x, rate: 30 * x**3 + 2 * np.sin(rate) * x,
         "one-sided": lambda x, rate: max(0.0, x - 0.05) ** 1.5 * (40 + np.tanh(rate))}
-
-
-
-
-
-
-
-
 
 
 def some_efforts(mech):
@@ -141,10 +132,3 @@ def test_slopes_of_laws_may_be_given(tmp_path):
                                                              abs=1e-11 * np.abs(exact).max())
     with pytest.raises(sp.SpatialPinError, match="spring with a law"):
         sp.dynamics_derivatives(mech, state, laws={}, slopes=slopes)
-
-
-@pytest.mark.parametrize(("f", "x", "want"), [
-    (np.exp, 0.3, np.exp(0.3)), (lambda x: max(0.0, x - 1.0), 1.01, 1.0), (np.cbrt, 8.0, 1 / 12),
-    (lambda x: 3.0, 1.0, 0.0)])
-def test_extrapolated_differences(f, x, want):
-    assert slope(f, x, 0.1) == pytest.approx(want, abs=1e-11)

@@ -9,16 +9,10 @@ from masses import heavy
 from scipy.integrate import solve_ivp
 
 import spatial_pin as sp
-from spatial_pin.dynamics.simulation.integrators import Differences
-from spatial_pin.dynamics.simulation.problem import Problem
-from spatial_pin.dynamics.solvers.independent_coordinates import Bounded
-from spatial_pin.dynamics.solvers.least_constraint import LeastConstraint
 
 FORMULATIONS = ("independent", "projected")
 BARS = {"crank": 0.1, "coupler": 0.28, "rocker": 0.24}
 GUESS = known.guess(a=1.0, b=-0.41, c=1.63)
-
-
 
 
 # ---------------------------------------------------------------- integrators
@@ -32,17 +26,6 @@ def test_implicit_integrators_fall_as_explicit_ones(integrator, name, until):
     ends = [sp.simulate(mech, sp.assemble(mech), until, times=[until], accuracy=sp.Accuracy(
         integrator=i, time_tolerance=1e-7)).q[-1] for i in (integrator, "DOP853")]
     assert np.abs(pin.difference(mech.model, *ends)).max() < 1e-4
-
-
-def test_differences_stay_finite_where_the_function_ends():
-    """On one side of its end the other is taken, beyond it what was known last."""
-    def f(t, y):
-        return np.array([3.0 * y[0] + y[1], y[1] ** 2]) if y[1] <= 2.0 else np.full(2, np.nan)
-
-    jacobian = Differences(f, np.ones(2))
-    exact = [[3.0, 1.0], [0.0, 4.0]]
-    np.testing.assert_allclose(jacobian(0.0, np.array([5.0, 2.0])), exact, atol=1e-5)
-    np.testing.assert_allclose(jacobian(0.0, np.array([5.0, 2.1])), exact, atol=1e-5)
 
 
 @pytest.mark.parametrize("name", [n for n in sp.list_mechanisms()
@@ -67,8 +50,6 @@ def test_a_fixed_step_that_opens_the_loops_too_far_is_refused():
 
 
 # ---------------------------------------------------------------- masses
-
-
 
 
 def lagrange(end, g=9.81):
@@ -105,24 +86,6 @@ def test_masses_beyond_what_numbers_hold_end_the_motion(tmp_path):
         sp.simulate(mech, sp.assemble(mech, {"p": 0.3, "k": 0.7}), 0.8,
                     accuracy=sp.Accuracy(formulation="projected"))
     assert 0.7 < caught.value.motion.time[-1] < 0.71
-
-
-@pytest.mark.parametrize("name", ["delta", "rssr", "bricard", "watt_six_bar"])
-def test_least_constraint_gives_the_accelerations_of_the_mass_matrix(name):
-    """Moving bodies of any inertia, with efforts."""
-    mech = sp.load(name)
-    rng = np.random.default_rng(3)
-    problem = Problem(mech, None, None, None, 1e-13)
-    q = pin.integrate(mech.model, sp.assemble(mech).q, rng.uniform(-0.3, 0.3, mech.model.nv))
-    v, a, given = rng.normal(size=(3, mech.model.nv))
-    columns = rng.normal(size=(mech.model.nv, 3))
-    mass = problem.bodies.matrix(q)
-    missing = given - problem.bodies.needed(q, v, a)
-    want = np.linalg.solve(columns.T @ mass @ columns, columns.T @ missing)
-    found = LeastConstraint(mech).solve(
-        q, v, Bounded(a, 0.0 * a), Bounded(columns, 0.0 * columns), given)
-    assert not len(found.still) and not found.pulled and found.error < 1e-9
-    np.testing.assert_allclose(found.z, want, rtol=1e-8, atol=1e-9 * np.abs(want).max())
 
 
 def massless_coupler():
