@@ -123,7 +123,7 @@ def test_three_poses_of_a_bennett_loop_give_it_back(problems):
     best = problems["bennett"].solve(starts=4)[0]
     d = best.dimensions
     assert [d["a"], d["alpha"], d["beta"]] == pytest.approx([0.3, 0.7, 1.2], abs=1e-8)
-    whole = sp.load(forms.DATA / "bennett_poses.toml")
+    whole = sp.load(forms.SYNTHESIS / "bennett_poses.toml")
     mine, truth = (sp.assemble(m, {"crank": 1.0}).placement("follower_end") for m in
                    (best.mechanism, whole))
     assert mine.isApprox(truth, 1e-7)

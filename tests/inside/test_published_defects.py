@@ -23,7 +23,7 @@ GRAVE = ("circuit", "branch", "order")
 
 
 def four_bar(bar: forms.FourBar):
-    return sp.load(forms.DATA / "four_bar_path.toml", **bar._asdict())
+    return sp.load(forms.SYNTHESIS / "four_bar_path.toml", **bar._asdict())
 
 
 def states_of(mechanism, bar, crank, sides):

@@ -5,10 +5,12 @@ from math import acos, atan2, cos, hypot, pi, sin
 import numpy as np
 import pinocchio as pin
 import pytest
+from crank_rockers import ends, limited_four_bar, of_limits
 
 import spatial_pin as sp
 from spatial_pin.synthesis.circuits import Circuit
 from spatial_pin.synthesis.defects import defects
+from spatial_pin.synthesis.demands.candidate import Candidate, in_own_turn
 
 CRANK_ROCKER = {"r1": 0.30, "r2": 0.10, "r3": 0.28, "r4": 0.24}
 TRIPLE_ROCKER = {"r1": 0.30, "r2": 0.20, "r3": 0.15, "r4": 0.20}
@@ -271,3 +273,85 @@ def test_a_coordinate_that_leads_instead_of_the_driver_is_judged():
     assert kinds(defects(mechanism, states[:2], "rocker_pin", least_angle=0.01)) == []
     found = defects(mechanism, states, "rocker_pin", output="crank_pin", least_angle=0.01)
     assert ("branch", (0, 1, 2)) in kinds(found)
+
+
+goals = sp.goals
+
+
+@pytest.fixture(scope="module")
+def limited(tmp_path_factory):
+    """Return what loads the four-bar with limits of its rocker."""
+    return limited_four_bar(tmp_path_factory.mktemp("limited"))
+
+
+def at(mechanism, *cranks):
+    return [sp.assemble(mechanism, {"crank": crank}) for crank in cranks]
+
+
+def rocker(state):
+    return state.coordinate("rocker_pin").value
+
+
+def test_no_limit_that_is_kept_is_named(limited):
+    least, most = ends()
+    mechanism = limited(least - 1e-6, most + 1e-6)
+    assert defects(mechanism, at(mechanism, 0.5, 3.0), cyclic=True) == ()
+
+
+def test_a_limit_that_is_passed_on_the_way_is_named_with_where_and_how_far(limited):
+    """Both samples are within it; the rocker turns back between them."""
+    _, most = ends()
+    mechanism = limited(1.0, most - 0.01)
+    free = sp.load("four_bar")
+    turn = sp.sweep(free, "crank", np.linspace(0.0, 2.0 * np.pi, 3601))
+    highest = turn.driver[np.argmax(turn.coordinate("rocker_pin").value)]
+    states = at(mechanism, highest - 0.8, highest + 0.8)
+    assert not any(state.beyond_limits for state in states)
+    (found,) = of_limits(defects(mechanism, states))
+    assert found.samples == (0, 1)
+    assert f"upper limit {most - 0.01:.9g} rad of rocker_pin is passed at crank = " in found.text
+    assert ", by up to 0.01 rad" in found.text
+    where = float(found.text.partition("crank = ")[2].partition(" ")[0])
+    assert rocker(sp.assemble(free, {"crank": where})) == pytest.approx(most - 0.01, abs=1e-10)
+
+
+def test_a_limit_that_is_passed_elsewhere_counts_where_the_driver_goes_all_the_way_round(limited):
+    _, most = ends()
+    mechanism = limited(1.0, most - 0.01)
+    free = sp.load("four_bar")
+    low = [x for x in np.linspace(0.0, 6.0, 25)
+           if rocker(sp.assemble(free, {"crank": x})) < most - 0.3]
+    states = at(mechanism, low[0], low[1])
+    assert not of_limits(defects(mechanism, states))
+    assert len(of_limits(defects(mechanism, states, cyclic=True))) == 1
+
+
+def test_samples_beyond_a_limit_are_named(limited):
+    angles = [rocker(state) for state in at(sp.load("four_bar"), 0.5, 2.0)]
+    mechanism = limited(0.1, 0.5 * sum(angles))
+    with pytest.warns(sp.SpatialPinWarning, match="beyond joint limits"):
+        states = at(mechanism, 0.5, 2.0)
+    beyond = int(np.argmax(angles))
+    (found,) = of_limits(defects(mechanism, states))
+    assert found.samples == (beyond,)
+    assert found.text.startswith(f"sample {beyond} is beyond the upper limit")
+
+
+def test_a_joint_that_stands_a_turn_away_is_not_beyond_its_limit(limited):
+    mechanism = limited(0.0, 3.0)
+    state = sp.assemble(mechanism, {"crank": 1.0})
+    place, q = mechanism.coordinate("rocker_pin").q, state.q.copy()
+    for turns in (-2, -1, 1):
+        q[place] = state.q[place] + 2.0 * np.pi * turns
+        np.testing.assert_allclose(in_own_turn(mechanism, q), state.q, atol=1e-14)
+        assert in_own_turn(mechanism, q, ["rocker_pin"])[place] == q[place]
+
+
+def test_how_far_joints_are_beyond_is_the_number_of_the_demand(limited):
+    least, most = ends()
+    mechanism = limited(least + 0.02, most - 0.01)
+    asked = goals.joint_limits()
+    state = sp.assemble(mechanism, {"crank": 1.3}, limits=False)
+    values = asked.values(Candidate(mechanism, (state,))).reshape(2, -1)
+    assert values.max(axis=1) == pytest.approx([0.02, 0.01], abs=1e-10)
+    assert asked.unit_of(mechanism) == "rad"
