@@ -186,9 +186,3 @@ def test_a_wheel_in_an_empty_environment_loads_by_name_from_another_folder(tmp_p
     file, angle = run.stdout.split()
     assert Path(file).is_relative_to(site)
     assert float(angle) == pytest.approx(1.238712380, abs=1e-8)  # 70.97299137°
-
-
-def test_the_delicate_tests_that_run_as_on_other_machines_exist():
-    text = (ROOT / "scripts" / "test_machines").read_text(encoding="utf-8")
-    names = re.search(r"delicate=\(\n(.*?)\n\)", text, flags=re.DOTALL).group(1).split()
-    assert not [n for n in names if not (ROOT / "tests" / f"test_{n}.py").is_file()]
