@@ -4,6 +4,7 @@ Positions and velocities are taken from the data, six digits, and put into the e
 what comes out must be the data's accelerations and reactions, exactly so at the start.
 """
 
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,6 +24,7 @@ UPRIGHT = (0.1, 0.04, 0.1)
 ON_THE_WAY = 1e-4  # accuracy of the data, by their largest values
 
 
+@cache
 def read(case: str, quantity: str) -> np.ndarray:
     return np.loadtxt(ADAMS / f"{case}_ADAMS_{quantity}.txt", skiprows=3)[:, 1:]
 

@@ -6,6 +6,7 @@ import pinocchio as pin
 import pytest
 from falling import BASE, GRAVITY, ORIGIN, four_bar, rod
 from masses import heavy
+from variety import first
 
 import spatial_pin as sp
 
@@ -61,7 +62,8 @@ TIMES = np.linspace(0.0, 0.8, 9)
 
 @pytest.mark.parametrize("formulation", ["independent", "projected"])
 @pytest.mark.parametrize("name", MECHANISMS)
-@pytest.mark.parametrize("away, speed", [(1e3, 0.0), (0.0, 1e3), (1e6, -1e3), (-1e6, 3e4)])
+@pytest.mark.parametrize("away, speed", first(2, [
+    (1e3, 0.0), (-1e6, 3e4), (0.0, 1e3), (1e6, -1e3)]))
 def test_far_away_and_fast_it_moves_as_near_the_origin(tmp_path, name, formulation, away, speed):
     """As many steps; digits are lost by the numbers that say where it is, to no more than them."""
     mech, guess = MECHANISMS[name](tmp_path)

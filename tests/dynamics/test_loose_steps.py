@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from variety import few, first
 
 import spatial_pin as sp
 
@@ -16,10 +17,10 @@ def thrown(name, seed):
         mechanism, sp.assemble(mechanism), dict(zip(mechanism.drivers, speeds, strict=True)))
 
 
-@pytest.mark.parametrize(("name", "seed", "integrator"), [
-    ("delta", 0, "RK45"), ("delta", 1, "RK45"), ("rssr", 1, "RK45"), ("stewart", 1, "RK45"),
-    ("stewart", 2, "DOP853"), ("swash_plate", 0, "DOP853"),
-])
+@pytest.mark.parametrize(("name", "seed", "integrator"), first(3, [
+    ("delta", 0, "RK45"), ("rssr", 1, "RK45"), ("swash_plate", 0, "DOP853"), ("delta", 1, "RK45"),
+    ("stewart", 1, "RK45"), ("stewart", 2, "DOP853"),
+]))
 def test_what_a_loose_closure_leaves_open_does_not_end_a_simulation(name, seed, integrator):
     """A step is not refused, nor its samples, for what the one before has left open."""
     mechanism, state = thrown(name, seed)
@@ -61,7 +62,7 @@ def test_no_sample_lies_beyond_where_a_simulation_is_to_stop():
     assert motion.coordinate("rocker_pin").value.max() < level + 1e-10
 
 
-@pytest.mark.parametrize("seed", range(1, 4))
+@pytest.mark.parametrize("seed", few(range(1, 4), 1))
 def test_interpolated_samples_count_how_far_they_are_not_how_open_their_loops_are(seed):
     """Of Peaucellier's linkage loops hardly open where joints are off: its accelerations told."""
     mechanism = sp.load("peaucellier")

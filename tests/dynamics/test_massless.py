@@ -28,7 +28,7 @@ def verbs(mech):
         "inverse": lambda: sp.inverse_dynamics(mech, state),
         "forward": lambda: sp.forward_dynamics(mech, state),
         "kinetostatics": lambda: sp.kinetostatics(mech, motion),
-        "simulate": lambda: sp.simulate(mech, state, 0.1),
+        "simulate": lambda: sp.simulate(mech, state, 0.1, times=[0.1]),
     }
 
 
@@ -71,7 +71,7 @@ def test_the_command_line_tells_it_in_one_line(tmp_path, run, monkeypatch):
 
     monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
     arm(tmp_path)
-    code, _, err = run("simulate", tmp_path / "arm.toml", "--duration", "0.1")
+    code, _, err = run("simulate", tmp_path / "arm.toml", "--duration", "0.1", "--rows", "2")
     assert code == 0
     assert err.startswith("spatial-pin: warning: mechanism 'arm': no link has a mass")
     assert err.count("\n") == 1

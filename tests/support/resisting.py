@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from mechanisms import content_of, from_text
+from variety import library
 
 import spatial_pin as sp
 
@@ -23,5 +24,5 @@ def resisting(mech: sp.Mechanism, **joints) -> sp.Mechanism:
 
 def hard(name, joints):
     """A library mechanism that resists, at all its joints where none are named."""
-    mech = sp.load(name)
+    mech = library(name)
     return resisting(mech, **(joints or dict.fromkeys(list(mech.model.names)[1:], HARD)))
