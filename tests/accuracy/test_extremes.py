@@ -17,7 +17,10 @@ SPEC = importlib.util.spec_from_file_location("extremes", SCRIPT)
 extremes = importlib.util.module_from_spec(SPEC)
 SPEC.loader.exec_module(extremes)
 
-ROWS = [pytest.param(row, id=f"{row.name}: {row.tried}".replace(" ", "_"))
+LONG = ("200 hinges", "seven mechanisms", "million steps", "hundred thousand steps",
+        "1e-3 to 1e-100 m", "Bennett's loop", "one more turn", "four-bar falling")
+ROWS = [pytest.param(row, id=f"{row.name}: {row.tried}".replace(" ", "_"),
+                     marks=pytest.mark.slow if any(x in row.tried for x in LONG) else ())
         for row in extremes.EXTREMES]
 
 
@@ -25,6 +28,10 @@ ROWS = [pytest.param(row, id=f"{row.name}: {row.tried}".replace(" ", "_"))
 def test_row_of_the_table(row):
     found = extremes.measure(row)
     assert extremes.holds(row, found), f"{row.name}, {row.tried}: {found}"
+
+
+def test_a_four_bar_closed_by_thirty_hinges_moves_as_one_closed_by_one():
+    assert extremes.repeated(30) < 1e-12
 
 
 @pytest.mark.parametrize("mass", [1e-200, 1e-24, 1e-16, 1e-3, 1e30, 1e150])
