@@ -38,8 +38,8 @@ def four_bar(**dimensions):
     (goals.path("tracer", np.ones((5, 3))), four_bar, "its points are all at one place"),
     (goals.path("tracer", np.eye(5, 3), {"crank": np.arange(5.0)}), four_bar,
      "there are 0"),
-    (goals.path("bucket", np.eye(5, 3)), lambda: sp.load("excavator"),
-     "needs one driver that turns; mechanism 'excavator' has"),
+    (goals.path("platform", np.eye(5, 3)), lambda: sp.load("delta"),
+     "needs one driver that turns; mechanism 'delta' has"),
 ])
 def test_other_goals_are_refused_before_the_work(asked, mechanism, says):
     there = mechanism()

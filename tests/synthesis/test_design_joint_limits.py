@@ -40,7 +40,7 @@ def test_drawn_starts_lead_to_joints_within_their_limits(limited):
     """Drawn configurations are up to half a turn away."""
     phi, psi = np.radians([40.0, 85.0, 130.0]), np.radians([80.0, 100.0, 130.0])
     found = sp.design(limited(-0.5, 3.0), goals.function("rocker_pin", psi, {"crank": phi}),
-                      BOUNDS, starts=8)
+                      BOUNDS, starts=4)
     assert len(found)
     for design in found:
         assert not any(state.beyond_limits for state in design.states)
