@@ -36,6 +36,7 @@ from pictured import (
     without_picture,
     without_picture_of,
 )
+from variety import each, library
 
 import spatial_pin as sp
 from spatial_pin.mechanism.pairs import CLOSURE_TYPES, JOINT_TYPES
@@ -367,10 +368,10 @@ def test_lengths_are_said_in_the_unit_that_suits_them(x, words):
     assert length_words(x) == words
 
 
-@pytest.mark.parametrize("name", sp.list_mechanisms())
+@pytest.mark.parametrize("name", each(sp.list_mechanisms()))
 @pytest.mark.parametrize("bare", [False, True])
 def test_every_mechanism_of_the_library_is_drawn_with_everything(name, bare):
-    mechanism = sp.load(name)
+    mechanism = library(name)
     mechanism = without_picture(mechanism) if bare else mechanism
     state = sp.assemble(mechanism, {})
     link = mechanism.links[-1]
@@ -507,6 +508,7 @@ def test_page_shows_every_coloured_link_where_it_is(browser, tmp_path, name):
     assert found and all(found.values()), found
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 @needs_browser
 def test_trace_is_drawn_along_the_path(browser, tmp_path):

@@ -64,6 +64,7 @@ def test_player_pauses_plays_and_seeks_when_it_is_clicked(browser, tmp_path):
     browser.wait_until(f"animator.time > {before}")
 
 
+@pytest.mark.slow
 def test_page_of_a_state_is_a_still(browser, tmp_path):
     state = sp.assemble(sp.load("stewart"))
     image = photograph(browser, state, tmp_path)
@@ -71,6 +72,7 @@ def test_page_of_a_state_is_a_still(browser, tmp_path):
     assert browser.evaluate("getComputedStyle(document.getElementById('player')).display") == "none"
 
 
+@pytest.mark.slow
 def test_live_page_is_shown(browser):
     with sp.show(swept("four_bar"), open_browser=False) as viewer:
         open_page(browser, viewer.url)
@@ -82,6 +84,7 @@ def test_live_page_is_shown(browser):
 # ---------------------------------------------------------------- what a Look adds
 
 
+@pytest.mark.slow
 def test_open_closure_is_marked(browser, tmp_path):
     mechanism = sp.load("four_bar", r3=1.0)
     with pytest.raises(sp.AssemblyError) as caught:
@@ -141,6 +144,7 @@ def test_cursor_of_the_curves_of_a_report_follows_the_picture_and_moves_it(brows
     assert browser.evaluate("figures.every(f => f.lines.every(l => !l.hidden))")
 
 
+@pytest.mark.slow
 def test_report_fits_a_telephone(browser, tmp_path):
     browser.resize((390, 760))
     browser.open(sp.report(swept("rssr"), tmp_path / "report.html"), REPORT_READY)
@@ -167,6 +171,7 @@ def test_report_fits_a_telephone(browser, tmp_path):
     assert browser.evaluate("figures[0].svg.getAttribute('preserveAspectRatio')") == "xMidYMid"
 
 
+@pytest.mark.slow
 def test_report_is_printed_with_its_picture(browser, tmp_path):
     browser.open(sp.report(swept("rssr"), tmp_path / "report.html"), REPORT_READY)
     browser.evaluate("frames[0].seek(1.0); frames[0].dispatchEvent(new Event('beforeprint')); 1")

@@ -28,6 +28,7 @@ from live_pages import (
     text_of,
 )
 from machines import limited_slider
+from variety import few
 
 import spatial_pin as sp
 
@@ -279,6 +280,12 @@ def test_page_that_asks_nothing_is_answered_nothing():
         assert post(viewer, b"{}", {"Origin": origin, "X-Token": ""})[0] == 404
 
 
+def test_a_title_cannot_break_out_of_the_page():
+    with opened("rssr", title="</script><script>alert(1)</script>") as viewer:
+        text = text_of(viewer)
+    assert "<script>alert(1)" not in text and "&lt;script&gt;alert(1)" in text
+
+
 def test_token_is_new_every_time_and_only_the_live_page_may_connect():
     with opened("rssr") as one, opened("rssr") as two:
         assert headers_of(one)["X-Token"] != headers_of(two)["X-Token"]
@@ -296,9 +303,9 @@ def test_token_is_new_every_time_and_only_the_live_page_may_connect():
 def test_many_questions_leave_nothing_behind(rssr):
     asking = Page(rssr)
     before = threading.active_count()
-    for k in range(600):
-        answer = asking.move("crank", 0.5 * k)
-    assert answer["values"]["crank"] == pytest.approx(299.5)
+    for k in range(150):
+        answer = asking.move("crank", 2.0 * k)
+    assert answer["values"]["crank"] == pytest.approx(298.0)
     deadline = time.monotonic() + 5
     while threading.active_count() > before and time.monotonic() < deadline:
         time.sleep(0.01)
@@ -309,7 +316,7 @@ def test_questions_at_the_same_time_are_answered_one_by_one():
     with opened("stewart") as viewer, ThreadPoolExecutor(8) as pool:
         asking = Page(viewer)
         answers = list(pool.map(
-            lambda k: asking.move(f"leg_{k % 6 + 1}", 390.0 + 0.2 * k), range(96)))
+            lambda k: asking.move(f"leg_{k % 6 + 1}", 390.0 + 0.4 * k), range(48)))
         last = asking.ask("ranges")
     assert all("error" not in a for a in answers)
     assert last["values"]["leg_1"] == pytest.approx(390.0, abs=20.0)
@@ -366,6 +373,7 @@ print(viewer)
 """
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_the_wait_and_the_program():
     command = [sys.executable, "-W", "error", "-c", INTERRUPTED]
     done = subprocess.run(command, capture_output=True, text=True, timeout=30)
@@ -373,6 +381,7 @@ def test_ctrl_c_ends_the_wait_and_the_program():
     assert done.stdout.splitlines()[-1] == "<Viewer, stopped>"
 
 
+@pytest.mark.slow
 def test_program_ends_while_its_page_is_open():
     done = subprocess.run([sys.executable, "-W", "error", "-c", PROGRAM], capture_output=True,
                           text=True, timeout=30)
@@ -395,7 +404,7 @@ def test_notebook_shows_the_page_in_a_frame(rssr, monkeypatch):
     assert "iframe" not in viewer._repr_html_()
 
 
-@pytest.mark.parametrize("name", ["rssr", "delta", "stewart"])
+@pytest.mark.parametrize("name", few(["rssr", "delta", "stewart"], "rssr"))
 def test_a_dragged_slider_is_answered_at_every_place(name):
     with opened(name) as viewer:
         asking = Page(viewer)
@@ -697,6 +706,7 @@ class TestBrowser:
         assert browser.evaluate("viewer.camera.position.toArray()") != pytest.approx(camera)
         assert browser.evaluate("dials[0].value") == value
 
+    @pytest.mark.slow
     def test_camera_goes_back_where_the_mechanism_leaves_the_picture(self, browser):
         with opened("slider_crank") as viewer:
             browser.open(viewer.url, SETTLED)
@@ -712,6 +722,7 @@ class TestBrowser:
             browser.evaluate("view('fit'); 1")
             assert browser.evaluate(away) > 1.2 * near
 
+    @pytest.mark.slow
     def test_joint_limits_are_marked_in_another_way_than_limit_positions(self, browser, tmp_path):
         with sp.live(limited_slider(tmp_path), open_browser=False) as viewer:
             browser.open(viewer.url, SETTLED)
@@ -736,6 +747,7 @@ class TestBrowser:
         assert "no answer from the program" in words(browser)
         browser.events.clear()
 
+    @pytest.mark.slow
     def test_names_of_a_mechanism_cannot_break_out_of_the_page(self, browser):
         title = "</script><script>document.title = 'broken'</script>"
         with opened("rssr", title=title) as viewer:
@@ -749,6 +761,7 @@ class TestBrowser:
                 browser.open(viewer.url, SETTLED)
                 assert (box_of(browser, "document.getElementById('mode')")["width"] > 0) == shown
 
+    @pytest.mark.slow
     def test_reloaded_page_shows_where_the_mechanism_is(self, browser, rssr):
         browser.open(rssr.url, SETTLED)
         typed(browser, "120")

@@ -17,6 +17,12 @@ def rssr() -> sp.Motion:
     return sp.sweep(sp.load("rssr"), "crank", np.linspace(0, 2 * np.pi, 73), speed=25.0)
 
 
+@pytest.fixture(scope="module")
+def reported(rssr, tmp_path_factory):
+    """The report of that motion."""
+    return sp.report(rssr, tmp_path_factory.mktemp("report") / "rssr.html")
+
+
 def read(path) -> str:
     """The report without its 3-D view."""
     return re.sub(r'srcdoc="[^"]*"', "", path.read_text(encoding="utf-8"))
@@ -26,8 +32,8 @@ def headings(text: str) -> list[str]:
     return re.findall(r"<h2>(.*?)</h2>", text)
 
 
-def test_report_of_a_motion_has_its_sections(rssr, tmp_path):
-    text = read(sp.report(rssr, tmp_path / "rssr.html"))
+def test_report_of_a_motion_has_its_sections(rssr, reported):
+    text = read(reported)
     assert headings(text) == [
         "Outputs", "Speed ratios", "Accelerations", "Ranges",
         "Special positions", "Efforts", "Reactions", "Mobility", "Dimensions", "Structure",
@@ -48,8 +54,8 @@ def test_report_of_a_motion_has_its_sections(rssr, tmp_path):
     assert "dead centre of rocker_pin" in text
 
 
-def test_report_refers_to_nothing_outside_itself(rssr, tmp_path):
-    text = sp.report(rssr, tmp_path / "rssr.html").read_text(encoding="utf-8")
+def test_report_refers_to_nothing_outside_itself(reported):
+    text = reported.read_text(encoding="utf-8")
     outer = re.sub(r'srcdoc="[^"]*"', "", text)
     assert text.count("default-src 'none'") == 1 and "default-src &#x27;none&#x27;" in text
     assert not re.search(r"<(script|link|img|iframe)[^>]*\b(src|href)\s*=", outer)
@@ -57,23 +63,19 @@ def test_report_refers_to_nothing_outside_itself(rssr, tmp_path):
     assert len(text) < 1.6e6
 
 
-def test_view_in_the_report_is_the_page(rssr, tmp_path):
-    text = sp.report(rssr, tmp_path / "rssr.html", title="A <b>").read_text(encoding="utf-8")
+def test_view_in_the_report_is_the_page_with_its_title_and_look(rssr, tmp_path):
+    look = sp.Look(traces=("coupler.com",))
+    path = sp.report(rssr, tmp_path / "rssr.html", title="A <b>", look=look)
+    text = path.read_text(encoding="utf-8")
     (view,) = re.findall(r'srcdoc="([^"]*)"', text)
     inner = html.unescape(view)
     assert inner.startswith("<!DOCTYPE html>") and "<h1>A &lt;b&gt;</h1>" in inner
     assert inner.count("</body>") == 1 and "beforeprint" in inner
-    assert "<h1>A &lt;b&gt;</h1>" in text
+    assert "<h1>A &lt;b&gt;</h1>" in text and "path of coupler.com" in inner
 
 
-def test_view_in_the_report_has_the_look_asked_for(rssr, tmp_path):
-    path = sp.report(rssr, tmp_path / "rssr.html", look=sp.Look(traces=("coupler.com",)))
-    assert "path of coupler.com" in path.read_text(encoding="utf-8")
-
-
-def test_same_motion_gives_the_same_report(rssr, tmp_path):
-    first, second = (sp.report(rssr, tmp_path / name) for name in ("a.html", "b.html"))
-    assert read(first) == read(second)
+def test_same_motion_gives_the_same_report(rssr, reported, tmp_path):
+    assert read(sp.report(rssr, tmp_path / "again.html")) == read(reported)
 
 
 def test_report_of_a_state_has_coordinates_instead_of_curves(tmp_path):
@@ -205,8 +207,8 @@ def test_the_report_of_a_simulation_balances_its_energy(rssr, tmp_path):
     assert "Energy and work balance to" in text
 
 
-def test_the_report_tells_efforts_reactions_and_dead_centres(rssr, tmp_path):
-    text = sp.report(rssr, tmp_path / "r.html").read_text(encoding="utf-8")
+def test_the_report_tells_efforts_reactions_and_dead_centres(rssr, reported):
+    text = reported.read_text(encoding="utf-8")
     for words in ("crank effort [N·m]", "fixed link, all together", "dead centre of rocker_pin"):
         assert words in text
     loads = sp.kinetostatics(rssr.mechanism, rssr)

@@ -279,6 +279,23 @@ def test_spring_reaches_from_frame_to_frame():
     np.testing.assert_allclose(a + reach, b, atol=1e-6)
 
 
+def test_a_shadow_is_as_it_is_asked_for():
+    for asked in (None, True, False):
+        assert data_of(page(rssr(3), look=sp.Look(shadow=asked)))["shadow"] is asked
+
+
+def test_curves_of_another_motion_are_told_where_it_is():
+    motion = rssr(61)
+    other = sp.sweep(sp.load("rssr", d=0.33), "crank", np.linspace(1.0, 3.0, 31))
+    text = page(motion, look=sp.Look(curves="rocker_pin", ghosts=other))
+    values = data_of(text)["curves"]["panels"][0]["lines"][1]["values"]
+    inside = (motion.driver >= 1.0) & (motion.driver <= 3.0)
+    assert [v is not None for v in values] == inside.tolist()
+    expected = np.rad2deg(np.interp(motion.driver[inside], other.driver,
+                                    other.coordinate("rocker_pin").value))
+    np.testing.assert_allclose([v for v in values if v is not None], expected, rtol=1e-5)
+
+
 def test_ghost_of_another_mechanism_is_refused():
     ghost = sp.assemble(sp.load("four_bar"), {"crank": 0.3})
     with pytest.raises(sp.SpatialPinError, match=r"four_bar.*rssr"):

