@@ -23,7 +23,7 @@ from machines import limited_slider
 from variety import each, few
 
 import spatial_pin as sp
-from spatial_pin.motion.default_motion import ROWS, SLIDE, default_motion
+from spatial_pin.motion.default_motion import ROWS, SLIDE_RANGE, default_motion
 from spatial_pin.view.page.drive import BESIDE, Drive
 from spatial_pin.view.page.html import packed
 from spatial_pin.view.page.markup import number, table, tiny
@@ -317,7 +317,7 @@ def test_every_mechanism_of_the_library_has_a_usual_motion(name):
 
 def test_usual_motion_slides_a_little_and_turns_away_from_a_limit():
     slid = default_motion(sp.load("stewart"))
-    assert np.ptp(slid.driver) == pytest.approx(SLIDE * slid.mechanism.characteristic_length)
+    assert np.ptp(slid.driver) == pytest.approx(SLIDE_RANGE * slid.mechanism.characteristic_length)
     rocked = default_motion(sp.load("four_bar"), "rocker_pin")
     (event,) = rocked.events
     assert event.kind == "limit" and 1 < len(rocked) < ROWS
