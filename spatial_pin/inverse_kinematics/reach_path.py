@@ -240,10 +240,15 @@ def _between(
 
 
 def _standing(mechanism: Mechanism, hold: Hold) -> list[str]:
-    """Return names of what stands still, the free bases by their own."""
+    """Return names of what stands still as a copy without drivers has them."""
     found: list[str] = []
     for name in () if hold is None else names_of(hold, "hold"):
-        found += free_bases(mechanism) if is_base(mechanism, name) else [name]
+        if is_base(mechanism, name):
+            found += free_bases(mechanism)
+        elif name in mechanism.drivers:
+            found.append(mechanism.coordinate(name).name)
+        else:
+            found.append(name)
     return found
 
 
