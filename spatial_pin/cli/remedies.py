@@ -80,6 +80,7 @@ REMEDIES = (
     Remedy(r"on_crossing='raise' asks to stop there; give on_crossing='straight' to go on", ""),
     Remedy(r", or give on_crossing='straight' to go on", ""),
     Remedy(r"with limits=False", "with --no-limits"),
+    Remedy(r", such as sp\.closures\.weld\(\(.*?, state\.placement\(.*?\)\), .*?\)", ""),
     Remedy(r"set base=True", "--base"),
     Remedy(r"task='pose'", "--task pose"),
     Remedy(r"(?:sp\.)?load\(\.\.\., packages=\{(.*?)\}\)", _packages),
