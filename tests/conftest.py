@@ -8,9 +8,13 @@ from collections.abc import Sequence
 
 import hypothesis
 import pytest
+from chromium import one_browser  # noqa: F401 - a fixture
 from folders import ROOT
+from work_tree import pytest_sessionfinish, pytest_sessionstart
 
 from spatial_pin.cli import main
+
+__all__ = ["pytest_sessionfinish", "pytest_sessionstart"]  # a run that leaves files fails
 
 # No test depends on time, or on what was drawn or kept before.
 hypothesis.settings.register_profile(

@@ -6,16 +6,15 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from spatial_pin.assembly.rounding import allowed_from, rounded
+from spatial_pin.assembly.rounding import allowed_from, gap_allowed, rounded
 from spatial_pin.assembly.search.closing import Closing, Equations, gone_from
 from spatial_pin.assembly.search.guesses import Guess, read_guess
-from spatial_pin.assembly.search.refusals import failure, open_gap
+from spatial_pin.assembly.search.refusals import failure
 from spatial_pin.assembly.search.search import Search
 from spatial_pin.assembly.search.straight import straight
 from spatial_pin.assembly.search.within_limits import beyond_words
-from spatial_pin.assembly.state import NO_ANGLES, State, all_angles, made
+from spatial_pin.assembly.state import NO_ANGLES, State, made
 from spatial_pin.checks import checked, mapping
-from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.errors import AssemblyError, warn
 from spatial_pin.mechanism.coordinates import (
     coordinate_value,
@@ -71,7 +70,8 @@ def assemble(
             instead.
         free: names of drivers that move with the loops from the first; not among `released`.
         gap: largest closure error that redundant equations may keep where the file's numbers are
-            rounded [-], default that of `accuracy`; 0 refuses them. A `SpatialPinWarning` tells of
+            rounded [-], default that of the mechanism, else of `accuracy`; 0 refuses them. A
+            `SpatialPinWarning` tells of
             it once, `State.gap` always.
         accuracy: tolerance to reach; default "engineering".
 
@@ -92,10 +92,8 @@ def assemble(
         >>> state.closure_error < 1e-13
         True
     """
-    if gap is not None:
-        accuracy = replace(accuracy_of(accuracy), gap=gap)
     state = assembled(mechanism, drivers, guess, limits=limits, release=release, free=free,
-                      accuracy=accuracy)
+                      accuracy=accuracy, gap=gap)
     if state.beyond_limits:
         words = "; ".join(beyond_words(mechanism, state.q, name) for name in state.beyond_limits)
         warn(f"mechanism {mechanism.name!r} stands beyond joint limits: {words} "
@@ -112,13 +110,16 @@ def assembled(
     release: bool = True,
     free: Iterable[str] = (),
     accuracy: Accuracy | None = None,
+    gap: float | None = None,
 ) -> State:
     """Do as `assemble`, for verbs whose results tell of joint limits themselves."""
     needed(mechanism)
-    accuracy = accuracy_of(accuracy)
+    accuracy = _with_gap(mechanism, accuracy_of(accuracy), gap)
     if accuracy.gap and isinstance(guess, State) and guess.mechanism.whole is mechanism:
         mechanism = guess.mechanism  # it goes on with the equations that were chosen for it
         accuracy = replace(accuracy, gap=allowed_from(guess, accuracy.gap))
+    elif (exact := rounded(mechanism, accuracy.gap)) is not None:
+        mechanism = exact
     held: dict[str, float] = {}
     for name, value in mapping(drivers, "drivers").items():
         coordinate = mechanism.prescribed_coordinate(name).name
@@ -139,25 +140,24 @@ def assembled(
         name: coordinate_value(mechanism, mechanism.coordinate_table[name], start.q)
         for name in said}
     with Equations(mechanism, guess.angles if isinstance(guess, State) else None) as equations:
-        def searched(accuracy: Accuracy) -> Search:
-            search = Search(Closing(
-                equations, held, standing, start, accuracy), limits)
-            search.run(release=release)
-            if search.best is None and standing and release and not search.is_near:
-                goal = Guess(mechanism, with_values(mechanism, start.q, standing),
-                             {**standing, **start.values})
-                search = Search(Closing(equations, held, {}, goal, accuracy, said), limits)
-                search.run(with_values(mechanism, start.q, held))
-            return search
-
-        search = searched(accuracy)
-        exact = rounded(mechanism, accuracy.gap) if search.may_be_rounded() else None
-        if exact is None:
-            return _result(searched(replace(accuracy, gap=0.0)) if search.is_near else search, said)
-    state = assembled(exact, drivers, guess, limits=limits, release=release, free=free,
-                      accuracy=accuracy)
-    tell(state)
+        search = Search(Closing(equations, held, standing, start, accuracy), limits)
+        search.run(release=release)
+        if search.best is None and standing and release:
+            goal = Guess(mechanism, with_values(mechanism, start.q, standing),
+                         {**standing, **start.values})
+            before = search
+            search = Search(Closing(equations, held, {}, goal, accuracy, said), limits)
+            search.run(with_values(mechanism, start.q, held), before=before)
+        state = _result(search, said)
+    if mechanism.whole is not None:
+        tell(state)
     return state
+
+
+def _with_gap(mechanism: Mechanism, accuracy: Accuracy, gap: float | None) -> Accuracy:
+    """Return the accuracy with the gap that is given, else with that of the mechanism, if any."""
+    gap = gap_allowed(mechanism, accuracy) if gap is None else gap
+    return accuracy if gap == accuracy.gap else replace(accuracy, gap=gap)
 
 
 def tell(state: State) -> None:
@@ -167,11 +167,10 @@ def tell(state: State) -> None:
     if whole.memo.get("gap warned"):
         return
     whole.memo["gap warned"] = True
+    opened = dict(mechanism.kept.opened)
     counts = zip(whole.closures, mechanism.kept.counts(), strict=True)
-    with evaluation_of(whole, all_angles(mechanism, state.angles)) as evaluation:
-        evaluation.update(state.q)
-        texts = [f"{c.n_rows - n} of {c.n_rows} equations of {c.name} hold to "
-                 f"{open_gap(whole, evaluation, c.name)} only" for c, n in counts if n < c.n_rows]
+    texts = [f"{c.n_rows - n} of {c.n_rows} equations of {c.name!r} hold to {opened[c.name]:.0e} "
+             "only" for c, n in counts if n < c.n_rows]
     warn(f"mechanism {whole.name!r}: {'; '.join(texts)}: the file's numbers are rounded "
          "(see State.gap; assemble(gap=0) refuses them)")
 

@@ -14,6 +14,7 @@ from pathlib import Path
 import spatial_pin as sp
 from spatial_pin.cli.parser import options_of
 from spatial_pin.cli.results import SCREEN, Told, unheard, worded
+from spatial_pin.cli.unforeseen import is_foreign, unforeseen
 from spatial_pin.outputs import figure_suffix
 
 DATA = ("json", "csv")  # options that take - for the screen
@@ -28,6 +29,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; return 0, 1 for a mechanism or solver error, 2 for usage."""
     words = sys.argv[1:] if arguments is None else arguments
     _fit_streams()
+    try:
+        return _run(words)
+    except Exception as error:  # the last resort: no user is shown a traceback
+        print(f"spatial-pin: {unforeseen(error, words)}", file=sys.stderr)
+        return 1
+
+
+def _run(words: Sequence[str]) -> int:
+    """Run a command; what it raises on purpose becomes one sentence."""
     options = options_of(words)
     warnings.showwarning = lambda message, *_, **__: print(
         f"spatial-pin: warning: {worded(options, message)}", file=sys.stderr)
@@ -40,9 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         unheard()
         return 0
     except (sp.SpatialPinError, ValueError) as error:
-        print("; ".join([f"spatial-pin: {worded(options, error)}", *_hints(options)]),
-              file=sys.stderr)
-        return 1
+        return _refused(options, error)
     except MemoryError:
         print("spatial-pin: there is not enough memory for this; ask for fewer values",
               file=sys.stderr)
@@ -60,6 +68,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.cut_short:
         print(f"spatial-pin: {options.cut_short}", file=sys.stderr)
     return 130 if options.cut_short else 0
+
+
+def _refused(options: argparse.Namespace, error: Exception) -> int:
+    """Say what the library refuses; an error that it did not raise itself is raised again."""
+    if is_foreign(error):
+        raise error
+    print("; ".join([f"spatial-pin: {worded(options, error)}", *_hints(options)]),
+          file=sys.stderr)
+    return 1
 
 
 def _fit_streams() -> None:

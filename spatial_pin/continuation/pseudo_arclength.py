@@ -15,6 +15,7 @@ from spatial_pin.assembly.close import close
 from spatial_pin.continuation.singular_points import distance_after, located
 from spatial_pin.continuation.solution_curve import Curve, CurvePoint
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.roots import sign_change
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 # rad or characteristic lengths; the next is twice as long, so that seven lead to the largest.
@@ -209,8 +210,7 @@ def _place(curve: Curve, point: CurvePoint, length: float) -> Array:
 
 
 def _root(function: Callable[[float], float], length: float) -> float:
-    from scipy.optimize import brentq  # imported on use: it takes a tenth of a second
-
-    if function(0.0) * function(length) > 0.0:
+    before, after = function(0.0), function(length)
+    if not before * after <= 0.0:
         return length
-    return float(brentq(function, 0.0, length, xtol=1e-14, rtol=1e-14))
+    return sign_change(function, 0.0, length, before, after)

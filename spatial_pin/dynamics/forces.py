@@ -22,6 +22,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Spring
 from spatial_pin.mechanism.resistance import Resistance, SlipSpeed
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 
 Law = Callable[[float, float], float]
 
@@ -172,13 +173,27 @@ class Forces:
                 total += turn.energy(float(q[turn.q]))
         return total
 
+    def along(self, first: Array, second: Array) -> tuple[float, Array]:
+        """Return the distance of two points (3,) and the unit vector from the first to the second.
+
+        Both are zero of points that coincide, as far as round-off lets one know.
+        """
+        d = second - first
+        length = float(np.sqrt(d @ d))
+        if length <= self.known_to(second):
+            return 0.0, np.zeros(3)
+        return length, d / length
+
+    def known_to(self, point: Array) -> float:
+        """Return the round-off of a place [m]."""
+        size = self.mechanism.characteristic_length + float(np.abs(point).max())
+        return TOLERANCES.last_digit * size
+
     def row(self, evaluation: Evaluation, line: Line) -> tuple[Array, float, Array]:
         """Return d(length)/dv (nv,), the length, and the unit wrench of lengthening (6,)."""
         g = evaluation.placements
         first, second = (x @ g[i] for i, x in zip(line.bodies, line.points, strict=True))
-        d = second - first
-        length = float(np.sqrt(d @ d))
-        n = d / length if length > 0.0 else d
+        length, n = self.along(first, second)
         (x, y, z), (a, b, c) = second.tolist(), n.tolist()  # np.cross takes ten times as long
         wrench = np.array([a, b, c, y * c - z * b, z * a - x * c, x * b - y * a])
         jacobian = joint_jacobian(evaluation.data, evaluation.model.nv)

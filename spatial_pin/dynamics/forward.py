@@ -15,7 +15,7 @@ from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.brief import words
 from spatial_pin.checks import checked
 from spatial_pin.dynamics.forces import Law, joint_efforts, warn_of_no_inertia
-from spatial_pin.dynamics.reactions import MANY
+from spatial_pin.dynamics.reactions import why_not_unique
 from spatial_pin.dynamics.solvers.equations import Equations, equations_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
@@ -112,24 +112,39 @@ class Dynamics:
 
     @cached_property
     def of_loops(self) -> dict[str, NDArray[np.bool_]]:
-        """Which components of each pair's reaction are unique where no effort is changed."""
+        """Which components of each pair's reaction the loops leave unique."""
         with self._equations() as equations:
-            return equations.unique()
+            return equations.unique_in_loops()
 
-    @property
+    @cached_property
     def unique(self) -> dict[str, NDArray[np.bool_]]:
         """Which components of each pair's reaction are unique, force then moment (6,), world axes.
 
         Those are not that an overconstrained loop can be under stress with by itself: all but the
         forces in the plane and the moment about its normal, where a plane loop of hinges holds
-        its links in the plane more than once.
+        its links in the plane more than once. Nor those of the pairs from one joint of a coupling
+        to its other: where the coupling's force acts is not known, and it is no part of them.
         """
-        return self.of_loops
+        with self._equations() as equations:
+            return equations.unique()
 
     @property
     def determined(self) -> dict[str, bool]:
         """Whether each pair's reaction is unique, in all its components."""
         return {name: bool(each.all()) for name, each in self.unique.items()}
+
+    def why_not_unique(self) -> list[str]:
+        """Return why some reactions are not unique, a sentence for each reason.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> found = sp.forward_dynamics(mech, sp.assemble(mech, {"crank": 1.0}))
+            >>> print(found.why_not_unique()[0][:50])
+            * one of many (along these axes), the least: loops
+        """
+        mechanism = self._at.mechanism
+        marked = [name for name, is_unique in self.determined.items() if not is_unique]
+        return why_not_unique(mechanism.whole or mechanism, marked)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self._at!r}, a={words(self.a)})"
@@ -140,9 +155,7 @@ class Dynamics:
             each = self.unique[name]
             lines.append(f"{name}: force {_words(r.linear, each[:3])} N, "
                          f"moment {_words(r.angular, each[3:])} N·m")
-        if not all(self.determined.values()):
-            lines.append(MANY)
-        return "\n".join(lines)
+        return "\n".join([*lines, *self.why_not_unique()])
 
 
 def _words(x: Array, unique: NDArray[np.bool_]) -> str:

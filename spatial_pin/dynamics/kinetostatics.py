@@ -16,7 +16,7 @@ from spatial_pin.checks import checked, mapping
 from spatial_pin.columns import Quantity, Tabular, read_only
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.inverse import Actuation, balance, pressing
-from spatial_pin.dynamics.reactions import MANY, Poses, one_of_many
+from spatial_pin.dynamics.reactions import Poses, one_of_many, why_not_unique
 from spatial_pin.dynamics.solvers.equations import Equations, equations_of
 from spatial_pin.errors import Interrupted, SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -139,9 +139,7 @@ class Kinetostatics(_Loads, Tabular):
         loads = [self._largest(name, x) for name, x in self.reactions.items()]
         parts += ["largest reactions:", *first_of(loads, "pairs"),
                   self._largest("on the fixed link, all together", self.on_ground)]
-        if any(not x.all() for x in self.determined.values()):
-            parts.append(f"  {MANY}")
-        return "\n".join(parts)
+        return "\n".join([*parts, *(f"  {why}" for why in self.why_not_unique())])
 
     def _largest(self, name: str, wrench: Array) -> str:
         """Return the largest force and moment (N, 6) of a pair, as a line."""
@@ -152,6 +150,19 @@ class Kinetostatics(_Loads, Tabular):
             at = f" {where(self.motion, int(sizes.argmax()))}" if size != "0" else ""
             found.append(f"{size} {unit}{mark}{at}")
         return f"  {name}: {', '.join(found)}"
+
+    def why_not_unique(self) -> list[str]:
+        """Return why some reactions are not unique, a sentence for each reason.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> loads = sp.kinetostatics(mech, sp.sweep(mech, "crank", [0.0, 0.5], speed=10.0))
+            >>> print(loads.why_not_unique()[0][:50])
+            * one of many (along these axes), the least: loops
+        """
+        mechanism = self.motion.mechanism
+        marked = [name for name, each in self.determined.items() if not each.all()]
+        return why_not_unique(mechanism.whole or mechanism, marked)
 
     def marks(self, name: str) -> tuple[str, str]:
         """Return marks for a pair's force and moment, with the axes along which one is of many.
@@ -200,7 +211,7 @@ class _Rows:
         if bearing.wrenches:
             self.given[k] = bearing.pairs.summed(bearing.wrenches)
         spare = pressing(equations, actuation)
-        if len(spare) or bearing.spaces.rank < bearing.n_closure:
+        if len(spare) or bearing.pairs.coupled or bearing.spaces.rank < bearing.n_closure:
             efforts = actuation.all_generalised(spare, len(a))
             self.unique[k] = list(bearing.unique(efforts).values())
         self.done = k + 1

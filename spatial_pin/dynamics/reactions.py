@@ -4,6 +4,10 @@ The rows of a loop that is overconstrained bear on each other: their multipliers
 by any self-stress, a vector that the transposed Jacobian takes to zero, without moving anything.
 A component of a pair's reaction is unique if no self-stress reaches it [Wojtyra2009].
 
+A coupling is an equation of two joint coordinates and no place where bodies touch: its force is an
+effort at both. The rope, belt or mesh that it stands for pulls at bodies somewhere, and is borne by
+the pairs from the one joint to the other, in all directions in which these do not move.
+
 Everything here works on one configuration or on many: arrays may have leading dimensions.
 """
 
@@ -15,14 +19,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from spatial_pin.brief import first_names
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure
-from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.stacked import cross
 
 MANY = ("* one of many (along these axes), the least: loops, or more actuators than freedoms, "
         "can be under stress by themselves")
+BESIDE = ("* without the force of {couplings}, which {pairs} bear{s} too: a coupling does not say "
+          "where it acts")
 UNMOVED = 1e-8  # reaction to a unit self-stress that is none
 
 
@@ -71,6 +78,7 @@ class Pairs:
     Attributes:
         closed: the closures between bodies.
         lengths: what gives some of them their length.
+        coupled: the joints that bear the force of a coupling.
         names: of all pairs, the tree's first.
     """
 
@@ -79,6 +87,7 @@ class Pairs:
         self.length = mechanism.characteristic_length
         self.closed = _closed_pairs(mechanism)
         self.lengths = _lengths(mechanism)
+        self.coupled = sorted(set().union(*beside_couplings(mechanism).values()))
         self.names = [*list(model.names)[1:], *(pair.name for pair in self.closed)]
         self._levels = _levels(list(model.parents))
         self.grounded = [int(i) for i in model.children[0]]
@@ -156,11 +165,11 @@ class Pairs:
         force[..., :3] -= _along(axes[..., :3, ~turns], tau[..., ~turns])
         return force
 
-    def unique(
+    def unstressed(
         self, poses: Poses, couplings: Array, self_stresses: Array, pressing: Array | None = None,
         unmoved: float = UNMOVED,
     ) -> dict[str, NDArray[np.bool_]]:
-        """Return for every pair which components (6,) of its reaction are unique, world axes.
+        """Return for every pair which components (6,) of its reaction no self-stress reaches.
 
         Args:
             poses: where the bodies are, at one configuration.
@@ -187,6 +196,43 @@ class Pairs:
                          pair.point @ poses.placements[pair.bodies[1]]) for pair in self.closed]
         largest = [np.abs(w * unit).max(axis=0, initial=0.0) / scale for w in [*joints, *closed]]
         return {name: size < unmoved for name, size in zip(self.names, largest, strict=True)}
+
+    def never_coupled(self, poses: Poses) -> dict[str, NDArray[np.bool_]]:
+        """Return which components (6,) are zero whatever is borne, by pair beside a coupling."""
+        found = {}
+        for joint in self.coupled:
+            at = self.model.idx_vs[joint]
+            motions = poses.columns[:, at : at + self.model.nvs[joint]].copy()
+            motions[:3] += cross(motions[3:].T, poses.placements[joint, 3]).T
+            motions[3:] *= self.length
+            bearing = decompose(motions.T).null_space
+            found[self.model.names[joint]] = np.linalg.norm(bearing, axis=0) < UNMOVED
+        return found
+
+
+def beside_couplings(mechanism: Mechanism) -> dict[str, list[int]]:
+    """Return the joints of each coupling and all that lie between them, by the coupling's name."""
+    found = {}
+    for closure in mechanism.closures:
+        if closure.type == COUPLING:
+            ends = {mechanism.joint_id(mechanism.coordinate(x).joint) for x in closure.joints}
+            chains = [set(mechanism.model.supports[joint]) for joint in ends]
+            found[closure.name] = sorted(set.union(*chains) - set.intersection(*chains) | ends)
+    return found
+
+
+def why_not_unique(mechanism: Mechanism, pairs: Iterable[str]) -> list[str]:
+    """Return why the reactions of some pairs are not unique, a sentence for each reason."""
+    names, left = mechanism.model.names, set(pairs)
+    coupled = {coupling: [names[j] for j in joints if names[j] in left]
+               for coupling, joints in beside_couplings(mechanism).items()}
+    borne = {name: None for joints in coupled.values() for name in joints}
+    found = [MANY] if left - set(borne) else []
+    if borne:
+        couplings = first_names(f"{name!r}" for name, joints in coupled.items() if joints)
+        found.append(BESIDE.format(couplings=couplings, pairs=first_names(borne),
+                                   s="s" * (len(borne) == 1)))
+    return found
 
 
 def one_of_many(unique: NDArray[np.bool_]) -> tuple[str, str]:

@@ -16,8 +16,8 @@ _REQUIRED: Any = object()
 BETWEEN = "length_between"
 TOP = "at the top of the file, before the first [table]"
 BELONGS = {  # where in a file each key has its place
-    TOP: ("name", "title", "source", "tree", "gravity", "order", "joints", "closures", "drivers",
-          "springs", "passive", "frames", "guess"),
+    TOP: ("name", "title", "source", "tree", "complete", "gravity", "gap", "order", "joints",
+          "closures", "drivers", "springs", "passive", "frames", "guess"),
     "in [joints.NAME]": ("type", "axis", "axis2", "lead", *RESISTANCES, *LIMITS),
     "in [[closures]]": ("name", "type", "frames", "joints", "ratio", "offset", "length", BETWEEN,
                         "equations", "axis", "axis2", "lead", "source"),
@@ -124,6 +124,13 @@ class Table:
         value = self.get(key, default)
         if not isinstance(value, str) or (default is _REQUIRED and not value):
             self.fail(key, f"must be text, not {_said(value)}")
+        return value
+
+    def flag(self, key: str) -> bool:
+        """Return true or false; false where there is no such key."""
+        value = self.get(key, False)
+        if not isinstance(value, bool):
+            self.fail(key, f"must be true or false, not {_said(value)}")
         return value
 
     def choice(self, key: str, valid: tuple[str, ...]) -> str:

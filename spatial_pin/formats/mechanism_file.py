@@ -17,7 +17,7 @@ from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.graph.urdf import without_loops
 from spatial_pin.formats.imported import Request
 from spatial_pin.formats.urdf.model import LIMITS, RESISTANCES, JointRefinement, Tree, tree_of
-from spatial_pin.formats.xacro.expansion import dimensions
+from spatial_pin.formats.xacro.dimensions import Written, dimensions
 from spatial_pin.mechanism.checks import check_mechanism, impossible_inertias
 from spatial_pin.mechanism.coordinates import check_guess
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -67,6 +67,9 @@ class Said:
         for key in ("title", "source"):
             with mistakes.each():
                 self.parts[key] = top.text(key, "")
+        self.parts["gap"] = None
+        with mistakes.each():
+            self.parts["gap"] = top.number("gap", least=0.0) if "gap" in top else None
         with mistakes.each():
             self.parts["guess"] = dict(top.table("guess").content)
         self.order: tuple[str, ...] = ()
@@ -169,15 +172,18 @@ def _build(
     if "drivers" not in top:
         joints = dict(zip(list(tree.model.names)[1:], tree.pairs, strict=True))
         parts["drivers"] = drivers_of_tree(joints, parts["closures"])
-    parts["dimensions"] = partial(dimensions, file, dict(request.parameters), request.trusted,
-                                  request.packages)  # read when they are asked for
+    with_dimensions = file, dict(request.parameters), request.trusted, request.packages
+    parts["dimensions"] = partial(dimensions, *with_dimensions)  # read when they are asked for
+    written = Written(parts.pop("guess"), request.path, "guess", *with_dimensions)
+    with mistakes.each():
+        parts["guess"] = written.values()
     mechanism = Mechanism(
         name=top.content.get("name", ""), tree=file, model=tree.model,
         visual_model=tree.shapes.visual,
         collision_model=tree.shapes.collision, pairs=tree.pairs, inertias=tree.inertias,
         parameters=dict(request.parameters), path=request.path, urdf=tree.urdf,
         slip_speeds=tree.slip_speeds, trusted=request.trusted, packages=request.packages,
-        free_flyer=request.free_flyer,
+        free_flyer=request.free_flyer, model_of_file=request.model, without=request.without,
         **parts,
     )
     mechanism.characteristic_length  # noqa: B018 - refused here where it is no number

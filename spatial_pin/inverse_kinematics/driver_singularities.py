@@ -20,6 +20,7 @@ from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import Kernel, kernel_of
 from spatial_pin.numerics.linalg import Array, singular_values
+from spatial_pin.numerics.roots import sign_change
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.rates import driven_coordinates
 
@@ -108,16 +109,11 @@ def _located(
     chosen: _Rest, kernel: Kernel, k: int, span: tuple[float, float], size: float, between: Between,
 ) -> float:
     """Return the parameter at which the determinant vanishes."""
-    from scipy.optimize import brentq  # imported on use: it takes a tenth of a second
-
     def determinant(place: float) -> float:
         sign, logarithm = chosen.determinants(kernel, between(k, place)[None])
         return float(sign[0] * np.exp(np.minimum(logarithm[0] - size, 50.0)))
 
-    ends = [determinant(place) for place in span]
-    if not ends[0] * ends[1] < 0.0:  # round-off: a sample is there
-        return float(span[int(abs(ends[1]) < abs(ends[0]))])
-    return float(brentq(determinant, *span, xtol=1e-14, rtol=1e-14))
+    return sign_change(determinant, *span, *map(determinant, span))
 
 
 def _is_singular(chosen: _Rest, kernel: Kernel, q: Array) -> bool:

@@ -61,16 +61,17 @@ def reach(
         state: where to start; default the assembled guess.
         hold: names of what stands still where the state has it, as for `sweep`.
         limits: whether joint limits are kept; a state beyond them is led back within them.
-        starts: how many other states near it are tried, where the targets are not reached from
-            this one, and then half as many of each freedom that are far from it, within joint
-            limits. They are always the same.
+        starts: how many other states near it are tried, where the targets, those with a weight
+            too, are not met from this one, and then half as many of each freedom that are far from
+            it, within joint limits. They are always the same. With 0, weighted targets are met as
+            well as can be near the start, and soonest.
 
     Returns:
         A State without rates; `solve_rates` gives it some.
 
     Raises:
-        ReachError: the targets cannot be reached; has the nearest configuration, how far off each
-            target is, and what stops it.
+        ReachError: the exact targets cannot be reached, or weighted ones are too far away to come
+            to an end; has the nearest configuration, how far off each target is, and what stops it.
         UnknownNameError: there is no such frame, coordinate or driver.
         AssemblyError: the guess does not close.
         TypeError: a target is of no kind there is.
@@ -95,14 +96,14 @@ def reach(
     with evaluation_of(mechanism, start.angles) as evaluation:
         solver = Solver(evaluation, asked, kept, held.entries, EXACT)
         best = _best(start, solver, starts)
-        if not best.is_met(EXACT) and not best.is_on_its_way:
+        if not best.is_best(EXACT) and not best.is_on_its_way:
             best = _from_afar(start, solver, starts, best)
         if not best.is_met(EXACT):
             best = solver.settled(best, start.q)
         solver.stand(best.q)
         reached = State(mechanism, best.q, closure_error=evaluation.closure_error,
                         angles=evaluation.angles.copy())
-        if not best.is_met(EXACT):
+        if not best.is_met(EXACT) or best.is_on_its_way:
             raise _short(start, solver, best, reached)
     return reached
 
@@ -117,9 +118,9 @@ def _best(start: State, solver: Solver, starts: int) -> Reached:
             best = found if is_closed else solver.reached(start.q, {})
             if found.is_on_its_way:
                 break  # others near it have as far to go
-        elif is_closed and found.is_nearer(best):
+        elif is_closed and found.is_nearer(best, EXACT):
             best = found
-        if best.is_met(EXACT):
+        if best.is_best(EXACT):
             break
     assert best is not None  # of the state itself
     return best
@@ -138,24 +139,37 @@ def _starts(state: State, solver: Solver, count: int) -> Iterable[Array]:
 def _from_afar(start: State, solver: Solver, starts: int, best: Reached) -> Reached:
     """Return the nearest place that solving from afar leads to, or a nearer one that is known.
 
-    Of places where targets are met it is that of the least weighted residuals, then motion.
+    Of places where targets are met it is that of the least weighted residuals, then motion. Where
+    only targets with a weight are not met yet, the starts nearest to them come first, until
+    `starts` in a row have led to nothing better: most of such targets cannot be met at all.
     """
     def cost(found: Reached) -> tuple[float, float]:
         way = pin.difference(start.mechanism.model, start.q, found.q) / solver.scale
-        missed = float(np.linalg.norm(solver.residual(found.q, solver.weighted)[0]))
-        return round(missed / TOLERANCES.nothing), float(np.linalg.norm(way))
+        return round(found.missed / TOLERANCES.nothing), float(np.linalg.norm(way))
 
-    for q in _far_starts(start, solver, starts):
-        found = solver.solve(q, start.q)
-        back = _turned_back(start, found.q) if found.is_met(EXACT) else found.q
-        for there in (found, solver.solve(back, start.q)) if back is not found.q else (found,):
-            if not solver.is_closed(there.q):
-                continue
+    queue, most, in_vain = [*_far_starts(start, solver, starts)], np.inf, 0
+    if best.is_met(EXACT):
+        queue, most = sorted(queue, key=lambda q: solver.reached(q, {}).missed), starts
+    for q in queue:
+        before = best
+        for there in _solved(start, solver, q):
             if there.is_met(EXACT) and best.is_met(EXACT):
                 best = min(best, there, key=cost)
-            elif there.is_nearer(best):
+            elif there.is_nearer(best, EXACT):
                 best = there
+        in_vain = in_vain + 1 if best is before else 0
+        if in_vain >= most:
+            break
     return best
+
+
+def _solved(start: State, solver: Solver, q: Array) -> Iterable[Reached]:
+    """Yield where solving from a far start leads to, and this without whole turns."""
+    found = solver.solve(q, start.q)
+    back = _turned_back(start, found.q) if found.is_met(EXACT) else found.q
+    for there in (found, solver.solve(back, start.q)) if back is not found.q else (found,):
+        if solver.is_closed(there.q) and not (there.is_met(EXACT) and there.is_on_its_way):
+            yield there
 
 
 def _turned_back(start: State, q: Array) -> Array:
@@ -206,11 +220,10 @@ class Stop(NamedTuple):
 
 def _short(start: State, solver: Solver, found: Reached, state: State) -> ReachError:
     """Return the error that tells how near it comes, and what stops it there."""
-    mechanism, residuals, at = state.mechanism, dict[str, Array](), 0
-    for target in solver.exact:
-        n = len(target.residual(solver.evaluation)[0])
-        residuals[target.name] = np.append(residuals.get(target.name, ()), found.exact[at : at + n])
-        at += n
+    mechanism, residuals = state.mechanism, dict[str, Array]()
+    for target in solver.weighted if found.is_met(EXACT) else solver.exact:
+        off = target.residual(solver.evaluation)[0]
+        residuals[target.name] = np.append(residuals.get(target.name, ()), off)
     lengths = {name: float(np.linalg.norm(x)) for name, x in residuals.items()}
     worst = max(lengths, key=lengths.__getitem__)
     stops = tuple(_stops(start, solver, found))
@@ -226,6 +239,11 @@ def _short(start: State, solver: Solver, found: Reached, state: State) -> ReachE
 
 def _stops(start: State, solver: Solver, found: Reached) -> Iterable[Stop]:
     """Yield what stops a mechanism short of its targets."""
+    on_its_way = Stop("steps", "it was still coming nearer when the steps ran out: go on from the "
+                      "state of this error, or start nearer")
+    if found.is_met(EXACT):  # and what has a weight is far away
+        yield on_its_way
+        return
     if found.beyond:
         yield Stop("joint limit", f"it started beyond the {_words(found.beyond)}, and does not "
                    "come within from there: start from another state, or with limits=False")
@@ -248,8 +266,7 @@ def _stops(start: State, solver: Solver, found: Reached) -> Iterable[Stop]:
         yield Stop(reason, f"it is stretched out or folded: at this {place} no motion takes it "
                    "further towards them")
     elif found.is_on_its_way:
-        yield Stop("steps", "it was still coming nearer when the steps ran out: go on from the "
-                   "state of this error, or start nearer")
+        yield on_its_way
     elif freedom < asked:
         yield Stop("too few freedoms", f"it has {counted(freedom, 'freedom')} there for "
                    f"{asked} numbers asked for: ask for fewer, or give some a weight")

@@ -33,7 +33,14 @@ from spatial_pin.mechanism.pairs import axes_from_z
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
+__all__ = [
+    "centre_of_mass", "coordinate", "direction", "distance", "orientation", "pose", "position",
+]
 Residual = tuple[Array, Array]  # (k,), and its derivative (k, nv) for joint velocities
+
+
+def __dir__() -> list[str]:
+    return __all__
 
 
 @dataclass(frozen=True, eq=False)

@@ -289,6 +289,7 @@ class Closer:
         task.tolerance, task.iterations, task.cut = asked.tolerance, asked.iterations, asked.cut
         task.loose = max(asked.tolerance, LOOSE)
         task.first = None if asked.first is None else self._at_first
+        task.near = np.inf
         if asked.shakes is not None:
             task.near, task.shakes = asked.shakes.near, asked.shakes.at
         self._asked = asked

@@ -26,6 +26,11 @@ from spatial_pin.mechanism.pairs import COUPLING, PAIRS, closure_geometry, unit
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
 
+__all__ = [
+    "coupling", "cylindrical", "distance", "fixed", "parallel", "perpendicular", "planar",
+    "point_on_line", "point_on_plane", "prismatic", "revolute", "screw", "spherical", "universal",
+    "weld",
+]
 FramePlace = str | tuple[str, pin.SE3]  # a frame by name, or as a placement on a link or joint
 NATIVE = {  # Pinocchio's constraints that hold two bodies together
     "PointAnchorConstraintModel": "spherical", "FrameAnchorConstraintModel": "weld",
@@ -34,6 +39,10 @@ NATIVE = {  # Pinocchio's constraints that hold two bodies together
 DESIRED = ("desired_contact_placement", "desired_contact_velocity", "desired_contact_acceleration",
            "desired_constraint_offset", "desired_constraint_velocity",
            "desired_constraint_acceleration")
+
+
+def __dir__() -> list[str]:
+    return __all__
 
 
 def _closure(

@@ -8,7 +8,7 @@ import numpy as np
 
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.holding import free_bases
-from spatial_pin.assembly.rounding import closed_there, rounding_of
+from spatial_pin.assembly.rounding import as_meant, gap_words, rounding_of
 from spatial_pin.assembly.state import State, all_angles, of_mechanism
 from spatial_pin.checks import checked
 from spatial_pin.constraints.closure_equations import Evaluation, evaluated
@@ -118,6 +118,8 @@ class Mobility:
                 f"  note: {self.instantaneous - self.dof} freedom(s) are instantaneous only "
                 "(they lead to no closed configuration)"
             )
+        if not self.dof and (more := gap_words(self.mechanism)):
+            notes.append("  note: its loops hold it" + more)
         if self.grubler != self.dof:
             notes.append(f"  note: no formula applies: special dimensions give {self.dof} "
                          f"instead of {self.grubler}")
@@ -164,7 +166,7 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
         mechanism, x = state.mechanism, state.q
     else:
         x = finite_array(state, (mechanism.model.nq,), "q")
-        mechanism = closed_there(mechanism, x)
+        mechanism = as_meant(mechanism)
     evaluation = evaluated(mechanism, x, state.angles if isinstance(state, State) else 0.0)
     if evaluation.closure_error > TOLERANCES.nothing:
         raise SpatialPinError(

@@ -5,12 +5,14 @@ from __future__ import annotations
 from contextlib import suppress
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spatial_pin.checks import checked
 from spatial_pin.continuation.cursor import Stopped, cursor_along
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.motion.motion import Event, Motion, motion_needed
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.roots import sign_change
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy
 
@@ -49,7 +51,7 @@ def dead_centres(motion: Motion, output: str | None = None) -> list[Event]:
             continue
         goes = np.sign(motion.driver_speed[moving])  # the other way beyond its own limits
         turning = np.flatnonzero((np.diff(np.sign(rates[moving])) != 0.0) & (np.diff(goes) == 0.0))
-        found += [_located(motion, int(moving[k]), int(moving[k + 1]), name) for k in turning]
+        found += [_located(motion, moving[k : k + 2], rates, name) for k in turning.tolist()]
         ends = {0, len(motion) - 1} - set(moving.tolist())
         found += [_event(motion, name, row, float(motion.swept[row]),
                          float(motion.coordinate(name).value[row])) for row in ends]
@@ -85,10 +87,16 @@ def grounded_outputs(motion: Motion) -> list[str]:
             and mechanism.model.parents[mechanism.joint_id(c.joint)] == 0]
 
 
-def _located(motion: Motion, first: int, last: int, name: str) -> Event:
-    """Return the dead centre of an output between two samples in which it moves opposite ways."""
-    from scipy.optimize import brentq  # imported on use: it takes a tenth of a second
+def _located(motion: Motion, rows: NDArray[np.intp], rates: Array, name: str) -> Event:
+    """Return the dead centre of an output between two samples in which it moves opposite ways.
 
+    Args:
+        motion: the motion.
+        rows: (2,) numbers of the samples.
+        rates: (N,) of the output at all samples.
+        name: the output.
+    """
+    first, last = rows.tolist()
     mechanism, driver, unit = motion.mechanism, motion.driver_name, motion.driver_unit
     output = mechanism.coordinate(name)
     ends = motion.swept[first], motion.swept[last]
@@ -100,7 +108,7 @@ def _located(motion: Motion, first: int, last: int, name: str) -> Event:
             return float(cursor.here.t[output.v])
 
         try:
-            value = float(brentq(rate, *ends, xtol=1e-14, rtol=1e-14))
+            value = sign_change(rate, *ends, *rates[rows])
             cursor.reach(value)
         except Stopped as stopped:
             raise SingularError(

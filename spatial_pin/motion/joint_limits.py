@@ -17,6 +17,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Event, Motion
 from spatial_pin.numerics.hermite import quintic
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.roots import sign_change
 from spatial_pin.settings import Accuracy
 
 KIND = "joint limit"  # of events
@@ -68,20 +69,6 @@ def passed_at_start(mechanism: Mechanism, q: Array, value: float) -> list[Passin
             if limit.room(q) < -SLACK * limit.size]
 
 
-def falls(function: Callable[[float], float], first: float, last: float) -> float:
-    """Return where a function falls through zero that is positive before and negative after.
-
-    An end that is zero but for round-off may have either sign: then it is the place.
-    """
-    from scipy.optimize import brentq  # imported on use: it takes a tenth of a second
-
-    if not function(first) > 0.0:
-        return first
-    if not function(last) < 0.0:
-        return last
-    return float(brentq(function, first, last, xtol=1e-14, rtol=1e-14))
-
-
 def first_passing(
     limit: JointLimit, at: _Way, span: tuple[float, float], ends: _Ends, noise: float = 0.0,
 ) -> float | None:
@@ -97,17 +84,19 @@ def first_passing(
         ends: (q, v) at these; `at` may differ from them by round-off.
         noise: rate of a joint that stands still [rad/s, characteristic lengths per second].
     """
-    (q0, v0), (q1, v1) = ends
     slack, still, last = SLACK * limit.size, noise * limit.size, span[1]
-    if limit.room(q0) < -slack:
+    before, after = (float(limit.room(q)) for q, _ in ends)
+    if before < -slack:
         return None
-    if not limit.room(q1) < -slack:
-        if not limit.closing(v0) > still >= -still > limit.closing(v1):
+    if not after < -slack:
+        pace = [float(limit.closing(v)) for _, v in ends]
+        if not pace[0] > still >= -still > pace[1]:
             return None
-        last = falls(lambda t: float(limit.closing(at(t)[1])), *span)
-        if not limit.room(at(last)[0]) < -slack:
+        last = sign_change(lambda t: float(limit.closing(at(t)[1])), *span, *pace)
+        after = float(limit.room(at(last)[0]))
+        if not after < -slack:
             return None
-    return falls(lambda t: float(limit.room(at(t)[0])), span[0], last)
+    return sign_change(lambda t: float(limit.room(at(t)[0])), span[0], last, before, after)
 
 
 def joint_limits_passed(motion: Motion) -> list[Passing]:
@@ -236,9 +225,10 @@ def _may_pass(limit: JointLimit, at: _Way, ends: _Ends) -> bool:
     (q0, v0), (q1, v1) = ends
     if limit.room(q1) < -SLACK * limit.size:
         return True
-    if not limit.closing(v0) > 0.0 > limit.closing(v1):
+    pace = float(limit.closing(v0)), float(limit.closing(v1))
+    if not pace[0] > 0.0 > pace[1]:
         return False
-    turn = falls(lambda x: float(limit.closing(at(x)[1])), 0.0, 1.0)
+    turn = sign_change(lambda x: float(limit.closing(at(x)[1])), 0.0, 1.0, *pace)
     left = limit.room(at(turn)[0])
     swing = min(limit.room(q0), limit.room(q1)) - left
     return bool(left < DOUBT * swing)

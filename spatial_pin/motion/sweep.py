@@ -39,7 +39,7 @@ from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.motion.joint_limits import joint_limit_events
 from spatial_pin.motion.motion import Event, Motion, made
 from spatial_pin.motion.rated_limits import velocity_limit_events
-from spatial_pin.motion.rounding import check_gaps
+from spatial_pin.motion.rounding import within_gap
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.progress import progress_bar
@@ -104,7 +104,8 @@ def sweep(
 
     Raises:
         AssemblyError: the first value cannot be assembled.
-        LimitError: a later value cannot be reached; has the limit and the motion so far.
+        LimitError: a later value cannot be reached, or opens redundant equations of a rounded file
+            beyond the gap; has the limit and the motion so far.
         SingularError: the branch is not determined at a configuration, or crosses another one
             where that is not allowed, or where none goes straight on.
         Interrupted: after Ctrl-C; has the motion until then. There is none if the values go to and
@@ -128,12 +129,7 @@ def sweep(
     needed(mechanism)
     check_choice("on_limit", on_limit, ("raise", "stop"))
     check_choice("on_crossing", on_crossing, ("straight", "stop", "raise"))
-    values = as_array(values, "values")
-    if not values.size:
-        raise ValueError("values is empty; a sweep needs at least one driver value")
-    values = values if values.ndim else values[None]
-    if values.ndim > 1 or not is_finite(values):
-        values = finite_array(values, (values.size,), "values")  # says what is wrong
+    values = _row(values)
     speeds, accels = _rates_asked(speed, acceleration, values)
     coordinate = mechanism.prescribed_coordinate(driver)
     given, held = ({}, (hold,)) if isinstance(hold, str) else _told_to_hold(hold)
@@ -151,7 +147,9 @@ def sweep(
         values, speeds, accels = values[:n], speeds[:n], None if accels is None else accels[:n]
     motion = _motion(way, driver, values, speeds, type(speed) is float, accels,
                      coordinate.unit if speed is None else "s", held)
-    check_gaps(motion, accuracy.gap)
+    motion = within_gap(motion, accuracy, on_limit)
+    if len(motion) < n:
+        return motion
     if passed := [*joint_limit_events(motion), *velocity_limit_events(motion)]:
         motion.events += passed
     if way.is_cut:
@@ -163,6 +161,17 @@ def sweep(
         if ends != "stop" or stop.kind == "lost":
             raise _error(motion, stop, driver, coordinate, asked.item(n), on_crossing)
     return motion
+
+
+def _row(values: Any) -> Array:
+    """Return driver values as a row (n,)."""
+    row = as_array(values, "values")
+    if not row.size:
+        raise ValueError("values is empty; a sweep needs at least one driver value")
+    row = row if row.ndim else row[None]
+    if row.ndim > 1 or not is_finite(row):
+        row = finite_array(row, (row.size,), "values")  # says what is wrong
+    return row
 
 
 def _told_to_hold(

@@ -14,6 +14,7 @@ import pinocchio as pin
 
 from spatial_pin.motion.motion import first_samples
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.roots import sign_change
 from spatial_pin.proximity.between import Between
 from spatial_pin.proximity.distances import Distances, Nearest
 
@@ -228,8 +229,6 @@ class Search:
 
     def _change(self, pair: int, a: Place, b: Place, known: dict[Place, float]) -> Place:
         """Return where links begin or cease to touch between two places beside each other."""
-        from scipy.optimize import brentq
-
         row, first = a
         last = b.part if b.row == row else 1.0
         # where they only come near enough to touch, not nearer, that is where
@@ -244,7 +243,7 @@ class Search:
         ends = excess(first), excess(last)
         if ends[0] * ends[1] > 0.0:  # by the round-off of configurations that were closed
             return min((a, b), key=lambda place: abs(known[place] - level))
-        part = float(brentq(excess, first, last, xtol=1e-14, rtol=1e-14))
+        part = sign_change(excess, first, last, *ends)
         return Place(row, part) if part < 1.0 else Place(row + 1, 0.0)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.numerics.linalg import Array, row_space, singular_values
+from spatial_pin.numerics.roots import sign_change
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.workspace_map.filling import Border, Filling, Index, signs
 from spatial_pin.workspace_map.lines import (
@@ -153,8 +154,6 @@ def located(task: Task, asked: Asked, cells: Sequence[Cell]) -> list[Border | No
 
 
 def _vanishing(task: Task, asked: Asked, cell: Cell) -> Border | None:
-    from scipy.optimize import brentq  # on use: it takes a tenth of a second to import
-
     run, to = cell.run, float(cell.run.values[0])
     begin = float(run.at[run.axis])
 
@@ -174,7 +173,8 @@ def _vanishing(task: Task, asked: Asked, cell: Cell) -> Border | None:
         return None
     value = ends[int(first > 0.0)]  # a point of the grid may be the place itself
     if first > 0.0 > last:
-        value = brentq(determinant, *ends, xtol=LOCATED * abs(to - begin), rtol=1e-15)
+        value = sign_change(determinant, ends[0], ends[1], first, last,
+                            xtol=LOCATED * abs(to - begin), rtol=1e-15)
     motion, n, _ = motion_along(asked, run, np.array([value]))
     if motion is None or n < 2:
         return None

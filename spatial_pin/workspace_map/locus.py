@@ -23,6 +23,7 @@ import pinocchio as pin
 
 from spatial_pin.mechanism.joint_limits import JointLimit
 from spatial_pin.numerics.linalg import Array, aligned, decompose
+from spatial_pin.numerics.roots import sign_change
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.workspace_map.section import CURVE_ENDS_BESIDE, LIMIT, Section
 
@@ -31,7 +32,7 @@ CORNER = "corner"  # where two limit positions meet: beyond it is another sheet
 CROSSING = "branch point"  # where loops lose their rank
 ON_CURVE = 1e-12  # of the function, in natural units, at a point of a curve
 SMALL_MOVE = 1e-5  # rad, lengths: central differences of g are good to its square
-FIRST_STEP, LARGEST_STEP, SMALLEST_STEP = 0.01, 0.1, 1e-7  # rad, characteristic lengths
+FIRST_LOCUS_STEP, LARGEST_STEP, SMALLEST_STEP = 0.01, 0.1, 1e-7  # rad, characteristic lengths
 ALONG = 0.95  # least cosine between the directions at both ends of a step: 18 degrees
 MOST_POINTS = 20_000  # of a curve
 LEVEL = 1e-9  # slope of a function, in natural units, that gives no direction
@@ -178,10 +179,10 @@ class Locus:
             return spot
         for sign in (1.0, -1.0):
             way = spot._replace(t=sign * spot.t, dy=sign * spot.dy)
-            q = self.at(way, FIRST_STEP)
+            q = self.at(way, FIRST_LOCUS_STEP)
             if q is not None and margin(q) > 0.0:
                 back = way._replace(q=q, t=-way.t)
-                q = self.at(back, _root(self, back, margin, FIRST_STEP))
+                q = self.at(back, _root(self, back, margin, FIRST_LOCUS_STEP))
                 return (None if q is None else self.spot(q, None)) or spot
         return spot
 
@@ -193,7 +194,7 @@ class Locus:
 
 def walk(locus: Locus, start: Spot) -> Walk:
     """Follow a curve from a point on, along its direction."""
-    spots, length = [start], FIRST_STEP
+    spots, length = [start], FIRST_LOCUS_STEP
     while len(spots) < MOST_POINTS:
         spot = spots[-1]
         locus.section.evaluation.angle_reference[:] = spot.angles
@@ -301,12 +302,11 @@ def _ends(locus: Locus, spot: Spot, there: Spot) -> Iterator[tuple[str, Callable
 
 def _root(locus: Locus, spot: Spot, function: Callable[[Array], float], length: float) -> float:
     """Return where on a step a function falls through zero; zero where it begins there."""
-    from scipy.optimize import brentq  # on use: it takes a tenth of a second to import
-
     def value(x: float) -> float:
         q = locus.at(spot, x) if x else spot.q
         return np.nan if q is None else function(q)
 
-    if value(0.0) <= AT_CORNER or not value(length) < 0.0:
+    before, after = value(0.0), value(length)
+    if not before > AT_CORNER or not after < 0.0:
         return 0.0
-    return float(brentq(value, 0.0, length, xtol=1e-14, rtol=1e-14))
+    return sign_change(value, 0.0, length, before, after)

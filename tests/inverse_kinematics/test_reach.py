@@ -233,10 +233,10 @@ def test_flat_ways_do_not_lead_astray():
         mechanism = sp.load(CASSIE)
     start = sp.assemble(mechanism)
     far = start.placement("left-foot").translation + np.array([3.0, 0.0, 2.1])
-    state = sp.reach(mechanism, {"left-foot": targets.position(far, weight=1.0)}, start)
+    state = sp.reach(mechanism, {"left-foot": targets.position(far, weight=1.0)}, start, starts=0)
     off = np.linalg.norm(state.placement("left-foot").translation - far)
     assert off / mechanism.characteristic_length == pytest.approx(2.12315439348594, abs=1e-12)
-    again = sp.reach(mechanism, {"left-foot": targets.position(far, weight=1.0)}, state)
+    again = sp.reach(mechanism, {"left-foot": targets.position(far, weight=1.0)}, state, starts=0)
     assert np.linalg.norm(again.placement("left-foot").translation - far) > off - 1e-12
 
 

@@ -410,7 +410,7 @@ CASES = {
         Count(-2, -2, 1, 2, 1, 1, 0, True)) for k in (1, 2, 3, 4)},
     "Bennett cut in a link": Case(lambda f: hinge_loop(f, BENNETT, 0, 1, BENNETT_ANGLES),
                                   Count(-2, -2, 1, 3, 1, 1, 0, True)),
-    "nearly Bennett": Case(lambda f: nearly_bennett(f, 1e-3), Count(-2, -2, 1, 3, 0, 0, 0, True)),
+    "nearly Bennett": Case(lambda f: nearly_bennett(f, 1e-2), Count(-2, -2, 1, 3, 0, 0, 0, True)),
     **{f"Goldberg cut at hinge {k}": Case(
         lambda f, k=k: hinge_loop(f, GOLDBERG, k, 2 if k == 1 else 1),
         Count(-1, -1, 1, 3, 1, 1, 0, True)) for k in range(1, 6)},
@@ -521,8 +521,9 @@ def test_count_is_the_same_all_along_the_motion(name):
 
 
 @pytest.mark.parametrize("error", [1e-1, -1e-2, 1e-3, 1e-4, -1e-5, 1e-6])
-def test_nearly_bennett_does_not_move(error, tmp_path):
-    mobility = sp.mobility(nearly_bennett(tmp_path, error))
+def test_nearly_bennett_does_not_move_if_its_numbers_are_exact(error, tmp_path):
+    nearly_bennett(tmp_path, error)
+    mobility = sp.mobility(sp.load(tmp_path / "nearly_bennett.toml", gap=0.0))
     assert mobility.dof == 0 and mobility.overconstrained
 
 

@@ -51,6 +51,17 @@ def python_constants() -> Iterator[tuple[Path, int, str, float]]:
                 if isinstance(target, ast.Name) and target.id.isupper():
                     value = eval(ast.unparse(node.value), {"EPS": EPS})
                     yield path, node.lineno - 1, target.id, float(value)
+            for name, value in constants_of_a_tuple(node):
+                yield path, node.lineno - 1, name, value
+
+
+def constants_of_a_tuple(node: ast.AST) -> Iterator[tuple[str, float]]:
+    """Yield name and value of the numbers that one line names together: A, B = 1.0, 2.0."""
+    if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Tuple) and isinstance(
+            node.value, ast.Tuple):
+        for target, value in zip(node.targets[0].elts, node.value.elts, strict=True):
+            if isinstance(target, ast.Name) and target.id.isupper() and is_number(value):
+                yield target.id, float(eval(ast.unparse(value), {"EPS": EPS}))
 
 
 def c_constants() -> Iterator[tuple[Path, int, str, float]]:

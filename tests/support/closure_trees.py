@@ -8,8 +8,9 @@ from mechanisms import between, closure, floating, load, point, refine
 
 import spatial_pin as sp
 from spatial_pin.constraints.closure_equations import Evaluation
-from spatial_pin.mechanism.pairs import CLOSURE_TYPES, COUPLING, PAIRS
+from spatial_pin.mechanism.pairs import CLOSURE_TYPES, COUPLING, JOINT_TYPES, PAIRS
 
+__all__ = ["CLOSURE_TYPES", "COUPLING", "JOINT_TYPES", "PAIRS"]  # what others take from here
 LENGTH, LEAD = 0.37, 0.023
 KEYS = {"distance": {"length": LENGTH}, "screw": {"lead": LEAD}}
 TYPES = [kind for kind in CLOSURE_TYPES if kind != COUPLING]

@@ -151,7 +151,7 @@ def exported(name, rounding=exactly, seed=3):
     """
     mechanism = library(name)
     content = tomllib.loads(mechanism.path.read_text(encoding="utf-8"))
-    content["tree"] = name
+    content |= {"tree": name, "guess": dict(mechanism.guess)}
     rng, root = np.random.default_rng(seed), ET.fromstring(mechanism.urdf)
     still = {f for part in ("closures", "springs") for x in content.get(part, ())
              for f in (*x.get("frames", ()), *x.get("length_between", ()))}

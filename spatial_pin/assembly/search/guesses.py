@@ -151,7 +151,7 @@ class Further(NamedTuple):
         phase: (MAX_STARTS - 1,) of each: 0 where what is named stays, 1 where it is shaken by up
             to a radian, 2 by any angle.
         size: (3, nv) of the steps in each.
-        first: the first of them.
+        first: the first of them, where loops are closed from them together; else none.
         lengths: names of those that are named.
     """
 
@@ -162,7 +162,8 @@ class Further(NamedTuple):
 
 
 def further_starts(
-    mechanism: Mechanism, held: Sequence[str], named: Sequence[str], still: Sequence[int]
+    mechanism: Mechanism, held: Sequence[str], named: Sequence[str], still: Sequence[int],
+    together: bool,
 ) -> Further | None:
     """Return how far further starts are; None where all is held.
 
@@ -171,13 +172,14 @@ def further_starts(
         held: coordinates that stay.
         named: coordinates that stay in half of the starts. Then they are shaken too, first by up
             to a radian, in the end by any angle, and lengths in proportion.
-        still: velocity entries that stay.
+        still: velocity entries that stay too, named or not.
+        together: whether all loops are closed from the same of these starts.
     """
     table = mechanism.coordinate_table
     is_held = np.array([name in held or c.v in still for name, c in table.items()], dtype=bool)
     if is_held.all():
         return None
-    is_named = np.array([name in named for name in table], dtype=bool)
+    is_named = ~is_held & np.array([name in named for name in table], dtype=bool)
     is_angle = np.array([c.unit == "rad" for c in table.values()], dtype=bool)
     open_ones = ~is_held & ~is_named
     sizes = np.where(is_angle, 1.0, mechanism.velocity_scale * 0.2)
@@ -185,7 +187,8 @@ def further_starts(
     n, late = MAX_STARTS // 2 if open_ones.any() else 0, 3 * MAX_STARTS // 4 - 1
     phase = np.repeat([0, 1, 2], [n, late - n, MAX_STARTS - 1 - late])
     size = np.array([np.where(is_named, shake, reach) * sizes for shake in (0.0, 1.0, np.pi)])
-    first = Shakes(_draws(mechanism)[:AT_ONCE] * size[phase[:AT_ONCE]], NEAR_GUESS)
+    at_once = AT_ONCE if together else 0
+    first = Shakes(_draws(mechanism)[:at_once] * size[phase[:at_once]], NEAR_GUESS)
     return Further(phase, size, first, [name for name in named if table[name].unit == "m"])
 
 

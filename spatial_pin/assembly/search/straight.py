@@ -10,9 +10,14 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
-from spatial_pin.assembly.rounding import is_clear
 from spatial_pin.assembly.search.closing import ACCEPTED
-from spatial_pin.assembly.search.guesses import ANOTHER_SIZE, COORDINATE_ERROR, OPEN, Guess
+from spatial_pin.assembly.search.guesses import (
+    ANOTHER_SIZE,
+    COORDINATE_ERROR,
+    NEAR_GUESS,
+    OPEN,
+    Guess,
+)
 from spatial_pin.assembly.search.search import is_nearer
 from spatial_pin.assembly.search.targets import Left, asked_of, left_of
 from spatial_pin.assembly.state import State, made
@@ -84,8 +89,8 @@ def straight(
             elif place is best or not leads_nowhere(accuracy) < place.error < math.inf:
                 return None
         seen = best.examined or closer.examine(best.q, reference)
-    if not is_clear(seen.least, seen.left_out):
-        return None  # some may follow from others but for what the file's rounding leaves
+    if len(plan.left.groups) > 1 and best.distance > NEAR_GUESS:
+        return None  # each group of loops may have a nearer place
     return made(mechanism, best.q, None, None, closure_error=seen.error, angles=seen.angles)
 
 
@@ -111,7 +116,7 @@ def straight_plan(
     standing = [name for name in drivers if name not in held]
     if release and {*named} - {*drivers} and not {*named}.issuperset(standing):
         return None  # some may stand where the loops take them
-    left = left_of(mechanism, (*held, *standing), (), named)
+    left = left_of(mechanism, (*held, *standing), (), named, None)
     lengths = [] if left.further is None else left.further.lengths
     places = [mechanism.place_of(table[name]) for name in lengths]
     if mechanism.whole is not None or left.pinned or not left.is_whole or not mechanism.model.nq:

@@ -23,7 +23,7 @@ from spatial_pin.numerics.linalg import Array
 
 COMPONENTS = [(part, unit, axis) for part, unit in (("force", "N"), ("moment", "N·m"))
               for axis in "xyz"]
-MANY = "* is one of many: the loops, or the drivers, can press against each other"
+EFFORTS_OF_MANY = "* is one of many: the drivers can press against each other"
 
 
 def _statics_options(sub: argparse.ArgumentParser) -> None:
@@ -92,8 +92,9 @@ def _tell_forces(
     lines = [f"{mechanism.name} at rest, closed to {found.state.closure_error:.1e}", "efforts:",
              grid(efforts), "reactions of pairs, world axes [N, N·m]:",
              grid(pairs, ("", "fx", "fy", "fz", "mx", "my", "mz"))]
-    if "*" in "".join(lines):
-        lines.append(MANY)
+    if not all(alone.values()):
+        lines.append(EFFORTS_OF_MANY)
+    lines += found.why_not_unique()
     content = {
         "mechanism": mechanism.name, "closure_error": found.state.closure_error,
         "coordinates": {name: found.state.coordinate(name).value

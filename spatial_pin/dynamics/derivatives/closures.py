@@ -207,6 +207,13 @@ class Products:
         found = [[(block.a @ x, block.b @ x) for x in levels] for levels in (g, by_q, by_v)]
         return found[0], found[1], found[2]
 
+    def first_slopes(self, rates: Rates, row: int) -> Array:
+        """Return the q derivatives (c, 3) of the first vector of a product."""
+        by_block = zip(self.blocks, rates.vectors, strict=True)
+        found: Array = next(da[:, block.rows == row, :] for block, (_, _, da, _) in by_block
+                            if row in block.rows)
+        return found[:, 0]
+
     def bending(self, rates: Rates, weights: Array) -> Array:
         """Return q derivatives (nv, nv) of the q derivatives of the weighted sum of products.
 

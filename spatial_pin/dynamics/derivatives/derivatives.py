@@ -77,8 +77,9 @@ class Derivatives:
         """By pair, tree joint or closure: `value` (6,), `by_q`, `by_v`, `by_effort` (6, nv).
 
         The force, then the moment, that the pair exerts, as in `Dynamics.reactions`: world axes,
-        about the pair's own origin, which moves with it. All NaN where the reaction is not unique
-        (`Dynamics.determined`): what is one of many has no derivative. Worked out when asked for.
+        about the pair's own origin, which moves with it. All NaN where loops can be under stress by
+        themselves: what is one of many has no derivative. Beside couplings they are those of
+        what `Dynamics.reactions` has, without the couplings' forces. Worked out when asked for.
         """
         return self._borne[0]
 
@@ -137,7 +138,8 @@ def dynamics_derivatives(
 
     Raises:
         SingularError: as `forward_dynamics`.
-        SpatialPinError: the numbers of the mechanism's file are rounded, see `State.gap`.
+        SpatialPinError: the numbers of the mechanism's file are rounded, see `State.gap`; or the
+            frames of a spring coincide, and its force or damping has no direction.
         UnknownNameError: a name does not exist.
 
     Example:
@@ -232,7 +234,7 @@ def _changes(
     spring_by_q, spring_by_v = spring_slopes(terms.lines, terms.turns, nv)
     borne = np.zeros(equations.n_closure)
     borne[chosen] = multipliers
-    pull = np.array([-x.force / x.length for x in terms.lines])
+    pull = np.array([-x.per_length for x in terms.lines])
     force_by_q -= rows.bending(rates, borne, pull) + spring_by_q
     force_by_v -= spring_by_v
     closed_by_q, closed_by_v = rows.accelerations(rates)

@@ -17,15 +17,17 @@ from spatial_pin.constraints.composite_joints import SplitModel
 from spatial_pin.constraints.pinocchio_views import own_jacobian
 from spatial_pin.constraints.trees import Subtree
 from spatial_pin.dynamics.derivatives.closures import BodiesOfTree, Rates, Rows
-from spatial_pin.dynamics.forces import Forces, Law
-from spatial_pin.errors import UnknownNameError
+from spatial_pin.dynamics.forces import Forces, Law, Line
+from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
 
 Slopes = Callable[[float, float], tuple[float, float]]
 REACH = 0.1  # first step of a law's differences, relative to the size of its argument
 HALVINGS = 14  # how often that step is halved, at most
+CENTRAL, ONE_SIDED = 4.0, 2.0  # by what halving the step divides the error of a difference
 
 
 class Pull(NamedTuple):
@@ -33,16 +35,14 @@ class Pull(NamedTuple):
 
     Attributes:
         force: as its law says [N, N·m].
-        length: of its line [m]; that of its joint is 1.
-        by_length, by_rate: derivatives of the law.
-        row: (nv,) derivative of the length, or of the joint coordinate.
+        per_length: of a line, force divided by length [N/m].
+        row: (nv,) derivative of the length, or of the joint coordinate; of a line without length
+            it is zero.
         by_q, by_v: (nv,) of the force.
     """
 
     force: float
-    length: float
-    by_length: float
-    by_rate: float
+    per_length: float
     row: Array
     by_q: Array
     by_v: Array
@@ -83,21 +83,58 @@ class Springs:
             by_length, by_rate = self.slopes[name](x, rate)
             return float(by_length), float(by_rate)
         law, unit = self._given[name], 1.0 if self._of[name].joint else self._length
-        return (slope(lambda y: law(y, rate), x, REACH * (abs(x) or unit)),
-                slope(lambda y: law(x, y), rate, REACH * (abs(rate) or unit)))
+        by_rate = slope(lambda y: law(x, y), rate, REACH * (abs(rate) or unit))
+        if x == 0.0 and self._of[name].frames:  # there is no length below
+            at_none = law(x, rate)
+            return extrapolated(lambda h: (law(h, rate) - at_none) / h, REACH * unit,
+                                ONE_SIDED), by_rate
+        return slope(lambda y: law(y, rate), x, REACH * (abs(x) or unit)), by_rate
 
     def lines(self, rows: Rows, rates: Rates) -> list[Pull]:
-        """Return the springs between frames, in the order of `forces.lines`."""
+        """Return the springs between frames, in the order of `forces.lines`.
+
+        Raises:
+            SpatialPinError: a spring has no length, and its force no direction.
+        """
         found = []
         for k, line in enumerate(self.forces.lines):
-            at = rows.closed + k
-            length = float(np.sqrt(2.0 * rates.values[0][at]))
+            at, places = rows.closed + k, rates.placements
+            length, _ = self.forces.along(*(x @ places[i] for i, x in zip(
+                line.bodies, line.points, strict=True)))
+            if not length:
+                found.append(self._at_a_point(line, rows, rates, at))
+                continue
             row, rate = rates.by_q[0][at] / length, float(rates.values[1][at]) / length
             by_length, by_rate = self._slopes(line.name, length, rate)
             by_q = by_length * row + by_rate * (rates.by_q[1][at] - rate * row) / length
-            found.append(Pull(line.law(length, rate), length, by_length, by_rate, row, by_q,
-                              by_rate * row))
+            force = line.law(length, rate)
+            found.append(Pull(force, force / length, row, by_q, by_rate * row))
         return found
+
+    def _at_a_point(self, line: Line, rows: Rows, rates: Rates, at: int) -> Pull:
+        """Return a spring whose frames coincide: its force is stiffness times what parts them.
+
+        Where nothing can part them, any stiffness will do.
+
+        Args:
+            line: the spring.
+            rows: closure equations and spring lengths.
+            rates: theirs.
+            at: the number of its length.
+        """
+        parting = rows.products.first_slopes(rates, at)
+        none, pace = np.zeros(rows.nv), float(np.sqrt(max(rates.values[2][at], 0.0)))
+        if np.abs(parting).max(initial=0.0) <= self._length * TOLERANCES.tight:
+            return Pull(0.0, 0.0, none, none, none)
+        forces = [line.law(0.0, rate) for rate in (0.0, pace, -pace)]
+        stiffness, damping = self._slopes(line.name, 0.0, 0.0)
+        if any(forces) or damping:
+            what = f"force of {forces[0]:.6g} N" if forces[0] else "damping"
+            raise SpatialPinError(
+                f"mechanism {self.forces.mechanism.name!r}: the two frames of spring {line.name!r} "
+                f"coincide, where its {what} has no direction, so that there are no derivatives: "
+                "start where its frames are apart, or give it a joint instead of frames")
+        return Pull(0.0, stiffness, none, none, none)
 
     def turns(self, q: Array, v: Array) -> list[Pull]:
         """Return the springs about joints, in the order of `forces.turns`, then what resists."""
@@ -107,14 +144,13 @@ class Springs:
             by_length, by_rate = self._slopes(turn.name, x, rate)
             row = np.zeros(len(v))
             row[turn.v] = 1.0
-            found.append(Pull(turn.law(x, rate), 1.0, by_length, by_rate, row, by_length * row,
-                              by_rate * row))
+            found.append(Pull(turn.law(x, rate), 0.0, row, by_length * row, by_rate * row))
         resistance = self.forces.resistance
         forces, slopes = resistance.forces(v), resistance.slopes(v)
         for k in resistance.at:
             row = np.zeros(len(v))
             row[k] = 1.0
-            found.append(Pull(-forces[k], 1.0, 0.0, slopes[k], row, 0.0 * row, slopes[k] * row))
+            found.append(Pull(-forces[k], 0.0, row, 0.0 * row, slopes[k] * row))
         return found
 
 
@@ -131,7 +167,7 @@ def spring_slopes(lines: list[Pull], turns: list[Pull], nv: int) -> tuple[Array,
     """
     by_q, by_v = np.zeros((2, nv, nv))
     for pull in lines:
-        by_q += np.outer(pull.row, pull.force / pull.length * pull.row)
+        by_q += np.outer(pull.row, pull.per_length * pull.row)
     for pull in (*lines, *turns):
         by_q -= np.outer(pull.row, pull.by_q)
         by_v -= np.outer(pull.row, pull.by_v)
@@ -139,14 +175,24 @@ def spring_slopes(lines: list[Pull], turns: list[Pull], nv: int) -> tuple[Array,
 
 
 def slope(f: Callable[[float], float], x: float, step: float) -> float:
-    """Return f'(x) by central differences extrapolated to step 0 [Ridders1982]."""
+    """Return f'(x) by central differences extrapolated to step 0."""
+    return extrapolated(lambda h: (f(x + h) - f(x - h)) / (2.0 * h), step, CENTRAL)
+
+
+def extrapolated(difference: Callable[[float], float], step: float, ratio: float) -> float:
+    """Return the limit of a difference for step 0 [Ridders1982].
+
+    Args:
+        difference: as a function of the step.
+        step: the first one.
+        ratio: by what the error of a difference is divided when its step is halved.
+    """
     best, error, before = np.nan, np.inf, np.empty(0)
     for k in range(HALVINGS):
-        h = step / 2.0**k
         row = np.empty(k + 1)
-        row[0] = (f(x + h) - f(x - h)) / (2.0 * h)
+        row[0] = difference(step / 2.0**k)
         for m in range(1, k + 1):
-            row[m] = row[m - 1] + (row[m - 1] - before[m - 1]) / (4.0**m - 1.0)
+            row[m] = row[m - 1] + (row[m - 1] - before[m - 1]) / (ratio**m - 1.0)
             doubt = max(abs(row[m] - row[m - 1]), abs(row[m] - before[m - 1]))
             if doubt < error:
                 best, error = float(row[m]), doubt

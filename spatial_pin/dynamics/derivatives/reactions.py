@@ -224,15 +224,14 @@ class ReactionChanges:
             ends = [x @ rates.placements[i] for i, x in zip(line.bodies, line.points, strict=True)]
             moved = [x @ self.placements_by_q[i]
                      for i, x in zip(line.bodies, line.points, strict=True)]  # (nv, 3)
-            d = ends[1] - ends[0]
-            length = np.linalg.norm(d)
-            n = d / length
-            dn = (moved[1] - moved[0] - np.outer(pull.row, n)) / length
+            _, n = self.changes.rows.forces.along(*ends)
+            turned = pull.per_length * (moved[1] - moved[0] - np.outer(pull.row, n))
             along = np.concatenate([n, np.cross(ends[1], n)])
-            bent = np.hstack([dn, np.cross(moved[1], n) + np.cross(ends[1], dn)]).T
+            bent = np.hstack([
+                turned, pull.force * np.cross(moved[1], n) + np.cross(ends[1], turned)]).T
             wrench = self._new(6)
             wrench[:, 0] = pull.force * along
-            wrench[:, self.by_q] = np.outer(along, pull.by_q) + pull.force * bent
+            wrench[:, self.by_q] = np.outer(along, pull.by_q) + bent
             wrench[:, self.by_v] = np.outer(along, pull.by_v)
             on_bodies[line.bodies[0]] += wrench
             on_bodies[line.bodies[1]] -= wrench

@@ -120,8 +120,8 @@ class Equations(MotionEquations):
             total = total + multipliers[-len(couplings) :] @ couplings
         return total
 
-    def unique(self, efforts: Array | None = None) -> dict[str, NDArray[np.bool_]]:
-        """Return for every pair which components (6,) of its reaction are unique.
+    def unique_in_loops(self, efforts: Array | None = None) -> dict[str, NDArray[np.bool_]]:
+        """Return for every pair which components (6,) of its reaction the loops leave unique.
 
         Args:
             efforts: (k, nv) of actuators that the loops bear, and that may act besides.
@@ -134,8 +134,18 @@ class Equations(MotionEquations):
             stresses = np.vstack([stresses, borne / size])
             pressing = np.vstack([pressing, efforts / size])
         rounding = 0.0 if self._rank is None else rounding_of(self.state.mechanism)
-        return self.pairs.unique(self.poses(), self.couplings, stresses, pressing,
-                                 max(rounding, UNMOVED))
+        return self.pairs.unstressed(self.poses(), self.couplings, stresses, pressing,
+                                     max(rounding, UNMOVED))
+
+    def unique(self, efforts: Array | None = None) -> dict[str, NDArray[np.bool_]]:
+        """Return for every pair which components (6,) of its reaction are unique.
+
+        Args:
+            efforts: as for `unique_in_loops`.
+        """
+        found = self.unique_in_loops(efforts)
+        return found | {name: found[name] & never for name, never in
+                        self.pairs.never_coupled(self.poses()).items()}
 
 
 @contextmanager

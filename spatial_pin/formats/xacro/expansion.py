@@ -51,7 +51,6 @@ from spatial_pin.formats.xacro.expressions import (
 from spatial_pin.formats.xacro.parsing import parse_xml
 from spatial_pin.formats.xacro.tracing import Tape
 
-EMPTY = '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"/>'
 MACRO = 50  # steps of calling a macro
 PLACE = 40  # steps of putting one thing in the place of another
 SIBLINGS = 500  # elements among which one is found in the time of one step
@@ -106,20 +105,20 @@ def traced(
         MechanismFileError: as `expand`.
     """
     tape = Tape(arguments)
-    mappings = {name: _xacro_text(value) for name, value in parameters.items()}
+    mappings = {name: xacro_text(value) for name, value in parameters.items()}
     mappings |= {name: tape.text(place) for place, name in enumerate(arguments)}
     return Expansion(path, trusted, packages, tape).text(mappings), tape
 
 
 def _checked_parameters(expansion: Expansion, parameters: Mapping[str, float]) -> dict[str, str]:
-    valid = _arguments(expansion)
+    valid = arguments_of(expansion)
     for name, value in parameters.items():
         if name not in valid:
             raise MechanismFileError(
                 f"{expansion.path}: no parameter {name!r}; {suggestion(name, valid)}")
         if not isinstance(value, str):
             _check_number(name, value)
-    return {name: _xacro_text(value) for name, value in parameters.items()}
+    return {name: xacro_text(value) for name, value in parameters.items()}
 
 
 def _check_number(name: str, value: object) -> None:
@@ -134,13 +133,14 @@ def _check_number(name: str, value: object) -> None:
         raise ValueError(f"parameter {name!r} is {number}; a finite number is needed")
 
 
-def _xacro_text(value: object) -> str:
+def xacro_text(value: object) -> str:
+    """Return a value as the text that xacro reads it from, to the last digit."""
     if isinstance(value, str | bool | np.bool_):
         return str(value)
     return repr(float(value))  # type: ignore[arg-type]
 
 
-def _arguments(expansion: Expansion) -> dict[str, str]:
+def arguments_of(expansion: Expansion) -> dict[str, str]:
     """Return names and defaults of the arguments that a xacro file and its includes declare."""
     arguments: dict[str, str] = {}
     files, seen = [expansion.path], set()
@@ -160,46 +160,6 @@ def _arguments(expansion: Expansion) -> dict[str, str]:
             elif tag == "include":
                 files += expansion.included(element.get("filename", ""), file)
     return arguments
-
-
-def dimensions(
-    path: Path, parameters: Mapping[str, float], trusted: bool = False,
-    packages: Mapping[str, Path] = NO_PACKAGES,
-) -> dict[str, float]:
-    """Return the value of every xacro argument that is a number, given or by default."""
-    expansion = Expansion(path, trusted, packages)
-    arguments = _arguments(expansion) if path.suffix == ".xacro" else {}
-    texts = {name: _xacro_text(parameters.get(name, text)) for name, text in arguments.items()}
-    if not all(_is_number(text) for text in texts.values()):
-        texts = _evaluated(texts, expansion)
-    return {name: float(text) for name, text in texts.items() if _is_number(text)}
-
-
-def _is_number(value: str | float) -> bool:
-    try:
-        return math.isfinite(float(value))
-    except (ValueError, OverflowError):
-        return False
-
-
-def _evaluated(texts: Mapping[str, str], expansion: Expansion) -> dict[str, str]:
-    """Evaluate `${...}` in defaults as xacro does in a file."""
-    document = minidom.parseString(EMPTY)
-    root = document.documentElement
-    assert root is not None
-    for name, text in texts.items():
-        holder = document.createElement("dimension")
-        holder.setAttribute("name", name)
-        holder.setAttribute("value", text)
-        root.appendChild(holder)
-
-    def process(xacro: Any) -> None:
-        xacro.init_stacks(str(expansion.path))
-        xacro.process_doc(document)
-
-    expansion.guarded(process)
-    found = document.getElementsByTagName("dimension")
-    return {e.getAttribute("name"): e.getAttribute("value") for e in found}
 
 
 # ---------------------------------------------------------------- one expansion

@@ -41,8 +41,9 @@ EXPORT int closer_examine(Closer *c, const Real *q, const Real *reference, Real 
    is examined too, else facts[0] is infinite; and where nothing is at fault there, further starts
    are tried: q, error, distance and mirrored have room for 1 + n_shakes rows. */
 EXPORT int closer_reach(Closer *c, Reaching *r);
-/* Whether nothing is at fault in the first place that was reached, and it is the nearest. Others may
-   be open by more than `open`: their starts have led nowhere. */
+/* Whether nothing is at fault in the first place that was reached, and it is the nearest, or near
+   where there was no other start. Others may be open by more than `open`: their starts have led
+   nowhere. */
 int reached_straight(const Reaching *r, Real open);
 
 #endif

@@ -91,7 +91,7 @@ def assembly_modes(
         raise ValueError(f"patience is {patience:.3g} and most_starts is {most_starts:.3g}; one of "
                          f"them must be {ENDLESS:.0e} at most, or the search hardly ends")
     accuracy = accuracy_of(accuracy)
-    mechanism = as_meant(mechanism, accuracy.gap)
+    mechanism = as_meant(mechanism, accuracy)
     held = _held(mechanism, mapping(drivers, "drivers"), free)
     rods = rods_of(mechanism)
     check = Check(mechanism, held, rods, accuracy.tolerance, accuracy.gap)

@@ -13,7 +13,6 @@ from spatial_pin.accuracy.tradeoff import Tradeoff
 from spatial_pin.accuracy.tradeoff_view import cells
 from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.kinetostatics import Kinetostatics
-from spatial_pin.dynamics.reactions import MANY
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mobility.mobility import Mobility
 from spatial_pin.motion.motion import Motion
@@ -100,12 +99,11 @@ def kinetostatics(shown: Kinetostatics) -> str:
         sizes = np.linalg.norm(x.reshape(-1, 2, 3), axis=2).max(axis=0)
         rows.append((name, *(tidy(size, shown.on_ground) + mark
                              for size, mark in zip(sizes, shown.marks(name), strict=True))))
-    marked = any("*" in cell for row in rows for cell in row[1:])
     statics = "" if moved.per == "s" else "; at rest, for the motion has no speed"
     return _card(f"{heading(moved)}{statics}", _table(
         ("effort", "unit", "least", "largest", "most"), efforts), _table(
         ("reaction", "largest force [N]", "largest moment [N·m]"), rows, numbers=2),
-        paragraph(MANY) if marked else "")
+        *map(paragraph, shown.why_not_unique()))
 
 
 def tradeoff(shown: Tradeoff) -> str:

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 # Samples that the way of one driver is shown by, or those of many drivers together: 3 degrees apart
 # over a turn, between which positions are interpolated; and of one of many drivers, either way.
-SAMPLES, FEWEST_SAMPLES = 121, 13
+LIVE_SAMPLES, FEWEST_SAMPLES = 121, 13
 BEYOND_LIMIT = 0.04  # how far a slider goes beyond a limit relative to its length: seen as a stop
 # Starts without a new assembly mode after which there are no more: a mode that one in 30 ends at is
 # missed in 3 % of cases, and the page is not kept waiting.
@@ -104,7 +104,7 @@ class Desk:
         self._start = drive.state
         self._modes: tuple[dict[str, float], list[State]] | None = None
         self._lock = threading.Lock()
-        self.rows = max(FEWEST_SAMPLES, SAMPLES // len(drive.names))
+        self.rows = max(FEWEST_SAMPLES, LIVE_SAMPLES // len(drive.names))
         reaches = self.reaches()
         self.dials = {name: _dial(drive, name, reach) for name, reach in reaches.items()}
         self.film = _film(drive, reaches)

@@ -15,9 +15,10 @@ from spatial_pin.dynamics.simulation.running.rated_limits import RatedLimits
 from spatial_pin.dynamics.simulation.running.step import Step
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.joint_limits import SLACK, JointLimit, joint_limits
-from spatial_pin.motion.joint_limits import NOISE, Passing, falls, first_passing, passed_at_start
+from spatial_pin.motion.joint_limits import NOISE, Passing, first_passing, passed_at_start
 from spatial_pin.motion.rated_limits import RatedLimit
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.roots import sign_change
 
 StopFunction = Callable[[float, State], float]
 AT_LIMITS = ("report", "stop", "ignore")
@@ -70,13 +71,6 @@ def _stop_value(stop_when: StopFunction, t: float, state: State) -> float:
     value: Any = stop_when(t, state)
     return finite_number(value.item() if np.size(value) == 1 and isinstance(value, np.ndarray)
                          else value, f"what stop_when returns at {t:.6g} s")
-
-
-def _zero(
-    function: StopFunction, step: Step, span: tuple[float, float], sign: float
-) -> float:
-    """Return when a function has crossed zero in a part of a step; its sign at the beginning."""
-    return falls(lambda t: sign * function(t, step.state(t)), *span)
 
 
 class Watch:
@@ -148,7 +142,8 @@ class Watch:
         for t in sorted({*times.tolist(), step.last}):
             value = _stop_value(function, t, step.state(t))
             if before != 0.0 and before * value <= 0.0:
-                found = _zero(function, step, (since, t), float(np.sign(before)))
+                found = sign_change(lambda t: _stop_value(function, t, step.state(t)),
+                                    since, t, before, value)
                 break
             before, since = value, t
         self._last = value

@@ -10,10 +10,10 @@ from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.forces import joint_efforts
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.running.step import Step
-from spatial_pin.motion.joint_limits import falls
 from spatial_pin.motion.motion import Event
 from spatial_pin.motion.rated_limits import RatedLimit, effort_limits, velocity_limits
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.roots import sign_change
 
 NEAR_LIMIT = 0.5  # of a limit, from which on it is looked for between the ends of a step too
 BETWEEN = (0.25, 0.5, 0.75)  # parts of a step
@@ -69,11 +69,11 @@ class RatedLimits:
         """Return when an excess first becomes positive in a span of time, if it does."""
         if before > 0.0:
             return None
-        last = span[1] if after > 0.0 else None
-        if last is None and max(before, after) > -NEAR_LIMIT:
-            inside = (span[0] + part * (span[1] - span[0]) for part in BETWEEN)
-            last = next((t for t in inside if excess(t) > 0.0), None)
-        return None if last is None else falls(lambda t: -excess(t), span[0], last)
+        first, last = span
+        if not after > 0.0 and max(before, after) > -NEAR_LIMIT:
+            inside = ((t, excess(t)) for t in (first + part * (last - first) for part in BETWEEN))
+            last, after = next(((t, x) for t, x in inside if x > 0.0), (last, after))
+        return sign_change(excess, first, last, before, after) if after > 0.0 else None
 
     def _excesses(self, step: Step, t: float) -> Array:
         """Return how far all are beyond their limits, relative to these."""

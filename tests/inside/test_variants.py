@@ -19,6 +19,8 @@ from spatial_pin.kernel.packing import packed
 
 EPS = np.finfo(float).eps
 AXES = ("rspc",)  # the directions of its joints follow from a dimension
+FEW = [pytest.param(name, marks=() if name in ("rssr", "rspc") else pytest.mark.slow)
+       for name in sp.list_mechanisms()]
 
 
 @pytest.fixture
@@ -60,8 +62,7 @@ def same(one: sp.Mechanism, two: sp.Mechanism, length: float) -> None:
     assert one.dimensions == two.dimensions and one.parameters == two.parameters
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", sp.list_mechanisms())
+@pytest.mark.parametrize("name", FEW)
 def test_library_mechanisms_are_those_that_loading_gives(name, loads):
     mechanism = sp.load(name)
     made, dimensions = Variants(mechanism, mechanism.dimensions), other(mechanism)
@@ -98,8 +99,7 @@ def alike(one: sp.Mechanism, two: sp.Mechanism) -> None:
             assert x.placement.isApprox(y.placement, 1e-12)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", sp.list_mechanisms())
+@pytest.mark.parametrize("name", FEW)
 def test_whole_mechanisms_are_those_that_loading_gives(name, loads):
     """Masses and shapes too, and axes that turn."""
     mechanism = sp.load(name)
@@ -110,7 +110,9 @@ def test_whole_mechanisms_are_those_that_loading_gives(name, loads):
     assert not loads
 
 
-@pytest.mark.parametrize("name", ["four_bar", "rssr", "slider_crank", "delta", "excavator"])
+@pytest.mark.parametrize("name", [
+    "rssr", *(pytest.param(name, marks=pytest.mark.slow) for name in (
+        "four_bar", "slider_crank", "delta", "excavator"))])
 def test_masses_and_clearances_of_whole_mechanisms_are_those_of_loaded_ones(name, loads):
     mechanism = sp.load(name)
     dimensions = other(mechanism, 5)
@@ -129,10 +131,7 @@ def test_masses_and_clearances_of_whole_mechanisms_are_those_of_loaded_ones(name
     assert len(found[0]) > 2 and not loads
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [
-    name if name in ("rssr", "bennett", "rspc") else pytest.param(name, marks=pytest.mark.slow)
-    for name in sp.list_mechanisms()])
+@pytest.mark.parametrize("name", FEW)
 def test_derivatives_are_those_of_loaded_mechanisms(name, monkeypatch):
     mechanism = sp.load(name)
     driver, dimension = next(iter(mechanism.drivers)), next(iter(mechanism.dimensions))
@@ -153,8 +152,7 @@ def test_derivatives_are_those_of_loaded_mechanisms(name, monkeypatch):
         assert a == pytest.approx(b, abs=3.0 * error)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", sp.list_mechanisms())
+@pytest.mark.parametrize("name", FEW)
 def test_numbers_of_the_kernel_are_those_of_loaded_mechanisms(name):
     """Placements, closure equations, their derivatives and rates of the bodies."""
     mechanism, dimensions = sp.load(name), []

@@ -1,4 +1,4 @@
-"""Colours and places of the parts of COLLADA and Wavefront meshes are those of their files."""
+"""Colours and places of the parts of meshes are those of their files; moving reads none."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ import pytest
 import umsgpack
 
 import spatial_pin as sp
+from spatial_pin.formats.meshes import meshes
+from spatial_pin.formats.urdf import shapes
 from spatial_pin.view.scene.film import film
 from spatial_pin.view.scene.layers.bodies import BODY_COLOURS, body_items
 from spatial_pin.view.scene.meshcat_commands import scene
@@ -170,6 +172,13 @@ def test_colours_are_there_for_a_copy_sent_elsewhere_and_for_a_file_that_changed
     assert set(parts(mechanism)) == {RED, GREEN}
     changed = OBJ.format(third="red").replace("usemtl green", "usemtl  red")
     assert set(parts(load("part.obj", changed))) == {RED}
+
+
+def test_loading_and_moving_read_no_mesh(load, monkeypatch):
+    monkeypatch.setattr(shapes, "read_meshes", None)
+    monkeypatch.setattr(meshes, "fault", None)
+    mechanism = load("part.obj", OBJ.format(third="red"))
+    assert sp.assemble(mechanism).closure_error == 0.0
 
 
 def test_a_page_has_the_colours(load):

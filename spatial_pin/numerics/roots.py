@@ -1,0 +1,45 @@
+"""Where a function changes its sign."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+MOST_EVALUATIONS = 1000  # bisection alone takes sixty; Brent's method is worst where it jumps
+
+
+def sign_change(
+    function: Callable[[float], float], first: float, last: float, at_first: float, at_last: float,
+    xtol: float = 1e-14, rtol: float = 1e-14,
+) -> float:
+    """Return where a function changes its sign between two places.
+
+    What is computed from closed configurations is round-off near its zero, and may have another
+    sign when it is computed again: the values at the ends are given, and never asked for again.
+    Where they are of one sign, round-off hides a change at the end whose value is the smaller. A
+    change as near to an end as it is known is there.
+    A place where the function is NaN counts as one behind the change.
+
+    Args:
+        function: of the place.
+        first: one end.
+        last: the other, before or behind it.
+        at_first: the function there, a number.
+        at_last: the same.
+        xtol: how far the place may be off.
+        rtol: the same, by its size.
+    """
+    from scipy.optimize import brentq  # imported on use: it takes a tenth of a second
+
+    if not (at_first < 0.0 < at_last or at_last < 0.0 < at_first):
+        return first if abs(at_first) < abs(at_last) else last
+    known = {first: at_first, last: at_last}
+
+    def value(place: float) -> float:
+        found = known[place] if place in known else float(function(place))
+        return at_last if math.isnan(found) else found
+
+    found, _ = brentq(value, first, last, xtol=xtol, rtol=rtol, maxiter=MOST_EVALUATIONS,
+                      full_output=True, disp=False)
+    off = 2.0 * (xtol + rtol * abs(found))
+    return next((end for end in (first, last) if abs(found - end) <= off), float(found))
