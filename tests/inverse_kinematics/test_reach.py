@@ -194,7 +194,7 @@ def test_what_no_motion_brings_nearer_leaves_the_least_motion(tmp_path):
 
 
 @pytest.mark.delicate
-@pytest.mark.parametrize("least_turn", [None, 0.2])
+@pytest.mark.parametrize("least_turn", few([None, 0.2], 0.2))
 def test_of_equal_sums_that_cannot_vanish_the_nearest_is_taken(tmp_path, least_turn):
     limits = [(-3, 3), (least_turn, 3)] if least_turn else []
     mechanism = arm(tmp_path, (1.0, 0.8, 0.6, 0.5, 0.4), limits)
