@@ -375,8 +375,7 @@ def _independent(mechanism: Mechanism, samples: list[Sample], rank: int) -> Equa
                                               for _ in range(2)]
     for row in rows:
         kept[row >= constraints.n_closure][labels[row].closure] += (labels[row].equation,)
-    own, turned = (tuple(each.values()) for each in kept)
-    return Equations(own, turned)
+    return Equations(tuple(kept[0].values()), tuple(kept[1].values()))
 
 
 def _choice(
