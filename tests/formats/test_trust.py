@@ -267,7 +267,7 @@ def test_names_of_layers_that_are_worked_out_are_for_who_trusts(tmp_path):
                        prim='def Xform "r" (references = @`"./${V}.usda"`@) {}\n')
     written(tmp_path, "part.usda", ROBOT)
     path = written(tmp_path, "m.usda", text)
-    with pytest.raises(sp.MechanismFileError, match="a name that is worked out; .*trusted=True"):
+    with pytest.raises(sp.MechanismFileError, match=r"a name that is worked out; .*trusted=True"):
         sp.load(path)
     assert sp.load(path, trusted=True).coordinates == ("j",)
 
