@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,7 +32,7 @@ from spatial_pin.motion.follow import follow
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array, decompose, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.outputs import named_path, write_text
+from spatial_pin.outputs import named_path, write_csv, write_text
 
 EVALUATIONS = 300  # at most: ten are usual, some dozens with many outliers
 # Part of a residual's square over the margin's that counts, by loss: its derivative.
@@ -143,10 +144,11 @@ class Calibration:
             >>> sp.calibrate(mech, seen, ["r3"]).to_csv("residuals.csv").name
             'residuals.csv'
         """
-        lines = ["measurement,of,unit,residual,before,weight"]
-        lines += [f"{i + 1},{label},{unit},{x!r},{y!r},{w!r}"
-                  for (i, label), unit, x, y, w in self._rows()]
-        return write_text(named_path(path), "\n".join(lines) + "\n")
+        rows = [(i + 1, label, unit, x, y, w) for (i, label), unit, x, y, w in self._rows()]
+        names, text = ("measurement", "of", "unit", "residual", "before", "weight"), io.StringIO()
+        write_csv(text, {name: np.array([row[k] for row in rows], dtype=object)
+                         for k, name in enumerate(names)}, "\n")
+        return write_text(named_path(path), text.getvalue())
 
     def __repr__(self) -> str:
         return (f"Calibration({self.mechanism.name!r}: {len(self.values)} unknowns from "

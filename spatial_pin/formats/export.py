@@ -13,7 +13,7 @@ import numpy as np
 from spatial_pin.errors import MechanismFileError, SpatialPinError, warn
 from spatial_pin.formats.dialects import Reading, read_dialects
 from spatial_pin.formats.pinocchio_model.joints import joint_axis
-from spatial_pin.formats.sources import is_file
+from spatial_pin.formats.sources import Trust, is_file
 from spatial_pin.formats.toml_files import toml_text
 from spatial_pin.formats.urdf.model import (
     LIMITS,
@@ -172,7 +172,8 @@ def _parts(mesh: Path) -> list[Path]:
         return []
     text = mesh.read_text(encoding="utf-8", errors="replace")
     named = [mesh.parent / name.strip() for name in re.findall(r"^mtllib[ \t]+(.+)$", text, re.M)]
-    return [file for file in named if file.parent == mesh.parent and is_file(file)]
+    trust = Trust.of(mesh)
+    return [file for file in named if file.parent == mesh.parent and trust.allows(file)]
 
 
 # ---------------------------------------------------------------- what a mechanism file says

@@ -22,6 +22,7 @@ from spatial_pin.formats.imported import Importer, Request
 from spatial_pin.formats.mechanism_file import Said, mechanism_of
 from spatial_pin.formats.merging import merged, without_loops_and_motors
 from spatial_pin.formats.sources import (
+    Trust,
     check_file,
     is_file,
     library_folder,
@@ -207,7 +208,7 @@ def _load_toml(request: Request) -> Mechanism:
     top = Table(parse_toml(read_text(path), path), str(path))
     mistakes = Mistakes(str(path))
     with mistakes.each():
-        file = _tree_of(top)
+        file = _tree_of(top, request)
         importer = importer_of(file) or urdf_importer.IMPORTER
         complete = top.flag("complete")
         request = _choosing_model(request, file, importer)
@@ -243,7 +244,7 @@ def _empty_arguments(request: Request) -> list[str]:
     file = request.path
     try:
         if file.suffix == ".toml":
-            file = file.parent / str(parse_toml(read_text(file), file).get("tree"))
+            file = _tree_of(Table(parse_toml(read_text(file), file), str(file)), request)
         if file.suffix != ".xacro":
             return []
         texts = arguments(file, request.parameters, request.trusted, request.packages)
@@ -252,16 +253,16 @@ def _empty_arguments(request: Request) -> list[str]:
     return [name for name, text in texts.items() if not text.strip()]
 
 
-def _tree_of(top: Table) -> Path:
+def _tree_of(top: Table, request: Request) -> Path:
     """Return the file of the tree.
 
     Raises:
-        MechanismFileError: it is not there, or none is named.
+        MechanismFileError: it is not there or may not be read, or none is named.
     """
     name = top.text("tree")
-    file = Path(top.where).parent / name
+    file = request.path.parent / name
     try:
-        check_file(file)
+        Trust.of(request.path, request.packages, request.trusted).checked(file)
     except MechanismFileError as error:
         top.fail("tree", f"is {shown(name)!r}: {error}")
     return file

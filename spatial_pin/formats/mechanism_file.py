@@ -16,6 +16,7 @@ from spatial_pin.formats.checked_tables import BELONGS, BETWEEN, TOP, Table, bel
 from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.graph.urdf import without_loops
 from spatial_pin.formats.imported import Request
+from spatial_pin.formats.sources import Trust
 from spatial_pin.formats.urdf.model import LIMITS, RESISTANCES, JointRefinement, Tree, tree_of
 from spatial_pin.formats.xacro.dimensions import Written, dimensions
 from spatial_pin.mechanism.checks import check_mechanism, impossible_inertias
@@ -148,8 +149,8 @@ def mechanism_of(top: Table, file: Path, urdf: str, request: Request, faults: Fa
                 faults.note(notice)
             urdf, top = cut.urdf, Table(cut.content, top.where)
             said = Said(top, mistakes)
-        tree = tree_of(urdf, file, said.refinements, faults, request.packages, said.order,
-                       top.where)
+        trust = Trust.of(file, request.packages, request.trusted)
+        tree = tree_of(urdf, file, said.refinements, faults, trust, said.order, top.where)
         if said.gravity is not None:
             tree.model.gravity.linear = said.gravity
         return _build(top, tree, said, file, request, faults, mistakes)

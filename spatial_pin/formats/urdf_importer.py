@@ -13,6 +13,7 @@ from spatial_pin.formats.dialects.unknown import refuse_unread
 from spatial_pin.formats.imported import Imported, Importer, Request
 from spatial_pin.formats.sources import read_text
 from spatial_pin.formats.urdf.checks import end_of
+from spatial_pin.formats.urdf.elements import local
 from spatial_pin.formats.urdf.leaving_out import leave_out
 from spatial_pin.formats.xacro.expansion import expand
 from spatial_pin.formats.xacro.parsing import ROOT, parse_urdf
@@ -32,9 +33,11 @@ def is_urdf(path: Path) -> bool:
 
 
 def _put_world(robot: ET.Element) -> list[str]:
-    """Put in the link `world` where joints hang on it and nothing defines it, as Drake has it."""
+    """Put in the link `world` where something hangs on it that nothing defines, as Drake has it."""
     links = {link.get("name") for link in robot.findall("link")}
-    if WORLD in links or all(end_of(x, "parent") != WORLD for x in robot.iter("joint")):
+    named = {end_of(x, "parent") for x in robot.iter() if local(x) == "joint"}
+    named |= {x.get("name", "") for x in robot.iter() if local(x).endswith(("_body_A", "_body_B"))}
+    if WORLD in links or WORLD not in named:
         return []
     robot.insert(0, ET.Element("link", name=WORLD))
     return [f"link {WORLD!r} is not defined: it is what stands still"]

@@ -121,6 +121,19 @@ def test_a_world_that_nothing_defines_is_what_stands_still(tmp_path):
 
 
 @quiet
+@pytest.mark.parametrize("stated", [
+    '<drake:joint name="b" type="ball"><parent link="world"/><child link="arm"/></drake:joint>'
+    '<link name="arm"/>',
+    '<drake:ball_constraint><drake:ball_constraint_body_A name="coupler"/><drake:'
+    f'ball_constraint_p_AP value="{COUPLER} 0 0"/><drake:ball_constraint_body_B name="world"/>'
+    '<drake:ball_constraint_p_BQ value="0.252 0.235 0"/></drake:ball_constraint>'])
+def test_what_drake_hangs_on_the_world_stands_still(stated, tmp_path):
+    mech = sp.load(written(tmp_path, "m.urdf", chain(stated)))
+    assert "world" in mech.links and mech.frame_on_joint("base")[0] == 0
+    assert any("link 'world' is not defined" in notice for notice in mech.notices)
+
+
+@quiet
 def test_a_world_that_is_defined_or_not_named_changes_nothing(tmp_path):
     named = chain(root='<link name="world"/>', base="world")
     mech = sp.load(written(tmp_path, "m.urdf", named))

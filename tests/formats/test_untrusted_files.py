@@ -249,7 +249,7 @@ def test_a_command_that_is_none_is_refused(write, command):
 def test_commands_as_robots_have_them(write, monkeypatch):
     monkeypatch.setenv("ARM_REACH", "3")
     monkeypatch.delenv("ARM_NONE", raising=False)
-    assert reach(write(arm("$(env ARM_REACH)"))) == 3.0
+    assert reach(write(arm("$(env ARM_REACH)")), trusted=True) == 3.0
     assert reach(write(arm("$(optenv ARM_NONE 4)"))) == 4.0
     assert reach(write(arm("$(eval 2 * given)", NAMES.split("<xacro:property")[0]))) == 0.25
 

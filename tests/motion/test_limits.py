@@ -96,10 +96,10 @@ def test_a_traced_curve_goes_straight_on_where_branches_cross():
 @pytest.mark.delicate
 @pytest.mark.parametrize(("lengths", "kind"), [
     ((0.30, 0.10, 0.28, 0.24), "crank-rocker"),
-    ((0.10, 0.30, 0.28, 0.24), "double crank"),
-    ((0.30, 0.24, 0.10, 0.28), "double rocker"),
+    ((0.10, 0.30, 0.28, 0.24), "double-crank"),
+    ((0.30, 0.24, 0.10, 0.28), "double-rocker"),
     ((0.28, 0.24, 0.30, 0.10), "rocker-crank"),
-    ((0.30, 0.20, 0.20, 0.20), "triple rocker"),
+    ((0.30, 0.20, 0.20, 0.20), "triple-rocker"),
     ((0.30, 0.10, 0.30, 0.10), "change point"),
 ])
 def test_grashof_types(lengths, kind):

@@ -20,7 +20,7 @@ import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError, Mistakes, suggestion
 from spatial_pin.formats.faults import Faults
-from spatial_pin.formats.sources import NO_PACKAGES
+from spatial_pin.formats.sources import Trust
 from spatial_pin.formats.urdf.checks import (
     INERTIAL,
     check_joint,
@@ -105,7 +105,7 @@ class Tree:
 
 def tree_of(
     urdf: str, path: Path, refinements: Mapping[str, JointRefinement], faults: Faults,
-    packages: Mapping[str, Path] = NO_PACKAGES, order: Sequence[str] = (), order_of: str = "",
+    trust: Trust, order: Sequence[str] = (), order_of: str = "",
 ) -> Tree:
     """Build the open tree of plain URDF text.
 
@@ -114,7 +114,7 @@ def tree_of(
         path: where it comes from, for relative paths and errors.
         refinements: what a mechanism file says of joints.
         faults: notes what is wrong in it and can be lived with.
-        packages: folders of ROS packages, by name, in which meshes lie.
+        trust: which meshes may be read.
         order: joints in the order of their coordinates; those not named go first. Default that of
             Pinocchio's reader: joint by joint upwards, alphabetically at each link.
         order_of: the file that says so, for errors.
@@ -135,7 +135,7 @@ def tree_of(
         with mistakes.each():
             check_joint(joint, path, faults)
     mistakes.tell()
-    shapes = take_shapes(robot, path, packages, faults)
+    shapes = take_shapes(robot, path, trust, faults)
     whole = ET.tostring(robot, encoding="unicode")  # with absolute paths of meshes
     elements = {joint.get("name", ""): joint for joint in robot.findall("joint")}
     plain = _read(robot, path)
