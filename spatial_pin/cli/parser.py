@@ -49,6 +49,9 @@ class _Parser(argparse.ArgumentParser):
 
     _within = False
 
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(allow_abbrev=False, **settings)  # --n would be any option with an n
+
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         if self.get_default("run") is None or self._within:
             return super().parse_known_args(args, namespace)
