@@ -10,7 +10,7 @@ from typing import Any
 
 import spatial_pin as sp
 from spatial_pin.cli.commands import COMMANDS, GROUPS
-from spatial_pin.cli.options import mechanism_options
+from spatial_pin.cli.options import as_taken, mechanism_options
 from spatial_pin.errors import suggestion
 
 DESCRIPTION = "Spatial mechanisms with closed loops: load, close, move, see."
@@ -27,6 +27,8 @@ def options_of(words: Sequence[str]) -> argparse.Namespace:
     whole = parser()
     if words and words[0] not in COMMANDS and not words[0].startswith("-"):
         whole.error(f"no command {words[0]!r}; {_near(words[0], COMMANDS)}")
+    if words and words[0] in COMMANDS:
+        words = as_taken(words, whole.get_default("parsers")[words[0]])
     # argparse takes -90deg for an option, but nothing that begins with a space
     options, rest = whole.parse_known_args(
         [f" {w}" if re.match(r"-\.?\d", w) else w for w in words])
@@ -89,4 +91,5 @@ def parser() -> argparse.ArgumentParser:
         if command.takes_mechanism:
             mechanism_options(sub)
         command.add_options(sub)
+    whole.set_defaults(parsers=parsers)
     return whole
