@@ -119,7 +119,8 @@ def output(motion: Motion, spec: str) -> Output:
     valid = [*mechanism.coordinate_table, *mechanism.drivers,
              MASS, *(f"{WHOLE}.{k}" for k in FRAME_UNITS if not k.startswith("angular")),
              *(f"{n}.{k}" for n in mechanism.frame_ids for k in (*FRAME_UNITS, ANGLE)),
-             *(f"{n}.{k}" for n in mechanism.coordinate_table for k in COORDINATE_OUTPUTS)]
+             *(f"{n}.{k}" for n in (*mechanism.coordinate_table, *mechanism.drivers)
+               for k in COORDINATE_OUTPUTS)]
     raise UnknownNameError("output", spec, valid, f"mechanism {mechanism.name!r}: ")
 
 
