@@ -32,7 +32,8 @@ def joint(kind: str) -> str:
 
 @pytest.mark.parametrize(("word", "meant"), [
     ("hinge", "revolute"), ("Hinge", "revolute"), ("pin joint", "revolute"),
-    ("slider", "prismatic"), ("ball", "spherical"), ("ball-joint", "spherical"), ("cardan", "universal")])
+    ("slider", "prismatic"), ("ball", "spherical"), ("ball-joint", "spherical"),
+    ("cardan", "universal")])
 def test_the_word_that_is_meant_is_offered_and_is_accepted(word, meant, tmp_path):
     for table in (closure, joint):
         assert refused(tmp_path, table(word)).endswith(f"type is {word!r}; did you mean {meant!r}?")
