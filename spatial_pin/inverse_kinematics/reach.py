@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
@@ -223,20 +224,37 @@ class Stop(NamedTuple):
 def _short(start: State, solver: Solver, found: Reached, state: State) -> ReachError:
     """Return the error that tells how near it comes, and what stops it there."""
     mechanism, residuals = state.mechanism, dict[str, Array]()
+    gaps = dict[str, tuple[float, float]]()
     for target in solver.weighted if found.is_met(EXACT) else solver.exact:
         off = target.residual(solver.evaluation)[0]
         residuals[target.name] = np.append(residuals.get(target.name, ()), off)
+        n = target.lengths(mechanism)
+        n = len(off) if n is None else n
+        length, angle = gaps.get(target.name, (0.0, 0.0))
+        gaps[target.name] = math.hypot(length, *off[:n]), math.hypot(angle, *off[n:])
     lengths = {name: float(np.linalg.norm(x)) for name, x in residuals.items()}
     worst = max(lengths, key=lengths.__getitem__)
     stops = tuple(_stops(start, solver, found))
     return ReachError(
         f"mechanism {mechanism.name!r}: the targets cannot be reached from there: {worst!r} stays "
-        f"off by {lengths[worst]:.3g} (lengths relative to the characteristic length, "
-        f"{mechanism.characteristic_length:.4g} m; angles in rad); "
-        f"{'; '.join(stop.words for stop in stops)}",
+        f"off by {_gap(mechanism, *gaps[worst])}; {'; '.join(stop.words for stop in stops)}",
         state=state, distances=lengths, residuals=residuals,
         stops=tuple(stop.words for stop in stops), reasons=tuple(stop.reason for stop in stops),
         limits=tuple(limit.name for limit in found.limits))
+
+
+def _gap(mechanism: Mechanism, length: float, angle: float) -> str:
+    """Return how far off a target is, in millimetres or metres, and degrees.
+
+    Args:
+        mechanism: the mechanism.
+        length: relative to its characteristic length.
+        angle: [rad].
+    """
+    far = length * mechanism.characteristic_length
+    words = [f"{far:.4g} m" if far >= 1.0 else f"{1e3 * far:.4g} mm"] * (length > EXACT)
+    words += [f"{angle:.4g} rad ({math.degrees(angle):.4g}°)"] * (angle > EXACT or not words)
+    return " and ".join(words)
 
 
 def _stops(start: State, solver: Solver, found: Reached) -> Iterable[Stop]:
