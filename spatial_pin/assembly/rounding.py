@@ -208,7 +208,7 @@ def _kept(evaluation: Evaluation, gap: float) -> Equations | None:
         return None
     mechanism = evaluation.mechanism
     kept = (_independent(mechanism, samples, rank) if rank else
-            Equations(*[((),) * len(mechanism.closures)] * 2))
+            Equations(((),) * len(mechanism.closures), ((),) * len(mechanism.closures)))
     if _opens_nearby(evaluation, mechanism.with_equations(kept), first.q, gap):
         return None
     evaluation.update(worst.q)
@@ -375,7 +375,8 @@ def _independent(mechanism: Mechanism, samples: list[Sample], rank: int) -> Equa
                                               for _ in range(2)]
     for row in rows:
         kept[row >= constraints.n_closure][labels[row].closure] += (labels[row].equation,)
-    return Equations(*(tuple(each.values()) for each in kept))
+    own, turned = (tuple(each.values()) for each in kept)
+    return Equations(own, turned)
 
 
 def _choice(

@@ -63,17 +63,20 @@ class PassiveFreedom(NamedTuple):
         return self.text
 
 
-def passive_freedoms_at(evaluation: Evaluation, q: Array) -> list[tuple[str, Array]]:
+def passive_freedoms_at(
+    evaluation: Evaluation, q: Array, held: Iterable[int] = ()
+) -> list[tuple[str, Array]]:
     """Return (joint name, (k, nv) velocities) of the links that are passive at a closed q.
 
-    A link that hangs on one pair only is no part of a loop and not called passive.
+    A link that hangs on one pair only is no part of a loop and not called passive. Velocity
+    entries that are `held` stand still.
     """
     mechanism = evaluation.mechanism
     scale, n = mechanism.velocity_scale, evaluation.constraints.n_closure
     evaluation.update(q)
     driven = [mechanism.coordinate(d.joint) for d in mechanism.drivers.values()]
     drive = [scaled_row(mechanism, c, q) for c in driven]
-    drive += list(np.eye(len(scale))[list(still_entries(mechanism, driven))])
+    drive += list(np.eye(len(scale))[[*still_entries(mechanism, driven), *held]])
     tangents = scale * null_space(np.vstack([evaluation.jacobian[:n], *drive]),
                                   TOLERANCES.half_precision)
     if not len(tangents):
@@ -92,12 +95,10 @@ def idle_freedoms(
         q: (nq,) closed configuration.
         held: places in the velocity vector of coordinates that stand still, besides the drivers.
     """
-    at, found = list(held), []
-    for joint, velocities in passive_freedoms_at(evaluation, q):
-        scaled = velocities / evaluation.mechanism.velocity_scale
-        still = null_space(scaled[:, at].T / np.abs(scaled).max(), IDLE) @ velocities
-        idle = [v for v in _spins_and_slides(evaluation, joint, still)
-                if _goes_on(evaluation, q, joint, v)] if len(still) else []
+    found = []
+    for joint, velocities in passive_freedoms_at(evaluation, q, held):
+        idle = [v for v in _spins_and_slides(evaluation, joint, velocities)
+                if _goes_on(evaluation, q, joint, v)]
         evaluation.update(q)
         if idle:
             found.append((joint, np.array(idle)))

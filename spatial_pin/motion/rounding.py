@@ -42,7 +42,9 @@ def within_gap(motion: AnyMotion, accuracy: Accuracy, on_limit: str) -> AnyMotio
             if not before:
                 raise SingularError(f"mechanism {motion.mechanism.name!r}: {text}", state=state,
                                     motion=motion)
-            value = float((motion.time if motion.driver is None else motion.driver)[row])
+            swept = motion.time if motion.driver is None else motion.driver
+            assert swept is not None
+            value = float(swept[row])
             motion = first_samples(motion, before)
             motion.events.append(Event(GAP, value, before, text))
             if on_limit != "stop":

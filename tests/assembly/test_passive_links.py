@@ -40,6 +40,7 @@ def states(pair: tuple[sp.Mechanism, sp.Mechanism], crank: float = 0.5) -> list[
     return [first, sp.assemble(other, {"crank": crank}, {"rocker_pin": rocker})]
 
 
+@pytest.mark.delicate
 def test_the_rod_spins_however_it_is_written(pair: tuple[sp.Mechanism, sp.Mechanism]) -> None:
     for mechanism, state in zip(pair, states(pair), strict=True):
         found = sp.mobility(mechanism, state)
@@ -73,6 +74,7 @@ def test_a_sweep_is_the_same(pair: tuple[sp.Mechanism, sp.Mechanism]) -> None:
         assert y == pytest.approx(x, abs=1e-10)
 
 
+@pytest.mark.delicate
 def test_there_are_as_many_assembly_modes(pair: tuple[sp.Mechanism, sp.Mechanism]) -> None:
     one, other = (sp.assembly_modes(m, {"crank": 0.5}) for m in pair)
     rockers = [sorted(math.remainder(x.coordinate("rocker_pin").value, 2 * math.pi) for x in modes)
@@ -89,6 +91,7 @@ def test_forces_are_the_same(pair: tuple[sp.Mechanism, sp.Mechanism]) -> None:
     assert falls[1] == pytest.approx(falls[0], abs=1e-8)
 
 
+@pytest.mark.delicate
 def test_a_ball_and_a_universal_joint_of_two_hinges_leave_no_spin(tmp_path: Path) -> None:
     for hinges in ((2, 0), (0, 2), (2, 3)):
         mechanism = rssr(tmp_path / str(hinges), True, *hinges)
@@ -97,6 +100,7 @@ def test_a_ball_and_a_universal_joint_of_two_hinges_leave_no_spin(tmp_path: Path
         sp.jacobian(mechanism, sp.assemble(mechanism), "rocker")
 
 
+@pytest.mark.delicate
 def test_a_link_at_the_end_is_counted_among_the_freedoms_to_prescribe(tmp_path: Path) -> None:
     names = ["ground", "a", "b", "c"]
     (tmp_path / "arm.urdf").write_text('<robot name="arm">' + "".join([
@@ -110,6 +114,7 @@ def test_a_link_at_the_end_is_counted_among_the_freedoms_to_prescribe(tmp_path: 
         sp.jacobian(mechanism, sp.assemble(mechanism), "c")
 
 
+@pytest.mark.delicate
 @pytest.mark.parametrize("name", BARS)
 def test_robots_whose_rods_are_cut_by_welds(name: str) -> None:
     dof, drivers, passive = BARS[name]

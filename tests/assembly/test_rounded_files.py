@@ -11,6 +11,7 @@ import pytest
 import rounded
 from folders import DATA
 from mechanisms import from_text
+from variety import paired
 
 import spatial_pin as sp
 
@@ -30,9 +31,12 @@ LOOPS = {
 MOVED = ("four-bar", "Bennett", "Bricard", "Sarrus", "watt_six_bar, exported")
 DIGITS = {"7 decimals": (rounded.to_digits(7), 1e-6), "6 decimals": (rounded.to_digits(6), 1e-5),
           "single precision": (rounded.to_float32, 1e-6)}
-ALL = pytest.mark.parametrize("name", LOOPS)
+ALL_ROUNDED = pytest.mark.parametrize(("name", "digits"), paired([*LOOPS], [*DIGITS], (
+    "four-bar closed by a ball", "five-bar", "Bennett", "Bricard", "Sarrus",
+    "watt_six_bar, exported", "screw_press, exported")))
 SOME = pytest.mark.parametrize("name", MOVED)
-ROUNDED = pytest.mark.parametrize("digits", DIGITS)
+SOME_ROUNDED = pytest.mark.parametrize(("name", "digits"), paired(MOVED, [*DIGITS]))
+pytestmark = pytest.mark.delicate
 
 
 def both(name, digits):
@@ -54,8 +58,7 @@ def values(state):
 # ------------------------------------------------------------ closing
 
 
-@ALL
-@ROUNDED
+@ALL_ROUNDED
 def test_a_rounded_loop_closes_where_the_exact_one_does(name, digits):
     exact, mechanism, size = both(name, digits)
     with pytest.warns(sp.SpatialPinWarning, match=r"equations? of .* hold to .*rounded"):
@@ -65,8 +68,7 @@ def test_a_rounded_loop_closes_where_the_exact_one_does(name, digits):
     assert np.abs(values(state) - values(sp.assemble(exact))).max() < 10.0 * size
 
 
-@ALL
-@ROUNDED
+@ALL_ROUNDED
 def test_mobility_counts_as_of_the_exact_mechanism(name, digits):
     exact, mechanism, _ = both(name, digits)
     found, meant = sp.mobility(mechanism, assembled(mechanism)), sp.mobility(exact)
@@ -206,8 +208,7 @@ def driver(state):
     return next(iter(state.mechanism.drivers))
 
 
-@SOME
-@ROUNDED
+@SOME_ROUNDED
 def test_sweeps_follow_the_exact_motion_without_a_jump(name, digits):
     exact, mechanism, size = both(name, digits)
     state = assembled(mechanism)
@@ -222,8 +223,7 @@ def test_sweeps_follow_the_exact_motion_without_a_jump(name, digits):
     assert {found.state(k).mechanism for k in range(len(found))} == {found.mechanism}
 
 
-@SOME
-@ROUNDED
+@SOME_ROUNDED
 def test_rates_are_those_of_the_equations_that_hold(name, digits):
     exact, mechanism, size = both(name, digits)
     state = assembled(mechanism)
@@ -261,8 +261,7 @@ def test_modes_are_those_of_the_exact_mechanism(name):
 # ------------------------------------------------------------ forces
 
 
-@SOME
-@ROUNDED
+@SOME_ROUNDED
 def test_dynamics_are_those_of_the_exact_mechanism(name, digits):
     exact, mechanism, size = both(name, digits)
     states = [sp.solve_rates(m, assembled(m), {driver(assembled(m)): 1.0})

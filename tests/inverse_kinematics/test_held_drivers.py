@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from loaded_library import library
 
 import spatial_pin as sp
 
 
 def path_and_hold(name, hold, target, way, **options):
     """Return the motion of a target from where it stands, and the start."""
-    mechanism = sp.load(name, **options)
+    mechanism = library(name, **options)
     state = sp.assemble(mechanism)
     frame, _, part = target.partition(".position.")
     start = state.placement(frame).translation["xyz".index(part)]
@@ -20,7 +21,8 @@ def path_and_hold(name, hold, target, way, **options):
 
 @pytest.mark.parametrize(("drivers", "coordinates"), [
     (["swing", "arm", "bucket"], ["swing", "arm_slide", "bucket_slide"]),
-    (["swing", "boom", "bucket"], ["swing", "boom_slide", "bucket_slide"]),
+    pytest.param(["swing", "boom", "bucket"], ["swing", "boom_slide", "bucket_slide"],
+                 marks=pytest.mark.slow),
     (["swing", "arm"], ["swing", "arm_slide"]),  # two are free: least motion
 ])
 def test_drivers_are_held_by_their_own_names_and_by_those_of_their_joints(drivers, coordinates):
@@ -41,7 +43,7 @@ def test_a_driver_is_held_beside_a_free_base():
 
 
 def test_reach_and_the_path_that_begins_there_hold_the_same():
-    mechanism = sp.load("delta")
+    mechanism = library("delta")
     state = sp.assemble(mechanism)
     height = state.placement("platform").translation[2]
     held = [*mechanism.drivers][:1]

@@ -121,7 +121,8 @@ def test_limits_on_the_way_hide_no_target_and_the_nearest_elbow_is_taken(tmp_pat
     assert far > 3
 
 
-def test_the_nearest_within_limits_is_that_of_a_global_search(tmp_path):
+@pytest.mark.parametrize("number", few([13, 31], 13))
+def test_the_nearest_within_limits_is_that_of_a_global_search(tmp_path, number):
     limits = [(-1.5, 2.5), (-2.0, 2.0), (-2.0, 2.0)]
     mechanism = arm(tmp_path, limits=limits)
 
@@ -131,7 +132,7 @@ def test_the_nearest_within_limits_is_that_of_a_global_search(tmp_path):
         return np.sum((tip - point) ** 2)
 
     for point in ([-1.5, -1.4], [-0.2, -0.1], [-2.0, -0.4]):
-        near = brute(square, limits, (point,), Ns=31, finish=None)
+        near = brute(square, limits, (point,), Ns=number, finish=None)
         best = minimize(square, near, (point,), bounds=limits, tol=1e-15)
         with pytest.raises(sp.ReachError) as caught:
             sp.reach(mechanism, {"tip": [*point, 0.0]}, at(mechanism, 0.3, -0.4, 0.5))
@@ -193,7 +194,7 @@ def test_what_no_motion_brings_nearer_leaves_the_least_motion(tmp_path):
 
 
 @pytest.mark.delicate
-@pytest.mark.parametrize("least_turn", [None, 0.2])
+@pytest.mark.parametrize("least_turn", few([None, 0.2], 0.2))
 def test_of_equal_sums_that_cannot_vanish_the_nearest_is_taken(tmp_path, least_turn):
     limits = [(-3, 3), (least_turn, 3)] if least_turn else []
     mechanism = arm(tmp_path, (1.0, 0.8, 0.6, 0.5, 0.4), limits)
@@ -521,13 +522,17 @@ def teeth_everywhere(mechanism, start, count):
     return (pins[0] + first * (boom + second * (arm_ + third * bucket))).ravel()
 
 
-def test_nearest_places_of_an_excavator_are_those_of_all_lengths_of_its_cylinders():
+PLACES = [(10.5, 0.0), (0.5, -6.5), (4.5, 11.0), (1.0, 1.5), (8.5, -6.0), (3.0, -8.0), (8.0, 10.0),
+          (0.5, 5.0), (2.5, 9.5), (5.5, 8.5)]
+
+
+@pytest.mark.parametrize("number", few([4, 10], 4))
+def test_nearest_places_of_an_excavator_are_those_of_all_lengths_of_its_cylinders(number):
     mechanism = library("excavator")
     start = sp.assemble(mechanism)
     raised = sp.assemble(mechanism, {"boom": 3.3, "arm": 2.3}, start)
     everywhere = teeth_everywhere(mechanism, start, 40)
-    for x, z in [(10.5, 0.0), (8.5, -6.0), (3.0, -8.0), (0.5, -6.5), (8.0, 10.0), (4.5, 11.0),
-                 (0.5, 5.0), (2.5, 9.5), (1.0, 1.5), (5.5, 8.5)]:
+    for x, z in PLACES[:number]:
         off = []
         for state in (start, raised):
             with pytest.raises(sp.ReachError) as caught:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from variety import paired
 
 import spatial_pin as sp
 from spatial_pin import targets
@@ -40,8 +41,7 @@ CASES = {  # behind a limit: mechanism, start, goal
 }
 
 
-@pytest.mark.parametrize("weight", [1e-9, 1.0, 1e4])
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(("case", "weight"), paired([*CASES], [1e-9, 1.0, 1e4]))
 def test_weighted_targets_alone_are_met_behind_a_limit_as_exact_ones_are(case, weight):
     mechanism, here, there = CASES[case]
     start, goal = at(mechanism, *here), at(mechanism, *there).placement("tip").translation

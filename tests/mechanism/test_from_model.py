@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 from closure_trees import CLOSURE_TYPES
 from folders import DATA
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from mechanisms import from_text
 from sameness import near, same_closures, same_inertias, same_mechanisms, same_models
@@ -895,7 +895,6 @@ JOINTS = [pin.JointModelRX, pin.JointModelPY, pin.JointModelSpherical, pin.Joint
           lambda: pin.JointModelRevoluteUnaligned(A)]
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.lists(st.tuples(st.integers(0, len(JOINTS) - 1), st.integers(0, 20), st.booleans(),
                           st.integers(0, 2**31)), min_size=1, max_size=7),
        st.permutations([f"j{k}" for k in range(7)]))

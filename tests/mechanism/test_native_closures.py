@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from closure_trees import PAIRS
+from loaded_library import library
 from sameness import near
 from scipy.linalg import null_space
 from variety import few
@@ -34,7 +35,7 @@ def held(kind):
 
 
 def made(name):
-    return held(name) if name in MAKE else sp.load(name)
+    return held(name) if name in MAKE else library(name)
 
 
 every_case = pytest.mark.parametrize("name", few([*NATIVE, *MAKE], "crank_collar", "rssr",

@@ -3,6 +3,7 @@
 import mechanisms as known
 import numpy as np
 import pytest
+from loaded_library import library
 from mechanisms import four_bar
 from variety import paired
 
@@ -58,7 +59,7 @@ def test_the_ends_of_the_branch_are_the_same(parallelogram, one_distance):
 def test_however_far_from_a_change_point_the_values_are_none_takes_the_other_branch(
         accuracy, off, numbers):
     """The kite folds, or its rocker stays: the branches cross at 26 degrees."""
-    kite = sp.load("four_bar", r1=0.3, r2=0.1, r3=0.1, r4=0.3)
+    kite = library("four_bar", r1=0.3, r2=0.1, r3=0.1, r4=0.3)
     reduced = sp.reduce(kite, "rocker_pin")
     assert len(reduced.closures) == 1
     for n in numbers:

@@ -33,6 +33,7 @@ from mechanisms import (
     sliding,
     turning,
 )
+from variety import few
 
 import spatial_pin as sp
 
@@ -203,7 +204,8 @@ def test_shafts_that_stand_half_a_turn_apart_are_two_modes():
 
 @pytest.mark.parametrize(("feet", "sides", "legs"), [
     ([(0.0, 0.0), (15.91, 0.0), (0.0, 10.0)], (17.04, 16.54, 20.84), (14.98, 15.38, 12.0)),
-    ([(0.0, 0.0), (2.0, 0.3), (0.6, 1.7)], (1.1, 0.9, 1.3), (1.3, 1.2, 1.0)),
+    pytest.param([(0.0, 0.0), (2.0, 0.3), (0.6, 1.7)], (1.1, 0.9, 1.3), (1.3, 1.2, 1.0),
+                 marks=pytest.mark.slow),
     ([(0.0, 0.0), (1.0, 0.0), (0.5, 1.0)], (0.5, 0.4, 0.45), (0.8, 0.7, 0.9)),
 ])
 def test_a_plane_platform_has_the_modes_of_its_angle(feet, sides, legs, tmp_path):
@@ -322,7 +324,7 @@ def test_labels_are_unique(name, values):
     assert set("".join(labels)) <= set("+-0123456789")
 
 
-@pytest.mark.parametrize("seed", [1, 7])
+@pytest.mark.parametrize("seed", few([1, 7], 7))
 def test_every_start_gives_the_same_reading_of_rods(seed):
     """Also where a start found another reading of the legs, or another spin of the coupler."""
     for name, values in (("stewart", GOUGH), ("rssr", {"crank": 0.7})):

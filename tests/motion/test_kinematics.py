@@ -309,8 +309,7 @@ def test_large_values_assemble(folder):
 
 
 @pytest.mark.delicate
-@settings(max_examples=60, deadline=None, derandomize=True, database=None,
-          suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(lengths=st.tuples(*[st.floats(0.05, 1.0)] * 4), angle=st.floats(-np.pi, np.pi))
 @example(lengths=(0.3, 0.1, 0.28, 0.24), angle=0.0)
 @example(lengths=(0.3, 0.1, 0.1, 0.0999), angle=0.0)

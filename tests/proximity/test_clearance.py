@@ -145,8 +145,8 @@ def test_the_delta_robot_passes_all_over_its_workspace(laps):
 
 
 @pytest.mark.parametrize(("r", "l"), [
-    (0.06, 0.1), pytest.param(0.05, 0.14, marks=pytest.mark.slow),
-    pytest.param(0.12, 0.1, marks=pytest.mark.slow), (0.03, 0.2)])
+    (0.03, 0.2), *(pytest.param(*sides, marks=pytest.mark.slow)
+                   for sides in ((0.06, 0.1), (0.05, 0.14), (0.12, 0.1)))])
 def test_sarrus_passes_through_its_folded_places_whatever_its_dimensions(r, l):  # noqa: E741
     """Its panels turn side by side: pins of others are half a gap away where they come round."""
     motion = sp.sweep(library("sarrus", r=r, l=l), "arm", np.linspace(0.4, 6.5, 26))

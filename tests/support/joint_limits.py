@@ -2,9 +2,8 @@
 
 import mechanisms as known
 import numpy as np
+from loaded_library import library
 from masses import heavy
-
-import spatial_pin as sp
 
 DOWN = "gravity = [0.0, -9.81, 0.0]\n"
 LOWER, UPPER = 0.1103, 0.209  # of the slide, which goes from 0.11 to 0.21
@@ -23,7 +22,7 @@ def hanging(folder, lower, upper, second=False):
 
 def limited_slider_crank():
     """The library's, with limits of the slide."""
-    mech = sp.load("slider_crank")
+    mech = library("slider_crank")
     at, model = mech.coordinate("slide").q, mech.model
     for name, value in (("lowerPositionLimit", LOWER), ("upperPositionLimit", UPPER)):
         limits = getattr(model, name).copy()

@@ -20,6 +20,7 @@ import closed_forms
 import numpy as np
 import pinocchio as pin
 from closed_forms import Pose, rotation, vector
+from loaded_library import library
 from mpmath import acos, asin, atan2, cos, findroot, mpf, sin, sqrt, tan
 from mpmath import pi as mp_pi
 
@@ -604,7 +605,7 @@ def five_bar_answer(left, right=1.0) -> Pose:
 
 def four_bar(**lengths) -> sp.Mechanism:
     """The library's plane four-bar: ground r1, crank r2, coupler r3, rocker r4."""
-    return sp.load("four_bar", **lengths)
+    return library("four_bar", **lengths)
 
 
 def bare_four_bar(folder: Path, r1: float, r2: float, r3: float, r4: float) -> sp.Mechanism:

@@ -33,10 +33,16 @@ def few(values: Iterable[object], *chosen: object) -> list[object]:
     return [pytest.param(x, marks=() if x in chosen else pytest.mark.slow) for x in values]
 
 
-def paired(ones: Sequence[object], others: Sequence[object]) -> list[object]:
-    """Return pairs for `parametrize`: every value of both once or more, all pairs with `--all`."""
-    return [pytest.param(one, other, marks=() if i % len(others) == j or j % len(ones) == i
-                         else pytest.mark.slow)
+def paired(
+    ones: Sequence[object], others: Sequence[object], chosen: Iterable[object] = ()
+) -> list[object]:
+    """Return pairs for `parametrize`: every value of both once or more, all pairs with `--all`.
+
+    Where some of the ones are chosen, by default only they are.
+    """
+    chosen = list(chosen or ones)
+    return [pytest.param(one, other, marks=() if one in chosen and (
+                i % len(others) == j or j % len(ones) == i) else pytest.mark.slow)
             for i, one in enumerate(ones) for j, other in enumerate(others)]
 
 

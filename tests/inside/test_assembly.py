@@ -23,7 +23,6 @@ def test_loops_that_are_clearly_independent_need_no_singular_values(monkeypatch)
     assert sp.assemble(mechanism, {"pin_0": 0.4}, first).closure_error < 1e-13
 
 
-
 def test_what_links_are_inside_chains(tmp_path: Path) -> None:
     mechanism = rssr(tmp_path, True, 3, 2)
     names = {mechanism.model.names[i] for i in chain_links(mechanism)}
