@@ -15,6 +15,9 @@ if TYPE_CHECKING:  # errors keep a State or a Motion, and use nothing of them
     import spatial_pin as sp
 
 
+LONG_LIST = 40  # names, beyond which those that differ in their endings are told together
+
+
 class SpatialPinError(Exception):
     """Base of every error this library raises about a mechanism.
 
@@ -358,10 +361,29 @@ class ClosureTypeError(SpatialPinError):
 
 
 def suggestion(name: str, valid: Iterable[str]) -> str:
-    """Return "did you mean 'x'?" for the nearest valid name, else the list of names."""
+    """Return "did you mean 'x'?" for the nearest valid name, else all names."""
     names = list(dict.fromkeys(valid))
     near = difflib.get_close_matches(str(name), names, n=1, cutoff=0.6)
     if near:
         return f"did you mean {near[0]!r}?"
-    shown = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
-    return f"there are: {shown or 'none'}"
+    return f"there are: {', '.join(_together(names)) or 'none'}"
+
+
+def _together(names: list[str]) -> Iterator[str]:
+    """Yield all names, those of many things that have the same endings together."""
+    if len(names) <= LONG_LIST:
+        yield from names
+        return
+    endings: dict[str, list[str]] = {}
+    for name in names:
+        stem, dot, ending = name.rpartition(".")
+        endings.setdefault(stem if dot else name, []).append(dot + ending if dot else "")
+    stems: dict[tuple[str, ...], list[str]] = {}
+    for stem, found in endings.items():
+        stems.setdefault(tuple(found), []).append(stem)
+    for found, alike in stems.items():
+        if len(found) == 1:
+            yield from (stem + found[0] for stem in alike)
+        else:
+            also = "also " * ("" in found)
+            yield f"{', '.join(alike)} (each {also}with {', '.join(filter(None, found))})"

@@ -10,6 +10,7 @@ from spatial_pin.assembly.rounding import allowed_from, gap_allowed, rounded
 from spatial_pin.assembly.search.closing import Closing, Equations, gone_from
 from spatial_pin.assembly.search.guesses import Guess, read_guess
 from spatial_pin.assembly.search.refusals import failure
+from spatial_pin.assembly.search.same_branch import branch_changed
 from spatial_pin.assembly.search.search import Search
 from spatial_pin.assembly.search.straight import straight
 from spatial_pin.assembly.search.within_limits import beyond_words
@@ -77,7 +78,8 @@ def assemble(
 
     Returns:
         The closed State; its v and a are zero, see `solve_rates`. A `SpatialPinWarning` tells of
-        joint limits that it breaks, as `State.beyond_limits` does.
+        joint limits that it breaks, as `State.beyond_limits` does; another, where the guess is a
+        State, of loops that are on another branch than there.
 
     Raises:
         AssemblyError: no closed configuration found; keeps the best attempt.
@@ -98,6 +100,11 @@ def assemble(
         words = "; ".join(beyond_words(mechanism, state.q, name) for name in state.beyond_limits)
         warn(f"mechanism {mechanism.name!r} stands beyond joint limits: {words} "
              "(assemble(limits=True) keeps them)")
+    if isinstance(guess, State) and guess.mechanism is state.mechanism and not state.released:
+        standing = set(mechanism.drivers) - set((free,) if isinstance(free, str) else free)
+        changed = branch_changed(guess, state, [*mapping(drivers, "drivers"), *sorted(standing)])
+        if changed:
+            warn(changed)
     return state
 
 

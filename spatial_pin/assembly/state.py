@@ -127,7 +127,8 @@ class State:
     """One configuration of a mechanism, its velocity and acceleration. Read-only.
 
     Made by `assemble` and `solve_rates`, which close the loops; holding one means that the
-    closure error is known.
+    closure error is known. `State(mechanism, q, v)` makes one of numbers that are known from
+    elsewhere: it moves nothing, and measures the closure error.
 
     Attributes:
         mechanism: the mechanism. Where the numbers of its file are rounded (see `gap`), it is one
@@ -136,7 +137,7 @@ class State:
         q: (nq,) configuration as Pinocchio orders it.
         v, a: (nv,) joint velocities and accelerations [rad/s, m/s; rad/s², m/s²].
         closure_error: largest residual of a constraint equation [-]: lengths relative to the
-            characteristic length, angles in rad.
+            characteristic length, angles in rad. Measured, where it is not given.
         angles: relative angle of every screw closure [rad], counting turns.
         branch: label of the assembly mode, from `assembly_modes`.
         released: {driver: displacement [rad or m]} of drivers that were given no value, and had to
@@ -158,6 +159,8 @@ class State:
         ((6,), (5,))
         >>> state.beyond_limits, float(state.gap)  # no joint limit is passed; exact numbers
         ({}, 0.0)
+        >>> sp.State(mech, state.q).closure_error < 1e-13  # made of known numbers
+        True
         >>> sp.solve_rates(mech, state, {"crank": 10.0}).rate_error < 1e-12
         True
         >>> state.data.oMf[mech.frame_id("rocker_b")].translation.round(4)  # Pinocchio's, [m]
@@ -171,17 +174,19 @@ class State:
         v: Array | None = None,
         a: Array | None = None,
         *,
-        closure_error: float,
+        closure_error: float | None = None,
         angles: Array | None = None,
         branch: str = "",
         rate_error: float | Callable[[State], float] = np.nan,
         released: Mapping[str, float] = MappingProxyType({}),
         in_time: bool = True,
     ) -> None:
-        rest = _rest(mechanism)
+        needed(mechanism)
+        rest, q = _rest(mechanism), _given(q, mechanism.neutral, "q")
+        if closure_error is None:
+            closure_error, angles = _measured(mechanism, q, angles)
         self._take(
-            mechanism, _given(q, mechanism.neutral, "q"),
-            rest if v is None else _given(v, rest, "v"),
+            mechanism, q, rest if v is None else _given(v, rest, "v"),
             rest if a is None else _given(a, rest, "a"), float(closure_error),
             NO_ANGLES if angles is None or not angles.size else _given(angles, angles, "angles"),
             rate_error, released, branch, in_time)
@@ -571,6 +576,19 @@ def _given(values: Array, like: Array, what: str) -> Array:
     if copy.shape != like.shape or not is_finite(copy):
         finite_array(copy, like.shape, f"State: {what}")
     return copy
+
+
+def _measured(mechanism: Mechanism, q: Array, angles: Array | None) -> tuple[float, Array]:
+    """Return how far loops are open at q (nq,), and the relative angles of screw closures.
+
+    These count from angles (n,) that are given, else within half a turn.
+    """
+    reference: Array | float = 0.0
+    if angles is not None and angles.size:
+        reference = _given(angles, np.zeros(constraints_of(mechanism).n_angles), "angles")
+    with evaluation_of(mechanism, reference) as at:
+        at.update(q)
+        return float(at.closure_error), at.angles.copy()
 
 
 def _frozen(array: Array) -> Array:

@@ -6,20 +6,26 @@ import argparse
 import codecs
 import io
 import os
+import platform
+import shlex
 import sys
+import tempfile
+import traceback
 import warnings
 from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError, metadata, version
 from pathlib import Path
 
 import spatial_pin as sp
 from spatial_pin.cli.parser import options_of
 from spatial_pin.cli.results import SCREEN, Told, unheard, worded
-from spatial_pin.cli.unforeseen import is_foreign, unforeseen
 from spatial_pin.outputs import figure_suffix
 
 DATA = ("json", "csv")  # options that take - for the screen
 FILES = ("csv", "npz", "plot", "html", "json", "movie", "urdf",
          "picture", "curves", "report", "resume")  # options that name a file to write
+PACKAGE = Path(sp.__file__).parent
+LIBRARIES = ("pin", "numpy", "scipy")  # whose versions a report of a fault needs
 PLAIN = "spatial_pin.plain"  # how signs are written that an encoding lacks
 SIGNS = {"°": " deg", "²": "2", "³": "3", "·": "*", "µ": "u", "±": "+-", "∞": "inf", "…": "...",
          "√": "sqrt", "π": "pi", "−": "-", "≤": "<=", "×": "x", "ü": "ue"}
@@ -32,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         return _run(words)
     except Exception as error:  # the last resort: no user is shown a traceback
-        print(f"spatial-pin: {unforeseen(error, words)}", file=sys.stderr)
+        print(f"spatial-pin: {_unforeseen(error, words)}", file=sys.stderr)
         return 1
 
 
@@ -72,7 +78,7 @@ def _run(words: Sequence[str]) -> int:
 
 def _refused(options: argparse.Namespace, error: Exception) -> int:
     """Say what the library refuses; an error that it did not raise itself is raised again."""
-    if is_foreign(error):
+    if _is_foreign(error):
         raise error
     print("; ".join([f"spatial-pin: {worded(options, error)}", *_hints(options)]),
           file=sys.stderr)
@@ -127,3 +133,57 @@ def _check_files(options: argparse.Namespace) -> None:
             raise ValueError(f"--{name} {path}: there is no folder {str(folder)!r}")
         if not os.access(path if Path(path).exists() else folder, os.W_OK):
             raise ValueError(f"--{name} {path}: not allowed to write there")
+
+
+# ---------------------------------------------------------------- what nobody foresaw
+
+
+def _is_foreign(error: BaseException) -> bool:
+    """Whether an error was raised by the code of another package, for nobody to read."""
+    frames = traceback.extract_tb(error.__traceback__)
+    return bool(frames) and PACKAGE not in Path(frames[-1].filename).parents
+
+
+def _unforeseen(error: Exception, words: Sequence[str]) -> str:
+    """Return the sentence about an error that no part of the library raises on purpose.
+
+    The traceback goes into a new file of the folder for temporary files, else on stderr.
+
+    Args:
+        error: what was raised.
+        words: of the command.
+    """
+    text = "\n".join([
+        f"command: spatial-pin {shlex.join(words)}",
+        f"spatial_pin {sp.__version__}, Python {platform.python_version()}, {platform.platform()}",
+        ", ".join(f"{name} {_version(name)}" for name in LIBRARIES),
+        "", "".join(traceback.format_exception(error)),
+    ])
+    try:
+        with tempfile.NamedTemporaryFile("w", encoding="utf-8", prefix="spatial-pin-",
+                                         suffix=".txt", delete=False) as file:
+            file.write(text)
+        evidence = f"with the file {file.name}"
+    except OSError:
+        print(text, file=sys.stderr)
+        evidence = "with the lines above"
+    what = " ".join(f"{type(error).__name__}: {error}".split())
+    return (f"this error was not foreseen, and it is a fault of the program: {what}; please "
+            f"report it at {_where()}, {evidence}")
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "of unknown version"
+
+
+def _where() -> str:
+    """Return where faults are reported."""
+    try:
+        urls = metadata("spatial_pin").get_all("Project-URL", [])
+    except PackageNotFoundError:
+        urls = []
+    found = [url.removeprefix("Issues, ") for url in urls if url.startswith("Issues, ")]
+    return found[0] if found else "the project's page"

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.assembly.holding import free_bases, velocity_entries
+from spatial_pin.assembly.holding import untied, velocity_entries
 from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.brief import first_names
 from spatial_pin.checks import checked, names_of, positive_number
@@ -78,7 +78,7 @@ def _motor(mechanism: Mechanism, name: str) -> Coordinate:
     """Return the coordinate that a motor of that name acts on."""
     component = mechanism.coordinate_table.get(name)
     joint = component.joint if component else name
-    if joint in free_bases(mechanism):
+    if joint in untied(mechanism):
         raise SpatialPinError(f"mechanism {mechanism.name!r}: {name!r} cannot be actuated: "
                               f"{_to_be_held(mechanism, joint)}")
     return mechanism.driven_coordinate(name)
@@ -294,7 +294,7 @@ def _to_be_actuated(equations: Equations, actuation: Actuation, freedoms: Array)
 def _floating(mechanism: Mechanism, names: Iterable[str]) -> list[str]:
     """Return the free bases that some coordinates are of."""
     moving = {mechanism.coordinate(name).joint for name in names}
-    return [joint for joint in free_bases(mechanism) if joint in moving]
+    return [joint for joint in untied(mechanism) if joint in moving]
 
 
 def _to_be_held(mechanism: Mechanism, joint: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Collection
 from typing import Any, NoReturn
 
 import numpy as np
@@ -133,11 +134,14 @@ class Table:
             self.fail(key, f"must be true or false, not {_said(value)}")
         return value
 
-    def choice(self, key: str, valid: tuple[str, ...]) -> str:
-        """Return one of a few texts."""
+    def choice(
+        self, key: str, valid: tuple[str, ...],
+        hint: Callable[[str, Collection[str]], str] = suggestion,
+    ) -> str:
+        """Return one of a few texts; `hint` says what to write instead of another."""
         value = self.text(key)
         if value not in valid:
-            self.end(key, f"is {_said(value)}; {suggestion(value, valid)}")
+            self.end(key, f"is {_said(value)}; {hint(value, valid) or suggestion(value, valid)}")
         return value
 
     def number(self, key: str, default: Any = _REQUIRED, least: float = -math.inf) -> float:

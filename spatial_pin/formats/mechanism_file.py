@@ -31,6 +31,7 @@ from spatial_pin.mechanism.pairs import (
     Pair,
     PairGeometry,
     closure_geometry,
+    hint_at_type,
 )
 from spatial_pin.mechanism.parts import Closure, Driver, Passive, Spring, drivers_of_tree
 
@@ -229,7 +230,7 @@ def _refinement(table: Table) -> JointRefinement:
     needs_type = not table.content or any(key in table for key in ("type", "axis", "axis2", "lead"))
     if not needs_type:
         return JointRefinement(resistances=resistances, limits=limits, where=table.where)
-    kind = table.choice("type", JOINT_TYPES)
+    kind = table.choice("type", JOINT_TYPES, hint_at_type)
     pair = PAIRS[kind]
     return JointRefinement(
         kind,
@@ -252,7 +253,7 @@ def _lead(table: Table) -> float:
 def _closure(table: Table) -> Closure:
     name = table.text("name")
     table.where += f" ({name!r})"
-    kind, source = table.choice("type", CLOSURE_TYPES), table.text("source", "")
+    kind, source = table.choice("type", CLOSURE_TYPES, hint_at_type), table.text("source", "")
     if kind == COUPLING:
         closure = Closure(name, kind, source=source, joints=table.two_names("joints"),
                           ratio=table.number("ratio", 1.0), offset=table.number("offset", 0.0))

@@ -78,7 +78,7 @@ class Path:
         found = []
         for k in range(since + 1, n):
             q = pin.interpolate(model, here.q, goal.q, (k - since) / (n - since))
-            near = State(self._mechanism, q, closure_error=0.0, angles=here.angles)
+            near = State(self._mechanism, q, angles=here.angles)
             try:
                 found.append(self._reached(k, near, 0))
             except ReachError:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.assembly.assemble import assembled
+from spatial_pin.assembly.held_start import starting_state
 from spatial_pin.assembly.holding import BASE, Hold, held_by
 from spatial_pin.assembly.search.whole_turns import periodic
-from spatial_pin.assembly.state import State, of_mechanism
+from spatial_pin.assembly.state import State
 from spatial_pin.brief import counted
 from spatial_pin.checks import checked
 from spatial_pin.constraints.closure_equations import evaluation_of
@@ -38,11 +39,12 @@ LEG = 2.0  # rad, characteristic lengths, of each freedom: from one far start to
 def reach(
     mechanism: Mechanism,
     targets: Mapping[str, Any],
-    state: State | None = None,
+    guess: Mapping[str, Any] | State | Array | None = None,
     *,
     hold: Hold = BASE,
     limits: bool = True,
     starts: int = 10,
+    state: Mapping[str, Any] | State | Array | None = None,
 ) -> State:
     """Return a configuration in which frames, coordinates, distances are where they should be.
 
@@ -58,13 +60,14 @@ def reach(
             `com.position.x`, `LINK.angle`: its value; or any of `spatial_pin.targets`, or a list of
             these: directions, distances, the centre of mass. Targets without a weight are met
             exactly, those with one as well as the exact ones leave freedom for.
-        state: where to start; default the assembled guess.
-        hold: names of what stands still where the state has it, as for `sweep`.
-        limits: whether joint limits are kept; a state beyond them is led back within them.
+        guess: where to start: a State, or what `assemble` takes; default the file's guess.
+        hold: names of what stands still where the start has it, as for `sweep`.
+        limits: whether joint limits are kept; a start beyond them is led back within them.
         starts: how many other states near it are tried, where the targets, those with a weight
             too, are not met from this one, and then half as many of each freedom that are far from
             it, within joint limits. They are always the same. With 0, weighted targets are met as
             well as can be near the start, and soonest.
+        state: another word for `guess`.
 
     Returns:
         A State without rates; `solve_rates` gives it some.
@@ -87,7 +90,7 @@ def reach(
     if starts < 0:
         raise ValueError(f"starts is {starts}; it is how many other starts are tried, 0 or more")
     asked = read_targets(mechanism, targets)
-    start = assembled(mechanism, {}) if state is None else of_mechanism(mechanism, state)
+    start = starting_state(mechanism, guess, state)
     mechanism = start.mechanism
     held = held_by(mechanism, hold)
     asked += [CoordinateValue(c.name, value=coordinate_value(mechanism, c, start.q))
@@ -221,20 +224,37 @@ class Stop(NamedTuple):
 def _short(start: State, solver: Solver, found: Reached, state: State) -> ReachError:
     """Return the error that tells how near it comes, and what stops it there."""
     mechanism, residuals = state.mechanism, dict[str, Array]()
+    gaps = dict[str, tuple[float, float]]()
     for target in solver.weighted if found.is_met(EXACT) else solver.exact:
         off = target.residual(solver.evaluation)[0]
         residuals[target.name] = np.append(residuals.get(target.name, ()), off)
+        n = target.lengths(mechanism)
+        n = len(off) if n is None else n
+        length, angle = gaps.get(target.name, (0.0, 0.0))
+        gaps[target.name] = math.hypot(length, *off[:n]), math.hypot(angle, *off[n:])
     lengths = {name: float(np.linalg.norm(x)) for name, x in residuals.items()}
     worst = max(lengths, key=lengths.__getitem__)
     stops = tuple(_stops(start, solver, found))
     return ReachError(
         f"mechanism {mechanism.name!r}: the targets cannot be reached from there: {worst!r} stays "
-        f"off by {lengths[worst]:.3g} (lengths relative to the characteristic length, "
-        f"{mechanism.characteristic_length:.4g} m; angles in rad); "
-        f"{'; '.join(stop.words for stop in stops)}",
+        f"off by {_gap(mechanism, *gaps[worst])}; {'; '.join(stop.words for stop in stops)}",
         state=state, distances=lengths, residuals=residuals,
         stops=tuple(stop.words for stop in stops), reasons=tuple(stop.reason for stop in stops),
         limits=tuple(limit.name for limit in found.limits))
+
+
+def _gap(mechanism: Mechanism, length: float, angle: float) -> str:
+    """Return how far off a target is, in millimetres or metres, and degrees.
+
+    Args:
+        mechanism: the mechanism.
+        length: relative to its characteristic length.
+        angle: [rad].
+    """
+    far = length * mechanism.characteristic_length
+    words = [f"{far:.4g} m" if far >= 1.0 else f"{1e3 * far:.4g} mm"] * (length > EXACT)
+    words += [f"{angle:.4g} rad ({math.degrees(angle):.4g}°)"] * (angle > EXACT or not words)
+    return " and ".join(words)
 
 
 def _stops(start: State, solver: Solver, found: Reached) -> Iterable[Stop]:

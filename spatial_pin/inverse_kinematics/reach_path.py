@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from spatial_pin.assembly.held_start import starting_state
 from spatial_pin.assembly.holding import BASE, Hold, free_bases, held_by, is_base
-from spatial_pin.assembly.state import State, of_mechanism
+from spatial_pin.assembly.state import State
 from spatial_pin.brief import counted
 from spatial_pin.checks import checked, names_of
 from spatial_pin.constraints.closure_equations import evaluation_of
@@ -43,11 +44,12 @@ def reach_path(
     mechanism: Mechanism,
     targets: Mapping[str, Any],
     times: Any = None,
-    state: State | None = None,
+    guess: Mapping[str, Any] | State | Array | None = None,
     *,
     hold: Hold = BASE,
     accuracy: Accuracy | None = None,
     progress: bool = False,
+    state: Mapping[str, Any] | State | Array | None = None,
 ) -> Motion:
     """Return the motion in which frames and coordinates go along tables of targets.
 
@@ -79,10 +81,11 @@ def reach_path(
             (`com.position`, `com.position.x`) are reached sample by sample.
         times: (N,) rising [s]. Without them the motion has no time: its rates are those per
             sample, and its forces statics.
-        state: where to start; default the assembled guess.
-        hold: names of what stands still where the state has it, as for `sweep`.
+        guess: where to start: a State, or what `assemble` takes; default the file's guess.
+        hold: names of what stands still where the start has it, as for `sweep`.
         accuracy: predictor order, corrections and tolerance; default "engineering".
         progress: show a bar on stderr after a second, if that is a terminal.
+        state: another word for `guess`.
 
     Returns:
         The Motion, one row per sample, without a `driver`; `kinetostatics` gives the efforts along
@@ -116,8 +119,9 @@ def reach_path(
     check_not_held(mechanism, [mechanism.prescribed_coordinate(t.name) for t in tables
                                if t.is_coordinate], held)
     wanted = targets_at(tables, 0)
-    first = reach(mechanism, wanted, state, hold=hold,
-                  limits=state is None or not _is_met(mechanism, wanted, state))
+    start = starting_state(mechanism, guess, state)
+    first = reach(mechanism, wanted, start, hold=hold, limits=(
+        guess is None and state is None) or not _is_met(start, wanted))
     freedom, chains = _chains(first, tables, s, hold)
     asked = sum(chain.n for chain in chains)
     if asked > freedom:
@@ -135,13 +139,12 @@ def reach_path(
     return finished(first.mechanism, followed, moved, held, [t.name for t in tables], "targets")
 
 
-def _is_met(mechanism: Mechanism, targets: Mapping[str, Any], state: State) -> bool:
+def _is_met(state: State, targets: Mapping[str, Any]) -> bool:
     """Whether targets are met at a state, joint limits kept or not."""
-    state = of_mechanism(mechanism, state)
     with evaluation_of(state.mechanism, state.angles) as evaluation:
         evaluation.update(state.q)
         return all(np.linalg.norm(target.residual(evaluation)[0]) <= TOLERANCES.closed
-                   for target in read_targets(mechanism, targets))
+                   for target in read_targets(state.mechanism, targets))
 
 
 def _chains(state: State, tables: list[Table], s: Array, hold: Hold) -> tuple[int, list[Chain]]:

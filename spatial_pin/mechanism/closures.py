@@ -21,8 +21,15 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from spatial_pin.checks import finite_number, positive_number, unit_vector
-from spatial_pin.errors import ClosureTypeError
-from spatial_pin.mechanism.pairs import COUPLING, PAIRS, closure_geometry, unit
+from spatial_pin.errors import ClosureTypeError, suggestion
+from spatial_pin.mechanism.pairs import (
+    CLOSURE_TYPES,
+    COUPLING,
+    PAIRS,
+    closure_geometry,
+    hint_at_type,
+    unit,
+)
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
 
@@ -43,6 +50,12 @@ DESIRED = ("desired_contact_placement", "desired_contact_velocity", "desired_con
 
 def __dir__() -> list[str]:
     return __all__
+
+
+def __getattr__(name: str) -> Any:
+    """Say which closure was meant by another word for one."""
+    hint = hint_at_type(name, CLOSURE_TYPES) or suggestion(name, CLOSURE_TYPES)
+    raise AttributeError(f"there is no closure {name!r}; {hint}")
 
 
 def _closure(

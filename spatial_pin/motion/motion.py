@@ -364,11 +364,12 @@ class Motion(Tabular):
     def output(self, spec: str) -> Output:
         """Return a quantity by its name.
 
-        `NAME` or `NAME.rate`, `.acceleration`, `.jerk`, `.ratio` (to the driver's speed),
-        `.advantage` (its inverse), `.transmission_angle` of a coordinate; `NAME.position`,
+        `NAME` or `NAME.rate` (or `.velocity`), `.acceleration`, `.jerk`, `.ratio` (to the driver's
+        speed), `.advantage` (its inverse), `.transmission_angle` of a coordinate; `NAME.position`,
         `.velocity`, `.acceleration`, `.jerk`, `.angular_velocity`, `.angular_acceleration` of a
-        link, frame or joint; `NAME.com.position`, `.velocity`, `.acceleration`, `.jerk` of a
-        link's centre of mass; `com.position`, ... of that of all moving links, `mass` theirs.
+        link, frame or joint of another name; `NAME.com.position`, `.velocity`, `.acceleration`,
+        `.jerk` of a link's centre of mass; `com.position`, ... of that of all moving links, `mass`
+        theirs.
         `LINK.angle` is the direction of a link's x axis in its plane, `LINK.angle.z` that about an
         axis of the world. `.x`, `.y` or `.z` behind a vector is a component, as `tip.position.z`.
         Jerks are those of a driver whose own jerk is zero. Efforts and reactions are outputs of

@@ -113,8 +113,8 @@ def sweep(
         SpatialPinError: a value is more than 640 000 rad or characteristic lengths, of the joint
             that moves most, away from the sample before.
         UnknownNameError: a name does not exist.
-        ValueError: values or speeds are not finite, or make rates that are not, or there is an
-            acceleration without a speed.
+        ValueError: values are one number instead of a list, or values or speeds are not finite, or
+            make rates that are not, or there is an acceleration without a speed.
 
     Example:
         >>> mech = sp.load("rssr")
@@ -129,7 +129,7 @@ def sweep(
     needed(mechanism)
     check_choice("on_limit", on_limit, ("raise", "stop"))
     check_choice("on_crossing", on_crossing, ("straight", "stop", "raise"))
-    values = _row(values)
+    values = _values(mechanism, driver, values, speed)
     speeds, accels = _rates_asked(speed, acceleration, values)
     coordinate = mechanism.prescribed_coordinate(driver)
     given, held = ({}, (hold,)) if isinstance(hold, str) else _told_to_hold(hold)
@@ -163,15 +163,26 @@ def sweep(
     return motion
 
 
-def _row(values: Any) -> Array:
-    """Return driver values as a row (n,)."""
-    row = as_array(values, "values")
-    if not row.size:
+def _values(mechanism: Mechanism, driver: str, given: Any, speed: Any) -> Array:
+    """Return driver values (N,), as they were given.
+
+    Raises:
+        ValueError: they are none, or one number that is no list.
+    """
+    values = as_array(given, "values")
+    if not values.size:
         raise ValueError("values is empty; a sweep needs at least one driver value")
-    row = row if row.ndim else row[None]
-    if row.ndim > 1 or not is_finite(row):
-        row = finite_array(row, (row.size,), "values")  # says what is wrong
-    return row
+    if not values.ndim:
+        first = finite_number(values, "values")
+        last = speed if isinstance(speed, int | float) and speed != first else first + (
+            math.tau if mechanism.prescribed_coordinate(driver).unit == "rad" else 0.1)
+        raise ValueError(
+            f"values is {first:g}: a sweep goes through a list of values, such as sp.sweep("
+            f"mechanism, {driver!r}, np.linspace({first:g}, {last:g}, 101)); one position is "
+            f"sp.assemble(mechanism, {{{driver!r}: {first:g}}})")
+    if values.ndim > 1 or not is_finite(values):
+        values = finite_array(values, (values.size,), "values")  # says what is wrong
+    return values
 
 
 def _told_to_hold(

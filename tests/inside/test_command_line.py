@@ -100,6 +100,7 @@ OF_CALLERS = (
     ("film.py", ""), ("clearances.py", "another motion"), ("workspaces.py", "another one"),
     ("joints.py", "sp.closures"), ("closures.py", "sp.closures"), ("export.py", "from_model"),
     ("tolerance.py", "to make a table of"), ("sweep.py", "speed=0.0 at rest"),
+    ("sweep.py", "a sweep goes through a list"),
     ("outputs.py", "a motion by itself has no forces"), ("influence.py", "the whole mechanism"),
     ("influence.py", "dynamics=True"), ("reduce.py", "lump=True"), ("design.py", "goals"),
     ("stepping.py", "explicit integrator"), ("integrators.py", "needs a step"),

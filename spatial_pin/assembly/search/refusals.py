@@ -107,7 +107,7 @@ def _open_words(search: Search, q: Array, worst: str) -> str:
                 "are right, give a guess nearer to a closed configuration")
     values = _values(elsewhere)
     n, entries = closing.evaluation.constraints.n_closure, closing.entries
-    freedoms = entries.sum() - decompose(closing.evaluation.jacobian[:n]).rank
+    freedoms = int(entries.sum()) - decompose(closing.evaluation.jacobian[:n]).rank
     given = sum(closing.is_looked_at(name) for name in closing.given)
     if given > freedoms:
         return (f"{given} coordinates have a value, but the mechanism has {freedoms} "

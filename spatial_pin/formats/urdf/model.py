@@ -33,7 +33,7 @@ from spatial_pin.formats.urdf.elements import UNBOUNDED, URDF_AXIS, numbers_text
 from spatial_pin.formats.urdf.shapes import Shapes, take_shapes
 from spatial_pin.formats.xacro.parsing import parse_urdf
 from spatial_pin.mechanism.inertia import put_inertias
-from spatial_pin.mechanism.pairs import JOINT_TYPES, PAIRS, Pair, unit
+from spatial_pin.mechanism.pairs import JOINT_TYPES, PAIRS, Pair, hint_at_type, unit
 from spatial_pin.numerics.linalg import Array
 
 CONTAINED_PAIRS = {  # URDF type -> pairs that a refinement may make of it
@@ -243,10 +243,11 @@ def _joint_pairs(
     for name, joint in joints.items():
         kind = joint.get("type", "")
         if kind not in CONTAINED_PAIRS:
+            hint = hint_at_type(kind, CONTAINED_PAIRS) or suggestion(kind, CONTAINED_PAIRS)
             raise MechanismFileError(
-                f"{path}: joint {name!r}: URDF has no joint type {kind!r}; "
-                f"{suggestion(kind, CONTAINED_PAIRS)} (write type=\"floating\" and name the pair "
-                "in the .toml file for spherical, universal, cylindrical and screw)"
+                f"{path}: joint {name!r}: URDF has no joint type {kind!r}; {hint} (write "
+                "type=\"floating\" and name the pair in the .toml file for spherical, universal, "
+                "cylindrical and screw)"
             )
         given = refinements.get(name)
         pair = given.type if given else None
