@@ -66,7 +66,9 @@ def simulate(
     one freedom, links that spin freely about a line of symmetry not counted, change points
     (branches that cross) are passed straight on, with an event. A mechanism that nothing holds, all
     its bodies hanging on floating joints, is solved relative to its falling centre of mass: far
-    from the origin, and at any speed, it moves as it does at the origin.
+    from the origin, and at any speed, it moves as it does at the origin. Where links without
+    inertia come to a dead centre, beyond which one of them would have to be infinitely fast, the
+    motion ends with an event of kind "singular" that names it.
 
     Args:
         mechanism: the mechanism.
@@ -91,7 +93,8 @@ def simulate(
         progress: show a bar on stderr after a second, if that is a terminal.
 
     Returns:
-        The Simulation, a Motion with energy, work and efforts.
+        The Simulation, a Motion with energy, work and efforts; it ends before `duration` where
+        an event says so.
 
     Raises:
         SingularError: the motion is not determined at some configuration; `.motion` holds what
@@ -144,22 +147,33 @@ def simulate(
         if moved.energy_drift > LOST:
             run.refuse_samples()
         check_gaps(moved, accuracy.gap)
-    except Lost as lost:
-        why = str(lost) or run.why()
-        raise SingularError(
-            f"mechanism {mechanism.name!r}: the motion cannot be followed beyond {run.t:.9g} s: "
-            f"{why}", motion=motion(),
-        ) from None
-    except (EnergyError, SingularError, StepLimitError) as error:
+    except (Lost, SingularError, StepLimitError) as error:
+        if not run.end_without_inertia():
+            raise _ended(error, run, motion(), fall) from None
+        moved = motion()
+    except EnergyError as error:
         error.motion = motion()
-        if fall is not None and isinstance(error, SingularError) and error.state is not None:
-            error.state = fall.back(run.t, error.state)
         raise
     except KeyboardInterrupt:
         raise _interrupted(run, motion) from None
     finally:
         bar.close()
     return moved
+
+
+def _ended(
+    error: Lost | SingularError | StepLimitError, run: Run, moved: Simulation,
+    fall: FreeFall | None,
+) -> SpatialPinError:
+    """Return the error of a motion that cannot be followed further, with the motion so far."""
+    if isinstance(error, Lost):
+        return SingularError(
+            f"mechanism {moved.mechanism.name!r}: the motion cannot be followed beyond "
+            f"{run.t:.9g} s: {str(error) or run.why()}", motion=moved)
+    error.motion = moved
+    if fall is not None and isinstance(error, SingularError) and error.state is not None:
+        error.state = fall.back(run.t, error.state)
+    return error
 
 
 def _interrupted(run: Run, motion: Callable[[], Simulation]) -> KeyboardInterrupt:
