@@ -134,7 +134,10 @@ class Dynamics:
         return {name: bool(each.all()) for name, each in self.unique.items()}
 
     def why_not_unique(self) -> list[str]:
-        """Return why some reactions are not unique, a sentence for each reason.
+        """Return why some reactions are not unique.
+
+        Returns:
+            A sentence for each reason; none where all are unique.
 
         Example:
             >>> mech = sp.load("four_bar")
