@@ -6,10 +6,13 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.checks import as_array, checked, positive_number
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
+from spatial_pin.dynamics.simulation.external import WrenchLaw, external_forces
 from spatial_pin.dynamics.simulation.formulations.free_fall import FreeFall, floats
 from spatial_pin.dynamics.simulation.formulations.free_rotation import Spins, spinning_bodies
 from spatial_pin.dynamics.simulation.formulations.independent import Independent
@@ -53,6 +56,7 @@ def simulate(
     accuracy: Accuracy | None = None,
     *,
     drives: Mapping[str, DriverLaw] | None = None,
+    external: Mapping[str, pin.Force | ArrayLike] | WrenchLaw | None = None,
     laws: Mapping[str, Law] | None = None,
     slip_speed: SlipSpeed | None = None,
     stop_when: Callable[[float, State], float] | None = None,
@@ -79,6 +83,9 @@ def simulate(
         times: (N,) rising times of the samples, default 0 to duration in 1000 steps [s].
         accuracy: integrator, its tolerance or step, and closure; default "engineering".
         drives: by driver or coordinate, a law (see `spatial_pin.laws`) that prescribes it.
+        external: by link, frame or joint, the force on it at its origin, world axes: a `pin.Force`,
+            or (N, 6) force then moment [N, N·m], whose rows belong to `times`, linear between; or
+            a function (t, State) that returns `pin.Force`s so.
         laws: by spring, force as a function of (length, rate), see `forward_dynamics`.
         slip_speed: speed at which dry friction has 76 % of its full value, see `forward_dynamics`.
             Joints that friction should hold creep at a fraction of this speed.
@@ -125,8 +132,9 @@ def simulate(
     if on_joint_limit not in AT_LIMITS:
         raise ValueError(f"on_joint_limit is {on_joint_limit!r}; it is one of "
                          f"{', '.join(map(repr, AT_LIMITS))}")
-    warn_of_no_inertia(mechanism, efforts)
-    problem = Problem(mechanism, efforts, drives, laws, accuracy.tolerance, slip_speed)
+    warn_of_no_inertia(mechanism, efforts, external)
+    problem = Problem(mechanism, efforts, drives, laws, accuracy.tolerance, slip_speed,
+                      external_forces(mechanism, external, times))
     _check_start(problem, state)
     fall = FreeFall(state, accuracy.tolerance) if floats(problem) else None
     if fall is not None:
