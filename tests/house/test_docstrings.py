@@ -121,7 +121,8 @@ def test_a_public_name_has_an_example(name):
 FUNCTIONS = {name: thing for name, thing in NAMES.items() if inspect.isfunction(thing)}
 RAISE_NOTHING = {  # that a caller could mend
     "BeyondLimit.text", "Calibration.as_dict", "Clearance.as_dict", "Design.as_dict",
-    "Designs.as_dict", "JointLimit.room", "Kinetostatics.marks", "Motion.frame_unit",
+    "Designs.as_dict", "Dynamics.why_not_unique", "JointLimit.room", "Kinetostatics.marks",
+    "Kinetostatics.why_not_unique", "Motion.frame_unit",
     "Motion.rate_unit", "Output.parts", "Tradeoff.as_dict", "Tradeoff.known_error", "Viewer.stop",
     "Viewer.wait", "Viewer.wait_until_fetched", "list_mechanisms"}
 
