@@ -12,7 +12,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.state import State, moving_in_time
-from spatial_pin.brief import words
+from spatial_pin.brief import first_names, words
 from spatial_pin.checks import checked
 from spatial_pin.dynamics.forces import Law, joint_efforts, warn_of_no_inertia
 from spatial_pin.dynamics.reactions import why_not_unique
@@ -39,6 +39,8 @@ class Dynamics:
         a: (nv,) joint accelerations [rad/s², m/s²].
         error: estimated round-off of `a`, relative to its largest entry: large where a heavy body
             hangs on links too light to push it; 0 where `a` was given.
+        undetermined: coordinates that move without inertia, so that nothing determines their
+            accelerations: those given are the least, of the links that they move.
 
     Example:
         >>> mech = sp.load("four_bar")
@@ -55,10 +57,11 @@ class Dynamics:
 
     def __init__(
         self, state: State, load: Load, a: Array, closures: Array, effort: Array,
-        error: float = 0.0,
+        error: float = 0.0, undetermined: tuple[str, ...] = (),
     ) -> None:
         a.flags.writeable = False
         self.a, self.error, self._at = a, error, state
+        self.undetermined = undetermined
         self._load, self._closures, self._effort = load, closures, effort
 
     @cached_property
@@ -134,7 +137,10 @@ class Dynamics:
         return {name: bool(each.all()) for name, each in self.unique.items()}
 
     def why_not_unique(self) -> list[str]:
-        """Return why some reactions are not unique, a sentence for each reason.
+        """Return why some reactions are not unique.
+
+        Returns:
+            A sentence for each reason; none where all are unique.
 
         Example:
             >>> mech = sp.load("four_bar")
@@ -155,7 +161,11 @@ class Dynamics:
             each = self.unique[name]
             lines.append(f"{name}: force {_words(r.linear, each[:3])} N, "
                          f"moment {_words(r.angular, each[3:])} N·m")
-        return "\n".join([*lines, *self.why_not_unique()])
+        lines += self.why_not_unique()
+        if self.undetermined:
+            lines.append("accelerations that nothing determines, the least are given: "
+                         f"{first_names(self.undetermined)} move without inertia")
+        return "\n".join(lines)
 
 
 def _words(x: Array, unique: NDArray[np.bool_]) -> str:
@@ -177,7 +187,9 @@ def forward_dynamics(
 
     Gravity, the file's springs, damping and dry friction of joints (URDF, or the mechanism file)
     act always, armatures add to the inertia. Drivers are free unless an effort is given.
-    Loops are hard: accelerations are exact whether they are overconstrained or not.
+    Loops are hard: accelerations are exact whether they are overconstrained or not. Of links
+    without inertia that nothing determines, the least accelerations are taken
+    (`Dynamics.undetermined`).
 
     Args:
         mechanism: the mechanism.
@@ -214,6 +226,6 @@ def forward_dynamics(
     load = Load(external, laws, slip_speed)
     with equations_of(mechanism) as equations:
         equations.update(state, *load)
-        a, closures, error = equations.solve(effort + equations.given)
+        a, closures, error, undetermined = equations.solve(effort + equations.given)
     warn_of_no_inertia(mechanism, efforts, external)
-    return Dynamics(state, load, a, closures, effort, error)
+    return Dynamics(state, load, a, closures, effort, error, undetermined)

@@ -152,7 +152,10 @@ class Kinetostatics(_Loads, Tabular):
         return f"  {name}: {', '.join(found)}"
 
     def why_not_unique(self) -> list[str]:
-        """Return why some reactions are not unique, a sentence for each reason.
+        """Return why some reactions are not unique.
+
+        Returns:
+            A sentence for each reason; none where all are unique.
 
         Example:
             >>> mech = sp.load("four_bar")

@@ -30,14 +30,15 @@ class Event(NamedTuple):
     """Something met on the way.
 
     Attributes:
-        kind: "limit", "near limit" (digits are lost), "singular", "branch point", "dead centre",
+        kind: "limit", "near limit" (digits are lost), "singular" (of a simulation: its end, where
+            a link without inertia would become infinitely fast), "branch point", "dead centre",
             "lost", "open" (drifted without corrections), "joint limit" (of the URDF, passed),
             "velocity limit", "effort limit" (of the URDF, passed, or the first sample beyond),
             "not closed" (a traced curve, within its samples), "released" (a driver that nobody
             named, or a joint held by name, that the loops do not let stand), "gap" (redundant
             equations of a rounded file open beyond the gap allowed), or "stopped" (a simulation).
-        value: driver value of it [rad or m]; in a simulation the time of "stopped", "gap" and
-            of limits of the URDF [s].
+        value: driver value of it [rad or m]; in a simulation the time of "stopped", "gap",
+            "singular" and of limits of the URDF [s].
         row: number of samples of the motion before it.
         text: the same as a sentence.
 

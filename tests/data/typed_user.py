@@ -117,7 +117,8 @@ def loading_with_forces(mech: sp.Mechanism, state: sp.State, motion: sp.Motion) 
     shaking: sp.Linear = slopes.on_ground
     run: sp.Simulation = sp.simulate(
         mech, state, 1.0, lambda t, now: {"crank": -now.coordinate("crank").rate},
-        drives={"fan": sp.laws.constant_speed(0.0, 2.0)}, stop_when=lambda t, now: t - 0.5)
+        drives={"fan": sp.laws.constant_speed(0.0, 2.0)}, stop_when=lambda t, now: t - 0.5,
+        external={"rocker_b": np.zeros((1001, 6))})
     projection: sp.Projection | None = run.projection
     passed: list[sp.Passing] = run.joint_limits
     limit: sp.JointLimit = passed[0].limit

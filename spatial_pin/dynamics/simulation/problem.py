@@ -13,7 +13,14 @@ from spatial_pin.assembly.state import State
 from spatial_pin.checks import mapping
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.trees import is_large
-from spatial_pin.dynamics.forces import Forces, Law, joint_efforts
+from spatial_pin.dynamics.forces import (
+    Forces,
+    Law,
+    external_wrenches,
+    generalised,
+    joint_efforts,
+)
+from spatial_pin.dynamics.simulation.external import External
 from spatial_pin.dynamics.simulation.independent_coordinates import Freedoms, Lost
 from spatial_pin.dynamics.simulation.result import LeastExchange
 from spatial_pin.dynamics.solvers.accelerations import no_inertia
@@ -65,6 +72,7 @@ class Problem:
         forces: its springs, and what resists at joints.
         freedoms: those that it has at a state.
         law: efforts as a function of time and state, if they are one.
+        external: forces from outside.
         constant: (nv,) efforts otherwise.
         drives: prescribed coordinates with their laws.
         by_drivers: whether efforts act at drivers only, springs and friction as the file says.
@@ -76,7 +84,7 @@ class Problem:
     def __init__(
         self, mechanism: Mechanism, efforts: Mapping[str, float] | EffortLaw | None,
         drives: Mapping[str, DriverLaw] | None, laws: Mapping[str, Law] | None, tolerance: float,
-        slip_speed: SlipSpeed | None = None,
+        slip_speed: SlipSpeed | None = None, external: External | None = None,
     ) -> None:
         refuse_negative_inertias(mechanism)
         self.mechanism, self.model = mechanism, mechanism.model
@@ -85,17 +93,20 @@ class Problem:
         self.forces = Forces(mechanism, laws, slip_speed)
         self.law: EffortLaw | None = efforts if callable(efforts) else None
         self.constant = joint_efforts(mechanism, None if callable(efforts) else efforts)
+        self.external = external
         self.drives = [(mechanism.driven_coordinate(n), _law(n, law))
                        for n, law in mapping(drives, "drives").items()]
         at_drivers = {c.v for c in (mechanism.coordinate(d.joint)
                                     for d in mechanism.drivers.values()) if c.q >= 0}
         acted = {*np.flatnonzero(self.constant).tolist(), *(c.v for c, _ in self.drives)}
         self.by_drivers = (self.law is None and not laws and slip_speed is None
-                           and acted <= at_drivers)
-        self.is_steady = self.law is None and not laws and not self.drives
+                           and external is None and acted <= at_drivers)
+        self.is_steady = self.law is None and not laws and not self.drives and (
+            external is None or external.is_steady)
         self.is_damped = bool(self.forces.resistance
                               or any(spring.damping for spring in mechanism.springs))
-        self.works = bool(self.law or self.constant.any() or self.forces.exist or self.drives)
+        self.works = bool(self.law or external or self.constant.any() or self.forces.exist
+                          or self.drives)
 
     @property
     def between(self) -> float:
@@ -126,12 +137,16 @@ class Problem:
         return LeastConstraint(self.mechanism)
 
     def efforts(self, t: float, q: Array, v: Array, evaluation: Evaluation) -> Array:
-        """Return the efforts (nv,) at joints [N·m, N]."""
-        if self.law is None:
+        """Return the efforts (nv,) at joints, with forces from outside [N·m, N]."""
+        if not (self.law or self.external):
             return self.constant
         state = State(self.mechanism, q, v, closure_error=evaluation.closure_error,
                       angles=evaluation.angles)
-        return joint_efforts(self.mechanism, self.law(t, state))
+        total = joint_efforts(self.mechanism, self.law(t, state)) if self.law else self.constant
+        if self.external:
+            total = total + generalised(evaluation, external_wrenches(
+                self.mechanism, evaluation, self.external.law(t, state)))
+        return total
 
     def given(self, t: float, q: Array, v: Array, evaluation: Evaluation) -> Array:
         """Return the joint forces (nv,) of efforts, springs and what resists."""

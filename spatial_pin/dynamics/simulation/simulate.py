@@ -6,10 +6,13 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.checks import as_array, checked, positive_number
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
+from spatial_pin.dynamics.simulation.external import WrenchLaw, external_forces
 from spatial_pin.dynamics.simulation.formulations.free_fall import FreeFall, floats
 from spatial_pin.dynamics.simulation.formulations.free_rotation import Spins, spinning_bodies
 from spatial_pin.dynamics.simulation.formulations.independent import Independent
@@ -53,6 +56,7 @@ def simulate(
     accuracy: Accuracy | None = None,
     *,
     drives: Mapping[str, DriverLaw] | None = None,
+    external: Mapping[str, pin.Force | ArrayLike] | WrenchLaw | None = None,
     laws: Mapping[str, Law] | None = None,
     slip_speed: SlipSpeed | None = None,
     stop_when: Callable[[float, State], float] | None = None,
@@ -66,7 +70,9 @@ def simulate(
     one freedom, links that spin freely about a line of symmetry not counted, change points
     (branches that cross) are passed straight on, with an event. A mechanism that nothing holds, all
     its bodies hanging on floating joints, is solved relative to its falling centre of mass: far
-    from the origin, and at any speed, it moves as it does at the origin.
+    from the origin, and at any speed, it moves as it does at the origin. Where links without
+    inertia come to a dead centre, beyond which one of them would have to be infinitely fast, the
+    motion ends with an event of kind "singular" that names it.
 
     Args:
         mechanism: the mechanism.
@@ -77,6 +83,9 @@ def simulate(
         times: (N,) rising times of the samples, default 0 to duration in 1000 steps [s].
         accuracy: integrator, its tolerance or step, and closure; default "engineering".
         drives: by driver or coordinate, a law (see `spatial_pin.laws`) that prescribes it.
+        external: by link, frame or joint, the force on it at its origin, world axes: a `pin.Force`,
+            or (N, 6) force then moment [N, N·m], whose rows belong to `times`, linear between; or
+            a function (t, State) that returns `pin.Force`s so.
         laws: by spring, force as a function of (length, rate), see `forward_dynamics`.
         slip_speed: speed at which dry friction has 76 % of its full value, see `forward_dynamics`.
             Joints that friction should hold creep at a fraction of this speed.
@@ -91,7 +100,8 @@ def simulate(
         progress: show a bar on stderr after a second, if that is a terminal.
 
     Returns:
-        The Simulation, a Motion with energy, work and efforts.
+        The Simulation, a Motion with energy, work and efforts; it ends before `duration` where
+        an event says so.
 
     Raises:
         SingularError: the motion is not determined at some configuration; `.motion` holds what
@@ -122,8 +132,9 @@ def simulate(
     if on_joint_limit not in AT_LIMITS:
         raise ValueError(f"on_joint_limit is {on_joint_limit!r}; it is one of "
                          f"{', '.join(map(repr, AT_LIMITS))}")
-    warn_of_no_inertia(mechanism, efforts)
-    problem = Problem(mechanism, efforts, drives, laws, accuracy.tolerance, slip_speed)
+    warn_of_no_inertia(mechanism, efforts, external)
+    problem = Problem(mechanism, efforts, drives, laws, accuracy.tolerance, slip_speed,
+                      external_forces(mechanism, external, times))
     _check_start(problem, state)
     fall = FreeFall(state, accuracy.tolerance) if floats(problem) else None
     if fall is not None:
@@ -144,22 +155,33 @@ def simulate(
         if moved.energy_drift > LOST_SHARE:
             run.refuse_samples()
         moved = within_gap(moved, accuracy, "stop")
-    except Lost as lost:
-        why = str(lost) or run.why()
-        raise SingularError(
-            f"mechanism {mechanism.name!r}: the motion cannot be followed beyond {run.t:.9g} s: "
-            f"{why}", motion=motion(),
-        ) from None
-    except (EnergyError, SingularError, StepLimitError) as error:
+    except (Lost, SingularError, StepLimitError) as error:
+        if not run.end_without_inertia():
+            raise _ended(error, run, motion(), fall) from None
+        moved = motion()
+    except EnergyError as error:
         error.motion = motion()
-        if fall is not None and isinstance(error, SingularError) and error.state is not None:
-            error.state = fall.back(run.t, error.state)
         raise
     except KeyboardInterrupt:
         raise _interrupted(run, motion) from None
     finally:
         bar.close()
     return moved
+
+
+def _ended(
+    error: Lost | SingularError | StepLimitError, run: Run, moved: Simulation,
+    fall: FreeFall | None,
+) -> SpatialPinError:
+    """Return the error of a motion that cannot be followed further, with the motion so far."""
+    if isinstance(error, Lost):
+        return SingularError(
+            f"mechanism {moved.mechanism.name!r}: the motion cannot be followed beyond "
+            f"{run.t:.9g} s: {str(error) or run.why()}", motion=moved)
+    error.motion = moved
+    if fall is not None and isinstance(error, SingularError) and error.state is not None:
+        error.state = fall.back(run.t, error.state)
+    return error
 
 
 def _interrupted(run: Run, motion: Callable[[], Simulation]) -> KeyboardInterrupt:

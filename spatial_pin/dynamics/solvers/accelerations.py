@@ -36,11 +36,13 @@ class Solution(NamedTuple):
         a: (nv,) joint accelerations.
         closures: (nv,) joint forces of the closures, J^T multipliers.
         error: estimated round-off of a, relative to its size.
+        undetermined: coordinates of motions without inertia, whose accelerations are the least.
     """
 
     a: Array
     closures: Array
     error: float
+    undetermined: tuple[str, ...] = ()
 
 
 class MotionEquations(Loops):
@@ -67,7 +69,8 @@ class MotionEquations(Loops):
         if not (kkt.pivot < TOLERANCES.zero or found.error < error):
             return Solution(a, closures, error)
         self._refuse(found)
-        return Solution(found.a, self.bodies.needed(state.q, state.v, found.a) - given, found.error)
+        return Solution(found.a, self.bodies.needed(state.q, state.v, found.a) - given, found.error,
+                        tuple(self.moving(self._still(found))))
 
     def by_kkt(self, q: Array, v: Array, reference: Array, given: Array, needed: Array) -> Array:
         """Return accelerations (nv,) from the KKT system; the next call overwrites them.
@@ -110,14 +113,18 @@ class MotionEquations(Loops):
             SingularError: forces act on a motion without inertia, or no digit is left.
         """
         if found.pulled:
-            still = found.still / self.scale
-            raise self.no_inertia(still / np.abs(still).max(axis=1, keepdims=True, initial=1e-300))
+            raise self.no_inertia(self._still(found))
         if found.lost:
             worst = self.mechanism.coordinates[int(np.argmax(found.off / self.scale))]
             raise SingularError(
                 f"mechanism {self.mechanism.name!r}: the acceleration of {worst} is lost in "
                 "round-off beside bodies so much heavier: make the masses more alike, or the light "
                 "ones zero", state=self.state)
+
+    def _still(self, found: Least) -> Array:
+        """Return the motions (k, nv) without inertia, scaled so that something moves by one."""
+        still = found.still / self.scale
+        return still / np.abs(still).max(axis=1, keepdims=True, initial=1e-300)
 
     def no_inertia(self, motions: Array) -> SingularError:
         """Return the error for motions (k, nv) that forces work on but that have no inertia."""

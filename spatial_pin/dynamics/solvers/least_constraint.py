@@ -23,7 +23,7 @@ import pinocchio as pin
 from spatial_pin.dynamics.solvers.independent_coordinates import ROUNDING, Bounded
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.dense import qr, qr_turn, upper_solve
-from spatial_pin.numerics.linalg import Array, decompose, null_space, row_space
+from spatial_pin.numerics.linalg import Array, decompose, row_space
 from spatial_pin.numerics.stacked import cross
 from spatial_pin.numerics.tolerances import EPS, TOLERANCES
 
@@ -34,7 +34,7 @@ class Least(NamedTuple):
     Attributes:
         a: (nv,) joint accelerations.
         z: (n,) accelerations of the freedoms.
-        still: (k, nv) motions without inertia; they keep their velocities.
+        still: (k, nv) motions without inertia; they move their bodies with the least accelerations.
         pulled: whether applied forces do work on one of these motions.
         off: (nv,) bounds on the round-off of a.
         error: the largest of them, relative to the largest of a.
@@ -79,7 +79,7 @@ class LeastConstraint:
         self._weights = np.sqrt(model.armature[self._rotors])
 
     def solve(self, q: Array, v: Array, a: Bounded, columns: Bounded, given: Array) -> Least:
-        """Return the accelerations; motions without inertia keep their velocities.
+        """Return the accelerations; those of motions without inertia are the least of their bodies.
 
         Args:
             q: (nq,) configuration, the loops closed.
@@ -107,7 +107,8 @@ class LeastConstraint:
         off = a.bound + np.abs(moved) @ wide + bound @ np.abs(z)
         motions, found = moved @ still.T, a.value + moved @ z
         if len(still):
-            y = self._spinning_on(q, v, found, motions)
+            still_twists = self._twists(columns, a, v)[0] @ (unit[:, None] * still.T)
+            y = self._least_of_bodies(q, v, found, still_twists)
             z, found = z + y @ still, found + motions @ y
         worst, size = (float(np.abs(x / self._scale).max(initial=0.0)) for x in (off, found))
         speed = v / self._scale
@@ -115,26 +116,29 @@ class LeastConstraint:
         return Least(found, unit * z, motions.T, pulled, off,
                      worst / (size or natural or 1.0), worst > natural)
 
-    def _spinning_on(self, q: Array, v: Array, a: Array, motions: Array) -> Array:
-        """Return the accelerations (k,) of motions (nv, k) without inertia, on top of a (nv,).
+    def _least_of_bodies(self, q: Array, v: Array, a: Array, twists: Array) -> Array:
+        """Return the accelerations (k,) of motions without inertia, on top of a (nv,).
 
-        None; but a body that only spins on a ball joint keeps its spin about its line, as it would
-        if it were a light ball. A component of its angular velocity, kept instead, would have it
-        spin without bound where the line turns away from that.
+        Nothing determines them. Those are taken for which the accelerations of the bodies that they
+        move, of their origins and angular, have the least sum of squares: a body that spins goes
+        on as if it were a light ball, whatever coordinates count its motion. A component of its
+        angular velocity, kept instead, would have it spin without bound where the line turns away
+        from that.
+
+        Args:
+            q: configuration.
+            v: joint velocities.
+            a: joint accelerations without those.
+            twists: (njoints, 6, k) of the bodies per unit of each motion, body axes.
         """
-        model, data = self._model, self._data
-        lines = []
-        for joint, nv in enumerate(model.nvs):
-            entries = slice(model.idx_vs[joint], model.idx_vs[joint] + nv)
-            if nv == 3 and np.abs(motions[entries]).any():
-                spins = null_space(np.delete(motions, entries, 0) / np.abs(motions).max())
-                lines += [(joint, entries, motions[entries] @ spin) for spin in spins]
-        if not lines:
-            return np.zeros(motions.shape[1])
-        pin.forwardKinematics(model, data, q, v, a)
-        rows = np.array([line @ motions[entries] for _, entries, line in lines])
-        rest = np.array([line @ data.a[joint].angular for joint, _, line in lines])
+        pin.forwardKinematics(self._model, self._data, q, v, a)
+        change, motion = (np.array([x.vector for x in part]) for part in (
+            self._data.a, self._data.v))
+        change[:, :3] += cross(motion[:, 3:], motion[:, :3])
+        moves = (np.abs(twists) > TOLERANCES.tight * np.abs(twists).max()).any(axis=(1, 2))
+        rows = (twists[moves] * self._per_size[:, None]).reshape(-1, twists.shape[2])
         largest = np.abs(rows).max()
+        rest = (change[moves] * self._per_size).ravel()
         return decompose(rows / largest).minimum_norm(-rest / largest)
 
     def _rows(

@@ -11,7 +11,7 @@ import numpy as np
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.dynamics.forces import Forces, joint_efforts
+from spatial_pin.dynamics.forces import Forces
 from spatial_pin.dynamics.simulation.formulations.free_rotation import Spins
 from spatial_pin.dynamics.simulation.independent_coordinates import Lost
 from spatial_pin.dynamics.simulation.problem import Problem
@@ -77,7 +77,8 @@ class Answers:
     def asked(self) -> Asked:
         """Return the functions, None where the kernel need not ask."""
         problem = self._problem
-        return Asked(self._efforts if problem.law is not None else None, _laws(problem.forces),
+        return Asked(self._efforts if problem.law or problem.external else None,
+                     _laws(problem.forces),
                      self._drives if problem.drives else None, self._least)
 
     @cached_property
@@ -90,10 +91,7 @@ class Answers:
         return self._evaluation
 
     def _efforts(self, t: float, q: Array, v: Array, angles: Array) -> Array:
-        problem, error = self._problem, self._evaluated(q, angles).closure_error
-        assert problem.law is not None
-        state = State(problem.mechanism, q, v, closure_error=error, angles=angles)
-        return joint_efforts(problem.mechanism, problem.law(t, state))
+        return self._problem.efforts(t, q, v, self._evaluated(q, angles))
 
     def _drives(self, t: float) -> Array:
         return np.array([law(t) for _, law in self._problem.drives], float)

@@ -51,7 +51,7 @@ def floats(problem: Problem) -> bool:
     held += [resistance.damping[own], resistance.friction[own]] if resistance else []
     joints = {mechanism.model.names[i] for i in roots}
     driven = any(c.joint in joints for c, _ in problem.drives)
-    return not (driven or problem.law or any(np.any(x) for x in held)
+    return not (driven or problem.law or problem.external or any(np.any(x) for x in held)
                 or not sum(body.mass for body in model.inertias) > 0.0)
 
 

@@ -50,10 +50,10 @@ def spinning_bodies(problem: Problem, state: State) -> list[Spinning]:
     """Return the bodies that spin freely, symmetric about their lines.
 
     Each is carried by a ball joint that does not resist, carries none itself, and no spring holds
-    it beside its line.
+    it beside its line. Forces from outside may turn it.
     """
     mechanism = problem.mechanism
-    if "spherical" not in mechanism.pairs:
+    if "spherical" not in mechanism.pairs or problem.external:
         return []
     evaluation = evaluated(mechanism, state.q, state.angles)
     freedoms = null_space(evaluation.jacobian[: evaluation.constraints.n_closure])

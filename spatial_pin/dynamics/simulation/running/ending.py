@@ -115,6 +115,9 @@ def _masses(problem: Problem, accuracy: Accuracy, start: Place, end: Place) -> s
     else:
         return ""
     light, heavy = _lightest_and_heaviest(problem)
+    if light == heavy:
+        return (f"links have no inertia: {grown}; the only body with a mass has {light}; give the "
+                "links that it moves some")
     return (f"masses differ too much: {grown}; the lightest body has {light}, the heaviest "
             f"{heavy}; make the masses more alike, or the light ones zero")
 

@@ -32,12 +32,14 @@ class Found(NamedTuple):
         stop: when the simulation ends, if it does in this step.
         text: why.
         rated: effort and velocity limits, with the times.
+        kind: of the event that says so.
     """
 
     passed: list[tuple[float, JointLimit]]
     stop: float | None = None
     text: str = ""
     rated: Sequence[tuple[float, RatedLimit]] = ()
+    kind: str = "stopped"
 
 
 class Bounds(NamedTuple):

@@ -87,7 +87,7 @@ class Record:
             self.note_crossing(value, first + int(np.count_nonzero(earlier)))
         self._note_limits(found, times, first)
         if found.stop is not None:
-            self.events.append(Event("stopped", found.stop, self.filled, found.text))
+            self.events.append(Event(found.kind, found.stop, self.filled, found.text))
 
     def note_coordinates(self, free: list[int]) -> None:
         """Record the independent coordinates used from here on, given their velocity entries."""

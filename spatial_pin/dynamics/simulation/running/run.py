@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import cached_property
 from typing import Any
 
@@ -21,11 +22,13 @@ from spatial_pin.dynamics.simulation.running.pace import Pace
 from spatial_pin.dynamics.simulation.running.record import Record
 from spatial_pin.dynamics.simulation.running.step import Step
 from spatial_pin.dynamics.simulation.running.stepping import Stepping
-from spatial_pin.errors import SpatialPinError
+from spatial_pin.dynamics.simulation.running.vanishing_inertia import SINGULAR, VanishingInertia
+from spatial_pin.errors import EnergyError, SpatialPinError
 from spatial_pin.kernel.dynamics import AT_END, AT_FAILURE, MANY, NEW_COORDINATES, NO_SAMPLES
 from spatial_pin.kernel.dynamics import Run as KernelRun
 from spatial_pin.kernel.integrating import RungeKutta
 from spatial_pin.kernel.kernel import address
+from spatial_pin.motion.motion import Event
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import INTEGRATORS, Accuracy
 
@@ -63,6 +66,7 @@ class Run:
         self._pace = Pace(problem, accuracy, self._end)
         self._in_use = EquationsInUse(problem, accuracy, formulate, self.record, self._pace)
         self._stepping = Stepping(accuracy, self._end)
+        self._inertia = VanishingInertia(problem.mechanism)
         self._evaluations, self._has_failed, self._is_short = 0, False, False
 
     def follow(self, state: State) -> Iterator[float]:
@@ -222,8 +226,31 @@ class Run:
         self.record.steps += 1
         step = Step(system, solver)
         found = self._watch.look(step, self.record.until(step.last))
+        if found.stop is None and self._inertia_vanishes(step):
+            words = self._inertia.words(step.last, *step.place(step.last))
+            found = found._replace(stop=step.last, text=words, kind=SINGULAR)
         self.record.take(step, found, before)
         return found.stop is not None
+
+    def _inertia_vanishes(self, step: Step) -> bool:
+        """Whether the motion comes to where it has no inertia, just behind a step."""
+        length = step.last - step.first
+        shortened = length / max(self._pace.largest[1], length)
+        return self._inertia.is_ahead(step.last, *step.place(step.last), shortened)
+
+    def end_without_inertia(self) -> bool:
+        """End a motion that cannot be followed, if that is for want of inertia; whether it is.
+
+        It has the samples until then whose energy is right: a fixed step may leap over the place.
+        """
+        with suppress(EnergyError):
+            self._balance.refuse_samples(self.record)
+        times, samples = self.record.all()
+        if not self._inertia.was_ahead(times, samples.q, samples.v):
+            return False
+        words = self._inertia.words(times[-1], samples.q[-1], samples.v[-1])
+        self.record.events.append(Event(SINGULAR, float(times[-1]), len(times), words))
+        return True
 
     def refuse_samples(self) -> None:
         """Refuse samples whose energy balance is wrong; they are dropped.

@@ -16,7 +16,7 @@ from spatial_pin.dynamics.simulation.integrators import (
 )
 from spatial_pin.errors import warn
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.settings import Accuracy
+from spatial_pin.settings import INTEGRATORS, Accuracy
 
 
 class Stepping:
@@ -81,6 +81,8 @@ class Stepping:
         first: float = np.inf,
     ) -> Any:
         self._method, self._easy = method, 0
+        if system.problem.external and not INTEGRATORS[method].is_fixed:
+            longest = min(longest, system.problem.external.longest_step)
         return stepper(method)(
             system, t, y, self._end, self._accuracy, self._units, longest, first)
 
