@@ -8,6 +8,7 @@ from typing import Any
 
 from spatial_pin.assembly.rounding import allowed_from, rounded
 from spatial_pin.assembly.search.closing import Closing, Equations, gone_from
+from spatial_pin.assembly.search.counted_turns import led
 from spatial_pin.assembly.search.guesses import Guess, read_guess
 from spatial_pin.assembly.search.refusals import failure, open_gap
 from spatial_pin.assembly.search.search import Search
@@ -65,7 +66,9 @@ def assemble(
         drivers: values of drivers or coordinates to hold exactly [rad, m].
         guess: values by joint or coordinate as in the mechanism file [rad, m], a State, or q
             (nq,); default the file's guess, and neutral where nothing is said. Whole turns are
-            taken off angles so large that their round-off would open the loops.
+            taken off angles so large that their round-off would open the loops. Where couplings or
+            screws count turns that other loops do not, these are followed from the guess to what is
+            set further off than a quarter of a turn.
         limits: keep the joint limits of the URDF.
         release: let drivers without a value move if the loops cannot close otherwise; False raises
             instead.
@@ -77,7 +80,8 @@ def assemble(
 
     Returns:
         The closed State; its v and a are zero, see `solve_rates`. A `SpatialPinWarning` tells of
-        joint limits that it breaks, as `State.beyond_limits` does.
+        joint limits that it breaks, as `State.beyond_limits` does, and of turns that may be lost,
+        as `State.lost_turns` does.
 
     Raises:
         AssemblyError: no closed configuration found; keeps the best attempt.
@@ -138,7 +142,10 @@ def assembled(
     standing = said if beginning is None else {
         name: coordinate_value(mechanism, mechanism.coordinate_table[name], start.q)
         for name in said}
-    with Equations(mechanism, guess.angles if isinstance(guess, State) else None) as equations:
+    start, angles, lost = led(
+        mechanism, held, start, guess.angles if isinstance(guess, State) else None, standing,
+        start.names if isinstance(guess, Mapping) else ())
+    with Equations(mechanism, angles) as equations:
         def searched(accuracy: Accuracy) -> Search:
             search = Search(Closing(
                 equations, held, standing, start, accuracy), limits)
@@ -154,7 +161,8 @@ def assembled(
         search = searched(accuracy)
         exact = rounded(mechanism, accuracy.gap) if search.may_be_rounded() else None
         if exact is None:
-            return _result(searched(replace(accuracy, gap=0.0)) if search.is_near else search, said)
+            return _result(
+                searched(replace(accuracy, gap=0.0)) if search.is_near else search, said, lost)
     state = assembled(exact, drivers, guess, limits=limits, release=release, free=free,
                       accuracy=accuracy)
     tell(state)
@@ -248,12 +256,13 @@ def _at_home(
     return {name: home.coordinate(name).value for name in silent}
 
 
-def _result(search: Search, said: Mapping[str, float]) -> State:
+def _result(search: Search, said: Mapping[str, float], lost: tuple[str, ...]) -> State:
     """Return the best closed State of a search.
 
     Args:
         search: which has been run.
         said: where the drivers should stand that were given no value.
+        lost: see `State.lost_turns`.
 
     Raises:
         AssemblyError: it has found none; keeps the best attempt.
@@ -261,7 +270,11 @@ def _result(search: Search, said: Mapping[str, float]) -> State:
     if search.best is None:
         raise failure(search)
     mechanism, q, seen = search.mechanism, search.best[1], search.examined()
+    if lost:
+        warn(f"mechanism {mechanism.name!r}: turns of {', '.join(lost)} may be lost: "
+             "couplings or screws count them, but not the loops between, which cannot be followed "
+             "there from the guess (sweep there, or name what they count in the guess)")
     gone = gone_from(mechanism, q, said) if said else {}
     names = {d.joint: d.name for d in mechanism.drivers.values()} if gone else {}
     return made(mechanism, q, None, None, closure_error=seen.error, angles=seen.angles,
-                released={names[c]: x for c, x in gone.items()})
+                released={names[c]: x for c, x in gone.items()}, lost_turns=lost)
