@@ -247,7 +247,7 @@ def _few(state: State, part: Part, rest: NDArray[np.bool_]) -> NDArray[np.bool_]
             rows = [i for i, label in enumerate(labels) if label.closure in group.closures]
             own = np.flatnonzero(group.entries & rest)
             freedoms: Array = null_space(
-                evaluation.jacobian[np.ix_(rows, own)], TOLERANCES.half_precision).T
+                evaluation.jacobian[rows][:, own], TOLERANCES.half_precision).T
             chosen = common_rows(freedoms[None], np.zeros((0, freedoms.shape[1])),
                                  freedoms.shape[1])
             found[own] = False

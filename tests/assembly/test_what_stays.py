@@ -62,7 +62,7 @@ def test_the_branch_does_not_depend_on_the_base():
     guess = {**POSE["floating"], "knee_0": 0.8}
     for angle in ANGLES:
         one, two = (sp.assemble(x, {"motor_0": angle}, {k: v for k, v in guess.items()
-                    if k in x.coordinates or k == "base" and x is free}) for x in (fixed, free))
+                    if k in x.coordinates or (k == "base" and x is free)}) for x in (fixed, free))
         for name in LEG:
             assert one.coordinate(name).value == pytest.approx(two.coordinate(name).value,
                                                                abs=1e-9)

@@ -155,7 +155,7 @@ def test_turns_that_a_guess_names_are_kept():
 
 
 def shaft_and_rack(crank=0.2, rocker=0.2, coupler=1.0):
-    """A crank that turns a pinion through a coupler rod; the pinion moves a rack by 0.05 m a rad."""
+    """A crank that turns a pinion through a rod; the pinion moves a rack by 0.05 m a rad."""
     model = pin.Model()
     root = model.addJoint(0, pin.JointModelRY(), HERE, "crank")
     model.addJoint(root, pin.JointModelRY(), at(crank, 0.0, 0.0), "rod")
@@ -188,7 +188,7 @@ def test_turns_that_loops_cannot_be_followed_over_are_told(recwarn):
 
 
 def cardan_screw():
-    """A shaft that drives a spindle through a universal joint, which is moved across; and its nut."""
+    """A shaft that drives a spindle through a universal joint, and the nut of the spindle."""
     model = pin.Model()
     shaft = model.addJoint(0, pin.JointModelRX(), HERE, "shaft")
     for name, kind in (("cross", pin.JointModelRY), ("fork", pin.JointModelRZ)):

@@ -168,7 +168,7 @@ def test_a_free_base_that_is_let_go_is_not_held_by_itself():
 
 
 def slack_chain():
-    """A four-bar with a chain of three links from its coupler to the ground: one more than it needs."""
+    """A four-bar, and a chain of three links from its coupler to the ground: one too many."""
     model = pin.Model()
     closures = [add_bar(model, "bar", at(0.0, 0.0, 0.0))]
     link = model.getJointId("bar_coupler")
@@ -184,7 +184,7 @@ def test_what_a_slack_chain_cannot_move_is_determined():
     mechanism, own = slack_chain(), alone()
     state = sp.assemble(mechanism, {"bar_crank": 0.4},
                         {"chain_0": 0.9, "chain_1": 0.9, "chain_2": -0.7})
-    reference = sp.assemble(own, {"bar_crank": 0.4}, state.q[: own.model.nq - 1].tolist() + [0.0])
+    reference = sp.assemble(own, {"bar_crank": 0.4}, [*state.q[: own.model.nq - 1].tolist(), 0.0])
     found = sp.jacobian(mechanism, state, "bar_coupler")
     expected = sp.jacobian(own, reference, "bar_coupler", ["bar_crank", "arm"])
     np.testing.assert_allclose(found[:, 0], expected[:, 0], rtol=0, atol=1e-11)
