@@ -159,15 +159,16 @@ def unseen_links(mechanism: Mechanism) -> frozenset[int]:
 
 
 def _is_rod(mechanism: Mechanism, body: int) -> bool:
-    """Whether a body, with those that slide on it, is held at points only."""
-    inside, own = inside_links(mechanism), {body}
+    """Whether a body, with those that slide on it, is held at points only, at two or more."""
+    balls, inside, own = balls_of_hinges(mechanism), inside_links(mechanism), {body}
     pairs = [(ends, kind) for ends, kind in _kinds_of_pairs(mechanism) if not inside & {*ends}]
+    pairs += [(ball.ends, POINTS[0]) for ball in balls]
     for _ in pairs:
         for ends, kind in pairs:
             if kind in (*SLIDES, *WELDS) and own & {*ends}:
                 own |= {*ends}
-    return 0 not in own and all(kind in POINTS or {*ends} <= own
-                                for ends, kind in pairs if own & {*ends})
+    held = [kind for ends, kind in pairs if own & {*ends} and not {*ends} <= own]
+    return 0 not in own and len(held) > 1 and all(kind in POINTS for kind in held)
 
 
 def _kinds_of_pairs(mechanism: Mechanism) -> list[tuple[tuple[int, int], str]]:
@@ -303,7 +304,7 @@ def _inside_balls(
 
 
 def _telescopes(mechanism: Mechanism, groups: NDArray[np.intp]) -> list[tuple[int, ...]]:
-    """Return the groups of bodies that slide on each other, each by the first of its bodies."""
+    """Return the rods of several groups of bodies, each by the first of its bodies."""
     found: list[set[int]] = []
     for ends, kind in _kinds_of_pairs(mechanism):
         joined = set(groups[list(ends)].tolist())
@@ -311,7 +312,7 @@ def _telescopes(mechanism: Mechanism, groups: NDArray[np.intp]) -> list[tuple[in
             near = [x for x in found if x & joined]
             found = [x for x in found if not x & joined]
             found.append(joined.union(*near))
-    return [tuple(sorted(x)) for x in found]
+    return [tuple(sorted(x)) for x in found if _is_rod(mechanism, min(x))]
 
 
 def moved_bodies(evaluation: Evaluation, velocities: Array) -> list[int]:

@@ -1,9 +1,8 @@
 """What the motion of some coordinates depends on: the rest of a mechanism need not be determined.
 
-A loop depends on all coordinates that its closures tie together, and on none that is held or
-driven on its own. So do the joints that carry a frame. What hangs on nothing else, such as a tool
-that lies beside a robot, or the loops of another leg, is left out: it stands, and its closures with
-it.
+A loop depends on all coordinates that its closures tie together, and on none that is held. What
+hangs on nothing that is driven or asked for, such as a tool that lies beside a robot, or the loops
+of another leg, is left out: it stands, and its closures with it.
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.holding import Hold, free_bases, velocity_entries
+from spatial_pin.assembly.rank_loss import rank_loss
 from spatial_pin.assembly.search.loop_groups import LoopGroup, loop_groups, part_of
 from spatial_pin.assembly.state import State, made
 from spatial_pin.checks import names_of
@@ -26,7 +26,7 @@ from spatial_pin.kernel.paths import Samples
 from spatial_pin.kernel.rates import Chosen, Rates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
-from spatial_pin.numerics.linalg import Array, common_rows, null_space
+from spatial_pin.numerics.linalg import Array, common_rows, independent_rows, null_space
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.determined import Prescription, chosen_at
 from spatial_pin.rates.rates import prescribed_first, wanted_coordinates
@@ -157,8 +157,8 @@ def entries_determined(
     Raises:
         SingularError: nothing does.
     """
-    fixed = tuple(sorted({*given.still, *places(given.driven)}))
-    part = part_for(state.mechanism, entries, fixed)
+    asked = {*entries, *places(given.driven)} - {*given.still}
+    part = part_for(state.mechanism, tuple(sorted(asked)), tuple(sorted(given.still)))
     if part is None:
         return Placed(state, given, list(range(given.n_moving)), chosen_at(state, given, frame))
     driven = [k for k, c in enumerate(given.driven) if part.entries[c.v]]
@@ -197,8 +197,8 @@ class Depending(NamedTuple):
 def depending_on(state: State, names: Sequence[str], hold: Hold) -> Depending | None:
     """Return the part of a mechanism that moves with coordinates, where all of it is undetermined.
 
-    None where all is determined, where the part is all there is, and where a free base moves that
-    nobody holds.
+    None where all is determined, where the part is all there is, where a free base moves that
+    nobody holds, and where loops lose equations.
 
     Args:
         state: closed.
@@ -215,7 +215,7 @@ def depending_on(state: State, names: Sequence[str], hold: Hold) -> Depending | 
     rest = ~part.entries
     rest[list(fixed)] = False
     bases = [v for joint in free_bases(mechanism) for v in velocity_entries(mechanism, joint)]
-    if rest[bases].any():
+    if rest[bases].any() or not _is_regular(state):
         return None
     own = () if hold is None else tuple(names_of(hold, "hold"))
     few = _few(state, part, rest)
@@ -229,6 +229,14 @@ def _is_determined(state: State, given: Prescription) -> bool:
     except SingularError:
         return False
     return True
+
+
+def _is_regular(state: State) -> bool:
+    """Whether no loops lose equations at a closed state."""
+    with evaluation_of(state.mechanism, state.angles) as evaluation:
+        evaluation.update(state.q)
+        rows = evaluation.jacobian[: evaluation.constraints.n_closure]
+        return not rank_loss(evaluation, state.q, len(independent_rows(rows)))
 
 
 def _named(mechanism: Mechanism, entries: NDArray[np.bool_]) -> list[str]:
