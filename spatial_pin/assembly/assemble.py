@@ -8,6 +8,7 @@ from typing import Any
 
 from spatial_pin.assembly.rounding import allowed_from, gap_allowed, rounded
 from spatial_pin.assembly.search.closing import Closing, Equations, gone_from
+from spatial_pin.assembly.search.counted_turns import led
 from spatial_pin.assembly.search.guesses import Guess, read_guess
 from spatial_pin.assembly.search.refusals import failure
 from spatial_pin.assembly.search.same_branch import branch_changed
@@ -65,7 +66,9 @@ def assemble(
         drivers: values of drivers or coordinates to hold exactly [rad, m].
         guess: values by joint or coordinate as in the mechanism file [rad, m], a State, or q
             (nq,); default the file's guess, and neutral where nothing is said. Whole turns are
-            taken off angles so large that their round-off would open the loops.
+            taken off angles so large that their round-off would open the loops. Where couplings or
+            screws count turns that other loops do not, these are followed from the guess to what is
+            set further off than a quarter of a turn.
         limits: keep the joint limits of the URDF.
         release: let drivers without a value move if the loops cannot close otherwise; False raises
             instead.
@@ -78,8 +81,9 @@ def assemble(
 
     Returns:
         The closed State; its v and a are zero, see `solve_rates`. A `SpatialPinWarning` tells of
-        joint limits that it breaks, as `State.beyond_limits` does; another, where the guess is a
-        State, of loops that are on another branch than there.
+        joint limits that it breaks, as `State.beyond_limits` does, and of turns that may be lost,
+        as `State.lost_turns` does; another, where the guess is a State, of loops that are on
+        another branch than there.
 
     Raises:
         AssemblyError: no closed configuration found; keeps the best attempt.
@@ -146,7 +150,10 @@ def assembled(
     standing = said if beginning is None else {
         name: coordinate_value(mechanism, mechanism.coordinate_table[name], start.q)
         for name in said}
-    with Equations(mechanism, guess.angles if isinstance(guess, State) else None) as equations:
+    start, angles, lost = led(
+        mechanism, held, start, guess.angles if isinstance(guess, State) else None, standing,
+        start.names if isinstance(guess, Mapping) else ())
+    with Equations(mechanism, angles) as equations:
         search = Search(Closing(equations, held, standing, start, accuracy), limits)
         search.run(release=release)
         if search.best is None and standing and release:
@@ -155,7 +162,7 @@ def assembled(
             before = search
             search = Search(Closing(equations, held, {}, goal, accuracy, said), limits)
             search.run(with_values(mechanism, start.q, held), before=before)
-        state = _result(search, said)
+        state = _result(search, said, lost)
     if mechanism.whole is not None:
         tell(state)
     return state
@@ -253,12 +260,13 @@ def _at_home(
     return {name: home.coordinate(name).value for name in silent}
 
 
-def _result(search: Search, said: Mapping[str, float]) -> State:
+def _result(search: Search, said: Mapping[str, float], lost: tuple[str, ...]) -> State:
     """Return the best closed State of a search.
 
     Args:
         search: which has been run.
         said: where the drivers should stand that were given no value.
+        lost: see `State.lost_turns`.
 
     Raises:
         AssemblyError: it has found none; keeps the best attempt.
@@ -266,7 +274,11 @@ def _result(search: Search, said: Mapping[str, float]) -> State:
     if search.best is None:
         raise failure(search)
     mechanism, q, seen = search.mechanism, search.best[1], search.examined()
+    if lost:
+        warn(f"mechanism {mechanism.name!r}: turns of {', '.join(lost)} may be lost: "
+             "couplings or screws count them, but not the loops between, which cannot be followed "
+             "there from the guess (sweep there, or name what they count in the guess)")
     gone = gone_from(mechanism, q, said) if said else {}
     names = {d.joint: d.name for d in mechanism.drivers.values()} if gone else {}
     return made(mechanism, q, None, None, closure_error=seen.error, angles=seen.angles,
-                released={names[c]: x for c, x in gone.items()})
+                released={names[c]: x for c, x in gone.items()}, lost_turns=lost)

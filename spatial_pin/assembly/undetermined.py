@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from spatial_pin.assembly.holding import BASE, SPRINGS, free_bases, velocity_entries
-from spatial_pin.assembly.passive_freedoms import is_in_loop, passive_freedoms
+from spatial_pin.assembly.passive_freedoms import RESTING, is_in_loop, passive_freedoms
 from spatial_pin.assembly.rank_loss import lost_rank, rank_loss
 from spatial_pin.assembly.rounding import gap_words
 from spatial_pin.constraints.closure_equations import Evaluation
@@ -133,6 +133,14 @@ def check_passive(asked: Asked, null_space: Array, rank: int, q: Array) -> None:
         f"prescribed, and {missing} of its freedoms are not prescribed; "
         f"prescribe {missing} more of {', '.join(names)}, such as "
         + _ways_to_prescribe(mechanism, chosen, set(names)))
+
+
+def moves_frame(evaluation: Evaluation, null_space: Array, frame: int) -> bool:
+    """Whether freedoms (k, nv), scaled velocities of length 1, move a frame at the evaluation."""
+    size = evaluation.mechanism.velocity_scale
+    length = np.array([evaluation.mechanism.characteristic_length] * 3 + [1.0] * 3)
+    twists = evaluation.frame_jacobian(frame) @ (null_space * size).T / length[:, None]
+    return bool(np.abs(twists).max(initial=0.0) > RESTING)
 
 
 def check_regular(evaluation: Evaluation, q: Array, rank: int) -> None:

@@ -43,6 +43,7 @@ from spatial_pin.motion.rounding import within_gap
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.progress import progress_bar
+from spatial_pin.rates.depending import depending_on
 from spatial_pin.rates.rates import SOLUTION_ERROR, check_finite, check_not_held
 from spatial_pin.settings import Accuracy, accuracy_of
 
@@ -138,7 +139,7 @@ def sweep(
         begun = swept_at_once(mechanism, coordinate.name, held, values, accuracy,
                               min(accuracy.tolerance, TOLERANCES.tight), guess)
     if begun is not None and begun[0] == len(values):
-        way = _Way(mechanism, begun[1], len(values))
+        way = _Way(mechanism, begun[1], held, len(values))
     else:
         way = _followed(mechanism, driver, coordinate, values, guess, given, held, accuracy,
                         on_crossing == "straight", progress, begun)
@@ -146,7 +147,7 @@ def sweep(
     if n < len(values):
         values, speeds, accels = values[:n], speeds[:n], None if accels is None else accels[:n]
     motion = _motion(way, driver, values, speeds, type(speed) is float, accels,
-                     coordinate.unit if speed is None else "s", held)
+                     coordinate.unit if speed is None else "s", way.held)
     motion = within_gap(motion, accuracy, on_limit)
     if len(motion) < n:
         return motion
@@ -200,6 +201,7 @@ class _Way(NamedTuple):
     Attributes:
         mechanism: without the equations that a rounded file contradicts.
         samples: of them the first `n` are done.
+        held: what stands still.
         n: how many were reached.
         stop: what ended the motion before the last, if anything did.
         is_cut: whether Ctrl-C did.
@@ -208,6 +210,7 @@ class _Way(NamedTuple):
 
     mechanism: Mechanism
     samples: Samples
+    held: tuple[str, ...]
     n: int
     stop: Arrival | None = None
     is_cut: bool = False
@@ -224,11 +227,13 @@ def _followed(
     first, n = values.item(0), len(values)
     state, gone = held_start(
         mechanism, {**given, coordinate.name: first}, guess, held, _tight(accuracy))
-    mechanism, stop, is_cut = state.mechanism, None, False
+    moved = depending_on(state, [driver, *given], held)
+    there, hold = (state, held) if moved is None else moved[:2]
+    mechanism, stop, is_cut = there.mechanism, None, False
     crossed: list[tuple[float, int]] = []
     bar = progress_bar(n, f"{mechanism.name}: {driver}", progress)
     with bar, evaluation_of(mechanism) as evaluation, kernel_of(mechanism) as kernel:
-        start = Start.along(state, [driver, *given], held, accuracy, kernel, evaluation)
+        start = Start.along(there, [driver, *given], hold, accuracy, kernel, evaluation)
         samples = None
         if accuracy.corrections is None and begun is None:
             samples = followed_in_order(start, values, bar)
@@ -240,7 +245,9 @@ def _followed(
     events += _released(state, start.driven, start.still, first)
     events += [crossed_event(value, row, f"{driver} = {value:.12g} {coordinate.unit}")
                for value, row in crossed]
-    return _Way(mechanism, samples, n, stop, is_cut, events)
+    if moved is not None:
+        samples, held = moved.of_whole(samples), moved.held
+    return _Way(state.mechanism, samples, held, n, stop, is_cut, events)
 
 
 def _released(

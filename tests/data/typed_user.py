@@ -46,11 +46,12 @@ def assembling(mech: sp.Mechanism) -> sp.State:
     error: float = state.closure_error + gap + state.rate_error + accuracy.tolerance
     released: dict[str, float] = state.released
     beyond: dict[str, float] = state.beyond_limits
+    turns: tuple[str, ...] = state.lost_turns
     angle: float = state.coordinate("rocker_pin").value
     grashof: sp.Grashof = sp.grashof(mech, state)
     print(modes[0].branch.upper(), modes.completeness.upper(), len(continua), freedom.dof + 1,
-          loops[0].order + 1, passive[0].link.upper(), q.shape, error, released, beyond, angle,
-          grashof.type.upper(), freedom.overconstrained is True)
+          loops[0].order + 1, passive[0].link.upper(), q.shape, error, released, beyond, turns,
+          angle, grashof.type.upper(), freedom.overconstrained is True)
     return modes[0]
 
 

@@ -232,10 +232,11 @@ def test_flat_ways_do_not_lead_astray():
     with pytest.warns(sp.SpatialPinWarning, match="mesh files"):
         mechanism = sp.load(CASSIE)
     start = sp.assemble(mechanism)
-    far = start.placement("left-foot").translation + np.array([3.0, 0.0, 2.1])
+    # the file's numbers are rounded, and its loops close to their ninth digit: so does the target
+    far = start.placement("left-foot").translation.round(6) + np.array([3.0, 0.0, 2.1])
     state = sp.reach(mechanism, {"left-foot": targets.position(far, weight=1.0)}, start, starts=0)
     off = np.linalg.norm(state.placement("left-foot").translation - far)
-    assert off / mechanism.characteristic_length == pytest.approx(2.12315439348594, abs=1e-12)
+    assert off / mechanism.characteristic_length == pytest.approx(2.12315411124464, abs=1e-12)
     again = sp.reach(mechanism, {"left-foot": targets.position(far, weight=1.0)}, state, starts=0)
     assert np.linalg.norm(again.placement("left-foot").translation - far) > off - 1e-12
 

@@ -10,10 +10,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin.assembly.search.loop_groups import LoopGroup
 from spatial_pin.assembly.search.whole_turns import periodic
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.workspaces import made_once
-from spatial_pin.kernel.closer import AT_ONCE, Shakes
+from spatial_pin.kernel.closer import AT_ONCE, MOST_GROUPS, Shakes
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.lazy import cached_property
 from spatial_pin.mechanism.coordinates import (
@@ -151,7 +152,7 @@ class Further(NamedTuple):
         phase: (MAX_STARTS - 1,) of each: 0 where what is named stays, 1 where it is shaken by up
             to a radian, 2 by any angle.
         size: (3, nv) of the steps in each.
-        first: the first of them, where loops are closed from them together; else none.
+        first: the first of each group of loops, where groups are few; else none.
         lengths: names of those that are named.
     """
 
@@ -163,7 +164,7 @@ class Further(NamedTuple):
 
 def further_starts(
     mechanism: Mechanism, held: Sequence[str], named: Sequence[str], still: Sequence[int],
-    together: bool,
+    groups: Sequence[LoopGroup],
 ) -> Further | None:
     """Return how far further starts are; None where all is held.
 
@@ -173,7 +174,7 @@ def further_starts(
         named: coordinates that stay in half of the starts. Then they are shaken too, first by up
             to a radian, in the end by any angle, and lengths in proportion.
         still: velocity entries that stay too, named or not.
-        together: whether all loops are closed from the same of these starts.
+        groups: of loops that share nothing else.
     """
     table = mechanism.coordinate_table
     is_held = np.array([name in held or c.v in still for name, c in table.items()], dtype=bool)
@@ -187,9 +188,20 @@ def further_starts(
     n, late = MAX_STARTS // 2 if open_ones.any() else 0, 3 * MAX_STARTS // 4 - 1
     phase = np.repeat([0, 1, 2], [n, late - n, MAX_STARTS - 1 - late])
     size = np.array([np.where(is_named, shake, reach) * sizes for shake in (0.0, 1.0, np.pi)])
-    at_once = AT_ONCE if together else 0
-    first = Shakes(_draws(mechanism)[:at_once] * size[phase[:at_once]], NEAR_GUESS)
+    first = _shakes(_draws(mechanism)[:AT_ONCE] * size[phase[:AT_ONCE]], groups)
     return Further(phase, size, first, [name for name in named if table[name].unit == "m"])
+
+
+def _shakes(steps: Array, groups: Sequence[LoopGroup]) -> Shakes:
+    """Return steps (n, nv) from the guess for each group of loops by itself, if these are few."""
+    group = np.zeros(steps.shape[1], np.int64)
+    if len(groups) < 2:
+        return Shakes(steps[None], NEAR_GUESS, group)
+    if len(groups) > MOST_GROUPS:
+        return Shakes(np.empty((0, *steps.shape)), NEAR_GUESS, group)
+    for k, own in enumerate(groups):
+        group[own.entries] = k
+    return Shakes(np.array([steps * own.entries for own in groups]), NEAR_GUESS, group)
 
 
 def starts_from(

@@ -13,6 +13,7 @@ from spatial_pin.assembly.search.guesses import COORDINATE_ERROR, MAX_STARTS, Gu
 from spatial_pin.assembly.search.search import Search
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.opposite_axes import opposite_axes
 from spatial_pin.errors import AssemblyError
 from spatial_pin.mechanism.coordinates import coordinate_value, with_values
@@ -68,9 +69,13 @@ def _gap_words(search: Search, error: float, q: Array, worst: str) -> str:
     large = size_of(mechanism, q) * COORDINATE_ERROR > ACCEPTED
     words = (f"closure {worst!r} stays open by {gap} (closure error {error:.1e}), the smallest gap "
              "found; ") + (_too_large(mechanism, q) if large else _open_words(search, q, worst))
-    if any(c.name == worst and c.type == "screw" for c in mechanism.closures):
-        words += ("; a screw closure is assembled within half a turn of zero: sweep to further "
-                  "turns, or put the screw into the tree")
+    constraints = constraints_of(mechanism)
+    by_path = [constraints.labels[at].closure for (at, _, _), turns in zip(
+        constraints.screws, constraints.turns, strict=True) if not turns.are_all]
+    if worst in by_path:
+        words += ("; its joints do not tell how often this screw has turned, so that it is "
+                  "assembled within half a turn of the guess: sweep to further turns, or put the "
+                  "screw into the tree")
     return words
 
 

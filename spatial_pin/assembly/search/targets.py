@@ -69,8 +69,8 @@ def left_of(
     has_first = bool(first.any()) and not np.array_equal(first, free)
     is_whole, entries = _said(mechanism, held, named)
     groups = loop_groups(mechanism, tuple(np.flatnonzero(~free).tolist()))
-    further = further_starts(mechanism, held, named, (*still, *loose_entries(mechanism)),
-                             len(groups) < 2)
+    further = further_starts(
+        mechanism, held, named, (*still, *loose_entries(mechanism)), groups)
     for array in (free, first, entries):
         array.flags.writeable = False
     return Left(pinned, still, free, first if has_first else None, entries, is_whole, further,

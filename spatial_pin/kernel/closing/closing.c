@@ -509,6 +509,9 @@ static int leads_no_nearer(const Closer *c, const Reaching *r, Int nearest)
            meant_distance(c->k, &there, r->q + r->m * c->k->nq) <= c->rest;
 }
 
+/* The distance below which a place is nearer than another one. */
+static Real nearer_than(Real distance) { return distance * (1.0 - NEARER_PART) - NEARER_BY; }
+
 /* Close from the start in the last row; 0 where that leads no nearer than another row, which is seen
    before the last steps. */
 static int reaches_nearer(Closer *c, Reaching *r, Int nearest)
@@ -524,7 +527,21 @@ static int reaches_nearer(Closer *c, Reaching *r, Int nearest)
         polish(c);
     }
     judge_one(c, r, r->m);
-    return !is_sound(r, r->m) || r->distance[r->m] < r->distance[nearest];
+    return !is_sound(r, r->m) || r->distance[r->m] < nearer_than(r->distance[nearest]);
+}
+
+/* Put a further start into q: the nearest place so far, a group of loops shaken from where the first
+   start was. */
+static void put_start(const Closer *c, const Reaching *r, Int shake, Int nearest, Real *q)
+{
+    const Kernel *k = c->k;
+    memcpy(q, r->q + nearest * k->nq, (size_t)k->nq * sizeof(Real));
+    for (Int j = 1; j < k->n_joints; j++) {
+        const Int at = k->iq[j], end = j + 1 < k->n_joints ? k->iq[j + 1] : k->nq;
+        if (r->group[k->iv[j]] == r->shaken[shake])
+            memcpy(q + at, c->begin + at, (size_t)(end - at) * sizeof(Real));
+    }
+    tree_integrate(k, q, r->shakes + shake * k->nv);
 }
 
 /* Close from further starts, until one leads near to what is named. Of places where nothing is at
@@ -533,9 +550,7 @@ static void reach_nearer(Closer *c, Reaching *r)
 {
     Int nearest = 0;
     for (Int i = 0; i < r->n_shakes && !(r->distance[nearest] < r->near); i++) {
-        Real *q = r->q + r->m * c->k->nq;
-        memcpy(q, c->begin, (size_t)c->k->nq * sizeof(Real));
-        tree_integrate(c->k, q, r->shakes + i * c->k->nv);
+        put_start(c, r, i, nearest, r->q + r->m * c->k->nq);
         if (!reaches_nearer(c, r, nearest))
             continue;
         if (is_sound(r, r->m))
@@ -563,7 +578,7 @@ EXPORT int closer_reach(Closer *c, Reaching *r)
 
 int reached_straight(const Reaching *r, Real open)
 {
-    const Real nearer = r->distance[0] * (1.0 - NEARER_PART) - NEARER_BY;
+    const Real nearer = nearer_than(r->distance[0]);
     if (!r->n_shakes && r->distance[0] > r->near)
         return 0;
     for (Int i = 0; i < r->m; i++)

@@ -22,8 +22,9 @@ typedef struct {
     Real cut;
     Meant meant;
     Int n_shakes;
-    const Real *shakes;           /* (n_shakes, nv) of further starts, from the first one */
+    const Real *shakes;           /* (n_shakes, nv) of further starts: of a group, from the first one */
     Real near;                    /* distance from what is named that is not questioned */
+    const Int *shaken, *group;    /* (n_shakes) the group of loops that each is of; (nv) of velocities */
     Real *error, *distance;       /* (m) */
     Int *mirrored;                /* (m) */
     Real *facts, *angle;          /* as closer_examine has them */
