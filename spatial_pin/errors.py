@@ -230,11 +230,15 @@ class ReachError(SpatialPinError):
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C while a motion was followed, or gone through: `except KeyboardInterrupt` catches it.
+    """Ctrl-C while something was found, with what was found: `except KeyboardInterrupt` catches it.
+
+    Every verb that takes long raises it; a plain KeyboardInterrupt where nothing was found yet.
 
     Attributes:
-        motion: as far as it was gone until then; of a simulation a Simulation.
-        found: what `kinetostatics` or `sensitivity` found along it; None of others.
+        motion: as far as it was followed, or gone through, until then; of a simulation a
+            Simulation. None where there is none, as in a search.
+        result: what the verb would have returned, as far as it was found until then; of verbs that
+            return a motion this motion. Its `is_whole`, where it has one, is False.
 
     Example:
         >>> try:
@@ -243,15 +247,41 @@ class Interrupted(KeyboardInterrupt):
         ...     motion = stopped.motion
         >>> len(motion)
         1000
+        >>> sp.Interrupted(motion).found is motion  # another word for its result
+        True
     """
 
-    def __init__(self, motion: sp.Motion, found: Any = None) -> None:
-        super().__init__(f"after {len(motion)} samples")
-        self.motion, self.found = motion, found
+    def __init__(self, motion: sp.Motion | None, result: Any = None) -> None:
+        super().__init__(f"after {len(motion)} samples" if motion is not None
+                         else "before the result was whole")
+        self.motion, self.result = motion, motion if result is None else result
+
+    @property
+    def found(self) -> Any:
+        """Another word for `result`."""
+        return self.result
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Make it anew from its parts."""
-        return type(self), (self.motion, self.found)
+        return type(self), (self.motion, self.result)
+
+    def __repr__(self) -> str:
+        return f"Interrupted({self}; not whole: {self.result!r})"
+
+
+def unless_cut(result: Any, motion: sp.Motion | None = None) -> Any:
+    """Return a result that is whole.
+
+    Args:
+        result: it has an attribute `is_whole`.
+        motion: that it was found along, if it was.
+
+    Raises:
+        Interrupted: Ctrl-C has cut it short; has what was found until then.
+    """
+    if not result.is_whole:
+        raise Interrupted(motion, result)
+    return result
 
 
 class SingularError(SpatialPinError):

@@ -7,7 +7,7 @@ import contextlib
 import signal
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor, ProcessPoolExecutor
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.units import Quantity, likely_unit
 
 MANY_TURNS = 12.0  # [rad], nearly two turns: whole numbers beyond are meant in degrees more often
+Found = TypeVar("Found")
 RATES = {"speed": "/s", "acceleration": "/s2"}  # per what they are
 NO_SLIDE = 30.0  # characteristic lengths that no slide goes
 
@@ -178,7 +179,16 @@ def along(options: argparse.Namespace, work: Callable[[], Any]) -> Any:
         return work()
     except sp.Interrupted as stopped:
         options.cut_short = f"cut short after {len(stopped.motion)} values"
-        return stopped.found
+        return stopped.result
+
+
+def as_far_as_found(work: Callable[[], Found]) -> Found:
+    """Return a result, after Ctrl-C as far as it was found until then: its `is_whole` tells."""
+    try:
+        return work()
+    except sp.Interrupted as stopped:
+        found: Found = stopped.result
+        return found
 
 
 @contextlib.contextmanager

@@ -25,7 +25,7 @@ from spatial_pin.dimensions.measurements import (
 )
 from spatial_pin.dimensions.predictions import Predictions, Situation, Unknowns
 from spatial_pin.dimensions.sensitivity import with_spread
-from spatial_pin.errors import SpatialPinError
+from spatial_pin.errors import SpatialPinError, unless_cut
 from spatial_pin.mechanism.coordinates import needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.follow import follow
@@ -153,7 +153,7 @@ class Calibration:
     def __repr__(self) -> str:
         return (f"Calibration({self.mechanism.name!r}: {len(self.values)} unknowns from "
                 f"{len(self.residuals)} numbers, {len(self.undetermined)} combinations "
-                "undetermined)")
+                f"undetermined{'' if self.is_whole else '; cut short'})")
 
     def __str__(self) -> str:
         poses = len(self.states)
@@ -220,7 +220,7 @@ def calibrate(
         guess: which branch: where to assemble the first measurement, as for `assemble`.
 
     Returns:
-        The Calibration: `print` it for a report. After Ctrl-C the best until then.
+        The Calibration: `print` it for a report.
 
     Raises:
         UnknownNameError: there is no such dimension, driver, frame or coordinate.
@@ -229,7 +229,7 @@ def calibrate(
         AssemblyError: the first measurement cannot be assembled.
         SpatialPinError: another measurement cannot be reached; the drivers do not determine what
             was measured; a dimension opens the loops; the search does not end.
-        KeyboardInterrupt: before the first step.
+        Interrupted: after Ctrl-C; `.result` has the best values until then.
 
     Example:
         >>> mech, built = sp.load("four_bar"), sp.load("four_bar", r3=0.2805)  # nominal, as built
@@ -259,7 +259,7 @@ def calibrate(
     place = base if isinstance(base, pin.SE3) else _base(start, quantities) if base else None
     predictions = Predictions(Situation(start[0].mechanism, start, place), unknowns, drivers,
                               quantities)
-    return _Search(predictions, loss, margin).result(bounds, quantities, sigma is None)
+    return unless_cut(_Search(predictions, loss, margin).result(bounds, quantities, sigma is None))
 
 
 # ---------------------------------------------------------------- what is asked

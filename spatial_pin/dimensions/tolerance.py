@@ -21,7 +21,7 @@ from spatial_pin.dimensions.drive import Drive, with_masses
 from spatial_pin.dimensions.samples import Near, Samples
 from spatial_pin.dimensions.sensitivity import sensitivities, with_spread, within_half_turn
 from spatial_pin.dimensions.variants import Variants, tell_idle
-from spatial_pin.errors import SpatialPinError
+from spatial_pin.errors import SpatialPinError, unless_cut
 from spatial_pin.executors import in_order
 from spatial_pin.formats.files import load
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -110,7 +110,7 @@ class Tolerance(Tabular):
         spreads = [f"{name} = {with_spread(x, self.linear[name], self.units.get(name, ''))}"
                    for name, x in self.nominal.items()]
         return (f"Tolerance({', '.join(spreads)}; {len(self.is_closed)} samples, {self.failed} "
-                "failed)")
+                f"failed{'' if self.is_whole else '; cut short'})")
 
     def __str__(self) -> str:
         lines = []
@@ -184,6 +184,7 @@ def tolerance(
         UnknownNameError: no such dimension or output.
         ValueError: a deviation is negative or not finite, or a number of samples or a seed cannot
             be.
+        Interrupted: after Ctrl-C; `.result` tells of the samples until then.
 
     Example:
         >>> mech = sp.load("rssr")
@@ -218,13 +219,13 @@ def tolerance(
     values = {name: x[:n] for name, x in values.items()}
     good = {name: within_half_turn(x[is_closed], nominal[name], units[name])
             for name, x in values.items()}
-    return Tolerance(
+    return unless_cut(Tolerance(
         nominal, linear,
         {name: _of_enough(x, 2, lambda x: x.std(axis=0, ddof=1)) for name, x in good.items()},
         {name: _of_enough(x, 1, lambda x: x.mean(axis=0)) for name, x in good.items()},
         good, int(np.count_nonzero(~is_closed)), dict(zip(spread, drawn.T, strict=True)), is_closed,
         units, n == samples,
-    )
+    ))
 
 
 def _propagated(derivatives: Mapping[str, Any], spread: Mapping[str, float]) -> Any:

@@ -180,8 +180,10 @@ def failing(mech: sp.Mechanism) -> None:
     try:
         sp.sweep(mech, "crank", [0.0, 7.0])
     except sp.Interrupted as stopped:
-        followed: sp.Motion = stopped.motion
-        print(len(followed), followed.driver_name.upper())
+        partial: object = stopped.result
+        print(partial, stopped.found)
+        followed: sp.Motion | None = stopped.motion
+        print(len(followed) if followed is not None else 0)
     except sp.LimitError as error:
         reached: float = error.limit
         print(reached, error.motion.q if error.motion is not None else None)

@@ -35,7 +35,7 @@ INNER = {  # methods of public types that the library has for itself, or for who
         "velocity_scale", "with_equations", "with_fields"},
     "Reduced": {"characteristic_length", "placed", "start", "unplaced"},
     "Tabular": {"quantities"},  # those of each result say what they are
-    "Target": {"check", "pulled", "residual", "wishes"},
+    "Target": {"check", "lengths", "pulled", "residual", "wishes"},
 }
 RESULTS = ("Return ", "Ask ", "Write ")  # first words that say what comes back
 NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?(?![\w])")

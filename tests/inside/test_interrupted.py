@@ -16,9 +16,11 @@ from spatial_pin.dimensions.samples import Samples
 from spatial_pin.dimensions.sensitivity import _Around
 from spatial_pin.dynamics.kinetostatics import _Rows
 from spatial_pin.dynamics.simulation.running.run import Run
-from spatial_pin.inverse_kinematics import reach_path
+from spatial_pin.inverse_kinematics import least_motion, reach_path
 from spatial_pin.mobility.modes.search import Search as ModeSearch
 from spatial_pin.proximity.search import Search
+from spatial_pin.synthesis.kept import Kept
+from spatial_pin.workspace_map import workspace as workspace_map
 
 VALUES = np.linspace(0.0, 3.0, 61)
 
@@ -34,6 +36,18 @@ def interrupting(call, at):
         return call(*arguments, **options)
 
     return interrupted
+
+
+def cut_short(call, *arguments, **options):
+    """Return what a verb that Ctrl-C interrupts has found, which says that it is not whole."""
+    with pytest.raises(sp.Interrupted) as stopped:
+        call(*arguments, **options)
+    error = stopped.value
+    assert error.found is error.result and "not whole" in repr(error)
+    assert not error.result.is_whole and "cut short" in repr(error.result)
+    copied = pickle.loads(pickle.dumps(error))
+    assert str(copied) == str(error) and type(copied.result) is type(error.result)
+    return error.result
 
 
 # ---------------------------------------------------------------- motions
@@ -119,7 +133,7 @@ def test_targets_reached_one_by_one_are_kept_until_ctrl_c(monkeypatch):
     points = np.linspace([6.0, 0.0, -1.0], [6.4, 0.0, -1.2], 9)
     start = sp.reach(mechanism, {"teeth": points[0]})
     whole = sp.reach_path(mechanism, {"teeth": points[:4]}, state=start)
-    monkeypatch.setattr(reach_path, "reach", interrupting(reach_path.reach, 5))
+    monkeypatch.setattr(least_motion, "reach", interrupting(least_motion.reach, 4))
     with pytest.raises(sp.Interrupted) as stopped:
         sp.reach_path(mechanism, {"teeth": points}, state=start)
     assert_begins(stopped.value.motion, whole, 4)
@@ -143,7 +157,7 @@ def turn():
 def test_samples_that_were_looked_at_tell_of_the_clearance_after_ctrl_c(turn, monkeypatch):
     whole = sp.clearance(turn)
     monkeypatch.setattr(Search, "_way_to", interrupting(Search._way_to, 10))
-    found = sp.clearance(turn)
+    found = cut_short(sp.clearance, turn)
     n = len(found.motion)
     assert not found.is_whole and n == 10
     assert str(found).splitlines()[0].endswith("cut short at 10 samples")
@@ -157,7 +171,7 @@ def test_samples_that_were_looked_at_tell_of_the_clearance_after_ctrl_c(turn, mo
 def test_pairs_that_were_searched_stay_so_after_ctrl_c(turn, monkeypatch):
     whole = sp.clearance(turn)
     monkeypatch.setattr(Search, "found", interrupting(Search.found, 1))
-    found = sp.clearance(turn)
+    found = cut_short(sp.clearance, turn)
     assert not found.is_whole and len(found.motion) == len(turn)
     assert all(pair.distance == pair.distances.min() for pair in found.pairs)
     assert found.least.distance == pytest.approx(whole.least.distance, abs=1e-2)
@@ -167,7 +181,7 @@ def test_touches_between_samples_are_told_by_these_after_ctrl_c(turn, monkeypatc
     apart = sp.clearance(turn).least
     tolerance = float(np.median(apart.distances))
     monkeypatch.setattr(Search, "found", interrupting(Search.found, 1))
-    found = sp.clearance(turn, [apart.links], tolerance=tolerance)
+    found = cut_short(sp.clearance, turn, [apart.links], tolerance=tolerance)
     rows = np.flatnonzero(apart.distances <= tolerance)
     assert found.least.contacts[0].begin == turn.driver[rows[0]]
     assert found.least.contacts[-1].end == turn.driver[rows[-1]]
@@ -202,7 +216,8 @@ def test_forces_and_derivatives_along_a_motion_are_kept_until_ctrl_c(monkeypatch
     monkeypatch.setattr(_Rows, "fill", interrupting(_Rows.fill, 21))
     with pytest.raises(sp.Interrupted) as stopped:
         sp.kinetostatics(mechanism, motion)
-    found = pickle.loads(pickle.dumps(stopped.value)).found
+    assert "not whole" in repr(stopped.value)
+    found = pickle.loads(pickle.dumps(stopped.value)).result
     assert_begins(found.motion, motion, 20)
     np.testing.assert_array_equal(found.efforts["crank"], forces.efforts["crank"][:20])
     np.testing.assert_array_equal(found.reactions["output_pin"],
@@ -250,8 +265,8 @@ def test_a_calibration_keeps_its_best_values_until_ctrl_c(measured, monkeypatch)
     whole = sp.calibrate(nominal, readings, ["r3", "r4"])
     assert whole.is_whole and whole.values["r4"] == pytest.approx(0.26, abs=1e-12)
     monkeypatch.setattr(Predictions, "jacobian", interrupting(Predictions.jacobian, 4))
-    found = sp.calibrate(nominal, readings, ["r3", "r4"])
-    assert not found.is_whole and str(found).splitlines()[0].endswith("cut short")
+    found = cut_short(sp.calibrate, nominal, readings, ["r3", "r4"])
+    assert str(found).splitlines()[0].endswith("cut short")
     assert found.as_dict()["is_whole"] is False
     left, before = (np.linalg.norm(x) for x in (found.residuals, found.before))
     assert 1e-12 < left < 0.1 * before
@@ -345,3 +360,55 @@ def test_samples_that_were_drawn_before_tell_of_the_tolerance(part, monkeypatch,
     whole = sp.tolerance(sp.load("rssr"), "rocker_pin", {"b": 1e-3}, samples=40)
     assert written["mean"]["rocker_pin"] == pytest.approx(
         whole.samples["rocker_pin"][:20].mean(), abs=1e-12)
+
+
+# ---------------------------------------------------------------- one habit for all verbs
+
+
+def test_every_verb_that_is_cut_short_raises_what_it_has_found(monkeypatch, turn):
+    """Searches have no motion; what is found along one has the motion until then."""
+    mechanism = sp.load("four_bar")
+    goal = sp.goals.swing("rocker_pin", 1.0)
+    levels = [sp.Accuracy.named("draft"), sp.Accuracy.named("engineering")]
+    task = {"driver": "crank", "values": np.linspace(0.0, 1.0, 21), "speed": 1.0}
+    cases = [
+        (ModeSearch, "_attempt", 2, lambda: sp.assembly_modes(mechanism, {"crank": 1.0})),
+        (Samples, "made_of", 4, lambda: sp.tolerance(
+            mechanism, "rocker_pin", {"r3": 1e-4}, samples=40)),
+        (tradeoff, "_judged", 2, lambda: sp.tradeoff(
+            mechanism, task, settings=levels, repeats=1)),
+        (Kept, "add", 2, lambda: sp.design(mechanism, goal, {"r2": (0.05, 0.15)}, starts=5)),
+        (workspace_map, "_fill", 1, lambda: sp.workspace(
+            mechanism, "coupler_b", {"crank": (0.0, 1.0)}, points=5)),
+    ]
+    monkeypatch.setattr(tolerance, "SOLVED_TOGETHER", 10)
+    for owner, name, at, call in cases:
+        with monkeypatch.context() as patch:
+            patch.setattr(owner, name, interrupting(getattr(owner, name), at))
+            cut_short(call)
+            patch.setattr(owner, name, interrupting(getattr(owner, name), at))
+            with pytest.raises(sp.Interrupted) as stopped:
+                call()
+            assert stopped.value.motion is None
+    monkeypatch.setattr(Search, "_way_to", interrupting(Search._way_to, 10))
+    with pytest.raises(sp.Interrupted) as stopped:
+        sp.clearance(turn)
+    assert stopped.value.motion is stopped.value.result.motion
+
+
+def test_the_result_of_a_motion_is_the_motion(cut):
+    cut(20)
+    with pytest.raises(sp.Interrupted) as stopped:
+        sp.sweep(sp.load("four_bar"), "crank", VALUES, speed=2.0)
+    error = stopped.value
+    assert error.result is error.motion is error.found
+    assert repr(error).startswith("Interrupted(after 20 samples; not whole: Motion('four_bar': 20")
+
+
+def test_a_verb_that_uses_another_is_interrupted_with_it(monkeypatch):
+    """A search for designs took the part of a clearance that was looked at for the whole."""
+    mechanism = sp.load("four_bar")
+    goals = [sp.goals.swing("rocker_pin", 1.0), sp.goals.clearance(0.001)]
+    monkeypatch.setattr(Search, "_way_to", interrupting(Search._way_to, 3))
+    with pytest.raises(KeyboardInterrupt):
+        sp.design(mechanism, goals, {"r2": (0.05, 0.15)}, starts=1)

@@ -10,6 +10,7 @@ import numpy as np
 import spatial_pin as sp
 from spatial_pin.cli.asked import (
     along,
+    as_far_as_found,
     in_units,
     loaded,
     motion_over,
@@ -162,9 +163,9 @@ def _tolerance(options: argparse.Namespace) -> None:
     options.hints += _wide(mechanism, spread)
     state = state_at(options, mechanism)
     with workers(options.workers) as executor:
-        found = sp.tolerance(mechanism, [options.output, *options.also], spread, state,
-                             samples=options.samples, executor=executor, seed=options.seed,
-                             progress=True)
+        found = as_far_as_found(lambda: sp.tolerance(
+            mechanism, [options.output, *options.also], spread, state, samples=options.samples,
+            executor=executor, seed=options.seed, progress=True))
     kinds = {"nominal": found.nominal, "linear": found.linear,
              **({"mean": found.mean, "sampled": found.sampled} if found.sampled else {})}
     content = {"mechanism": mechanism.name, "units": found.units, "deviations": spread,

@@ -9,7 +9,7 @@ from spatial_pin.assembly.holding import free_bases
 from spatial_pin.assembly.rounding import as_meant
 from spatial_pin.assembly.search.guesses import read_guess
 from spatial_pin.checks import checked, generator, mapping, positive_number
-from spatial_pin.errors import AssemblyError
+from spatial_pin.errors import AssemblyError, unless_cut
 from spatial_pin.mechanism.coordinates import (
     coordinate_value,
     finite_number,
@@ -76,7 +76,7 @@ def assembly_modes(
         ContinuumError: the mechanism can move with the values held, in its guess or in every
             configuration found; names the freedoms and what to hold.
         UnknownNameError, ValueError: names that do not exist, values that are not finite.
-        KeyboardInterrupt: before a mode was found; else Ctrl-C ends the search, see `is_whole`.
+        Interrupted: after Ctrl-C; `.result` has the modes that were found until then.
 
     Example:
         >>> mech = sp.load("four_bar")
@@ -112,7 +112,7 @@ def assembly_modes(
         Check(mechanism, held, rods, accuracy.tolerance, accuracy.gap), groups, searched)
     if found and mechanism.whole is not None:
         tell(found[0])
-    return found
+    return unless_cut(found)
 
 
 def _is_within(mechanism: Mechanism, rod: Rod, held: Mapping[str, float]) -> bool:
