@@ -411,9 +411,9 @@ def _together(names: list[str]) -> Iterator[str]:
     stems: dict[tuple[str, ...], list[str]] = {}
     for stem, found in endings.items():
         stems.setdefault(tuple(found), []).append(stem)
-    for found, alike in stems.items():
-        if len(found) == 1:
-            yield from (stem + found[0] for stem in alike)
+    for ends, alike in stems.items():
+        if len(ends) == 1:
+            yield from (stem + ends[0] for stem in alike)
         else:
-            also = "also " * ("" in found)
-            yield f"{', '.join(alike)} (each {also}with {', '.join(filter(None, found))})"
+            also = "also " * ("" in ends)
+            yield f"{', '.join(alike)} (each {also}with {', '.join(filter(None, ends))})"
