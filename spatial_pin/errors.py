@@ -254,7 +254,8 @@ class Interrupted(KeyboardInterrupt):
     def __init__(self, motion: sp.Motion | None, result: Any = None) -> None:
         super().__init__(f"after {len(motion)} samples" if motion is not None
                          else "before the result was whole")
-        self.motion, self.result = motion, motion if result is None else result
+        self.motion = motion
+        self.result: Any = motion if result is None else result
 
     @property
     def found(self) -> Any:

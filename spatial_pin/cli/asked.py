@@ -7,7 +7,7 @@ import contextlib
 import signal
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor, ProcessPoolExecutor
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -164,8 +164,8 @@ def motion_over(
         return sp.sweep(mechanism, name, values, guess=guess_of(options, mechanism),
                         hold=held(options), progress=True)
     except sp.Interrupted as stopped:  # what was followed is told of
-        options.cut_short = f"cut short after {len(stopped.motion)} values"
-        return stopped.motion
+        options.cut_short = f"cut short after {len(stopped.result)} values"
+        return stopped.result
 
 
 def held(options: argparse.Namespace) -> list[str]:
@@ -178,7 +178,7 @@ def along(options: argparse.Namespace, work: Callable[[], Any]) -> Any:
     try:
         return work()
     except sp.Interrupted as stopped:
-        options.cut_short = f"cut short after {len(stopped.motion)} values"
+        options.cut_short = f"cut short after {len(stopped.motion or ())} values"
         return stopped.result
 
 
@@ -187,8 +187,7 @@ def as_far_as_found(work: Callable[[], Found]) -> Found:
     try:
         return work()
     except sp.Interrupted as stopped:
-        found: Found = stopped.result
-        return found
+        return cast(Found, stopped.result)
 
 
 @contextlib.contextmanager

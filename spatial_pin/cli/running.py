@@ -140,6 +140,8 @@ def _check_files(options: argparse.Namespace) -> None:
 
 def _is_foreign(error: BaseException) -> bool:
     """Whether an error was raised by the code of another package, for nobody to read."""
+    if isinstance(error, sp.SpatialPinError):
+        return False
     frames = traceback.extract_tb(error.__traceback__)
     return bool(frames) and PACKAGE not in Path(frames[-1].filename).parents
 

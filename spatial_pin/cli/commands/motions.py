@@ -65,7 +65,8 @@ def write_followed(
         write_motion(options, motion, last(motion))
     except sp.Interrupted as stopped:
         options.clearance = False
-        write_motion(options, stopped.motion, f"cut short after {len(stopped.motion)} steps", False)
+        motion = stopped.result
+        write_motion(options, motion, f"cut short after {len(motion)} steps", False)
         raise Told from None
 
 
