@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from importable import BESIDE, ELEMENTS, IMPORTERS, LEFT
 from sameness import same_mechanisms
+from variety import each
 
 import spatial_pin as sp
-from spatial_pin.formats.dialects.table import BESIDE, ELEMENTS, LEFT
-from spatial_pin.formats.table import IMPORTERS
 
 pytestmark = pytest.mark.filterwarnings("ignore::spatial_pin.SpatialPinWarning")
 MASS = ('<inertial><origin xyz="{x} 0 0"/><mass value="{m}"/><inertia ixx="1e-4" iyy="1e-3" '
@@ -267,7 +267,7 @@ def test_a_model_of_pinocchio_with_closing_frames_loads_as_it_was_saved(tmp_path
     same_answers(again, mech)
 
 
-@pytest.mark.parametrize("name", sp.list_mechanisms())
+@pytest.mark.parametrize("name", each(sp.list_mechanisms()))
 def test_every_library_mechanism_gives_the_same_answers_after_it_was_saved(name, tmp_path):
     mech = sp.load(name)
     same_answers(sp.load(mech.save(tmp_path)), mech)
