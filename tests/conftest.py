@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import hypothesis
 import pytest
+from chromium import one_browser  # noqa: F401 - a fixture
 from folders import ROOT
 from work_tree import pytest_sessionfinish, pytest_sessionstart
 

@@ -27,7 +27,8 @@ def loaded(options: argparse.Namespace) -> sp.Mechanism:
     """Return the mechanism; dimensions far off their defaults are hints."""
     given: dict[str, Any] = unique(options, options.parameters)
     how: dict[str, Any] = {"trusted": options.trusted, "free_flyer": options.free_flyer,
-                           "packages": dict(options.packages)}
+                           "packages": dict(options.packages), "model": options.model,
+                           "without": options.without}
     plain = {name: x for name, x in given.items() if isinstance(x, Quantity) and not x.unit}
     if plain:  # first, for what is far off may not even load
         rest = {name: x for name, x in given.items() if name not in plain}

@@ -47,6 +47,9 @@ def mechanism_options(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--package", dest="packages", action="append", default=[],
                      type=package, metavar="NAME=FOLDER",
                      help="where package://NAME lies, as its files name meshes")
+    sub.add_argument("--model", metavar="NAME", help="which model of an SDFormat file with several")
+    sub.add_argument("--without", action="append", default=[], metavar="NAME",
+                     help="an element or joint of its tree's file that is left out")
 
 
 def data_options(sub: argparse.ArgumentParser, json: str, csv: str = "") -> None:

@@ -183,7 +183,7 @@ def _build(
         collision_model=tree.shapes.collision, pairs=tree.pairs, inertias=tree.inertias,
         parameters=dict(request.parameters), path=request.path, urdf=tree.urdf,
         slip_speeds=tree.slip_speeds, trusted=request.trusted, packages=request.packages,
-        free_flyer=request.free_flyer,
+        free_flyer=request.free_flyer, model_of_file=request.model, without=request.without,
         **parts,
     )
     mechanism.characteristic_length  # noqa: B018 - refused here where it is no number

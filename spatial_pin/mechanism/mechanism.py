@@ -59,6 +59,7 @@ class Mechanism:
         free_flyer: whether `load` put a floating joint below its root link.
         gap: largest closure error that redundant equations may keep where the numbers of its file
             are rounded [-]; 0: the numbers are exact; None: that of the accuracy.
+        model_of_file, without: which model of its file it is, and what was left out, see `load`.
         whole: the mechanism as its file has it, where this one is without equations that the
             file's rounded numbers contradict, see `assembly.rounding`; else None.
         kept: which equations of the `whole` it has.
@@ -102,6 +103,8 @@ class Mechanism:
     frames: Mapping[str, Frame] = field(default_factory=dict)
     free_flyer: bool = False
     gap: float | None = None
+    model_of_file: str | None = None
+    without: tuple[str, ...] = ()
     whole: Mechanism | None = None
     kept: Equations | None = None
     dimensions: Mapping[str, float] = field(default_factory=dict)
@@ -188,7 +191,8 @@ class Mechanism:
     def loading(self) -> dict[str, Any]:
         """What `load` was given besides the file."""
         return {**self.parameters, "trusted": self.trusted, "packages": self.packages,
-                "free_flyer": self.free_flyer, "gap": self.gap}
+                "free_flyer": self.free_flyer, "model": self.model_of_file,
+                "without": self.without, "gap": self.gap}
 
     def with_equations(self, kept: Equations) -> Mechanism:
         """Return the same mechanism with some of its equations only; this one is its `whole`."""

@@ -15,6 +15,7 @@ Flags = NDArray[np.bool_]
 def loading() -> sp.Mechanism:
     names: list[str] = sp.list_mechanisms()
     mech: sp.Mechanism = sp.load(names[0], trusted=False, d=0.315)
+    chosen: sp.Mechanism = sp.load("world.sdf", model="robot", without=["rope"])
     built = sp.Mechanism.from_model(
         mech.model, [sp.closures.spherical("a", "b")], drivers={"crank": "crank_pin"},
         springs=[sp.Spring("spring", joint="rocker_pin", stiffness=4.0)],
@@ -24,7 +25,7 @@ def loading() -> sp.Mechanism:
     coordinate: sp.Coordinate = mech.coordinate(driver.joint)
     frame: sp.Frame = mech.frames["tool"]
     length: float = mech.characteristic_length
-    title: str = f"{mech.name} {closure.type} {coordinate.unit} {frame.xyz[0]:.3f} {length:.3f}"
+    title: str = f"{chosen.name} {closure.type} {coordinate.unit} {frame.xyz[0]:.3f} {length:.3f}"
     values: dict[str, float] = dict(mech.dimensions)
     file: Path = mech.save(Path("folder") / title)
     sp.export_mjcf(mech, file.with_suffix(".xml"))

@@ -733,7 +733,6 @@ REFUSED = {
     "NaN in a limit": bad('lower="-3"', 'lower="nan"', "'hinge'", "limit", "lower"),
     "infinite limit": bad('lower="-3"', 'lower="-inf"', "'hinge'", "limit", "lower"),
     "negative effort": bad('effort="1"', 'effort="-1"', "'hinge'", "effort"),
-    "revolute joint without limits": bad(HINGE_LIMIT, "", "'hinge'", "limit"),
     "mimic with NaN": bad(HINGE_LIMIT, HINGE_LIMIT + '<mimic joint="pin" multiplier="nan"/>',
                           "'hinge'", "mimic", "multiplier"),
     # keys and their types

@@ -38,3 +38,9 @@ def paired(ones: Sequence[object], others: Sequence[object]) -> list[object]:
     return [pytest.param(one, other, marks=() if i % len(others) == j or j % len(ones) == i
                          else pytest.mark.slow)
             for i, one in enumerate(ones) for j, other in enumerate(others)]
+
+
+def first(n: int, rows: Iterable[tuple[object, ...]]) -> list[object]:
+    """Return rows of values for `parametrize`: n of them by default, all with `--all`."""
+    return [pytest.param(*row, marks=() if k < n else pytest.mark.slow)
+            for k, row in enumerate(rows)]

@@ -21,12 +21,14 @@ import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.sources import check_file, is_file, shown
+from spatial_pin.formats.urdf.leaving_out import notice_of
 from spatial_pin.formats.xacro.parsing import PROLOGUE, parse_xml, without
 from spatial_pin.numerics.linalg import Array
 
 OCTAHEDRON = [1, 0, 0, -1, 0, 0, 0, 1, 0, 0, -1, 0, 0, 0, 1, 0, 0, -1]
 MOST_COPIES = 100_000  # of an element by <replicate> and the like: no mechanism has so many links
 HEAD = 1 << 16  # bytes of a file in which its root element begins
+JOINING = ("equalities", "tendons", "actuators", "sensors", "flexes", "joints")  # of a spec
 COPIES = ("replicate", "composite", "flexcomp")  # elements with a count of copies
 
 
@@ -64,8 +66,12 @@ class Compiled:
     notices: list[str] = field(default_factory=list)
 
 
-def compiled(path: Path) -> Compiled:
+def compiled(path: Path, without: Iterable[str] = ()) -> Compiled:
     """Let MuJoCo compile an MJCF file.
+
+    Args:
+        path: the file.
+        without: names or types of elements and joints that are left out.
 
     Raises:
         MechanismFileError: there is no `mujoco`, or it cannot compile the file.
@@ -80,12 +86,31 @@ def compiled(path: Path) -> Compiled:
     try:
         with _listening(mujoco, heard):
             spec = mujoco.MjSpec.from_file(str(path))
+            left_out = _leave_out(mujoco, spec, without, shown(path))
             meshes, massless, notices = _without_meshes(mujoco, spec, folders)
             model = spec.compile()
-        return Compiled(model, meshes, massless, [*dict.fromkeys(heard), *notices])
+        return Compiled(model, meshes, massless, [*left_out, *dict.fromkeys(heard), *notices])
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         reason = " ".join(str(error).split())
         raise MechanismFileError(f"{shown(path)}: MuJoCo cannot read it: {reason}") from error
+
+
+def _leave_out(mujoco: Any, spec: Any, names: Iterable[str], where: str) -> list[str]:
+    """Delete elements of a spec that join or move bodies, by name or type; return a notice."""
+    matches: dict[str, list[str]] = {name: [] for name in names}
+    known: dict[str, None] = {}
+    for kind in JOINING if matches else ():
+        for element in list(getattr(spec, kind)):
+            own = [element.name, kind]
+            if kind == "equalities":
+                own.append(mujoco.mjtEq(element.type).name.removeprefix("mjEQ_").lower())
+            known.update(dict.fromkeys(filter(None, own)))
+            wanted = [name for name in own if name in matches]
+            for name in wanted:
+                matches[name].append(own[-1])
+            if wanted:
+                spec.delete(element)
+    return notice_of(matches, known, where)
 
 
 @contextlib.contextmanager

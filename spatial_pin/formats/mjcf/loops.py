@@ -10,6 +10,7 @@ import pinocchio as pin
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.mjcf.drives import fixed_lengths, site_frames, straight_sites
 from spatial_pin.formats.mjcf.tree import Reading, pose, shift
+from spatial_pin.formats.urdf.leaving_out import go_on
 from spatial_pin.formats.urdf.writing import fresh
 from spatial_pin.mechanism.pairs import axes_from_z
 from spatial_pin.numerics.linalg import Array
@@ -60,7 +61,8 @@ def read_closures(reading: Reading, where: str) -> list[dict[str, Any]]:
         if kind not in ("connect", "weld"):
             raise MechanismFileError(
                 f"{where}: equality {_called(reading, eq)} is of type {kind}, for which there is "
-                "no closure; take it out or set active=\"false\"")
+                "no closure; take it out or set active=\"false\"; "
+                f"{go_on(model.equality(eq).name or kind)}")
         ends = _ends(reading, eq, kind)
         rigid = frozenset(int(model.body_weldid[end.body]) for end in ends)
         if len(rigid) == 1:

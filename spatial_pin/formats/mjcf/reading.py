@@ -24,7 +24,7 @@ def read(request: Request) -> Imported:
         MechanismFileError: `mujoco` is not installed or refuses the file, or an equality has no
             exact counterpart.
     """
-    source = compiled(request.path)
+    source = compiled(request.path, request.without)
     import mujoco
 
     names = source.model.names

@@ -395,7 +395,8 @@ def stated_limits(element: ET.Element, nq: int, nv: int) -> tuple[Array, ...]:
 
     effort, velocity = scalar(limit, "effort", math.inf), scalar(limit, "velocity", math.inf)
     bounded = nq == 1 and kind != "continuous"
-    free = 0.0 if kind in ("revolute", "prismatic") else math.inf  # URDF's defaults
+    stated = limit is not None and kind in ("revolute", "prismatic")
+    free = 0.0 if stated else math.inf  # URDF's defaults
     lower = scalar(limit, "lower", 0.0 - free) if bounded else -math.inf
     upper = scalar(limit, "upper", free) if bounded else math.inf
     friction, damping = scalar(dynamics, "friction", 0.0), scalar(dynamics, "damping", 0.0)

@@ -16,6 +16,7 @@ from pxr import Sdf, Tf, Usd, UsdGeom, UsdPhysics, UsdUtils
 
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.sources import shown
+from spatial_pin.formats.urdf.leaving_out import notice_of
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -240,6 +241,24 @@ def open_stage(path: Path, trusted: bool) -> Stage:
     if missing:
         stage.notices.append(f"parts of the stage are missing: {'; '.join(missing)[:300]}")
     return stage
+
+
+def leave_out(stage: Stage, names: Iterable[str]) -> list[str]:
+    """Take prims of joints and the like out of a stage, by name or path; return a notice.
+
+    Raises:
+        MechanismFileError: nothing has one of the names.
+    """
+    matches: dict[str, list[str]] = {name: [] for name in names}
+    prims = {} if not matches else {
+        prim: (prim.GetName(), str(prim.GetPath())) for prim in stage.prims()
+        if not prim.HasAPI(UsdPhysics.RigidBodyAPI)}
+    stage.usd.SetEditTarget(stage.usd.GetSessionLayer())
+    for prim, own in prims.items():
+        for name in matches.keys() & set(own):
+            matches[name].append(str(prim.GetTypeName()))
+            prim.SetActive(False)
+    return notice_of(matches, [name for own in prims.values() for name in own], stage.where)
 
 
 def _text(error: Exception) -> str:

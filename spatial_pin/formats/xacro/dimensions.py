@@ -21,11 +21,11 @@ def dimensions(
     packages: Mapping[str, Path] = NO_PACKAGES,
 ) -> dict[str, float]:
     """Return the value of every xacro argument that is a number, given or by default."""
-    texts = _arguments(path, parameters, trusted, packages)
+    texts = arguments(path, parameters, trusted, packages)
     return {name: float(text) for name, text in texts.items() if _is_number(text)}
 
 
-def _arguments(
+def arguments(
     path: Path, parameters: Mapping[str, float], trusted: bool, packages: Mapping[str, Path]
 ) -> dict[str, str]:
     """Return the text of every xacro argument of a file, given or by default."""
@@ -99,22 +99,22 @@ class Written(NamedTuple):
             MechanismFileError: a text is no expression of the arguments, or its value no number.
         """
         parameters = {**self.parameters, **(given or {})}
-        found = dict(self.table)
-        if any(map(_is_written, found.values())):
-            arguments = _arguments(self.tree, parameters, self.trusted, self.packages)
+        values = dict(self.table)
+        if any(map(_is_written, values.values())):
+            texts = arguments(self.tree, parameters, self.trusted, self.packages)
             expansion = Expansion(self.where, self.trusted, self.packages)
-            found = expansion.guarded(partial(self._worked_out, expansion, arguments))
-        return Values(found, self._replace(parameters=parameters))
+            values = expansion.guarded(partial(self._worked_out, expansion, texts))
+        return Values(values, self._replace(parameters=parameters))
 
     def _worked_out(
-        self, expansion: Expansion, arguments: dict[str, str], xacro: Any
+        self, expansion: Expansion, texts: dict[str, str], xacro: Any
     ) -> dict[str, Any]:
         """Return the table with all texts worked out by a copy of xacro."""
-        place = shown(self.where)
+        where = shown(self.where)
         xacro.init_stacks(str(self.where))
-        xacro.substitution_args_context["arg"] = arguments
+        xacro.substitution_args_context["arg"] = texts
         names = {**xacro._global_symbols,
-                 **{name: expansion.literal(text) for name, text in arguments.items()}}
+                 **{name: expansion.literal(text) for name, text in texts.items()}}
 
         def number(key: str, value: Any) -> Any:
             if isinstance(value, list):
@@ -124,14 +124,14 @@ class Written(NamedTuple):
             try:
                 result = expansion.eval_text(value, names)
             except MechanismFileError as error:
-                reason = str(error).removeprefix(f"{place}: ")
-                known = f"dimensions are: {', '.join(arguments)}" if arguments else "no dimensions"
-                raise MechanismFileError(f"{place}: {self.table_name}: {key}: {reason} "
+                reason = str(error).removeprefix(f"{where}: ")
+                known = f"dimensions are: {', '.join(texts)}" if texts else "no dimensions"
+                raise MechanismFileError(f"{where}: {self.table_name}: {key}: {reason} "
                                          f"({known})") from error
             several = isinstance(result, list | tuple)
             parts = list(result) if several else [result]
             if not all(not isinstance(x, bool) and _is_number(x) for x in parts):
-                raise MechanismFileError(f"{place}: {self.table_name}: {key}: {value!r} is "
+                raise MechanismFileError(f"{where}: {self.table_name}: {key}: {value!r} is "
                                          f"{str(result)[:80]!r}, no finite number")
             return [float(x) for x in parts] if several else float(result)
 

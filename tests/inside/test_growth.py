@@ -6,6 +6,7 @@ import sys
 import numpy as np
 import pinocchio as pin
 import pytest
+from variety import few
 
 import spatial_pin as sp
 from spatial_pin.accuracy import models
@@ -40,6 +41,7 @@ print(next(line.split()[1] for line in status.splitlines() if line.startswith("V
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
 def test_many_loops_take_little_memory():
     """One `pin.Data` of their 401 freedoms would take 3 GB."""
@@ -48,33 +50,35 @@ def test_many_loops_take_little_memory():
     assert int(found.stdout) < 700_000  # kB
 
 
-def test_rates_of_a_long_chain_are_clear():
+@pytest.mark.parametrize("loops", few([200, 1100], 200))
+def test_rates_of_a_long_chain_are_clear(loops):
     """Rows of loops of 1 m are short beside a mechanism of 1100 m: that is no dependence."""
-    mechanism = models.ladder(1100)
+    mechanism = models.ladder(loops)
     values = {c: -0.02 if c.startswith("pin") else 0.02 for c in mechanism.coordinates}
     q = with_values(mechanism, mechanism.neutral, values)
     with kernel_of(mechanism) as kernel:
         rates = rates_of(kernel, (mechanism.coordinate("pin_0").v,), 1)
         rates.speeds[:], rates.accelerations[:] = 1.0, 0.0
         found = rates.solve(q, np.zeros(kernel.n_angles))
-        assert found is not None and found.pivot < 1e-3
+        assert found is not None and found.pivot < 1.1 / loops
         want = [1.0 if c.startswith("pin") else -1.0 for c in mechanism.coordinates]
         assert found.v == pytest.approx(want, abs=1e-10)
         assert np.abs(found.a).max() < 1e-9
 
 
-def test_many_loops_that_flatten_together_are_no_crossing_before_they_do():
+@pytest.mark.parametrize("loops", few([200, 1000], 200))
+def test_many_loops_that_flatten_together_are_no_crossing_before_they_do(loops):
     """Their determinant falls by 300 orders of magnitude on the way: that was taken for a zero."""
-    mechanism = models.ladder(1000)
+    mechanism = models.ladder(loops)
     values = {c: -0.02 if c.startswith("pin") else 0.02 for c in mechanism.coordinates}
     q = with_values(mechanism, mechanism.neutral, values)
     state = sp.State(mechanism, q, np.zeros(mechanism.model.nv), closure_error=0.0)
     motion = sp.simulate(mechanism, state, 0.001)
-    pins = [mechanism.coordinate(f"pin_{i}").q for i in (0, 500, 1000)]
+    pins = [mechanism.coordinate(f"pin_{i}").q for i in (0, loops // 2, loops)]
     assert np.ptp(motion.q[-1, pins]) < 1e-11
 
 
-@pytest.mark.parametrize("loops", [1, 20, 100, 300])
+@pytest.mark.parametrize("loops", few([1, 20, 100, 300], 1, 20, 100))
 def test_many_loops_far_from_where_they_flatten_are_not_held_for_near(loops):
     """Their determinant is a power of that of one: by it the flat place seemed as much nearer.
 

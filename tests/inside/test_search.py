@@ -3,6 +3,7 @@
 import json
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -19,12 +20,17 @@ MINIMA = np.array([[3.0, 2.0], [-2.805118, 3.131312], [-3.779310, -3.283186],
 WIDTH = 12.0
 
 
+@cache
+def four_bar():
+    return sp.load("four_bar")
+
+
 class Himmelblau:
     """Two numbers in place of dimensions, without samples."""
 
     def __init__(self, spec):
         self.spec = spec
-        self.mechanism = sp.load("four_bar")
+        self.mechanism = four_bar()
         self.names = ("x", "y")
         self.lower, self.upper = np.full(2, -6.0), np.full(2, 6.0)
         self.sizes, self.start = np.full(2, WIDTH), np.zeros(2)
