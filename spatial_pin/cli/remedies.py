@@ -83,6 +83,8 @@ REMEDIES = (
     Remedy(r", such as sp\.closures\.weld\(\(.*?, state\.placement\(.*?\)\), .*?\)", ""),
     Remedy(r"set base=True", "--base"),
     Remedy(r"task='pose'", "--task pose"),
+    Remedy(r"load\(\.\.\., gap=(.*?)\)", r"`gap = \1` in the mechanism file"),
+    Remedy(r"gap=(.*?) allows it", r"`gap = \1` in the mechanism file allows it"),
     Remedy(r"(?:sp\.)?load\(\.\.\., packages=\{(.*?)\}\)", _packages),
     Remedy(r"sp\.load\(\.\.\., trusted=True\)", "--trusted"),
     Remedy(r"load\(\.\.\., without=\[('.*?'|\".*?\")\]\)", r"--without \1"),

@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 
 from folders import ROOT
+from offenders import listed
 
 import spatial_pin as sp
 
@@ -58,7 +59,7 @@ def test_json_has_the_keys_that_the_page_tells_of(run, tmp_path, monkeypatch):
         absent = {key for key in told()[command] if f'"{key}"' not in json.dumps(found)}
         if code or keys - told()[command] or absent - maybe:
             wrong[command] = (code, keys - told()[command], absent - maybe)
-    assert not wrong
+    assert not wrong, listed(wrong)
 
 
 def test_the_hint_on_the_page_is_true(run):

@@ -9,7 +9,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pinocchio as pin
 import pytest
-from saved_files import content_of
+from mechanisms import content_of
 
 import spatial_pin as sp
 

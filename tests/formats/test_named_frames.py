@@ -7,8 +7,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mechanisms import from_text
-from saved_files import content_of
+from mechanisms import content_of, from_text
 
 import spatial_pin as sp
 

@@ -5,9 +5,8 @@ import shutil
 import numpy as np
 import pytest
 from folders import DATA
-from mechanisms import from_text
+from mechanisms import content_of, from_text
 from sameness import same_mechanisms
-from saved_files import content_of
 from variety import each
 
 import spatial_pin as sp

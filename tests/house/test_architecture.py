@@ -10,6 +10,8 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
+from offenders import listed
+
 import spatial_pin as sp
 from spatial_pin import methods
 
@@ -136,13 +138,13 @@ def test_every_room_has_a_layer():
                if name not in LAYERS.get(parent, ())]
     without += [path.name for path in PACKAGE.glob("*.py")
                 if path.stem not in ("__init__", *LAYERS[""])]
-    assert not without
+    assert not without, listed(without)
 
 
 def test_imports_go_from_higher_layers_to_lower_ones_only():
     upward = [line for room, order in LAYERS.items() for a, b, line in edges_in(room)
               if a in order and b in order and order.index(b) >= order.index(a)]
-    assert not upward
+    assert not upward, listed(upward)
 
 
 def circle_in(room: str) -> list[str]:
@@ -159,47 +161,53 @@ def circle_in(room: str) -> list[str]:
 
 def test_no_files_or_rooms_import_each_other_in_a_circle():
     circles = {room or "the package": names for room in rooms() if (names := circle_in(room))}
-    assert not circles
+    assert not circles, listed(circles)
 
 
 def test_data_types_import_no_solver_and_no_format():
     wrong = [f"{module} imports {imported}" for module, barred in DATA_TYPES.items()
              for imported in facts_of(PACKAGE / f"{module.replace('.', '/')}.py").imports
              if any(f"{imported}.".startswith(f"{room}.") for room in barred)]
-    assert not wrong
+    assert not wrong, listed(wrong)
 
 
 def test_no_folder_holds_too_many_files():
     counts = Counter(path.parent for path in MODULES if path.name != "__init__.py")
-    assert not {str(p): n for p, n in counts.items() if n > MOST}
+    full = {str(p): n for p, n in counts.items() if n > MOST}
+    assert not full, listed(full)
 
 
 def test_only_the_command_line_prints():
     calls = {name_of(path): facts_of(path).prints for path in MODULES if facts_of(path).prints}
-    assert not {name: lines for name, lines in calls.items() if not name.startswith("cli.")}
+    wrong = {name: lines for name, lines in calls.items() if not name.startswith("cli.")}
+    assert not wrong, listed(wrong)
 
 
 def test_the_first_line_of_a_module_says_what_it_is():
     first = {name_of(path): facts_of(path).first_line for path in MODULES}
-    assert not {name: line for name, line in first.items() if not line.endswith((".", ":", ","))}
+    wrong = {name: line for name, line in first.items() if not line.endswith((".", ":", ","))}
+    assert not wrong, listed(wrong)
 
 
 def test_factorisations_that_tell_ranks_are_mathematics_without_mechanisms():
     found = {name_of(path): kinds for path in MODULES
              if (kinds := facts_of(path).factorisations)}
     beyond = {name: kinds for name, kinds in found.items() if not name.startswith("numerics.")}
-    assert not beyond
+    assert not beyond, listed(beyond)
 
 
 def test_every_public_name_exists_and_is_documented():
-    assert not [name for name in sp.__all__ if not getattr(sp, name).__doc__]
+    without = [name for name in sp.__all__ if not getattr(sp, name).__doc__]
+    assert not without, listed(without)
 
 
 def test_what_a_data_type_offers_is_worked_out_by_a_documented_function():
     names = list(methods.names())
-    assert not [name for name in names if not methods.method(name).__doc__]
+    wrong = [f"{name} has no docstring" for name in names if not methods.method(name).__doc__]
     parts = [name.partition(".") for name in names if name not in INNER]
-    assert not [f"{kind}.{name}" for kind, _, name in parts if not hasattr(getattr(sp, kind), name)]
+    wrong += [f"{kind} has no {name}" for kind, _, name in parts
+              if not hasattr(getattr(sp, kind), name)]
+    assert not wrong, listed(wrong)
 
 
 def test_a_room_does_not_hide_a_verb_of_its_name():

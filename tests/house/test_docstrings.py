@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from images import needs_browser
+from offenders import listed
 
 import spatial_pin as sp
 from spatial_pin import operators
@@ -120,12 +121,13 @@ def test_every_public_name_has_an_example():
     without = [name for name, thing in NAMES.items()
                if "\nExample:\n" not in (inspect.getdoc(thing) or "")
                and not is_in_the_example_of_its_class(name)]
-    assert not without
+    assert not without, listed(without)
 
 
 def test_an_example_has_twelve_lines_at_most():
     lines = {name: len(example_of(name).examples) for name in NAMES}
-    assert not {name: n for name, n in lines.items() if n > 12}
+    long = {name: n for name, n in lines.items() if n > 12}
+    assert not long, listed(long)
 
 
 FUNCTIONS = {name: thing for name, thing in NAMES.items() if inspect.isfunction(thing)}
@@ -152,21 +154,24 @@ def test_functions_tell_their_arguments():
         taken = [x for x in inspect.signature(function).parameters if x not in ("self", "cls")]
         if ("Args" in words or len(taken) > 1) and arguments_told(words) != taken:
             wrong[name] = f"takes {taken}, tells of {arguments_told(words)}"
-    assert not wrong
+    assert not wrong, listed(wrong)
 
 
 def test_functions_tell_their_result():
-    assert not [
+    silent = [
         name for name, function in FUNCTIONS.items()
         if "\nReturns:\n" not in inspect.getdoc(function)
         and not inspect.getdoc(function).startswith(RESULTS)
         and function.__annotations__["return"] != "None"]
+    assert not silent, listed(silent)
 
 
 def test_functions_tell_their_errors():
-    raising = {name for name, function in FUNCTIONS.items()
-               if "\nRaises:\n" in inspect.getdoc(function)}
-    assert sorted(FUNCTIONS.keys() - raising) == sorted(RAISE_NOTHING)
+    silent = {name for name, function in FUNCTIONS.items()
+              if "\nRaises:\n" not in inspect.getdoc(function)}
+    wrong = [f"{name} says what it raises, against the list" for name in RAISE_NOTHING - silent]
+    wrong += [f"{name} does not say what it raises" for name in silent - RAISE_NOTHING]
+    assert not wrong, listed(wrong)
 
 
 def fields_with_numbers():
@@ -191,15 +196,17 @@ def has_unit_or_shape(name, field, is_array):
 def test_numbers_of_results_have_a_unit_and_arrays_a_shape():
     found = list(fields_with_numbers())
     assert len(found) > 100
-    assert not [x for x in found if not has_unit_or_shape(*x)]
+    wrong = [x for x in found if not has_unit_or_shape(*x)]
+    assert not wrong, listed(wrong)
 
 
 def test_sections_are_in_the_order_of_google_style():
     order = ("Attributes", "Args", "Returns", "Raises", "Example")
     heads = {name: re.findall(r"^(\w+):\n(?=    \S)", inspect.getdoc(thing) or "",
                               flags=re.MULTILINE) for name, thing in NAMES.items()}
-    assert not {name: there for name, there in heads.items()
-                if there != [x for x in order if x in there]}
+    wrong = {name: there for name, there in heads.items()
+             if there != [x for x in order if x in there]}
+    assert not wrong, listed(wrong)
 
 
 # ---------------------------------------------------------------- the examples are true

@@ -3,6 +3,7 @@
 import re
 
 from folders import ROOT
+from offenders import listed
 
 from spatial_pin.formats.checked_tables import BELONGS
 from spatial_pin.mechanism.pairs import CLOSURE_TYPES, JOINT_TYPES
@@ -27,8 +28,9 @@ def test_folders_and_files_that_the_page_for_contributors_names_exist():
     named = {name.rstrip("/") for name in re.findall(r"`(?:\./)?([\w.]+(?:/[\w.]+)*/?)`", text)
              if "/" in name and "PAGE" not in name and "NAME" not in name}
     assert len(named) > 15
-    assert not [name for name in named if not any((folder / name).exists() for folder in (
-        ROOT, PACKAGE))]
+    wrong = [name for name in named
+             if not any((folder / name).exists() for folder in (ROOT, PACKAGE))]
+    assert not wrong, listed(wrong)
 
 
 def test_every_folder_of_the_kernel_is_told_of():

@@ -11,6 +11,7 @@ from functools import cached_property
 from types import ModuleType
 
 import pytest
+from offenders import listed
 
 import spatial_pin as sp
 from spatial_pin import errors
@@ -86,7 +87,7 @@ INSIDE = {"Equations", "Pair", "PairGeometry", "ConstraintEquation"}
 def test_every_type_that_a_user_gets_has_a_name_at_the_top() -> None:
     missing = {c.__name__: through for c, through in given_to_users().items()
                if c.__name__ not in INSIDE and getattr(sp, c.__name__, None) is not c}
-    assert not missing
+    assert not missing, listed(missing)
     assert {"Efforts", "Dynamics", "Sensitivity", "Event"} <= set(sp.__all__)
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from folders import ROOT
+from offenders import listed
 from work_tree import git
 
 import spatial_pin as sp
@@ -72,26 +73,29 @@ def internals() -> dict[str, set[str]]:
 
 
 def test_tests_of_behaviour_speak_the_public_interface():
-    assert not {name: parts for name, parts in internals().items()
-                if name.split("/")[0] not in LOOK_INSIDE}
+    wrong = {name: parts for name, parts in internals().items()
+             if name.split("/")[0] not in LOOK_INSIDE}
+    assert not wrong, listed(wrong)
 
 
 def test_few_files_look_inside():
-    assert len(internals()) <= 60, sorted(internals())
+    assert len(internals()) <= 60, listed(internals())
 
 
 def test_no_test_file_imports_another():
     names = {path.stem for path in files() if path.name.startswith("test_")}
-    wrong = {place(path): names & {name.split(".")[0] for name in imported(path)}
-             for path in files()}
-    assert not {name: others for name, others in wrong.items() if others}
+    others = {place(path): names & {name.split(".")[0] for name in imported(path)}
+              for path in files()}
+    wrong = {name: found for name, found in others.items() if found}
+    assert not wrong, listed(wrong)
 
 
 def test_folders_are_named_after_the_rooms_that_they_test():
     """Or after the first words of one."""
     there = {path.name for path in TESTS.iterdir() if path.is_dir() and path.name != "__pycache__"}
-    assert not {name for name in there - OTHERS
-                if not any(f"{room}_".startswith(f"{name}_") for room in ROOMS)}
+    wrong = [name for name in there - OTHERS
+             if not any(f"{room}_".startswith(f"{name}_") for room in ROOMS)]
+    assert not wrong, listed(wrong)
 
 
 def test_few_files_stand_straight_in_tests():
@@ -101,7 +105,8 @@ def test_few_files_stand_straight_in_tests():
 def test_no_two_test_files_have_one_name():
     """Pytest imports each by its name."""
     counts = Counter(path.name for path in files() if path.name != "conftest.py")
-    assert not [name for name, n in counts.items() if n > 1]
+    wrong = [name for name, n in counts.items() if n > 1]
+    assert not wrong, listed(wrong)
 
 
 # ---------------------------------------------------------------- what is left behind
@@ -112,7 +117,7 @@ def test_the_top_level_has_no_other_entries():
     """Of those that git has, and of those that it neither has nor ignores."""
     there = git(ROOT, "ls-files", "--cached", "--others", "--exclude-standard")
     entries = {name.partition("/")[0] for name in there if (ROOT / name).exists()}
-    assert not entries - TOP
+    assert not entries - TOP, listed(entries - TOP)
 
 
 @pytest.mark.skipif(shutil.which("git") is None, reason="no git here")

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from sameness import same_mechanisms
+from variety import each
 
 import spatial_pin as sp
 from spatial_pin.formats.dialects.table import BESIDE, ELEMENTS, LEFT
@@ -267,7 +268,7 @@ def test_a_model_of_pinocchio_with_closing_frames_loads_as_it_was_saved(tmp_path
     same_answers(again, mech)
 
 
-@pytest.mark.parametrize("name", sp.list_mechanisms())
+@pytest.mark.parametrize("name", each(sp.list_mechanisms()))
 def test_every_library_mechanism_gives_the_same_answers_after_it_was_saved(name, tmp_path):
     mech = sp.load(name)
     same_answers(sp.load(mech.save(tmp_path)), mech)

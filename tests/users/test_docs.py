@@ -7,6 +7,7 @@ import sys
 
 import pytest
 from folders import ROOT
+from offenders import listed
 
 import spatial_pin as sp
 
@@ -78,7 +79,8 @@ def test_only_what_installs_is_not_run():
 def test_every_public_name_has_a_place_in_the_reference():
     text = "\n".join(path.read_text(encoding="utf-8") for path in (DOCS / "reference").glob("*.md"))
     told = re.findall(r"^\.\. auto\w+:: spatial_pin\.(\w+)$", text, flags=re.MULTILINE)
-    assert sorted(told) == sorted({*sp.__all__, "operators"})
+    assert sorted(told) == sorted({*sp.__all__, "operators"}), listed(
+        set(told) ^ {*sp.__all__, "operators"})
 
 
 INNER = {"of_native", "check_rotations", "read_targets"}  # of importers and solvers
@@ -92,7 +94,7 @@ def test_every_function_of_a_public_module_has_a_place_in_the_reference():
     there = {f"{name}.{key}" for name in modules for key, x in vars(getattr(sp, name)).items()
              if key[0] != "_" and key not in INNER and inspect.isfunction(x)
              and x.__module__ == getattr(sp, name).__name__}
-    assert sorted(set(told)) == sorted(there)
+    assert set(told) == there, listed(set(told) ^ there)
 
 
 # ---------------------------------------------------------------- tables made by scripts
@@ -144,8 +146,9 @@ def test_every_verb_has_a_guide_with_a_picture():
     for path in GUIDES:
         assert "**What next:**" in told[path], path.name
     told = {path: text for path, text in told.items() if "![" in text or path in STARTS}
-    assert not [verb for verb in verbs
-                if not any(re.search(rf"\bsp\.{verb}\b", text) for text in told.values())]
+    wrong = [verb for verb in verbs
+             if not any(re.search(rf"\bsp\.{verb}\b", text) for text in told.values())]
+    assert not wrong, listed(wrong)
 
 
 def test_how_every_picture_is_made_is_known():

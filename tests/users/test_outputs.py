@@ -31,7 +31,7 @@ WRITERS = {
 }
 COMMANDS = {
     "b.urdf": lambda path: ("export", "four_bar", "--urdf", path),
-    "b.json": lambda path: ("info", "four_bar", "--json", path),
+    "b.json": lambda path: ("sweep", "four_bar", "crank", 0, 1, "--steps", 99, "--json", path),
 }
 
 

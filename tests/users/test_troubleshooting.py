@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from offenders import listed
 
 import spatial_pin as sp
 from spatial_pin import errors
@@ -67,7 +68,8 @@ def test_every_entry_has_a_message_a_kind_a_cause_and_a_remedy():
 
 def test_every_message_is_one_of_the_code():
     texts, _ = code()
-    assert not [message for message in ENTRIES if not pattern(message).search(texts)]
+    wrong = [message for message in ENTRIES if not pattern(message).search(texts)]
+    assert not wrong, listed(wrong)
 
 
 def test_every_error_that_is_raised_is_told():
@@ -80,7 +82,7 @@ def test_every_error_that_is_raised_is_told():
     untold = [(where, text.replace(GAP, "…")) for where, text in errors_raised
               if re.search(r"\w{3}", text.removeprefix("mechanism "))
               and not any(p.search(text) for p in patterns)]
-    assert not untold
+    assert not untold, listed(untold)
 
 
 def test_every_kind_of_error_is_told():
