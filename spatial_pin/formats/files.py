@@ -235,8 +235,8 @@ def _choosing_model(request: Request, file: Path, importer: Importer) -> Request
     if file.suffix == ".xacro":
         own: dict[str, Any] = {**request.parameters, "model": request.model}
         return replace(request, parameters=own, model=None)
-    raise MechanismFileError(f"{shown(file)}: model={request.model!r}: only a file of SDFormat may "
-                             "hold several models")
+    raise MechanismFileError(f"{shown(file)}: only a file of SDFormat may hold several models, one "
+                             f"of them {request.model!r}; leave `model` out")
 
 
 def _empty_arguments(request: Request) -> list[str]:

@@ -67,7 +67,8 @@ def test_every_argument_that_names_something_says_what():
     assert {*CALLED, *NAMED} <= {x for action in actions for x in (action.metavar, action.dest)}
     unknown = {action.dest for action in actions if not kind_of(action)
                and re.match("NAME|DRIVER|JOINT|LINK|FRAME|OUTPUT", str(action.metavar))}
-    assert unknown == {"packages", "name", "sigma"}  # folders, a new name, and what is measured
+    # folders, a new name, what is measured, and names in a file that is not read yet
+    assert unknown == {"packages", "name", "sigma", "model", "without"}
     assert {*PARTS} <= {*KINDS["range"](sp.load("stewart"))}
 
 
@@ -135,8 +136,8 @@ def sentences_of_files() -> Iterator[tuple[str, str]]:
 
 
 def word(part: ast.FormattedValue) -> str:
-    return {"rates": "'a': 0.0", "named": "'a': FOLDER"}.get(
-        ast.unparse(part.value), "['base', 'a']")
+    return {"rates": "'a': 0.0", "named": "'a': FOLDER", "names[0]": "'a'", "name": "'a'",
+            "empty[0]": "a"}.get(ast.unparse(part.value), "['base', 'a']")
 
 
 def test_no_sentence_tells_the_command_line_of_arguments_of_python():

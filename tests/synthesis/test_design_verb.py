@@ -166,7 +166,7 @@ class AtOnce:
 
 
 @pytest.mark.parametrize("make", [
-    AtOnce, lambda: ProcessPoolExecutor(2),
+    pytest.param(AtOnce, marks=pytest.mark.slow), lambda: ProcessPoolExecutor(2),
     pytest.param(lambda: ThreadPoolExecutor(3), marks=pytest.mark.slow),
     pytest.param(lambda: ProcessPoolExecutor(2, mp_context=get_context("spawn")),
                  marks=pytest.mark.slow)],

@@ -249,9 +249,10 @@ def test_viewer_is_a_context_manager():
     assert not viewer.running
 
 
-def test_ctrl_c_ends_the_wait_cleanly():
+def test_ctrl_c_ends_the_wait_cleanly_and_a_page_that_is_served_holds_no_program_up():
     program = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler);"
-    program += "from spatial_pin import Viewer; v = Viewer('page'); print(v.url, flush=True);"
+    program += "from spatial_pin import Viewer; v, w = Viewer('page'), Viewer('other');"
+    program += "print(v.url, flush=True);"
     program += "v.wait(); print(v)"  # programs begun in the background ignore Ctrl-C by default
     command = [sys.executable, "-W", "error", "-c", program]
     with subprocess.Popen(command, stdout=PIPE, stderr=PIPE, text=True) as process:
@@ -296,19 +297,15 @@ def test_show_without_a_browser_gives_the_address(monkeypatch, shell):
     viewer.stop()
 
 
-def test_interpreter_ends_while_a_page_is_served():
-    program = "from spatial_pin import Viewer; print(Viewer('page').url)"
-    command = [sys.executable, "-W", "error", "-c", program]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=30)
-    assert done.returncode == 0 and done.stderr == ""
-
-
-def test_importing_loads_neither_meshcat_nor_matplotlib():
+def test_importing_loads_neither_meshcat_nor_matplotlib_and_plots_leave_its_backend_alone():
     program = (
-        "import sys, spatial_pin as sp; sp.show, sp.export_html, sp.plot, sp.screenshot, sp.movie; "
-        "sys.exit(any(m in sys.modules for m in ('meshcat', 'matplotlib', 'IPython', 'zmq')))"
+        "import sys, spatial_pin as sp; sp.show, sp.export_html, sp.plot, sp.screenshot, sp.movie\n"
+        "assert not {'meshcat', 'matplotlib', 'IPython', 'zmq'} & set(sys.modules)\n"
+        "import matplotlib; matplotlib.use('svg')\n"
+        "sp.plot(sp.sweep(sp.load('four_bar'), 'crank', [0.3, 0.4]), 'rocker_pin')\n"
+        "assert matplotlib.get_backend() == 'svg' and 'matplotlib.pyplot' not in sys.modules"
     )
-    assert subprocess.run([sys.executable, "-c", program], timeout=30).returncode == 0
+    assert subprocess.run([sys.executable, "-c", program], timeout=90).returncode == 0
 
 
 # ---------------------------------------------------------------- plots
@@ -334,15 +331,6 @@ def test_plot_is_written_as_its_suffix_says(tmp_path, suffix, start):
     sp.plot(motion(n=720), ["angle", "tip"], path, title="Title")
     assert path.read_bytes().startswith(start)
     assert path.stat().st_size < 300_000
-
-
-def test_plot_leaves_the_backend_of_the_user_alone():
-    program = (
-        "import matplotlib; matplotlib.use('svg'); import sys, spatial_pin as sp\n"
-        "sp.plot(sp.sweep(sp.load('four_bar'), 'crank', [0.3, 0.4]), 'rocker_pin')\n"
-        "assert matplotlib.get_backend() == 'svg' and 'matplotlib.pyplot' not in sys.modules"
-    )
-    assert subprocess.run([sys.executable, "-c", program], timeout=60).returncode == 0
 
 
 def test_plot_over_a_sliding_driver_or_time():
