@@ -77,6 +77,7 @@ def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
     if path.suffix != ".urdf":
         raise SpatialPinError(f"{path}: the name of a plain URDF ends in .urdf")
     text, meshes = _gathered(mechanism, Trust.of(path))
+    copies = {path.parent / target: source for target, source in meshes.items()}
     files = {path: text}
     content = _beside(mechanism, path.name)
     is_said = content["gravity"] == STANDARD_GRAVITY and content.keys() <= {
@@ -84,7 +85,7 @@ def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
     if not is_said or (mechanism.path is not None and mechanism.path.suffix == ".toml"):
         files[path.with_suffix(".toml")] = toml_text(content)
     try:
-        _write(mechanism, files, {path.parent / target: source for target, source in meshes.items()})
+        _write(mechanism, files, copies)
     except OSError as error:
         raise SpatialPinError(f"cannot write {error.filename}: {error.strerror}") from error
     return list(files)
