@@ -24,7 +24,7 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 # a singular configuration, where branches are as near to each other as that
 SAME_PLACE_BY = 0.3
 LEAST_PART = 2.0**-10  # part of the way from which on a step is too short to be worth another
-BEYOND = 1e-3  # rad, characteristic lengths: beyond what round-off beside a dead centre leaves
+STANDS_APART = 1e-3  # rad, characteristic lengths: more than round-off beside a dead centre
 
 
 def branch_changed(guess: State, found: State, held: Iterable[str]) -> str:
@@ -48,7 +48,7 @@ def branch_changed(guess: State, found: State, held: Iterable[str]) -> str:
     free = free_but(mechanism, still, (name for name in names if table[name].q >= 0))
     q, done = _led(guess, found, names, free)
     apart = np.abs(turned_apart(mechanism, q, found.q))
-    loops = _loops(found, free, apart > BEYOND)
+    loops = _loops(found, free, apart > STANDS_APART)
     if not loops:
         return ""
     what = "are on another branch than those of the guess" if done == 1.0 else (
