@@ -23,7 +23,8 @@ from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.rates.rates import driven_coordinates, prescribed_at
+from spatial_pin.rates.prescribed import driven_coordinates
+from spatial_pin.rates.rates import prescribed_at
 from spatial_pin.settings import Accuracy
 
 OURS = ("mechanism", "accuracy", "progress")  # arguments that the trade-off itself gives

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
+from weakref import WeakSet
 
 from spatial_pin.assembly.rounding import allowed_from, gap_allowed, rounded
 from spatial_pin.assembly.search.closing import Closing, Equations, gone_from
@@ -29,6 +30,8 @@ from spatial_pin.mechanism.coordinates import (
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy, accuracy_of
+
+_WARNED: WeakSet[Mechanism] = WeakSet()  # of which `tell` has warned
 
 
 @checked
@@ -178,9 +181,9 @@ def tell(state: State) -> None:
     """Warn, once of a mechanism, of the equations that the numbers of its file contradict."""
     mechanism, whole = state.mechanism, state.mechanism.whole
     assert whole is not None and mechanism.kept is not None
-    if whole.memo.get("gap warned"):
+    if whole in _WARNED:
         return
-    whole.memo["gap warned"] = True
+    _WARNED.add(whole)
     opened = dict(mechanism.kept.opened)
     counts = zip(whole.closures, mechanism.kept.counts(), strict=True)
     texts = [f"{c.n_rows - n} of {c.n_rows} equations of {c.name!r} hold to {opened[c.name]:.0e} "

@@ -8,7 +8,7 @@ from __future__ import annotations
 import pinocchio as pin
 
 from spatial_pin.constraints.trees import Subtree, is_large, subtrees_of
-from spatial_pin.constraints.workspaces import made_once
+from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from spatial_pin.checks import names_of
-from spatial_pin.constraints.workspaces import made_once
+from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
@@ -28,6 +28,7 @@ class Word(str):
 
 BASE, SPRINGS = Word("base"), "springs"  # the first is what is held by default
 Hold = str | Iterable[str] | None
+FixedHold = str | tuple[str, ...] | None
 PARTS = {"translation": slice(0, 3), "rotation": slice(-3, None)}  # of a joint's velocity
 
 
@@ -41,6 +42,11 @@ class Held(NamedTuple):
 
     entries: tuple[int, ...] = ()
     coordinates: tuple[Coordinate, ...] = ()
+
+
+def fixed(hold: Hold) -> FixedHold:
+    """Return the same names in a form that is hashable, and can be read more than once."""
+    return hold if hold is None or isinstance(hold, str) else tuple(names_of(hold, "hold"))
 
 
 def free_bases(mechanism: Mechanism) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ import numpy as np
 from spatial_pin.columns import XYZ
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -84,15 +85,12 @@ def link_angle(mechanism: Mechanism, spec: str) -> LinkAngle | None:
     name = name.removesuffix(f".{ANGLE}") if letter else name
     if spec != f"{name}.{ANGLE}{f'.{letter}' * bool(letter)}" or name not in mechanism.frame_ids:
         return None
-    memo = mechanism.memo.setdefault("link angles", {})
-    if spec not in memo:
-        memo[spec] = _found(mechanism, mechanism.placed(name), letter, spec)
-    found: LinkAngle = memo[spec]
-    return found
+    return _named(mechanism, name, letter, spec)
 
 
-def _found(mechanism: Mechanism, name: str, letter: str, spec: str) -> LinkAngle:
-    frame = mechanism.frame_id(name)
+@made_once
+def _named(mechanism: Mechanism, name: str, letter: str, spec: str) -> LinkAngle:
+    frame = mechanism.frame_id(mechanism.placed(name))
     with evaluation_of(mechanism) as evaluation:
         evaluation.update(mechanism.neutral)
         turns = evaluation.frame_jacobian(frame)[3:].copy()

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
-from spatial_pin.constraints.workspaces import made_once
+from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
@@ -72,12 +72,17 @@ def _groups(mechanism: Mechanism, driven: frozenset[str]) -> list[int]:
 
 def is_in_loop(mechanism: Mechanism, joint: str) -> bool:
     """Whether the body of a joint, with what stands together with it, carries more than a pair."""
-    if "in loops" not in mechanism.memo:
-        groups = np.array(driven_groups(mechanism))
-        pairs = np.bincount([groups[body] for ends in _pairs(mechanism) for body in ends
-                             if groups[ends[0]] != groups[ends[1]]], minlength=len(groups))
-        mechanism.memo["in loops"] = (pairs[groups] > 1).tolist()
-    return mechanism.memo["in loops"][mechanism.joint_id(joint)]
+    return _in_loops(mechanism)[mechanism.joint_id(joint)]
+
+
+@made_once
+def _in_loops(mechanism: Mechanism) -> list[bool]:
+    """Return for every body (by its joint's index) whether it is."""
+    groups = np.array(driven_groups(mechanism))
+    pairs = np.bincount([groups[body] for ends in _pairs(mechanism) for body in ends
+                         if groups[ends[0]] != groups[ends[1]]], minlength=len(groups))
+    found: list[bool] = (pairs[groups] > 1).tolist()
+    return found
 
 
 def _pairs(mechanism: Mechanism) -> list[tuple[int, int]]:

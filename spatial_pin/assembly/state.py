@@ -14,9 +14,8 @@ from spatial_pin.brief import brief
 from spatial_pin.checks import finite_array, is_finite
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.constraints.workspaces import made_once
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.lazy import cached_property
+from spatial_pin.lazy import cached_property, made_once
 from spatial_pin.mechanism.coordinates import CoordinateRates, coordinate_rates, needed
 from spatial_pin.mechanism.inertia import moving_mass
 from spatial_pin.mechanism.joint_limits import beyond_limits

@@ -24,6 +24,7 @@ from spatial_pin.constraints.kinds import KINDS, Composed, Equation, Kind, Parts
 from spatial_pin.constraints.product_vectors import matrix_of, rate_matrix
 from spatial_pin.constraints.products import Products
 from spatial_pin.constraints.turns import turns_of
+from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.coordinates import needed
 from spatial_pin.mechanism.equations import ConstraintEquation
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -159,6 +160,9 @@ def _composed(equations: tuple[Equation, ...]) -> list[Composed]:
 def constraints_of(mechanism: Mechanism) -> Constraints:
     """Return the compiled constraints of a mechanism, made once."""
     needed(mechanism)
-    if "constraints" not in mechanism.memo:
-        mechanism.memo["constraints"] = Constraints(mechanism)
-    return mechanism.memo["constraints"]
+    return _compiled(mechanism)
+
+
+@made_once
+def _compiled(mechanism: Mechanism) -> Constraints:
+    return Constraints(mechanism)

@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
 
 
@@ -28,11 +29,10 @@ class SplitModel(NamedTuple):
     joint: NDArray[np.intp]
 
 
+@made_once
 def split_of(mechanism: Mechanism) -> SplitModel:
-    """Return the tree of a mechanism split, made once."""
-    if "split" not in mechanism.memo:
-        mechanism.memo["split"] = split(mechanism.model)
-    return mechanism.memo["split"]
+    """Return the tree of a mechanism split."""
+    return split(mechanism.model)
 
 
 def split(model: pin.Model) -> SplitModel:

@@ -1,32 +1,14 @@
-"""What is made once of a mechanism and used again and again; its workspace pool."""
+"""The workspace pool of a mechanism."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
-from functools import wraps
-from typing import Generic, TypeVar, TypeVarTuple
+from typing import Any, Generic, TypeVar
 
+from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
 
-Made = TypeVar("Made")
-More = TypeVarTuple("More")
 Workspace = TypeVar("Workspace")
-
-
-def made_once(
-    make: Callable[[Mechanism, *More], Made]
-) -> Callable[[Mechanism, *More], Made]:
-    """Keep with a mechanism what a function makes of it, and of nothing but hashable arguments."""
-
-    @wraps(make)
-    def kept(mechanism: Mechanism, *more: *More) -> Made:
-        key = make, *more
-        if key not in mechanism.memo:
-            mechanism.memo[key] = make(mechanism, *more)
-        found: Made = mechanism.memo[key]
-        return found
-
-    return kept
 
 
 class acquired(Generic[Workspace]):  # with acquired(...) as workspace
@@ -41,7 +23,7 @@ class acquired(Generic[Workspace]):  # with acquired(...) as workspace
     """
 
     def __init__(self, mechanism: Mechanism, key: Hashable, make: Callable[[], Workspace]) -> None:
-        self._idle: list[Workspace] = mechanism.memo.setdefault(("idle", key), [])
+        self._idle: list[Workspace] = _pool(mechanism, key)
         self._make = make
 
     def __enter__(self) -> Workspace:
@@ -56,3 +38,9 @@ class acquired(Generic[Workspace]):  # with acquired(...) as workspace
         """Release it to the pool."""
         if kind is None:
             self._idle.append(self._acquired)
+
+
+@made_once
+def _pool(mechanism: Mechanism, key: Hashable) -> list[Any]:
+    """Return the workspaces of a kind that nobody uses."""
+    return []

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.rounding import as_meant
-from spatial_pin.assembly.search.guesses import Guess, read_guess
+from spatial_pin.assembly.search.guesses import read_guess
 from spatial_pin.assembly.search.straight import Plan as Assembly
 from spatial_pin.assembly.search.straight import leads_nowhere, straight_plan
 from spatial_pin.assembly.search.targets import asked_of
@@ -21,6 +21,7 @@ from spatial_pin.continuation.start import moving_drivers
 from spatial_pin.kernel.beginning import Beginning
 from spatial_pin.kernel.closer import Closer
 from spatial_pin.kernel.paths import Samples, prescribed_places
+from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.rates.rates import check_not_held, prescribed_first
@@ -36,13 +37,11 @@ class Plan(NamedTuple):
 
     Attributes:
         assembly: of the first value.
-        begin: (nq,) the file's guess, or None where it begins at a State.
         driven: what is prescribed, the driver first, as the kernel counts.
         idle: what begins paths, each for one caller at a time.
     """
 
     assembly: Assembly
-    begin: Array | None
     driven: list[int]
     idle: list[Beginning]
 
@@ -67,13 +66,13 @@ def swept_at_once(
     if as_meant(mechanism, accuracy) is not mechanism:
         return None
     start = read_guess(mechanism, guess)
-    plan = _known_plan(mechanism, driver, held, start, guess is None)
+    plan = _plan(mechanism, driver, held, start.names)
     first: float = values.item(0)
     if plan is None or not abs(first) < plan.assembly.largest or (
             len(values) * mechanism.model.nv > following.CHUNK) or (
             accuracy.corrections is None and there_and_back(values) is not None):
         return None
-    q = plan.begin if guess is None else plan.assembly.start(start, (first,))
+    q = plan.assembly.start(start, (first,))
     if q is None:
         return None
     try:
@@ -87,27 +86,16 @@ def swept_at_once(
     return found
 
 
-def _known_plan(
-    mechanism: Mechanism, driver: str, held: tuple[str, ...], guess: Guess, is_of_file: bool
-) -> Plan | None:
-    """Return what a sweep does, made once, and anew if the guess of the file is another."""
-    key = "sweep", driver, held, is_of_file
-    known: tuple[Guess, Plan | None] | None = mechanism.memo.get(key)
-    if known is None or (is_of_file and known[0] is not guess):
-        known = mechanism.memo[key] = guess, _plan(mechanism, driver, held, guess, is_of_file)
-    return known[1]
-
-
+@made_once
 def _plan(
-    mechanism: Mechanism, driver: str, held: tuple[str, ...], guess: Guess, is_of_file: bool
+    mechanism: Mechanism, driver: str, held: tuple[str, ...], named: tuple[str, ...]
 ) -> Plan | None:
-    """Return what a sweep does; None where names do not decide it."""
+    """Return what a sweep does from a guess with these names; None where they do not decide it."""
     check_not_held(mechanism, [mechanism.coordinate_table[driver]], held)
     if mechanism.model.nv > MOST_FREEDOMS or type(mechanism).start is not Mechanism.start:
         return None  # where a reduced mechanism begins it knows itself
-    assembly = straight_plan(mechanism, (driver,), guess.names, True)
-    begin = None if assembly is None else assembly.start(guess, (0.0,))
-    if assembly is None or (begin is None and is_of_file):
+    assembly = straight_plan(mechanism, (driver,), named, True)
+    if assembly is None:
         return None
     driven, still = prescribed_first(mechanism, (driver,), held)
     moving = moving_drivers(mechanism, driven, still)
@@ -118,4 +106,4 @@ def _plan(
     places = prescribed_places(k, driven, still)
     if not closer.knows_mirrors or not 0 <= k.nv - k.n_passive - len(places) <= k.n_closure:
         return None
-    return Plan(assembly, begin if is_of_file else None, places, [Beginning(closer, places)])
+    return Plan(assembly, places, [Beginning(closer, places)])

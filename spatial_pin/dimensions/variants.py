@@ -33,6 +33,7 @@ from spatial_pin.formats.xacro.dimensions import Values
 from spatial_pin.formats.xacro.expansion import expand, traced
 from spatial_pin.formats.xacro.parsing import parse_urdf
 from spatial_pin.formats.xacro.tracing import depends
+from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.inertia import inertia_as_given, put_inertias
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array
@@ -98,11 +99,8 @@ class Variants:
 
     @property
     def tree(self) -> TracedTree | None:
-        """The mechanism's traced tree, made once; None where the file cannot be followed."""
-        key = "traced tree", tuple(self.names)
-        if key not in self.mechanism.memo:
-            self.mechanism.memo[key] = _traced(self.mechanism, self.names)
-        return self.mechanism.memo[key]
+        """The mechanism's traced tree; None where the file cannot be followed."""
+        return _traced(self.mechanism, tuple(self.names))
 
 
 def idle_dimensions(
@@ -163,7 +161,8 @@ def copied(mechanism: Mechanism, **changed: Any) -> Mechanism:
     return Mechanism(**{**given, **changed})
 
 
-def _traced(mechanism: Mechanism, names: list[str]) -> TracedTree | None:
+@made_once
+def _traced(mechanism: Mechanism, names: tuple[str, ...]) -> TracedTree | None:
     try:
         return TracedTree(mechanism, names)
     except (_Untraced, SpatialPinError, ValueError):  # a number's text was part of another's

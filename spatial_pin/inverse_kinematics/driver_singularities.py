@@ -22,7 +22,7 @@ from spatial_pin.kernel.kernel import Kernel, kernel_of
 from spatial_pin.numerics.linalg import Array, singular_values
 from spatial_pin.numerics.roots import sign_change
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.rates.rates import driven_coordinates
+from spatial_pin.rates.prescribed import driven_coordinates
 
 Between = Callable[[int, float], Array]  # number of a sample and parameter to (nq,)
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from spatial_pin.constraints.compiled_equations import Constraints, constraints_of
 from spatial_pin.constraints.composite_joints import split_of
 from spatial_pin.constraints.product_vectors import Term
-from spatial_pin.constraints.workspaces import made_once
+from spatial_pin.lazy import made_anew, made_once
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 
@@ -123,18 +123,16 @@ def _packed(mechanism: Mechanism, idle: bool) -> Packed:
 def with_masses(mechanism: Mechanism) -> Packed:
     """Return the arrays of a mechanism, no idle rotations, with the masses it has now.
 
-    Masses, gravity and the arrays of the last call are kept: they are seldom changed.
+    They are those of the last call where masses and gravity are: these are seldom changed.
     """
+    model = mechanism.model
+    masses = np.array([body.toDynamicParameters() for body in model.inertias]).tobytes()
+    return _with_masses(mechanism, masses + model.gravity.linear.tobytes())
+
+
+@made_anew
+def _with_masses(mechanism: Mechanism, masses: bytes) -> Packed:
     model, found = mechanism.model, packed(mechanism, idle=False)
-    key = np.array([body.toDynamicParameters() for body in model.inertias]).tobytes()
-    key += model.gravity.linear.tobytes()
-    if mechanism.memo.get("masses", ("", None))[0] != key:
-        mechanism.memo["masses"] = key, _with_masses(found, model)
-    kept: Packed = mechanism.memo["masses"][1]
-    return kept
-
-
-def _with_masses(found: Packed, model: pin.Model) -> Packed:
     found = found._replace(reals=found.reals.copy())
     _, _, mass, com, inertia, gravity, _ = found.parts()
     for joint, body in enumerate(model.inertias):

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError, Mistakes, SpatialPinError
+from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.mechanism import Mechanism, named, point_on_body, rigid_distance
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure, Driver, Passive, Spring
@@ -161,15 +162,24 @@ class Impossible(NamedTuple):
     lopsided: dict[str, str]
 
 
+@made_once
 def impossible_inertias(mechanism: Mechanism) -> Impossible:
     """Return the links whose bodies have inertias that no body has.
 
     Links that are fixed to one another are one body, of which it is judged; what round-off of the
     file's numbers can do to a moment, relative to mass times length squared, is let pass.
     """
-    if "impossible inertias" not in mechanism.memo:
-        mechanism.memo["impossible inertias"] = _impossible(mechanism)
-    return mechanism.memo["impossible inertias"]
+    model, length = mechanism.model, mechanism.characteristic_length
+    found = Impossible({}, {})
+    for kinds, kind in zip(_kinds(list(model.inertias)[1:], length), found, strict=True):
+        for joint in map(int, np.flatnonzero(kinds) + 1):
+            links = [f.name for f in model.frames
+                     if f.type == pin.FrameType.BODY and f.parentJoint == joint]
+            own = [x for x in links if x in mechanism.inertias]
+            at_fault = [x for x in own if np.any(_kinds([mechanism.inertias[x]], length))]
+            for name in at_fault or own[:1] or [model.names[joint]]:
+                kind[name] = _words(mechanism.inertias.get(name, model.inertias[joint]))
+    return found
 
 
 def refuse_negative_inertias(mechanism: Mechanism) -> None:
@@ -182,20 +192,6 @@ def refuse_negative_inertias(mechanism: Mechanism) -> None:
         raise SpatialPinError(
             f"mechanism {mechanism.name!r}: link {link!r} has {words}: below zero, which no body "
             "has, so that no forces come of it; mend its <inertial>")
-
-
-def _impossible(mechanism: Mechanism) -> Impossible:
-    model, length = mechanism.model, mechanism.characteristic_length
-    found = Impossible({}, {})
-    for kinds, kind in zip(_kinds(list(model.inertias)[1:], length), found, strict=True):
-        for joint in map(int, np.flatnonzero(kinds) + 1):
-            links = [f.name for f in model.frames
-                     if f.type == pin.FrameType.BODY and f.parentJoint == joint]
-            own = [x for x in links if x in mechanism.inertias]
-            at_fault = [x for x in own if np.any(_kinds([mechanism.inertias[x]], length))]
-            for name in at_fault or own[:1] or [model.names[joint]]:
-                kind[name] = _words(mechanism.inertias.get(name, model.inertias[joint]))
-    return found
 
 
 def _kinds(bodies: list[pin.Inertia], length: float) -> Array:
@@ -212,11 +208,9 @@ def _words(body: pin.Inertia) -> str:
     return f"mass {body.mass:.4g} kg, principal moments {moments} kg·m²"
 
 
+@made_once
 def has_inertia(mechanism: Mechanism) -> bool:
     """Whether anything that moves has a mass, a moment of inertia or an armature."""
-    if "has inertia" not in mechanism.memo:
-        model = mechanism.model
-        bodies = (x for x in list(model.inertias)[1:] if x.mass or np.any(x.inertia))
-        mechanism.memo["has inertia"] = bool(
-            np.any(model.armature) or next(bodies, None) is not None)
-    return mechanism.memo["has inertia"]
+    model = mechanism.model
+    return bool(np.any(model.armature)) or any(
+        bool(x.mass) or bool(np.any(x.inertia)) for x in list(model.inertias)[1:])

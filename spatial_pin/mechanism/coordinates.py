@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from spatial_pin.brief import brief
 from spatial_pin.checks import as_array, finite_array, finite_number
 from spatial_pin.errors import MechanismFileError, SpatialPinError, UnknownNameError
+from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mechanism.parts import Coordinate
@@ -72,24 +73,26 @@ def coordinate_round_off(mechanism: Mechanism, q: Array) -> float:
 
     An angle that counts a million turns is known to 1e-9 rad.
     """
-    if "coordinate round-off" not in mechanism.memo:
-        at = [(place, c.v) for c in mechanism.coordinate_table.values()
-              if (place := mechanism.place_of(c)) >= 0]
-        q_at, v_at = (np.array(x, dtype=np.intp) for x in zip(*at, strict=True)) if at else (
-            np.empty(0, dtype=np.intp),) * 2
-        mechanism.memo["coordinate round-off"] = q_at, 4.0 * EPS / mechanism.velocity_scale[v_at]
-    places, each = mechanism.memo["coordinate round-off"]
+    places, each = _round_off(mechanism)
     return float(np.abs(q[places] * each).max(initial=0.0))
 
 
+@made_once
+def _round_off(mechanism: Mechanism) -> tuple[NDArray[np.intp], Array]:
+    """Return the places in q of coordinates, and the round-off of each, relative to it."""
+    at = [(place, c.v) for c in mechanism.coordinate_table.values()
+          if (place := mechanism.place_of(c)) >= 0]
+    places, v_at = np.array(at, dtype=np.intp).reshape(-1, 2).T
+    return places, 4.0 * EPS / mechanism.velocity_scale[v_at]
+
+
+@made_once
 def by_joint(mechanism: Mechanism) -> dict[str, list[Coordinate]]:
     """Return the coordinates of every joint."""
-    if "by joint" not in mechanism.memo:
-        found: dict[str, list[Coordinate]] = {}
-        for c in mechanism.coordinate_table.values():
-            found.setdefault(c.joint, []).append(c)
-        mechanism.memo["by joint"] = found
-    return mechanism.memo["by joint"]
+    found: dict[str, list[Coordinate]] = {}
+    for c in mechanism.coordinate_table.values():
+        found.setdefault(c.joint, []).append(c)
+    return found
 
 
 def coordinates_of(mechanism: Mechanism, joint: str) -> list[Coordinate]:
@@ -97,12 +100,10 @@ def coordinates_of(mechanism: Mechanism, joint: str) -> list[Coordinate]:
     return [*by_joint(mechanism).get(joint, ())]
 
 
+@made_once
 def driver_coordinates(mechanism: Mechanism) -> dict[str, Coordinate]:
     """Return the coordinate of every driver, by its name."""
-    if "driver coordinates" not in mechanism.memo:
-        mechanism.memo["driver coordinates"] = {
-            d.name: mechanism.prescribed_coordinate(d.joint) for d in mechanism.drivers.values()}
-    return mechanism.memo["driver coordinates"]
+    return {d.name: mechanism.prescribed_coordinate(d.joint) for d in mechanism.drivers.values()}
 
 
 def joint_values(mechanism: Mechanism, guess: Mapping[str, Any]) -> dict[str, float]:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from spatial_pin.lazy import made_anew, made_once
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -70,15 +71,10 @@ class JointLimit(NamedTuple):
         return f"{side} limit {self.value:.9g} {self.unit} of {self.name}"
 
 
+@made_once
 def position_limits(mechanism: Mechanism) -> tuple[Array, Array]:
     """Return lower and upper limits (nq,) of the model: its own arrays, not to be changed."""
-    model = mechanism.model
-    known = mechanism.memo.get("position limits")
-    if known is None or known[0] is not model:  # whose memory they are
-        known = model, model.lowerPositionLimit, model.upperPositionLimit
-        mechanism.memo["position limits"] = known
-    lower, upper = known[1:]
-    return lower, upper
+    return mechanism.model.lowerPositionLimit, mechanism.model.upperPositionLimit
 
 
 def joint_limits(mechanism: Mechanism) -> list[JointLimit]:
@@ -124,16 +120,14 @@ class _Stated(NamedTuple):
 
 
 def _stated(mechanism: Mechanism) -> _Stated:
-    """Return the limits that the model has now, which anybody may change; made once for each."""
+    """Return the limits that the model has now, which anybody may change."""
     lower, upper = position_limits(mechanism)
-    key = lower.tobytes(), upper.tobytes()
-    known: tuple[tuple[bytes, bytes], _Stated] | None = mechanism.memo.get("joint limits")
-    if known is None or known[0] != key:
-        known = mechanism.memo["joint limits"] = key, _stated_by(mechanism, lower, upper)
-    return known[1]
+    return _stated_by(mechanism, lower.tobytes() + upper.tobytes())
 
 
-def _stated_by(mechanism: Mechanism, lower: Array, upper: Array) -> _Stated:
+@made_anew
+def _stated_by(mechanism: Mechanism, numbers: bytes) -> _Stated:
+    lower, upper = position_limits(mechanism)
     limits = [JointLimit(c.name, c.unit, c.q, c.v, float(value), side,
                          float(mechanism.velocity_scale[c.v]))
               for c in mechanism.coordinate_table.values() if c.q >= 0 and lower[c.q] < upper[c.q]

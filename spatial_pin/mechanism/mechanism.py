@@ -20,7 +20,7 @@ from spatial_pin.errors import (
     SpatialPinError,
     UnknownNameError,
 )
-from spatial_pin.lazy import cached_property
+from spatial_pin.lazy import RESULTS, cached_property, made_once
 from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.mechanism.named_frames import Frame, frames_by_name
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS
@@ -65,7 +65,6 @@ class Mechanism:
         kept: which equations of the `whole` it has.
         dimensions: value of every named dimension (xacro argument), given or by default [SI, rad];
             read when first asked for.
-        memo: what analyses keep of it to be made once; goes when the mechanism goes.
 
     Example:
         >>> mech = sp.load("rssr", d=0.315)  # [m]
@@ -108,7 +107,6 @@ class Mechanism:
     whole: Mechanism | None = None
     kept: Equations | None = None
     dimensions: Mapping[str, float] = field(default_factory=dict)
-    memo: dict[Any, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @classmethod
     def from_model(
@@ -172,9 +170,9 @@ class Mechanism:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied or sent elsewhere: all but what is worked out again on use."""
-        kept = {k: x for k, x in self.__dict__.items() if k not in ("memo", "neutral")}
+        kept = {k: x for k, x in self.__dict__.items() if k not in (RESULTS, "neutral")}
         parts = {name: (x.mass, x.lever, x.inertia) for name, x in self.inertias.items()}
-        return {**kept, "memo": {}, "inertias": parts}
+        return {**kept, "inertias": parts}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Take what `__getstate__` gave; Pinocchio's inertias cannot be sent if below zero."""
@@ -194,21 +192,17 @@ class Mechanism:
                 "free_flyer": self.free_flyer, "model": self.model_of_file,
                 "without": self.without, "gap": self.gap}
 
+    @made_once
     def with_equations(self, kept: Equations) -> Mechanism:
         """Return the same mechanism with some of its equations only; this one is its `whole`."""
-        key = "with equations", kept
-        if key not in self.memo:
-            closures = []
-            for c, own, turned in zip(self.closures, kept.own, kept.turned, strict=True):
-                if own or not turned:
-                    closures.append(c if c.type == COUPLING else c.with_equations(own))
-                if turned:
-                    closures.append(c.turned().with_equations(turned))
-            other = copy(self)
-            vars(other).update(whole=self, kept=kept, closures=tuple(
-                c for c in closures if c.type != COUPLING or kept.own[self.closures.index(c)]))
-            self.memo[key] = other
-        return self.memo[key]
+        closures = []
+        for c, own, turned in zip(self.closures, kept.own, kept.turned, strict=True):
+            if own or not turned:
+                closures.append(c if c.type == COUPLING else c.with_equations(own))
+            if turned:
+                closures.append(c.turned().with_equations(turned))
+        return self.with_fields(whole=self, kept=kept, closures=tuple(
+            c for c in closures if c.type != COUPLING or kept.own[self.closures.index(c)]))
 
     # ------------------------------------------------------------ coordinates
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.brief import brief
+from spatial_pin.lazy import made_anew
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.motion.joint_limits import SLACK
@@ -102,13 +103,13 @@ class BeyondLimit(NamedTuple):
 
 def velocity_limits(mechanism: Mechanism) -> list[RatedLimit]:
     """Return the velocity limits that the URDF states, in the order of the coordinates."""
-    values = mechanism.model.upperVelocityLimit  # which anybody may change
-    known: tuple[bytes, list[RatedLimit]] | None = mechanism.memo.get("velocity limits")
-    if known is None or known[0] != values.tobytes():
-        known = mechanism.memo["velocity limits"] = values.tobytes(), [
-            RatedLimit(VELOCITY, c.name, c.v, float(x), f"{c.unit}/s")
-            for c, x in _stated(mechanism, values)]
-    return known[1]
+    return _velocity_limits(mechanism, mechanism.model.upperVelocityLimit.tobytes())
+
+
+@made_anew  # as anybody may change the numbers
+def _velocity_limits(mechanism: Mechanism, numbers: bytes) -> list[RatedLimit]:
+    return [RatedLimit(VELOCITY, c.name, c.v, float(x), f"{c.unit}/s")
+            for c, x in _stated(mechanism, mechanism.model.upperVelocityLimit)]
 
 
 def effort_limits(mechanism: Mechanism) -> list[RatedLimit]:

@@ -23,7 +23,6 @@ from spatial_pin.checks import (
     names_of,
 )
 from spatial_pin.constraints.closure_equations import evaluation_of
-from spatial_pin.constraints.workspaces import made_once
 from spatial_pin.continuation.asymptotes import BEYOND_LINKS
 from spatial_pin.continuation.at_once import swept_at_once
 from spatial_pin.continuation.cursor import FARTHEST
@@ -33,6 +32,7 @@ from spatial_pin.continuation.start import Start, moving_drivers
 from spatial_pin.errors import Interrupted, LimitError, SingularError, SpatialPinError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.paths import Samples
+from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.coordinates import coordinate_value, driver_coordinates, needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate

@@ -19,11 +19,11 @@ from spatial_pin.assembly.search.loop_groups import LoopGroup, loop_groups, part
 from spatial_pin.assembly.state import State, made
 from spatial_pin.checks import names_of
 from spatial_pin.constraints.closure_equations import evaluation_of
-from spatial_pin.constraints.workspaces import made_once
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import Kernel, kernel_of
 from spatial_pin.kernel.paths import Samples
 from spatial_pin.kernel.rates import Chosen, Rates
+from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import Array, common_rows, independent_rows, null_space
@@ -78,7 +78,7 @@ def part_for(mechanism: Mechanism, entries: tuple[int, ...], fixed: tuple[int, .
     names = tuple(dict.fromkeys(c.name for c in mechanism.closures if c.name in chosen))
     passives = tuple(p for p in mechanism.passives
                      if _is_of(mechanism, mechanism.frame_on_joint(p.body)[0], own))
-    return Part(part_of(mechanism, names).with_fields(passives=passives, memo={}), own,
+    return Part(part_of(mechanism, names).with_fields(passives=passives), own,
                 sorted(at for group in mine for at in group.angles),
                 tuple(group for group in groups if not any(group is x for x in mine)))
 

@@ -7,23 +7,21 @@ the rates.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from typing import Any, NamedTuple, TypeVar
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
 
-from spatial_pin.assembly.holding import Hold, divided, held_by
+from spatial_pin.assembly.holding import FixedHold, Hold, divided, fixed, held_by
 from spatial_pin.assembly.square_system import SINGULAR_PIVOT, SquareSystem
 from spatial_pin.assembly.state import State
-from spatial_pin.checks import names_of
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.paths import prescribed_places
 from spatial_pin.kernel.rates import Chosen, Rates, rates_of
+from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
-from spatial_pin.rates.prescribed import rate_coordinates, siblings
-
-Made = TypeVar("Made")
+from spatial_pin.rates.prescribed import driven_coordinates, rate_coordinates, siblings
 
 
 class Prescription(NamedTuple):
@@ -95,12 +93,10 @@ def chosen_at(state: State, given: Prescription, frame: int | None = None) -> Ch
         return system.chosen
 
 
-def once(mechanism: Mechanism, key: tuple[Any, ...], hold: Hold, make: Callable[[], Made]) -> Made:
-    """Return what is made once for a key and what stands still; what raises is made again."""
-    whole = *key, hold if hold is None or isinstance(hold, str) else tuple(names_of(hold, "hold"))
-    if whole not in mechanism.memo:
-        mechanism.memo[whole] = make()
-    return mechanism.memo[whole]
+@made_once
+def prescription_by(mechanism: Mechanism, driver: str, hold: FixedHold) -> Prescription:
+    """Return what is prescribed when a driver is, and some coordinates are held."""
+    return Prescription.of(mechanism, driven_coordinates(mechanism, [driver]), hold)
 
 
 class Plan(NamedTuple):
@@ -117,8 +113,7 @@ class Plan(NamedTuple):
 
 
 def plan_of(
-    mechanism: Mechanism, speeds: Mapping[str, Any], accelerations: Mapping[str, Any], hold: Hold,
-    drivers: Callable[[], list[Coordinate]],
+    mechanism: Mechanism, speeds: Mapping[str, Any], accelerations: Mapping[str, Any], hold: Hold
 ) -> Plan | None:
     """Return what is prescribed where rates are given; None where it has to be tried.
 
@@ -129,19 +124,18 @@ def plan_of(
         speeds: numbers by name.
         accelerations: likewise.
         hold: what stands still, as for `solve_rates`.
-        drivers: returns the coordinates of the mechanism's drivers.
     """
-    names = tuple(speeds), tuple(accelerations)
     try:
-        return once(mechanism, ("rates of", *names), hold,
-                    lambda: _plan(mechanism, names, hold, drivers()))
+        return _plan(mechanism, (tuple(speeds), tuple(accelerations)), fixed(hold))
     except (SpatialPinError, ValueError):
         return None  # what is tried says what is wrong
 
 
+@made_once
 def _plan(
-    mechanism: Mechanism, names: tuple[tuple[str, ...], ...], hold: Hold, drivers: list[Coordinate]
+    mechanism: Mechanism, names: tuple[tuple[str, ...], ...], hold: FixedHold
 ) -> Plan | None:
+    drivers = driven_coordinates(mechanism, mechanism.drivers)
     chosen = [[c for name in some for c in rate_coordinates(mechanism, name)] for some in names]
     if any(len(set(own)) != len(some) for some, own in zip(names, chosen, strict=True)):
         return None

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.assembly.holding import BASE, Hold, free_bases, is_base
+from spatial_pin.assembly.holding import BASE, FixedHold, Hold, fixed, free_bases, is_base
 from spatial_pin.assembly.state import WORLD_AXES, State, of_mechanism
 from spatial_pin.brief import brief
 from spatial_pin.checks import checked, names_of
@@ -17,15 +17,15 @@ from spatial_pin.constraints.compiled_equations import Constraints
 from spatial_pin.constraints.pinocchio_views import frame_jacobian
 from spatial_pin.kernel.kernel import Kernel, kernel_of
 from spatial_pin.kernel.rates import Rates
+from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.coordinates import finite_array, needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mechanism.parts import Coordinate, drivers_of_tree
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.rates.depending import all_determined, frame_determined
-from spatial_pin.rates.determined import Prescription, once, placed, refuse_components
-from spatial_pin.rates.prescribed import rate_coordinates
-from spatial_pin.rates.rates import driven_coordinates
+from spatial_pin.rates.determined import Prescription, placed, refuse_components
+from spatial_pin.rates.prescribed import driven_coordinates, rate_coordinates
 
 
 @checked
@@ -100,7 +100,7 @@ def jacobian(
     state = of_mechanism(mechanism, state)
     names = None if drivers is None else tuple(names_of(drivers, "drivers"))
     mechanism = state.mechanism
-    given = _prescribed(mechanism, names, hold)
+    given = _prescribed(mechanism, names, fixed(hold))
     with kernel_of(mechanism) as kernel:
         rates = given.rates(kernel)
         if rates.place(state.q, state.angles):
@@ -117,10 +117,12 @@ def _columns(kernel: Kernel, rates: Rates, frame: int) -> Array:
     return rates.jacobian(joint, kernel.packed.frames[joint].T @ own.placement.translation)
 
 
-def _prescribed(mechanism: Mechanism, drivers: tuple[str, ...] | None, hold: Hold) -> Prescription:
+@made_once
+def _prescribed(
+    mechanism: Mechanism, drivers: tuple[str, ...] | None, hold: FixedHold
+) -> Prescription:
     """Return what is prescribed when the columns of a Jacobian belong to drivers."""
-    return once(mechanism, ("jacobian of", drivers), hold, lambda: Prescription.of(
-        mechanism, moving_coordinates(mechanism, drivers, hold), hold))
+    return Prescription.of(mechanism, moving_coordinates(mechanism, drivers, hold), hold)
 
 
 def moving_coordinates(

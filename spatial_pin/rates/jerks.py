@@ -25,7 +25,7 @@ from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.rates.determined import Prescription, placed, refuse_components
-from spatial_pin.rates.rates import driven_coordinates
+from spatial_pin.rates.prescribed import driven_coordinates
 
 
 class Jerks:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from spatial_pin.checks import finite_array, finite_number
-from spatial_pin.mechanism.coordinates import coordinates_of
+from spatial_pin.mechanism.coordinates import coordinates_of, driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
@@ -32,6 +32,17 @@ def rate_coordinates(mechanism: Mechanism, name: str) -> list[Coordinate]:
     if PAIRS[mechanism.pair_of(name)].is_linear:
         return components
     return [VelocityEntry(*c) for c in components]
+
+
+def driven_coordinates(mechanism: Mechanism, names: Iterable[str]) -> list[Coordinate]:
+    """Return the coordinates that are prescribed when `names` are.
+
+    The mechanism's drivers when all names are drivers; otherwise exactly the named coordinates.
+    """
+    wanted = [c for name in names for c in rate_coordinates(mechanism, name)]
+    drivers = [*driver_coordinates(mechanism).values()]
+    chosen = drivers if all(c in drivers for c in wanted) else wanted
+    return list(dict.fromkeys(chosen))
 
 
 def siblings(mechanism: Mechanism, named: Iterable[Coordinate]) -> list[Coordinate]:

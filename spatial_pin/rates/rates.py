@@ -8,38 +8,35 @@ from typing import Any
 import numpy as np
 
 from spatial_pin.assembly.close import scaled_row
-from spatial_pin.assembly.holding import BASE, Hold, divided, free_bases, held_by
+from spatial_pin.assembly.holding import (
+    BASE,
+    FixedHold,
+    Hold,
+    divided,
+    fixed,
+    free_bases,
+    held_by,
+)
 from spatial_pin.assembly.state import State, made, of_mechanism
-from spatial_pin.checks import checked, finite_number, is_finite, mapping, names_of
+from spatial_pin.checks import checked, finite_number, is_finite, mapping
 from spatial_pin.constraints.closure_equations import Evaluation, evaluated, evaluation_of
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.rates import Chosen, Solved
-from spatial_pin.mechanism.coordinates import driver_coordinates
+from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import EPS, Array, decompose, independent_rows, rank
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.rates.determined import Prescription, chosen_at, once, plan_of
+from spatial_pin.rates.determined import Prescription, chosen_at, plan_of, prescription_by
 from spatial_pin.rates.prescribed import (
     check_one_meaning,
-    rate_coordinates,
+    driven_coordinates,
     rates_given,
     siblings,
 )
 
 SOLUTION_ERROR = 8.0 * EPS  # of a solution, relative to its size: as in `closing/rate_errors.c`
-
-
-def driven_coordinates(mechanism: Mechanism, names: Iterable[str]) -> list[Coordinate]:
-    """Return the coordinates that are prescribed when `names` are.
-
-    The mechanism's drivers when all names are drivers; otherwise exactly the named coordinates.
-    """
-    wanted = [c for name in names for c in rate_coordinates(mechanism, name)]
-    drivers = [*driver_coordinates(mechanism).values()]
-    chosen = drivers if all(c in drivers for c in wanted) else wanted
-    return list(dict.fromkeys(chosen))
 
 
 def prescribed_at(state: State, names: Iterable[str], hold: Hold = BASE) -> list[Coordinate]:
@@ -64,15 +61,17 @@ def prescribed_first(
     mechanism: Mechanism, names: Iterable[str], hold: Hold = BASE
 ) -> tuple[list[Coordinate], tuple[int, ...]]:
     """Return what `prescribed_at` returns where that is regular, and what stands still too."""
-    names, hold = tuple(names), None if hold is None else tuple(names_of(hold, "hold"))
-    key = "prescribed", names, hold
-    if key not in mechanism.memo:
-        wanted = wanted_coordinates(mechanism, names)
-        usual = driven_coordinates(mechanism, [c.name for c in wanted])
-        mechanism.memo[key] = divided(
-            mechanism, [*wanted, *(c for c in usual if c not in wanted)], hold)
-    driven, still = mechanism.memo[key]
+    driven, still = _prescribed_first(mechanism, tuple(names), fixed(hold))
     return [*driven], still
+
+
+@made_once
+def _prescribed_first(
+    mechanism: Mechanism, names: tuple[str, ...], hold: FixedHold
+) -> tuple[list[Coordinate], tuple[int, ...]]:
+    wanted = wanted_coordinates(mechanism, names)
+    usual = driven_coordinates(mechanism, [c.name for c in wanted])
+    return divided(mechanism, [*wanted, *(c for c in usual if c not in wanted)], hold)
 
 
 def wanted_coordinates(mechanism: Mechanism, names: Iterable[str]) -> list[Coordinate]:
@@ -176,15 +175,18 @@ def check_not_held(mechanism: Mechanism, named: Sequence[Coordinate], hold: Hold
     Raises:
         ValueError: names it.
     """
-    key = "not held", tuple(named), None if hold is None else tuple(names_of(hold, "hold"))
-    if key in mechanism.memo:
-        return
+    _check_not_held(mechanism, tuple(named), fixed(hold))
+
+
+@made_once
+def _check_not_held(
+    mechanism: Mechanism, named: tuple[Coordinate, ...], hold: FixedHold
+) -> None:
     moving, held = divided(mechanism, named, hold)[0], held_by(mechanism, hold, named).coordinates
     for c in named:
         if c not in moving or c in held:
             raise ValueError(f"mechanism {mechanism.name!r}: {c.name!r} is held, and is to move "
                              "too: choose one")
-    mechanism.memo[key] = True
 
 
 @checked
@@ -262,8 +264,7 @@ def _solved(
         ValueError: a rate is no finite number.
     """
     mechanism = state.mechanism
-    plan = plan_of(mechanism, speeds, accelerations, hold,
-                   lambda: driven_coordinates(mechanism, mechanism.drivers))
+    plan = plan_of(mechanism, speeds, accelerations, hold)
     if plan is None:
         return None
     values = [[finite_number(x, f"{what} of {name!r}") for name, x in rates.items()]
@@ -326,8 +327,7 @@ def rate_error(driver: str, solved: bool, state: State, held: Hold = BASE) -> fl
         held: what stands still, as for `solve_rates`.
     """
     mechanism = state.mechanism
-    given = once(mechanism, ("rates by", driver), held, lambda: Prescription.of(
-        mechanism, driven_coordinates(mechanism, [driver]), held))
+    given = prescription_by(mechanism, driver, fixed(held))
     coordinate = mechanism.prescribed_coordinate(driver)
     at = given.driven.index(coordinate)
     moves = coordinate.q >= 0 and state.v[coordinate.v] != 0.0

@@ -23,7 +23,8 @@ from spatial_pin.numerics.linalg import Array, null_space, row_space
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.depending import all_determined, entries_determined
 from spatial_pin.rates.determined import Prescription
-from spatial_pin.rates.rates import check_not_held, driven_coordinates
+from spatial_pin.rates.prescribed import driven_coordinates
+from spatial_pin.rates.rates import check_not_held
 
 
 class Transmission(NamedTuple):

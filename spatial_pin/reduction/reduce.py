@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +15,7 @@ from spatial_pin.checks import checked
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.coordinates import coordinates_of, joint_values, needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
@@ -97,21 +98,7 @@ class Reduced(Mechanism):
 
     def start(self, values: Mapping[str, float]) -> Array | None:
         """Return where the full mechanism assembles: what is left out may tell branches apart."""
-        known = self.memo.setdefault("starts", {})
-        key = tuple(sorted(values.items()))
-        if key not in known:
-            if len(known) >= STARTS:
-                known.clear()
-            known[key] = self._start(values)
-        return known[key]
-
-    def _start(self, values: Mapping[str, float]) -> Array | None:
-        try:
-            there = assembled(self.full, {**self.welds, **values})
-        except SpatialPinError:  # a loop that is left out cannot close there
-            return None
-        found = carried_over(self, there)
-        return found.q if found.closure_error <= TOLERANCES.nothing else None
+        return _starts(self)(*sorted(values.items()))
 
     @checked
     def state(self, full: State) -> State:
@@ -271,7 +258,7 @@ def reduce(
     else:
         raise SpatialPinError(f"mechanism {mechanism.name!r}: no smaller model was found that "
                               "moves as it does at the configurations tried")
-    parts = {f.name: getattr(made, f.name) for f in fields(Mechanism) if f.name != "memo"}
+    parts = {f.name: getattr(made, f.name) for f in fields(Mechanism)}
     parts["guess"] = _coordinates(made, state)
     return Reduced(**parts, full=mechanism, outputs=names, welds=locks.values,
                    dynamics=dynamics,
@@ -279,6 +266,22 @@ def reduce(
 
 
 # ---------------------------------------------------------------- states, and what is needed
+
+
+@made_once
+def _starts(reduced: Reduced) -> Callable[..., Array | None]:
+    """Return what assembles the full mechanism at (name, value) pairs; it remembers the last."""
+
+    @lru_cache(STARTS)
+    def start(*values: tuple[str, float]) -> Array | None:
+        try:
+            there = assembled(reduced.full, {**reduced.welds, **dict(values)})
+        except SpatialPinError:  # a loop that is left out cannot close there
+            return None
+        found = carried_over(reduced, there)
+        return found.q if found.closure_error <= TOLERANCES.nothing else None
+
+    return start
 
 
 def carried_over(reduced: Mechanism, state: State) -> State:

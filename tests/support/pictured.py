@@ -47,7 +47,6 @@ def arm(text: str = ARM) -> SimpleNamespace:
         frames={},
         coordinate_table={},
         neutral=pin.neutral(model),
-        memo={},
         drivers=("shoulder",),
         coordinate=lambda name: SimpleNamespace(unit="rad"),
     )

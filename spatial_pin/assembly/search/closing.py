@@ -19,9 +19,8 @@ from spatial_pin.assembly.search.whole_turns import periodic, turned_apart
 from spatial_pin.assembly.state import all_angles
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.constraints.workspaces import made_once
 from spatial_pin.kernel.closer import LOOSE, Closed, Examined, Meant, Reached, closer_of
-from spatial_pin.lazy import cached_property
+from spatial_pin.lazy import cached_property, made_once
 from spatial_pin.mechanism.coordinates import coordinate_round_off, coordinate_value, with_values
 from spatial_pin.mechanism.joint_limits import position_limits
 from spatial_pin.mechanism.mechanism import Mechanism

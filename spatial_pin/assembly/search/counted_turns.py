@@ -20,9 +20,9 @@ from spatial_pin.assembly.search.guesses import Guess
 from spatial_pin.assembly.search.loop_groups import loop_groups
 from spatial_pin.assembly.search.targets import free_but
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.constraints.workspaces import made_once
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.closer import closer_of
+from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.coordinates import coordinate_value, with_values
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array

@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 from spatial_pin.assembly.search.loop_groups import LoopGroup
 from spatial_pin.assembly.search.whole_turns import periodic
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.workspaces import made_once
 from spatial_pin.kernel.closer import AT_ONCE, MOST_GROUPS, Shakes
 from spatial_pin.kernel.kernel import kernel_of
-from spatial_pin.lazy import cached_property
+from spatial_pin.lazy import cached_property, made_anew, made_once
 from spatial_pin.mechanism.coordinates import (
     by_joint,
     finite_array,
@@ -70,13 +69,14 @@ def read_guess(
     """Return the guess with its angles taken to a turn where they count too many."""
     if guess is not None:
         return _within_turns(mechanism, _as_given(mechanism, guess))
-    known = mechanism.memo.get("guess")
-    if known is None or known[0] != mechanism.guess:
-        found = _within_turns(mechanism, _as_given(mechanism, mechanism.guess))
-        found.q.flags.writeable = False
-        known = mechanism.memo["guess"] = dict(mechanism.guess), found
-    own: Guess = known[1]
-    return own
+    return _of_file(mechanism, dict(mechanism.guess))
+
+
+@made_anew  # as anybody may change it
+def _of_file(mechanism: Mechanism, guess: Mapping[str, Any]) -> Guess:
+    found = _within_turns(mechanism, _as_given(mechanism, guess))
+    found.q.flags.writeable = False
+    return found
 
 
 def _within_turns(mechanism: Mechanism, given: Guess) -> Guess:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.constraints.workspaces import made_once
+from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.coordinates import by_joint
 from spatial_pin.mechanism.mechanism import Mechanism
 
@@ -104,4 +104,4 @@ def part_of(mechanism: Mechanism, closures: tuple[str, ...]) -> Mechanism:
     whole = mechanism.whole
     return mechanism.with_fields(
         closures=tuple(c for c in mechanism.closures if c.name in closures), passives=(),
-        whole=whole and part_of(whole, closures), memo={})
+        whole=whole and part_of(whole, closures))

@@ -23,8 +23,8 @@ from spatial_pin.assembly.search.search import is_nearer
 from spatial_pin.assembly.search.targets import Left, asked_of, left_of
 from spatial_pin.assembly.state import State, made
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.constraints.workspaces import made_once
 from spatial_pin.kernel.closer import MOST_GROUPS, closer_of
+from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,15 +13,16 @@ from spatial_pin.assembly.holding import still_entries
 from spatial_pin.assembly.search.guesses import Further, further_starts
 from spatial_pin.assembly.search.loop_groups import LoopGroup, loop_groups, loose_entries
 from spatial_pin.assembly.search.whole_turns import said_of
-from spatial_pin.constraints.workspaces import made_once
 from spatial_pin.kernel.closer import NAMED, Asked
+from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.coordinates import by_joint
 from spatial_pin.mechanism.joint_limits import position_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 
-class Left(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Left:
     """What may move where some coordinates are held.
 
     Attributes:
@@ -77,17 +78,13 @@ def left_of(
                 groups)
 
 
+@made_once
 def asked_of(mechanism: Mechanism, left: Left, tolerance: float) -> Asked:
     """Return how loops are closed where so much is left to move; the same object every time."""
     lower, upper = position_limits(mechanism)
-    key = "asked", id(left), tolerance
-    known: tuple[Left, Asked] | None = mechanism.memo.get(key)
-    if known is None or known[0] is not left or known[1].lower is not lower:
-        shakes = None if left.further is None else left.further.first
-        known = mechanism.memo[key] = left, Asked(
-            left.free, left.first, tolerance, DAMPED_STEPS, TOLERANCES.rank, left.said, lower,
-            upper, shakes)
-    return known[1]
+    shakes = None if left.further is None else left.further.first
+    return Asked(left.free, left.first, tolerance, DAMPED_STEPS, TOLERANCES.rank, left.said,
+                 lower, upper, shakes)
 
 
 def _said(

@@ -22,7 +22,7 @@ from spatial_pin.motion.joint_limits import joint_limits_passed
 from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.rates.rates import driven_coordinates
+from spatial_pin.rates.prescribed import driven_coordinates
 from spatial_pin.settings import Accuracy
 
 TURN = 2 * np.pi  # either way, that a driver without limits can be moved by hand [rad]

@@ -82,7 +82,7 @@ class FreeFall:
         self._kinetic = KineticEnergy(model)(state.q, state.v)
         weightless = model.copy()
         weightless.gravity = pin.Motion.Zero()
-        self.mechanism = state.mechanism.with_fields(model=weightless, memo={})
+        self.mechanism = state.mechanism.with_fields(model=weightless)
         q, v, _ = self._seen(0.0, state.q, state.v, state.a, -1.0)
         with evaluation_of(self.mechanism, state.angles) as evaluation:
             evaluation.update(q)
