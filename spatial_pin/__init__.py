@@ -42,7 +42,6 @@ from spatial_pin.mechanism.coordinates import CoordinateRates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.named_frames import Frame
 from spatial_pin.mechanism.parts import Closure, Coordinate, Driver, Passive, Spring
-from spatial_pin.methods import offer as _offer
 from spatial_pin.mobility.mobility import Mobility, mobility
 from spatial_pin.settings import Accuracy
 
@@ -115,33 +114,6 @@ if TYPE_CHECKING:
     from spatial_pin.workspace_map.workspace import workspace
 
 __version__ = "0.2.0"
-
-_offer({  # imported when they are first asked for
-    "Kinetostatics._repr_html_": "view.page.cards:kinetostatics",
-    "Kinetostatics.output": "dynamics.outputs:output",
-    "Kinetostatics.quantities": "dynamics.outputs:quantities",
-    "Mechanism._repr_html_": "view.page.cards:mechanism",
-    "Mechanism.from_model": "formats.pinocchio_model.from_model:mechanism_of",
-    "Mechanism.save": "formats.export:save",
-    "Mobility._repr_html_": "view.page.cards:mobility",
-    "Motion._repr_html_": "view.page.cards:motion",
-    "Motion.bodies": "motion.outputs:bodies",
-    "Motion.com": "motion.outputs:com",
-    "Motion.frame": "motion.outputs:frame",
-    "Motion.output": "motion.outputs:output",
-    "Motion.quantities": "motion.outputs:quantities",
-    "Motion.rate_error": "rates.rates:rate_error",
-    "Motion.summary": "motion.summary:summary",
-    "Reduced.verify": "reduction.verification:verification",
-    "State._repr_html_": "view.page.cards:state",
-    "Simulation.output": "dynamics.outputs:output_of_simulation",
-    "Simulation.quantities": "dynamics.outputs:quantities_of_simulation",
-    "Tradeoff._repr_html_": "view.page.cards:tradeoff",
-    "Tradeoff.plot": "accuracy.tradeoff_view:plot",
-    "Tradeoff.table": "accuracy.tradeoff_view:table",
-    "Workspace.curves": "workspace_map.curves:curves",
-    "Workspace.plot": "workspace_map.picture:plot",
-})
 
 # imported when they are first asked for: loading a mechanism needs less than half of the modules
 # (`mobility` has the name of its package and would be taken for it)

@@ -24,7 +24,6 @@ from spatial_pin.checks import checked, positive_number, whole_number
 from spatial_pin.dynamics.simulation.simulate import Simulation
 from spatial_pin.errors import SingularError, SpatialPinError, unless_cut
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.methods import method
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -197,14 +196,18 @@ class Tradeoff:
 
     def _repr_html_(self) -> str:
         """Return a small table, for a notebook."""
-        return method("Tradeoff._repr_html_")(self)
+        from spatial_pin.view.page import cards
+
+        return cards.tradeoff(self)
 
     def __repr__(self) -> str:
         return (f"Tradeoff({self.mechanism!r}, {self.task!r}: {len(self)} settings, "
                 f"{len(self.front)} of them on the front{'' if self.is_whole else '; cut short'})")
 
     def __str__(self) -> str:
-        return method("Tradeoff.table")(self)
+        from spatial_pin.accuracy.tradeoff_view import table
+
+        return table(self)
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything as plain data.
@@ -268,7 +271,9 @@ class Tradeoff:
             >>> len(table.plot("table.svg").axes)
             1
         """
-        return method("Tradeoff.plot")(self, path)
+        from spatial_pin.accuracy.tradeoff_view import plot
+
+        return plot(self, path)
 
 
 @checked

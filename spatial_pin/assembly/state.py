@@ -20,7 +20,6 @@ from spatial_pin.mechanism.coordinates import CoordinateRates, coordinate_rates,
 from spatial_pin.mechanism.inertia import moving_mass
 from spatial_pin.mechanism.joint_limits import beyond_limits
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.methods import method
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -433,7 +432,9 @@ class State:
 
     def _repr_html_(self) -> str:
         """Return a small table, for a notebook."""
-        return method("State._repr_html_")(self)
+        from spatial_pin.view.page import cards
+
+        return cards.state(self)
 
     def __repr__(self) -> str:
         drivers = ", ".join(

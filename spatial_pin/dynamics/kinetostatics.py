@@ -21,7 +21,6 @@ from spatial_pin.dynamics.solvers.equations import Equations, equations_of
 from spatial_pin.errors import Interrupted, SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
-from spatial_pin.methods import method
 from spatial_pin.motion.motion import Motion, Output, first_samples, motion_needed
 from spatial_pin.motion.rated_limits import (
     BeyondLimit,
@@ -102,7 +101,9 @@ class Kinetostatics(_Loads, Tabular):
             >>> loads.output("crank.effort").values.round(3)  # [N·m]
             array([-0.27 ,  0.214,  0.971])
         """
-        return method("Kinetostatics.output")(self, spec)
+        from spatial_pin.dynamics.outputs import output
+
+        return output(self, spec)
 
     def quantities(self, outputs: str | Iterable[str] | None = None) -> dict[str, Quantity]:
         """Return quantities by name: time, driver, all efforts, powers and reactions.
@@ -119,11 +120,15 @@ class Kinetostatics(_Loads, Tabular):
             >>> [(name, x.unit) for name, x in loads.quantities("crank.effort").items()]
             [('time', 's'), ('crank', 'rad'), ('crank effort', 'N·m')]
         """
-        return method("Kinetostatics.quantities")(self, outputs)
+        from spatial_pin.dynamics.outputs import quantities
+
+        return quantities(self, outputs)
 
     def _repr_html_(self) -> str:
         """Return a small table, for a notebook."""
-        return method("Kinetostatics._repr_html_")(self)
+        from spatial_pin.view.page import cards
+
+        return cards.kinetostatics(self)
 
     def __repr__(self) -> str:
         units = self.motion.mechanism.coordinate

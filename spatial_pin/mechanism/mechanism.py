@@ -25,7 +25,6 @@ from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.mechanism.named_frames import Frame, frames_by_name
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS
 from spatial_pin.mechanism.parts import Closure, Coordinate, Driver, Equations, Passive, Spring
-from spatial_pin.methods import method
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -164,7 +163,9 @@ class Mechanism:
             >>> print(f"{sp.assemble(mech, {'lever': 0.2}).coordinate('arm').value:.4f} rad")
             0.2377 rad
         """
-        return method("Mechanism.from_model")(
+        from spatial_pin.formats.pinocchio_model.from_model import mechanism_of
+
+        return mechanism_of(
             model, closures, drivers, springs, passives, {} if guess is None else guess,
             frames or {}, name, visual_model, collision_model, gap)
 
@@ -450,11 +451,15 @@ class Mechanism:
             >>> file.name, sp.load(file).coordinates == sp.load("rssr").coordinates
             ('rssr.toml', True)
         """
-        return method("Mechanism.save")(self, folder)
+        from spatial_pin.formats.export import save
+
+        return save(self, folder)
 
     def _repr_html_(self) -> str:
         """Return a small table, for a notebook."""
-        return method("Mechanism._repr_html_")(self)
+        from spatial_pin.view.page import cards
+
+        return cards.mechanism(self)
 
     def __repr__(self) -> str:
         return (

@@ -15,7 +15,6 @@ from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.coordinates import finite_array, needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
-from spatial_pin.methods import method
 from spatial_pin.mobility.finite_motions import finite_freedom, finite_motions
 from spatial_pin.mobility.idle_freedoms import PassiveFreedom, described, idle_freedoms
 from spatial_pin.mobility.loops import ALGEBRA_TOLERANCE, Loop, loop_of
@@ -74,7 +73,9 @@ class Mobility:
 
     def _repr_html_(self) -> str:
         """Return a small table, for a notebook."""
-        return method("Mobility._repr_html_")(self)
+        from spatial_pin.view.page import cards
+
+        return cards.mobility(self)
 
     def __repr__(self) -> str:
         return (f"Mobility({self.mechanism.name!r}: {self.dof} freedoms, {len(self.passive)} of "

@@ -21,7 +21,6 @@ from spatial_pin.columns import Quantity, Tabular, read_only, write_npz
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.coordinates import CoordinateRates, coordinate_rates
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.methods import method
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.outputs import named_path
 
@@ -292,13 +291,19 @@ class Motion(Tabular):
             raise SpatialPinError(
                 f"there is no sample {row}: {n} samples are 0 to {n - 1}, or -{n} to -1" if n else
                 f"there is no sample {row}: the motion has none")
-        lost = (partial(method("Motion.rate_error"), self.driver_name,
-                        not self._is_continued(row), held=self.held)
+        lost = (partial(self._rate_error, self.driver_name, not self._is_continued(row), self.held)
                 if self.driver is not None else np.nan)
         return State(self.mechanism, self.q[row], self.v[row], self.a[row],
                      closure_error=self.closure_error[row],
                      angles=self.angles[row] if self.angles.size else None, rate_error=lost,
                      in_time=self.per == "s")
+
+    @staticmethod
+    def _rate_error(driver: str, solved: bool, held: tuple[str, ...], state: State) -> float:
+        """Return the round-off of the rates of a sample."""
+        from spatial_pin.rates.rates import rate_error
+
+        return rate_error(driver, solved, state, held)
 
     def _is_continued(self, row: int) -> bool:
         """Whether a sample may lie where the branch was continued across a branch point.
@@ -314,7 +319,9 @@ class Motion(Tabular):
     @cached_property
     def _bodies(self) -> Any:
         """Placements and rates of all bodies, worked out once."""
-        return method("Motion.bodies")(self)
+        from spatial_pin.motion.outputs import bodies
+
+        return bodies(self)
 
     @checked
     def frame(self, name: str) -> FrameMotion:
@@ -336,7 +343,9 @@ class Motion(Tabular):
                    [-0.3761,  0.2463,  0.    ],
                    [-0.3261,  0.2537,  0.    ]])
         """
-        return method("Motion.frame")(self, name)
+        from spatial_pin.motion.outputs import frame
+
+        return frame(self, name)
 
     @checked
     def com(self, name: str) -> FrameMotion:
@@ -359,7 +368,9 @@ class Motion(Tabular):
                    [ 0.14, -0.  ,  0.  ],
                    [-0.  , -0.06,  0.  ]])
         """
-        return method("Motion.com")(self, name)
+        from spatial_pin.motion.outputs import com
+
+        return com(self, name)
 
     @checked
     def output(self, spec: str) -> Output:
@@ -394,7 +405,9 @@ class Motion(Tabular):
             >>> motion.output("coupler_b.velocity").values.shape  # (N, 3)
             (3, 3)
         """
-        return method("Motion.output")(self, spec)
+        from spatial_pin.motion.outputs import output
+
+        return output(self, spec)
 
     def frame_unit(self, kind: str) -> str:
         """Return the unit of a quantity of a frame, by its name.
@@ -425,7 +438,9 @@ class Motion(Tabular):
             >>> [(name, x.unit) for name, x in motion.quantities("rocker_pin.rate").items()]
             [('time', 's'), ('crank', 'rad'), ('rocker_pin rate', 'rad/s')]
         """
-        return method("Motion.quantities")(self, outputs)
+        from spatial_pin.motion.outputs import quantities
+
+        return quantities(self, outputs)
 
     @checked
     def save(self, path: str | Path) -> Path:
@@ -476,7 +491,9 @@ class Motion(Tabular):
 
     def _repr_html_(self) -> str:
         """Return a small table, for a notebook."""
-        return method("Motion._repr_html_")(self)
+        from spatial_pin.view.page import cards
+
+        return cards.motion(self)
 
     def __repr__(self) -> str:
         worst = float(self.closure_error.max(initial=0.0))
@@ -485,7 +502,9 @@ class Motion(Tabular):
                 f"closure error at most {worst:.1e}, {len(self.events)} events)")
 
     def __str__(self) -> str:
-        return method("Motion.summary")(self)
+        from spatial_pin.motion.summary import summary
+
+        return summary(self)
 
 
 def content_of(motion: Motion) -> dict[str, Any]:

@@ -20,7 +20,6 @@ from spatial_pin.mechanism.coordinates import coordinates_of, joint_values, need
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.resistance import resists
-from spatial_pin.methods import method
 from spatial_pin.numerics.linalg import Array, null_space, rank
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.reduction.differences import Verification
@@ -152,7 +151,9 @@ class Reduced(Mechanism):
             >>> small.verify("crank", np.linspace(0.0, 6.28, 37)).worst < 1e-10
             True
         """
-        return method("Reduced.verify")(
+        from spatial_pin.reduction.verification import verification
+
+        return verification(
             self, driver, values, speed, acceleration, guess, dict(hold or {}))
 
     def __repr__(self) -> str:

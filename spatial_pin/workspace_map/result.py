@@ -18,7 +18,6 @@ from spatial_pin.checks import checked
 from spatial_pin.columns import Quantity, Tabular, chosen, quantities_of
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.methods import method
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.workspace_map.dexterity import SINGULAR
 from spatial_pin.workspace_map.poses import PARTS, SLIDES
@@ -274,7 +273,9 @@ class Workspace(Tabular):
             >>> curve.is_boundary, curve.points.shape[1]  # (m, 3) [m]
             (True, 3)
         """
-        return method("Workspace.curves")(self, at, tolerance)
+        from spatial_pin.workspace_map.curves import curves
+
+        return curves(self, at, tolerance)
 
     @checked
     def plot(
@@ -306,7 +307,9 @@ class Workspace(Tabular):
             >>> figure.axes[0].get_xlabel()
             'x [m]'
         """
-        return method("Workspace.plot")(self, path, plane, at, thickness)
+        from spatial_pin.workspace_map.picture import plot
+
+        return plot(self, path, plane, at, thickness)
 
     def __repr__(self) -> str:
         return (f"Workspace({self.mechanism.name!r}: {self.frame} over "

@@ -13,7 +13,6 @@ from typing import NamedTuple
 from offenders import listed
 
 import spatial_pin as sp
-from spatial_pin import methods
 
 PACKAGE = Path(sp.__file__).parent
 MODULES = sorted(p for p in PACKAGE.rglob("*.py") if p != PACKAGE / "__init__.py")
@@ -21,7 +20,7 @@ MOST = 20  # modules of a folder: files are found by name
 # rooms in the order of their layers, files of no room at the top among them; rooms inside of rooms
 # likewise, where files beside them may stand anywhere that makes no circle
 LAYERS = {
-    "": ["errors", "brief", "lazy", "methods", "outputs", "figures", "progress", "executors",
+    "": ["errors", "brief", "lazy", "outputs", "figures", "progress", "executors",
          "checks", "columns", "settings", "units", "kernel.sources", "kernel.library", "numerics",
          "operators", "mechanism", "formats", "constraints", "kernel", "assembly", "rates",
          "mobility", "continuation", "motion", "proximity", "inverse_kinematics", "workspace_map",
@@ -48,7 +47,6 @@ DATA_TYPES = {  # a module that is one, and the rooms that it has nothing of
 }
 FACTORISATIONS = {"svd", "svdvals", "qr", "geqp3", "rq", "lstsq", "pinv", "pinvh", "matrix_rank",
                   "cond", "null_space", "orth", "lu", "lu_factor", "splu", "spilu"}
-INNER = ("Motion.bodies", "Motion.rate_error", "Motion.summary", "Tradeoff.table")  # of others
 
 
 def name_of(path: Path) -> str:
@@ -64,6 +62,7 @@ class Facts(NamedTuple):
 
     first_line: str  # of its docstring
     imports: frozenset[str]  # modules of the package, anywhere in it, for type checking too
+    handed_on: frozenset[str]  # "module:function" that does the work of a public type's method
     prints: list[int]  # lines that call it
     factorisations: set[str]  # those that tell ranks, or solve by one
 
@@ -73,7 +72,10 @@ def facts_of(path: Path) -> Facts:
     """Return what one reading of a file tells."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     imported, prints, factorisations = set(), [], set()
+    lines, works = handed_on_by(tree)
     for node in ast.walk(tree):
+        if node in lines:
+            continue  # rooms above it do that work
         if isinstance(node, ast.Import | ast.ImportFrom):
             imported.update(imported_by(node))
             factorisations.update(factorisations_imported_by(node))
@@ -83,7 +85,29 @@ def facts_of(path: Path) -> Facts:
                 x in ast.unparse(node.value) for x in ("linalg", "lapack")):
             factorisations.add(node.attr)
     first = (ast.get_docstring(tree) or "").partition("\n")[0].strip()
-    return Facts(first, frozenset(imported), prints, factorisations)
+    return Facts(first, frozenset(imported), frozenset(works), prints, factorisations)
+
+
+def handed_on_by(tree: ast.Module) -> tuple[list[ast.ImportFrom], list[str]]:
+    """Return the imports of methods of public types that only hand on their work, and to what.
+
+    Such a method is an import and a return: what a data type offers, though rooms above it work
+    it out, and it imports them at no other time.
+    """
+    lines, works = [], []
+    for kind in tree.body:
+        if not isinstance(kind, ast.ClassDef) or kind.name not in sp.__all__:
+            continue
+        for node in kind.body:
+            body = node.body if isinstance(node, ast.FunctionDef) else []
+            body = body[1:] if body and isinstance(body[0], ast.Expr) else body
+            match body:
+                case [ast.ImportFrom(names=[name]) as line, ast.Return(value=ast.Call() as call)]:
+                    work = ast.unparse(call.func)
+                    if work.split(".")[0] == name.name:
+                        lines.append(line)
+                        works.append(f"{line.module}:{work}")
+    return lines, works
 
 
 def imported_by(node: ast.Import | ast.ImportFrom) -> Iterator[str]:
@@ -202,12 +226,21 @@ def test_every_public_name_exists_and_is_documented():
 
 
 def test_what_a_data_type_offers_is_worked_out_by_a_documented_function():
-    names = list(methods.names())
-    wrong = [f"{name} has no docstring" for name in names if not methods.method(name).__doc__]
-    parts = [name.partition(".") for name in names if name not in INNER]
-    wrong += [f"{kind} has no {name}" for kind, _, name in parts
-              if not hasattr(getattr(sp, kind), name)]
+    works = sorted({work for path in MODULES for work in facts_of(path).handed_on})
+    assert works
+    wrong = [f"{work} has no docstring" for work in works if not work_named(work).__doc__]
     assert not wrong, listed(wrong)
+
+
+def work_named(work: str) -> object:
+    """Return the function of "module:name", or of "package:module.name"."""
+    module, _, name = work.partition(":")
+    found: object = importlib.import_module(module)
+    for part in name.split("."):
+        if not hasattr(found, part):
+            importlib.import_module(f"{module}.{part}")
+        found = getattr(found, part)
+    return found
 
 
 def test_a_room_does_not_hide_a_verb_of_its_name():

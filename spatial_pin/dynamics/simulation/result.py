@@ -15,7 +15,6 @@ from spatial_pin.columns import Quantity, write_npz
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.joint_limits import JointLimit
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.methods import method
 from spatial_pin.motion.joint_limits import Passing
 from spatial_pin.motion.motion import Motion, Output, content_of, fields_of, read_content
 from spatial_pin.motion.summary import effort_lines, first_of
@@ -146,7 +145,9 @@ class Simulation(Motion):
             >>> motion.output("energy").values.shape, motion.output("energy").unit  # (N,)
             ((1001,), 'J')
         """
-        return method("Simulation.output")(self, spec)
+        from spatial_pin.dynamics.outputs import output_of_simulation
+
+        return output_of_simulation(self, spec)
 
     def quantities(self, outputs: str | Iterable[str] | None = None) -> dict[str, Quantity]:
         """Return quantities by name, as any Motion, with energies and efforts.
@@ -163,7 +164,9 @@ class Simulation(Motion):
             >>> [(name, x.unit) for name, x in motion.quantities("energy").items()]
             [('time', 's'), ('energy', 'J')]
         """
-        return method("Simulation.quantities")(self, outputs)
+        from spatial_pin.dynamics.outputs import quantities_of_simulation
+
+        return quantities_of_simulation(self, outputs)
 
     @checked
     def save(self, path: str | Path) -> Path:
