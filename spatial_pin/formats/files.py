@@ -272,16 +272,12 @@ def _told(
     content: dict[str, Any], file: Path, urdf: str, request: Request, faults: Faults
 ) -> Mechanism:
     """Return the mechanism of a file's content and the tree of `file`; its faults are told."""
-    text = _floated(urdf, file, content) if request.free_flyer else urdf
-    made = mechanism_of(Table(content, str(request.path)), file, text, request, faults)
+    if request.free_flyer:
+        joints = content.get("joints")
+        tables = joints if isinstance(joints, dict) else {}
+        refined = [name for name, x in tables.items() if isinstance(x, dict) and "type" in x]
+        urdf = with_free_flyer(urdf, file, refined)
+    made = mechanism_of(Table(content, str(request.path)), file, urdf, request, faults)
     if told := faults.told():
         warn(f"{shown(request.path)}: {told}")
     return made
-
-
-def _floated(urdf: str, path: Path, content: Mapping[str, Any]) -> str:
-    """Return URDF text with a floating joint below its root."""
-    joints = content.get("joints")
-    tables = joints if isinstance(joints, dict) else {}
-    refined = [name for name, x in tables.items() if isinstance(x, dict) and "type" in x]
-    return with_free_flyer(urdf, path, refined)

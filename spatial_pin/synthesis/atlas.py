@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -66,21 +65,6 @@ class Begin:
     tried: int
 
 
-class _Alike(NamedTuple):
-    """A curve of which a part looks like the path.
-
-    Attributes:
-        x, samples, misfit: as of `Begin`.
-        size: by which it is to grow; rotation (3, 3): by which it is to turn.
-    """
-
-    x: Array
-    samples: Samples
-    misfit: float
-    size: float
-    rotation: Array
-
-
 class Atlas:
     """Curves that a mechanism draws, and what of them looks like a path.
 
@@ -132,10 +116,10 @@ class Atlas:
         for i in best.tolist():
             rows = np.rint(np.interp(found.at[i], parts[i], np.arange(TURN_STEPS + 1.0)))
             own = [samples[int(row)].taken(slice(i, i + 1)) for row in rows]
-            alike = _Alike(
+            alike = Begin(
                 x[i], Samples.joined([s._replace(at=np.array([k])) for k, s in enumerate(own)]),
-                float(found.misfit[i]), float(found.size[i]), found.rotation[i])
-            there = self._brought(alike)
+                float(found.misfit[i]), 0)
+            there = self._brought(alike, float(found.size[i]), found.rotation[i])
             begins += [there] if there is not None else []
             if len(begins) == OF_A_SHEET:
                 break
@@ -235,13 +219,18 @@ class Atlas:
 
     # ------------------------------------------------------------ to the path
 
-    def _brought(self, alike: _Alike) -> Begin | None:
+    def _brought(self, alike: Begin, size: float, rotation: Array) -> Begin | None:
         """Return where a curve has been brought to the path; None if bounds do not let it.
 
         It is moved as a whole, a step at a time, by dimensions that Newton's method finds.
+
+        Args:
+            alike: a curve of which a part looks like the path.
+            size: by which it is to grow.
+            rotation: (3, 3) by which it is to turn.
         """
         p, goal = self.p, self.goal
-        x, size, turn, away = self._drawn_there(alike)
+        x, size, turn, away = self._drawn_there(alike, size, rotation)
         timed = self._driven(goal.points, alike.samples.q[:, self._driver.q])
         own = self._points(self._same(x, goal.count), alike.samples)
         there = own.mean(axis=0)
@@ -281,7 +270,9 @@ class Atlas:
         found = self.p.solve_from(begin.x, near, WEIGHTS[1:])
         return replace(found, evaluations=found.evaluations + begin.tried)
 
-    def _drawn_there(self, alike: _Alike) -> tuple[Array, float, Array, Array]:
+    def _drawn_there(
+        self, alike: Begin, size: float, rotation: Array
+    ) -> tuple[Array, float, Array, Array]:
         """Return numbers with the drawing where a curve is, and what is left to bring that to it.
 
         A drawing that may stand anywhere, or have any size, is put there itself.
@@ -291,7 +282,7 @@ class Atlas:
             of the curve from it.
         """
         goal, x = self.goal, alike.x.copy()
-        size, turn = max(alike.size, LEAST_SIZE), pin.log3(alike.rotation)
+        size, turn = max(size, LEAST_SIZE), pin.log3(rotation)
         away = self._points(self._same(x, goal.count), alike.samples).mean(
             axis=0) - goal.points.mean(axis=0)
         own = np.zeros(len(goal.own_names))

@@ -33,7 +33,8 @@ def add_closures(writing: Writing, q: Array) -> None:
     """
     for closure in writing.mechanism.closures:
         if closure.type == COUPLING:
-            _couple(writing, closure)
+            first, second = (writing.mechanism.coordinate(name).name for name in closure.joints)
+            writing.tie(closure.name, second, first, closure.ratio, closure.offset)
         elif closure.type == "spherical":
             _equality(writing, "connect", closure.name, *_sites(writing, closure, closure.name))
         elif closure.type in WELDED:
@@ -48,11 +49,6 @@ def add_closures(writing: Writing, q: Array) -> None:
             raise ClosureTypeError(
                 f"mechanism {writing.mechanism.name!r}: closure {closure.name!r} is "
                 f"{closure.type}; MuJoCo has no equality that is exactly this")
-
-
-def _couple(writing: Writing, closure: Closure) -> None:
-    first, second = (writing.mechanism.coordinate(name).name for name in closure.joints)
-    writing.tie(closure.name, second, first, closure.ratio, closure.offset)
 
 
 def _equality(writing: Writing, kind: str, name: str, site1: str, site2: str) -> None:

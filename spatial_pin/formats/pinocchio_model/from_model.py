@@ -43,25 +43,25 @@ def mechanism_of(
         raise TypeError(f"a pin.Model is needed, not {type(given).__name__}")
     title = _text(given.name if name is None else name) or "mechanism"
     where = f"{WHERE} {title!r}"
-    tree = pair_tree(given, where)
-    bodies = Completed(tree.model).bodies()
-    names = _Names(tree.model, bodies, where)
+    model, pairs, mimics = pair_tree(given, where)
+    bodies = Completed(model).bodies()
+    names = _Names(model, bodies, where)
     names.keep_frames()
     for key, place in _mapping(frames, "frames").items():
         names.add(key, place)
-    closed = names.closures([*_several(closures, "closures"), *tree.mimics])
+    closed = names.closures([*_several(closures, "closures"), *mimics])
     sprung = [replace(s, frames=names.named(s.frames, s.name))
               for s in _all(springs, Spring, "springs")]
     resolved = [replace(p, axis=names.named(p.axis, p.name))
                 for p in _all(passives, Passive, "passives")]
     names.put()
-    pairs = dict(zip(list(tree.model.names)[1:], tree.pairs, strict=True))
-    driven = drivers_of_tree(pairs, closed) if drivers is None else _drivers(drivers)
+    by_joint = dict(zip(list(model.names)[1:], pairs, strict=True))
+    driven = drivers_of_tree(by_joint, closed) if drivers is None else _drivers(drivers)
     made = Mechanism(
-        name=title, model=tree.model, visual_model=_shapes(visual, tree.model, "visual_model"),
-        collision_model=_shapes(collision, tree.model, "collision_model"), pairs=tree.pairs,
+        name=title, model=model, visual_model=_shapes(visual, model, "visual_model"),
+        collision_model=_shapes(collision, model, "collision_model"), pairs=pairs,
         closures=closed, drivers=driven, springs=tuple(sprung),
-        passives=tuple(resolved), inertias=_inertias(tree.model), frames=names.frames,
+        passives=tuple(resolved), inertias=_inertias(model), frames=names.frames,
         gap=None if gap is None else number_from_zero(gap, "gap"))
     made.characteristic_length  # noqa: B018 - refused here where it is no number
     check_mechanism(made, where)

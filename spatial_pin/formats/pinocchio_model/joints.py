@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -42,23 +41,14 @@ INSTEAD = {
 Recognised = tuple[str, pin.JointModel]
 
 
-@dataclass(frozen=True, eq=False)
-class PairTree:
-    """A tree of pairs.
-
-    Attributes:
-        model: the Pinocchio model; joints, frames and inertias as they were given.
-        pairs: pair name of every joint, in the order of `model.joints[1:]`.
-        mimics: the couplings of mimicking joints.
-    """
-
-    model: pin.Model
-    pairs: tuple[str, ...]
-    mimics: tuple[Closure, ...]
-
-
-def pair_tree(given: pin.Model, where: str) -> PairTree:
+def pair_tree(
+    given: pin.Model, where: str
+) -> tuple[pin.Model, tuple[str, ...], tuple[Closure, ...]]:
     """Return a model as a tree of pairs; it is not changed.
+
+    Returns:
+        The Pinocchio model, its joints, frames and inertias as they were given; the pair name of
+        every joint, in the order of `model.joints[1:]`; and the couplings of mimicking joints.
 
     Raises:
         SpatialPinError: a joint is no pair, or two have one name, or a number is impossible.
@@ -90,7 +80,7 @@ def pair_tree(given: pin.Model, where: str) -> PairTree:
                 ratio=float(given.joints[i].extract().scaling),
                 offset=float(given.joints[i].extract().offset))
         for i, j in mimicking.items())
-    return PairTree(new, tuple(pairs), mimics)
+    return new, tuple(pairs), mimics
 
 
 def check_placement(placement: pin.SE3, what: str) -> None:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from spatial_pin.view.scene.anatomy import Signal
     from spatial_pin.view.scene.look import Look
     from spatial_pin.view.scene.meshcat_commands import Scene
-    from spatial_pin.view.scene.stage import Entry, Label
+    from spatial_pin.view.scene.stage import Entry
 
 # What the page runs once it is unpacked, in this order: each may use what stands before it, and
 # functions of all.
@@ -85,12 +85,6 @@ def _rows(readings: tuple[Reading, ...]) -> list[dict[str, Any]]:
     return [{**r._asdict(), "values": np.round(r.values, r.digits + 2).tolist()} for r in readings]
 
 
-def _labels(labels: tuple[Label, ...], framing: Framing) -> list[dict[str, Any]]:
-    """Return words and where they stand in the scaled scene."""
-    places = [((label.point - framing.centre) / framing.radius).tolist() for label in labels]
-    return [{"text": label.text, "at": p} for label, p in zip(labels, places, strict=True)]
-
-
 def _signals(found: Sequence[Signal]) -> dict[str, Any]:
     """Return the numbers that the page can tell and draw, and what they are."""
     data = [np.asarray(signal.values, "<f4").tobytes() for signal in found]
@@ -119,13 +113,14 @@ def _data(
         "joints": joint_paths(mechanism.model),
         **anatomy(mechanism),
         "signals": _signals(found),
-        "extent": np.round((drawn.extent - framing.centre) / framing.radius, 4).tolist(),
+        "extent": np.round(framing.scaled(drawn.extent), 4).tolist(),
         "curves": curves,
         "seconds": np.round(shown.seconds, 6).tolist(),
         "readings": _rows(shown.readings),
         "alarms": _rows(drawn.layer.alarms),
         "marks": [mark._asdict() for mark in shown.marks],
-        "labels": _labels(drawn.layer.labels, drawn.framing),
+        "labels": [{"text": label.text, "at": framing.scaled(label.point).tolist()}
+                   for label in drawn.layer.labels],
         "aspect": ASPECT,
     }
     return json.dumps(data, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")

@@ -15,7 +15,6 @@ from importlib.resources import files
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from spatial_pin.assembly.held_start import starting_state
 from spatial_pin.assembly.state import State
@@ -99,6 +98,8 @@ class Desk:
     def __init__(
         self, drive: Drive, outputs: tuple[str, ...], curves: tuple[str, ...] = ()
     ) -> None:
+        from spatial_pin.view.scene.meshcat_commands import joint_paths
+
         self.drive = drive
         self.outputs, self.curves = outputs, curves
         self._start = drive.state
@@ -108,7 +109,8 @@ class Desk:
         reaches = self.reaches()
         self.dials = {name: _dial(drive, name, reach) for name, reach in reaches.items()}
         self.film = _film(drive, reaches)
-        self.paths = _paths_of_joints(drive.mechanism.model)
+        paths = enumerate(joint_paths(drive.mechanism.model))
+        self.paths = {path: joint for joint, path in paths if joint}
         self.says()
 
     def reaches(self) -> dict[str, Reach]:
@@ -293,12 +295,6 @@ def _force_words(told: Told, name: str) -> str:
         numbers = ", ".join(f"{x:z.4g}" for x in np.atleast_1d(values[0])).replace("-", "−")
         words.append(f"{label} = {f'({numbers})' if values.ndim > 1 else numbers} {unit}")
     return "; ".join(words)
-
-
-def _paths_of_joints(model: pin.Model) -> dict[str, int]:
-    from spatial_pin.view.scene.meshcat_commands import joint_paths
-
-    return {path: j for j, path in enumerate(joint_paths(model)) if j}
 
 
 def _numbers(track: Track) -> list[float]:

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from spatial_pin.dynamics.kinetostatics import Kinetostatics
 from spatial_pin.mechanism.coordinates import coordinates_of
@@ -86,8 +85,13 @@ def signals(film: Film, loads: Kinetostatics | None = None) -> list[Signal]:
         loads: forces of its whole motion, if they are known.
     """
     found = list(_of_coordinates(film))
-    if loads is not None:
-        found += _of_reactions(loads, film.rows)
+    if loads is None:
+        return found
+    for name, wrench in loads.reactions.items():
+        for (what, unit, part), mark in zip(FORCES, loads.marks(name), strict=True):
+            one = f"{name}.reaction {what}{', one of many' if mark else ''}"
+            size = np.linalg.norm(wrench[film.rows, part], axis=1)
+            found.append(Signal(one, unit, name, what, size))
     return found
 
 
@@ -99,10 +103,3 @@ def _of_coordinates(film: Film) -> Iterator[Signal]:
         yield Signal(name, told[1], c.joint, "value", told[0])
         if isinstance(source, Motion):
             yield Signal(f"{name}.rate", source.rate_unit(c.unit), c.joint, "rate", rate)
-
-
-def _of_reactions(loads: Kinetostatics, rows: NDArray[np.intp]) -> Iterator[Signal]:
-    for name, wrench in loads.reactions.items():
-        for (what, unit, part), mark in zip(FORCES, loads.marks(name), strict=True):
-            one = f"{name}.reaction {what}{', one of many' if mark else ''}"
-            yield Signal(one, unit, name, what, np.linalg.norm(wrench[rows, part], axis=1))

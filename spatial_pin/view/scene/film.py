@@ -220,13 +220,6 @@ def driver_readings(state: State) -> tuple[Reading, ...]:
     )
 
 
-def _of_state(state: State) -> Film:
-    """Return the film of one sample, with the values of its drivers."""
-    q, now = np.asarray(state.q, float)[None], np.zeros(1)
-    error, rows = float(state.closure_error), np.zeros(1, dtype=np.intp)
-    return Film(state.mechanism, q, now, driver_readings(state), error, (), state, rows)
-
-
 def _marks(motion: Motion, seconds: Array) -> tuple[Mark, ...]:
     """Return when the events of a motion are shown: between samples, as far as the driver is."""
     marks = []
@@ -317,7 +310,10 @@ def film(motion_or_state: Motion | State) -> Film:
     if not hasattr(motion_or_state, "q"):
         raise SpatialPinError(not_shown(motion_or_state))
     if np.ndim(motion_or_state.q) == 1:
-        return _of_state(motion_or_state)  # type: ignore[arg-type]
+        state: State = motion_or_state  # type: ignore[assignment]
+        q, now = np.asarray(state.q, float)[None], np.zeros(1)
+        error, rows = float(state.closure_error), np.zeros(1, dtype=np.intp)
+        return Film(state.mechanism, q, now, driver_readings(state), error, (), state, rows)
     motion: Motion = motion_or_state  # type: ignore[assignment]
     if len(motion.q) == 0:
         raise ValueError("the motion has no samples: there is nothing to show")

@@ -35,6 +35,10 @@ class Framing(NamedTuple):
     camera: Array
     cell: float
 
+    def scaled(self, points: Array) -> Array:
+        """Return where points (..., 3) [m] stand in the scene, whose radius is 1."""
+        return (points - self.centre) / self.radius
+
 
 def rotate(quaternion: Array, v: Array) -> Array:
     """Return vectors v (..., 3) turned by unit quaternions (..., 4), x y z w."""

@@ -54,22 +54,6 @@ class Lathe(mg.Geometry):
                 "segments": self.segments}
 
 
-def _box(shape: Any, size: float) -> Solid:
-    return Solid(mg.Box([float(x) for x in 2 * shape.halfSide]))
-
-
-def _sphere(shape: Any, size: float) -> Solid:
-    return Solid(mg.Sphere(shape.radius))
-
-
-def _ellipsoid(shape: Any, size: float) -> Solid:
-    return Solid(mg.Sphere(1.0), np.diag([*shape.radii, 1.0]))
-
-
-def _cylinder(shape: Any, size: float) -> Solid:
-    return Solid(mg.Cylinder(2 * shape.halfLength, shape.radius), Y_TO_Z)
-
-
 def _cone(shape: Any, size: float) -> Solid:
     geometry = mg.Cylinder(2 * shape.halfLength, radiusTop=0.0, radiusBottom=shape.radius)
     return Solid(geometry, Y_TO_Z)
@@ -118,10 +102,11 @@ def _octree(shape: Any, size: float) -> Solid:
 
 
 SOLIDS: dict[type, Callable[[Any, float], Solid | None]] = {
-    coal.Box: _box,
-    coal.Sphere: _sphere,
-    coal.Ellipsoid: _ellipsoid,
-    coal.Cylinder: _cylinder,
+    coal.Box: lambda shape, size: Solid(mg.Box([float(x) for x in 2 * shape.halfSide])),
+    coal.Sphere: lambda shape, size: Solid(mg.Sphere(shape.radius)),
+    coal.Ellipsoid: lambda shape, size: Solid(mg.Sphere(1.0), np.diag([*shape.radii, 1.0])),
+    coal.Cylinder: lambda shape, size: Solid(
+        mg.Cylinder(2 * shape.halfLength, shape.radius), Y_TO_Z),
     coal.Cone: _cone,
     coal.Capsule: _capsule,
     coal.Plane: _plane,

@@ -134,16 +134,13 @@ def beside(stage: Stage, shown: tuple[State | Motion, ...], direction: Array) ->
     items = [_shifted(item, step) for other, step in zip(others, steps[1:], strict=True)
              for item in other.items]
     placed = [points + step for points, step in zip(corners, steps, strict=True)]
-    names = [_first_words(stage), *(other.words for other in others)]
+    source = stage.film.source
+    first = words(source) if isinstance(source, State) else "the motion"
+    names = [first, *(other.words for other in others)]
     labels = [
         Label(name, _foot(points, direction)) for name, points in zip(names, placed, strict=True)
     ]
     return Layer(tuple(items), np.concatenate(placed), labels=tuple(labels))
-
-
-def _first_words(stage: Stage) -> str:
-    source = stage.film.source
-    return words(source) if isinstance(source, State) else "the motion"
 
 
 def _foot(points: Array, direction: Array) -> Array:
