@@ -235,6 +235,10 @@ def evaluated(mechanism: Mechanism, q: Array, angles: Array | float = 0.0) -> Ev
     return found
 
 
+def _evaluation(mechanism: Mechanism) -> Evaluation:
+    return Evaluation(constraints_of(mechanism))
+
+
 class evaluation_of(acquired["Evaluation"]):  # with evaluation_of(...) as evaluation
     """Acquire an `Evaluation` of a mechanism, its screws counting turns from some angles.
 
@@ -244,7 +248,7 @@ class evaluation_of(acquired["Evaluation"]):  # with evaluation_of(...) as evalu
     """
 
     def __init__(self, mechanism: Mechanism, angles: Array | float = 0.0) -> None:
-        super().__init__(mechanism, "evaluation", lambda: Evaluation(constraints_of(mechanism)))
+        super().__init__(mechanism, _evaluation)
         self._angles = angles
 
     def __enter__(self) -> Evaluation:

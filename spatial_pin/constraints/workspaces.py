@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, TypeVarTuple
 
 from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
 
 Workspace = TypeVar("Workspace")
+More = TypeVarTuple("More")
 
 
 class acquired(Generic[Workspace]):  # with acquired(...) as workspace
@@ -18,20 +19,22 @@ class acquired(Generic[Workspace]):  # with acquired(...) as workspace
 
     Args:
         mechanism: whose pool it is.
-        key: what it is for.
-        make: makes one when the pool has none.
+        make: makes one of the mechanism, and of hashable arguments, when the pool has none.
+        more: these.
     """
 
-    def __init__(self, mechanism: Mechanism, key: Hashable, make: Callable[[], Workspace]) -> None:
-        self._idle: list[Workspace] = _pool(mechanism, key)
-        self._make = make
+    def __init__(
+        self, mechanism: Mechanism, make: Callable[[Mechanism, *More], Workspace], *more: *More
+    ) -> None:
+        self._idle: list[Workspace] = _pool(mechanism, make, *more)
+        self._mechanism, self._make, self._more = mechanism, make, more
 
     def __enter__(self) -> Workspace:
         """Return the workspace."""
         try:
             self._acquired = self._idle.pop()
         except IndexError:
-            self._acquired = self._make()
+            self._acquired = self._make(self._mechanism, *self._more)
         return self._acquired
 
     def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
@@ -41,6 +44,6 @@ class acquired(Generic[Workspace]):  # with acquired(...) as workspace
 
 
 @made_once
-def _pool(mechanism: Mechanism, key: Hashable) -> list[Any]:
+def _pool(mechanism: Mechanism, *kind: Hashable) -> list[Any]:
     """Return the workspaces of a kind that nobody uses."""
     return []

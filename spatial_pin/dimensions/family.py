@@ -159,8 +159,7 @@ class Family:
         self, members: Members, q: Array, angles: Array, with_jacobian: bool = True
     ) -> Bodies:
         """Evaluate m of them at configurations q (m, nq), screws counting from angles."""
-        with acquired(self.mechanism, "dimension evaluator",
-                      lambda: DimensionEvaluator(self.mechanism)) as evaluator:
+        with acquired(self.mechanism, DimensionEvaluator) as evaluator:
             found = evaluator.evaluate(q, angles, members.numbers, with_jacobian)
         scale = self.mechanism.velocity_scale
         return Bodies(self.mechanism, members, q, found.residual, found.angles, found.jacobian,

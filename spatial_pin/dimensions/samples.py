@@ -136,8 +136,7 @@ class Samples:
         self, start: ClosedSamples, numbers: Numbers, rates: Array | None, system: _System
     ) -> ClosedSamples:
         """Close samples from where others are."""
-        with acquired(self.mechanism, "dimension closer",
-                  lambda: DimensionCloser(self.mechanism)) as closer:
+        with acquired(self.mechanism, DimensionCloser) as closer:
             closer.set_system(*system)
             return closer.close(
                 start.q, start.angles, numbers, self._numbers.joints, rates,

@@ -354,8 +354,7 @@ class Closer:
 
 def closer_of(mechanism: Mechanism, pinned: Iterable[str] = ()) -> acquired[Closer]:
     """Acquire a closer of a mechanism with some coordinates pinned, in its initial state."""
-    names = tuple(pinned)
-    return acquired(mechanism, ("closer", names), lambda: Closer(mechanism, names))
+    return acquired(mechanism, Closer, tuple(pinned))
 
 
 def _rotations(mechanism: Mechanism) -> Iterator[tuple[int, int]]:

@@ -157,4 +157,4 @@ def check(code: int) -> None:
 
 def kernel_of(mechanism: Mechanism) -> acquired[Kernel]:
     """Acquire a kernel of a mechanism, as if newly made."""
-    return acquired(mechanism, "kernel", lambda: Kernel(mechanism))
+    return acquired(mechanism, Kernel)

@@ -39,8 +39,7 @@ def step_beside(
         rows: independent closure equations at q.
         freedoms: (k, nv) orthonormal scaled velocities that they leave.
     """
-    with acquired(mechanism, "kernel without idle rotations",
-                  lambda: Kernel(mechanism, packed(mechanism, idle=False))) as kernel:
+    with acquired(mechanism, _without_idle_rotations) as kernel:
         q, reference = numbers(q, (kernel.nq,)), numbers(reference, (kernel.n_angles,))
         freedoms = numbers(freedoms, (len(freedoms), kernel.nv))
         chosen: NDArray[Any] = np.ascontiguousarray(rows, np.int64)
@@ -51,3 +50,7 @@ def step_beside(
     if code == BAD_ARRAYS:
         check(code)
     return Beside(there, code == DONE) if code in (DONE, UNSAFE) else None
+
+
+def _without_idle_rotations(mechanism: Mechanism) -> Kernel:
+    return Kernel(mechanism, packed(mechanism, idle=False))

@@ -154,5 +154,5 @@ def equations_of(mechanism: Mechanism) -> Iterator[Equations]:
 
     They choose everything anew at every State.
     """
-    with acquired(mechanism, "equations", lambda: Equations(mechanism)) as equations:
+    with acquired(mechanism, Equations) as equations:
         yield equations
