@@ -3,6 +3,7 @@
 A `pin.Data` takes memory with the cube of the number of freedoms (4 GB for 400), and some of its
 algorithms time with the square. Branches that meet only at the ground do not depend on each
 other, so a model is made of every few of them. Results are those of the whole model, in its order.
+Where a single branch is that large, the kernel moves the tree.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin.constraints.kernel_tree import KernelTree, Placed
 from spatial_pin.constraints.pinocchio_views import (
     accelerations,
     forces,
@@ -22,7 +24,7 @@ from spatial_pin.constraints.pinocchio_views import (
     placements,
     twists,
 )
-from spatial_pin.mechanism.inertia import MassMatrix
+from spatial_pin.mechanism.inertia import MassMatrix, depth_first, part_of
 from spatial_pin.numerics.linalg import Array
 
 FREEDOMS = 32  # of a subtree, at least, if there are so many branches
@@ -33,6 +35,12 @@ BRANCHES = 4  # at the ground, from which on each subtree is small beside the tr
 def is_large(model: pin.Model) -> bool:
     """Whether a tree is better evaluated one subtree at a time."""
     return model.nv >= WHOLE and len(model.children[0]) >= BRANCHES
+
+
+def is_long(model: pin.Model) -> bool:
+    """Whether a branch of a tree is too large for a `pin.Data`."""
+    return model.nv > WHOLE and any(
+        sum(model.nvs[i] for i in model.subtrees[root]) > WHOLE for root in model.children[0])
 
 
 class Tree:
@@ -63,17 +71,6 @@ class Tree:
         pin.forwardKinematics(self.model, self.data, q, v, a)
 
 
-class _Placed:
-    """Placements (njoints, 4, 3) as `pin.Data.oMi` has them, each made when it is asked for."""
-
-    def __init__(self, found: Array) -> None:
-        self._found = found
-
-    def __getitem__(self, joint: int) -> pin.SE3:
-        at = self._found[joint]
-        return pin.SE3(at[:3].T, at[3])
-
-
 class TreeOfSubtrees:
     """`Tree` of a large tree, evaluated one subtree at a time.
 
@@ -88,7 +85,7 @@ class TreeOfSubtrees:
         self.placements[0, :3] = np.eye(3)
         self.columns = np.zeros((6, model.nv))
         self.twists, self.accelerations = np.zeros((2, model.njoints, 6))
-        self.data = SimpleNamespace(J=self.columns, oMi=_Placed(self.placements))
+        self.data = SimpleNamespace(J=self.columns, oMi=Placed(self.placements))
 
     def place(self, q: Array) -> None:
         """Set `placements` and `columns` at the configuration q (nq,)."""
@@ -116,8 +113,10 @@ class TreeOfSubtrees:
             self.twists[p.joints], self.accelerations[p.joints] = p.twists, p.accelerations
 
 
-def tree_of(model: pin.Model) -> Tree | TreeOfSubtrees:
+def tree_of(model: pin.Model) -> Tree | TreeOfSubtrees | KernelTree:
     """Return what places and moves the bodies of a tree."""
+    if is_long(model):
+        return KernelTree(model)
     return TreeOfSubtrees(model) if is_large(model) else Tree(model)
 
 
@@ -151,7 +150,7 @@ def parts_of(model: pin.Model) -> list[Subtree]:
     """Return the subtrees of a large model, or a small one as one subtree."""
     if is_large(model):
         return subtrees_of(model)
-    return [_subtree(model, list(range(1, model.njoints)))] if model.njoints > 1 else []
+    return [_subtree(model, depth_first(model))] if model.njoints > 1 else []
 
 
 def subtrees_of(model: pin.Model) -> list[Subtree]:
@@ -165,24 +164,17 @@ def subtrees_of(model: pin.Model) -> list[Subtree]:
         branch = [int(i) for i in model.subtrees[root]]
         groups[-1] += branch
         size += sum(model.nvs[i] for i in branch)
-    return [_subtree(model, sorted(group)) for group in groups if group]
+    order = depth_first(model)
+    return [_subtree(model, [i for i in order if i in group])
+            for group in map(set, groups) if group]
 
 
 def _subtree(whole: pin.Model, joints: list[int]) -> Subtree:
-    model = pin.Model()
-    model.gravity = whole.gravity
-    own = {0: 0}
-    for i in joints:
-        own[i] = model.addJoint(own[whole.parents[i]], whole.joints[i].extract(),
-                                whole.jointPlacements[i], whole.names[i])
-        model.inertias[own[i]] = whole.inertias[i]
-    v = np.concatenate([np.arange(whole.nvs[i]) + whole.idx_vs[i] for i in joints])
-    model.armature = whole.armature[v]
+    model, q, v = part_of(whole, joints)
     data = model.createData()
-    q = np.concatenate([np.arange(whole.nqs[i]) + whole.idx_qs[i] for i in joints])
     return Subtree(model, data, np.array(joints), q, v, MassMatrix(model), related(model),
-                 placements(data)[1:], twists(data)[1:], accelerations(data)[1:], forces(data)[1:],
-                 joint_jacobian(data, model.nv))
+                   placements(data)[1:], twists(data)[1:], accelerations(data)[1:],
+                   forces(data)[1:], joint_jacobian(data, model.nv))
 
 
 def related(model: pin.Model) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

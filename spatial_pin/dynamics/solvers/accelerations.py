@@ -1,6 +1,7 @@
 """Accelerations under forces: one ladder of solvers, tried in order until one is accurate.
 
-1. The KKT system, its independent equations and scaling chosen at the state (`kernel.kkt`).
+1. The KKT system, its independent equations and scaling chosen at the state (`kernel.kkt`), joints
+   that no loop is built on eliminated before (`limbs`): an open tree has no KKT system.
 2. Gauss's least constraint in independent coordinates, where round-off of the first may matter:
    near singular configurations of the loops, and where masses differ much or are zero.
 3. An error that says why, where no digit is left or forces do not determine the motion.
@@ -16,8 +17,10 @@ from typing import NamedTuple
 import numpy as np
 
 from spatial_pin.assembly.state import State
+from spatial_pin.constraints.trees import is_long
 from spatial_pin.dynamics.solvers.independent_coordinates import IndependentCoordinates
 from spatial_pin.dynamics.solvers.least_constraint import Least, LeastConstraint
+from spatial_pin.dynamics.solvers.limbs import Limbs
 from spatial_pin.dynamics.solvers.loops import Loops
 from spatial_pin.errors import SingularError
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -36,13 +39,11 @@ class Solution(NamedTuple):
         a: (nv,) joint accelerations.
         closures: (nv,) joint forces of the closures, J^T multipliers.
         error: estimated round-off of a, relative to its size.
-        undetermined: coordinates of motions without inertia, whose accelerations are the least.
     """
 
     a: Array
     closures: Array
     error: float
-    undetermined: tuple[str, ...] = ()
 
 
 class MotionEquations(Loops):
@@ -50,7 +51,13 @@ class MotionEquations(Loops):
 
     Mass matrix M and centrifugal, Coriolis and gravity forces b are Pinocchio's, J and gamma those
     of the closure equations.
+
+    Attributes:
+        undetermined: coordinates of motions without inertia, whose last accelerations are the
+            least ones.
     """
+
+    undetermined: tuple[str, ...] = ()
 
     def solve(self, given: Array) -> Solution:
         """Return the accelerations under joint forces f (nv,) at the State of the last `place`.
@@ -58,6 +65,9 @@ class MotionEquations(Loops):
         Raises:
             SingularError: a freedom has no inertia, or the loops have lost rank.
         """
+        self.undetermined = ()
+        if self.limbs.exist and self._by_limbs(given):
+            return Solution(self.limbs.a.copy(), self._borne_by_core(), self.limbs.error)
         state, kkt = self.state, self.kkt
         needed = self.bodies.needed(state.q, state.v)
         a = self.by_kkt(state.q, state.v, self.angle_reference, given, needed).copy()
@@ -69,8 +79,8 @@ class MotionEquations(Loops):
         if not (kkt.pivot < TOLERANCES.zero or found.error < error):
             return Solution(a, closures, error)
         self._refuse(found)
-        return Solution(found.a, self.bodies.needed(state.q, state.v, found.a) - given, found.error,
-                        tuple(self.moving(self._still(found))))
+        self.undetermined = tuple(self.moving(self._still(found)))
+        return Solution(found.a, self.bodies.needed(state.q, state.v, found.a) - given, found.error)
 
     def by_kkt(self, q: Array, v: Array, reference: Array, given: Array, needed: Array) -> Array:
         """Return accelerations (nv,) from the KKT system; the next call overwrites them.
@@ -84,6 +94,31 @@ class MotionEquations(Loops):
         """
         self.kkt.mass[:] = self.bodies.masses(q)
         return self.kkt.accelerations(q, v, reference, given, needed)
+
+    @cached_property
+    def limbs(self) -> Limbs:
+        """What no loop is built on."""
+        return Limbs(self.mechanism)
+
+    def _by_limbs(self, given: Array) -> bool:
+        """Solve by `Limbs`; False where that is not accurate enough.
+
+        Raises:
+            SingularError: the loops have lost rank.
+        """
+        limbs = self.limbs
+        if not limbs.solve(self.state, self.angle_reference, given):
+            return False
+        if limbs.kkt is not None:
+            self.check_rank(limbs.kkt.rank)
+            if self._is_large and not limbs.kkt.pivot >= TOLERANCES.rank:
+                return False
+        return self._is_large or is_long(self.model) or limbs.error <= DOUBTFUL
+
+    def _borne_by_core(self) -> Array:
+        """Return the joint forces (nv,) of the closures, as `Limbs` found them."""
+        kkt = self.limbs.kkt
+        return np.zeros(self.model.nv) if kkt is None else kkt.closures.copy()
 
     @property
     def _is_sure(self) -> bool:
