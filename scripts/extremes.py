@@ -1,7 +1,8 @@
 """What holds at the extremes, what degrades, and how it says so.
 
 Every row is an extreme: its worst error against 50 digits (mpmath: closed forms, or Newton on the
-loop equations), with the bound that `tests/accuracy/test_extremes.py` holds it to; or the error it raises.
+loop equations), with the bound that `tests/accuracy/test_extremes.py` holds it to; or the
+error it raises.
 
     python scripts/extremes.py                # a table for the terminal, with what was measured
     python scripts/extremes.py --markdown     # the table of docs/extremes.md: bounds only

@@ -17,6 +17,7 @@ Example:
     (361,)
 """
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -324,6 +325,9 @@ __all__ = [
     "workspace",
 ]
 
+
+# so that `from spatial_pin.closures import spherical` works as `sp.closures.spherical` does
+sys.modules.update({f"{__name__}.closures": closures, f"{__name__}.laws": laws})
 
 # commands of `spatial-pin` that are called otherwise here
 _COMMANDS = {

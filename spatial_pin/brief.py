@@ -9,7 +9,7 @@ import numpy as np
 
 ONE_BY_ONE = 6  # numbers that are shown one by one: a wrench
 LONGEST_TEXT = 60  # characters of a text that are shown
-MOST = 4  # entries of a mapping, or of a list of plain values, that are shown
+MOST_SHOWN = 4  # entries of a mapping, or of a list of plain values, that are shown
 
 
 def brief(shown: object, **units: str) -> str:
@@ -33,7 +33,7 @@ def counted(number: int, noun: str) -> str:
 def first_names(names: Iterable[str]) -> str:
     """Return the first of many names, and how many there are besides."""
     every = list(names)
-    return ", ".join(every[:MOST]) + _rest(every) if every else "none"
+    return ", ".join(every[:MOST_SHOWN]) + _rest(every) if every else "none"
 
 
 def words(value: Any, unit: str = "") -> str:
@@ -49,19 +49,19 @@ def _words(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, Mapping):
-        shown = [f"{key}: {_words(x)}" for key, x in list(value.items())[:MOST]]
+        shown = [f"{key}: {_words(x)}" for key, x in list(value.items())[:MOST_SHOWN]]
         return f"{{{', '.join(shown)}{_rest(value)}}}"
     if isinstance(value, tuple | list) and not hasattr(value, "_fields"):
-        plain_values = all(isinstance(x, str | int | float) for x in value[:MOST])
+        plain_values = all(isinstance(x, str | int | float) for x in value[:MOST_SHOWN])
         if not plain_values:
             return f"{len(value)} of {type(value[0]).__name__}"
-        return f"[{', '.join(map(_words, value[:MOST]))}{_rest(value)}]"
+        return f"[{', '.join(map(_words, value[:MOST_SHOWN]))}{_rest(value)}]"
     text = repr(value)
     return text if len(text) <= LONGEST_TEXT and "\n" not in text else _cut(value, text)
 
 
 def _rest(values: Mapping[str, Any] | tuple[Any, ...] | list[Any]) -> str:
-    more = len(values) - MOST
+    more = len(values) - MOST_SHOWN
     return f", and {more} more" if more > 0 else ""
 
 

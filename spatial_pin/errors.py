@@ -15,6 +15,9 @@ if TYPE_CHECKING:  # errors keep a State or a Motion, and use nothing of them
     import spatial_pin as sp
 
 
+LONG_LIST = 40  # names, beyond which those that differ in their endings are told together
+
+
 class SpatialPinError(Exception):
     """Base of every error this library raises about a mechanism.
 
@@ -227,11 +230,15 @@ class ReachError(SpatialPinError):
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C while a motion was followed, or gone through: `except KeyboardInterrupt` catches it.
+    """Ctrl-C while something was found, with what was found: `except KeyboardInterrupt` catches it.
+
+    Every verb that takes long raises it; a plain KeyboardInterrupt where nothing was found yet.
 
     Attributes:
-        motion: as far as it was gone until then; of a simulation a Simulation.
-        found: what `kinetostatics` or `sensitivity` found along it; None of others.
+        motion: as far as it was followed, or gone through, until then; of a simulation a
+            Simulation. None where there is none, as in a search.
+        result: what the verb would have returned, as far as it was found until then; of verbs that
+            return a motion this motion. Its `is_whole`, where it has one, is False.
 
     Example:
         >>> try:
@@ -240,15 +247,42 @@ class Interrupted(KeyboardInterrupt):
         ...     motion = stopped.motion
         >>> len(motion)
         1000
+        >>> sp.Interrupted(motion).found is motion  # another word for its result
+        True
     """
 
-    def __init__(self, motion: sp.Motion, found: Any = None) -> None:
-        super().__init__(f"after {len(motion)} samples")
-        self.motion, self.found = motion, found
+    def __init__(self, motion: sp.Motion | None, result: Any = None) -> None:
+        super().__init__(f"after {len(motion)} samples" if motion is not None
+                         else "before the result was whole")
+        self.motion = motion
+        self.result: Any = motion if result is None else result
+
+    @property
+    def found(self) -> Any:
+        """Another word for `result`."""
+        return self.result
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Make it anew from its parts."""
-        return type(self), (self.motion, self.found)
+        return type(self), (self.motion, self.result)
+
+    def __repr__(self) -> str:
+        return f"Interrupted({self}; not whole: {self.result!r})"
+
+
+def unless_cut(result: Any, motion: sp.Motion | None = None) -> Any:
+    """Return a result that is whole.
+
+    Args:
+        result: it has an attribute `is_whole`.
+        motion: that it was found along, if it was.
+
+    Raises:
+        Interrupted: Ctrl-C has cut it short; has what was found until then.
+    """
+    if not result.is_whole:
+        raise Interrupted(motion, result)
+    return result
 
 
 class SingularError(SpatialPinError):
@@ -358,10 +392,29 @@ class ClosureTypeError(SpatialPinError):
 
 
 def suggestion(name: str, valid: Iterable[str]) -> str:
-    """Return "did you mean 'x'?" for the nearest valid name, else the list of names."""
+    """Return "did you mean 'x'?" for the nearest valid name, else all names."""
     names = list(dict.fromkeys(valid))
     near = difflib.get_close_matches(str(name), names, n=1, cutoff=0.6)
     if near:
         return f"did you mean {near[0]!r}?"
-    shown = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
-    return f"there are: {shown or 'none'}"
+    return f"there are: {', '.join(_together(names)) or 'none'}"
+
+
+def _together(names: list[str]) -> Iterator[str]:
+    """Yield all names, those of many things that have the same endings together."""
+    if len(names) <= LONG_LIST:
+        yield from names
+        return
+    endings: dict[str, list[str]] = {}
+    for name in names:
+        stem, dot, ending = name.rpartition(".")
+        endings.setdefault(stem if dot else name, []).append(dot + ending if dot else "")
+    stems: dict[tuple[str, ...], list[str]] = {}
+    for stem, found in endings.items():
+        stems.setdefault(tuple(found), []).append(stem)
+    for ends, alike in stems.items():
+        if len(ends) == 1:
+            yield from (stem + ends[0] for stem in alike)
+        else:
+            also = "also " * ("" in ends)
+            yield f"{', '.join(alike)} (each {also}with {', '.join(filter(None, ends))})"

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LONGEST_SUFFIX = 16  # of a name that tells a writer the format
+FORMULA = ("=", "+", "-", "@")  # how formulas of a spreadsheet begin
+QUOTE = "'"  # before a text that is none, in a table
 
 
 def named_path(path: object) -> Path:
@@ -130,10 +132,29 @@ def write_columns(path: Path, table: Mapping[str, Any]) -> Path:
 
 
 def write_csv(file: TextIO, table: Mapping[str, Any], line_end: str) -> None:
-    """Write named columns of equal length to an open file, with all digits."""
+    """Write named columns of equal length to an open file, with all digits.
+
+    Names that a spreadsheet would take for formulas are written as text, behind a quote.
+    """
     writer = csv.writer(file, lineterminator=line_end)
-    writer.writerow(table)
-    writer.writerows(zip(*(c.tolist() for c in table.values()), strict=True))
+    writer.writerow(map(_as_text, table))
+    writer.writerows(zip(*(map(_as_text, c.tolist()) for c in table.values()), strict=True))
+
+
+def _as_text(cell: Any) -> Any:
+    """Return a cell that is no formula; a number, or a text that is one, stays as it is."""
+    if not isinstance(cell, str) or not cell.startswith(FORMULA) or len(cell) == 1:
+        return cell
+    try:
+        float(cell)
+    except ValueError:
+        return f"{QUOTE}{cell}"
+    return cell
+
+
+def plain_text(cell: str) -> str:
+    """Return a cell of a table as it was before it was written as text and no formula."""
+    return cell[1:] if cell.startswith(tuple(QUOTE + x for x in FORMULA)) else cell
 
 
 def write_bytes(path: Path, content: bytes | memoryview) -> Path:

@@ -8,19 +8,29 @@ from collections.abc import Sequence
 
 import hypothesis
 import pytest
+from chromium import one_browser  # noqa: F401 - a fixture
 from folders import ROOT
+from work_tree import pytest_sessionfinish, pytest_sessionstart
 
 from spatial_pin.cli import main
+
+__all__ = ["pytest_sessionfinish", "pytest_sessionstart"]  # a run that leaves files fails
 
 # No test depends on time, or on what was drawn or kept before.
 hypothesis.settings.register_profile(
     "always the same", deadline=None, derandomize=True, database=None)
-hypothesis.settings.load_profile("always the same")
+hypothesis.settings.register_profile(
+    "few", hypothesis.settings.get_profile("always the same"), max_examples=20)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Let --all add the tests that are marked slow."""
     parser.addoption("--all", action="store_true", help="run the slow tests too")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Draw few examples, unless --all."""
+    hypothesis.settings.load_profile("always the same" if config.option.all else "few")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: Sequence[pytest.Item]) -> None:

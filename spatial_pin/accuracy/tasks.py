@@ -121,7 +121,7 @@ def task_of(mechanism: Mechanism, task: Mapping[str, Any] | str | Motion | None)
         UnknownNameError: the task has an argument that neither verb has.
     """
     needed(mechanism)
-    mechanism = as_meant(mechanism, Accuracy().gap)
+    mechanism = as_meant(mechanism)
     if task is None:
         task = "sweep"
     if isinstance(task, str):

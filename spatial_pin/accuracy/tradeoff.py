@@ -22,7 +22,7 @@ from spatial_pin.accuracy.reference import (
 from spatial_pin.accuracy.tasks import SweepTask, Task, task_of
 from spatial_pin.checks import checked, positive_number, whole_number
 from spatial_pin.dynamics.simulation.simulate import Simulation
-from spatial_pin.errors import SingularError, SpatialPinError
+from spatial_pin.errors import SingularError, SpatialPinError, unless_cut
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.methods import method
 from spatial_pin.motion.motion import Motion
@@ -201,7 +201,7 @@ class Tradeoff:
 
     def __repr__(self) -> str:
         return (f"Tradeoff({self.mechanism!r}, {self.task!r}: {len(self)} settings, "
-                f"{len(self.front)} of them on the front)")
+                f"{len(self.front)} of them on the front{'' if self.is_whole else '; cut short'})")
 
     def __str__(self) -> str:
         return method("Tradeoff.table")(self)
@@ -309,7 +309,7 @@ def tradeoff(
         SpatialPinError: the task cannot be done at all, or the mechanism has no such task.
         TypeError, ValueError: what is given is no task, or a number is out of range.
         UnknownNameError: an argument or name does not exist.
-        KeyboardInterrupt: before a setting was measured; else Ctrl-C ends it, see `is_whole`.
+        Interrupted: after Ctrl-C; `.result` has the settings that were measured until then.
 
     Example:
         >>> mech = sp.load("four_bar")
@@ -351,8 +351,8 @@ def tradeoff(
     found = Tradeoff(mechanism.name, str(doing), doing.kind, tuple(rows), reference.text,
                      reference.error, is_whole)
     flags = pareto([row.time_per_step for row in rows], [found.known_error(row) for row in rows])
-    return replace(found, rows=tuple(replace(row, on_front=flag)
-                                     for row, flag in zip(rows, flags, strict=True)))
+    return unless_cut(replace(found, rows=tuple(
+        replace(row, on_front=flag) for row, flag in zip(rows, flags, strict=True))))
 
 
 def with_reference(task: Task) -> tuple[Task, SweepReference | SimulationReference]:

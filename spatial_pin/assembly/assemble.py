@@ -6,16 +6,17 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from spatial_pin.assembly.rounding import allowed_from, rounded
+from spatial_pin.assembly.rounding import allowed_from, gap_allowed, rounded
 from spatial_pin.assembly.search.closing import Closing, Equations, gone_from
+from spatial_pin.assembly.search.counted_turns import led
 from spatial_pin.assembly.search.guesses import Guess, read_guess
-from spatial_pin.assembly.search.refusals import failure, open_gap
+from spatial_pin.assembly.search.refusals import failure
+from spatial_pin.assembly.search.same_branch import branch_changed
 from spatial_pin.assembly.search.search import Search
 from spatial_pin.assembly.search.straight import straight
 from spatial_pin.assembly.search.within_limits import beyond_words
-from spatial_pin.assembly.state import NO_ANGLES, State, all_angles, made
+from spatial_pin.assembly.state import NO_ANGLES, State, made
 from spatial_pin.checks import checked, mapping
-from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.errors import AssemblyError, warn
 from spatial_pin.mechanism.coordinates import (
     coordinate_value,
@@ -65,19 +66,24 @@ def assemble(
         drivers: values of drivers or coordinates to hold exactly [rad, m].
         guess: values by joint or coordinate as in the mechanism file [rad, m], a State, or q
             (nq,); default the file's guess, and neutral where nothing is said. Whole turns are
-            taken off angles so large that their round-off would open the loops.
+            taken off angles so large that their round-off would open the loops. Where couplings or
+            screws count turns that other loops do not, these are followed from the guess to what is
+            set further off than a quarter of a turn.
         limits: keep the joint limits of the URDF.
         release: let drivers without a value move if the loops cannot close otherwise; False raises
             instead.
         free: names of drivers that move with the loops from the first; not among `released`.
         gap: largest closure error that redundant equations may keep where the file's numbers are
-            rounded [-], default that of `accuracy`; 0 refuses them. A `SpatialPinWarning` tells of
+            rounded [-], default that of the mechanism, else of `accuracy`; 0 refuses them. A
+            `SpatialPinWarning` tells of
             it once, `State.gap` always.
         accuracy: tolerance to reach; default "engineering".
 
     Returns:
         The closed State; its v and a are zero, see `solve_rates`. A `SpatialPinWarning` tells of
-        joint limits that it breaks, as `State.beyond_limits` does.
+        joint limits that it breaks, as `State.beyond_limits` does, and of turns that may be lost,
+        as `State.lost_turns` does; another, where the guess is a State, of loops that are on
+        another branch than there.
 
     Raises:
         AssemblyError: no closed configuration found; keeps the best attempt.
@@ -92,14 +98,17 @@ def assemble(
         >>> state.closure_error < 1e-13
         True
     """
-    if gap is not None:
-        accuracy = replace(accuracy_of(accuracy), gap=gap)
     state = assembled(mechanism, drivers, guess, limits=limits, release=release, free=free,
-                      accuracy=accuracy)
+                      accuracy=accuracy, gap=gap)
     if state.beyond_limits:
         words = "; ".join(beyond_words(mechanism, state.q, name) for name in state.beyond_limits)
         warn(f"mechanism {mechanism.name!r} stands beyond joint limits: {words} "
              "(assemble(limits=True) keeps them)")
+    if isinstance(guess, State) and guess.mechanism is state.mechanism and not state.released:
+        standing = set(mechanism.drivers) - set((free,) if isinstance(free, str) else free)
+        changed = branch_changed(guess, state, [*mapping(drivers, "drivers"), *sorted(standing)])
+        if changed:
+            warn(changed)
     return state
 
 
@@ -112,13 +121,16 @@ def assembled(
     release: bool = True,
     free: Iterable[str] = (),
     accuracy: Accuracy | None = None,
+    gap: float | None = None,
 ) -> State:
     """Do as `assemble`, for verbs whose results tell of joint limits themselves."""
     needed(mechanism)
-    accuracy = accuracy_of(accuracy)
+    accuracy = _with_gap(mechanism, accuracy_of(accuracy), gap)
     if accuracy.gap and isinstance(guess, State) and guess.mechanism.whole is mechanism:
         mechanism = guess.mechanism  # it goes on with the equations that were chosen for it
         accuracy = replace(accuracy, gap=allowed_from(guess, accuracy.gap))
+    elif (exact := rounded(mechanism, accuracy.gap)) is not None:
+        mechanism = exact
     held: dict[str, float] = {}
     for name, value in mapping(drivers, "drivers").items():
         coordinate = mechanism.prescribed_coordinate(name).name
@@ -138,26 +150,28 @@ def assembled(
     standing = said if beginning is None else {
         name: coordinate_value(mechanism, mechanism.coordinate_table[name], start.q)
         for name in said}
-    with Equations(mechanism, guess.angles if isinstance(guess, State) else None) as equations:
-        def searched(accuracy: Accuracy) -> Search:
-            search = Search(Closing(
-                equations, held, standing, start, accuracy), limits)
-            search.run(release=release)
-            if search.best is None and standing and release and not search.is_near:
-                goal = Guess(mechanism, with_values(mechanism, start.q, standing),
-                             {**standing, **start.values})
-                search = Search(Closing(equations, held, {}, goal, accuracy, said), limits)
-                search.run(with_values(mechanism, start.q, held))
-            return search
-
-        search = searched(accuracy)
-        exact = rounded(mechanism, accuracy.gap) if search.may_be_rounded() else None
-        if exact is None:
-            return _result(searched(replace(accuracy, gap=0.0)) if search.is_near else search, said)
-    state = assembled(exact, drivers, guess, limits=limits, release=release, free=free,
-                      accuracy=accuracy)
-    tell(state)
+    start, angles, lost = led(
+        mechanism, held, start, guess.angles if isinstance(guess, State) else None, standing,
+        start.names if isinstance(guess, Mapping) else ())
+    with Equations(mechanism, angles) as equations:
+        search = Search(Closing(equations, held, standing, start, accuracy), limits)
+        search.run(release=release)
+        if search.best is None and standing and release:
+            goal = Guess(mechanism, with_values(mechanism, start.q, standing),
+                         {**standing, **start.values})
+            before = search
+            search = Search(Closing(equations, held, {}, goal, accuracy, said), limits)
+            search.run(with_values(mechanism, start.q, held), before=before)
+        state = _result(search, said, lost)
+    if mechanism.whole is not None:
+        tell(state)
     return state
+
+
+def _with_gap(mechanism: Mechanism, accuracy: Accuracy, gap: float | None) -> Accuracy:
+    """Return the accuracy with the gap that is given, else with that of the mechanism, if any."""
+    gap = gap_allowed(mechanism, accuracy) if gap is None else gap
+    return accuracy if gap == accuracy.gap else replace(accuracy, gap=gap)
 
 
 def tell(state: State) -> None:
@@ -167,11 +181,10 @@ def tell(state: State) -> None:
     if whole.memo.get("gap warned"):
         return
     whole.memo["gap warned"] = True
+    opened = dict(mechanism.kept.opened)
     counts = zip(whole.closures, mechanism.kept.counts(), strict=True)
-    with evaluation_of(whole, all_angles(mechanism, state.angles)) as evaluation:
-        evaluation.update(state.q)
-        texts = [f"{c.n_rows - n} of {c.n_rows} equations of {c.name} hold to "
-                 f"{open_gap(whole, evaluation, c.name)} only" for c, n in counts if n < c.n_rows]
+    texts = [f"{c.n_rows - n} of {c.n_rows} equations of {c.name!r} hold to {opened[c.name]:.0e} "
+             "only" for c, n in counts if n < c.n_rows]
     warn(f"mechanism {whole.name!r}: {'; '.join(texts)}: the file's numbers are rounded "
          "(see State.gap; assemble(gap=0) refuses them)")
 
@@ -247,12 +260,13 @@ def _at_home(
     return {name: home.coordinate(name).value for name in silent}
 
 
-def _result(search: Search, said: Mapping[str, float]) -> State:
+def _result(search: Search, said: Mapping[str, float], lost: tuple[str, ...]) -> State:
     """Return the best closed State of a search.
 
     Args:
         search: which has been run.
         said: where the drivers should stand that were given no value.
+        lost: see `State.lost_turns`.
 
     Raises:
         AssemblyError: it has found none; keeps the best attempt.
@@ -260,7 +274,11 @@ def _result(search: Search, said: Mapping[str, float]) -> State:
     if search.best is None:
         raise failure(search)
     mechanism, q, seen = search.mechanism, search.best[1], search.examined()
+    if lost:
+        warn(f"mechanism {mechanism.name!r}: turns of {', '.join(lost)} may be lost: "
+             "couplings or screws count them, but not the loops between, which cannot be followed "
+             "there from the guess (sweep there, or name what they count in the guess)")
     gone = gone_from(mechanism, q, said) if said else {}
     names = {d.joint: d.name for d in mechanism.drivers.values()} if gone else {}
     return made(mechanism, q, None, None, closure_error=seen.error, angles=seen.angles,
-                released={names[c]: x for c, x in gone.items()})
+                released={names[c]: x for c, x in gone.items()}, lost_turns=lost)

@@ -1,4 +1,4 @@
-"""The first configuration of a motion in which joints stand where a State has them."""
+"""Where a verb starts from: a guess, or the first configuration of a motion with held joints."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.holding import BASE, Hold, held_by
-from spatial_pin.assembly.state import State
+from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.errors import AssemblyError
 from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -15,6 +15,28 @@ from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy
+
+Guess = Mapping[str, Any] | State | Array | None
+
+
+def starting_state(mechanism: Mechanism, guess: Guess, state: Guess = None) -> State:
+    """Return the state that a guess is, or that it is closed to.
+
+    Args:
+        mechanism: the mechanism.
+        guess: as for `assemble`; a State stands as it is.
+        state: another word for it.
+
+    Raises:
+        AssemblyError: the guess does not close.
+        TypeError: both are given.
+    """
+    if guess is not None and state is not None:
+        raise TypeError("guess and state are two words for where to start: give one of them")
+    start = state if guess is None else guess
+    if isinstance(start, State):
+        return of_mechanism(mechanism, start)
+    return assembled(mechanism, {}, start)
 
 
 def held_start(

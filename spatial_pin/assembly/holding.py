@@ -43,8 +43,16 @@ class Held(NamedTuple):
     coordinates: tuple[Coordinate, ...] = ()
 
 
-@made_once
 def free_bases(mechanism: Mechanism) -> tuple[str, ...]:
+    """Return the free bases: of a machine that nothing ties to the ground, what carries it.
+
+    Where all bodies are free, each on a floating joint of its own, none is the base of a machine.
+    """
+    return () if all(pair == "floating" for pair in mechanism.pairs) else untied(mechanism)
+
+
+@made_once
+def untied(mechanism: Mechanism) -> tuple[str, ...]:
     """Return the floating joints that carry, alone, all that hangs together with their link.
 
     Such a link and all that is joined to it can go anywhere as one body. A floating joint whose

@@ -1,15 +1,18 @@
 """Passive freedoms: motions of one link that move nothing else.
 
 One link is what stands together: bodies that drivers hold to each other, and those that closures
-weld, as a rod that was cut in two. A ball, or a universal joint, may be a chain of hinges whose
-axes meet: its links turn as the two that it joins ask for, and nobody looks at them.
+weld, as a rod that was cut in two; also the parts of a rod that slide on each other, as it turns. A
+ball, or a universal joint, may be a chain of hinges whose axes meet: its links turn as the two that
+it joins ask for, and nobody looks at them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
@@ -26,7 +29,8 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 # below what the shortest lever makes that files with six digits have.
 RESTING = 1e-8
 WELDS = ("weld", "fixed")
-HINGES = ("revolute", "universal")  # pairs that a chain is made of
+SLIDES, POINTS = ("prismatic", "cylindrical"), ("spherical", "distance")
+HINGES = {"revolute": 1, "universal": 2}  # pairs that a chain is made of, and their axes
 # Mass of a link of a chain, at most, relative to the heaviest body: what files give links that are
 # there for their joint only, a gram in a ton.
 WITHOUT_MASS = 1e-6
@@ -91,6 +95,18 @@ def _pairs(mechanism: Mechanism) -> list[tuple[int, int]]:
 # ---------------------------------------------------------------- links of chains
 
 
+class Ball(NamedTuple):
+    """A ball that is written as hinges about three axes which meet.
+
+    Attributes:
+        ends: the two bodies that it joins.
+        inside: the bodies between its hinges.
+    """
+
+    ends: tuple[int, int]
+    inside: frozenset[int]
+
+
 @made_once
 def chain_links(mechanism: Mechanism) -> frozenset[int]:
     """Return the bodies inside balls and universal joints that are written as chains of hinges.
@@ -98,10 +114,76 @@ def chain_links(mechanism: Mechanism) -> frozenset[int]:
     They weigh nothing, and carry two hinges, not driven nor coupled, whose centres are one point.
     Where nothing at all weighs, nobody can tell them from shafts: there are none.
     """
-    model = mechanism.model
-    masses = np.array([inertia.mass for inertia in model.inertias])
+    masses = np.array([inertia.mass for inertia in mechanism.model.inertias])
     if not masses.any():
         return frozenset()
+    return frozenset(i for i in _between_hinges(mechanism)
+                     if masses[i] <= WITHOUT_MASS * masses.max())
+
+
+@made_once
+def balls_of_hinges(mechanism: Mechanism) -> list[Ball]:
+    """Return the balls that are written as hinges about three axes, whatever is inside weighs."""
+    inside, groups = _between_hinges(mechanism), list[set[int]]()
+    for ends, _ in _kinds_of_pairs(mechanism):
+        joined = {*ends} & inside
+        if joined:
+            near = [group for group in groups if group & joined]
+            groups = [group for group in groups if not group & joined]
+            groups.append(joined.union(*near))
+    balls = []
+    for group in groups:
+        hinges = [(ends, kind) for ends, kind in _kinds_of_pairs(mechanism) if group & {*ends}]
+        axes = sum(HINGES[kind] for _, kind in hinges)
+        outer = [body for ends, _ in hinges for body in ends if body not in group]
+        if axes == 3 and len(outer) == 2:
+            balls.append(Ball((outer[0], outer[1]), frozenset(group)))
+    return balls
+
+
+@made_once
+def inside_links(mechanism: Mechanism) -> frozenset[int]:
+    """Return the bodies inside balls that are written as hinges."""
+    return frozenset().union(*(ball.inside for ball in balls_of_hinges(mechanism)))
+
+
+@made_once
+def unseen_links(mechanism: Mechanism) -> frozenset[int]:
+    """Return the bodies inside balls and universal joints, at which nobody looks.
+
+    What is inside a ball of hinges between the ground and what is no rod may be a shaft.
+    """
+    balls = [ball for ball in balls_of_hinges(mechanism)
+             if 0 not in ball.ends or _is_rod(mechanism, max(ball.ends))]
+    return chain_links(mechanism).union(*(ball.inside for ball in balls))
+
+
+def _is_rod(mechanism: Mechanism, body: int) -> bool:
+    """Whether a body, with those that slide on it, is held at points only, at two or more."""
+    balls, inside, own = balls_of_hinges(mechanism), inside_links(mechanism), {body}
+    pairs = [(ends, kind) for ends, kind in _kinds_of_pairs(mechanism) if not inside & {*ends}]
+    pairs += [(ball.ends, POINTS[0]) for ball in balls]
+    for _ in pairs:
+        for ends, kind in pairs:
+            if kind in (*SLIDES, *WELDS) and own & {*ends}:
+                own |= {*ends}
+    held = [kind for ends, kind in pairs if own & {*ends} and not {*ends} <= own]
+    return 0 not in own and len(held) > 1 and all(kind in POINTS for kind in held)
+
+
+def _kinds_of_pairs(mechanism: Mechanism) -> list[tuple[tuple[int, int], str]]:
+    """Return the two bodies of every pair, and what it is: of a part of one nothing."""
+    kinds = [*mechanism.pairs]
+    for closure in mechanism.closures:
+        kinds += [closure.type if closure.equations is None else ""] * sum(
+            bool(frames) for frames in (closure.frames, closure.between))
+    return list(zip(_pairs(mechanism), kinds, strict=True))
+
+
+@made_once
+def _between_hinges(mechanism: Mechanism) -> frozenset[int]:
+    """Return bodies that carry two hinges alone, not driven nor coupled, whose axes meet."""
+    model = mechanism.model
     counted = np.bincount([body for ends in _pairs(mechanism) for body in ends],
                           minlength=model.njoints)
     moved = {mechanism.coordinate(name).joint for name in (
@@ -114,8 +196,7 @@ def chain_links(mechanism: Mechanism) -> frozenset[int]:
                 closures.setdefault(mechanism.frame_on_joint(frame)[0], []).append(closure)
     found = []
     for i in range(1, model.njoints):
-        light = masses[i] <= WITHOUT_MASS * masses.max()
-        if not light or counted[i] != 2 or mechanism.pairs[i - 1] not in HINGES:
+        if counted[i] != 2 or mechanism.pairs[i - 1] not in HINGES:
             continue
         joints = {model.names[i], *(model.names[k] for k in model.children[i])}
         if joints.isdisjoint(moved) and _meets(mechanism, i, closures.get(i, ())):
@@ -162,7 +243,7 @@ def passive_freedoms(
 ) -> list[tuple[str, Array]]:
     """Return (joint name, (k, nv) velocities) for the motions that move one link only.
 
-    A link is named by the first of its bodies. Links inside chains of hinges may move with it.
+    A link is named by the first of its bodies. Links inside its balls may move with it.
 
     Args:
         evaluation: at the configuration in question.
@@ -171,25 +252,67 @@ def passive_freedoms(
     """
     mechanism = evaluation.mechanism
     twists = _twists(evaluation, null_space)
-    groups = np.array(driven_groups(mechanism, driven)[1:])
-    moves = np.abs(twists).max(axis=(1, 2), initial=0.0) > RESTING
-    chains = chain_links(mechanism)
-    inside = np.isin(np.arange(1, len(groups) + 1), list(chains))
+    groups = np.array(driven_groups(mechanism, driven))
+    moves = np.append(False, np.abs(twists).max(axis=(1, 2), initial=0.0) > RESTING)
+    links: list[tuple[int, ...]] = [
+        (group,) for group in sorted(set(groups[moves].tolist()) - {0})]
+    links += [link for link in _telescopes(mechanism, groups) if moves[list(link)].all()]
     found: list[tuple[str, Array]] = []
-    for group in sorted(set(groups[moves].tolist()) - {0}):
-        seen = moves if group in chains else moves & ~inside
-        others = twists[(groups != group) & seen].reshape(-1, len(null_space))
-        if len(null_space) == 1 and len(others):
-            continue
-        svd = decompose(others)
-        still = int(np.count_nonzero(svd.s > RESTING))
-        alone = svd.vt[still:]
-        if chains and group not in chains and len(alone):  # without what moves chains only
-            own = decompose(twists[groups == group].reshape(-1, len(null_space)) @ alone.T)
-            alone = own.vt[: np.count_nonzero(own.s > RESTING)] @ alone
+    for link in links:
+        alone = _alone(mechanism, twists, groups, moves, link)
         if len(alone):
-            found.append((mechanism.model.names[group], alone @ null_space))
+            found.append((mechanism.model.names[link[0]], alone @ null_space))
     return found
+
+
+def _alone(
+    mechanism: Mechanism, twists: Array, groups: NDArray[np.intp], moves: NDArray[np.bool_],
+    link: tuple[int, ...],
+) -> Array:
+    """Return which motions (m, k) of k move a link alone; of several groups of bodies as one."""
+    n, inside = twists.shape[2], _inside_balls(mechanism, groups, link)
+    own = np.isin(groups, link)
+    seen = moves & ~own
+    seen[list(inside)] = False
+    others = twists[seen[1:]].reshape(-1, n)
+    for body in link[1:]:
+        others = np.vstack([others, twists[body - 1] - twists[link[0] - 1]])
+    if n == 1 and len(others) and np.abs(others).max() > RESTING:
+        return np.zeros((0, n))
+    svd = decompose(others)
+    alone = svd.vt[np.count_nonzero(svd.s > RESTING):]
+    if inside and len(alone):  # without what moves the insides of balls only
+        turned = decompose(twists[own[1:]].reshape(-1, n) @ alone.T)
+        alone = turned.vt[: np.count_nonzero(turned.s > RESTING)] @ alone
+    return alone
+
+
+def _inside_balls(
+    mechanism: Mechanism, groups: NDArray[np.intp], link: tuple[int, ...]
+) -> set[int]:
+    """Return the bodies inside the balls of a link; none of one that the ground alone carries.
+
+    Between two balls on the ground, written as hinges, stand the shafts of a double Cardan joint.
+    """
+    mine = [ball for ball in balls_of_hinges(mechanism)
+            if not set(groups[list(ball.ends)].tolist()).isdisjoint(link)]
+    partners = {int(groups[body]) for ball in mine for body in ball.ends}
+    inside = {body for ball in mine for body in ball.inside}
+    partners |= {int(groups[x]) for ends in _pairs(mechanism) for x in ends
+                 if not set(groups[list(ends)].tolist()).isdisjoint(link)} - inside
+    return inside if partners - {0, *link} else set()
+
+
+def _telescopes(mechanism: Mechanism, groups: NDArray[np.intp]) -> list[tuple[int, ...]]:
+    """Return the rods of several groups of bodies, each by the first of its bodies."""
+    found: list[set[int]] = []
+    for ends, kind in _kinds_of_pairs(mechanism):
+        joined = set(groups[list(ends)].tolist())
+        if kind == "prismatic" and len(joined) == 2 and 0 not in joined:
+            near = [x for x in found if x & joined]
+            found = [x for x in found if not x & joined]
+            found.append(joined.union(*near))
+    return [tuple(sorted(x)) for x in found if _is_rod(mechanism, min(x))]
 
 
 def moved_bodies(evaluation: Evaluation, velocities: Array) -> list[int]:

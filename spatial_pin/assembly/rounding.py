@@ -2,18 +2,23 @@
 
 A plane loop in the numbers of a CAD program has hinges that are parallel to five to eight digits.
 As these say, its links could hardly move: equations that follow from the others in the exact
-mechanism stay open by the rounding, and their derivatives have singular values as small. Such
-equations are left out: the mechanism then has the freedoms and the motions that were meant, to the
-digits of the file, and what is left open is reported as a `Gap`.
+mechanism stay open by the rounding, or hold at the drawn pose alone. Such equations are left out:
+the mechanism then has the freedoms and the motions that its drawing has, to the digits of the file,
+and the error that remains is reported as a `Gap`.
 
-They are told from a loop that is wrong, or that only shakes, on the way: closed as well as they
-can be, all stay closed to the gap allowed wherever the mechanism goes, and depend on as few. Which
-ones stay is chosen once for a mechanism: those that are independent on all of that way, as well as
+Which equations are redundant is decided once for a mechanism, over a motion and not at one pose.
+The strong equations, whose singular values are large beside the gap allowed, are followed along the
+directions that they leave free. Equations that stay closed to the gap all along are redundant. If
+they open beyond it they are not: the mechanism is rigid, or moves within the gap only. Where as
+many freedoms remain with all equations, the numbers contradict nothing, and all equations stay.
+
+Which ones stay is chosen once too: those that are independent on all of that motion, as well as
 can be.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from copy import copy
 from itertools import combinations
@@ -22,6 +27,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from spatial_pin.assembly.close import close
 from spatial_pin.assembly.state import State
@@ -36,15 +42,16 @@ from spatial_pin.numerics.linalg import Array, null_space, singular_values, weig
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy
 
-CLOSED, SOFT = TOLERANCES.closed, TOLERANCES.near_singular
+CLOSED = TOLERANCES.closed
+FITS = 0.1 * CLOSED  # closure error on the way of equations that follow from others everywhere
 # Singular values of equations that rounding opens by a gap are below so many gaps: a gap is the
 # rounding of one number, an equation is made of about ten.
-GAPS_WIDE = 10.0
+GAPS_WIDE, WIDEST_GAP = 10.0, 0.02
 # Configurations, from one of which it is seen whether all equations can be closed: a dozen of 48,
 # as each takes as many steps as a start may.
 EVERY = 4
-# What is left of equations that are clearly independent: a thousand times `SOFT`, as what is left
-# of the last one is larger than the least singular value, though hardly ever ten times.
+# Length of the last independent equation, from which on all are clearly independent. It is larger
+# than the least singular value, though hardly ever ten times.
 INDEPENDENT = 1e-2
 CLEAR_OF_CUT = 3.0  # cuts, above which all singular values are where a mechanism is regular
 ON_THE_WAY = 48  # configurations looked at, of which half must be reached: more than one turn then
@@ -57,6 +64,12 @@ ABOVE = 10.0
 # Independence relative to that of all equations, with which a choice is left at that: a better one
 # gains less than a digit.
 GOOD = 0.2
+# of motion from the guess, over which equations stay within the gap
+HALF_RADIAN, PARTS_OF_MOTION = 0.5, 4
+DIRECTIONS = 6  # of that motion, each taken both ways
+PROBES, STEPS_TO_POSE = 4, 3  # other poses tried, and steps to each
+STEP_TO_POSE = 0.1  # length of a step [rad, characteristic lengths]
+GAPS_TRIED = (1e-3, 1e-2)  # of files of three digits, and of two
 FEW_CHOICES = 300  # of equations, that are all looked at: in a fraction of a second
 # Weight of equations that are kept if they can, those of screws and couplings: no other is as well
 # conditioned as to outweigh it.
@@ -70,63 +83,16 @@ class Sample(NamedTuple):
         q: the configuration (nq,).
         jacobian: of the closure equations there.
         s: its singular values.
-        even: those with all its columns made alike.
         error: closure error.
     """
 
     q: Array
     jacobian: Array
     s: Array
-    even: Array
     error: float
 
 
-class Rounded(NamedTuple):
-    """A mechanism without the equations that its numbers contradict.
-
-    Attributes:
-        mechanism: the one without, whose `whole` has them.
-        cut: part of the largest singular value of the closure equations below which all others are
-            those of such equations.
-    """
-
-    mechanism: Mechanism
-    cut: float
-
-
-def may_be_rounded(
-    evaluation: Evaluation, q: Array, gap: float, seen: Examined | None = None
-) -> bool:
-    """Whether some equations at q (nq,), closed, are nearly, but not quite, others.
-
-    Args:
-        evaluation: of the mechanism, its screws counting turns as at q.
-        q: the configuration.
-        gap: the largest closure error that they may keep [-].
-        seen: what was found at q, if something was.
-    """
-    if not gap or not evaluation.constraints.n_closure:
-        return False
-    if seen is None:
-        with closer_of(evaluation.mechanism) as closer:
-            seen = closer.examine(q, evaluation.angle_reference)
-    if is_clear(seen.least, seen.left_out):
-        return False
-    evaluation.update(q)
-    rows = _evened(evaluation.jacobian[: evaluation.constraints.n_closure])
-    return _nearly_depend(rows, min(gap, SOFT))
-
-
-def is_clear(least: float, left_out: float) -> bool:
-    """Whether equations are clearly independent, or follow from others to round-off.
-
-    Args:
-        least: what is left of the last independent one, see `Examined`.
-        left_out: what is left of the longest of the others.
-    """
-    return least > INDEPENDENT and left_out < TOLERANCES.tight
-
-
+@made_once
 def rounded(mechanism: Mechanism, gap: float) -> Mechanism | None:
     """Return a mechanism without the equations that the rounding of its numbers contradicts.
 
@@ -137,45 +103,80 @@ def rounded(mechanism: Mechanism, gap: float) -> Mechanism | None:
     Returns:
         None where there are no such equations, or the numbers are further off than that.
     """
-    found = _found(mechanism, gap)
-    return None if found is None else found.mechanism
-
-
-def cut_of(mechanism: Mechanism, gap: float) -> float:
-    """Return the part of the largest singular value below which rounding hides the others."""
-    found = _found(mechanism, gap)
-    return GAPS_WIDE * gap if found is None else found.cut
-
-
-def as_meant(mechanism: Mechanism, gap: float) -> Mechanism:
-    """Return a mechanism, or the one without what its rounded numbers contradict.
-
-    It is looked at where it closes near the guess of its file.
-    """
-    free, q = np.ones(mechanism.model.nv, dtype=bool), _guess(mechanism)
+    if mechanism.whole is not None or not gap or not mechanism.closures:
+        return None
     with evaluation_of(mechanism) as evaluation:
-        q, error = close(evaluation, q, free, CLOSED)
-        if error <= CLOSED and not may_be_rounded(evaluation, q, gap):
-            return mechanism
-    return rounded(mechanism, gap) or mechanism
+        kept = None if _is_exact(evaluation) else _kept(evaluation, gap)
+    return None if kept is None else mechanism.with_equations(kept)
+
+
+def _is_exact(evaluation: Evaluation) -> bool:
+    """Whether equations are clearly independent, or follow from others, at a pose near the guess.
+
+    Not at the guess itself: loops that fit as drawn fit there however rounded their numbers are.
+    """
+    mechanism, free = evaluation.mechanism, np.ones(evaluation.model.nv, dtype=bool)
+    if not evaluation.constraints.n_closure or not len(free):
+        return True
+    rng = np.random.default_rng(20113)
+    start, _ = close(evaluation, _guess(mechanism), free, CLOSED)
+    with closer_of(mechanism) as closer:
+        for _ in range(PROBES):
+            q, ahead, error = start, rng.uniform(-1.0, 1.0, len(free)), 0.0
+            for _ in range(STEPS_TO_POSE):  # the first finds a direction that the loops leave free
+                step = STEP_TO_POSE * mechanism.velocity_scale * ahead / np.abs(ahead).max()
+                there, error = close(
+                    evaluation, pin.integrate(mechanism.model, q, step), free, CLOSED)
+                q, ahead = there, pin.difference(mechanism.model, q, there) / (
+                    mechanism.velocity_scale)
+                if error > CLOSED or np.abs(ahead).max() < TOLERANCES.half_precision:
+                    break
+            else:
+                if _is_clear(closer.examine(q, evaluation.angle_reference)):
+                    return True
+    return False
+
+
+def _is_clear(seen: Examined) -> bool:
+    return seen.least > INDEPENDENT and seen.left_out < TOLERANCES.tight
+
+
+def gap_allowed(mechanism: Mechanism, accuracy: Accuracy | None = None) -> float:
+    """Return the gap that equations may keep: that of the mechanism's file, else of `accuracy`."""
+    return (accuracy or Accuracy()).gap if mechanism.gap is None else mechanism.gap
+
+
+@made_once
+def gap_needed(mechanism: Mechanism) -> float | None:
+    """Return a gap with which a mechanism that its loops hold would move, one digit; or None."""
+    for gap in (Accuracy().gap, *GAPS_TRIED):
+        if gap > gap_allowed(mechanism) and (found := rounded(mechanism, gap)) is not None:
+            assert found.kept is not None
+            return min(gap, clearly_above(max(open_by for _, open_by in found.kept.opened)))
+    return None
+
+
+def clearly_above(gap: float) -> float:
+    """Return a number of one digit that is half as large again, or a little more."""
+    digit = 10.0 ** math.floor(math.log10(1.5 * gap))
+    return math.ceil(1.5 * gap / digit) * digit
+
+
+def gap_words(mechanism: Mechanism) -> str:
+    """Return what would let a mechanism move whose loops hold it; empty if nothing would."""
+    gap = gap_needed(mechanism.whole or mechanism)
+    return "" if gap is None else (
+        f"; if its file's numbers are rounded as far as that, load(..., gap={gap:.0e}) leaves out "
+        "redundant equations that hold to this part of its size only")
+
+
+def as_meant(mechanism: Mechanism, accuracy: Accuracy | None = None) -> Mechanism:
+    """Return a mechanism, or the one without what its rounded numbers contradict."""
+    return rounded(mechanism, gap_allowed(mechanism, accuracy)) or mechanism
 
 
 def _guess(mechanism: Mechanism) -> Array:
     return with_values(mechanism, mechanism.neutral, joint_values(mechanism, mechanism.guess))
-
-
-def closed_there(mechanism: Mechanism, q: Array) -> Mechanism:
-    """Return a mechanism, or the one without what its rounded numbers contradict if q (nq,) is its.
-
-    The gap is that of the default accuracy.
-    """
-    gap = Accuracy().gap
-    with evaluation_of(mechanism) as evaluation:
-        evaluation.update(q)
-        if mechanism.whole is not None or evaluation.closure_error > gap or (
-                evaluation.closure_error <= CLOSED and not may_be_rounded(evaluation, q, gap)):
-            return mechanism
-    return rounded(mechanism, gap) or mechanism
 
 
 def allowed_from(state: State, gap: float) -> float:
@@ -185,21 +186,14 @@ def allowed_from(state: State, gap: float) -> float:
 
 def rounding_of(mechanism: Mechanism) -> float:
     """Return what is round-off of a file, relative to 1: 0 for a mechanism that is whole."""
-    return 0.0 if mechanism.whole is None else cut_of(mechanism.whole, Accuracy().gap)
+    return 0.0 if mechanism.kept is None else mechanism.kept.cut
 
 
-@made_once
-def _found(mechanism: Mechanism, gap: float) -> Rounded | None:
-    if mechanism.whole is not None or not gap:
-        return None
-    with evaluation_of(mechanism) as evaluation:
-        return _rounded(evaluation, gap)
-
-
-def _rounded(evaluation: Evaluation, gap: float) -> Rounded | None:
-    cut = GAPS_WIDE * gap
+def _kept(evaluation: Evaluation, gap: float) -> Equations | None:
+    """Return the equations that stay where the numbers of others are rounded; None: all stay."""
+    cut = min(GAPS_WIDE * gap, WIDEST_GAP)
     first = next(_beginnings(evaluation, cut, gap), None)
-    if first is None or first.error <= CLOSED:  # a loop that fits at one place may hold there only
+    if first is None:
         return None
     reached = [first, *_on_the_way(evaluation, first, cut, gap)]
     rank = max(_rank(x.s, cut) for x in reached)
@@ -207,41 +201,70 @@ def _rounded(evaluation: Evaluation, gap: float) -> Rounded | None:
     if not samples or (len(samples) <= ON_THE_WAY // 2 and rank < evaluation.model.nv):
         return None
     soft = max(float(x.s[rank:].max(initial=0.0)) / x.s[0] for x in samples)
-    opened = max(x.error for x in samples)
-    if (soft <= TOLERANCES.rank and opened <= CLOSED) or soft >= cut:
+    worst = max(samples, key=lambda x: x.error)
+    if (soft <= TOLERANCES.rank and worst.error <= FITS) or soft >= cut:
         return None
-    softest = max(float(x.even[rank:].max(initial=0.0)) / x.even[0] for x in samples)
-    if softest > SOFT and any(_closes(evaluation, x.q) for x in samples[::EVERY]):
+    if _moves_with_all(evaluation, samples, rank, soft):
         return None
     mechanism = evaluation.mechanism
     kept = (_independent(mechanism, samples, rank) if rank else
-            Equations(*[((),) * len(mechanism.closures)] * 2))
-    least = max(ABOVE * max(soft, opened), TOLERANCES.rank)
-    return Rounded(mechanism.with_equations(kept), min(least, cut))
+            Equations(((),) * len(mechanism.closures), ((),) * len(mechanism.closures)))
+    if _opens_nearby(evaluation, mechanism.with_equations(kept), first.q, gap):
+        return None
+    evaluation.update(worst.q)
+    opened = {label.closure: 0.0 for label in evaluation.constraints.labels}
+    for label, row in zip(evaluation.constraints.labels, evaluation.residual, strict=True):
+        opened[label.closure] = max(opened[label.closure], abs(float(row)))
+    least = max(ABOVE * max(soft, worst.error), TOLERANCES.rank)
+    return kept._replace(cut=min(least, cut), opened=tuple(
+        (c.name, opened[c.name])
+        for c, n in zip(mechanism.closures, kept.counts(), strict=True) if n < c.n_rows))
 
 
-def _closes(evaluation: Evaluation, q: Array) -> bool:
-    """Whether all equations can be closed from q (nq,), however far that leads."""
-    return close(evaluation, q, np.ones(evaluation.model.nv, dtype=bool), CLOSED)[1] <= CLOSED
+def _moves_with_all(
+    evaluation: Evaluation, samples: list[Sample], rank: int, soft: float
+) -> bool:
+    """Whether a mechanism has as many freedoms with all its equations as with `rank` of them.
 
-
-def _nearly_depend(rows: Array, part: float) -> bool:
-    """Whether singular values of rows are small but not zero: below a part of the largest.
-
-    Their cost is the cube of the number of loops: `may_be_rounded` spares them where it can.
+    Then its numbers contradict nothing, however small some singular values are. Links as short as
+    these values are no rounding either: with them fewer freedoms are enough, if all that moves
+    without some equations moves with all of them. From a sample all equations are closed, which may
+    lead far away, and followed from there.
     """
-    s = singular_values(rows)
-    return bool(np.any((s > TOLERANCES.rank * s[0]) & (s < part * s[0])))
+    free = np.ones(evaluation.model.nv, dtype=bool)
+    for x in samples[::EVERY]:
+        q, error = close(evaluation, x.q, free, CLOSED)
+        if error > CLOSED:
+            continue
+        first = _sample(evaluation, q, TOLERANCES.rank, CLOSED)
+        if first is not None:
+            reached = list(_on_the_way(evaluation, first, TOLERANCES.rank, CLOSED))
+            if len(reached) <= ON_THE_WAY // 2:
+                return False
+            return max(_rank(y.s, TOLERANCES.rank) for y in reached) <= rank or (
+                _shortest_link(evaluation.mechanism) > soft / ABOVE
+                and not np.any(_moving(samples, rank) & ~_moving(reached, None)))
+    return False
 
 
-def _evened(jacobian: Array) -> Array:
-    """Return a Jacobian with columns made alike: short levers are none then.
+def _moving(samples: list[Sample], rank: int | None) -> NDArray[np.bool_]:
+    """Return (nv,) which velocities are not zero in some motion, the equations of a rank closed."""
+    moves = np.zeros(samples[0].jacobian.shape[1], dtype=bool)
+    for x in samples[::EVERY]:
+        cut = TOLERANCES.rank if rank is None else 2.0 * x.s[rank] / x.s[0] + TOLERANCES.rank
+        tangents = null_space(x.jacobian, min(cut, WIDEST_GAP))
+        moves |= np.abs(tangents).max(axis=0, initial=0.0) > TOLERANCES.rank
+    return moves
 
-    What rounding makes of equations stays as small.
+
+def _shortest_link(mechanism: Mechanism) -> float:
+    """Return the length of the shortest of links that are much shorter than the mechanism.
+
+    The distance of two joints in a row, by the characteristic length; 0 if there is no such link.
     """
-    sizes = np.sqrt(np.einsum("ij,ij->j", jacobian, jacobian))
-    sizes[sizes <= TOLERANCES.rank] = 1.0
-    return jacobian / sizes
+    lengths = [float(np.linalg.norm(x.translation)) / mechanism.characteristic_length
+               for x in list(mechanism.model.jointPlacements)[1:]]
+    return min((x for x in lengths if TOLERANCES.nothing < x < WIDEST_GAP), default=0.0)
 
 
 def _rank(s: Array, cut: float) -> int:
@@ -255,7 +278,7 @@ def _sample(evaluation: Evaluation, q: Array, cut: float, gap: float) -> Sample 
     if error > gap or evaluation.mirrored():
         return None
     jacobian = evaluation.jacobian[: evaluation.constraints.n_closure].copy()
-    return Sample(q, jacobian, singular_values(jacobian), singular_values(_evened(jacobian)), error)
+    return Sample(q, jacobian, singular_values(jacobian), error)
 
 
 def _beginnings(evaluation: Evaluation, cut: float, gap: float) -> Iterator[Sample]:
@@ -268,6 +291,34 @@ def _beginnings(evaluation: Evaluation, cut: float, gap: float) -> Iterator[Samp
         found = _sample(evaluation, pin.integrate(model, q, shaken), cut, gap)
         if found is not None:
             yield found
+
+
+def _opens_nearby(whole: Evaluation, reduced: Mechanism, q: Array, gap: float) -> bool:
+    """Whether equations left out open beyond the gap within half a radian of motion from q (nq,).
+
+    The equations that stay are followed along random directions of their freedom, both ways.
+    """
+    model, scale = whole.model, reduced.velocity_scale
+    rng, free = np.random.default_rng(20114), np.ones(model.nv, dtype=bool)
+    with evaluation_of(reduced) as evaluation:
+        q, _ = close(evaluation, q, free, CLOSED)
+        n = evaluation.constraints.n_closure
+        tangents = null_space(evaluation.jacobian[:n], TOLERANCES.rank)
+        for _ in range(DIRECTIONS if len(tangents) else 0):
+            direction = rng.standard_normal(len(tangents)) @ tangents
+            for here, ahead in ((q, direction), (q, -direction)):
+                for _ in range(PARTS_OF_MOTION):
+                    step = HALF_RADIAN / PARTS_OF_MOTION * ahead / np.abs(ahead).max()
+                    there, error = close(
+                        evaluation, pin.integrate(model, here, scale * step), free, CLOSED)
+                    moved = pin.difference(model, here, there) / scale
+                    if error > CLOSED or moved @ step < TOLERANCES.moved * (step @ step):
+                        break  # at a limit
+                    whole.update(there)
+                    if whole.closure_error > gap:
+                        return True
+                    here, ahead = there, moved
+    return False
 
 
 def _on_the_way(
@@ -324,7 +375,7 @@ def _independent(mechanism: Mechanism, samples: list[Sample], rank: int) -> Equa
                                               for _ in range(2)]
     for row in rows:
         kept[row >= constraints.n_closure][labels[row].closure] += (labels[row].equation,)
-    return Equations(*(tuple(each.values()) for each in kept))
+    return Equations(tuple(kept[0].values()), tuple(kept[1].values()))
 
 
 def _choice(

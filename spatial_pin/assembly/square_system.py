@@ -12,7 +12,13 @@ import numpy as np
 
 from spatial_pin.assembly.close import scaled_row
 from spatial_pin.assembly.holding import still_entries
-from spatial_pin.assembly.undetermined import Asked, check_passive, check_regular, dependence
+from spatial_pin.assembly.undetermined import (
+    Asked,
+    check_passive,
+    check_regular,
+    dependence,
+    moves_frame,
+)
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import kernel_of
@@ -49,13 +55,14 @@ class SquareSystem:
         driven: the prescribed coordinates.
         q: (nq,) where equations are selected.
         still: default those of the free bases that nobody drives.
+        frame: whose velocity is to be determined, if not that of all bodies is.
     """
 
     def __init__(
         self, evaluation: Evaluation, driven: Sequence[Coordinate], q: Array,
-        still: Sequence[int] | None = None,
+        still: Sequence[int] | None = None, frame: int | None = None,
     ) -> None:
-        self.evaluation = evaluation
+        self.evaluation, self._frame = evaluation, frame
         self.driven = tuple(driven)
         self.still = still_entries(evaluation.mechanism, driven) if still is None else tuple(still)
         self.scale = evaluation.mechanism.velocity_scale
@@ -96,7 +103,10 @@ class SquareSystem:
                 regular, slice(r + p, r + p + len(self.driven)), axis=0)))
         self.passive = svd.null_space
         if len(self.passive):
-            check_passive(asked, self.passive, r, q)
+            if self._frame is None or moves_frame(evaluation, self.passive, self._frame):
+                check_passive(asked, self.passive, r, q)
+            else:
+                check_regular(evaluation, q, r)
         self.factor()
 
     @property

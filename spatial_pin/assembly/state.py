@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -127,7 +127,8 @@ class State:
     """One configuration of a mechanism, its velocity and acceleration. Read-only.
 
     Made by `assemble` and `solve_rates`, which close the loops; holding one means that the
-    closure error is known.
+    closure error is known. `State(mechanism, q, v)` makes one of numbers that are known from
+    elsewhere: it moves nothing, and measures the closure error.
 
     Attributes:
         mechanism: the mechanism. Where the numbers of its file are rounded (see `gap`), it is one
@@ -136,11 +137,14 @@ class State:
         q: (nq,) configuration as Pinocchio orders it.
         v, a: (nv,) joint velocities and accelerations [rad/s, m/s; rad/s², m/s²].
         closure_error: largest residual of a constraint equation [-]: lengths relative to the
-            characteristic length, angles in rad.
+            characteristic length, angles in rad. Measured, where it is not given.
         angles: relative angle of every screw closure [rad], counting turns.
         branch: label of the assembly mode, from `assembly_modes`.
         released: {driver: displacement [rad or m]} of drivers that were given no value, and had to
             leave where the guess has them, for the loops to close.
+        lost_turns: coordinates that were set further than half a turn from the guess in loops
+            where couplings or screws count turns, and others do not: what they count may have lost
+            whole turns, as loops could not be followed there from the guess.
         rate_error: estimated round-off of v and a, relative to their size; it grows near a limit
             position of a driver, and near a branch point, up to 1: no digit. NaN until
             `solve_rates`; of a sample of a sweep it is worked out when asked for, of a sample of
@@ -158,6 +162,8 @@ class State:
         ((6,), (5,))
         >>> state.beyond_limits, float(state.gap)  # no joint limit is passed; exact numbers
         ({}, 0.0)
+        >>> sp.State(mech, state.q).closure_error < 1e-13  # made of known numbers
+        True
         >>> sp.solve_rates(mech, state, {"crank": 10.0}).rate_error < 1e-12
         True
         >>> state.data.oMf[mech.frame_id("rocker_b")].translation.round(4)  # Pinocchio's, [m]
@@ -171,29 +177,34 @@ class State:
         v: Array | None = None,
         a: Array | None = None,
         *,
-        closure_error: float,
+        closure_error: float | None = None,
         angles: Array | None = None,
         branch: str = "",
         rate_error: float | Callable[[State], float] = np.nan,
         released: Mapping[str, float] = MappingProxyType({}),
+        lost_turns: Iterable[str] = (),
         in_time: bool = True,
     ) -> None:
-        rest = _rest(mechanism)
+        needed(mechanism)
+        rest, q = _rest(mechanism), _given(q, mechanism.neutral, "q")
+        if closure_error is None:
+            closure_error, angles = _measured(mechanism, q, angles)
         self._take(
-            mechanism, _given(q, mechanism.neutral, "q"),
-            rest if v is None else _given(v, rest, "v"),
+            mechanism, q, rest if v is None else _given(v, rest, "v"),
             rest if a is None else _given(a, rest, "a"), float(closure_error),
             NO_ANGLES if angles is None or not angles.size else _given(angles, angles, "angles"),
-            rate_error, released, branch, in_time)
+            rate_error, released, lost_turns, branch, in_time)
 
     def _take(
         self, mechanism: Mechanism, q: Array, v: Array, a: Array, closure_error: float,
         angles: Array, rate_error: float | Callable[[State], float],
-        released: Mapping[str, float], branch: str = "", in_time: bool = True,
+        released: Mapping[str, float], lost_turns: Iterable[str] = (), branch: str = "",
+        in_time: bool = True,
     ) -> None:
         self.mechanism, self.q, self.v, self.a = mechanism, q, v, a
         self.closure_error, self.angles, self._rate_error = closure_error, angles, rate_error
         self.released, self.branch, self.in_time = dict(released), branch, in_time
+        self.lost_turns = tuple(lost_turns)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied or sent elsewhere: all but what is worked out again on use."""
@@ -432,8 +443,9 @@ class State:
             for d in self.mechanism.drivers)
         lost = f", rates to {self.rate_error:.0e}" if self.rate_error > WORTH_A_WORD else ""
         rounded = f", gap {float(self.gap):.1e}" if self.gap else ""
+        turns = f", turns of {', '.join(self.lost_turns)} lost" if self.lost_turns else ""
         return (f"State({self.mechanism.name!r}: {drivers}; closure error "
-                f"{self.closure_error:.1e}{rounded}{lost})")
+                f"{self.closure_error:.1e}{rounded}{lost}{turns})")
 
 
 def gap_of(mechanism: Mechanism, q: Array, angles: Array) -> Gap:
@@ -468,6 +480,7 @@ def all_angles(mechanism: Mechanism, angles: Array) -> Array:
 def made(
     mechanism: Mechanism, q: Array, v: Array | None, a: Array | None, *, closure_error: float,
     angles: Array, rate_error: Any = np.nan, released: Mapping[str, float] = MappingProxyType({}),
+    lost_turns: Iterable[str] = (),
 ) -> State:
     """Return a State of arrays that are finite, and that nobody writes any more: no copies."""
     state, rest = State.__new__(State), _rest(mechanism)
@@ -475,7 +488,7 @@ def made(
         if array is not None:
             array.setflags(write=False)
     state._take(mechanism, q, rest if v is None else v, rest if a is None else a, closure_error,
-                angles if angles.size else NO_ANGLES, rate_error, released)
+                angles if angles.size else NO_ANGLES, rate_error, released, lost_turns)
     return state
 
 
@@ -508,7 +521,8 @@ def of_mechanism(mechanism: Mechanism, state: State) -> State:
         if evaluation.closure_error <= max(TOLERANCES.nothing, 2.0 * state.closure_error):
             return State(mechanism, state.q, state.v, state.a,
                          closure_error=evaluation.closure_error, angles=state.angles,
-                         branch=state.branch, released=state.released, in_time=state.in_time)
+                         branch=state.branch, released=state.released,
+                         lost_turns=state.lost_turns, in_time=state.in_time)
     raise SpatialPinError(
         f"mechanism {mechanism.name!r}: the state belongs to mechanism {state.mechanism.name!r}"
         + (f" of other dimensions (its loops are open here by {evaluation.closure_error:.1e}); "
@@ -526,7 +540,7 @@ def moving_in_time(mechanism: Mechanism, state: State) -> State:
     if own.in_time:
         return own
     return State(own.mechanism, own.q, closure_error=own.closure_error, angles=own.angles,
-                 branch=own.branch, released=own.released)
+                 branch=own.branch, released=own.released, lost_turns=own.lost_turns)
 
 
 def center_of_mass(mechanism: Mechanism, link: str) -> Array:
@@ -572,6 +586,19 @@ def _given(values: Array, like: Array, what: str) -> Array:
     if copy.shape != like.shape or not is_finite(copy):
         finite_array(copy, like.shape, f"State: {what}")
     return copy
+
+
+def _measured(mechanism: Mechanism, q: Array, angles: Array | None) -> tuple[float, Array]:
+    """Return how far loops are open at q (nq,), and the relative angles of screw closures.
+
+    These count from angles (n,) that are given, else within half a turn.
+    """
+    reference: Array | float = 0.0
+    if angles is not None and angles.size:
+        reference = _given(angles, np.zeros(constraints_of(mechanism).n_angles), "angles")
+    with evaluation_of(mechanism, reference) as at:
+        at.update(q)
+        return float(at.closure_error), at.angles.copy()
 
 
 def _frozen(array: Array) -> Array:

@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from spatial_pin.assembly.holding import BASE, SPRINGS, free_bases, velocity_entries
-from spatial_pin.assembly.passive_freedoms import is_in_loop, passive_freedoms
+from spatial_pin.assembly.passive_freedoms import RESTING, is_in_loop, passive_freedoms
 from spatial_pin.assembly.rank_loss import lost_rank, rank_loss
+from spatial_pin.assembly.rounding import gap_words
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.errors import SingularError
 from spatial_pin.mechanism.coordinates import driver_coordinates
@@ -54,7 +55,8 @@ def dependence(asked: Asked, closures: Array) -> str:
         rank = decompose(closures, TOLERANCES.near_singular).rank
         if closures.shape[1] - rank >= len(asked.driven):
             return (f"{where}singular configuration: branches cross so near that round-off "
-                    "hides which equations depend on others; start further from it")
+                    "hides which equations depend on others; start further from it"
+                    + gap_words(asked.evaluation.mechanism))
         if not freedom:
             return where + _nothing_moves(asked, names)
         kept = common_rows(moving[None], np.zeros((0, freedom)), freedom)
@@ -86,7 +88,7 @@ def _nothing_moves(asked: Asked, names: str) -> str:
         return (f"what is held and the loops leave no freedom, so that {names} cannot move; "
                 "hold less")
     return (f"{names} cannot move: the loops leave no freedom there (see sp.mobility); "
-            f"{check_loops(mechanism)}")
+            f"{check_loops(mechanism)}{gap_words(mechanism)}")
 
 
 def check_loops(mechanism: Mechanism) -> str:
@@ -131,6 +133,14 @@ def check_passive(asked: Asked, null_space: Array, rank: int, q: Array) -> None:
         f"prescribed, and {missing} of its freedoms are not prescribed; "
         f"prescribe {missing} more of {', '.join(names)}, such as "
         + _ways_to_prescribe(mechanism, chosen, set(names)))
+
+
+def moves_frame(evaluation: Evaluation, null_space: Array, frame: int) -> bool:
+    """Whether freedoms (k, nv), scaled velocities of length 1, move a frame at the evaluation."""
+    size = evaluation.mechanism.velocity_scale
+    length = np.array([evaluation.mechanism.characteristic_length] * 3 + [1.0] * 3)
+    twists = evaluation.frame_jacobian(frame) @ (null_space * size).T / length[:, None]
+    return bool(np.abs(twists).max(initial=0.0) > RESTING)
 
 
 def check_regular(evaluation: Evaluation, q: Array, rank: int) -> None:

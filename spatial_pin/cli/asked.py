@@ -7,7 +7,7 @@ import contextlib
 import signal
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor, ProcessPoolExecutor
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.units import Quantity, likely_unit
 
 MANY_TURNS = 12.0  # [rad], nearly two turns: whole numbers beyond are meant in degrees more often
+Found = TypeVar("Found")
 RATES = {"speed": "/s", "acceleration": "/s2"}  # per what they are
 NO_SLIDE = 30.0  # characteristic lengths that no slide goes
 
@@ -27,7 +28,8 @@ def loaded(options: argparse.Namespace) -> sp.Mechanism:
     """Return the mechanism; dimensions far off their defaults are hints."""
     given: dict[str, Any] = unique(options, options.parameters)
     how: dict[str, Any] = {"trusted": options.trusted, "free_flyer": options.free_flyer,
-                           "packages": dict(options.packages)}
+                           "packages": dict(options.packages), "model": options.model,
+                           "without": options.without}
     plain = {name: x for name, x in given.items() if isinstance(x, Quantity) and not x.unit}
     if plain:  # first, for what is far off may not even load
         rest = {name: x for name, x in given.items() if name not in plain}
@@ -162,8 +164,8 @@ def motion_over(
         return sp.sweep(mechanism, name, values, guess=guess_of(options, mechanism),
                         hold=held(options), progress=True)
     except sp.Interrupted as stopped:  # what was followed is told of
-        options.cut_short = f"cut short after {len(stopped.motion)} values"
-        return stopped.motion
+        options.cut_short = f"cut short after {len(stopped.result)} values"
+        return stopped.result
 
 
 def held(options: argparse.Namespace) -> list[str]:
@@ -176,8 +178,16 @@ def along(options: argparse.Namespace, work: Callable[[], Any]) -> Any:
     try:
         return work()
     except sp.Interrupted as stopped:
-        options.cut_short = f"cut short after {len(stopped.motion)} values"
-        return stopped.found
+        options.cut_short = f"cut short after {len(stopped.motion or ())} values"
+        return stopped.result
+
+
+def as_far_as_found(work: Callable[[], Found]) -> Found:
+    """Return a result, after Ctrl-C as far as it was found until then: its `is_whole` tells."""
+    try:
+        return work()
+    except sp.Interrupted as stopped:
+        return cast(Found, stopped.result)
 
 
 @contextlib.contextmanager

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Sequence
 from typing import Any, NamedTuple
 
+from spatial_pin.cli.results import SCREEN
 from spatial_pin.cli.tables import read_target
 from spatial_pin.dimensions.bounds import Bounds
 from spatial_pin.units import Quantity, quantity
@@ -47,6 +48,9 @@ def mechanism_options(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--package", dest="packages", action="append", default=[],
                      type=package, metavar="NAME=FOLDER",
                      help="where package://NAME lies, as its files name meshes")
+    sub.add_argument("--model", metavar="NAME", help="which model of an SDFormat file with several")
+    sub.add_argument("--without", action="append", default=[], metavar="NAME",
+                     help="an element or joint of its tree's file that is left out")
 
 
 def data_options(sub: argparse.ArgumentParser, json: str, csv: str = "") -> None:
@@ -57,9 +61,11 @@ def data_options(sub: argparse.ArgumentParser, json: str, csv: str = "") -> None
         json: what is written as JSON.
         csv: what is written as a table; "" for none.
     """
-    sub.add_argument("--json", metavar="F", help=f"write {json} as JSON (- for the screen)")
+    sub.add_argument("--json", metavar="F", nargs="?", const=SCREEN,
+                     help=f"write {json} as JSON (to the screen without F)")
     if csv:
-        sub.add_argument("--csv", metavar="F", help=f"write {csv} as a table (- for the screen)")
+        sub.add_argument("--csv", metavar="F", nargs="?", const=SCREEN,
+                         help=f"write {csv} as a table (to the screen without F)")
 
 
 def result_options(sub: argparse.ArgumentParser) -> None:
@@ -270,3 +276,57 @@ def package(text: str) -> tuple[str, str]:
     if not (name and separator and folder):
         raise argparse.ArgumentTypeError(f"{text!r} is not NAME=FOLDER")
     return name, folder
+
+
+# ---------------------------------------------------------------- ranges as people write them
+
+RANGES = (bounded, rising, span)  # readers of NAME=LO..HI
+DATA = ("--json", "--csv")  # options whose file may be left out
+
+
+def as_taken(words: Sequence[str], parser: argparse.ArgumentParser) -> list[str]:
+    """Return the words of a command with ranges, and data for the screen, as its parser takes them.
+
+    `crank 0 360deg`, `crank 0..360deg`, `crank=0..360deg` and `crank=0 360deg` are one range: three
+    words where the parser takes a first and a last value, else one.
+
+    Args:
+        words: that were typed.
+        parser: of the command.
+    """
+    actions = parser._actions
+    valued = {flag for action in actions if action.nargs != 0 for flag in action.option_strings}
+    ranged = {flag for action in actions if action.type in RANGES
+              for flag in action.option_strings or [""]}
+    has_ends = any(action.dest == "first" for action in actions)
+    found: list[str] = []
+    for word in words:
+        name, ends = _range(word)
+        before, known = _range(found[-1]) if found else ("", [])
+        if found and found[-1] in DATA and "=" in word:
+            found += [SCREEN, word]  # NAME=VALUE is no file
+        elif has_ends and ends and _option(found, valued) == "":
+            found += [name, *ends] if name else ends
+        elif ends and not name and before and len(known) < 2 and _option(
+                found[:-1], valued) in ranged:
+            found[-1] += f"..{word}" if known else f"={word}"
+        else:
+            found.append(word)
+    return found
+
+
+def _option(found: Sequence[str], valued: Collection[str]) -> str:
+    """Return the option that the next word is a value of, "" for none."""
+    return found[-1] if found and found[-1] in valued else ""
+
+
+def _range(word: str) -> tuple[str, list[str]]:
+    """Return the name, "" without one, and the numbers of `NAME=LO..HI`, or of a part of it."""
+    name, equals, given = word.partition("=")
+    numbers = (given if equals else word).split("..")
+    try:
+        for number in numbers:
+            quantity(number)
+    except ValueError:
+        return ("" if equals or word.startswith("-") else word), []
+    return (name if equals else ""), numbers if len(numbers) < 3 else []

@@ -10,7 +10,7 @@ from typing import Any
 
 import spatial_pin as sp
 from spatial_pin.cli.commands import COMMANDS, GROUPS
-from spatial_pin.cli.options import mechanism_options
+from spatial_pin.cli.options import as_taken, mechanism_options
 from spatial_pin.errors import suggestion
 
 DESCRIPTION = "Spatial mechanisms with closed loops: load, close, move, see."
@@ -27,6 +27,8 @@ def options_of(words: Sequence[str]) -> argparse.Namespace:
     whole = parser()
     if words and words[0] not in COMMANDS and not words[0].startswith("-"):
         whole.error(f"no command {words[0]!r}; {_near(words[0], COMMANDS)}")
+    if words and words[0] in COMMANDS:
+        words = as_taken(words, whole.get_default("parsers")[words[0]])
     # argparse takes -90deg for an option, but nothing that begins with a space
     options, rest = whole.parse_known_args(
         [f" {w}" if re.match(r"-\.?\d", w) else w for w in words])
@@ -48,6 +50,9 @@ class _Parser(argparse.ArgumentParser):
     """Takes options between the words of a command: `assemble rssr --set d=315mm crank=60deg`."""
 
     _within = False
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(allow_abbrev=False, **settings)  # --n would be any option with an n
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         if self.get_default("run") is None or self._within:
@@ -86,4 +91,5 @@ def parser() -> argparse.ArgumentParser:
         if command.takes_mechanism:
             mechanism_options(sub)
         command.add_options(sub)
+    whole.set_defaults(parsers=parsers)
     return whole

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import os
 import re
@@ -16,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from spatial_pin.cli.remedies import in_options
-from spatial_pin.outputs import write_columns, write_text
+from spatial_pin.outputs import write_columns, write_csv, write_text
 
 WIDTH = 80  # columns of a terminal
 SCREEN, STDOUT = "-", "/dev/stdout"
@@ -134,18 +133,12 @@ def write_json(content: Any, path: str) -> list[str]:
 
 def write_table(table: Table, path: str) -> list[str]:
     """Write columns of equal length with all digits; returns the files written."""
+    columns = {name: np.array(column, dtype=object) for name, column in table.items()}
     if path != SCREEN:
-        write_columns(Path(path), {name: np.array(column, dtype=object)
-                                   for name, column in table.items()})
+        write_columns(Path(path), columns)
         return [path]
-    writer = csv.writer(sys.stdout, lineterminator="\n")
-    writer.writerow(table)
-    writer.writerows(zip(*(_plain(column) for column in table.values()), strict=True))
+    write_csv(sys.stdout, columns, "\n")
     return []
-
-
-def _plain(column: Sequence[Any] | np.ndarray) -> list[Any]:
-    return column.tolist() if isinstance(column, np.ndarray) else list(column)
 
 
 def finite(x: Any) -> Any:

@@ -18,6 +18,7 @@ from spatial_pin.inverse_kinematics import targets
 from spatial_pin.inverse_kinematics.named_targets import is_angle, is_coordinate, is_part
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.outputs import plain_text
 from spatial_pin.units import UNITS, Quantity, quantity
 
 TIME = "time"
@@ -98,7 +99,8 @@ def _lines(path: str | Path) -> list[tuple[int, list[str]]]:
         first = text.partition("\n")[0]
         mark = next((mark for mark in ",;\t" if mark in first), ",")
         reader = csv.reader(text.splitlines(), delimiter=mark)
-        lines = [(reader.line_num, line) for line in reader if any(word.strip() for word in line)]
+        lines = [(reader.line_num, [plain_text(word) for word in line]) for line in reader
+                 if any(word.strip() for word in line)]
     except (UnicodeDecodeError, csv.Error) as error:
         raise SpatialPinError(f"{path}: no table in UTF-8: {error}") from None
     for row, line in lines:

@@ -52,7 +52,8 @@ class Evaluation:
             velocities v / `velocity_scale`; the last ones are rates of idle rotations.
         angles: (n_angles,) relative angle of every screw closure [rad], counting turns from the
             one in `angle_reference`.
-        angle_reference: (n_angles,) the angles to which `angles` stays nearest.
+        angle_reference: (n_angles,) the angles to which `angles` stays nearest, where the
+            configuration does not tell their turns.
         angle_jacobian: (n_angles, nv) derivative of `angles`, like `jacobian`.
         wrenches: (rows, 6) force and moment about the world origin of each product.
         placements: (njoints, 4, 3) view on the joint placements.
@@ -166,7 +167,7 @@ class Evaluation:
         self.residual[:p] = self._values[:p]
         for group in c.composed:
             inputs = group.seeded([self._values[:, None]], [q[:, None]])
-            value, angle = group.values(inputs, self.angle_reference)
+            value, angle = group.values(inputs, c.reference(q, self.angle_reference))
             size = self.mechanism.velocity_scale
             self.residual[group.rows] = value.values[0][:, 0]
             self.jacobian[group.rows] = composed_rows(group, value.changes[0], products, size)

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from spatial_pin.constraints.kinds import KINDS, Composed, Equation, Kind, Parts
 from spatial_pin.constraints.product_vectors import matrix_of, rate_matrix
 from spatial_pin.constraints.products import Products
+from spatial_pin.constraints.turns import turns_of
 from spatial_pin.mechanism.coordinates import needed
 from spatial_pin.mechanism.equations import ConstraintEquation
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -53,6 +54,7 @@ class Constraints:
         composed: those that are more, by kind.
         elsewhere: (equation, product) of products that act on other bodies than the closure's.
         screws: (equation, product of the sine, pitch) of screws, in the order of their angles.
+        turns: what counts the turns of each of them.
         idle_axes: joint and unit axis in its frame (3,) of each resolved passive freedom.
         terms: of the vectors A, B and X of each product, see `Term`.
         supports: (njoints, nv) 1 for the freedoms that move the body of each joint.
@@ -84,6 +86,7 @@ class Constraints:
                       for at in range(self.passive_at, len(products))]
         self.equations = tuple(equations)
         self._sort()
+        self.turns = [turns_of(mechanism, made[at][1]) for at, _, _ in self.screws]
         self._lay_out(products)
 
     def _equations(
@@ -139,6 +142,16 @@ class Constraints:
             found |= np.any(self.signs[list(equation.products)] != 0.0, axis=0)
             found[[c.v for c in equation.coordinates]] = True
         return found
+
+    def reference(self, q: Array, angles: Array) -> Array:
+        """Return (n_angles,) what angles of screws are nearest to at q (nq,): turns that are told.
+
+        Where coordinates do not tell them all, what they are near to anyway: `angles`.
+        """
+        if not any(turns.are_all for turns in self.turns):
+            return angles
+        return np.array([turns.row @ q + turns.offset if turns.are_all else angle
+                         for turns, angle in zip(self.turns, angles, strict=True)])
 
     def support(self, joint: int) -> Array:
         """(nv,) 1 for the freedoms that move the body of `joint`."""

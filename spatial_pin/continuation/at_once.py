@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from spatial_pin.assembly.holding import BASE
-from spatial_pin.assembly.rounding import is_clear
+from spatial_pin.assembly.rounding import as_meant
 from spatial_pin.assembly.search.guesses import Guess, read_guess
 from spatial_pin.assembly.search.straight import Plan as Assembly
 from spatial_pin.assembly.search.straight import leads_nowhere, straight_plan
@@ -64,6 +64,8 @@ def swept_at_once(
     """
     if guess is not None and (guess.mechanism is not mechanism or (held and held != (BASE,))):
         return None  # joints held by name stand where the State has them
+    if as_meant(mechanism, accuracy) is not mechanism:
+        return None
     start = read_guess(mechanism, guess)
     plan = _known_plan(mechanism, driver, held, start, guess is None)
     first: float = values.item(0)
@@ -81,9 +83,8 @@ def swept_at_once(
     found = beginning.follow(
         q, plan.assembly.places[0], first, None if guess is None else guess.angles, values,
         accuracy, asked_of(mechanism, plan.assembly.left, tolerance), leads_nowhere(accuracy))
-    is_begun = found is not None and is_clear(*beginning.independence)
     plan.idle.append(beginning)
-    return found if is_begun else None
+    return found
 
 
 def _known_plan(

@@ -19,6 +19,7 @@ from spatial_pin.errors import SingularError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.rates.depending import Depending, depending_on
 from spatial_pin.rates.rates import check_not_held, prescribed_at
 from spatial_pin.settings import Accuracy
 
@@ -29,26 +30,30 @@ BESIDE_LIMIT = 0.05
 
 def system_at(
     mechanism: Mechanism, driver: str, guess: Mapping[str, Any] | State | Array | None, hold: Hold
-) -> tuple[SquareSystem, State]:
+) -> tuple[SquareSystem, State, Depending | None]:
     """Return the square system with `driver` prescribed first, at the assembled guess or near it.
 
-    Where the guess is just a limit of the driver, a point a little further on is taken.
+    Where the guess is just a limit of the driver, a point a little further on is taken. Of a
+    mechanism that the driver does not determine, it is that of the part that it moves.
 
     Raises:
         ValueError: the driver is held.
     """
     check_not_held(mechanism, [mechanism.driven_coordinate(driver)], hold)
     state = assembled(mechanism, {}, guess)
+    moved = depending_on(state, [driver], hold)
+    if moved is not None:
+        state, hold = moved[:2]
     mechanism = state.mechanism  # of a rounded file one without the equations that it contradicts
     driven = [mechanism.driven_coordinate(c.name) for c in prescribed_at(state, [driver], hold)]
     still = divided(mechanism, driven, hold)[1]
     try:
-        return _square(mechanism, driven, state, still), state
+        return _square(mechanism, driven, state, still), state, moved
     except SingularError as error:
         beside = _beside(mechanism, driven, state, still)
         if beside is None:
             raise error
-    return _square(mechanism, driven, beside, still), beside
+    return _square(mechanism, driven, beside, still), beside, moved
 
 
 def _square(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,14 +25,14 @@ from spatial_pin.dimensions.measurements import (
 )
 from spatial_pin.dimensions.predictions import Predictions, Situation, Unknowns
 from spatial_pin.dimensions.sensitivity import with_spread
-from spatial_pin.errors import SpatialPinError
+from spatial_pin.errors import SpatialPinError, unless_cut
 from spatial_pin.mechanism.coordinates import needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.follow import follow
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array, decompose, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.outputs import named_path, write_text
+from spatial_pin.outputs import named_path, write_csv, write_text
 
 EVALUATIONS = 300  # at most: ten are usual, some dozens with many outliers
 # Part of a residual's square over the margin's that counts, by loss: its derivative.
@@ -143,15 +144,16 @@ class Calibration:
             >>> sp.calibrate(mech, seen, ["r3"]).to_csv("residuals.csv").name
             'residuals.csv'
         """
-        lines = ["measurement,of,unit,residual,before,weight"]
-        lines += [f"{i + 1},{label},{unit},{x!r},{y!r},{w!r}"
-                  for (i, label), unit, x, y, w in self._rows()]
-        return write_text(named_path(path), "\n".join(lines) + "\n")
+        rows = [(i + 1, label, unit, x, y, w) for (i, label), unit, x, y, w in self._rows()]
+        names, text = ("measurement", "of", "unit", "residual", "before", "weight"), io.StringIO()
+        write_csv(text, {name: np.array([row[k] for row in rows], dtype=object)
+                         for k, name in enumerate(names)}, "\n")
+        return write_text(named_path(path), text.getvalue())
 
     def __repr__(self) -> str:
         return (f"Calibration({self.mechanism.name!r}: {len(self.values)} unknowns from "
                 f"{len(self.residuals)} numbers, {len(self.undetermined)} combinations "
-                "undetermined)")
+                f"undetermined{'' if self.is_whole else '; cut short'})")
 
     def __str__(self) -> str:
         poses = len(self.states)
@@ -218,7 +220,7 @@ def calibrate(
         guess: which branch: where to assemble the first measurement, as for `assemble`.
 
     Returns:
-        The Calibration: `print` it for a report. After Ctrl-C the best until then.
+        The Calibration: `print` it for a report.
 
     Raises:
         UnknownNameError: there is no such dimension, driver, frame or coordinate.
@@ -227,7 +229,7 @@ def calibrate(
         AssemblyError: the first measurement cannot be assembled.
         SpatialPinError: another measurement cannot be reached; the drivers do not determine what
             was measured; a dimension opens the loops; the search does not end.
-        KeyboardInterrupt: before the first step.
+        Interrupted: after Ctrl-C; `.result` has the best values until then.
 
     Example:
         >>> mech, built = sp.load("four_bar"), sp.load("four_bar", r3=0.2805)  # nominal, as built
@@ -257,7 +259,7 @@ def calibrate(
     place = base if isinstance(base, pin.SE3) else _base(start, quantities) if base else None
     predictions = Predictions(Situation(start[0].mechanism, start, place), unknowns, drivers,
                               quantities)
-    return _Search(predictions, loss, margin).result(bounds, quantities, sigma is None)
+    return unless_cut(_Search(predictions, loss, margin).result(bounds, quantities, sigma is None))
 
 
 # ---------------------------------------------------------------- what is asked

@@ -28,7 +28,7 @@ from spatial_pin.kernel.dimensions import ClosedSamples, DimensionCloser, Number
 from spatial_pin.mechanism.coordinates import coordinate_rates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import FRAME_UNITS
-from spatial_pin.motion.outputs import COORDINATE_OUTPUTS, component
+from spatial_pin.motion.outputs import COORDINATE_OUTPUTS, RATES, component
 from spatial_pin.numerics.linalg import Array, decompose, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy
@@ -40,7 +40,7 @@ WAY = TOLERANCES.longest_step
 # Part of the state's determinant that a sample must have: digits that it may lose beside those.
 LEAST_DETERMINANT = 0.02
 PARTS = 1, 4, 16  # into which the way to a sample's dimensions is divided, one after the other
-COORDINATE_KINDS = ("rate", "acceleration", "ratio", "advantage")
+COORDINATE_KINDS = (*RATES, "acceleration", "ratio", "advantage")
 POINT_KINDS = ("position", "velocity", "acceleration", "angular_velocity", "angular_acceleration")
 
 
@@ -60,7 +60,7 @@ def _wanted(mechanism: Mechanism, spec: str) -> _Wanted | None:
         return _Wanted(spec, "value", False)
     whole, k = component(spec)
     name, _, kind = whole.rpartition(".")
-    if name in coordinates and kind in COORDINATE_OUTPUTS:
+    if name in coordinates and kind in COORDINATE_OUTPUTS and k is None:
         return _Wanted(name, kind, False) if kind in COORDINATE_KINDS else None
     if kind in FRAME_UNITS and name.removesuffix(".com") in mechanism.frame_ids:
         return _Wanted(name, kind, True, k) if kind in POINT_KINDS else None
@@ -155,7 +155,7 @@ class Samples:
         rates = coordinate_rates(
             self.mechanism, name, closed.q, closed.v, closed.a, continued=False)
         if kind not in ("ratio", "advantage"):
-            return rates._asdict()[kind]
+            return rates.rate if kind in RATES else rates._asdict()[kind]
         speed = closed.v[:, self.mechanism.coordinate(drive.driver).v]
         with np.errstate(divide="ignore"):
             ratio: Array = rates.rate / speed if kind == "ratio" else speed / rates.rate

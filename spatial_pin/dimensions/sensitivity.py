@@ -71,13 +71,21 @@ class Sensitivity:
 
     def __str__(self) -> str:
         lines = [f"{self.output} = {_words(self.value)} {self.unit.removeprefix('1')}".rstrip()]
+        unit = f" [{unit_of_derivative(self.unit)}]" if self.unit else ""
         for name, derivative in self.derivatives.items():
             error = np.reshape(self.errors[name], np.shape(self.errors[name]) + (1,) * (
                 np.ndim(derivative) - np.ndim(self.errors[name])))
             d = np.where(np.abs(derivative) <= error, 0.0, derivative)  # what is left is noise
             lines.append(f"  d/d {name} = 0: it changes nothing in the file" if name in self.idle
-                         else f"  d/d {name} = {_words(d)}  (± {np.max(error, initial=0.0):.0e})")
+                         else f"  d/d {name} = {_words(d)}  (± {np.max(error, initial=0.0):.0e})"
+                         f"{unit}")
         return "\n".join(lines)
+
+
+def unit_of_derivative(unit: str) -> str:
+    """Return what a derivative of an output is in: to a length, or to an angle."""
+    unit = f"({unit})" if set(unit) & set("/,·") else unit or "1"
+    return f"{unit}/m or {unit}/rad"
 
 
 def _words(x: Any) -> str:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.assembly.assemble import assembled
+from spatial_pin.assembly.held_start import starting_state
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.checks import checked, generator, names_of, number_from_zero
 from spatial_pin.columns import Quantity, Tabular, chosen
@@ -21,7 +21,7 @@ from spatial_pin.dimensions.drive import Drive, with_masses
 from spatial_pin.dimensions.samples import Near, Samples
 from spatial_pin.dimensions.sensitivity import sensitivities, with_spread, within_half_turn
 from spatial_pin.dimensions.variants import Variants, tell_idle
-from spatial_pin.errors import SpatialPinError
+from spatial_pin.errors import SpatialPinError, unless_cut
 from spatial_pin.executors import in_order
 from spatial_pin.formats.files import load
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -110,7 +110,7 @@ class Tolerance(Tabular):
         spreads = [f"{name} = {with_spread(x, self.linear[name], self.units.get(name, ''))}"
                    for name, x in self.nominal.items()]
         return (f"Tolerance({', '.join(spreads)}; {len(self.is_closed)} samples, {self.failed} "
-                "failed)")
+                f"failed{'' if self.is_whole else '; cut short'})")
 
     def __str__(self) -> str:
         lines = []
@@ -141,12 +141,13 @@ def tolerance(
     mechanism: Mechanism,
     outputs: str | Iterable[str],
     deviations: Mapping[str, float],
-    state: State | None = None,
+    guess: Mapping[str, Any] | State | Array | None = None,
     *,
     samples: int = 0,
     executor: Executor | None = None,
     seed: int = 0,
     progress: bool = False,
+    state: Mapping[str, Any] | State | Array | None = None,
 ) -> Tolerance:
     """Propagate standard deviations of dimensions to outputs, linearly and by Monte Carlo.
 
@@ -167,13 +168,14 @@ def tolerance(
         mechanism: a mechanism with a xacro tree.
         outputs: names as for `sensitivity`.
         deviations: standard deviation by dimension [m, rad].
-        state: a closed state; its driver values, speeds and accelerations are kept; default the
-            assembled guess.
+        guess: where it stands: a closed State, whose driver values, speeds and accelerations are
+            kept, or what `assemble` takes; default the file's guess.
         samples: number of Monte Carlo samples, 0 for none, ten millions at most.
         executor: where to solve them (any `concurrent.futures` executor, a Dask client's too);
             default in this process.
         seed: of the samples.
         progress: show a bar on stderr after a second, if that is a terminal.
+        state: another word for `guess`.
 
     Returns:
         The Tolerance: standard deviations by output [unit of the output].
@@ -182,6 +184,7 @@ def tolerance(
         UnknownNameError: no such dimension or output.
         ValueError: a deviation is negative or not finite, or a number of samples or a seed cannot
             be.
+        Interrupted: after Ctrl-C; `.result` tells of the samples until then.
 
     Example:
         >>> mech = sp.load("rssr")
@@ -189,7 +192,7 @@ def tolerance(
         >>> print(f"{found.linear['rocker_pin']:.1e} rad, {found.sampled['rocker_pin']:.1e} rad")
         9.5e-04 rad, 9.3e-04 rad
     """
-    state = assembled(mechanism) if state is None else state
+    state = starting_state(mechanism, guess, state)
     names = names_of(outputs, "outputs")
     rng = generator(seed)
     spread = {k: number_from_zero(x, f"deviation of {k!r}") for k, x in deviations.items()}
@@ -216,13 +219,13 @@ def tolerance(
     values = {name: x[:n] for name, x in values.items()}
     good = {name: within_half_turn(x[is_closed], nominal[name], units[name])
             for name, x in values.items()}
-    return Tolerance(
+    return unless_cut(Tolerance(
         nominal, linear,
         {name: _of_enough(x, 2, lambda x: x.std(axis=0, ddof=1)) for name, x in good.items()},
         {name: _of_enough(x, 1, lambda x: x.mean(axis=0)) for name, x in good.items()},
         good, int(np.count_nonzero(~is_closed)), dict(zip(spread, drawn.T, strict=True)), is_closed,
         units, n == samples,
-    )
+    ))
 
 
 def _propagated(derivatives: Mapping[str, Any], spread: Mapping[str, float]) -> Any:

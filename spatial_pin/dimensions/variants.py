@@ -15,6 +15,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import fields
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,6 +29,7 @@ from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.files import load_expanded
 from spatial_pin.formats.sources import shown
 from spatial_pin.formats.urdf.checks import check_links
+from spatial_pin.formats.xacro.dimensions import Values
 from spatial_pin.formats.xacro.expansion import expand, traced
 from spatial_pin.formats.xacro.parsing import parse_urdf
 from spatial_pin.formats.xacro.tracing import depends
@@ -441,6 +443,8 @@ class TracedTree:
         other = copied(m, model=model, inertias=inertias,
                        parameters={**m.parameters, **dimensions})
         other.__dict__["dimensions"] = {**m.dimensions, **dimensions}
+        if isinstance(m.guess, Values):
+            other.__dict__["guess"] = partial(m.guess.written.values, dict(dimensions))
         return other
 
     def _limits_at(self, numbers: Array) -> Iterator[tuple[tuple[str, int], Array]]:

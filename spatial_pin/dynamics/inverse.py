@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.assembly.holding import free_bases
+from spatial_pin.assembly.holding import untied, velocity_entries
 from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.brief import first_names
 from spatial_pin.checks import checked, names_of, positive_number
@@ -29,6 +29,7 @@ from spatial_pin.dynamics.solvers.freedoms import (
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.motion.summary import EFFORTS
 from spatial_pin.numerics.linalg import Array, common_rows, decompose, independent_rows
@@ -63,7 +64,7 @@ class Actuation:
         given = actuated if isinstance(actuated, Mapping) else {}
         weights = np.array([positive_number(given.get(n, 1.0), f"weight of {n!r}")
                             for n in self.names])
-        self.coordinates = [mechanism.driven_coordinate(n) for n in self.names]
+        self.coordinates = [_motor(mechanism, n) for n in self.names]
         self.columns = np.array([c.v for c in self.coordinates], dtype=int)
         self.root = 1.0 / np.sqrt(weights)
         tied = constraints_of(mechanism).tied
@@ -90,6 +91,16 @@ def actuation_of(
 @made_once
 def _drivers(mechanism: Mechanism) -> Actuation:
     return Actuation(mechanism)
+
+
+def _motor(mechanism: Mechanism, name: str) -> Coordinate:
+    """Return the coordinate that a motor of that name acts on."""
+    component = mechanism.coordinate_table.get(name)
+    joint = component.joint if component else name
+    if joint in untied(mechanism):
+        raise SpatialPinError(f"mechanism {mechanism.name!r}: {name!r} cannot be actuated: "
+                              f"{_to_be_held(mechanism, joint)}")
+    return mechanism.driven_coordinate(name)
 
 
 class Efforts(Dynamics):
@@ -297,19 +308,44 @@ def _too_few(equations: Equations, actuation: Actuation, freedoms: Array, pull: 
         pull: zero of an actuator at a limit position.
     """
     mechanism, missing = equations.mechanism, len(freedoms)
-    chosen = _to_actuate(equations, freedoms)
-    way = f"such as actuated={[*actuation.names, *chosen]}"
-    if not all(mechanism.coordinate(name).q >= 0 for name in chosen):
-        way = f"but {NO_MOTOR}: model it as a chain of revolute joints"
-    floats = "".join(f"; {joint} floats freely, and no motor acts there: join what it carries "
-                     "to the ground by closures, or load it without a free base"
-                     for joint in free_bases(mechanism))
+    bases = _floating(mechanism, equations.moving(freedoms))
+    entries = [v for joint in bases for v in velocity_entries(mechanism, joint)]
+    others = decompose(freedoms[:, entries].T).null_space @ freedoms  # no base moves
+    ways = [_to_be_actuated(equations, actuation, others)] if len(others) else []
+    ways += [_to_be_held(mechanism, joint) for joint in bases]
     stuck = [name for name, x in zip(actuation.names, pull, strict=True)
              if x < TOLERANCES.near_singular]
     why = (f"{', '.join(map(repr, stuck))} {'is' if len(stuck) == 1 else 'are'} at a limit "
            "position, where no effort there moves anything: ") if stuck else ""
-    return (f"{why}{missing} freedom{'s have' if missing > 1 else ' has'} no actuator; actuate "
-            f"{missing} more of {', '.join(equations.moving(freedoms))}, {way}{floats}")
+    return (f"{why}{missing} freedom{'s have' if missing > 1 else ' has'} no actuator; "
+            f"{'; '.join(ways)}")
+
+
+def _to_be_actuated(equations: Equations, actuation: Actuation, freedoms: Array) -> str:
+    """Say by what freedoms (k, nv) can be moved, none of which moves a free base."""
+    mechanism, moving = equations.mechanism, ", ".join(equations.moving(freedoms))
+    chosen = _to_actuate(equations, freedoms)
+    if not _bear_motors(equations, chosen):
+        return f"what moves is {moving}, and {NO_MOTOR}: model it as a chain of revolute joints"
+    given = [name for name in actuation.names if mechanism.coordinate(name).q >= 0]
+    return f"actuate {len(freedoms)} more of {moving}, such as actuated={[*given, *chosen]}"
+
+
+def _floating(mechanism: Mechanism, names: Iterable[str]) -> list[str]:
+    """Return the free bases that some coordinates are of."""
+    moving = {mechanism.coordinate(name).joint for name in names}
+    return [joint for joint in untied(mechanism) if joint in moving]
+
+
+def _to_be_held(mechanism: Mechanism, joint: str) -> str:
+    """Say what can be done about a free base, which no motor acts on."""
+    at, ground = mechanism.joint_id(joint), mechanism.links[0]
+    link = next((f.name for f in mechanism.model.frames
+                 if f.parentJoint == at and f.type == pin.FrameType.BODY), joint)
+    fixed = "load it without free_flyer=True, " if mechanism.free_flyer else ""
+    return (f"{joint} floats freely, and no motor acts there: {fixed}hold it, or say where it "
+            "stands, by closures of links with the ground, such as "
+            f"sp.closures.weld(({ground!r}, state.placement({link!r})), {link!r})")
 
 
 def _to_actuate(equations: Equations, freedoms: Array) -> list[str]:
@@ -328,7 +364,7 @@ def _to_actuate(equations: Equations, freedoms: Array) -> list[str]:
 
 
 def _bear_motors(equations: Equations, names: Iterable[str]) -> bool:
-    return all(equations.mechanism.coordinate_table[name].q >= 0 for name in names)
+    return all(equations.mechanism.coordinate(name).q >= 0 for name in names)
 
 
 def _left_free(
@@ -349,15 +385,26 @@ def _left_free(
         a = _spun(equations, free, at.a) if len(free) else a
         loaded = _loaded(equations, spare, idle[:0], a)
     if loaded:
-        remedy = "actuate one of them" if _bear_motors(equations, loaded) else (
-            f"{NO_MOTOR}: let masses and forces act on the line through the ends of a rod, or "
-            "make one of its balls a universal joint; a simulation tells how it "
-            "turns else")
         raise SpatialPinError(
             f"mechanism {equations.mechanism.name!r}: a freedom without actuator carries load: "
-            f"weight, a spring, a force or inertia works on {', '.join(loaded)}; {remedy}"
+            f"weight, a spring, a force or inertia works on {', '.join(loaded)}; "
+            f"{_relief(equations, loaded)}"
         )
     return a
+
+
+def _relief(equations: Equations, loaded: list[str]) -> str:
+    """Say what can be done about coordinates that carry load."""
+    mechanism, bases = equations.mechanism, _floating(equations.mechanism, loaded)
+    ways = [_to_be_held(mechanism, joint) for joint in bases]
+    others = [name for name in loaded if mechanism.coordinate(name).joint not in bases]
+    if others and _bear_motors(equations, others):
+        ways.append(f"actuate one of {', '.join(others)}" if bases else "actuate one of them")
+    elif others:
+        ways.append(f"{NO_MOTOR}: let masses and forces act on the line through the ends of a "
+                    "rod, or make one of its balls a universal joint; a simulation tells how it "
+                    "turns else")
+    return "; ".join(ways)
 
 
 def _loaded(equations: Equations, spare: Array, idle: Array, a: Array) -> list[str]:

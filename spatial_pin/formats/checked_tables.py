@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Collection
 from typing import Any, NoReturn
 
 import numpy as np
@@ -16,8 +17,8 @@ _REQUIRED: Any = object()
 BETWEEN = "length_between"
 TOP = "at the top of the file, before the first [table]"
 BELONGS = {  # where in a file each key has its place
-    TOP: ("name", "title", "source", "tree", "gravity", "order", "joints", "closures", "drivers",
-          "springs", "passive", "frames", "guess"),
+    TOP: ("name", "title", "source", "tree", "complete", "gravity", "gap", "order", "joints",
+          "closures", "drivers", "springs", "passive", "frames", "guess"),
     "in [joints.NAME]": ("type", "axis", "axis2", "lead", *RESISTANCES, *LIMITS),
     "in [[closures]]": ("name", "type", "frames", "joints", "ratio", "offset", "length", BETWEEN,
                         "equations", "axis", "axis2", "lead", "source"),
@@ -126,11 +127,21 @@ class Table:
             self.fail(key, f"must be text, not {_said(value)}")
         return value
 
-    def choice(self, key: str, valid: tuple[str, ...]) -> str:
-        """Return one of a few texts."""
+    def flag(self, key: str) -> bool:
+        """Return true or false; false where there is no such key."""
+        value = self.get(key, False)
+        if not isinstance(value, bool):
+            self.fail(key, f"must be true or false, not {_said(value)}")
+        return value
+
+    def choice(
+        self, key: str, valid: tuple[str, ...],
+        hint: Callable[[str, Collection[str]], str] = suggestion,
+    ) -> str:
+        """Return one of a few texts; `hint` says what to write instead of another."""
         value = self.text(key)
         if value not in valid:
-            self.end(key, f"is {_said(value)}; {suggestion(value, valid)}")
+            self.end(key, f"is {_said(value)}; {hint(value, valid) or suggestion(value, valid)}")
         return value
 
     def number(self, key: str, default: Any = _REQUIRED, least: float = -math.inf) -> float:

@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from spatial_pin.errors import SpatialPinError, warn
+from spatial_pin.errors import MechanismFileError, SpatialPinError, warn
+from spatial_pin.formats.dialects import Reading, read_dialects
 from spatial_pin.formats.pinocchio_model.joints import joint_axis
-from spatial_pin.formats.sources import is_file
+from spatial_pin.formats.sources import Trust, is_file
 from spatial_pin.formats.toml_files import toml_text
 from spatial_pin.formats.urdf.model import (
     LIMITS,
@@ -77,7 +78,7 @@ def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
     files = {path: mechanism.urdf}
     content = _beside(mechanism, path.name)
     is_said = content["gravity"] == STANDARD_GRAVITY and content.keys() <= {
-        "name", "tree", "gravity"}
+        "name", "tree", "complete", "gravity"} and not _states_more(mechanism, path)
     if not is_said or (mechanism.path is not None and mechanism.path.suffix == ".toml"):
         files[path.with_suffix(".toml")] = toml_text(content)
     try:
@@ -85,6 +86,16 @@ def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
     except OSError as error:
         raise SpatialPinError(f"cannot write {error.filename}: {error.strerror}") from error
     return list(files)
+
+
+def _states_more(mechanism: Mechanism, path: Path) -> bool:
+    """Return whether readers find loops or motors in the URDF of a tree, or beside its file."""
+    reading = Reading(robot_of(mechanism), path)
+    try:
+        read_dialects(reading)
+    except MechanismFileError:
+        return True
+    return bool(reading.content)
 
 
 def _write(mechanism: Mechanism, texts: dict[Path, str], copies: dict[Path, Path]) -> None:
@@ -109,8 +120,9 @@ def _beside(mechanism: Mechanism, tree: str) -> dict[str, Any]:
     content = {**content_of(mechanism), "tree": tree}
     closures = [table for table in content.get("closures", ())
                 if not (table["type"] == COUPLING and table["name"] in stated)]
-    return {key: closures if key == "closures" else value for key, value in content.items()
-            if key != "closures" or closures}
+    return {"name": content["name"], "tree": tree, "complete": True, **{
+        key: closures if key == "closures" else value for key, value in content.items()
+        if key != "closures" or closures}}
 
 
 # ---------------------------------------------------------------- meshes
@@ -160,7 +172,8 @@ def _parts(mesh: Path) -> list[Path]:
         return []
     text = mesh.read_text(encoding="utf-8", errors="replace")
     named = [mesh.parent / name.strip() for name in re.findall(r"^mtllib[ \t]+(.+)$", text, re.M)]
-    return [file for file in named if file.parent == mesh.parent and is_file(file)]
+    trust = Trust.of(mesh)
+    return [file for file in named if file.parent == mesh.parent and trust.allows(file)]
 
 
 # ---------------------------------------------------------------- what a mechanism file says
@@ -187,6 +200,7 @@ def content_of(mechanism: Mechanism) -> dict[str, Any]:
     content: dict[str, Any] = {
         "name": mechanism.name, "title": mechanism.title, "source": mechanism.source,
         "tree": f"{mechanism.name}.urdf", "gravity": mechanism.model.gravity.linear.tolist(),
+        "gap": [] if mechanism.gap is None else mechanism.gap,
         "order": moving if moving != [n for n in urdf_order(robot) if n in moving] else [],
         "joints": {joint.get("name", ""): table for joint in robot.findall("joint")
                    if (table := _joint(mechanism, joint))},

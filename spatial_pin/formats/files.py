@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike, fspath
 from pathlib import Path
@@ -12,15 +12,17 @@ from typing import Any
 
 import numpy as np
 
+from spatial_pin.checks import number_from_zero
 from spatial_pin.errors import MechanismFileError, Mistakes, suggestion, warn
 from spatial_pin.formats import urdf_importer
 from spatial_pin.formats.checked_tables import Table
 from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.free_flyer import with_free_flyer
-from spatial_pin.formats.imported import Request
+from spatial_pin.formats.imported import Importer, Request
 from spatial_pin.formats.mechanism_file import Said, mechanism_of
-from spatial_pin.formats.merging import merged
+from spatial_pin.formats.merging import merged, without_loops_and_motors
 from spatial_pin.formats.sources import (
+    Trust,
     check_file,
     is_file,
     library_folder,
@@ -29,6 +31,7 @@ from spatial_pin.formats.sources import (
 )
 from spatial_pin.formats.table import endings, importer_of
 from spatial_pin.formats.toml_files import parse_toml
+from spatial_pin.formats.xacro.dimensions import arguments
 from spatial_pin.mechanism.mechanism import Mechanism
 
 
@@ -53,7 +56,8 @@ def library_titles() -> dict[str, tuple[str, str]]:
 
 def load(
     source: str | Path, *, trusted: bool = False, free_flyer: bool = False,
-    packages: Mapping[str, str | Path] | None = None, **parameters: float,
+    packages: Mapping[str, str | Path] | None = None, gap: float | None = None,
+    model: str | None = None, without: Sequence[str] = (), **parameters: float,
 ) -> Mechanism:
     """Load a mechanism.
 
@@ -78,6 +82,14 @@ def load(
         packages: folders of ROS packages by name, such as {"talos_data": "robots/talos_data"}, in
             which `package://NAME/...` and `$(find NAME)` lie; they go before ROS_PACKAGE_PATH,
             AMENT_PREFIX_PATH, the folders round the file, and installed packages of data.
+        gap: largest closure error that redundant equations may keep where the file's numbers are
+            rounded: part of the characteristic length, or rad; 0 if the numbers are exact. Default:
+            as the file says, else 1e-4. See `State.gap`.
+        model: which model of an SDFormat file that has several, by its name; of a nested one
+            "outer::inner".
+        without: names or tags of elements and joints of the tree's file (not of links) that are
+            left out, such as ["tendon_constraint"], where one of them cannot be read;
+            `Mechanism.notices` tells it.
         **parameters: values of the xacro arguments of its tree [SI, rad].
 
     Returns:
@@ -89,8 +101,8 @@ def load(
         MechanismFileError: a file cannot be used; says which key, joint or closure, and why. Or
             `free_flyer` is asked for and the root floats already.
         TypeError: the source is neither a name nor a path, or `trusted` or `free_flyer` neither
-            True nor False, or `packages` no dictionary of paths, or a parameter is neither a
-            number nor a text.
+            True nor False, or `packages` no dictionary of paths, or `model` no name, or `without`
+            no list of names, or a parameter is neither a number nor a text.
         ValueError: a parameter is NaN or infinite.
 
     Example:
@@ -105,8 +117,21 @@ def load(
     for key, given in (("trusted", trusted), ("free_flyer", free_flyer)):
         if not isinstance(given, bool | np.bool_):
             raise TypeError(f"{key} is True or False, not {given!r}")
-    folders = _folders(packages or {})
-    return _loaded(Request(_find(source), parameters, trusted, folders, free_flyer))
+    if not (model is None or isinstance(model, str)):
+        raise TypeError(f"model is the name of one, not {model!r}")
+    if not isinstance(without, list | tuple) or not all(isinstance(x, str) for x in without):
+        raise TypeError(f"without is a list of names, not {without!r}")
+    request = Request(_find(source), parameters, trusted, _folders(packages or {}), model=model,
+                      without=tuple(without), free_flyer=free_flyer)
+    try:
+        mechanism = _loaded(request)
+    except MechanismFileError as error:
+        empty = _empty_arguments(request)
+        if not empty:
+            raise
+        raise MechanismFileError(f"{error} (empty xacro arguments: {', '.join(empty)}; "
+                                 f"load(..., {empty[0]}=...) gives a value)") from error
+    return mechanism if gap is None else mechanism.with_fields(gap=number_from_zero(gap, "gap"))
 
 
 def load_expanded(mechanism: Mechanism, parameters: Mapping[str, float], urdf: str) -> Mechanism:
@@ -122,8 +147,9 @@ def load_expanded(mechanism: Mechanism, parameters: Mapping[str, float], urdf: s
     """
     m = mechanism
     assert m.path is not None
-    return _loaded(Request(m.path, {**m.parameters, **parameters}, m.trusted, dict(m.packages),
-                           m.free_flyer, expanded=urdf))
+    made = _loaded(Request(m.path, {**m.parameters, **parameters}, m.trusted, dict(m.packages),
+                           without=m.without, free_flyer=m.free_flyer, expanded=urdf))
+    return made.with_fields(gap=m.gap)
 
 
 def _loaded(request: Request) -> Mechanism:
@@ -132,6 +158,7 @@ def _loaded(request: Request) -> Mechanism:
         return _load_toml(request)
     importer = importer_of(request.path)
     assert importer is not None  # otherwise it was not found
+    request = _choosing_model(request, request.path, importer)
     imported, faults = importer.read(request), Faults()
     for notice in imported.notices:
         faults.note(notice)
@@ -181,10 +208,14 @@ def _load_toml(request: Request) -> Mechanism:
     top = Table(parse_toml(read_text(path), path), str(path))
     mistakes = Mistakes(str(path))
     with mistakes.each():
-        file = _tree_of(top)
-        read = (importer_of(file) or urdf_importer.IMPORTER).read
-        tree = read(replace(request, path=file, alone="closures" not in top))
-        content, left_out = merged(top.content, tree.content)
+        file = _tree_of(top, request)
+        importer = importer_of(file) or urdf_importer.IMPORTER
+        complete = top.flag("complete")
+        request = _choosing_model(request, file, importer)
+        tree = importer.read(replace(request, path=file, complete=complete,
+                                     alone=not complete and "closures" not in top))
+        stated = without_loops_and_motors(tree.content) if complete else tree.content
+        content, left_out = merged(top.content, stated)
     if mistakes:
         Said(top, mistakes)
         mistakes.tell()
@@ -193,16 +224,45 @@ def _load_toml(request: Request) -> Mechanism:
     return _told(content, file, tree.urdf, request, faults)
 
 
-def _tree_of(top: Table) -> Path:
+def _choosing_model(request: Request, file: Path, importer: Importer) -> Request:
+    """Return a request whose `model` chooses among several; elsewhere it is a xacro argument.
+
+    Raises:
+        MechanismFileError: there is nothing to choose from.
+    """
+    if request.model is None or importer.has_models:
+        return request
+    if file.suffix == ".xacro":
+        own: dict[str, Any] = {**request.parameters, "model": request.model}
+        return replace(request, parameters=own, model=None)
+    raise MechanismFileError(f"{shown(file)}: only a file of SDFormat may hold several models, one "
+                             f"of them {request.model!r}; leave `model` out")
+
+
+def _empty_arguments(request: Request) -> list[str]:
+    """Return the arguments of a xacro file that have no value, where that is known."""
+    file = request.path
+    try:
+        if file.suffix == ".toml":
+            file = _tree_of(Table(parse_toml(read_text(file), file), str(file)), request)
+        if file.suffix != ".xacro":
+            return []
+        texts = arguments(file, request.parameters, request.trusted, request.packages)
+    except (MechanismFileError, TypeError, ValueError):
+        return []
+    return [name for name, text in texts.items() if not text.strip()]
+
+
+def _tree_of(top: Table, request: Request) -> Path:
     """Return the file of the tree.
 
     Raises:
-        MechanismFileError: it is not there, or none is named.
+        MechanismFileError: it is not there or may not be read, or none is named.
     """
     name = top.text("tree")
-    file = Path(top.where).parent / name
+    file = request.path.parent / name
     try:
-        check_file(file)
+        Trust.of(request.path, request.packages, request.trusted).checked(file)
     except MechanismFileError as error:
         top.fail("tree", f"is {shown(name)!r}: {error}")
     return file

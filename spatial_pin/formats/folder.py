@@ -9,7 +9,7 @@ from pathlib import Path
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.dialects.beside import gepetto, loop_closures
 from spatial_pin.formats.imported import Imported, Importer, Request
-from spatial_pin.formats.sources import is_file, shown
+from spatial_pin.formats.sources import Trust, shown
 from spatial_pin.formats.urdf_importer import read_urdf
 from spatial_pin.formats.xacro.parsing import parse_xml
 
@@ -27,11 +27,11 @@ def read_folder(request: Request) -> Imported:
     Raises:
         MechanismFileError: there is none, or several and none is named `robot` or as the folder.
     """
-    folder = request.path
+    folder, trust = request.path, _trust(request)
     stated = [p for ending in gepetto.ENDINGS for p in sorted(folder.glob(f"*{ending}"))
-              if is_file(p) and gepetto.is_robot(p)]
+              if trust.allows(p) and gepetto.is_robot(p)]
     chosen = stated if len(stated) == 1 else [p for p in stated if p.stem == "robot"][:1]
-    urdf = gepetto.urdf_of(chosen[0]) if chosen else _only(folder)
+    urdf = gepetto.urdf_of(chosen[0], trust) if chosen else _only(folder, trust)
     return _read(urdf, request, folder.resolve().name, chosen[0] if chosen else None)
 
 
@@ -44,9 +44,10 @@ def read_statement(request: Request) -> Imported:
     path = request.path
     if loop_closures.is_closures(path):
         folder = path.parent.parent if path.parent.name == "config" else path.parent
-        urdf, name = _only(folder), folder.resolve().name
+        trust = Trust.of(folder, request.packages, request.trusted)
+        urdf, name = _only(folder, trust), folder.resolve().name
     else:
-        urdf = gepetto.urdf_of(path)
+        urdf = gepetto.urdf_of(path, _trust(request))
         name = path.resolve().parent.name if path.stem == "robot" else path.stem
     return _read(urdf, request, name, path)
 
@@ -62,18 +63,22 @@ def _read(urdf: Path, request: Request, name: str, statement: Path | None = None
                     imported.notices)
 
 
-def _candidates(folder: Path) -> list[Path]:
+def _trust(request: Request) -> Trust:
+    return Trust.of(request.path, request.packages, request.trusted)
+
+
+def _candidates(folder: Path, trust: Trust) -> list[Path]:
     """Return the URDFs of a folder, those of the first place that has any."""
     for place in PLACES:
-        found = sorted(p for p in (folder / place).glob("*.urdf") if is_file(p))
+        found = sorted(p for p in (folder / place).glob("*.urdf") if trust.allows(p))
         if found:
             return found
     return []
 
 
-def _only(folder: Path) -> Path:
+def _only(folder: Path, trust: Trust) -> Path:
     """Return the URDF that is meant by a folder."""
-    found = _candidates(folder)
+    found = _candidates(folder, trust)
     names = ("robot", folder.resolve().name)
     chosen = found if len(found) == 1 else [p for p in found if p.stem in names][:1]
     if not chosen:
@@ -83,6 +88,7 @@ def _only(folder: Path) -> Path:
     return chosen[0]
 
 
-FOLDER = Importer("a folder with a URDF", ("/",), lambda path: bool(_candidates(path)), read_folder)
+FOLDER = Importer("a folder with a URDF", ("/",),
+                  lambda path: bool(_candidates(path, Trust.of(path))), read_folder)
 STATEMENT = Importer("robot.yaml or loop_closures.yaml beside a URDF", (".yaml", ".yml"),
                      is_statement, read_statement)

@@ -18,8 +18,11 @@ class Request:
         parameters: values of xacro arguments [SI, rad]; other formats have none.
         trusted: whether the file may read files from anywhere, see `load`.
         packages: folders of ROS packages, by name, absolute; go before all others.
+        model: which model of a file with several; None: its only one.
+        without: names of elements and joints that are left out.
         free_flyer: whether a floating joint is put below the root of what is read.
         alone: whether no mechanism file with closures says more of it.
+        complete: whether a mechanism file says all that there is beside links and joints.
         expanded: what the xacro file of its tree expands to, where that is known.
     """
 
@@ -27,8 +30,11 @@ class Request:
     parameters: Mapping[str, float] = field(default_factory=dict)
     trusted: bool = False
     packages: Mapping[str, Path] = field(default_factory=dict)
+    model: str | None = None
+    without: tuple[str, ...] = ()
     free_flyer: bool = False
     alone: bool = True
+    complete: bool = False
     expanded: str | None = None
 
 
@@ -58,12 +64,14 @@ class Importer:
         recognises: whether a file (or folder) with one of these endings is one of it; it reads no
             more than it must. A folder has the ending "/".
         read: reads one; raises `MechanismFileError` where it cannot be used.
+        has_models: whether a file of it may hold several models, of which `load` takes one.
     """
 
     title: str
     suffixes: tuple[str, ...]
     recognises: Callable[[Path], bool]
     read: Callable[[Request], Imported]
+    has_models: bool = False
 
 
 def on_use(module: str) -> Callable[[Request], Imported]:

@@ -16,8 +16,9 @@ from spatial_pin.formats.checked_tables import BELONGS, BETWEEN, TOP, Table, bel
 from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.graph.urdf import without_loops
 from spatial_pin.formats.imported import Request
+from spatial_pin.formats.sources import Trust
 from spatial_pin.formats.urdf.model import LIMITS, RESISTANCES, JointRefinement, Tree, tree_of
-from spatial_pin.formats.xacro.expansion import dimensions
+from spatial_pin.formats.xacro.dimensions import Written, dimensions
 from spatial_pin.mechanism.checks import check_mechanism, impossible_inertias
 from spatial_pin.mechanism.coordinates import check_guess
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -30,6 +31,7 @@ from spatial_pin.mechanism.pairs import (
     Pair,
     PairGeometry,
     closure_geometry,
+    hint_at_type,
 )
 from spatial_pin.mechanism.parts import Closure, Driver, Passive, Spring, drivers_of_tree
 
@@ -67,6 +69,9 @@ class Said:
         for key in ("title", "source"):
             with mistakes.each():
                 self.parts[key] = top.text(key, "")
+        self.parts["gap"] = None
+        with mistakes.each():
+            self.parts["gap"] = top.number("gap", least=0.0) if "gap" in top else None
         with mistakes.each():
             self.parts["guess"] = dict(top.table("guess").content)
         self.order: tuple[str, ...] = ()
@@ -145,8 +150,8 @@ def mechanism_of(top: Table, file: Path, urdf: str, request: Request, faults: Fa
                 faults.note(notice)
             urdf, top = cut.urdf, Table(cut.content, top.where)
             said = Said(top, mistakes)
-        tree = tree_of(urdf, file, said.refinements, faults, request.packages, said.order,
-                       top.where)
+        trust = Trust.of(file, request.packages, request.trusted)
+        tree = tree_of(urdf, file, said.refinements, faults, trust, said.order, top.where)
         if said.gravity is not None:
             tree.model.gravity.linear = said.gravity
         return _build(top, tree, said, file, request, faults, mistakes)
@@ -169,15 +174,18 @@ def _build(
     if "drivers" not in top:
         joints = dict(zip(list(tree.model.names)[1:], tree.pairs, strict=True))
         parts["drivers"] = drivers_of_tree(joints, parts["closures"])
-    parts["dimensions"] = partial(dimensions, file, dict(request.parameters), request.trusted,
-                                  request.packages)  # read when they are asked for
+    with_dimensions = file, dict(request.parameters), request.trusted, request.packages
+    parts["dimensions"] = partial(dimensions, *with_dimensions)  # read when they are asked for
+    written = Written(parts.pop("guess"), request.path, "guess", *with_dimensions)
+    with mistakes.each():
+        parts["guess"] = written.values()
     mechanism = Mechanism(
         name=top.content.get("name", ""), tree=file, model=tree.model,
         visual_model=tree.shapes.visual,
         collision_model=tree.shapes.collision, pairs=tree.pairs, inertias=tree.inertias,
         parameters=dict(request.parameters), path=request.path, urdf=tree.urdf,
         slip_speeds=tree.slip_speeds, trusted=request.trusted, packages=request.packages,
-        free_flyer=request.free_flyer,
+        free_flyer=request.free_flyer, model_of_file=request.model, without=request.without,
         **parts,
     )
     mechanism.characteristic_length  # noqa: B018 - refused here where it is no number
@@ -222,7 +230,7 @@ def _refinement(table: Table) -> JointRefinement:
     needs_type = not table.content or any(key in table for key in ("type", "axis", "axis2", "lead"))
     if not needs_type:
         return JointRefinement(resistances=resistances, limits=limits, where=table.where)
-    kind = table.choice("type", JOINT_TYPES)
+    kind = table.choice("type", JOINT_TYPES, hint_at_type)
     pair = PAIRS[kind]
     return JointRefinement(
         kind,
@@ -245,7 +253,7 @@ def _lead(table: Table) -> float:
 def _closure(table: Table) -> Closure:
     name = table.text("name")
     table.where += f" ({name!r})"
-    kind, source = table.choice("type", CLOSURE_TYPES), table.text("source", "")
+    kind, source = table.choice("type", CLOSURE_TYPES, hint_at_type), table.text("source", "")
     if kind == COUPLING:
         closure = Closure(name, kind, source=source, joints=table.two_names("joints"),
                           ratio=table.number("ratio", 1.0), offset=table.number("offset", 0.0))

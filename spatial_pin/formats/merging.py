@@ -7,7 +7,7 @@ from typing import Any
 
 LISTS = ("closures", "springs")
 TABLES = ("joints", "frames", "guess")
-SAME = "that is the same"  # as in a saved mechanism, whose tree still has what it was read from
+SAME = "that is the same"
 
 
 def merged(own: Mapping[str, Any], stated: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
@@ -46,6 +46,12 @@ def merged(own: Mapping[str, Any], stated: Mapping[str, Any]) -> tuple[dict[str,
         if isinstance(mine, dict) and "type" not in mine:
             both["joints"][name] = {**table, **mine}
     return both, notices
+
+
+def without_loops_and_motors(stated: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a tree's file says of joints and frames, where a mechanism file is complete."""
+    return {key: x for key, x in stated.items() if key not in (*LISTS, "drivers", "passive",
+                                                               "guess")}
 
 
 def _replaced(entry: Mapping[str, Any], mine: Any) -> str:

@@ -7,6 +7,7 @@ import re
 import stat
 import sys
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 
@@ -71,6 +72,7 @@ def read_text(path: Path) -> str:
 
 LIBRARY = "spatial_pin"  # the package that holds the library: `$(find spatial_pin)/parts.xacro`
 MANIFEST = "package.xml"
+OF_PACKAGES = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH")
 OF_MODELS = ("GZ_SIM_RESOURCE_PATH", "GAZEBO_MODEL_PATH", "SDF_PATH")  # where Gazebo's models lie
 NO_PACKAGES: Mapping[str, Path] = MappingProxyType({})
 
@@ -136,11 +138,77 @@ def _manifest_name(folder: Path) -> str:
 
 
 def is_installed(folder: Path, packages: Mapping[str, Path]) -> bool:
-    """Return whether a folder is the library, or a ROS package.
+    """Return whether a folder is the library, or a package.
 
     That is what says so itself, or is named by the environment or the caller.
     """
-    roots = [library_folder(), *_listed("ROS_PACKAGE_PATH"), *_listed("AMENT_PREFIX_PATH"),
-             *packages.values()]
-    return is_file(folder / MANIFEST) or any(r.resolve() in (folder, *folder.parents)
-                                             for r in roots)
+    listed = (root for variable in (*OF_PACKAGES, *OF_MODELS) for root in _listed(variable))
+    return is_file(folder / MANIFEST) or any(
+        root.resolve() in (folder, *folder.parents)
+        for root in (library_folder(), Path(__file__).parent, *listed, *packages.values()))
+
+
+# ---------------------------------------------------------------- which files may be read
+
+REMEDY = "sp.load(..., trusted=True) reads it all the same"
+
+
+@dataclass(frozen=True)
+class Trust:
+    """The one rule for every file that a file of a mechanism names.
+
+    It is a plain file of bearable size. It lies, links followed, below the folder of the file that
+    `load` reads the tree from, or in a package; if the user trusts the file, anywhere. Whoever
+    reads a file asks here before anything opens it.
+
+    Attributes:
+        home: the folder, resolved.
+        packages: folders of packages, by name, as `load` was given them.
+        trusted: whether the user trusts the file.
+    """
+
+    home: Path
+    packages: Mapping[str, Path] = field(default_factory=dict)
+    trusted: bool = False
+
+    @classmethod
+    def of(
+        cls, file: Path, packages: Mapping[str, Path] = NO_PACKAGES, trusted: bool = False
+    ) -> Trust:
+        """Return the rule for what a file, or the files of a folder, may name."""
+        folder = file if os.path.isdir(file) else file.parent
+        return cls(folder.resolve(), packages, trusted)
+
+    def resolved(self, name: Path | str) -> Path:
+        """Return where a file lies that may be read if it is there.
+
+        Raises:
+            MechanismFileError: it lies elsewhere.
+        """
+        try:
+            path = Path(name).resolve()
+        except (OSError, ValueError, RuntimeError) as error:  # too long a name, a loop of links
+            raise MechanismFileError(f"{shown(name)}: {error}") from error
+        if not (self.trusted or path.is_relative_to(self.home)
+                or any(is_installed(parent, self.packages) for parent in path.parents)):
+            raise MechanismFileError(f"{shown(name)} lies neither below {shown(self.home)} nor in "
+                                     f"an installed package; {REMEDY}")
+        return path
+
+    def checked(self, name: Path | str) -> Path:
+        """Return where a file lies that may be read.
+
+        Raises:
+            MechanismFileError: it lies elsewhere, is not there, no plain file, or too large.
+        """
+        path = self.resolved(name)
+        check_file(path)
+        return path
+
+    def allows(self, name: Path | str) -> bool:
+        """Return whether there is a file of that name which may be read."""
+        try:
+            self.checked(name)
+        except MechanismFileError:
+            return False
+        return True

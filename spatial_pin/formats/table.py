@@ -15,7 +15,8 @@ FOLDER = "/"  # the ending of a folder's name
 
 IMPORTERS: dict[str, Importer] = {
     "urdf": urdf_importer.IMPORTER,
-    "sdf": Importer("SDFormat", (".sdf", ".world"), lambda path: True, on_use("sdf.reading")),
+    "sdf": Importer("SDFormat", (".sdf", ".world"), lambda path: True, on_use("sdf.reading"),
+                    has_models=True),
     "usd": usd.IMPORTER,
     "mjcf": Importer("MJCF", (".xml", ".mjcf"), is_mjcf, on_use("mjcf.reading")),
     "folder": folder.FOLDER,

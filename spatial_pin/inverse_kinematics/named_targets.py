@@ -103,6 +103,10 @@ class AngleValue(Target):
         """See `Target`."""
         yield self.name, self.value
 
+    def lengths(self, mechanism: Mechanism) -> int:
+        """See `Target`."""
+        return 0
+
 
 def output_target(
     mechanism: Mechanism, name: str, given: Any, weight: float | None = None

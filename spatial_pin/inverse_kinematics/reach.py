@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.assembly.assemble import assembled
+from spatial_pin.assembly.held_start import starting_state
 from spatial_pin.assembly.holding import BASE, Hold, held_by
 from spatial_pin.assembly.search.whole_turns import periodic
-from spatial_pin.assembly.state import State, of_mechanism
+from spatial_pin.assembly.state import State
 from spatial_pin.brief import counted
 from spatial_pin.checks import checked
 from spatial_pin.constraints.closure_equations import evaluation_of
@@ -38,11 +39,12 @@ LEG = 2.0  # rad, characteristic lengths, of each freedom: from one far start to
 def reach(
     mechanism: Mechanism,
     targets: Mapping[str, Any],
-    state: State | None = None,
+    guess: Mapping[str, Any] | State | Array | None = None,
     *,
     hold: Hold = BASE,
     limits: bool = True,
     starts: int = 10,
+    state: Mapping[str, Any] | State | Array | None = None,
 ) -> State:
     """Return a configuration in which frames, coordinates, distances are where they should be.
 
@@ -58,19 +60,21 @@ def reach(
             `com.position.x`, `LINK.angle`: its value; or any of `spatial_pin.targets`, or a list of
             these: directions, distances, the centre of mass. Targets without a weight are met
             exactly, those with one as well as the exact ones leave freedom for.
-        state: where to start; default the assembled guess.
-        hold: names of what stands still where the state has it, as for `sweep`.
-        limits: whether joint limits are kept; a state beyond them is led back within them.
-        starts: how many other states near it are tried, where the targets are not reached from
-            this one, and then half as many of each freedom that are far from it, within joint
-            limits. They are always the same.
+        guess: where to start: a State, or what `assemble` takes; default the file's guess.
+        hold: names of what stands still where the start has it, as for `sweep`.
+        limits: whether joint limits are kept; a start beyond them is led back within them.
+        starts: how many other states near it are tried, where the targets, those with a weight
+            too, are not met from this one, and then half as many of each freedom that are far from
+            it, within joint limits. They are always the same. With 0, weighted targets are met as
+            well as can be near the start, and soonest.
+        state: another word for `guess`.
 
     Returns:
         A State without rates; `solve_rates` gives it some.
 
     Raises:
-        ReachError: the targets cannot be reached; has the nearest configuration, how far off each
-            target is, and what stops it.
+        ReachError: the exact targets cannot be reached, or weighted ones are too far away to come
+            to an end; has the nearest configuration, how far off each target is, and what stops it.
         UnknownNameError: there is no such frame, coordinate or driver.
         AssemblyError: the guess does not close.
         TypeError: a target is of no kind there is.
@@ -86,7 +90,7 @@ def reach(
     if starts < 0:
         raise ValueError(f"starts is {starts}; it is how many other starts are tried, 0 or more")
     asked = read_targets(mechanism, targets)
-    start = assembled(mechanism, {}) if state is None else of_mechanism(mechanism, state)
+    start = starting_state(mechanism, guess, state)
     mechanism = start.mechanism
     held = held_by(mechanism, hold)
     asked += [CoordinateValue(c.name, value=coordinate_value(mechanism, c, start.q))
@@ -95,14 +99,14 @@ def reach(
     with evaluation_of(mechanism, start.angles) as evaluation:
         solver = Solver(evaluation, asked, kept, held.entries, EXACT)
         best = _best(start, solver, starts)
-        if not best.is_met(EXACT) and not best.is_on_its_way:
+        if not best.is_best(EXACT) and not best.is_on_its_way:
             best = _from_afar(start, solver, starts, best)
         if not best.is_met(EXACT):
             best = solver.settled(best, start.q)
         solver.stand(best.q)
         reached = State(mechanism, best.q, closure_error=evaluation.closure_error,
                         angles=evaluation.angles.copy())
-        if not best.is_met(EXACT):
+        if not best.is_met(EXACT) or best.is_on_its_way:
             raise _short(start, solver, best, reached)
     return reached
 
@@ -117,9 +121,9 @@ def _best(start: State, solver: Solver, starts: int) -> Reached:
             best = found if is_closed else solver.reached(start.q, {})
             if found.is_on_its_way:
                 break  # others near it have as far to go
-        elif is_closed and found.is_nearer(best):
+        elif is_closed and found.is_nearer(best, EXACT):
             best = found
-        if best.is_met(EXACT):
+        if best.is_best(EXACT):
             break
     assert best is not None  # of the state itself
     return best
@@ -138,24 +142,37 @@ def _starts(state: State, solver: Solver, count: int) -> Iterable[Array]:
 def _from_afar(start: State, solver: Solver, starts: int, best: Reached) -> Reached:
     """Return the nearest place that solving from afar leads to, or a nearer one that is known.
 
-    Of places where targets are met it is that of the least weighted residuals, then motion.
+    Of places where targets are met it is that of the least weighted residuals, then motion. Where
+    only targets with a weight are not met yet, the starts nearest to them come first, until
+    `starts` in a row have led to nothing better: most of such targets cannot be met at all.
     """
     def cost(found: Reached) -> tuple[float, float]:
         way = pin.difference(start.mechanism.model, start.q, found.q) / solver.scale
-        missed = float(np.linalg.norm(solver.residual(found.q, solver.weighted)[0]))
-        return round(missed / TOLERANCES.nothing), float(np.linalg.norm(way))
+        return round(found.missed / TOLERANCES.nothing), float(np.linalg.norm(way))
 
-    for q in _far_starts(start, solver, starts):
-        found = solver.solve(q, start.q)
-        back = _turned_back(start, found.q) if found.is_met(EXACT) else found.q
-        for there in (found, solver.solve(back, start.q)) if back is not found.q else (found,):
-            if not solver.is_closed(there.q):
-                continue
+    queue, most, in_vain = [*_far_starts(start, solver, starts)], np.inf, 0
+    if best.is_met(EXACT):
+        queue, most = sorted(queue, key=lambda q: solver.reached(q, {}).missed), starts
+    for q in queue:
+        before = best
+        for there in _solved(start, solver, q):
             if there.is_met(EXACT) and best.is_met(EXACT):
                 best = min(best, there, key=cost)
-            elif there.is_nearer(best):
+            elif there.is_nearer(best, EXACT):
                 best = there
+        in_vain = in_vain + 1 if best is before else 0
+        if in_vain >= most:
+            break
     return best
+
+
+def _solved(start: State, solver: Solver, q: Array) -> Iterable[Reached]:
+    """Yield where solving from a far start leads to, and this without whole turns."""
+    found = solver.solve(q, start.q)
+    back = _turned_back(start, found.q) if found.is_met(EXACT) else found.q
+    for there in (found, solver.solve(back, start.q)) if back is not found.q else (found,):
+        if solver.is_closed(there.q) and not (there.is_met(EXACT) and there.is_on_its_way):
+            yield there
 
 
 def _turned_back(start: State, q: Array) -> Array:
@@ -206,26 +223,47 @@ class Stop(NamedTuple):
 
 def _short(start: State, solver: Solver, found: Reached, state: State) -> ReachError:
     """Return the error that tells how near it comes, and what stops it there."""
-    mechanism, residuals, at = state.mechanism, dict[str, Array](), 0
-    for target in solver.exact:
-        n = len(target.residual(solver.evaluation)[0])
-        residuals[target.name] = np.append(residuals.get(target.name, ()), found.exact[at : at + n])
-        at += n
+    mechanism, residuals = state.mechanism, dict[str, Array]()
+    gaps = dict[str, tuple[float, float]]()
+    for target in solver.weighted if found.is_met(EXACT) else solver.exact:
+        off = target.residual(solver.evaluation)[0]
+        residuals[target.name] = np.append(residuals.get(target.name, ()), off)
+        n = target.lengths(mechanism)
+        n = len(off) if n is None else n
+        length, angle = gaps.get(target.name, (0.0, 0.0))
+        gaps[target.name] = math.hypot(length, *off[:n]), math.hypot(angle, *off[n:])
     lengths = {name: float(np.linalg.norm(x)) for name, x in residuals.items()}
     worst = max(lengths, key=lengths.__getitem__)
     stops = tuple(_stops(start, solver, found))
     return ReachError(
         f"mechanism {mechanism.name!r}: the targets cannot be reached from there: {worst!r} stays "
-        f"off by {lengths[worst]:.3g} (lengths relative to the characteristic length, "
-        f"{mechanism.characteristic_length:.4g} m; angles in rad); "
-        f"{'; '.join(stop.words for stop in stops)}",
+        f"off by {_gap(mechanism, *gaps[worst])}; {'; '.join(stop.words for stop in stops)}",
         state=state, distances=lengths, residuals=residuals,
         stops=tuple(stop.words for stop in stops), reasons=tuple(stop.reason for stop in stops),
         limits=tuple(limit.name for limit in found.limits))
 
 
+def _gap(mechanism: Mechanism, length: float, angle: float) -> str:
+    """Return how far off a target is, in millimetres or metres, and degrees.
+
+    Args:
+        mechanism: the mechanism.
+        length: relative to its characteristic length.
+        angle: [rad].
+    """
+    far = length * mechanism.characteristic_length
+    words = [f"{far:.4g} m" if far >= 1.0 else f"{1e3 * far:.4g} mm"] * (length > EXACT)
+    words += [f"{angle:.4g} rad ({math.degrees(angle):.4g}°)"] * (angle > EXACT or not words)
+    return " and ".join(words)
+
+
 def _stops(start: State, solver: Solver, found: Reached) -> Iterable[Stop]:
     """Yield what stops a mechanism short of its targets."""
+    on_its_way = Stop("steps", "it was still coming nearer when the steps ran out: go on from the "
+                      "state of this error, or start nearer")
+    if found.is_met(EXACT):  # and what has a weight is far away
+        yield on_its_way
+        return
     if found.beyond:
         yield Stop("joint limit", f"it started beyond the {_words(found.beyond)}, and does not "
                    "come within from there: start from another state, or with limits=False")
@@ -248,8 +286,7 @@ def _stops(start: State, solver: Solver, found: Reached) -> Iterable[Stop]:
         yield Stop(reason, f"it is stretched out or folded: at this {place} no motion takes it "
                    "further towards them")
     elif found.is_on_its_way:
-        yield Stop("steps", "it was still coming nearer when the steps ran out: go on from the "
-                   "state of this error, or start nearer")
+        yield on_its_way
     elif freedom < asked:
         yield Stop("too few freedoms", f"it has {counted(freedom, 'freedom')} there for "
                    f"{asked} numbers asked for: ask for fewer, or give some a weight")

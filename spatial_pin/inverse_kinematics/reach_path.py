@@ -8,13 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from spatial_pin.assembly.held_start import starting_state
 from spatial_pin.assembly.holding import BASE, Hold, free_bases, held_by, is_base
-from spatial_pin.assembly.state import State, of_mechanism
+from spatial_pin.assembly.state import State
 from spatial_pin.brief import counted
 from spatial_pin.checks import checked, names_of
 from spatial_pin.constraints.closure_equations import evaluation_of
-from spatial_pin.errors import Interrupted, ReachError, SingularError, SpatialPinError
+from spatial_pin.errors import ReachError, SingularError
 from spatial_pin.inverse_kinematics.driver_singularities import driver_singularities
+from spatial_pin.inverse_kinematics.least_motion import by_drivers
 from spatial_pin.inverse_kinematics.named_targets import read_targets
 from spatial_pin.inverse_kinematics.reach import EXACT, reach
 from spatial_pin.inverse_kinematics.solving import Solver
@@ -25,15 +27,14 @@ from spatial_pin.inverse_kinematics.target_coordinates import (
     copy_at,
     stretches_of,
 )
-from spatial_pin.inverse_kinematics.target_tables import Table, law_of, tables_of
+from spatial_pin.inverse_kinematics.target_tables import Table, law_of, tables_of, targets_at
 from spatial_pin.kernel.paths import Samples
 from spatial_pin.mechanism.coordinates import needed
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.motion.follow import Followed, along, finished, follow, sample_times
+from spatial_pin.motion.follow import Followed, along, finished, sample_times
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array, rank
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.progress import progress_bar
 from spatial_pin.rates.rates import check_not_held
 from spatial_pin.settings import Accuracy, accuracy_of
 
@@ -43,11 +44,12 @@ def reach_path(
     mechanism: Mechanism,
     targets: Mapping[str, Any],
     times: Any = None,
-    state: State | None = None,
+    guess: Mapping[str, Any] | State | Array | None = None,
     *,
     hold: Hold = BASE,
     accuracy: Accuracy | None = None,
     progress: bool = False,
+    state: Mapping[str, Any] | State | Array | None = None,
 ) -> Motion:
     """Return the motion in which frames and coordinates go along tables of targets.
 
@@ -65,7 +67,9 @@ def reach_path(
     Where there are more freedoms than the targets ask for, they do not determine the motion: each
     sample is then reached from the one before with the least motion, within joint limits, and the
     drivers follow cubic splines through the values that they have there. The targets are met at the
-    samples, and between them nearly.
+    samples, and between them nearly. Where the least motion leads no further, stretched out or at
+    joint limits, a configuration that meets the next targets is looked for as `reach` does, and the
+    samples before it are gone anew towards it.
 
     Args:
         mechanism: the mechanism.
@@ -77,10 +81,11 @@ def reach_path(
             (`com.position`, `com.position.x`) are reached sample by sample.
         times: (N,) rising [s]. Without them the motion has no time: its rates are those per
             sample, and its forces statics.
-        state: where to start; default the assembled guess.
-        hold: names of what stands still where the state has it, as for `sweep`.
+        guess: where to start: a State, or what `assemble` takes; default the file's guess.
+        hold: names of what stands still where the start has it, as for `sweep`.
         accuracy: predictor order, corrections and tolerance; default "engineering".
         progress: show a bar on stderr after a second, if that is a terminal.
+        state: another word for `guess`.
 
     Returns:
         The Motion, one row per sample, without a `driver`; `kinetostatics` gives the efforts along
@@ -113,9 +118,10 @@ def reach_path(
     held = () if hold is None else tuple(names_of(hold, "hold"))
     check_not_held(mechanism, [mechanism.prescribed_coordinate(t.name) for t in tables
                                if t.is_coordinate], held)
-    wanted = _targets(tables, 0)
-    first = reach(mechanism, wanted, state, hold=hold,
-                  limits=state is None or not _is_met(mechanism, wanted, state))
+    wanted = targets_at(tables, 0)
+    start = starting_state(mechanism, guess, state)
+    first = reach(mechanism, wanted, start, hold=hold, limits=(
+        guess is None and state is None) or not _is_met(start, wanted))
     freedom, chains = _chains(first, tables, s, hold)
     asked = sum(chain.n for chain in chains)
     if asked > freedom:
@@ -123,27 +129,22 @@ def reach_path(
     moved = None if times is None else s
     if not asked or not all(chain.has_closure for chain in chains):
         # it stands still, and what is left free may as well; or no coordinate stands for a target
-        return _by_drivers(first, tables, moved, hold, accuracy, progress)
+        return by_drivers(first, tables, moved, hold, accuracy, progress)
     try:
         followed = _followed(first, chains, s, hold, accuracy, progress)
     except SingularError:
         if asked == freedom:
             raise
-        return _by_drivers(first, tables, moved, hold, accuracy, progress)
+        return by_drivers(first, tables, moved, hold, accuracy, progress)
     return finished(first.mechanism, followed, moved, held, [t.name for t in tables], "targets")
 
 
-def _is_met(mechanism: Mechanism, targets: Mapping[str, Any], state: State) -> bool:
+def _is_met(state: State, targets: Mapping[str, Any]) -> bool:
     """Whether targets are met at a state, joint limits kept or not."""
-    state = of_mechanism(mechanism, state)
     with evaluation_of(state.mechanism, state.angles) as evaluation:
         evaluation.update(state.q)
         return all(np.linalg.norm(target.residual(evaluation)[0]) <= TOLERANCES.closed
-                   for target in read_targets(mechanism, targets))
-
-
-def _targets(tables: list[Table], k: int) -> dict[str, Any]:
-    return {table.name: table.target(k) for table in tables}
+                   for target in read_targets(state.mechanism, targets))
 
 
 def _chains(state: State, tables: list[Table], s: Array, hold: Hold) -> tuple[int, list[Chain]]:
@@ -151,7 +152,7 @@ def _chains(state: State, tables: list[Table], s: Array, hold: Hold) -> tuple[in
     mechanism = state.mechanism
     size = mechanism.characteristic_length
     with evaluation_of(mechanism, state.angles) as evaluation:
-        asked = read_targets(mechanism, _targets(tables, 0))
+        asked = read_targets(mechanism, targets_at(tables, 0))
         held = held_by(mechanism, hold)
         solver = Solver(evaluation, asked, [], held.entries, EXACT)
         motions = solver.motions(state.q, solver.stops.moves, [], idle=False)
@@ -240,10 +241,15 @@ def _between(
 
 
 def _standing(mechanism: Mechanism, hold: Hold) -> list[str]:
-    """Return names of what stands still, the free bases by their own."""
+    """Return names of what stands still as a copy without drivers has them."""
     found: list[str] = []
     for name in () if hold is None else names_of(hold, "hold"):
-        found += free_bases(mechanism) if is_base(mechanism, name) else [name]
+        if is_base(mechanism, name):
+            found += free_bases(mechanism)
+        elif name in mechanism.drivers:
+            found.append(mechanism.coordinate(name).name)
+        else:
+            found.append(name)
     return found
 
 
@@ -264,38 +270,3 @@ def _not_implied(copy: Copy, standing: list[str]) -> list[str]:
             found.append(name)
             rows = more
     return found
-
-
-def _by_drivers(
-    first: State, tables: list[Table], times: Array | None, hold: Hold, accuracy: Accuracy,
-    progress: bool,
-) -> Motion:
-    """Return the motion of least motion from sample to sample, the drivers on splines."""
-    mechanism, states = first.mechanism, [first]
-    if not mechanism.drivers:
-        raise SpatialPinError(
-            f"mechanism {mechanism.name!r}: the targets do not determine the motion, and it has no "
-            "drivers that would; give the targets of as many coordinates as are free")
-
-    held = held_by(mechanism, hold).entries
-
-    def motion() -> Motion:
-        n = len(states)
-        values = {d: np.array([x.coordinate(d).value for x in states]) for d in mechanism.drivers
-                  if mechanism.coordinate(d).v not in held}
-        return follow(mechanism, values, np.arange(n, dtype=float) if times is None else times[:n],
-                      guess=first, hold=hold, accuracy=accuracy, progress=progress)
-
-    with progress_bar(len(tables[0]), f"{mechanism.name}: reach", progress) as bar:
-        for k in range(1, len(tables[0])):
-            try:
-                states.append(reach(mechanism, _targets(tables, k), states[-1], hold=hold,
-                                    starts=0))
-            except ReachError as error:
-                error.motion = motion()
-                error.args = (f"sample {k}: {error}",)
-                raise
-            except KeyboardInterrupt as stopped:
-                raise Interrupted(motion()) from stopped
-            bar.update(1)
-    return motion()

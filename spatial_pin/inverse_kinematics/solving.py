@@ -8,7 +8,7 @@ that keep that too, what has a weight is met as well as can be; what freedom is 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -31,6 +31,7 @@ class Reached(NamedTuple):
         q: (nq,) configuration, its loops closed.
         exact: (k,) residuals of what was to be exact.
         limits: joint limits that hold it back.
+        missed: length of the weighted residuals of what has a weight.
         beyond: joint limits that it is beyond, since it started there.
         is_on_its_way: whether it went on by long steps until these ran out.
     """
@@ -38,6 +39,7 @@ class Reached(NamedTuple):
     q: Array
     exact: Array
     limits: tuple[JointLimit, ...]
+    missed: float = 0.0
     beyond: tuple[JointLimit, ...] = ()
     is_on_its_way: bool = False
 
@@ -46,18 +48,28 @@ class Reached(NamedTuple):
         """The length of `exact`."""
         return float(np.linalg.norm(self.exact))
 
-    def is_nearer(self, other: Reached) -> bool:
-        """Whether this is within limits where the other is not, or clearly nearer."""
-        if self.beyond or other.beyond:
-            return bool(other.beyond) and (not self.beyond or self._is_less(other))
-        return self._is_less(other)
+    def is_nearer(self, other: Reached, tolerance: float) -> bool:
+        """Whether this is within limits where the other is not, or clearly nearer.
 
-    def _is_less(self, other: Reached) -> bool:
-        return self.distance < other.distance * (1.0 - TOLERANCES.nothing)
+        Where what is to be exact is met in both, it is nearer to what has a weight.
+        """
+        if self.beyond or other.beyond:
+            return bool(other.beyond) and (not self.beyond or self._is_less(other, tolerance))
+        return self._is_less(other, tolerance)
+
+    def _is_less(self, other: Reached, tolerance: float) -> bool:
+        own, others = self.distance, other.distance
+        if max(own, others) <= tolerance:
+            own, others = self.missed, max(other.missed, tolerance)
+        return own < others * (1.0 - TOLERANCES.nothing)
 
     def is_met(self, tolerance: float) -> bool:
-        """Whether targets are met, within limits."""
+        """Whether what is to be exact is met, within limits."""
         return not self.beyond and self.distance <= tolerance
+
+    def is_best(self, tolerance: float) -> bool:
+        """Whether no place can be nearer: what has a weight is met too."""
+        return self.is_met(tolerance) and self.missed <= tolerance
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -90,7 +102,8 @@ class Solver(Constrained):
     """Moves a mechanism to targets.
 
     Attributes:
-        exact, weighted: targets to be reached, and those to be met as well as can be.
+        exact, weighted: targets to be reached, and those to be met as well as can be, their weights
+            relative to the largest.
 
     Args:
         evaluation: its closure equations.
@@ -106,7 +119,10 @@ class Solver(Constrained):
     ) -> None:
         super().__init__(evaluation, limits, still, tolerance)
         self.exact = [t for t in targets if t.weight is None]
-        self.weighted = [t for t in targets if t.weight is not None]
+        weights = {k: t.weight for k, t in enumerate(targets) if t.weight is not None}
+        most = max(weights.values(), default=1.0)
+        self.weighted = [replace(targets[k], weight=weight / most)
+                         for k, weight in weights.items()]
 
     def solve(self, q: Array, start: Array) -> Reached:
         """Return where the targets are met, from q (nq,) on, with least motion from `start`."""
@@ -118,10 +134,12 @@ class Solver(Constrained):
         if polished is None:
             return self.reached(q, held)._replace(is_on_its_way=is_on_its_way)
         q = polished
+        descent, is_on_its_way = Descent(self, self.exact, self.weighted), False
         if self.weighted:
-            q, held, _ = Descent(self, self.exact, self.weighted).run(q, held)
-        descent = Descent(self, self.exact, self.weighted)
-        return self.reached(self._least_motion(q, start, held, descent), held)
+            q, held, is_on_its_way = descent.run(q, held)
+        if not is_on_its_way:
+            q = self._least_motion(q, start, held, descent)
+        return self.reached(q, held)._replace(is_on_its_way=is_on_its_way)
 
     def settled(self, found: Reached, start: Array) -> Reached:
         """Return the place nearest to the start of those that are as near to the targets."""
@@ -130,7 +148,8 @@ class Solver(Constrained):
         held = {limit.v: limit for limit in found.limits}
         q = self._least_motion(found.q, start, held, Descent(self, [], self.exact))
         there = self.reached(q, held)
-        return found if found.is_nearer(there) or not self.is_closed(q) else there
+        is_nearer = found.is_nearer(there, self.tolerance)
+        return found if is_nearer or not self.is_closed(q) else there
 
     def slopes(self, q: Array) -> Array:
         """Return how fast, along its principal directions, what is to be exact can change."""
@@ -192,4 +211,4 @@ class Solver(Constrained):
     def reached(self, q: Array, held: Held) -> Reached:
         """Return how far targets are met at a configuration, with what holds it there."""
         return Reached(q, self.residual(q, self.exact)[0], tuple(held.values()),
-                       tuple(self.stops.beyond(q, {}).values()))
+                       self._missed(q, self.weighted), tuple(self.stops.beyond(q, {}).values()))

@@ -8,7 +8,7 @@ degree that they determine, which is the cubic itself where it is a coordinate o
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -111,6 +111,11 @@ class Table:
                     "from its first orientation, and not about one axis, where rotation vectors "
                     "jump; ask for the path in two parts")
         return phi
+
+
+def targets_at(tables: Iterable[Table], k: int) -> dict[str, Any]:
+    """Return the targets of a sample by name, as `reach` takes them."""
+    return {table.name: table.target(k) for table in tables}
 
 
 def tables_of(mechanism: Mechanism, targets: Mapping[str, Any], n_times: int) -> list[Table]:

@@ -33,7 +33,14 @@ from spatial_pin.mechanism.pairs import axes_from_z
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
+__all__ = [
+    "centre_of_mass", "coordinate", "direction", "distance", "orientation", "pose", "position",
+]
 Residual = tuple[Array, Array]  # (k,), and its derivative (k, nv) for joint velocities
+
+
+def __dir__() -> list[str]:
+    return __all__
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +89,13 @@ class Target(ABC):
     def wishes(self, mechanism: Mechanism) -> Iterable[tuple[str, Any]]:
         """Yield what it wants in words, with the value: two of the same words are to agree."""
         return ()
+
+    def lengths(self, mechanism: Mechanism) -> int | None:
+        """Return how many of the residuals, the first ones, are lengths; None where all are.
+
+        They are relative to the characteristic length; the others are in rad.
+        """
+        return None
 
 
 def _components(what: str, point: Iterable[float | None]) -> Iterable[tuple[str, float]]:
@@ -136,6 +150,10 @@ class Orientation(Target):
         """See `Target`."""
         yield f"the orientation of {self.name!r}", self.rotation
 
+    def lengths(self, mechanism: Mechanism) -> int:
+        """See `Target`."""
+        return 0
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Pose(Target):
@@ -154,6 +172,10 @@ class Pose(Target):
         """See `Target`."""
         yield from _components(f"the origin of {self.name!r}", self.placement.translation)
         yield f"the orientation of {self.name!r}", self.placement.rotation
+
+    def lengths(self, mechanism: Mechanism) -> int:
+        """See `Target`."""
+        return 3
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -176,6 +198,10 @@ class Direction(Target):
         part, bend = angle / sine, (cosine * angle / sine - 1.0) / (sine * sine)
         return part * aside, part * (self._across @ moved) + bend * np.outer(
             aside, self.along @ moved)
+
+    def lengths(self, mechanism: Mechanism) -> int:
+        """See `Target`."""
+        return 0
 
     @cached_property
     def _across(self) -> Array:
@@ -205,6 +231,10 @@ class CoordinateValue(Target):
     def wishes(self, mechanism: Mechanism) -> Iterable[tuple[str, Any]]:
         """See `Target`."""
         yield f"coordinate {mechanism.prescribed_coordinate(self.name).name!r}", self.value
+
+    def lengths(self, mechanism: Mechanism) -> int:
+        """See `Target`."""
+        return int(mechanism.prescribed_coordinate(self.name).unit == "m")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

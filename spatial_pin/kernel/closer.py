@@ -21,6 +21,7 @@ AGREEING = {"z": 1, "xyz": 3}  # axes that must point the same way, by `Pair.ali
 EQUATIONS = {1: 2, 3: 3}  # of directions that say so
 NAMED, HELD, TURNS = 1, 2, 4  # what is said of an entry of q; TURNS: whole turns mean nothing
 AT_ONCE = 8  # starts at most that loops are closed from in one call
+MOST_GROUPS = 8  # of loops that are each closed from as many further ones in it
 LOOSE = TOLERANCES.nothing  # residual to which loops are closed where more is released then
 
 
@@ -107,7 +108,7 @@ class Reaching(ctypes.Structure):
         ("m", INT), *[(name, POINTER) for name in ("q", "first", "free")], ("loose", REAL),
         ("tolerance", REAL), ("iterations", INT), ("pinned", POINTER), ("reference", POINTER),
         ("cut", REAL), ("meant", MeantPlaces), ("n_shakes", INT), ("shakes", POINTER),
-        ("near", REAL),
+        ("near", REAL), ("shaken", POINTER), ("group", POINTER),
         *[(name, POINTER) for name in ("error", "distance", "mirrored", "facts", "angle")]]
 
 
@@ -115,16 +116,21 @@ class Shakes:
     """Further starts, for where the first one does not lead near to what is named.
 
     Args:
-        steps: (`AT_ONCE`, nv) joint displacements from the first start.
+        steps: (m, `AT_ONCE`, nv) joint displacements from the first start, of each of m groups of
+            loops: while one is shaken the others stand.
         near: distance from what is named that is not questioned.
+        group: (nv,) the group that each velocity is of.
 
     Attributes:
-        at: where the displacements are.
+        at, at_shaken, at_group: where the displacements are, the group of each, and `group`.
     """
 
-    def __init__(self, steps: Array, near: float) -> None:
-        self.steps, self.near = steps.copy(), near
-        self.at = address(self.steps)
+    def __init__(self, steps: Array, near: float, group: NDArray[np.int64]) -> None:
+        self.near, self._group = near, group.copy()
+        self.steps = steps.reshape(-1, len(group)).copy()
+        self._shaken = np.repeat(np.arange(len(steps)), len(self.steps) // max(len(steps), 1))
+        self.at, self.at_shaken, self.at_group = (
+            address(x) for x in (self.steps, self._shaken, self._group))
 
 
 class Asked(NamedTuple):
@@ -180,7 +186,7 @@ class Closer:
         self._first, self._free = np.empty((2, kernel.nv), np.int64)
         self._reference, self._angles = np.empty((2, kernel.n_angles))
         self.facts, self._mirrored = np.empty(3), np.empty(1, np.int64)
-        rows = 1 + AT_ONCE
+        rows = 1 + MOST_GROUPS * AT_ONCE
         self._starts, self._mirrors = np.empty((rows, kernel.nq)), np.empty(rows, np.int64)
         self._errors, self._distances = np.empty((2, rows))
         self._all_may_be = [1] * rows
@@ -289,8 +295,10 @@ class Closer:
         task.tolerance, task.iterations, task.cut = asked.tolerance, asked.iterations, asked.cut
         task.loose = max(asked.tolerance, LOOSE)
         task.first = None if asked.first is None else self._at_first
+        task.near = np.inf
         if asked.shakes is not None:
             task.near, task.shakes = asked.shakes.near, asked.shakes.at
+            task.shaken, task.group = asked.shakes.at_shaken, asked.shakes.at_group
         self._asked = asked
 
     def judge(self, q: Array, reference: Array | float, meant: Meant) -> Reached:

@@ -19,7 +19,7 @@ from spatial_pin.settings import INTEGRATORS, KERNEL
 METHODS = tuple(name for name, x in INTEGRATORS.items() if x.solver == KERNEL)
 STATUS = ("running", "finished", "failed")
 RATES = ctypes.CFUNCTYPE(ctypes.c_int, POINTER, REAL, POINTER, POINTER)
-LOST, ASK_FAILED = 20, 21
+LOST, ASK_FAILED = 20, 21  # as in simulating/dynamics.h
 
 
 class _Integrator(ctypes.Structure):

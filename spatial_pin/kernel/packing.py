@@ -22,6 +22,9 @@ from spatial_pin.constraints.workspaces import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 
+TURN, SLIDE, SCREW, BALL, FREE = 1, 2, 3, 4, 5  # as JointKind of core/kernel.h
+AXIAL = {"R": TURN, "P": SLIDE, "H": SCREW}  # by the first letter of Pinocchio's names
+
 Ints = NDArray[np.int64]
 
 
@@ -101,17 +104,19 @@ def _packed(mechanism: Mechanism, idle: bool) -> Packed:
     n = constraints.n_closure + n_idle
     kinds, ints, reals, patterns = kinds[:n], ints[:n], reals[:n], patterns[:n]
     starts = np.cumsum([0] + [len(p) for p in patterns])
+    turns = _turns(constraints)
     head = [model.njoints, model.nq, model.nv, len(vectors.body), len(constraints.constants),
             constraints.n_closure, n_idle, constraints.n_angles,
-            len(products.support), starts[-1]]
+            len(products.support), starts[-1], len(turns.q)]
     return Packed(
         _joined(np.int64, head, tree.kind, tree.parent, tree.iq, tree.iv, vectors.body,
                 vectors.flag, products.a_term, products.b_term, products.x_term,
-                products.start, products.support, kinds, ints, starts, *patterns),
+                products.start, products.support, kinds, ints, starts, *patterns, turns.start,
+                turns.q),
         _joined(float, tree.rotation, tree.translation, tree.pitch, tree.mass, tree.com,
                 tree.inertia, model.gravity.linear, mechanism.velocity_scale, vectors.local,
                 products.a_factor, products.b_factor, products.x_factor, constraints.constants,
-                constraints.factors, products.sign, reals),
+                constraints.factors, products.sign, reals, turns.offset, turns.sign),
         tree.frames, carriers, np.array(vectors.fixed_in, np.int64),
         np.array(vectors.flag, bool))
 
@@ -198,6 +203,25 @@ def _products(constraints: Constraints, vectors: _VectorTable) -> _Products:
     rows, columns = np.nonzero(constraints.signs)
     start = np.searchsorted(rows, np.arange(n + 1))
     return _Products(a, b, x, fa, fb, fx, start, columns, constraints.signs[rows, columns])
+
+
+class _Turns(NamedTuple):
+    """Arrays of what tells the turns of screws, see `kernel.h`."""
+
+    start: Ints
+    q: Ints
+    offset: Array
+    sign: Array
+
+
+def _turns(constraints: Constraints) -> _Turns:
+    rows = [np.where(turns.are_all, turns.row, 0.0) for turns in constraints.turns]
+    places = [np.flatnonzero(row) for row in rows]
+    start = np.cumsum([0, *map(len, places)])
+    signs = [row[at] for row, at in zip(rows, places, strict=True)]
+    return _Turns(start, *(np.concatenate([np.empty(0, x), *some]).astype(x) for x, some in (
+        (np.int64, places), (float, [[turns.offset] for turns in constraints.turns]),
+        (float, signs))))
 
 
 def _equations(constraints: Constraints) -> tuple[Ints, Ints, Array, list[Ints]]:

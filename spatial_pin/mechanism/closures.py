@@ -21,11 +21,23 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from spatial_pin.checks import finite_number, positive_number, unit_vector
-from spatial_pin.errors import ClosureTypeError
-from spatial_pin.mechanism.pairs import COUPLING, PAIRS, closure_geometry, unit
+from spatial_pin.errors import ClosureTypeError, suggestion
+from spatial_pin.mechanism.pairs import (
+    CLOSURE_TYPES,
+    COUPLING,
+    PAIRS,
+    closure_geometry,
+    hint_at_type,
+    unit,
+)
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
 
+__all__ = [
+    "coupling", "cylindrical", "distance", "fixed", "parallel", "perpendicular", "planar",
+    "point_on_line", "point_on_plane", "prismatic", "revolute", "screw", "spherical", "universal",
+    "weld",
+]
 FramePlace = str | tuple[str, pin.SE3]  # a frame by name, or as a placement on a link or joint
 NATIVE = {  # Pinocchio's constraints that hold two bodies together
     "PointAnchorConstraintModel": "spherical", "FrameAnchorConstraintModel": "weld",
@@ -34,6 +46,16 @@ NATIVE = {  # Pinocchio's constraints that hold two bodies together
 DESIRED = ("desired_contact_placement", "desired_contact_velocity", "desired_contact_acceleration",
            "desired_constraint_offset", "desired_constraint_velocity",
            "desired_constraint_acceleration")
+
+
+def __dir__() -> list[str]:
+    return __all__
+
+
+def __getattr__(name: str) -> Any:
+    """Say which closure was meant by another word for one."""
+    hint = hint_at_type(name, CLOSURE_TYPES) or suggestion(name, CLOSURE_TYPES)
+    raise AttributeError(f"there is no closure {name!r}; {hint}")
 
 
 def _closure(

@@ -1,10 +1,10 @@
 """Laws of drivers: the value, rate and acceleration of a prescribed coordinate over time.
 
 A law is a function of the time t [s] that returns (value, rate, acceleration) of the coordinate
-[rad or m, per s, per s²]; LAWS has the usual ones by name, and any function will do.
+[rad or m, per s, per s²]. The usual ones stand here; any function will do.
 
 Example:
-    >>> sorted(sp.laws.LAWS)
+    >>> dir(sp.laws)
     ['constant_speed', 'cycloid', 'polynomial', 'ramp', 'sine', 'spline']
     >>> mech = sp.load("four_bar")
     >>> drives = {"crank": sp.laws.constant_speed(0.0, 10.0)}  # [rad], [rad/s]
@@ -23,7 +23,12 @@ import numpy as np
 
 from spatial_pin.checks import checked, finite_array, finite_number, positive_number
 
+__all__ = ["constant_speed", "cycloid", "polynomial", "ramp", "sine", "spline"]
 DriverLaw = Callable[[float], tuple[float, float, float]]
+
+
+def __dir__() -> list[str]:
+    return __all__
 
 
 @checked
@@ -189,7 +194,3 @@ def spline(times: Sequence[float], values: Sequence[float]) -> DriverLaw:
         return float(value(t)), float(first(t)), float(second(t))
 
     return law
-
-
-LAWS: dict[str, Callable[..., DriverLaw]] = {
-    law.__name__: law for law in (constant_speed, ramp, sine, cycloid, polynomial, spline)}

@@ -57,6 +57,9 @@ class Mechanism:
         trusted, packages: how its files may be read and found, see `load`.
         notices: faults of the file that it was loaded with, a sentence for each kind.
         free_flyer: whether `load` put a floating joint below its root link.
+        gap: largest closure error that redundant equations may keep where the numbers of its file
+            are rounded [-]; 0: the numbers are exact; None: that of the accuracy.
+        model_of_file, without: which model of its file it is, and what was left out, see `load`.
         whole: the mechanism as its file has it, where this one is without equations that the
             file's rounded numbers contradict, see `assembly.rounding`; else None.
         kept: which equations of the `whole` it has.
@@ -99,6 +102,9 @@ class Mechanism:
     notices: tuple[str, ...] = ()
     frames: Mapping[str, Frame] = field(default_factory=dict)
     free_flyer: bool = False
+    gap: float | None = None
+    model_of_file: str | None = None
+    without: tuple[str, ...] = ()
     whole: Mechanism | None = None
     kept: Equations | None = None
     dimensions: Mapping[str, float] = field(default_factory=dict)
@@ -112,7 +118,7 @@ class Mechanism:
         guess: Mapping[str, Any] | ArrayLike | None = None,
         frames: Mapping[str, tuple[str, pin.SE3]] | None = None, name: str | None = None,
         visual_model: pin.GeometryModel | None = None,
-        collision_model: pin.GeometryModel | None = None,
+        collision_model: pin.GeometryModel | None = None, gap: float | None = None,
     ) -> Mechanism:
         """Return the mechanism of a Pinocchio model, without files.
 
@@ -137,6 +143,7 @@ class Mechanism:
             name: of the mechanism; default that of the model.
             visual_model: what is drawn.
             collision_model: what collides.
+            gap: see the attribute.
 
         Returns:
             The Mechanism.
@@ -161,7 +168,7 @@ class Mechanism:
         """
         return method("Mechanism.from_model")(
             model, closures, drivers, springs, passives, {} if guess is None else guess,
-            frames or {}, name, visual_model, collision_model)
+            frames or {}, name, visual_model, collision_model, gap)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied or sent elsewhere: all but what is worked out again on use."""
@@ -184,7 +191,8 @@ class Mechanism:
     def loading(self) -> dict[str, Any]:
         """What `load` was given besides the file."""
         return {**self.parameters, "trusted": self.trusted, "packages": self.packages,
-                "free_flyer": self.free_flyer}
+                "free_flyer": self.free_flyer, "model": self.model_of_file,
+                "without": self.without, "gap": self.gap}
 
     def with_equations(self, kept: Equations) -> Mechanism:
         """Return the same mechanism with some of its equations only; this one is its `whole`."""
@@ -494,7 +502,7 @@ class _MadeWhenAsked:
         owner.__dict__[self.name] = value
 
 
-for _name in ("visual_model", "collision_model", "dimensions"):
+for _name in ("visual_model", "collision_model", "dimensions", "guess"):
     setattr(Mechanism, _name, _MadeWhenAsked(_name))
 
 

@@ -14,7 +14,8 @@ To add a pair, add one entry to `PAIRS`:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -222,3 +223,47 @@ PAIRS: dict[str, Pair] = {
 COUPLING = "coupling"  # the one closure in joint coordinates: q_b = ratio * q_a + offset
 JOINT_TYPES = tuple(name for name, pair in PAIRS.items() if pair.joint or name == "fixed")
 CLOSURE_TYPES = (*(name for name, pair in PAIRS.items() if pair.rows), COUPLING)
+
+# Other words for types, as files, books and other tools have them; of what is no type, what to do.
+TIES = ('gears, belts, ropes and racks tie two joints: [[closures]] with type = "coupling", joints '
+        '= ["a", "b"] and a ratio')
+SPRING = "springs and dampers have tables of their own: [[springs]]"
+CONTACT = ("contact between bodies is not modelled: `clearance` tells where links touch, and the "
+           "page on other tools which of them model it")
+CAM = ("a cam is not modelled: let a driver with a law, such as `cycloid`, move its follower; "
+       "`clearance` tells where links touch")
+OTHER_WORDS: dict[str, str] = {
+    **dict.fromkeys(("hinge", "pin", "pivot", "continuous", "rotary", "rotational", "rotation",
+                     "turning"), "revolute"),
+    **dict.fromkeys(("slide", "slider", "sliding", "linear", "translational", "translation"),
+                    "prismatic"),
+    **dict.fromkeys(("ball", "ball_and_socket", "socket", "globular"), "spherical"),
+    **dict.fromkeys(("cardan", "hooke", "u"), "universal"),
+    **dict.fromkeys(("helical", "helix"), "screw"),
+    **dict.fromkeys(("free", "free_flyer", "freeflyer", "6dof"), "floating"),
+    **dict.fromkeys(("rigid", "welded", "lock"), "fixed"),
+    **dict.fromkeys(("rod", "tie_rod"), "distance"),
+    "slot": "point_on_line",
+    **dict.fromkeys(("gear", "gears", "gearbox", "belt", "chain", "pulley", "rack", "rack_pinion",
+                     "rack_and_pinion", "mimic", "differential", "rope", "cable"), TIES),
+    **dict.fromkeys(("spring", "damper"), SPRING),
+    **dict.fromkeys(("contact", "collision", "rolling", "wheel"), CONTACT),
+    **dict.fromkeys(("cam", "cam_follower", "follower"), CAM),
+}
+
+
+def hint_at_type(word: str, valid: Collection[str]) -> str:
+    """Return what to write where a type has another word, "" if nothing is known of it.
+
+    Args:
+        word: in the place of a type.
+        valid: the types that it may be there.
+    """
+    plain = re.sub(r"[\s_-]+", "_", word.strip().lower()).removesuffix("joint").rstrip("_")
+    meant = OTHER_WORDS.get(plain, plain if plain in (*PAIRS, COUPLING) else "")
+    if meant in valid:
+        return f"did you mean {meant!r}?"
+    if meant in (*PAIRS, COUPLING):
+        place = "[joints.NAME]" if meant in JOINT_TYPES else "[[closures]]"
+        return f"did you mean {meant!r}? a mechanism file has that below {place}"
+    return meant

@@ -119,10 +119,15 @@ class Equations(NamedTuple):
     Attributes:
         own: of the closures as they are.
         turned: of the same with their frames exchanged.
+        cut: part of the largest singular value of all equations, below which rounding has made
+            the others.
+        opened: how far each closure that lacks equations opens on the way [-].
     """
 
     own: tuple[tuple[int, ...], ...]
     turned: tuple[tuple[int, ...], ...]
+    cut: float = 0.0
+    opened: tuple[tuple[str, float], ...] = ()
 
     def counts(self) -> list[int]:
         """Return how many there are of each closure."""

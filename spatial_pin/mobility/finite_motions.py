@@ -27,11 +27,20 @@ SETTING_OUT = 0.005
 # Of a way in such steps, from which its direction is read: bends are slight so far.
 STRAIGHT_SO_FAR = 0.1
 STEP_GROWTH = 4.0  # of steps: four from the first reach out
+# The shortest step: a four-bar with a play of 1e-6 of its size goes round an oval of 2e-3.
+SHORTEST_STEP = 2e-5
+AFTER_A_BEND = 1.5  # growth of steps once one has failed
+# Part of a short step that may lead aside: where loops open by a high power, closing takes off what
+# opens them, however short the step is.
+MOST_ASIDE = 0.1
+# A way that comes round within this length is an oval only if it closes to the last digits: loops
+# that open by a high power stay closed to some digits round q, and a way may turn at their border.
+SMALL_OVAL = 0.05
 # Closure error all the way: ten times `closed`, for Bennett's loop with a wrong ninth digit opens
 # by 5e-11, and sweeps follow it; hinges of robots, parallel to ten digits, open loops by 2e-11.
 STAYS_CLOSED = 10.0 * TOLERANCES.closed
 BEND = 0.5  # cosine between a way and its first step: up to it bends leave most of their direction
-MOST_PARTS = 40  # where links turn back again and again
+MOST_PARTS = 100  # where links turn back again and again
 # Random directions for each instantaneous freedom, each tried both ways: a cusp leads to one side
 DIRECTIONS = 6
 MOST_SLIDES = 20  # at most: each leaves a third of the residual, all of them 3e-10
@@ -127,7 +136,8 @@ def _followed(
     these grow until the way is long, or has come round a bend.
     """
     model, scale = evaluation.model, evaluation.mechanism.velocity_scale
-    at, length, growth, least = q, 0.0, STEP_GROWTH, step / STEP_GROWTH
+    at, length, growth, worst = q, 0.0, STEP_GROWTH, 0.0
+    least = step / STEP_GROWTH if step > SETTING_OUT else SHORTEST_STEP
     first = way = direction
     for _ in range(MOST_PARTS):
         start = pin.integrate(model, at, scale * step * direction)
@@ -136,21 +146,38 @@ def _followed(
         size = float(np.linalg.norm(moved))
         ahead = float(moved @ direction) if length else size  # branches may leave q at any angle
         aside = np.linalg.norm(pin.difference(model, start, found) / scale)
-        if error > STAYS_CLOSED or ahead < TOLERANCES.moved * step or aside > step:
-            step, growth = step / STEP_GROWTH, 1.0
-            if not length or step < least:
+        is_short = step < SETTING_OUT / STEP_GROWTH
+        if error > STAYS_CLOSED or ahead < TOLERANCES.moved * step or aside > (
+                MOST_ASIDE if is_short else 1.0) * step:
+            step, growth = step / STEP_GROWTH, AFTER_A_BEND
+            if step < least:
                 return None
+            direction = _tangent(evaluation, at, direction) if length else direction
             continue
-        at, direction = found, moved / size
+        at, direction, worst = found, moved / size, max(worst, error)
         if not length:
             first = direction
         there = pin.difference(model, q, at) / scale
         if length < STRAIGHT_SO_FAR and there @ first > BEND * np.linalg.norm(there):
             way = there
         length, step = length + size, step * growth
-        if length >= WAY_OUT or direction @ first < 0.0:
+        is_round = direction @ first < 0.0 and (length > SMALL_OVAL or worst < TOLERANCES.tight)
+        if length >= WAY_OUT or is_round:
             return Way(way / np.linalg.norm(way), at)
     return None
+
+
+def _tangent(evaluation: Evaluation, q: Array, direction: Array) -> Array:
+    """Return the part of a direction that opens no loop at q (nq,), or all of it if there is none.
+
+    Where a way bends sharply the last step says little of the next one.
+    """
+    evaluation.update(q)
+    tangents = null_space(evaluation.jacobian[: evaluation.constraints.n_closure],
+                          TOLERANCES.half_precision)
+    along = tangents.T @ (tangents @ direction)
+    size = float(np.linalg.norm(along))
+    return along / size if size > TOLERANCES.half_precision else direction
 
 
 def _closed(evaluation: Evaluation, q: Array, free: NDArray[np.bool_]) -> tuple[Array, float]:

@@ -22,7 +22,7 @@ class Grashof(NamedTuple):
 
     Attributes:
         lengths: link lengths by name of the link [m], the fixed link first, then round the loop.
-        type: "crank-rocker", "rocker-crank", "double crank", "double rocker", "triple rocker" or
+        type: "crank-rocker", "rocker-crank", "double-crank", "double-rocker", "triple-rocker" or
             "change point".
 
     Example:
@@ -42,6 +42,8 @@ class Grashof(NamedTuple):
 @checked
 def grashof(mechanism: Mechanism, state: State | None = None) -> Grashof:
     """Classify a mechanism that is one plane loop of four revolute pairs [Grashof1883].
+
+    A pair may be stated several times.
 
     Args:
         mechanism: the mechanism.
@@ -69,9 +71,9 @@ def grashof(mechanism: Mechanism, state: State | None = None) -> Grashof:
     if abs(excess) < TOLERANCES.nothing * sum(ranked):
         kind = "change point"
     elif excess > 0.0:
-        kind = "triple rocker"
+        kind = "triple-rocker"
     else:
-        kind = {fixed: "double crank", coupler: "double rocker", first: "crank-rocker",
+        kind = {fixed: "double-crank", coupler: "double-rocker", first: "crank-rocker",
                 last: "rocker-crank"}[ranked[0]]
     return Grashof({names[k]: float(lengths[k]) for k in order}, kind)
 
@@ -83,10 +85,11 @@ def _four_bar(mechanism: Mechanism, state: State) -> tuple[list[str], Array]:
         f"mechanism {mechanism.name!r} is not one plane loop of four revolute pairs; "
         "it has no Grashof type"
     )
-    if len(mechanism.closures) != 1 or set(mechanism.pairs) != {"revolute"} \
-            or len(mechanism.pairs) != 3 or mechanism.closures[0].type != "revolute":
+    pins = [c.frames for c in mechanism.closures if c.type == "revolute"]
+    if not pins or mechanism.pairs != ("revolute",) * 3 \
+            or {c.type for c in mechanism.closures} - {"revolute", "spherical"}:
         raise wrong
-    frames = mechanism.closures[0].frames
+    frames = pins[0]
     ends = [mechanism.frame_on_joint(f)[0] for f in frames]
     chains = [list(model.supports[end])[1:] for end in ends]
     chains.sort(key=lambda chain: not any(
@@ -103,8 +106,17 @@ def _four_bar(mechanism: Mechanism, state: State) -> tuple[list[str], Array]:
     axes = [columns[3:, model.idx_vs[i]] for i in (*first, *second)]
     if any(np.linalg.norm(np.cross(axes[0], axis)) > TOLERANCES.nothing for axis in axes):
         raise wrong
-    centres -= np.outer(centres @ axes[0], axes[0])
     bodies = [*first, *reversed(second)]
+    loop = [0, *bodies, 0]
+    centres -= np.outer(centres @ axes[0], axes[0])
+    for closure in mechanism.closures:  # each states one of the pins
+        joined = {mechanism.frame_on_joint(f)[0] for f in closure.frames}
+        point = state.placement(closure.frames[0]).translation
+        apart = np.linalg.norm(point - (point @ axes[0]) * axes[0] - centres, axis=1)
+        if not any({*loop[k:k + 2]} == joined
+                   and apart[k] <= TOLERANCES.nothing * mechanism.characteristic_length
+                   for k in range(4)):
+            raise wrong
     return [_link(mechanism, i) for i in bodies] + [mechanism.links[0]], centres
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -11,8 +11,7 @@ import pinocchio as pin
 from spatial_pin.assembly.close import close, scaled_row
 from spatial_pin.assembly.holding import still_entries
 from spatial_pin.assembly.passive_freedoms import (
-    chain_links,
-    driven_groups,
+    inside_links,
     is_in_loop,
     moved_bodies,
     passive_freedoms,
@@ -21,12 +20,15 @@ from spatial_pin.brief import brief
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.mobility.loops import ALGEBRA_TOLERANCE
-from spatial_pin.numerics.linalg import Array, decompose, null_space
+from spatial_pin.numerics.linalg import Array, common_rows, decompose, null_space
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 # How far a body idles on without opening a loop [rad, characteristic lengths]: a freedom of first
 # order only opens one by the square, 0.1, which no tolerance overlooks.
 IDLE_WAY = 0.3
+# Random motions of a body that an idle one is sought from, and steps of each: of a body on two
+# rods, which turns about four lines only, one in two lead to one of them.
+IDLE_STARTS, IDLE_STEPS = 24, 50
 # A speed, relative to the fastest, that is none: passive freedoms are known to a tenth of it, the
 # root of round-off.
 IDLE = 1e-7
@@ -63,17 +65,20 @@ class PassiveFreedom(NamedTuple):
         return self.text
 
 
-def passive_freedoms_at(evaluation: Evaluation, q: Array) -> list[tuple[str, Array]]:
+def passive_freedoms_at(
+    evaluation: Evaluation, q: Array, held: Iterable[int] = ()
+) -> list[tuple[str, Array]]:
     """Return (joint name, (k, nv) velocities) of the links that are passive at a closed q.
 
-    A link that hangs on one pair only is no part of a loop and not called passive.
+    A link that hangs on one pair only is no part of a loop and not called passive. Velocity
+    entries that are `held` stand still.
     """
     mechanism = evaluation.mechanism
     scale, n = mechanism.velocity_scale, evaluation.constraints.n_closure
     evaluation.update(q)
     driven = [mechanism.coordinate(d.joint) for d in mechanism.drivers.values()]
     drive = [scaled_row(mechanism, c, q) for c in driven]
-    drive += list(np.eye(len(scale))[list(still_entries(mechanism, driven))])
+    drive += list(np.eye(len(scale))[[*still_entries(mechanism, driven), *held]])
     tangents = scale * null_space(np.vstack([evaluation.jacobian[:n], *drive]),
                                   TOLERANCES.half_precision)
     if not len(tangents):
@@ -92,34 +97,79 @@ def idle_freedoms(
         q: (nq,) closed configuration.
         held: places in the velocity vector of coordinates that stand still, besides the drivers.
     """
-    at, found = list(held), []
-    for joint, velocities in passive_freedoms_at(evaluation, q):
-        scaled = velocities / evaluation.mechanism.velocity_scale
-        still = null_space(scaled[:, at].T / np.abs(scaled).max(), IDLE) @ velocities
-        idle = [v for v in _spins_and_slides(evaluation, joint, still)
-                if _goes_on(evaluation, q, joint, v)] if len(still) else []
+    found = []
+    for joint, velocities in passive_freedoms_at(evaluation, q, held):
+        motions = _spins_and_slides(evaluation, joint, velocities)
+        if _idles(evaluation, q, joint, motions):
+            found.append((joint, motions))
         evaluation.update(q)
-        if idle:
-            found.append((joint, np.array(idle)))
     return found
 
 
 def _spins_and_slides(evaluation: Evaluation, joint: str, velocities: Array) -> Array:
-    """Return the motions of one body, (k, nv), recombined into pure slides and spins."""
+    """Return the motions of one body, (k, nv), recombined into pure spins and slides.
+
+    Spins are about axes of its own, as far as they may be: how the world lies has no say.
+    """
     mechanism, i = evaluation.mechanism, evaluation.mechanism.joint_id(joint)
     columns = joint_jacobian(evaluation.data, evaluation.model.nv)
     columns = columns * evaluation.constraints.support(i)
-    size = np.array([1.0, 1.0, 1.0, *[mechanism.characteristic_length] * 3])
-    twists = velocities @ columns.T * size
-    svd = decompose(twists[:, 3:].T, ALGEBRA_TOLERANCE)  # rows of vt combine velocities
-    slides, spins = svd.vt[svd.rank :] @ velocities, svd.vt[: svd.rank] @ velocities
+    rotation = evaluation.data.oMi[i].rotation
+    moves, turns = ((velocities @ part.T) @ rotation for part in (columns[:3], columns[3:]))
+    moves = moves / mechanism.characteristic_length
+    size = max(np.abs(moves).max(initial=0.0), np.abs(turns).max(initial=0.0), 1e-300)
+    moves, turns = (moves / size).T, (turns / size).T
+    n = decompose(turns, ALGEBRA_TOLERANCE).rank
+    about = common_rows(turns[None], np.zeros((0, len(velocities))), n)
+    along = common_rows(moves[None], turns[about], len(velocities) - n)
+    velocities = np.linalg.solve(np.vstack([turns[about], moves[along]]).T, velocities)
+    spins, slides = velocities[:n], velocities[n:]
     if len(slides) and len(spins):  # take the slide along its axis out of each spin
         linear = slides @ columns[:3].T
         for spin in spins:
             v, w = columns[:3] @ spin, columns[3:] @ spin
-            along = w * (v @ w) / (w @ w)
-            spin -= decompose(linear.T, ALGEBRA_TOLERANCE).minimum_norm(along) @ slides
-    return np.vstack([slides, spins])
+            forward = w * (v @ w) / (w @ w)
+            spin -= decompose(linear.T, ALGEBRA_TOLERANCE).minimum_norm(forward) @ slides
+    return np.vstack([spins, slides])
+
+
+def _idles(evaluation: Evaluation, q: Array, joint: str, velocities: Array) -> bool:
+    """Whether some of the motions (k, nv) of one body are idle, along an axis that stands.
+
+    Then all of them are its own; what carries a body along curves only, like a platform on its
+    legs, is no idle motion. A body on a rod turns about either end of it, but not about both at
+    once: where none of the motions given is idle, others are sought from random ones.
+    """
+    if any(_goes_on(evaluation, q, joint, v) for v in velocities):
+        return True
+    insides = inside_links(evaluation.mechanism)
+    if len(velocities) < 2 or not insides.isdisjoint(moved_bodies(evaluation, velocities)):
+        return False
+    from scipy.optimize import least_squares  # on use: it takes a tenth of a second
+
+    velocities = np.array([_gone(evaluation, q, joint, v)[1] for v in velocities])
+
+    def opened(part: Array) -> Array:
+        ends = []
+        for sense in (1.0, -1.0):
+            evaluation.update(_gone(evaluation, q, joint, sense * part @ velocities)[0])
+            ends.append(evaluation.residual.copy())
+        return np.concatenate(ends)
+
+    starts = np.random.default_rng(3).normal(size=(IDLE_STARTS, len(velocities)))
+    return any(_goes_on(evaluation, q, joint, part @ velocities) for part in (
+        least_squares(opened, start, max_nfev=IDLE_STEPS).x for start in starts))
+
+
+def _gone(evaluation: Evaluation, q: Array, joint: str, v: Array) -> tuple[Array, Array]:
+    """Return where a body comes to from q (nq,) along v (nv,), and v at such a pace; it is at q."""
+    mechanism, i = evaluation.mechanism, evaluation.mechanism.joint_id(joint)
+    size = np.array([1.0 / mechanism.characteristic_length] * 3 + [1.0] * 3)
+    evaluation.update(q)
+    twist = joint_jacobian(evaluation.data, evaluation.model.nv) @ (
+        v * evaluation.constraints.support(i))
+    paced = v / max(float(np.linalg.norm(size * twist)), 1e-300)
+    return pin.integrate(evaluation.model, q, IDLE_WAY * paced), paced
 
 
 def _goes_on(evaluation: Evaluation, q: Array, joint: str, v: Array) -> bool:
@@ -129,13 +179,10 @@ def _goes_on(evaluation: Evaluation, q: Array, joint: str, v: Array) -> bool:
     own, like a platform on its legs, is no idle motion: its axis moves.
     """
     mechanism, i = evaluation.mechanism, evaluation.mechanism.joint_id(joint)
-    size = np.array([1.0 / mechanism.characteristic_length] * 3 + [1.0] * 3)
-    evaluation.update(q)
-    twist = joint_jacobian(evaluation.data, evaluation.model.nv) @ (
-        v * evaluation.constraints.support(i))
-    pace = float(np.linalg.norm(size * twist))
-    there = pin.integrate(evaluation.model, q, v * (IDLE_WAY / pace))
-    if not chain_links(mechanism).isdisjoint(moved_bodies(evaluation, v[None])):
+    there, _ = _gone(evaluation, q, joint, v)
+    if not inside_links(mechanism).isdisjoint(moved_bodies(evaluation, v[None])):
+        twist = joint_jacobian(evaluation.data, evaluation.model.nv) @ (
+            v * evaluation.constraints.support(i))
         return _turns_on(evaluation, there, v, i, twist)
     evaluation.update(there)
     return bool(evaluation.closure_error < ALGEBRA_TOLERANCE)
@@ -182,7 +229,7 @@ def described(evaluation: Evaluation, joint: str, v: Array) -> PassiveFreedom:
     axis = _of_one_sense(twist[3:] / omega)
     advance = abs(float(axis @ twist[:3])) / (omega * mechanism.characteristic_length)
     point = np.cross(twist[3:], twist[:3]) / omega**2
-    through = _pairs_on_axis(evaluation, i, axis, point)
+    through = _pairs_on_axis(evaluation, moved_bodies(evaluation, v[None]), axis, point)
     kind = "spin" if advance < TOLERANCES.half_precision else "screw"
     text = f"{link} {'spins' if kind == 'spin' else 'turns and advances'} about {_direction(axis)}"
     if through:
@@ -195,16 +242,18 @@ def _of_one_sense(axis: Array) -> Array:
     return -axis if axis[np.abs(axis) > TOLERANCES.nothing][0] > 0.0 else axis
 
 
-def _pairs_on_axis(evaluation: Evaluation, body: int, axis: Array, point: Array) -> list[str]:
-    """Return the pairs of a body whose centres lie on an axis."""
+def _pairs_on_axis(
+    evaluation: Evaluation, moved: Collection[int], axis: Array, point: Array
+) -> list[str]:
+    """Return the pairs between bodies that are moved and others, whose centres lie on an axis."""
     mechanism, model, data = evaluation.mechanism, evaluation.model, evaluation.data
-    groups = driven_groups(mechanism)
     centres = {model.names[i]: data.oMi[i].translation for i in range(1, model.njoints)
-               if groups[body] in (groups[i], groups[model.parents[i]])}
+               if (i in moved) != (model.parents[i] in moved)}
     for closure in mechanism.closures:
-        for frame in (*closure.frames, *closure.between):
-            if groups[mechanism.frame_on_joint(frame)[0]] == groups[body]:
-                centres[closure.name] = evaluation.frame(mechanism.frame_id(frame)).translation
+        for frames in (closure.frames, closure.between):
+            mine = [f for f in frames if mechanism.frame_on_joint(f)[0] in moved]
+            if len(mine) == 1:
+                centres[closure.name] = evaluation.frame(mechanism.frame_id(mine[0])).translation
     limit = TOLERANCES.half_precision * mechanism.characteristic_length
     return [name for name, x in centres.items()
             if np.linalg.norm(np.cross(x - point, axis)) < limit]

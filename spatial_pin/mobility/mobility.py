@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.holding import free_bases
-from spatial_pin.assembly.rounding import closed_there, rounding_of
+from spatial_pin.assembly.rounding import as_meant, gap_words, rounding_of
 from spatial_pin.assembly.state import State, all_angles, of_mechanism
 from spatial_pin.checks import checked
 from spatial_pin.constraints.closure_equations import Evaluation, evaluated
@@ -21,7 +19,7 @@ from spatial_pin.methods import method
 from spatial_pin.mobility.finite_motions import finite_freedom, finite_motions
 from spatial_pin.mobility.idle_freedoms import PassiveFreedom, described, idle_freedoms
 from spatial_pin.mobility.loops import ALGEBRA_TOLERANCE, Loop, loop_of
-from spatial_pin.numerics.linalg import Array, independent_rows, null_space, rank
+from spatial_pin.numerics.linalg import Array, decompose, independent_rows, null_space, rank
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 MAX_NAMES = 8  # of redundant equations in a report: they fill one line
@@ -118,6 +116,8 @@ class Mobility:
                 f"  note: {self.instantaneous - self.dof} freedom(s) are instantaneous only "
                 "(they lead to no closed configuration)"
             )
+        if not self.dof and (more := gap_words(self.mechanism)):
+            notes.append("  note: its loops hold it" + more)
         if self.grubler != self.dof:
             notes.append(f"  note: no formula applies: special dimensions give {self.dof} "
                          f"instead of {self.grubler}")
@@ -164,7 +164,7 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
         mechanism, x = state.mechanism, state.q
     else:
         x = finite_array(state, (mechanism.model.nq,), "q")
-        mechanism = closed_there(mechanism, x)
+        mechanism = as_meant(mechanism)
     evaluation = evaluated(mechanism, x, state.angles if isinstance(state, State) else 0.0)
     if evaluation.closure_error > TOLERANCES.nothing:
         raise SpatialPinError(
@@ -188,12 +188,7 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
     dof = nv - r if full else finite_freedom(
         evaluation, x, null_space(jacobian, TOLERANCES.half_precision))
     passive = [(joint, v) for joint, velocities in idle_freedoms(evaluation, x)
-               for v in velocities]
-    if dof < nv - r:  # leave out what is instantaneous only
-        scale = mechanism.velocity_scale
-        passive = [(joint, v) for joint, v in passive if len(finite_motions(
-            evaluation, x, (v / scale / np.linalg.norm(v / scale))[None]))]
-        evaluation.update(x)
+               for v in (velocities if dof == nv - r else _finite(evaluation, x, velocities))]
     return Mobility(
         every.mechanism,
         kutzbach=nv - n,
@@ -205,6 +200,15 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
         passive=tuple(described(evaluation, joint, v) for joint, v in passive),
         redundant=redundant,
     )
+
+
+def _finite(evaluation: Evaluation, q: Array, velocities: Array) -> Array:
+    """Return those of motions (k, nv) at q (nq,) that are no instantaneous ones only."""
+    scale = evaluation.mechanism.velocity_scale
+    tangents = decompose(velocities / scale).vt[: len(velocities)]
+    found = finite_motions(evaluation, q, tangents)
+    evaluation.update(q)
+    return velocities if len(found) == len(velocities) else found * scale
 
 
 def _with_all_equations(evaluation: Evaluation) -> Evaluation:

@@ -18,7 +18,7 @@ from spatial_pin.numerics.linalg import Array
 TURN = 2 * math.pi  # how far a driver turns [rad]
 # How far it slides relative to the characteristic length: far enough to see, and no farther than
 # most slides get from where they are assembled.
-SLIDE = 0.15
+SLIDE_RANGE = 0.15
 ROWS = 361  # samples: a degree apart over a turn
 
 
@@ -59,7 +59,7 @@ def default_motion(
     if driver is None:
         return state
     turns = mechanism.coordinate(driver).unit == "rad"
-    travel = TURN if turns else SLIDE * mechanism.characteristic_length
+    travel = TURN if turns else SLIDE_RANGE * mechanism.characteristic_length
     way = np.linspace(0.0, travel, rows)
     forward = _reach(state, driver, way)
     if forward is not None and len(forward) == rows:

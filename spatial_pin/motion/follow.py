@@ -28,6 +28,7 @@ from spatial_pin.motion.sweep import ENDS, check_choice, crossed_event, stop_eve
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.progress import progress_bar
+from spatial_pin.rates.depending import depending_on
 from spatial_pin.rates.rates import check_finite, check_not_held
 from spatial_pin.settings import Accuracy, accuracy_of
 
@@ -109,9 +110,13 @@ def follow(
     tight = replace(accuracy, tolerance=min(accuracy.tolerance, TOLERANCES.tight))
     first = dict(zip(names, table[0].tolist(), strict=True))
     state, gone = held_start(mechanism, first, guess, held, tight)
-    followed = along(state, names, hold, law, s, accuracy,
+    moved = depending_on(state, names, hold)
+    there, hold = (state, hold) if moved is None else moved[:2]
+    followed = along(there, names, hold, law, s, accuracy,
                      f"{mechanism.name}: {', '.join(names)}", progress,
                      passes=on_crossing == "straight")._replace(released=gone)
+    if moved is not None:
+        followed, held = followed._replace(samples=moved.of_whole(followed.samples)), moved.held
     return finished(state.mechanism, followed, None if times is None else s, held, list(values),
                     "drivers", on_limit, on_crossing)
 

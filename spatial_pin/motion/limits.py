@@ -123,7 +123,8 @@ def limits(
         >>> round(span.lower.value, 4), round(span.upper.value, 4), span.unit, span.full_turn
         (-2.4751, 2.4751, 'rad', False)
     """
-    system, state = system_at(mechanism, driver, guess, hold)
+    system, state, moved = system_at(mechanism, driver, guess, hold)
+    hold = hold if moved is None else moved.hold
     coordinate = system.driven[0]
     start = float(state.q[coordinate.q])
     span = TURN if coordinate.unit == "rad" else FARTHEST_SLIDE * mechanism.characteristic_length

@@ -5,10 +5,10 @@ from __future__ import annotations
 import zipfile
 import zlib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,10 +35,10 @@ class Event(NamedTuple):
             "lost", "open" (drifted without corrections), "joint limit" (of the URDF, passed),
             "velocity limit", "effort limit" (of the URDF, passed, or the first sample beyond),
             "not closed" (a traced curve, within its samples), "released" (a driver that nobody
-            named, or a joint held by name, that the loops do not let stand), or "stopped" (a
-            simulation).
-        value: driver value of it [rad or m]; in a simulation the time of "stopped", "singular"
-            and of limits of the URDF [s].
+            named, or a joint held by name, that the loops do not let stand), "gap" (redundant
+            equations of a rounded file open beyond the gap allowed), or "stopped" (a simulation).
+        value: driver value of it [rad or m]; in a simulation the time of "stopped", "gap",
+            "singular" and of limits of the URDF [s].
         row: number of samples of the motion before it.
         text: the same as a sentence.
 
@@ -365,11 +365,12 @@ class Motion(Tabular):
     def output(self, spec: str) -> Output:
         """Return a quantity by its name.
 
-        `NAME` or `NAME.rate`, `.acceleration`, `.jerk`, `.ratio` (to the driver's speed),
-        `.advantage` (its inverse), `.transmission_angle` of a coordinate; `NAME.position`,
+        `NAME` or `NAME.rate` (or `.velocity`), `.acceleration`, `.jerk`, `.ratio` (to the driver's
+        speed), `.advantage` (its inverse), `.transmission_angle` of a coordinate; `NAME.position`,
         `.velocity`, `.acceleration`, `.jerk`, `.angular_velocity`, `.angular_acceleration` of a
-        link, frame or joint; `NAME.com.position`, `.velocity`, `.acceleration`, `.jerk` of a
-        link's centre of mass; `com.position`, ... of that of all moving links, `mass` theirs.
+        link, frame or joint of another name; `NAME.com.position`, `.velocity`, `.acceleration`,
+        `.jerk` of a link's centre of mass; `com.position`, ... of that of all moving links, `mass`
+        theirs.
         `LINK.angle` is the direction of a link's x axis in its plane, `LINK.angle.z` that about an
         axis of the world. `.x`, `.y` or `.z` behind a vector is a component, as `tip.position.z`.
         Jerks are those of a driver whose own jerk is zero. Efforts and reactions are outputs of
@@ -554,14 +555,18 @@ def motion_needed(motion: object) -> None:
                         "driver, values) or sp.simulate(mechanism, state, duration) makes one")
 
 
-def first_samples(motion: Motion, n: int) -> Motion:
+AnyMotion = TypeVar("AnyMotion", bound=Motion)
+
+
+def first_samples(motion: AnyMotion, n: int) -> AnyMotion:
     """Return the first n samples of a motion, with the events on the way to the last of them."""
-    return Motion(
-        motion.mechanism, None if motion.driver is None else motion.driver[:n], motion.driver_name,
-        None if motion.time is None else motion.time[:n], motion.q[:n], motion.v[:n], motion.a[:n],
-        motion.closure_error[:n], motion.driver_speed[:n],
-        [event for event in motion.events if event.row < n], motion.angles[:n], motion.per,
-        motion.held)
+    def cut(x: Any) -> Any:
+        if isinstance(x, dict):
+            return {key: cut(value) for key, value in x.items()}
+        return x[:n] if isinstance(x, np.ndarray) and len(x) == len(motion) else x
+
+    kept = {f.name: cut(getattr(motion, f.name)) for f in fields(motion)}
+    return replace(motion, **{**kept, "events": [e for e in motion.events if e.row < n]})
 
 
 def made(**fields: Any) -> Motion:

@@ -21,7 +21,8 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.rates.jerks import Jerks, solve_jerks
 from spatial_pin.rates.transmission import transmission_angle
 
-COORDINATE_OUTPUTS = ("rate", "acceleration", "jerk", "ratio", "advantage", "transmission_angle")
+RATES = ("rate", "velocity")  # two words for the first derivative of a coordinate
+COORDINATE_OUTPUTS = (*RATES, "acceleration", "jerk", "ratio", "advantage", "transmission_angle")
 FORCES = ("effort", "power", "reaction", "reaction.force", "reaction.moment")  # NAME.effort, ...
 ENDINGS = tuple(f".{kind}" for kind in FORCES)
 ON_GROUND = ("on_ground", "on_ground.force", "on_ground.moment")
@@ -97,7 +98,7 @@ def output(motion: Motion, spec: str) -> Output:
         return Output(motion.coordinate(spec).value, spec, mechanism.coordinate(spec).unit)
     whole, k = component(spec)
     if k is not None and not is_force(spec):
-        return component_of(motion.output(whole), k)
+        return component_of(_vector(motion, whole) or motion.output(whole), k)
     if is_of_whole(mechanism, spec):
         return _of_whole(motion, spec)
     angle = link_angle(mechanism, spec)
@@ -108,16 +109,9 @@ def output(motion: Motion, spec: str) -> Output:
     if kind in COORDINATE_OUTPUTS and (name in mechanism.coordinate_table
                                        or name in mechanism.drivers):
         return _coordinate_output(motion, name, kind)
-    if kind in FRAME_UNITS and name:
-        body = name.removesuffix(".com")
-        label = label_of(spec)
-        unit = motion.frame_unit(kind)
-        if kind == "jerk":
-            rows = [j.com(body) if name.endswith(".com") else j.frame(name).linear
-                    for j in _jerks(motion)]
-            return Output(np.array(rows).reshape(-1, 3), label, unit)
-        moving = motion.com(body) if name.endswith(".com") else motion.frame(name)
-        return Output(getattr(moving, kind), label, unit)
+    vector = _vector(motion, spec)
+    if vector is not None:
+        return vector
     if is_force(spec):
         raise SpatialPinError(
             f"{spec}: a motion by itself has no forces; loads = sp.kinetostatics(mechanism, "
@@ -125,8 +119,23 @@ def output(motion: Motion, spec: str) -> Output:
     valid = [*mechanism.coordinate_table, *mechanism.drivers,
              MASS, *(f"{WHOLE}.{k}" for k in FRAME_UNITS if not k.startswith("angular")),
              *(f"{n}.{k}" for n in mechanism.frame_ids for k in (*FRAME_UNITS, ANGLE)),
-             *(f"{n}.{k}" for n in mechanism.coordinate_table for k in COORDINATE_OUTPUTS)]
+             *(f"{n}.{k}" for n in (*mechanism.coordinate_table, *mechanism.drivers)
+               for k in COORDINATE_OUTPUTS)]
     raise UnknownNameError("output", spec, valid, f"mechanism {mechanism.name!r}: ")
+
+
+def _vector(motion: Motion, spec: str) -> Output | None:
+    """Return a quantity of a point as a vector (N, 3), None where the name is of no such."""
+    name, _, kind = spec.rpartition(".")
+    if kind not in FRAME_UNITS or not name or is_of_whole(motion.mechanism, spec):
+        return None
+    body, label, unit = name.removesuffix(".com"), label_of(spec), motion.frame_unit(kind)
+    if kind == "jerk":
+        rows = [j.com(body) if name.endswith(".com") else j.frame(name).linear
+                for j in _jerks(motion)]
+        return Output(np.array(rows).reshape(-1, 3), label, unit)
+    moving = motion.com(body) if name.endswith(".com") else motion.frame(name)
+    return Output(getattr(moving, kind), label, unit)
 
 
 def label_of(spec: str) -> str:
@@ -200,8 +209,8 @@ def _jerks(motion: Motion) -> Iterator[Jerks]:
 def _coordinate_output(motion: Motion, name: str, kind: str) -> Output:
     _, rate, acceleration = motion.coordinate(name)
     unit = motion.mechanism.coordinate(name).unit
-    if kind == "rate":
-        return Output(rate, f"{name} rate", motion.rate_unit(unit))
+    if kind in RATES:
+        return Output(rate, f"{name} {kind}", motion.rate_unit(unit))
     if kind == "acceleration":
         return Output(acceleration, f"{name} acceleration", motion.rate_unit(unit, 2))
     if kind == "jerk":

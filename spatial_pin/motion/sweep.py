@@ -39,10 +39,11 @@ from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.motion.joint_limits import joint_limit_events
 from spatial_pin.motion.motion import Event, Motion, made
 from spatial_pin.motion.rated_limits import velocity_limit_events
-from spatial_pin.motion.rounding import check_gaps
+from spatial_pin.motion.rounding import within_gap
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.progress import progress_bar
+from spatial_pin.rates.depending import depending_on
 from spatial_pin.rates.rates import SOLUTION_ERROR, check_finite, check_not_held
 from spatial_pin.settings import Accuracy, accuracy_of
 
@@ -104,7 +105,8 @@ def sweep(
 
     Raises:
         AssemblyError: the first value cannot be assembled.
-        LimitError: a later value cannot be reached; has the limit and the motion so far.
+        LimitError: a later value cannot be reached, or opens redundant equations of a rounded file
+            beyond the gap; has the limit and the motion so far.
         SingularError: the branch is not determined at a configuration, or crosses another one
             where that is not allowed, or where none goes straight on.
         Interrupted: after Ctrl-C; has the motion until then. There is none if the values go to and
@@ -112,8 +114,8 @@ def sweep(
         SpatialPinError: a value is more than 640 000 rad or characteristic lengths, of the joint
             that moves most, away from the sample before.
         UnknownNameError: a name does not exist.
-        ValueError: values or speeds are not finite, or make rates that are not, or there is an
-            acceleration without a speed.
+        ValueError: values are one number instead of a list, or values or speeds are not finite, or
+            make rates that are not, or there is an acceleration without a speed.
 
     Example:
         >>> mech = sp.load("rssr")
@@ -128,12 +130,7 @@ def sweep(
     needed(mechanism)
     check_choice("on_limit", on_limit, ("raise", "stop"))
     check_choice("on_crossing", on_crossing, ("straight", "stop", "raise"))
-    values = as_array(values, "values")
-    if not values.size:
-        raise ValueError("values is empty; a sweep needs at least one driver value")
-    values = values if values.ndim else values[None]
-    if values.ndim > 1 or not is_finite(values):
-        values = finite_array(values, (values.size,), "values")  # says what is wrong
+    values = _values(mechanism, driver, values, speed)
     speeds, accels = _rates_asked(speed, acceleration, values)
     coordinate = mechanism.prescribed_coordinate(driver)
     given, held = ({}, (hold,)) if isinstance(hold, str) else _told_to_hold(hold)
@@ -142,7 +139,7 @@ def sweep(
         begun = swept_at_once(mechanism, coordinate.name, held, values, accuracy,
                               min(accuracy.tolerance, TOLERANCES.tight), guess)
     if begun is not None and begun[0] == len(values):
-        way = _Way(mechanism, begun[1], len(values))
+        way = _Way(mechanism, begun[1], held, len(values))
     else:
         way = _followed(mechanism, driver, coordinate, values, guess, given, held, accuracy,
                         on_crossing == "straight", progress, begun)
@@ -150,8 +147,10 @@ def sweep(
     if n < len(values):
         values, speeds, accels = values[:n], speeds[:n], None if accels is None else accels[:n]
     motion = _motion(way, driver, values, speeds, type(speed) is float, accels,
-                     coordinate.unit if speed is None else "s", held)
-    check_gaps(motion, accuracy.gap)
+                     coordinate.unit if speed is None else "s", way.held)
+    motion = within_gap(motion, accuracy, on_limit)
+    if len(motion) < n:
+        return motion
     if passed := [*joint_limit_events(motion), *velocity_limit_events(motion)]:
         motion.events += passed
     if way.is_cut:
@@ -163,6 +162,28 @@ def sweep(
         if ends != "stop" or stop.kind == "lost":
             raise _error(motion, stop, driver, coordinate, asked.item(n), on_crossing)
     return motion
+
+
+def _values(mechanism: Mechanism, driver: str, given: Any, speed: Any) -> Array:
+    """Return driver values (N,), as they were given.
+
+    Raises:
+        ValueError: they are none, or one number that is no list.
+    """
+    values = as_array(given, "values")
+    if not values.size:
+        raise ValueError("values is empty; a sweep needs at least one driver value")
+    if not values.ndim:
+        first = finite_number(values, "values")
+        last = speed if isinstance(speed, int | float) and speed != first else first + (
+            math.tau if mechanism.prescribed_coordinate(driver).unit == "rad" else 0.1)
+        raise ValueError(
+            f"values is {first:g}: a sweep goes through a list of values, such as sp.sweep("
+            f"mechanism, {driver!r}, np.linspace({first:g}, {last:g}, 101)); one position is "
+            f"sp.assemble(mechanism, {{{driver!r}: {first:g}}})")
+    if values.ndim > 1 or not is_finite(values):
+        values = finite_array(values, (values.size,), "values")  # says what is wrong
+    return values
 
 
 def _told_to_hold(
@@ -180,6 +201,7 @@ class _Way(NamedTuple):
     Attributes:
         mechanism: without the equations that a rounded file contradicts.
         samples: of them the first `n` are done.
+        held: what stands still.
         n: how many were reached.
         stop: what ended the motion before the last, if anything did.
         is_cut: whether Ctrl-C did.
@@ -188,6 +210,7 @@ class _Way(NamedTuple):
 
     mechanism: Mechanism
     samples: Samples
+    held: tuple[str, ...]
     n: int
     stop: Arrival | None = None
     is_cut: bool = False
@@ -204,11 +227,13 @@ def _followed(
     first, n = values.item(0), len(values)
     state, gone = held_start(
         mechanism, {**given, coordinate.name: first}, guess, held, _tight(accuracy))
-    mechanism, stop, is_cut = state.mechanism, None, False
+    moved = depending_on(state, [driver, *given], held)
+    there, hold = (state, held) if moved is None else moved[:2]
+    mechanism, stop, is_cut = there.mechanism, None, False
     crossed: list[tuple[float, int]] = []
     bar = progress_bar(n, f"{mechanism.name}: {driver}", progress)
     with bar, evaluation_of(mechanism) as evaluation, kernel_of(mechanism) as kernel:
-        start = Start.along(state, [driver, *given], held, accuracy, kernel, evaluation)
+        start = Start.along(there, [driver, *given], hold, accuracy, kernel, evaluation)
         samples = None
         if accuracy.corrections is None and begun is None:
             samples = followed_in_order(start, values, bar)
@@ -220,7 +245,9 @@ def _followed(
     events += _released(state, start.driven, start.still, first)
     events += [crossed_event(value, row, f"{driver} = {value:.12g} {coordinate.unit}")
                for value, row in crossed]
-    return _Way(mechanism, samples, n, stop, is_cut, events)
+    if moved is not None:
+        samples, held = moved.of_whole(samples), moved.held
+    return _Way(state.mechanism, samples, held, n, stop, is_cut, events)
 
 
 def _released(

@@ -16,10 +16,12 @@ from spatial_pin.continuation.pseudo_arclength import ArcLengthPath
 from spatial_pin.continuation.singular_points import distance_ahead, located
 from spatial_pin.continuation.solution_curve import Curve, CurvePoint
 from spatial_pin.errors import SingularError
+from spatial_pin.kernel.paths import Samples
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Event, Motion
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.rates.depending import Depending
 from spatial_pin.settings import Accuracy
 
 TURN = 2.0 * np.pi
@@ -67,14 +69,14 @@ def trace(
     """
     step = positive_number(step, "step")
     positive_number(most_rows, "most_rows")
-    system, state = system_at(mechanism, driver, guess, hold)
+    system, state, moved = system_at(mechanism, driver, guess, hold)
     curve = Curve(system, Accuracy.named("engineering").tolerance)
     first = curve.settle(state.q, direction_of(system) / system.scale)
     if first is None:
         raise SingularError(f"mechanism {mechanism.name!r}: branches cross at the start, {state}",
                             state=state)
     path = ArcLengthPath(curve, first, distance_ahead(curve, first))
-    samples = _TracedSamples(curve, driver, state.mechanism)
+    samples = _TracedSamples(curve, driver, state.mechanism, moved)
     samples.add(first)
     while len(samples.points) < most_rows:
         if _advance(path, step, samples):
@@ -133,8 +135,10 @@ def _curvature(curve: Curve, point: CurvePoint) -> Array:
 class _TracedSamples:
     """Samples of a traced curve."""
 
-    def __init__(self, curve: Curve, driver: str, mechanism: Mechanism) -> None:
-        self.curve, self.driver, self.mechanism = curve, driver, mechanism
+    def __init__(
+        self, curve: Curve, driver: str, mechanism: Mechanism, moved: Depending | None
+    ) -> None:
+        self.curve, self.driver, self.mechanism, self._moved = curve, driver, mechanism, moved
         self.points: list[CurvePoint] = []
         self.accelerations: list[Array] = []
         self.errors: list[float] = []
@@ -203,10 +207,17 @@ class _TracedSamples:
         scale = self.curve.unknowns.scale
         q = np.array([p.x for p in self.points])
         v = np.array([scale * p.t for p in self.points])
-        driver = self.curve.system.driven[0]
-        return Motion(
-            mechanism=self.mechanism, driver=q[:, driver.q].copy(), driver_name=self.driver,
-            time=None, q=q, v=v, a=np.array(self.accelerations),
-            closure_error=np.array(self.errors), driver_speed=v[:, driver.v].copy(),
-            events=self.events, angles=np.array([p.angles for p in self.points]), per="length",
-        )
+        driver, moved = self.curve.system.driven[0], self._moved
+        found = Samples(q, v, np.array(self.accelerations), np.array(self.errors),
+                        np.array([p.angles for p in self.points]))
+        mechanism = self.mechanism
+        if moved is not None:
+            found, mechanism = moved.of_whole(found), moved.whole.mechanism
+        motion = Motion(
+            mechanism=mechanism, driver=q[:, driver.q].copy(), driver_name=self.driver,
+            time=None, q=q, v=v, a=found.c, closure_error=found.error,
+            driver_speed=v[:, driver.v].copy(), events=self.events, angles=found.angles,
+            per="length")
+        if moved is not None:
+            motion.held = moved.held
+        return motion

@@ -11,7 +11,7 @@ import numpy as np
 from spatial_pin.assembly.state import State
 from spatial_pin.brief import brief
 from spatial_pin.checks import checked, finite_number
-from spatial_pin.errors import SpatialPinError
+from spatial_pin.errors import SpatialPinError, unless_cut
 from spatial_pin.motion.motion import Event, Motion, motion_needed
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -167,7 +167,7 @@ class Clearance:
 
     def __repr__(self) -> str:
         return (f"Clearance({self.motion!r}, {len(self.pairs)} pairs of links, "
-                f"{len(self.touching)} of them touch)")
+                f"{len(self.touching)} of them touch{'' if self.is_whole else '; cut short'})")
 
     def __str__(self) -> str:
         motion = self.motion
@@ -219,13 +219,13 @@ def clearance(
         progress: whether a bar shows how far it is.
 
     Returns:
-        A Clearance. After Ctrl-C what was found until then.
+        A Clearance.
 
     Raises:
         UnknownNameError: there is no such link.
         SpatialPinError: a link has no shape, or two are fixed to each other.
         ValueError: the motion has no samples, or the tolerance is no number.
-        KeyboardInterrupt: before the first sample was looked at.
+        Interrupted: after Ctrl-C; `.result` has what was found until then.
 
     Example:
         >>> mech = sp.load("four_bar")
@@ -250,8 +250,10 @@ def clearance(
         search, found, is_whole = _searched(search, bar)
     between = search.between
     made = [_pair(search, k, one) for k, one in enumerate(found)]
-    return Clearance(between.motion, _ranked(made, motion.mechanism.characteristic_length),
-                     search.distances.joined, touching, _events(between, names, found), is_whole)
+    found_here = Clearance(
+        between.motion, _ranked(made, motion.mechanism.characteristic_length),
+        search.distances.joined, touching, _events(between, names, found), is_whole)
+    return unless_cut(found_here, between.motion)
 
 
 def _ranked(pairs: Sequence[PairClearance], size: float) -> tuple[PairClearance, ...]:

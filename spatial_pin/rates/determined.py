@@ -69,8 +69,13 @@ def placed(kernel: Kernel, state: State, given: Prescription) -> Rates:
     return rates
 
 
-def chosen_at(state: State, given: Prescription) -> Chosen:
+def chosen_at(state: State, given: Prescription, frame: int | None = None) -> Chosen:
     """Return the equations that determine the rates of a closed state.
+
+    Args:
+        state: the state.
+        given: what is prescribed.
+        frame: whose velocity alone is to be determined; default: all.
 
     Raises:
         SingularError: the rates are not determined there.
@@ -78,7 +83,7 @@ def chosen_at(state: State, given: Prescription) -> Chosen:
     mechanism = state.mechanism
     with evaluation_of(mechanism, state.angles) as evaluation:
         try:
-            system = SquareSystem(evaluation, given.driven, state.q, given.still)
+            system = SquareSystem(evaluation, given.driven, state.q, given.still, frame)
             system.check_regular(state.q)
         except SingularError as error:
             raise SingularError(str(error), state=state) from None

@@ -15,12 +15,14 @@ from spatial_pin.checks import checked, names_of
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import Constraints
 from spatial_pin.constraints.pinocchio_views import frame_jacobian
-from spatial_pin.kernel.kernel import kernel_of
+from spatial_pin.kernel.kernel import Kernel, kernel_of
+from spatial_pin.kernel.rates import Rates
 from spatial_pin.mechanism.coordinates import finite_array, needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mechanism.parts import Coordinate, drivers_of_tree
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.rates.depending import all_determined, frame_determined
 from spatial_pin.rates.determined import Prescription, once, placed, refuse_components
 from spatial_pin.rates.prescribed import rate_coordinates
 from spatial_pin.rates.rates import driven_coordinates
@@ -66,7 +68,7 @@ def jacobian(
 
     Column k is the frame's twist at its origin, world axes, linear above angular, per unit speed
     of driver k [m/s and rad/s per rad/s or m/s]. A joint of several freedoms has a column for each
-    entry of its velocity, as Pinocchio has it.
+    entry of its velocity, as Pinocchio has it. What does not move the frame need not be determined.
 
     Args:
         mechanism: the mechanism.
@@ -82,7 +84,7 @@ def jacobian(
         The matrix (6, n).
 
     Raises:
-        SingularError: the drivers do not determine the velocities there; says which depend on
+        SingularError: the drivers do not determine the frame's velocity there; says which depend on
             others, or which freedoms are left.
         UnknownNameError: a name does not exist.
         ValueError: a driver is named twice.
@@ -100,10 +102,19 @@ def jacobian(
     mechanism = state.mechanism
     given = _prescribed(mechanism, names, hold)
     with kernel_of(mechanism) as kernel:
-        rates = placed(kernel, state, given)
-        own = mechanism.model.frames[frame]
-        joint = int(kernel.packed.carriers[own.parentJoint])
-        return rates.jacobian(joint, kernel.packed.frames[joint].T @ own.placement.translation)
+        rates = given.rates(kernel)
+        if rates.place(state.q, state.angles):
+            return _columns(kernel, rates, frame)
+    found = frame_determined(state, given, frame)
+    with kernel_of(found.state.mechanism) as kernel:
+        return found.among_all(_columns(kernel, found.rates(kernel), frame), given.n_moving)
+
+
+def _columns(kernel: Kernel, rates: Rates, frame: int) -> Array:
+    """Return the Jacobian (6, n) of a frame where rates are placed."""
+    own = kernel.mechanism.model.frames[frame]
+    joint = int(kernel.packed.carriers[own.parentJoint])
+    return rates.jacobian(joint, kernel.packed.frames[joint].T @ own.placement.translation)
 
 
 def _prescribed(mechanism: Mechanism, drivers: tuple[str, ...] | None, hold: Hold) -> Prescription:
@@ -197,8 +208,10 @@ def jacobian_rate(
     given = Prescription.of(mechanism, moving_coordinates(mechanism, drivers, hold), hold)
     refuse_components(mechanism, given.driven)
     moving = _Moving(mechanism, state, frame)
-    with (kernel_of(mechanism) as kernel, evaluation_of(mechanism, state.angles) as evaluation):
-        rates = placed(kernel, state, given)
+    found = all_determined(state, given) or frame_determined(state, given, frame)
+    part, angles = found.state.mechanism, found.state.angles
+    with kernel_of(part) as kernel, evaluation_of(part, angles) as evaluation:
+        rates = found.rates(kernel)
         evaluation.update(state.q)
         columns = []
         for w in rates.columns().T:
@@ -207,7 +220,7 @@ def jacobian_rate(
             spread = rates.answer(_equation_brackets(evaluation, turned, state.v, w))
             columns.append(moving.rate(w, turned)
                            + moving.jacobian @ (0.25 * polar + 0.5 * spread))
-    return np.array(columns).reshape(-1, 6).T
+    return found.among_all(np.array(columns).reshape(-1, 6).T, given.n_moving)
 
 
 class _Moving:

@@ -57,7 +57,7 @@ def prescribed_at(state: State, names: Iterable[str], hold: Hold = BASE) -> list
         chosen_at(state, Prescription(usual, len(usual), still))
         return usual
     except SingularError:
-        return _with_standing(state, _wanted(state.mechanism, names), hold) or usual
+        return _with_standing(state, wanted_coordinates(state.mechanism, names), hold) or usual
 
 
 def prescribed_first(
@@ -67,7 +67,7 @@ def prescribed_first(
     names, hold = tuple(names), None if hold is None else tuple(names_of(hold, "hold"))
     key = "prescribed", names, hold
     if key not in mechanism.memo:
-        wanted = _wanted(mechanism, names)
+        wanted = wanted_coordinates(mechanism, names)
         usual = driven_coordinates(mechanism, [c.name for c in wanted])
         mechanism.memo[key] = divided(
             mechanism, [*wanted, *(c for c in usual if c not in wanted)], hold)
@@ -75,7 +75,8 @@ def prescribed_first(
     return [*driven], still
 
 
-def _wanted(mechanism: Mechanism, names: Iterable[str]) -> list[Coordinate]:
+def wanted_coordinates(mechanism: Mechanism, names: Iterable[str]) -> list[Coordinate]:
+    """Return the coordinates of some names, with all others of a free base that is named."""
     wanted = list(dict.fromkeys(mechanism.prescribed_coordinate(name) for name in names))
     return wanted + [c for c in siblings(mechanism, wanted) if c.joint in free_bases(mechanism)]
 
@@ -248,7 +249,8 @@ def solve_rates(
     if clear is None:
         check_rates(state, found.v)
     return made(mechanism, state.q, found.v, found.a, closure_error=state.closure_error,
-                angles=state.angles, rate_error=found.lost, released=state.released)
+                angles=state.angles, rate_error=found.lost, released=state.released,
+                lost_turns=state.lost_turns)
 
 
 def _solved(

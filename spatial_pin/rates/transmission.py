@@ -21,7 +21,8 @@ from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array, null_space, row_space
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.rates.determined import Prescription, placed
+from spatial_pin.rates.depending import all_determined, entries_determined
+from spatial_pin.rates.determined import Prescription
 from spatial_pin.rates.rates import check_not_held, driven_coordinates
 
 
@@ -95,10 +96,12 @@ def transmission(
     check_not_held(mechanism, [input_], hold)
     moved = MovedOutput.of(mechanism, output, input_.name, at, hold)
     angle = moved.angle(mechanism, state.q, state.angles)
-    with kernel_of(mechanism) as kernel:
-        column = [c.name for c in moved.given.driven].index(input_.name)
-        columns = placed(kernel, state, moved.given).columns()
-    ratio = float(columns[mechanism.driven_coordinate(output).v, column])
+    at_output = mechanism.driven_coordinate(output).v
+    found = all_determined(state, moved.given) or entries_determined(
+        state, moved.given, (at_output,))
+    with kernel_of(found.state.mechanism) as kernel:
+        columns = found.among_all(found.rates(kernel).columns(), moved.given.n_moving)
+    ratio = float(columns[at_output, [c.name for c in moved.given.driven].index(input_.name)])
     advantage = 1.0 / ratio if ratio else math.copysign(math.inf, ratio)
     return Transmission(ratio, advantage, angle, moved.at)
 

@@ -115,9 +115,9 @@ def _named(mechanism: Mechanism, name: str) -> Asked:
         link = stem.removesuffix(".com")
         if link in mechanism.frame_ids:
             return Asked((), (link,), (link,))
-    if kind in ("rate", "acceleration", "jerk", "ratio", "advantage") or kind in FRAME_UNITS:
+    if kind in ("rate", "ratio", "advantage") or kind in FRAME_UNITS:
         inner = _named(mechanism, stem)
-        if kind not in FRAME_UNITS or kind == "acceleration" or inner.frames:
+        if kind not in FRAME_UNITS or kind in COORDINATE_OUTPUTS or inner.frames:
             return inner
     known = [*table, *mechanism.drivers, *mechanism.frame_ids,
              *(f"{link}.com" for link in mechanism.links)]

@@ -138,7 +138,7 @@ class Circuit:
         None if the curve does not lead there from the sample; the slope is that of the driver.
         """
         mechanism, state = self.motion.mechanism, self.motion.state(row)
-        system, near = system_at(mechanism, self.driver, state, BASE)
+        system, near, _ = system_at(mechanism, self.driver, state, BASE)
         if np.abs(self._at(system.evaluation, near.q) - self._places[row]).max(
                 initial=0.0) > TOLERANCES.half_precision:
             return None  # a dead centre: its neighbours are as good

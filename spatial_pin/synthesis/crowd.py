@@ -25,8 +25,9 @@ from spatial_pin.synthesis.settling import Samples, Settling, spread
 
 CROWD_STEPS = 120  # of Levenberg's: half of those that lead somewhere need seventy
 CROWD_DAMPING = 1e-2  # relative to equations of order one
-EASED, HARDENED = 0.3, 4.0  # by what damping goes after a step that helped, and one that did not
-LEAST_DAMPING, MOST_DAMPING = 1e-15, 1e6  # round-off of the equations; nothing moves any more
+# by what damping goes after a step that helped, and after one that did not
+CROWD_EASING, CROWD_HARDENING = 0.3, 4.0
+LEAST_CROWD_DAMPING, MOST_DAMPING = 1e-15, 1e6  # round-off of the equations; nothing moves any more
 MET, NEAR = TOLERANCES.nothing**2, TOLERANCES.nothing  # sums of squares, of this size and less
 MOST_NEAR = 2  # of those that have come near which are looked at
 TOGETHER = 1e-4  # part of the sizes, within which two ends are one
@@ -115,8 +116,8 @@ class Crowd:
             self.x[rows[better]], self.cost[rows[better]] = there[better], cost[better]
             self.samples = [_put(s, k, new, rows, better) for s, k, new in
                             zip(self.samples, self._counts, samples, strict=True)]
-            damping[rows] *= np.where(better, EASED, HARDENED)
-            np.maximum(damping, LEAST_DAMPING, out=damping)
+            damping[rows] *= np.where(better, CROWD_EASING, CROWD_HARDENING)
+            np.maximum(damping, LEAST_CROWD_DAMPING, out=damping)
             done |= (damping > MOST_DAMPING) | (self.cost < TOLERANCES.tight**2)
             if better.any():
                 for e, new in zip(every, self._equations(rows[better]), strict=True):

@@ -12,6 +12,7 @@ from spatial_pin.assembly.state import State
 from spatial_pin.checks import checked, whole_number
 from spatial_pin.dimensions.bounds import bounds_of
 from spatial_pin.dimensions.variants import tell_idle
+from spatial_pin.errors import unless_cut
 from spatial_pin.mechanism.coordinates import needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
@@ -76,7 +77,7 @@ def design(
 
     Returns:
         Distinct Designs, the best first, with the defects of each; none if no start led to one that
-        meets what is to be met exactly. After Ctrl-C those that were found until then.
+        meets what is to be met exactly.
 
     Raises:
         UnknownNameError: there is no such dimension, frame, coordinate or driver.
@@ -85,7 +86,7 @@ def design(
         AssemblyError: the mechanism does not close at its own dimensions.
         SpatialPinError: it has no file to change dimensions in; the file to resume from is of
             another search.
-        KeyboardInterrupt: before anything was found.
+        Interrupted: after Ctrl-C; `.result` has the Designs that were found until then.
 
     Example:
         >>> mech = sp.load("four_bar")
@@ -114,7 +115,7 @@ def design(
     if exact_points(asked):
         refuse_off_plane(problem.anywhere(), asked)
     found = searched(spec, method, starts, seed, executor, progress, resume)
-    return designs_of(problem, found, most)
+    return unless_cut(designs_of(problem, found, most))
 
 
 def _asked(goals: Any) -> tuple[Goal, ...]:

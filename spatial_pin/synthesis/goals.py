@@ -36,6 +36,15 @@ from spatial_pin.synthesis.demands.swing import DeadCentres, Swing
 from spatial_pin.synthesis.demands.transmission import LeastTransmission
 from spatial_pin.synthesis.precision import Function, Path, Poses
 
+__all__ = [
+    "clearance", "dead_centres", "effort", "function", "joint_limits", "mass", "path", "poses",
+    "size", "swing", "transmission", "turns",
+]
+
+
+def __dir__() -> list[str]:
+    return __all__
+
 
 def _weight(weight: float | None) -> float | None:
     if weight is None:

@@ -331,7 +331,8 @@ class Designs(Sequence[Design]):
 
     def __repr__(self) -> str:
         best = f", errors from {self.designs[0].error:.3g}" if self.designs else ""
-        return f"Designs({self.name!r}: {len(self)} from {self.starts} starts{best})"
+        cut = "" if self.is_whole else "; cut short"
+        return f"Designs({self.name!r}: {len(self)} from {self.starts} starts{best}{cut})"
 
     def __str__(self) -> str:
         none = f", {self.failed} of them without one" if self.failed else ""

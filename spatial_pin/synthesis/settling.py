@@ -27,7 +27,8 @@ from spatial_pin.synthesis.precision import Precision, simple
 SETTLING_STEPS = 40  # of a sample at most: from afar some twenty are usual, from nearby four
 CLOSINGS = 12  # Newton's: from a step of half a radian four to six
 FIRST_DAMPING = 1e-3  # of Levenberg's method, relative to equations of order one
-EASED, HARDENED = 0.2, 8.0  # by what damping goes after a step that helped, and one that did not
+# by what damping goes after a step that helped, and after one that did not
+SETTLING_EASING, SETTLING_HARDENING = 0.2, 8.0
 MOST_DAMPING = 1e6  # with which nothing moves any more
 MOST_OPEN = 0.1  # by which a step along the loops may open them: so much is closed quadratically
 # Levenberg's term beside equations of order one: the square root of round-off in their products,
@@ -177,7 +178,7 @@ class Settling:
             residual = np.where(better[:, None], new, residual)
             slope = np.where(better[:, None, None], new_slope, slope)
             cost = np.where(better, new_cost, cost)
-            damping = np.where(better, EASED * damping, HARDENED * damping)
+            damping = np.where(better, SETTLING_EASING * damping, SETTLING_HARDENING * damping)
             if np.all(small | (better & gained) | (damping > MOST_DAMPING)):
                 break
         return samples
@@ -271,8 +272,8 @@ class Settling:
             better = (new.missed <= along.missed) & (new.open <= MOST_OPEN)
             samples = _chosen(better, there._replace(angles=angles), samples)
             along = _chosen(better, new, along)
-            damping = np.where(better, EASED * damping,
-                               HARDENED * np.maximum(damping, FIRST_DAMPING))
+            damping = np.where(better, SETTLING_EASING * damping,
+                               SETTLING_HARDENING * np.maximum(damping, FIRST_DAMPING))
             still = np.abs(steps).max(axis=1, initial=0.0) < TOLERANCES.half_precision
             if np.all(still | (damping > MOST_DAMPING)):
                 break

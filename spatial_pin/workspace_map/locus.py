@@ -32,7 +32,7 @@ CORNER = "corner"  # where two limit positions meet: beyond it is another sheet
 CROSSING = "branch point"  # where loops lose their rank
 ON_CURVE = 1e-12  # of the function, in natural units, at a point of a curve
 SMALL_MOVE = 1e-5  # rad, lengths: central differences of g are good to its square
-FIRST_STEP, LARGEST_STEP, SMALLEST_STEP = 0.01, 0.1, 1e-7  # rad, characteristic lengths
+FIRST_LOCUS_STEP, LARGEST_STEP, SMALLEST_STEP = 0.01, 0.1, 1e-7  # rad, characteristic lengths
 ALONG = 0.95  # least cosine between the directions at both ends of a step: 18 degrees
 MOST_POINTS = 20_000  # of a curve
 LEVEL = 1e-9  # slope of a function, in natural units, that gives no direction
@@ -179,10 +179,10 @@ class Locus:
             return spot
         for sign in (1.0, -1.0):
             way = spot._replace(t=sign * spot.t, dy=sign * spot.dy)
-            q = self.at(way, FIRST_STEP)
+            q = self.at(way, FIRST_LOCUS_STEP)
             if q is not None and margin(q) > 0.0:
                 back = way._replace(q=q, t=-way.t)
-                q = self.at(back, _root(self, back, margin, FIRST_STEP))
+                q = self.at(back, _root(self, back, margin, FIRST_LOCUS_STEP))
                 return (None if q is None else self.spot(q, None)) or spot
         return spot
 
@@ -194,7 +194,7 @@ class Locus:
 
 def walk(locus: Locus, start: Spot) -> Walk:
     """Follow a curve from a point on, along its direction."""
-    spots, length = [start], FIRST_STEP
+    spots, length = [start], FIRST_LOCUS_STEP
     while len(spots) < MOST_POINTS:
         spot = spots[-1]
         locus.section.evaluation.angle_reference[:] = spot.angles

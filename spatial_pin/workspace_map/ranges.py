@@ -14,7 +14,8 @@ from spatial_pin.workspace_map.poses import pose_parts
 
 # points of a grid: each keeps a configuration and a Jacobian, some 200 MB in all
 MOST_GRID_POINTS = 200_000
-USUAL, FINEST = 10_000, 41  # points of a grid where none are asked for, and of one coordinate
+# points of a grid where none are asked for, and of one coordinate
+USUAL_POINTS, FINEST_GRID = 10_000, 41
 
 
 def read_ranges(
@@ -53,7 +54,7 @@ def read_ranges(
 
 def _counts(names: list[str], points: int | Mapping[str, int] | None) -> list[int]:
     if points is None:
-        return [min(FINEST, int(USUAL ** (1.0 / len(names)) + 1e-9))] * len(names)
+        return [min(FINEST_GRID, int(USUAL_POINTS ** (1.0 / len(names)) + 1e-9))] * len(names)
     if isinstance(points, Mapping):
         if set(points) != set(names):
             raise ValueError(f"points are given of {', '.join(map(repr, points)) or 'nothing'}; "

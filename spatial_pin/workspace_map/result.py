@@ -311,7 +311,8 @@ class Workspace(Tabular):
     def __repr__(self) -> str:
         return (f"Workspace({self.mechanism.name!r}: {self.frame} over "
                 f"{' x '.join(map(str, self.shape))} values of {', '.join(self.names)}, "
-                f"{int(self.reached.sum())} of {len(self.reached)} points reached)")
+                f"{int(self.reached.sum())} of {len(self.reached)} points reached"
+                f"{'' if self.is_whole else '; cut short'})")
 
     def __str__(self) -> str:
         n, total = int(self.reached.sum()), len(self.reached)

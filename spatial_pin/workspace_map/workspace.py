@@ -13,7 +13,7 @@ from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State
 from spatial_pin.checks import checked, names_of, positive_number
-from spatial_pin.errors import SingularError, SpatialPinError
+from spatial_pin.errors import SingularError, SpatialPinError, unless_cut
 from spatial_pin.mechanism.coordinates import coordinate_value, driver_coordinates, needed
 from spatial_pin.mechanism.joint_limits import beyond_limits
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -125,6 +125,7 @@ def workspace(
         ValueError: bounds are not two numbers, the smaller one first, or there are too many points,
             200 000 at most, or fewer than 2 of a coordinate; ranges are of drivers and of poses, or
             of parts of a pose that cannot change each for itself.
+        Interrupted: after Ctrl-C; `.result` has the points that were reached until then.
 
     Example:
         >>> mech = sp.load("delta")
@@ -164,7 +165,7 @@ def workspace(
         except KeyboardInterrupt:  # what was found until then is the answer
             pass
     others = tuple(_workspace(*x, task, names, is_whole) for x in found[1:])
-    return _workspace(*found[0], task, names, is_whole, others)
+    return unless_cut(_workspace(*found[0], task, names, is_whole, others))
 
 
 def _asked(

@@ -5,6 +5,7 @@ from dataclasses import FrozenInstanceError, asdict
 
 import numpy as np
 import pytest
+from loaded_library import library
 
 import spatial_pin as sp
 
@@ -54,7 +55,7 @@ def test_a_level_that_there_is_not_is_refused(level):
 @pytest.mark.parametrize("given", ["draft", 1e-6])
 def test_a_level_is_not_taken_for_its_settings(use, given):
     with pytest.raises(TypeError, match=r"Accuracy\.named"):
-        use(sp.load("rssr"), given)
+        use(library("rssr"), given)
 
 
 @pytest.mark.parametrize(("error", "task"), [

@@ -11,6 +11,7 @@ import spatial_pin as sp
 
 FAR_STARTS = DATA / "far_starts"
 ROBOTS = sorted(path.stem for path in FAR_STARTS.glob("*.toml"))
+pytestmark = pytest.mark.delicate
 
 
 def body(end, size=1.0, kind="floating"):

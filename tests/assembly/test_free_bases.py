@@ -10,9 +10,11 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from loaded_library import library
+from machines import free_bases
+from variety import few
 
 import spatial_pin as sp
-from spatial_pin.assembly.holding import free_bases
 
 POSE = [0.3, -0.2, 0.5, 0.4, -0.3, 0.2]
 LIBRARY = ("four_bar", "rssr", "stewart", "delta", "double_cardan", "screw_press")
@@ -53,10 +55,10 @@ def pinocchios(mechanism: sp.Mechanism, q: np.ndarray, name: str) -> np.ndarray:
                                     pin.LOCAL_WORLD_ALIGNED)
 
 
-@pytest.fixture(params=LIBRARY)
+@pytest.fixture(params=few(LIBRARY, "four_bar", "stewart", "screw_press"))
 def pair(request: pytest.FixtureRequest) -> tuple[sp.Mechanism, sp.Mechanism]:
     """The same mechanism on the ground, and on a free base."""
-    return sp.load(request.param), sp.load(request.param, free_flyer=True)
+    return library(request.param), library(request.param, free_flyer=True)
 
 
 def moved(mechanism: sp.Mechanism) -> dict[str, object]:
@@ -126,15 +128,15 @@ def test_components_of_joints_of_several_freedoms_have_columns_too(tmp_path: Pat
 def test_drivers_may_be_any_of_the_joints_of_a_file_with_loops_and_no_drivers(
     tmp_path: Path,
 ) -> None:
-    source = Path(sp.load("four_bar").path or "").read_text()
+    source = Path(library("four_bar").path or "").read_text()
     lines = source.splitlines()
     at = next(i for i, line in enumerate(lines) if line.startswith("[drivers"))
     del lines[at : at + 2]
     for name in ("four_bar.urdf.xacro", "parts.xacro"):
         tmp_path.joinpath(name).write_text(
-            Path(sp.load("four_bar").path or "").with_name(name).read_text())
+            Path(library("four_bar").path or "").with_name(name).read_text())
     tmp_path.joinpath("bare.toml").write_text("\n".join(lines))
-    bare, driven = sp.load(tmp_path / "bare.toml"), sp.load("four_bar")
+    bare, driven = sp.load(tmp_path / "bare.toml"), library("four_bar")
     joint = next(iter(driven.drivers.values())).joint
     assert not bare.drivers
     state = sp.assemble(bare, {joint: 0.3})
@@ -194,9 +196,9 @@ def test_free_flyer_is_true_or_false() -> None:
 
 
 def test_a_mechanism_on_a_free_base_changes_its_dimensions() -> None:
-    mechanism = sp.load("rssr", free_flyer=True)
+    mechanism = library("rssr", free_flyer=True)
     state = sp.assemble(mechanism, {"crank": 0.1})
-    fixed = sp.load("rssr")
+    fixed = library("rssr")
     there = sp.assemble(fixed, {"crank": 0.1})
     found, expected = (sp.sensitivity(m, x, "rocker_pin", ["d"])
                        for m, x in ((mechanism, state), (fixed, there)))
@@ -206,10 +208,11 @@ def test_a_mechanism_on_a_free_base_changes_its_dimensions() -> None:
 # ---------------------------------------------------------------- held
 
 
+@pytest.mark.delicate
 def test_which_floating_joints_are_free_bases() -> None:
-    assert free_bases(sp.load("four_bar")) == ()
-    assert free_bases(sp.load("stewart")) == ()
-    assert free_bases(sp.load("stewart", free_flyer=True)) == ("root_joint",)
+    assert free_bases(library("four_bar")) == ()
+    assert free_bases(library("stewart")) == ()
+    assert free_bases(library("stewart", free_flyer=True)) == ("root_joint",)
 
 
 def test_a_held_base_is_the_ground(pair: tuple[sp.Mechanism, sp.Mechanism]) -> None:
@@ -295,7 +298,7 @@ def test_the_refusal_of_a_base_that_nobody_holds_says_what_holds_it(tmp_path: Pa
 
 
 def test_a_base_is_held_whatever_was_asked_before() -> None:
-    one, other = (sp.load("rssr", free_flyer=True) for _ in range(2))
+    one, other = (library("rssr", free_flyer=True) for _ in range(2))
     states = [sp.assemble(m, {"crank": 0.3}) for m in (one, other)]
     first = [sp.jacobian(one, states[0], "rocker", hold=h) for h in ("base", None)]
     second = [sp.jacobian(other, states[1], "rocker", hold=h) for h in (None, "base")]
@@ -303,7 +306,7 @@ def test_a_base_is_held_whatever_was_asked_before() -> None:
 
 
 def test_values_and_a_base_are_held_together() -> None:
-    fixed, free = sp.load("delta"), sp.load("delta", free_flyer=True)
+    fixed, free = library("delta"), library("delta", free_flyer=True)
     names = list(fixed.drivers)
     start = sp.assemble(fixed)
     hold = {names[1]: start.coordinate(names[1]).value + 0.05}
@@ -314,8 +317,9 @@ def test_values_and_a_base_are_held_together() -> None:
     assert np.ptp(by_name.coordinate(names[1]).value) == 0.0
 
 
+@pytest.mark.delicate
 def test_a_closed_mechanism_on_a_free_base_has_its_modes_and_limits() -> None:
-    fixed, free = sp.load("four_bar"), sp.load("four_bar", free_flyer=True)
+    fixed, free = library("four_bar"), library("four_bar", free_flyer=True)
     driver = next(iter(fixed.drivers))
     modes = [sp.assembly_modes(m, {driver: 0.4}) for m in (fixed, free)]
     assert len(modes[0]) == len(modes[1]) == 2
@@ -324,16 +328,17 @@ def test_a_closed_mechanism_on_a_free_base_has_its_modes_and_limits() -> None:
     assert str(sp.limits(free, driver)) == str(sp.limits(fixed, driver))
 
 
+@pytest.mark.delicate
 def test_a_free_base_counts_six_freedoms_that_need_no_driver() -> None:
-    found = sp.mobility(sp.load("rssr", free_flyer=True))
+    found = sp.mobility(library("rssr", free_flyer=True))
     assert (found.dof, len(found.passive)) == (8, 1)
     assert "more driver(s) needed" not in str(found)
     assert "root_joint carries all of it as a free base" in str(found)
-    assert "free base" not in str(sp.mobility(sp.load("rssr")))
+    assert "free base" not in str(sp.mobility(library("rssr")))
 
 
 def test_a_base_falls_while_its_joints_are_driven_by_nobody() -> None:
-    free = sp.load("four_bar", free_flyer=True)
+    free = library("four_bar", free_flyer=True)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         found = sp.forward_dynamics(free, sp.assemble(free))
@@ -355,7 +360,7 @@ def test_a_tree_is_saved_with_the_drivers_it_has(tmp_path: Path) -> None:
 
 
 def test_a_free_base_is_saved(tmp_path: Path) -> None:
-    mechanism = sp.load("rssr", free_flyer=True)
+    mechanism = library("rssr", free_flyer=True)
     again = sp.load(mechanism.save(tmp_path / "saved"))
     assert list(again.coordinates) == list(mechanism.coordinates)
     assert free_bases(again) == ("root_joint",)
@@ -407,8 +412,9 @@ def test_a_robot_in_the_air_moves_as_a_free_body(tmp_path: Path) -> None:
     assert fallen == pytest.approx(-0.5 * 9.81 * np.linspace(0.0, 0.1, 5) ** 2, abs=1e-8)
 
 
+@pytest.mark.delicate
 def test_limits_and_traces_hold_what_is_named() -> None:
-    fixed, free = sp.load("delta"), sp.load("delta", free_flyer=True)
+    fixed, free = library("delta"), library("delta", free_flyer=True)
     one, *others = fixed.drivers
     expected = sp.limits(fixed, one)
     for hold in ("base", ["base", *others]):
@@ -423,7 +429,7 @@ def test_limits_and_traces_hold_what_is_named() -> None:
 
 
 def test_efforts_of_what_floats_are_refused_in_words() -> None:
-    free = sp.load("four_bar", free_flyer=True)
+    free = library("four_bar", free_flyer=True)
     with pytest.raises(sp.SpatialPinError, match=r"root_joint floats freely"):
         sp.inverse_dynamics(free, sp.assemble(free))
 

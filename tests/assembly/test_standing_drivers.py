@@ -5,6 +5,7 @@ import math
 import mechanisms
 import numpy as np
 import pytest
+from loaded_library import library
 from machines import limited_slider, rocker_of, two_motors, wishbone
 from mechanisms import (
     coupling,
@@ -33,7 +34,7 @@ def motion_of(mechanism, state):
 
 @pytest.mark.parametrize("leg", [1, 4])
 def test_the_other_legs_of_a_platform_stand(leg):
-    mechanism = sp.load("stewart")
+    mechanism = library("stewart")
     home = sp.assemble(mechanism)
     state = sp.assemble(mechanism, {f"leg_{leg}": 0.41})
     for k in {1, 2, 3, 4, 5, 6} - {leg}:
@@ -43,14 +44,14 @@ def test_the_other_legs_of_a_platform_stand(leg):
 
 
 def test_home_of_a_platform_of_other_dimensions_is_its_own():
-    mechanism = sp.load("stewart", h=0.5)
+    mechanism = library("stewart", h=0.5)
     home = sp.assemble(mechanism)
     assert np.abs(home.placement("platform").translation[:2]).max() < 1e-12
     assert sp.assemble(mechanism, {"leg_2": home.coordinate("leg_2").value + 0.02}).released == {}
 
 
 def test_the_other_arms_of_a_delta_stand():
-    mechanism = sp.load("delta")
+    mechanism = library("delta")
     state = sp.assemble(mechanism, {"arm_2": 0.7}, guess={"arm_1": 0.2})
     assert [state.coordinate(f"arm_{k}").value for k in (1, 2, 3)] == [0.2, 0.7, 0.0]
 
@@ -139,7 +140,7 @@ def test_released_drivers_of_a_sweep_are_told(folder):
 @pytest.mark.parametrize("arm", [2.9, 3.1])
 def test_no_closed_configuration_nearby_moves_the_drivers_less(arm):
     """Lagrange's condition, and random closed neighbours."""
-    mechanism = sp.load("delta")
+    mechanism = library("delta")
     state = sp.assemble(mechanism, {"arm_1": arm}, guess={"arm_2": 0.1})
     least = motion_of(mechanism, state)
     assert least > 0.0 and state.closure_error < 1e-12
@@ -157,7 +158,7 @@ def test_no_closed_configuration_nearby_moves_the_drivers_less(arm):
 
 def test_a_guess_that_does_not_close_is_closed_as_a_whole():
     """A crank that cannot stand at 0 is not left at its dead centre, where it could not move on."""
-    mechanism = sp.load("four_bar", r1=0.3, r2=0.24, r3=0.1, r4=0.28)
+    mechanism = library("four_bar", r1=0.3, r2=0.24, r3=0.1, r4=0.28)
     state = sp.assemble(mechanism)
     assert set(state.released) == {"crank"}
     assert sp.solve_rates(mechanism, state, {"crank": 1.0}).rate_error < 2e-12
@@ -172,7 +173,7 @@ def test_angles_and_slides_are_weighed_by_the_size(folder):
 
 
 def test_a_coordinate_that_is_no_driver_takes_the_driver_along():
-    state = sp.assemble(sp.load("four_bar"), {"rocker_pin": 1.8})
+    state = sp.assemble(library("four_bar"), {"rocker_pin": 1.8})
     assert set(state.released) == {"crank"}
     assert state.coordinate("crank").value == pytest.approx(
         state.released["crank"] + 0.0, abs=1e-12)
@@ -197,7 +198,7 @@ def test_nobody_is_released_when_that_is_forbidden(folder):
 
 
 def test_drivers_that_the_guess_leaves_out_are_not_moved_either_when_that_is_forbidden():
-    mechanism = sp.load("stewart")  # its guess names the platform, not the legs
+    mechanism = library("stewart")  # its guess names the platform, not the legs
     with pytest.raises(sp.AssemblyError, match="stand at slide_1 = 0"):
         sp.assemble(mechanism, {}, release=False)
     lengths = {f"leg_{k}": sp.assemble(mechanism).coordinate(f"leg_{k}").value
@@ -231,8 +232,6 @@ def test_rates_keep_what_was_released(folder):
 
 
 # ---------------------------------------------------------------- joint limits
-
-
 
 
 def test_a_state_says_how_far_it_is_beyond_its_limits(folder):
@@ -269,7 +268,7 @@ def test_drivers_are_let_go_to_keep_joint_limits(folder):
 
 @pytest.mark.parametrize("turns", [1e9, 1e14, -1e17, 1e300])
 def test_a_guess_of_many_turns_is_one_of_less_than_a_turn(turns):
-    mechanism = sp.load("four_bar")
+    mechanism = library("four_bar")
     state = sp.assemble(mechanism, {"crank": 0.3}, guess={"rocker_pin": turns})
     assert state.closure_error < 1e-14
     assert abs(state.coordinate("rocker_pin").value) < 7.0
@@ -277,7 +276,7 @@ def test_a_guess_of_many_turns_is_one_of_less_than_a_turn(turns):
 
 @pytest.mark.parametrize("turns", [1e14, 1e17])
 def test_an_exact_angle_of_many_turns_is_kept_and_closed(turns):
-    mechanism = sp.load("four_bar")
+    mechanism = library("four_bar")
     state = sp.assemble(mechanism, {"crank": turns})
     there = sp.assemble(mechanism, {"crank": math.atan2(math.sin(turns), math.cos(turns))})
     assert state.coordinate("crank").value == turns and state.closure_error < 1e-14
@@ -287,7 +286,7 @@ def test_an_exact_angle_of_many_turns_is_kept_and_closed(turns):
 
 @pytest.mark.parametrize("far", [1e8, 1e14, 1e17, 1e300])
 def test_a_slide_without_end_is_never_called_closed(far):
-    mechanism = sp.load("slider_crank")
+    mechanism = library("slider_crank")
     state = sp.assemble(mechanism, {}, guess={"slide": far})
     assert state.closure_error < 1e-12
     with pytest.raises(sp.AssemblyError, match="slide = "):
@@ -296,7 +295,7 @@ def test_a_slide_without_end_is_never_called_closed(far):
 
 @pytest.mark.parametrize("turns", [1e10, 1e14, 1e17, 1e300])
 def test_a_gear_that_counts_more_turns_than_digits_is_named(turns):
-    mechanism = sp.load("geared_five_bar")
+    mechanism = library("geared_five_bar")
     for given in (({"crank": turns},), ({}, {"crank": turns})):
         with pytest.raises(sp.AssemblyError, match=r"(left|right)_pin = .* round-off"):
             sp.assemble(mechanism, *given)
@@ -306,18 +305,17 @@ def test_a_gear_that_counts_more_turns_than_digits_is_named(turns):
 
 
 @pytest.mark.filterwarnings("default::spatial_pin.SpatialPinWarning")
-def test_the_command_line_says_who_was_released(capsys):
-    from spatial_pin.cli import main
-
-    assert main(["assemble", "delta", "arm_1=3"]) == 0
-    said = capsys.readouterr().out
+def test_the_command_line_says_who_was_released(run):
+    code, said, _ = run("assemble", "delta", "arm_1=3")
+    assert code == 0
     for arm in (2, 3):
         assert f"released: driver arm_{arm} went +0.304141578 rad" in said
-    assert main(["assemble", "delta", "arm_1=3", "--no-release"]) == 1
-    assert "or let them go by --release or --free NAME" in " ".join(capsys.readouterr().err.split())
-    assert main(["assemble", "delta", "arm_1=3", "--free", "arm_2"]) == 0
-    assert "released" not in capsys.readouterr().out
-    assert main(["assemble", "stewart", "leg_1=0.5"]) == 0
-    told = capsys.readouterr()
-    assert "beyond limits: slide_1 is 0.0289" in told.out
-    assert "slide_1: 0.5 m is not in" in told.err
+    code, _, told = run("assemble", "delta", "arm_1=3", "--no-release")
+    assert code == 1
+    assert "or let them go by --release or --free NAME" in " ".join(told.split())
+    code, said, _ = run("assemble", "delta", "arm_1=3", "--free", "arm_2")
+    assert code == 0 and "released" not in said
+    code, said, told = run("assemble", "stewart", "leg_1=0.5")
+    assert code == 0
+    assert "beyond limits: slide_1 is 0.0289" in said
+    assert "slide_1: 0.5 m is not in" in told

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from machines import free_bases
 
 import spatial_pin as sp
-from spatial_pin.assembly.holding import free_bases
 
 LEGS = ("FL", "FR", "HL", "HR")
 SIX = ["FL_HFE", "FL_KFE", "FR_HAA", "FR_HFE", "HL_HAA", "HL_KFE"]
@@ -66,6 +66,7 @@ def weight(mechanism: sp.Mechanism) -> float:
     return float(sum(x.mass for x in mechanism.model.inertias) * 9.81)
 
 
+@pytest.mark.delicate
 def test_four_feet_leave_six_freedoms_and_twelve_motors(solo: sp.Mechanism) -> None:
     state = sp.assemble(solo)
     found = sp.mobility(solo, state)
@@ -83,6 +84,7 @@ def test_the_feet_bear_the_weight(solo: sp.Mechanism) -> None:
         assert feet[2] == pytest.approx(24.525, abs=1e-4)
 
 
+@pytest.mark.delicate
 def test_efforts_of_twelve_motors_are_one_of_many_and_of_six_are_not(solo: sp.Mechanism) -> None:
     state = sp.assemble(solo)
     twelve, six = sp.inverse_dynamics(solo, state), sp.inverse_dynamics(solo, state, SIX)
@@ -109,6 +111,7 @@ def test_kinetostatics_tells_the_same(solo: sp.Mechanism) -> None:
     assert sp.kinetostatics(solo, motion, SIX).determined["on_HR_FOOT"].all()
 
 
+@pytest.mark.delicate
 def test_drivers_are_chosen_where_there_are_too_many(solo: sp.Mechanism) -> None:
     state = sp.assemble(solo)
     jacobian = sp.jacobian(solo, state, "base_link", SIX)
@@ -121,6 +124,7 @@ def test_drivers_are_chosen_where_there_are_too_many(solo: sp.Mechanism) -> None
     assert turned == pytest.approx(jacobian[:, ::-1], abs=1e-11)
 
 
+@pytest.mark.delicate
 def test_too_many_drivers_are_named_with_those_that_depend_on_others(solo: sp.Mechanism) -> None:
     state = sp.assemble(solo)
     with pytest.raises(sp.SingularError, match=r"12 coord.* 6 freedoms .*leave out 6, such as 'F"):
@@ -134,6 +138,7 @@ def test_too_few_drivers_are_told_with_the_freedoms_left(solo: sp.Mechanism) -> 
         sp.jacobian(solo, sp.assemble(solo), "base_link", SIX[:4])
 
 
+@pytest.mark.delicate
 def test_drivers_that_depend_on_each_other_are_named(solo: sp.Mechanism) -> None:
     state = sp.assemble(solo)
     with pytest.raises(sp.SingularError, match="only: 'HR_KFE' goes as the others do"):
@@ -155,6 +160,7 @@ def test_the_trunks_rotation_is_held_while_it_goes_up_and_down(solo: sp.Mechanis
     assert motion.closure_error.max() < 1e-12
 
 
+@pytest.mark.delicate
 def test_welded_feet_of_three_hinges_a_leg_leave_one_freedom(tmp_path: Path) -> None:
     """All knees bend at once: the legs are parallel cranks."""
     sense = dict(zip(LEGS, (1.0, 1.0, -1.0, -1.0), strict=True))

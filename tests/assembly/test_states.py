@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from loaded_library import library
 
 import spatial_pin as sp
-from spatial_pin.cli import main
 
 LEAD = 0.004
 JACK = """<robot name="jack" xmlns:xacro="http://www.ros.org/wiki/xacro">
@@ -83,11 +83,11 @@ def test_a_driver_that_leads_elsewhere_with_every_turn_makes_no_full_turn(jack):
     lambda m, s: sp.sensitivity(m, s, "rocker_pin", []),
 ])
 def test_a_state_of_other_dimensions_is_refused(use):
-    state = sp.assemble(sp.load("rssr"), {"crank": 1.0})
+    state = sp.assemble(library("rssr"), {"crank": 1.0})
     with pytest.raises(sp.SpatialPinError, match="other dimensions"):
-        use(sp.load("rssr", d=0.30), state)
+        use(library("rssr", d=0.30), state)
     with pytest.raises(sp.SpatialPinError, match="belongs to mechanism 'rssr'"):
-        use(sp.load("four_bar"), state)
+        use(library("four_bar"), state)
 
 
 def test_a_state_of_the_same_mechanism_loaded_twice_is_taken():
@@ -103,17 +103,17 @@ def test_what_is_no_mechanism_or_state_is_said_to_be_none():
         with pytest.raises(TypeError, match=r"a Mechanism is needed, not 'rssr'.*sp\.load"):
             call()
     with pytest.raises(TypeError, match=r"a State is needed, not dict: sp\.assemble"):
-        sp.solve_rates(sp.load("rssr"), {"crank": 1.0})
+        sp.solve_rates(library("rssr"), {"crank": 1.0})
 
 
 def test_a_guess_of_another_mechanism_is_refused():
-    state = sp.assemble(sp.load("rssr"), {"crank": 1.0})
+    state = sp.assemble(library("rssr"), {"crank": 1.0})
     with pytest.raises(ValueError, match="other coordinates"):
-        sp.assemble(sp.load("four_bar"), {}, state)
+        sp.assemble(library("four_bar"), {}, state)
 
 
 def test_a_sweep_can_stop_where_branches_cross():
-    parallelogram = sp.load("four_bar", r1=0.3, r2=0.1, r3=0.3, r4=0.1)
+    parallelogram = library("four_bar", r1=0.3, r2=0.1, r3=0.3, r4=0.1)
     motion = sp.sweep(parallelogram, "crank", np.linspace(0.5, 6.0, 200), on_crossing="stop")
     assert [event.kind for event in motion.events] == ["branch point"]
     assert motion.events[0].value == pytest.approx(np.pi, abs=1e-9)
@@ -126,9 +126,9 @@ def test_a_sweep_can_stop_where_branches_cross():
     ["assemble", "rssr", "crank=25rpm"],
     ["modes", "rssr", "crank=2mm"],
 ])
-def test_a_length_for_an_angle_is_refused_on_the_command_line(words, capsys):
-    assert main(words) == 1
-    assert "is in rad, not in" in capsys.readouterr().err
+def test_a_length_for_an_angle_is_refused_on_the_command_line(words, run):
+    code, _, error = run(*words)
+    assert code == 1 and "is in rad, not in" in error
 
 
 @pytest.mark.parametrize(("words", "says"), [
@@ -143,9 +143,9 @@ def test_a_length_for_an_angle_is_refused_on_the_command_line(words, capsys):
     ("simulate four_bar --duration 1s --speed crank=2deg",
      "the speed of crank is in rad/s, not in deg"),
 ])
-def test_a_unit_of_another_order_is_refused_on_the_command_line(words, says, capsys):
-    assert main(words.split()) == 1
-    assert capsys.readouterr().err == f"spatial-pin: {says}\n"
+def test_a_unit_of_another_order_is_refused_on_the_command_line(words, says, run):
+    code, _, error = run(*words.split())
+    assert (code, error) == (1, f"spatial-pin: {says}\n")
 
 
 def test_a_mechanism_that_nobody_holds_is_forgotten():
@@ -169,7 +169,7 @@ def test_a_mechanism_that_nobody_holds_is_forgotten():
     (lambda m, s: sp.plot(s, "rocker_pin"), "a Motion is needed, not State"),
 ])
 def test_what_is_of_the_wrong_kind_is_refused_in_words(call, says):
-    mechanism = sp.load("four_bar")
+    mechanism = library("four_bar")
     with pytest.raises(TypeError, match=says):
         call(mechanism, sp.assemble(mechanism, {"crank": 1.0}))
 
@@ -182,13 +182,13 @@ def test_what_is_of_the_wrong_kind_is_refused_in_words(call, says):
 ])
 def test_what_cannot_be_asked_for_is_refused_in_words(call, error, says):
     with pytest.raises(error, match=says):
-        call(sp.load("rssr"))
+        call(library("rssr"))
 
 
 @pytest.mark.parametrize("what", ["q", "v", "a"])
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_states_and_motions_are_made_of_numbers(what, value):
-    motion = sp.sweep(sp.load("rssr"), "crank", np.linspace(0.0, 1.0, 30), speed=1.0)
+    motion = sp.sweep(library("rssr"), "crank", np.linspace(0.0, 1.0, 30), speed=1.0)
     wrong = {name: getattr(motion, name).copy() for name in ("q", "v", "a")}
     wrong[what][-1, 2] = value
     rows = {name: x[-1] for name, x in wrong.items()}
@@ -199,7 +199,7 @@ def test_states_and_motions_are_made_of_numbers(what, value):
 
 
 def test_a_state_of_another_shape_is_refused_and_a_fast_one_is_not():
-    mechanism = sp.load("rssr")
+    mechanism = library("rssr")
     with pytest.raises(ValueError, match=r"State: q has shape \(3,\); \(6,\) is needed"):
         sp.State(mechanism, np.zeros(3), closure_error=0.0)
     fast = sp.State(mechanism, mechanism.neutral, np.full(5, 1e200), closure_error=0.0)

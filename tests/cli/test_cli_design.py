@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -12,7 +13,6 @@ import pinocchio as pin
 import pytest
 
 import spatial_pin as sp
-from spatial_pin.cli.goal_files import KINDS, read_goals
 
 FREUDENSTEIN = """
 [dimensions]
@@ -89,7 +89,25 @@ def test_a_table_is_a_function_of_the_drivers_in_it(run, tmp_path):
     assert code == 0 and "r2 = 0.158802" in out
 
 
-def test_tables_and_lists_of_one_goal_are_the_same(tmp_path):
+@pytest.fixture
+def goals_in(run, monkeypatch):
+    """The goals that the command makes of a file for a four-bar."""
+    found = []
+
+    def design(mechanism, goals, *_, **__):
+        found[:] = goals
+        raise sp.SpatialPinError("enough")
+
+    def goals_in(path):
+        code, _, err = run("design", "four_bar", "r2", "--goals", path)
+        assert (code, err) == (1, "spatial-pin: enough\n")
+        return found
+
+    monkeypatch.setattr(sp, "design", design)
+    return goals_in
+
+
+def test_tables_and_lists_of_one_goal_are_the_same(goals_in, tmp_path):
     mechanism = sp.load("four_bar")
     states = [sp.assemble(mechanism, {"crank": x}) for x in (0.3, 0.9)]
     places = [x.placement("coupler_b") for x in states]
@@ -122,7 +140,7 @@ points = {[row[:3] for row in listed]}
 weight = 2.5
 closed = true
 """)
-    first, second, path = read_goals(file, mechanism).goals
+    first, second, path = goals_in(file)
     for one in (first, second):
         assert one.name == "poses of coupler_b" and one.weight is None and one.placement
         assert one.points == pytest.approx(np.array([p.translation for p in places]), abs=1e-15)
@@ -131,10 +149,6 @@ closed = true
     assert path.weight == 2.5 and path.closed and path.points == pytest.approx(first.points)
     assert not path.drivers
 
-
-def test_every_goal_has_a_kind():
-    assert {"path", "poses", "function"} <= set(KINDS)
-    assert all(callable(make) for make in KINDS.values())
 
 WHOLE = {  # goals of the mechanism as a whole: what a file says, and the arguments that means
     "swing": ('output = "rocker_pin"\nangle = "60deg"',
@@ -153,13 +167,21 @@ WHOLE = {  # goals of the mechanism as a whole: what a file says, and the argume
 }
 
 
-@pytest.mark.parametrize("kind", [kind for kind in WHOLE if kind in KINDS])
-def test_goals_of_the_whole_mechanism_are_those_of_their_functions(tmp_path, kind):
+def test_every_goal_has_a_kind(run, goals):
+    goals.write_text("[[goal]]\n")
+    _, _, err = run("design", "four_bar", "r2", "--goals", goals)
+    kinds = re.findall(r"\w+", " ".join(err.split()).partition("it has no kind; there are: ")[2])
+    assert {"path", "poses", "function", *WHOLE} <= set(kinds)
+    assert all(callable(getattr(sp.goals, kind)) for kind in kinds)
+
+
+@pytest.mark.parametrize("kind", WHOLE)
+def test_goals_of_the_whole_mechanism_are_those_of_their_functions(goals_in, tmp_path, kind):
     text, arguments = WHOLE[kind]
     path = tmp_path / "goals.toml"
     path.write_text(f'[[goal]]\nkind = "{kind}"\n{text}\n')
-    (goal,) = read_goals(path, sp.load("four_bar")).goals
-    assert repr(goal) == repr(KINDS[kind](**arguments))
+    (goal,) = goals_in(path)
+    assert repr(goal) == repr(getattr(sp.goals, kind)(**arguments))
 
 
 GOAL = '[[goal]]\nkind = "function"\noutput = "rocker_pin"\nvalues = [1.4]\n'
@@ -246,8 +268,9 @@ def test_workers_and_going_on_change_nothing(run, goals, tmp_path):
 @pytest.mark.parametrize("workers", [1, 2])
 def test_what_was_found_before_ctrl_c_is_kept(goals, tmp_path, workers):
     kept = tmp_path / "kept"
-    program = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler);"
-    program += "from spatial_pin.cli import main; sys.exit(main())"  # ignored in the background
+    # the signal is ignored in the background
+    program = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler);"
+    program += "import runpy; runpy.run_module('spatial_pin', run_name='__main__')"
     command = [sys.executable, "-c", program, "design", "four_bar", "--goals", str(goals),
                "--starts", "100000", "--workers", str(workers), "--resume", str(kept),
                "--save", str(tmp_path / "best")]

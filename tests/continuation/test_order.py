@@ -3,9 +3,10 @@
 import numpy as np
 import pinocchio as pin
 import pytest
+from loaded_library import library
+from variety import few
 
 import spatial_pin as sp
-from spatial_pin.continuation.evaluation_order import there_and_back
 
 RNG = np.random.default_rng(7)
 SCATTERED = np.concatenate([[0.3], RNG.uniform(-2.0, 6.0, 400), [0.3, 6.0, -2.0]])
@@ -16,20 +17,11 @@ def apart(mech, first, second):
     return np.abs(pin.difference(mech.model, first, second) / mech.velocity_scale).max()
 
 
-def counted(monkeypatch):
-    """Count the values that a branch is asked to go to one by one."""
-    from spatial_pin.continuation.cursor import Cursor
-
-    asked, reach = [], Cursor.reach
-    monkeypatch.setattr(Cursor, "reach", lambda self, s: (asked.append(s), reach(self, s))[1])
-    return asked
-
-
-@pytest.mark.parametrize(("name", "close"), [
-    ("rssr", 1e-7),  # the spin of its rod is as exact as the steps that it is summed over
-    ("rspc", 1e-10), ("bennett", 1e-10), ("double_cardan", 1e-10), ("screw_press", 1e-10)])
-def test_a_row_is_what_its_value_makes_it_and_not_the_rows_before(name, close):
-    mech = sp.load(name)
+@pytest.mark.parametrize("name", few(
+    ["rssr", "rspc", "bennett", "double_cardan", "screw_press"], "rssr", "bennett", "screw_press"))
+def test_a_row_is_what_its_value_makes_it_and_not_the_rows_before(name):
+    close = 1e-7 if name == "rssr" else 1e-10  # a rod's spin is as exact as its many steps
+    mech = library(name)
     driver = next(iter(mech.drivers))
     speed, acceleration = RNG.uniform(-2.0, 2.0, (2, len(SCATTERED)))
     motion = sp.sweep(mech, driver, SCATTERED, speed, acceleration)
@@ -47,7 +39,7 @@ def test_a_row_is_what_its_value_makes_it_and_not_the_rows_before(name, close):
 
 
 def test_the_spin_of_a_rod_is_that_of_small_steps_however_far_the_rows_jump():
-    mech = sp.load("rssr")
+    mech = library("rssr")
     even = sp.sweep(mech, "crank", np.linspace(-2.0, 6.0, 8001), guess=sp.sweep(
         mech, "crank", np.linspace(0.3, -2.0, 2301)).state(-1))
     scattered = sp.sweep(mech, "crank", SCATTERED)
@@ -58,14 +50,8 @@ def test_the_spin_of_a_rod_is_that_of_small_steps_however_far_the_rows_jump():
         assert apart(mech, again.q[1], scattered.q[row]) < 1e-7
 
 
-def test_scattered_values_cost_no_walk_from_each_to_the_next(monkeypatch):
-    asked = counted(monkeypatch)
-    sp.sweep(sp.load("rssr"), "crank", SCATTERED)
-    assert len(asked) < 0.2 * len(SCATTERED)
-
-
 def test_the_first_value_in_the_order_asked_for_that_is_out_of_reach_ends_it():
-    mech = sp.load("slider_crank")
+    mech = library("slider_crank")
     driver, end = "slide", sp.limits(mech, "slide").upper.value
     start = sp.assemble(mech, {})
     there = start.coordinate(driver).value
@@ -80,18 +66,9 @@ def test_the_first_value_in_the_order_asked_for_that_is_out_of_reach_ends_it():
     assert len(stopped) == 20 and [e.row for e in stopped.events if e.kind == "limit"] == [20]
 
 
+@pytest.mark.delicate
 def test_change_points_are_told_as_often_as_they_are_passed():
-    mech = sp.load("four_bar", r1=0.4, r2=0.12, r3=0.4, r4=0.12)
+    mech = library("four_bar", r1=0.4, r2=0.12, r3=0.4, r4=0.12)
     values = np.tile([2.0, 4.0], 6)
     motion = sp.sweep(mech, "crank", values)
     assert [e.row for e in motion.events if e.kind == "branch point"] == list(range(1, 12))
-
-
-def test_only_long_ways_are_sorted():
-    assert there_and_back(np.linspace(0.0, 1.0, 50)) is None
-    assert there_and_back(np.linspace(1.0, 0.0, 50)) is None
-    assert there_and_back(np.array([0.0, 1.0, 0.5])) is None
-    assert there_and_back(np.zeros(9)) is None
-    values = np.array([0.0, 1.0, -1.0, 1.0, -1.0, 0.5, 0.5, 0.0, -1.0, 1.0])
-    up, down = there_and_back(values)
-    assert up.tolist() == [0, 7, 5, 6, 1, 3, 9] and down.tolist() == [8, 4, 2]

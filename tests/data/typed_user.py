@@ -15,6 +15,7 @@ Flags = NDArray[np.bool_]
 def loading() -> sp.Mechanism:
     names: list[str] = sp.list_mechanisms()
     mech: sp.Mechanism = sp.load(names[0], trusted=False, d=0.315)
+    chosen: sp.Mechanism = sp.load("world.sdf", model="robot", without=["rope"])
     built = sp.Mechanism.from_model(
         mech.model, [sp.closures.spherical("a", "b")], drivers={"crank": "crank_pin"},
         springs=[sp.Spring("spring", joint="rocker_pin", stiffness=4.0)],
@@ -24,7 +25,7 @@ def loading() -> sp.Mechanism:
     coordinate: sp.Coordinate = mech.coordinate(driver.joint)
     frame: sp.Frame = mech.frames["tool"]
     length: float = mech.characteristic_length
-    title: str = f"{mech.name} {closure.type} {coordinate.unit} {frame.xyz[0]:.3f} {length:.3f}"
+    title: str = f"{chosen.name} {closure.type} {coordinate.unit} {frame.xyz[0]:.3f} {length:.3f}"
     values: dict[str, float] = dict(mech.dimensions)
     file: Path = mech.save(Path("folder") / title)
     sp.export_mjcf(mech, file.with_suffix(".xml"))
@@ -45,11 +46,12 @@ def assembling(mech: sp.Mechanism) -> sp.State:
     error: float = state.closure_error + gap + state.rate_error + accuracy.tolerance
     released: dict[str, float] = state.released
     beyond: dict[str, float] = state.beyond_limits
+    turns: tuple[str, ...] = state.lost_turns
     angle: float = state.coordinate("rocker_pin").value
     grashof: sp.Grashof = sp.grashof(mech, state)
     print(modes[0].branch.upper(), modes.completeness.upper(), len(continua), freedom.dof + 1,
-          loops[0].order + 1, passive[0].link.upper(), q.shape, error, released, beyond, angle,
-          grashof.type.upper(), freedom.overconstrained is True)
+          loops[0].order + 1, passive[0].link.upper(), q.shape, error, released, beyond, turns,
+          angle, grashof.type.upper(), freedom.overconstrained is True)
     return modes[0]
 
 
@@ -178,8 +180,10 @@ def failing(mech: sp.Mechanism) -> None:
     try:
         sp.sweep(mech, "crank", [0.0, 7.0])
     except sp.Interrupted as stopped:
-        followed: sp.Motion = stopped.motion
-        print(len(followed), followed.driver_name.upper())
+        partial: object = stopped.result
+        print(partial, stopped.found)
+        followed: sp.Motion | None = stopped.motion
+        print(len(followed) if followed is not None else 0)
     except sp.LimitError as error:
         reached: float = error.limit
         print(reached, error.motion.q if error.motion is not None else None)

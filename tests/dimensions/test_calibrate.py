@@ -9,11 +9,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from folders import DATA
-from scipy import stats
+from loaded_library import library
 
 import spatial_pin as sp
 from spatial_pin import targets
-from spatial_pin.cli.running import main
 
 FILE = DATA / "hexapod" / "hexapod.toml"
 LEGS = [f"leg_{k}" for k in range(1, 7)]
@@ -125,6 +124,8 @@ def within_bound(errors, informations):
     Normal errors of that covariance lie within three of its sigmas but for 0.27 %, and the squares
     of their Mahalanobis distances have chi-square's distribution.
     """
+    from scipy import stats  # takes half a second
+
     k, n = errors.shape
     sigmas = np.array([np.sqrt(np.diag(np.linalg.inv(x))) for x in informations])
     beyond = int(np.sum(np.abs(errors) > 3.0 * sigmas))
@@ -168,7 +169,7 @@ def test_the_base_is_found_by_points_alone():
 
 def test_what_base_and_offsets_share_is_named_whatever_the_noise():
     """A turn of the first joint of an arm is a turn of its base."""
-    drawn = sp.load("rssr")
+    drawn = library("rssr")
     table, rng = [], np.random.default_rng(2)
     for x in np.linspace(0.0, 5.0, 8):
         at = sp.assemble(drawn, {"crank": x + 0.1})
@@ -333,7 +334,7 @@ def rocker(crank, near, a, b, c, d=0.314):
 
 def turned(count, offset=0.02, noise=0.0, seed=0):
     rng = np.random.default_rng(seed)
-    state = sp.assemble(sp.load("rssr"))
+    state = sp.assemble(library("rssr"))
     near, table = state.coordinate("rocker_pin")[0], []
     for crank in np.linspace(0.0, 6.0, count):
         near = rocker(crank + offset, near, **TRUE)
@@ -342,14 +343,14 @@ def turned(count, offset=0.02, noise=0.0, seed=0):
 
 
 def test_an_rssr_loop_is_found_again_exactly_without_noise():
-    found = sp.calibrate(sp.load("rssr"), turned(12), list(TRUE), offsets=["crank"])
+    found = sp.calibrate(library("rssr"), turned(12), list(TRUE), offsets=["crank"])
     assert max(abs(found.values[name] - x) for name, x in TRUE.items()) < 1e-10
     assert abs(found.values["crank.offset"] - 0.02) < 1e-10
 
 
 def test_an_rssr_loop_is_found_again_within_three_sigma_of_the_cramer_rao_bound():
     noise, table = 1e-4, turned(60, noise=1e-4, seed=5)
-    found = sp.calibrate(sp.load("rssr"), table, list(TRUE), offsets=["crank"],
+    found = sp.calibrate(library("rssr"), table, list(TRUE), offsets=["crank"],
                          sigma={"angle": noise})
     true = np.array([*TRUE.values(), 0.02])
     exact = [x[1]["rocker_pin"] for x in turned(60)]
@@ -363,14 +364,14 @@ def test_an_rssr_loop_is_found_again_within_three_sigma_of_the_cramer_rao_bound(
     off = np.array([*found.values.values()]) - true
     assert np.all(np.abs(off) < 3.0 * bound)
     assert bound == pytest.approx([*found.sigma.values()], rel=0.03)
-    free = sp.calibrate(sp.load("rssr"), table, list(TRUE), offsets=["crank"])
+    free = sp.calibrate(library("rssr"), table, list(TRUE), offsets=["crank"])
     assert free.values == pytest.approx(found.values, rel=1e-6)
     # without a sigma the residuals tell it, to some 10 %
     assert [*free.sigma.values()] == pytest.approx([*found.sigma.values()], rel=0.3)
 
 
 def test_angles_alone_do_not_tell_the_size_of_a_mechanism():
-    found = sp.calibrate(sp.load("rssr"), turned(12), [*"abcd"], offsets=["crank"])
+    found = sp.calibrate(library("rssr"), turned(12), [*"abcd"], offsets=["crank"])
     assert len(found.undetermined) == 1
     for name in "abcd":
         assert f"{name} +" in found.undetermined[0]
@@ -380,17 +381,17 @@ def test_angles_alone_do_not_tell_the_size_of_a_mechanism():
     assert "unknown" in str(found) and "undetermined" in str(found)
     # a length tells it
     table = turned(12)
-    end = sp.assemble(sp.load("rssr", **TRUE), {"crank": 0.02})
+    end = sp.assemble(library("rssr", **TRUE), {"crank": 0.02})
     apart = np.linalg.norm(end.placement("ball_a").translation
                            - end.placement("rocker_b").translation)
     table[0][1]["ball_a"] = targets.distance("rocker_b", apart)
-    found = sp.calibrate(sp.load("rssr"), table, [*"abcd"], offsets=["crank"])
+    found = sp.calibrate(library("rssr"), table, [*"abcd"], offsets=["crank"])
     assert not found.undetermined
     assert found.values["d"] == pytest.approx(0.314, abs=1e-10)
 
 
 def test_what_has_no_effect_is_told_by_name():
-    m = sp.load("stewart")
+    m = library("stewart")
     state = sp.assemble(m)
     read = {name: state.coordinate(d.joint)[0] for name, d in m.drivers.items()}
     table = [({**read, "leg_1": read["leg_1"] + x}, {}) for x in np.linspace(0.0, 0.02, 4)]
@@ -407,7 +408,7 @@ def test_outliers_have_little_say_with_a_robust_loss(loss):
     noise, table = 1e-4, turned(60, noise=1e-4, seed=6)
     for i in (7, 20, 41):
         table[i][1]["rocker_pin"] += 0.05
-    m, given = sp.load("rssr"), {"offsets": ["crank"], "sigma": {"angle": noise}}
+    m, given = library("rssr"), {"offsets": ["crank"], "sigma": {"angle": noise}}
     true = np.array([*TRUE.values(), 0.02])
     plain = sp.calibrate(m, table, list(TRUE), **given)
     found = sp.calibrate(m, table, list(TRUE), loss=loss, **given)
@@ -419,7 +420,7 @@ def test_outliers_have_little_say_with_a_robust_loss(loss):
 
 
 def test_bounds_are_kept():
-    found = sp.calibrate(sp.load("rssr"), turned(12), {"a": (0.1, 0.103), "b": None, "c": None},
+    found = sp.calibrate(library("rssr"), turned(12), {"a": (0.1, 0.103), "b": None, "c": None},
                          offsets=["crank"])
     assert 0.1 <= found.values["a"] <= 0.103
 
@@ -432,15 +433,14 @@ def written(path, heads, rows):
     return str(path)
 
 
-def test_the_command_line_calibrates_by_a_table(tmp_path, capfd):
+def test_the_command_line_calibrates_by_a_table(tmp_path, run):
     table = written(tmp_path / "t.csv", ["crank [deg]", "rocker_pin [deg]"],
                     [np.rad2deg([read["crank"], seen["rocker_pin"]]) for read, seen in turned(12)])
     words = ["calibrate", "rssr", table, "--dimension", "a", "--dimension", "b=300mm..400mm",
              "--dimension", "c", "--offset", "crank", "--sigma", "angle=0.01deg"]
     names = [tmp_path / name for name in ("found.json", "residuals.csv", "built")]
-    assert main([*words, "--json", str(names[0]), "--csv", str(names[1]),
-                 "--folder", str(names[2])]) == 0
-    told = capfd.readouterr().out
+    code, told, _ = run(*words, "--json", names[0], "--csv", names[1], "--folder", names[2])
+    assert code == 0
     assert "rssr: 4 unknowns from 12 numbers of 12 measurements" in told and "wrote" in told
     content = json.loads(names[0].read_text())
     assert content["values"] == pytest.approx({**TRUE, "crank.offset": 0.02}, abs=1e-10)
@@ -449,12 +449,12 @@ def test_the_command_line_calibrates_by_a_table(tmp_path, capfd):
     assert lines[1].startswith("1,rocker_pin,rad,")
     loaded = sp.load(names[2] / "rssr.toml")
     there = sp.assemble(loaded, {"crank": 1.0}).placement("rocker_b")
-    true = sp.assemble(sp.load("rssr", **TRUE), {"crank": 1.0}).placement("rocker_b")
+    true = sp.assemble(library("rssr", **TRUE), {"crank": 1.0}).placement("rocker_b")
     assert np.abs(there.translation - true.translation).max() < 1e-9
 
 
-def test_the_command_line_finds_bases_by_placements_points_and_distances(tmp_path, capfd):
-    mechanism, heads = sp.load("rssr", **TRUE), ["crank", *(
+def test_the_command_line_finds_bases_by_placements_points_and_distances(tmp_path, run):
+    mechanism, heads = library("rssr", **TRUE), ["crank", *(
         f"rocker.{x} [mm]" for x in "xyz"), *(f"rocker.r{x} [deg]" for x in "xyz"),
         "ball_a-rocker_b [mm]"]
     rows = []
@@ -469,8 +469,9 @@ def test_the_command_line_finds_bases_by_placements_points_and_distances(tmp_pat
              "-", "--dimension", "a", "--set", f"b={TRUE['b']}", "--set", f"c={TRUE['c']}",
              "--sigma", "position=1mm", "--sigma", "rotation=1deg",
              "--sigma", "length=1mm", "--sigma", "encoder=1e-4"]
-    assert main(words) == 0
-    content = json.loads(capfd.readouterr().out)
+    code, said, _ = run(*words)
+    assert code == 0
+    content = json.loads(said)
     assert content["values"]["base.y"] == pytest.approx(2.0, abs=1e-8)
     assert content["values"]["a"] == pytest.approx(TRUE["a"], abs=1e-8)
     assert {x["of"] for x in content["residuals"]} == {
@@ -492,10 +493,10 @@ def test_the_command_line_finds_bases_by_placements_points_and_distances(tmp_pat
     (["crank", "rocker_pin"], [0.0, 1.0], ["--dimension", "e"], "no dimension 'e'"),
     (["crank", "rocker_pin"], [0.0, 1.0], ["--json", "/nowhere/x.json"], "there is no folder"),
 ])
-def test_the_command_line_refuses_bad_tables_in_words(heads, row, more, words, tmp_path, capfd):
+def test_the_command_line_refuses_bad_tables_in_words(heads, row, more, words, tmp_path, run):
     table = written(tmp_path / "t.csv", heads, [row])
-    assert main(["calibrate", "rssr", table, "--dimension", "a", *more]) == 1
-    assert words in capfd.readouterr().err
+    code, _, told = run("calibrate", "rssr", table, "--dimension", "a", *more)
+    assert code == 1 and words in told
 
 
 # ---------------------------------------------------------------- bad input
@@ -505,38 +506,40 @@ POINT = {"coupler": [0.0, 0.0, 0.0]}
 
 
 @pytest.mark.parametrize(("measurements", "given", "error", "words"), [
-    (turned(6), {"dimensions": ["e"]}, sp.UnknownNameError, "no dimension 'e'"),
+    (6, {"dimensions": ["e"]}, sp.UnknownNameError, "no dimension 'e'"),
     ([({"crank": 0.0}, {"copler": [0.0, 0.0, 0.0]})], {"dimensions": ["a"]}, sp.UnknownNameError,
      "did you mean 'coupler'"),
-    (turned(2), {"dimensions": ["a", "b", "c"]}, ValueError, "3 unknowns need as many numbers"),
+    (2, {"dimensions": ["a", "b", "c"]}, ValueError, "3 unknowns need as many numbers"),
     ([({}, {"rocker_pin": 1.0})], {"dimensions": ["a"]}, ValueError, "driver 'crank' has no value"),
     ([({"crunk": 0.0}, POINT)], {"dimensions": ["a"]}, sp.UnknownNameError, "crunk"),
     ([({"crank": np.nan}, POINT)], {"dimensions": ["a"]}, ValueError, "NaN"),
     ([({"crank": 0.0}, {})], {"dimensions": ["a"]}, ValueError, "nothing was measured"),
     ([], {"dimensions": ["a"]}, ValueError, "measurements is empty"),
     ([3.0], {"dimensions": ["a"]}, TypeError, "measurement 1"),
-    (turned(6), {}, ValueError, "nothing is looked for"),
-    (turned(6), {"dimensions": ["a"], "offsets": ["ball"]}, sp.UnknownNameError, "ball"),
-    (turned(6), {"dimensions": ["a"], "offsets": ["rocker_pin"]}, ValueError, "no measurement"),
-    (turned(6), {"dimensions": {"a": (0.2, 0.1)}}, ValueError, "the least first"),
-    (turned(6), {"dimensions": {"a": (0.2, 0.3)}}, ValueError, "must hold its nominal value"),
-    (turned(6), {"dimensions": {"a": 0.2}}, ValueError, "are \\(least, most\\)"),
-    (turned(6), {"dimensions": ["a"], "loss": "l1"}, ValueError, "it is one of"),
-    (turned(6), {"dimensions": ["a"], "loss": "huber"}, ValueError, "needs sigma"),
-    (turned(6), {"dimensions": ["a"], "sigma": {"position": 1.0}}, ValueError, "add 'angle'"),
-    (turned(6), {"dimensions": ["a"], "sigma": {"angle": 1.0, "x": 1.0}}, ValueError, "has 'x'"),
-    (turned(6), {"dimensions": ["a"], "sigma": {"angle": 0.0}}, ValueError, "positive"),
-    (turned(6), {"dimensions": ["a"], "base": True}, ValueError, "7 unknowns"),
-    (turned(8), {"dimensions": ["a"], "base": 3}, TypeError, "base must be True"),
-    (turned(8), {"dimensions": ["a"], "base": True}, sp.SpatialPinError, "tells where the base"),
+    (6, {}, ValueError, "nothing is looked for"),
+    (6, {"dimensions": ["a"], "offsets": ["ball"]}, sp.UnknownNameError, "ball"),
+    (6, {"dimensions": ["a"], "offsets": ["rocker_pin"]}, ValueError, "no measurement"),
+    (6, {"dimensions": {"a": (0.2, 0.1)}}, ValueError, "the least first"),
+    (6, {"dimensions": {"a": (0.2, 0.3)}}, ValueError, "must hold its nominal value"),
+    (6, {"dimensions": {"a": 0.2}}, ValueError, "are \\(least, most\\)"),
+    (6, {"dimensions": ["a"], "loss": "l1"}, ValueError, "it is one of"),
+    (6, {"dimensions": ["a"], "loss": "huber"}, ValueError, "needs sigma"),
+    (6, {"dimensions": ["a"], "sigma": {"position": 1.0}}, ValueError, "add 'angle'"),
+    (6, {"dimensions": ["a"], "sigma": {"angle": 1.0, "x": 1.0}}, ValueError, "has 'x'"),
+    (6, {"dimensions": ["a"], "sigma": {"angle": 0.0}}, ValueError, "positive"),
+    (6, {"dimensions": ["a"], "base": True}, ValueError, "7 unknowns"),
+    (8, {"dimensions": ["a"], "base": 3}, TypeError, "base must be True"),
+    (8, {"dimensions": ["a"], "base": True}, sp.SpatialPinError, "tells where the base"),
     ([({"crank": 0.0}, {"coupler": targets.orientation(np.eye(3))})], {"dimensions": ["a"]},
      sp.SpatialPinError, "can move where the drivers given stand"),
     ([({"crank": 0.0}, {"coupler": targets.centre_of_mass(0.0, 0.0, 0.0)})],
      {"dimensions": ["a"]}, TypeError, "calibration does not take"),
 ])
 def test_bad_input_is_refused_in_words(measurements, given, error, words):
+    if isinstance(measurements, int):
+        measurements = turned(measurements)
     with pytest.raises(error, match=words):
-        sp.calibrate(sp.load("rssr"), measurements, **given)
+        sp.calibrate(library("rssr"), measurements, **given)
 
 
 TILTED = """<robot name="tilted" xmlns:xacro="http://www.ros.org/wiki/xacro">
@@ -580,11 +583,11 @@ def test_a_measurement_that_cannot_be_reached_is_told_by_number():
 def test_a_file_or_table_of_measurements_is_refused_in_words():
     for measurements in ("poses.csv", {"crank": [0.0, 1.0]}):
         with pytest.raises(TypeError, match="spatial-pin calibrate"):
-            sp.calibrate(sp.load("four_bar"), measurements, ["r3"])
+            sp.calibrate(library("four_bar"), measurements, ["r3"])
 
 
 def test_where_nothing_has_an_effect_round_off_is_not_taken_for_one():
-    m = sp.load("geared_five_bar")  # a gear carries this crank whatever the links' lengths are
+    m = library("geared_five_bar")  # a gear carries this crank whatever the links' lengths are
     table = [({"crank": x}, {"right_pin": sp.assemble(m, {"crank": x}).coordinate("right_pin")[0]})
              for x in np.linspace(0.0, 1.0, 6)]
     found = sp.calibrate(m, table, ["a", "b"])

@@ -1,10 +1,12 @@
 """Derivatives of outputs with respect to dimensions, and tolerances, against closed forms."""
 
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from loaded_library import library
 from mpmath import mp, mpf
+from variety import few, paired
 
 import spatial_pin as sp
 
@@ -31,7 +33,7 @@ def exact(order, name):
 
 @pytest.fixture(scope="module")
 def rssr():
-    mechanism = sp.load("rssr")
+    mechanism = library("rssr")
     state = sp.assemble(mechanism, {"crank": 1.0})
     state = sp.solve_rates(mechanism, state, {"crank": SPEED}, {"crank": ACCELERATION})
     return mechanism, state
@@ -49,7 +51,7 @@ def test_derivatives_are_those_of_the_closed_form(rssr, order, output):
 
 def test_the_limits_of_a_rocker_change_with_the_links_as_the_triangles_say():
     """At the stretched dead centre the rocker closes a triangle of r1, r2 + r3 and r4."""
-    mechanism = sp.load("four_bar", r1=0.30, r2=0.10, r3=0.28, r4=0.24)
+    mechanism = library("four_bar", r1=0.30, r2=0.10, r3=0.28, r4=0.24)
     state = sp.assemble(mechanism)
     found = sp.sensitivity(mechanism, state, "limit.lower.rocker_pin", ["r1", "r3"])
     with mp.workdps(40):
@@ -81,7 +83,7 @@ def test_wrong_names_are_refused_with_a_suggestion(rssr):
 
 def test_a_branch_that_ends_nearby_is_an_error_not_a_number():
     """The four-bar 1 + 1 + 1 = 3 closes at the stretched position only."""
-    mechanism = sp.load("four_bar", r1=0.3, r2=0.1, r3=0.1, r4=0.1)
+    mechanism = library("four_bar", r1=0.3, r2=0.1, r3=0.1, r4=0.1)
     with pytest.raises(sp.SpatialPinError):
         sp.sensitivity(mechanism, sp.assemble(mechanism), "rocker_pin", ["r1"])
 
@@ -99,6 +101,15 @@ def test_linear_propagation_and_samples_agree_for_small_deviations(rssr):
     np.testing.assert_array_equal(found.samples["rocker_pin"], again.samples["rocker_pin"])
 
 
+def test_processes_draw_the_same_samples(rssr):
+    with ProcessPoolExecutor(2) as pool:
+        found = sp.tolerance(rssr[0], ["rocker_pin"], {"d": 2e-5}, rssr[1], samples=20,
+                             executor=pool)
+    alone = sp.tolerance(rssr[0], ["rocker_pin"], {"d": 2e-5}, rssr[1], samples=20)
+    np.testing.assert_array_equal(found.samples["rocker_pin"], alone.samples["rocker_pin"])
+
+
+@pytest.mark.slow
 def test_a_dask_cluster_draws_the_same_samples(rssr):
     """Two worker processes; numbers as without any."""
     distributed = pytest.importorskip("distributed")
@@ -122,12 +133,11 @@ def test_dimensions_are_given_with_their_values():
     assert sp.load("rspc").dimensions["alpha"] == pytest.approx(np.pi / 3)
 
 
-@pytest.mark.parametrize("crank", [0.0, -3e-7, 1e-4])
-@pytest.mark.parametrize("scale", [1.0, 1e4])
+@pytest.mark.parametrize(("crank", "scale"), paired([0.0, -3e-7, 1e-4], [1.0, 1e4]))
 def test_the_error_told_of_a_value_near_zero_is_that_of_its_angle(crank, scale):
     """A joint near its zero is known no better than any other: to round-off of a radian."""
     r, length = 0.05 * scale, 0.16 * scale
-    mechanism = sp.load("slider_crank", r=r, l=length)
+    mechanism = library("slider_crank", r=r, l=length)
     state = sp.assemble(mechanism, {"crank": crank}, {"coupler_pin": 0.0, "slide": r + length})
     found = sp.sensitivity(mechanism, state, "coupler_pin", ["r", "l"])
     leaning = np.sin(crank) / np.sqrt(length**2 - (r * np.sin(crank)) ** 2)
@@ -139,7 +149,7 @@ def test_the_error_told_of_a_value_near_zero_is_that_of_its_angle(crank, scale):
 def test_steps_are_shorter_where_the_branch_ends_at_nearby_dimensions():
     """A crank longer than its coupler, so near its limit that a shorter coupler does not reach."""
     crank, coupler, spare = 0.2, 0.16, 5e-4
-    mechanism = sp.load("slider_crank", r=crank, l=coupler)
+    mechanism = library("slider_crank", r=crank, l=coupler)
     state = sp.assemble(mechanism, {"crank": np.arcsin((coupler - spare) / crank)})
     found = sp.sensitivity(mechanism, state, "slide", ["l"])
     wanted = coupler / np.sqrt(coupler**2 - (coupler - spare) ** 2)
@@ -153,9 +163,10 @@ OUTPUTS = ["rocker_pin", "rocker_pin.rate", "rocker_pin.acceleration", "rocker_p
            "coupler.velocity", "rocker_pin.transmission_angle"]
 
 
-@pytest.mark.parametrize("output", OUTPUTS)
+@pytest.mark.parametrize("output", few(
+    OUTPUTS, "rocker_pin.acceleration", "coupler.velocity", "rocker_pin.transmission_angle"))
 def test_of_a_motion_it_is_that_of_every_sample(output):
-    mechanism = sp.load("rssr")
+    mechanism = library("rssr")
     motion = sp.sweep(mechanism, "crank", np.linspace(0.0, 6.0, 5), 2.0, -1.0)
     found = sp.sensitivity(mechanism, motion, output, ["b", "d"])
     assert found.value == pytest.approx(motion.output(output).values, rel=1e-12, abs=1e-13)
@@ -170,9 +181,10 @@ def test_of_a_motion_it_is_that_of_every_sample(output):
 
 
 @pytest.mark.parametrize(("name", "driver", "output", "dimension"), [
-    ("rssr", "crank", "rocker_pin", "a"), ("rspc", "crank", "rod.acceleration", "alpha"),
+    pytest.param("rssr", "crank", "rocker_pin", "a", marks=pytest.mark.slow),
+    ("rspc", "crank", "rod.acceleration", "alpha"),
     ("four_bar", "rocker_pin", "crank_pin.rate", "r2"),
-    ("stewart", "leg_1", "platform.position", "rb")])
+    pytest.param("stewart", "leg_1", "platform.position", "rb", marks=pytest.mark.slow)])
 def test_of_a_motion_it_is_how_motions_of_changed_files_differ(name, driver, output, dimension):
     """By differences of sweeps; a joint that is no driver is held too where it is swept."""
     mechanism = sp.load(name)
@@ -251,13 +263,14 @@ def test_forces_of_a_motion_without_speed_are_those_at_rest(beam):
         np.tile([0.0, 0.0, 2.0 * 9.81], (2, 1)), rel=1e-9, abs=1e-9)
 
 
-def test_forces_scatter_with_dimensions(beam):
+@pytest.mark.parametrize("number", few([40, 300], 40))
+def test_forces_scatter_with_dimensions(beam, number):
     state = sp.assemble(beam, {"hinge": 0.0})
     names = ["hinge.effort", "hinge.reaction", "hinge"]
-    found = sp.tolerance(beam, names, {"length": 1e-3}, state, samples=300)
+    found = sp.tolerance(beam, names, {"length": 1e-3}, state, samples=number)
     length = found.dimensions["length"]
     assert found.samples["hinge.effort"] == pytest.approx(9.81 * length**2, rel=1e-12)
-    assert found.samples["hinge.reaction"].shape == (300, 6)
+    assert found.samples["hinge.reaction"].shape == (number, 6)
     assert found.linear["hinge.effort"] == pytest.approx(2.0 * 9.81 * 0.4 * 1e-3, rel=1e-9)
     heads = found.to_csv(outputs=["hinge.reaction"]).splitlines()[0].split(",")
     assert heads[0] == "hinge reaction force x [N]" and heads[-1] == "hinge reaction moment z [N·m]"

@@ -4,6 +4,7 @@ Positions and velocities are taken from the data, six digits, and put into the e
 what comes out must be the data's accelerations and reactions, exactly so at the start.
 """
 
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,7 +15,6 @@ import pytest
 from folders import DATA
 
 import spatial_pin as sp
-from spatial_pin.dynamics.forward import forward_dynamics
 
 ADAMS = DATA / "adams_joints"
 GRAVITY = "gravity = [0.0, 0.0, -9.80665]\n"
@@ -24,6 +24,7 @@ UPRIGHT = (0.1, 0.04, 0.1)
 ON_THE_WAY = 1e-4  # accuracy of the data, by their largest values
 
 
+@cache
 def read(case: str, quantity: str) -> np.ndarray:
     return np.loadtxt(ADAMS / f"{case}_ADAMS_{quantity}.txt", skiprows=3)[:, 1:]
 
@@ -139,12 +140,12 @@ def found(answer, frame: str, case: Case) -> np.ndarray:
 
 def by_tree(case, row, folder):
     mech = as_tree_joint(case, folder)
-    return found(forward_dynamics(mech, tree_state(mech, case, row)), "body", case)
+    return found(sp.forward_dynamics(mech, tree_state(mech, case, row)), "body", case)
 
 
 def by_closure(case, row, folder):
     mech = as_closure(case, folder)
-    return found(forward_dynamics(mech, floating_state(mech, row)), "arm", case)
+    return found(sp.forward_dynamics(mech, floating_state(mech, row)), "arm", case)
 
 
 @pytest.mark.parametrize("modelled", [by_tree, by_closure])
@@ -188,7 +189,7 @@ def test_a_distance_at_the_start(tmp_path):
     want = np.concatenate([read("Distance_Case01", n)[0] for n in ("Acc", "Aacc", "Rforce")])
     mech = distance_as_closure(tmp_path)
     row = Row(np.array([0, ARM, 0]), np.eye(3), np.zeros(3), np.zeros(3))
-    closed = forward_dynamics(mech, floating_state(mech, row))
+    closed = sp.forward_dynamics(mech, floating_state(mech, row))
     for answer, force in ((closed, "rod"), (rod_answer(tmp_path), "foot")):
         motion = answer.state.acceleration("com").vector
         assert np.concatenate([motion, -answer.reactions[force].linear]) == pytest.approx(
@@ -197,13 +198,13 @@ def test_a_distance_at_the_start(tmp_path):
 
 def rod_answer(folder):
     mech = distance_as_rod(folder)
-    return forward_dynamics(mech, sp.assemble(mech, {}))
+    return sp.forward_dynamics(mech, sp.assemble(mech, {}))
 
 
 def test_a_distance_on_the_way(tmp_path):
     mech, rows = distance_as_closure(tmp_path), rows_of("Distance_Case01")
     for k in range(5, 500, 45):
-        answer = forward_dynamics(mech, floating_state(mech, rows[k]))
+        answer = sp.forward_dynamics(mech, floating_state(mech, rows[k]))
         got = np.concatenate([answer.state.acceleration("com").vector,
                               -answer.reactions["rod"].linear])
         assert agrees(got, "Distance_Case01", QUANTITIES[:3], k), k
@@ -266,9 +267,9 @@ def ball_found(answer) -> np.ndarray:
 def test_a_link_with_a_ball(build, tmp_path):
     mech = build(tmp_path)
     start = Row(np.array([ARM, ARM, 0]), np.eye(3), np.zeros(3), np.zeros(3))
-    answer = forward_dynamics(mech, ball_state(mech, start))
+    answer = sp.forward_dynamics(mech, ball_state(mech, start))
     assert ball_found(answer) == pytest.approx(ball_wanted(0), rel=6e-6, abs=2e-6)
     rows = rows_of("RevSpherical_Case01")
     for k in range(5, 500, 45):
-        got = ball_found(forward_dynamics(mech, ball_state(mech, rows[k])))
+        got = ball_found(sp.forward_dynamics(mech, ball_state(mech, rows[k])))
         assert agrees(got, "RevSpherical_Case01", BALL, k), k

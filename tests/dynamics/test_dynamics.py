@@ -11,6 +11,7 @@ from closed_forms import rssr
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from ladders import BARS, DOWN, LENGTHS, G, heavy_four_bar, ladder, leaning, moving
+from loaded_library import library
 from masses import (
     PlaneBody,
     PlanePin,
@@ -23,19 +24,11 @@ from masses import (
 )
 from memory import peak_memory
 from mpmath import cos, mpf, sin
+from variety import each, few
 
 import spatial_pin as sp
-from spatial_pin.dynamics.forces import joint_efforts
-from spatial_pin.dynamics.forward import forward_dynamics
-from spatial_pin.dynamics.inverse import Actuation, balance, inverse_dynamics, pressing
-from spatial_pin.dynamics.kinetostatics import kinetostatics
-from spatial_pin.dynamics.solvers.equations import Equations
-from spatial_pin.formats.export import content_of
-from spatial_pin.numerics.sparse_spaces import SparseSpaces
 
 LIBRARY = sp.list_mechanisms()
-
-
 
 
 # ---------------------------------------------------------------- one body
@@ -51,7 +44,7 @@ def test_a_pendulum(tmp_path):
     """The angle is counted from the horizontal upwards."""
     mech, angle, rate = plane_pendulum(tmp_path), 0.3, 1.7
     state = sp.solve_rates(mech, sp.assemble(mech, {"pin": angle}), {"pin": rate})
-    answer = forward_dynamics(mech, state, {"pin": 0.25})
+    answer = sp.forward_dynamics(mech, state, {"pin": 0.25})
     a = (0.25 - 1.5 * G * 0.4 * np.cos(angle)) / (0.02 + 1.5 * 0.4**2)
     assert answer.a == pytest.approx([a], rel=1e-13)
     along, across = (np.array([np.cos(angle), 0, np.sin(angle)]),
@@ -71,22 +64,22 @@ def test_a_tree_moves_as_the_articulated_body_algorithm_says(tmp_path):
                            {"shoulder": 2.0, "elbow": -1.0})
     tau = np.array([0.3, -0.2])
     want = pin.aba(mech.model, mech.model.createData(), state.q, state.v, tau)
-    found = forward_dynamics(mech, state, {"shoulder": 0.3, "elbow": -0.2})
+    found = sp.forward_dynamics(mech, state, {"shoulder": 0.3, "elbow": -0.2})
     assert found.a == pytest.approx(want, rel=1e-12)
 
 
 def test_gravity_can_be_off_and_a_force_from_outside_acts_at_its_frame(tmp_path):
     mech = plane_pendulum(tmp_path, "gravity = [0.0, 0.0, 0.0]\n")
     state = sp.assemble(mech, {"pin": 0.0})
-    assert forward_dynamics(mech, state).a == pytest.approx([0.0])
+    assert sp.forward_dynamics(mech, state).a == pytest.approx([0.0])
     load = {"bob": pin.Force(np.array([0, 0, 3.0]), np.array([0, -0.5, 0.1]))}
-    answer = forward_dynamics(mech, state, external=load)
+    answer = sp.forward_dynamics(mech, state, external=load)
     assert answer.a == pytest.approx([0.5 / (0.02 + 1.5 * 0.16)], rel=1e-13)
     assert answer.reactions["pin"].angular == pytest.approx([0, 0, -0.1], abs=1e-14)
 
 
 def test_a_coordinate_has_one_effort():
-    mech = sp.load("four_bar")
+    mech = library("four_bar")
     with pytest.raises(ValueError, match="effort of 'crank_pin' is given twice"):
         sp.forward_dynamics(mech, sp.assemble(mech), {"crank": 1.0, "crank_pin": 2.0})
 
@@ -96,9 +89,9 @@ def test_a_coordinate_without_inertia_stays_unless_a_force_acts(tmp_path):
                       known.driver("pin", "pin"))
     state = sp.assemble(mech, {"pin": 0.0})
     with pytest.warns(sp.SpatialPinWarning, match="no link has a mass"):
-        assert forward_dynamics(mech, state).a == pytest.approx([0.0])
+        assert sp.forward_dynamics(mech, state).a == pytest.approx([0.0])
     with pytest.raises(sp.SingularError, match="pin has no inertia but a force works on it"):
-        forward_dynamics(mech, state, {"pin": 1.0})
+        sp.forward_dynamics(mech, state, {"pin": 1.0})
 
 
 # ---------------------------------------------------------------- slider-crank, all four cuts
@@ -173,7 +166,7 @@ def test_slider_crank_by_free_bodies(build, start, tmp_path):
     if turned:
         state = sp.assemble(mech, {turned: start}, guess=state)
         state = sp.solve_rates(mech, state, {turned: float(SPEED)}, {turned: float(ALPHA)})
-        answer = inverse_dynamics(mech, state, [turned])
+        answer = sp.inverse_dynamics(mech, state, [turned])
         assert answer.efforts[turned] == pytest.approx(want.torque, rel=1e-11)
     else:  # the crank's torque from outside, on the crank and back on the ground
         slide = known.slider_crank
@@ -184,7 +177,7 @@ def test_slider_crank_by_free_bodies(build, start, tmp_path):
         state = sp.assemble(mech, {"slide": x}, guess=state)
         state = sp.solve_rates(mech, state, {"slide": v}, {"slide": a})
         torque = {"crank": pin.Force(np.zeros(3), np.array([0, 0, want.torque]))}
-        answer = inverse_dynamics(mech, state, external=torque)
+        answer = sp.inverse_dynamics(mech, state, external=torque)
         assert answer.efforts["slider"] == pytest.approx(0.0, abs=1e-9 * abs(want.torque) / known.R)
     for name, sense in CUTS[build][2].items():
         force = want.pins["wrist_pin" if name == "slider_pin" else name]
@@ -194,9 +187,6 @@ def test_slider_crank_by_free_bodies(build, start, tmp_path):
 
 
 # ---------------------------------------------------------------- plane four-bar
-
-
-
 
 
 def four_bar_forces(start):
@@ -250,7 +240,7 @@ def four_bar_state(mech, start):
 @pytest.mark.parametrize("start", [0.3, 1.9, 4.0])
 def test_four_bar_by_free_bodies(start, tmp_path):
     mech, want = heavy_four_bar(tmp_path), four_bar_forces(start)
-    answer = inverse_dynamics(mech, four_bar_state(mech, start))
+    answer = sp.inverse_dynamics(mech, four_bar_state(mech, start))
     assert answer.efforts["crank"] == pytest.approx(want.torque, rel=1e-11)
     for name, force in want.pins.items():
         assert answer.reactions[name].linear[:2] == pytest.approx(force, rel=1e-9), name
@@ -264,10 +254,10 @@ def test_a_torque_curve_is_inverse_dynamics_of_every_row(tmp_path):
     first = four_bar_state(mech, 0.3)
     motion = sp.sweep(mech, "crank", np.linspace(0.3, 0.3 + 2 * np.pi, 31), speed=3.0,
                       acceleration=2.0, guess=first)
-    curve = kinetostatics(mech, motion)
+    curve = sp.kinetostatics(mech, motion)
     assert curve.efforts["crank"][0] == pytest.approx(four_bar_forces(0.3).torque, rel=1e-10)
     for k in (0, 11, 30):
-        answer = inverse_dynamics(mech, motion.state(k))
+        answer = sp.inverse_dynamics(mech, motion.state(k))
         assert curve.efforts["crank"][k] == answer.efforts["crank"]
         assert curve.power["crank"][k] == pytest.approx(answer.power["crank"], rel=1e-14)
         assert curve.on_ground[k] == pytest.approx(answer.on_ground.vector, rel=1e-12, abs=1e-12)
@@ -286,7 +276,7 @@ def test_a_force_that_follows_the_motion(tmp_path):
     def load(state):
         return {"rocker": pin.Force(np.zeros(3), np.array([0, 0, state.coordinate("crank").value]))}
 
-    curve, free = kinetostatics(mech, motion, external=load), kinetostatics(mech, motion)
+    curve, free = sp.kinetostatics(mech, motion, external=load), sp.kinetostatics(mech, motion)
     for k in range(5):
         state = motion.state(k)
         ratio = sp.solve_rates(mech, state, {"crank": 1.0}).coordinate("rocker_pin").rate
@@ -312,7 +302,7 @@ def test_rssr_torque_by_energy(tmp_path):
     with mpmath.workdps(40):
         want = float(mpmath.diff(energy, 0) / speed)
     state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 0.8}), {"crank": 5.0})
-    answer = inverse_dynamics(mech, state)
+    answer = sp.inverse_dynamics(mech, state)
     assert answer.efforts["crank"] == pytest.approx(want, rel=1e-11)
     rod = answer.reactions["coupler"]
     along = state.placement("b").translation - state.placement("a").translation
@@ -324,7 +314,7 @@ def test_rssr_torque_by_energy(tmp_path):
 def test_a_press_lifts_with_lead_over_two_pi(build, tmp_path):
     mech = build(tmp_path)
     load = {"ram": pin.Force(np.array([0, 0, -500.0]), np.zeros(3))}
-    answer = inverse_dynamics(mech, sp.assemble(mech, {"nut": 0.7}), external=load)
+    answer = sp.inverse_dynamics(mech, sp.assemble(mech, {"nut": 0.7}), external=load)
     assert answer.efforts["nut"] == pytest.approx(-500.0 * known.LEAD / (2 * np.pi), rel=1e-12)
     assert abs(answer.reactions["thread"].linear[2]) == pytest.approx(500.0, rel=1e-12)
 
@@ -334,18 +324,18 @@ def test_hooke_torques_are_as_the_inverse_speeds(build, tmp_path):
     mech, angle = build(tmp_path), 0.9
     shaft = "out" if build is known.hooke_closure else "wheel"
     load = {shaft: pin.Force(np.zeros(3), -2.0 * np.array(known.OUT))}
-    answer = inverse_dynamics(mech, sp.assemble(mech, {"input": angle}), external=load)
+    answer = sp.inverse_dynamics(mech, sp.assemble(mech, {"input": angle}), external=load)
     ratio = mpmath.diff(lambda x: known.hooke_answer(x).coordinates["output"], mpf(angle))
     assert answer.efforts["input"] == pytest.approx(2.0 * float(ratio), rel=1e-12)
 
 
 def test_stewart_leg_forces_by_the_transposed_jacobian():
-    mech = sp.load("stewart")
+    mech = library("stewart")
     pose = {f"leg_{k}": value for k, value in enumerate((0.43, 0.46, 0.44, 0.45, 0.42, 0.47), 1)}
     state = sp.assemble(mech, pose)
     load = pin.Force(np.array([30.0, -20.0, -500.0]), np.array([3.0, -5.0, 7.0]))
-    loaded = inverse_dynamics(mech, state, external={"platform": load})
-    free = inverse_dynamics(mech, state)
+    loaded = sp.inverse_dynamics(mech, state, external={"platform": load})
+    free = sp.inverse_dynamics(mech, state)
     centre = state.placement("platform").translation
     columns = []
     for k in range(1, 7):
@@ -381,9 +371,9 @@ def test_a_spring_and_damper_between_frames(tmp_path):
     weight = 1.5 * G * 0.4 * np.cos(angle)
     state = sp.solve_rates(mech, sp.assemble(mech, {"pin": angle}), {"pin": rate})
     pull = 40.0 * (float(length(angle)) - 0.2) + 3.0 * slope * rate
-    answer = forward_dynamics(mech, state)
+    answer = sp.forward_dynamics(mech, state)
     assert answer.a == pytest.approx([(-pull * slope - weight) / inertia], rel=1e-12)
-    law = forward_dynamics(mech, state, laws={"s": lambda x, dx: 7.0 * x**3 + dx**2})
+    law = sp.forward_dynamics(mech, state, laws={"s": lambda x, dx: 7.0 * x**3 + dx**2})
     pull = 7.0 * float(length(angle)) ** 3 + (slope * rate) ** 2
     assert law.a == pytest.approx([(-pull * slope - weight) / inertia], rel=1e-12)
     # the ground bears what bob, spring and weight do not balance among themselves
@@ -391,7 +381,7 @@ def test_a_spring_and_damper_between_frames(tmp_path):
                         - rate**2 * np.array([np.cos(angle), 0, np.sin(angle)]))
     assert law.on_ground.linear == pytest.approx(-need - [0, 0, 1.5 * G], rel=1e-12)
     with pytest.raises(sp.SpatialPinError, match="spring"):
-        forward_dynamics(mech, state, laws={"t": lambda x, dx: 0.0})
+        sp.forward_dynamics(mech, state, laws={"t": lambda x, dx: 0.0})
 
 
 def test_a_spring_about_a_joint(tmp_path):
@@ -399,7 +389,7 @@ def test_a_spring_about_a_joint(tmp_path):
         name="s", joint="pin", stiffness=5.0, damping=0.2, free_angle=0.1))
     state = sp.solve_rates(mech, sp.assemble(mech, {"pin": 0.6}), {"pin": -2.0})
     torque = -5.0 * 0.5 + 0.2 * 2.0 - 1.5 * G * 0.4 * np.cos(0.6)
-    answer = forward_dynamics(mech, state)
+    answer = sp.forward_dynamics(mech, state)
     assert answer.a == pytest.approx([torque / (0.02 + 1.5 * 0.16)], rel=1e-13)
     assert answer.reactions["pin"].angular == pytest.approx(np.zeros(3), abs=1e-13)
 
@@ -410,8 +400,8 @@ def test_a_spring_along_a_slide(tmp_path, key):
     toml = spring(name="s", joint="slide", stiffness=5.0, damping=0.2, **{key: -0.1})
     mech = known.load(tmp_path, "block", tree, toml)
     state = sp.solve_rates(mech, sp.assemble(mech, {"slide": 0.6}), {"slide": -2.0})
-    assert forward_dynamics(mech, state).a == pytest.approx([(-5.0 * 0.7 + 0.2 * 2.0) / 1.5])
-    assert content_of(mech)["springs"][0][key] == -0.1
+    assert sp.forward_dynamics(mech, state).a == pytest.approx([(-5.0 * 0.7 + 0.2 * 2.0) / 1.5])
+    assert known.content_of(mech)["springs"][0][key] == -0.1
 
 
 # ---------------------------------------------------------------- actuation
@@ -426,7 +416,7 @@ def heavy_five_bar(folder):
 def test_more_actuators_than_freedoms_share_by_least_squares(tmp_path):
     mech = heavy_five_bar(tmp_path)
     state = moving(mech, {"left": 2.0, "right": 1.0})
-    two = inverse_dynamics(mech, state)
+    two = sp.inverse_dynamics(mech, state)
     elbow = [float(mpmath.diff(lambda x, i=i: known.five_bar_answer(*(
         (x, mpf(1)) if i == 0 else (mpf(2), x))).coordinates["elbow1"], [2, 1][i])) for i in (0, 1)]
     b = np.column_stack([np.eye(2), elbow])  # rates of left, right, elbow per freedom
@@ -435,7 +425,7 @@ def test_more_actuators_than_freedoms_share_by_least_squares(tmp_path):
                     {"left": 2.0, "right": 0.5, "elbow1": 10.0}):
         w = np.diag(1.0 / np.array(list(weights.values())))
         want = w @ b.T @ np.linalg.solve(b @ w @ b.T, load)
-        three = inverse_dynamics(mech, state, weights)
+        three = sp.inverse_dynamics(mech, state, weights)
         assert list(three.efforts.values()) == pytest.approx(want, rel=1e-10)
         assert three.a == pytest.approx(two.a)
         assert sum(three.power.values()) == pytest.approx(sum(two.power.values()), rel=1e-11)
@@ -445,15 +435,15 @@ def test_a_freedom_that_nobody_drives_is_named(tmp_path):
     mech = heavy_five_bar(tmp_path)
     with pytest.raises(sp.SpatialPinError, match=r"1 freedom has no actuator; actuate 1 more "
                                                  r"of elbow1, right, elbow2, such as"):
-        inverse_dynamics(mech, moving(mech, {"left": 2.0, "right": 1.0}), ["left"])
+        sp.inverse_dynamics(mech, moving(mech, {"left": 2.0, "right": 1.0}), ["left"])
     with pytest.raises(ValueError, match="positive"):
-        inverse_dynamics(mech, moving(mech, {"left": 2.0, "right": 1.0}), {"left": 0.0})
+        sp.inverse_dynamics(mech, moving(mech, {"left": 2.0, "right": 1.0}), {"left": 0.0})
 
 
 def test_a_passive_freedom_needs_no_actuator():
-    mech = sp.load("rssr")
-    answer = inverse_dynamics(mech, moving(mech))
-    again = forward_dynamics(mech, answer.state, answer.efforts)
+    mech = library("rssr")
+    answer = sp.inverse_dynamics(mech, moving(mech))
+    again = sp.forward_dynamics(mech, answer.state, answer.efforts)
     assert again.a == pytest.approx(answer.a, rel=1e-9, abs=1e-10)
 
 
@@ -487,7 +477,7 @@ def test_a_door(name, tmp_path):
     v = np.array([0, 0, 0, 0, 0, 2.0])
     state = sp.State(mech, state.q, v, closure_error=state.closure_error)
     push = {"leaf": pin.Force(np.zeros(3), np.array([0, 0, 6.0]))}
-    answer = forward_dynamics(mech, state, external=push)
+    answer = sp.forward_dynamics(mech, state, external=push)
     assert answer.state.angular_acceleration("leaf") == pytest.approx(
         [0, 0, 6.0 / (0.5 + 20 * 0.16)], rel=1e-12, abs=1e-12)
     assert {k: answer.determined[k] for k in ("low", "high")[: len(kinds)]} == dict(
@@ -515,7 +505,7 @@ def test_a_plane_loop_in_space(kind, unique, tmp_path):
     """Forces in the plane are unique in any case; pairs that hold it in the plane too are not."""
     mech = closed_by(kind, tmp_path)
     state, want = four_bar_state(mech, 0.3), four_bar_forces(0.3)
-    answer = inverse_dynamics(mech, state)
+    answer = sp.inverse_dynamics(mech, state)
     assert set(answer.determined.values()) == {unique}
     assert answer.efforts["crank"] == pytest.approx(want.torque, rel=1e-11)
     for name, force in want.pins.items():
@@ -531,7 +521,7 @@ def test_only_the_overconstrained_loop_is_undetermined(tmp_path):
     (tmp_path / f"{mech.name}.urdf").write_text(tree.replace("</robot>", extra + "</robot>"),
                                                 encoding="utf-8")
     mech = sp.load(tmp_path / f"{mech.name}.toml")
-    determined = forward_dynamics(mech, sp.assemble(mech, {"crank": 0.3})).determined
+    determined = sp.forward_dynamics(mech, sp.assemble(mech, {"crank": 0.3})).determined
     assert {name for name, unique in determined.items() if unique} == {"swing"}
 
 
@@ -539,7 +529,10 @@ LINK = {"mass": 0.5, "inertia": (1e-3, 2e-3, 2.5e-3)}
 
 
 def test_a_gear_and_a_lock_share_a_torque_that_no_bearing_feels(tmp_path):
-    """Two bodies on one axis, held together twice: the torque between them is one of many."""
+    """Two bodies on one axis, held together twice: the torque between them is one of many.
+
+    The bearings are told as not unique too: nothing says where the gear's force acts.
+    """
     tree = heavy(
         known.turning("a", "ground", "one") + known.turning("b", "ground", "other")
         + known.point("x", "one") + known.point("y", "other"),
@@ -550,7 +543,8 @@ def test_a_gear_and_a_lock_share_a_torque_that_no_bearing_feels(tmp_path):
             "lock", "perpendicular", "x", "y", axis=(1, 0, 0), axis2=(0, 1, 0)))
     state = sp.solve_rates(mech, sp.assemble(mech), {"turn": 1.0})
     answer = sp.forward_dynamics(mech, state, {"turn": 3.0})
-    assert answer.determined == {"a": True, "b": True, "lock": False}
+    assert answer.determined == {"a": False, "b": False, "lock": False}
+    assert any("'gear'" in reason for reason in answer.why_not_unique())
     # the bearings bear what each body needs, whoever turns it, but for the torque about the axis
     need, bodies = needed_by_body(answer.state), [mech.joint_id(j) for j in "ab"]
     for name, body, link in zip("ab", bodies, ("one", "other"), strict=True):
@@ -591,7 +585,7 @@ def test_paradoxical_loops_move_as_with_fewer_equations(build, n, closures, star
     state = sp.assemble(full, {"crank": start})
     state = sp.solve_rates(full, state, {"crank": 1.3})
     other = sp.State(fewer, state.q, state.v, closure_error=state.closure_error)
-    first, second = forward_dynamics(full, state), forward_dynamics(fewer, other)
+    first, second = sp.forward_dynamics(full, state), sp.forward_dynamics(fewer, other)
     assert first.a == pytest.approx(second.a, rel=1e-9)
     assert not any(first.determined.values())
     assert all(second.determined.values())
@@ -599,8 +593,8 @@ def test_paradoxical_loops_move_as_with_fewer_equations(build, n, closures, star
 
 @pytest.mark.parametrize("name", ["bennett", "bricard", "four_bar", "sarrus"])
 def test_multipliers_are_the_shortest(name):
-    mech = sp.load(name)
-    answer = forward_dynamics(mech, moving(mech))
+    mech = library(name)
+    answer = sp.forward_dynamics(mech, moving(mech))
     jacobian = sp.closure_jacobian(mech, answer.state.q) * mech.velocity_scale
     u, s, _ = np.linalg.svd(jacobian)
     stresses = u[:, np.count_nonzero(s > 1e-10 * s[0]) :]
@@ -612,11 +606,11 @@ def test_multipliers_are_the_shortest(name):
 # ---------------------------------------------------------------- every mechanism
 
 
-@pytest.mark.parametrize("name", LIBRARY)
+@pytest.mark.parametrize("name", each(LIBRARY))
 def test_reactions_and_efforts_move_every_body(name):
     """Reactions, efforts and weight on each body are what its motion needs [d'Alembert]."""
-    mech = sp.load(name)
-    answer = inverse_dynamics(mech, moving(mech))
+    mech = library(name)
+    answer = sp.inverse_dynamics(mech, moving(mech))
     got, need = wrenches_by_body(answer, answer.efforts), needed_by_body(answer.state)
     size = max(np.abs(need).max(), *(np.abs(r.vector).max() for r in answer.reactions.values()))
     assert got[0] == pytest.approx(answer.on_ground.vector, abs=1e-10 * size)
@@ -624,19 +618,19 @@ def test_reactions_and_efforts_move_every_body(name):
         assert got[i] == pytest.approx(need[i], abs=1e-10 * size), mech.model.names[i]
 
 
-@pytest.mark.parametrize("name", LIBRARY)
+@pytest.mark.parametrize("name", each(LIBRARY))
 def test_power_of_the_drivers_is_the_rate_of_energy(name):
-    mech = sp.load(name)
-    answer = inverse_dynamics(mech, moving(mech))
+    mech = library(name)
+    answer = sp.inverse_dynamics(mech, moving(mech))
     size = sum(abs(p) for p in answer.power.values()) + 1e-3
     assert sum(answer.power.values()) == pytest.approx(energy_rate(answer.state), abs=1e-10 * size)
 
 
-@pytest.mark.parametrize("name", LIBRARY)
+@pytest.mark.parametrize("name", each(LIBRARY))
 def test_forward_undoes_inverse(name):
-    mech = sp.load(name)
-    answer = inverse_dynamics(mech, moving(mech))
-    again = forward_dynamics(mech, answer.state, answer.efforts)
+    mech = library(name)
+    answer = sp.inverse_dynamics(mech, moving(mech))
+    again = sp.forward_dynamics(mech, answer.state, answer.efforts)
     size = np.abs(answer.a).max()
     assert again.a == pytest.approx(answer.a, abs=1e-9 * size)
     assert again.reactions.keys() == answer.reactions.keys()
@@ -645,21 +639,20 @@ def test_forward_undoes_inverse(name):
         assert again.reactions[pair].vector == pytest.approx(force.vector, abs=1e-9 * largest)
 
 
-MECHANISMS = {name: sp.load(name) for name in ("rssr", "slider_crank", "spherical_four_bar",
-                                               "stewart", "swash_plate", "watt_six_bar")}
+NAMES = ("rssr", "slider_crank", "spherical_four_bar", "stewart", "swash_plate", "watt_six_bar")
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-@given(name=st.sampled_from(sorted(MECHANISMS)), seed=st.integers(0, 10**6))
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(name=st.sampled_from(NAMES), seed=st.integers(0, 10**6))
 def test_inverse_undoes_forward(name, seed):
-    mech, rng = MECHANISMS[name], np.random.default_rng(seed)
+    mech, rng = library(name), np.random.default_rng(seed)
     state = sp.assemble(mech, {})
     moved = {d: state.coordinate(d).value + rng.uniform(-0.02, 0.02) for d in mech.drivers}
     state = sp.assemble(mech, moved, guess=state)
     state = sp.solve_rates(mech, state, {d: rng.uniform(-2, 2) for d in mech.drivers})
     efforts = {d: float(rng.uniform(-5, 5)) for d in mech.drivers}
-    answer = forward_dynamics(mech, state, efforts)
-    back = inverse_dynamics(mech, answer.state)
+    answer = sp.forward_dynamics(mech, state, efforts)
+    back = sp.inverse_dynamics(mech, answer.state)
     assert list(back.efforts.values()) == pytest.approx(list(efforts.values()), abs=1e-8)
     work = sum(efforts[d] * state.coordinate(d).rate for d in efforts)
     assert energy_rate(answer.state) == pytest.approx(work, abs=1e-9 * (abs(work) + 1))
@@ -667,7 +660,7 @@ def test_inverse_undoes_forward(name, seed):
 
 @pytest.mark.parametrize("name", ["rssr", "rspc", "crank_collar", "stewart", "delta"])
 def test_native_closures_as_pinocchio_solves_them(name):
-    mech = sp.load(name)
+    mech = library(name)
     state, model = moving(mech), mech.model
     models = pin.StdVec_RigidConstraintModel(mech.constraint_models())
     datas = pin.StdVec_RigidConstraintData([m.createData() for m in models])
@@ -676,15 +669,11 @@ def test_native_closures_as_pinocchio_solves_them(name):
     tight = pin.ProximalSettings(1e-13, 1e-10, 40)
     want = pin.constraintDynamics(model, data, state.q, state.v, np.zeros(model.nv), models, datas,
                                   tight)
-    found = forward_dynamics(mech, state).a
+    found = sp.forward_dynamics(mech, state).a
     assert found == pytest.approx(np.array(want), abs=1e-8 * np.abs(want).max())
 
 
 # ---------------------------------------------------------------- many loops
-
-
-
-
 
 
 @pytest.mark.parametrize("n", [1, 3, 20, 100])
@@ -693,97 +682,16 @@ def test_a_ladder_falls_as_one_rod(n, tmp_path):
     state, sense = leaning(mech, 0.7, 1.3)
     inertia, weight = (n + 1) / 3 + n, ((n + 1) / 2 + n) * G
     want = sense * weight / inertia * np.sin(0.7)
-    assert forward_dynamics(mech, state).a == pytest.approx(want, rel=1e-12)
-
-
-def both(mech, state, efforts):
-    """Accelerations, multipliers and reactions, dense and sparse."""
-    for large in (False, True):
-        equations = Equations(mech, large)
-        equations.update(state)
-        effort = joint_efforts(mech, efforts)
-        a, closures, _ = equations.solve(effort + equations.given)
-        multipliers = equations.multipliers(closures)
-        unique = {name: each.tolist() for name, each in equations.unique().items()}
-        yield a, multipliers, *equations.reactions(a, multipliers, effort), unique
-
-
-@pytest.mark.parametrize("name", [*LIBRARY, "ladder", "press", "rack"])
-def test_sparse_equations_are_the_dense_ones(name, tmp_path):
-    weight = (1.0, (0.01, 0.02, 0.03), (1e-2,) * 3)
-    if name == "ladder":
-        mech = ladder(tmp_path, 20)
-        state = leaning(mech, 0.7, 1.3)[0]
-    else:
-        mech = {
-            "press": lambda: with_masses(known.press_closure(tmp_path), tmp_path, wheel=weight,
-                                         ram=weight),
-            "rack": lambda: with_masses(known.rack_and_gears(tmp_path), tmp_path, g1=weight,
-                                        g2=weight, r=weight),
-        }.get(name, lambda: sp.load(name))()
-        state = moving(mech)
-    dense, sparse = both(mech, state, dict.fromkeys(mech.drivers, 0.8))
-    for x, y in zip(dense[:2], sparse[:2], strict=True):
-        assert y == pytest.approx(x, abs=1e-10 * np.abs(x).max(initial=1e-3), rel=1e-10)
-    size = max(np.abs(force).max() for force in dense[2].values())
-    for pair, force in dense[2].items():
-        assert sparse[2][pair] == pytest.approx(force, abs=1e-9 * size), pair
-    assert sparse[3] == pytest.approx(dense[3], abs=1e-9 * size)
-    assert sparse[4] == dense[4]
-
-
-def statics(large, mech, state, actuated):
-    """Efforts, multipliers and uniqueness of inverse dynamics, dense or sparse."""
-    equations, actuation = Equations(mech, large), Actuation(mech, actuated)
-    equations.update(state)
-    efforts, _, closures = balance(equations, actuation)
-    spare = pressing(equations, actuation)
-    unique = equations.unique(actuation.all_generalised(spare, len(state.v)))
-    return efforts, equations.multipliers(closures), len(spare), {
-        name: each.tolist() for name, each in unique.items()}
-
-
-@pytest.mark.parametrize("actuated", [["p0"], ["p3"], ["p0", "p2", "k3"]])
-@pytest.mark.parametrize("n", [20, 70])
-def test_sparse_inverse_dynamics_are_the_dense_ones(n, actuated, tmp_path):
-    mech = ladder(tmp_path, n)
-    state, sense = leaning(mech, 0.7, 1.3)
-    state = sp.State(mech, state.q, state.v, 2.0 * sense, closure_error=0.0)
-    dense, sparse = (statics(large, mech, state, actuated) for large in (False, True))
-    for x, y in zip(dense[:2], sparse[:2], strict=True):
-        assert y == pytest.approx(x, abs=1e-10 * np.abs(x).max(), rel=1e-10)
-    assert sparse[2:] == dense[2:]
-
-
-@pytest.mark.parametrize("name", [*LIBRARY, "ladder"])
-def test_sparse_spaces_are_the_dense_ones(name, tmp_path):
-    mech = ladder(tmp_path, 20) if name == "ladder" else sp.load(name)
-    state = leaning(mech, 0.7, 1.3)[0] if name == "ladder" else moving(mech)
-    equations, dense = Equations(mech, True), Equations(mech, False)
-    for each in (equations, dense):
-        each.update(state)
-    sparse, svd = equations.spaces, dense.spaces
-    assert isinstance(sparse, SparseSpaces)
-    assert sparse.rank == svd.rank
-    freedoms = sparse.null_space
-    assert freedoms @ freedoms.T == pytest.approx(np.eye(len(freedoms)), abs=1e-12)
-    assert svd.null_space.T @ svd.null_space == pytest.approx(freedoms.T @ freedoms, abs=1e-10)
-    stresses = equations.self_stresses
-    assert len(stresses) == min(len(svd.left_null_space), 3)
-    inside = stresses @ svd.left_null_space.T @ svd.left_null_space
-    assert stresses == pytest.approx(inside, abs=1e-10)
-    force = np.random.default_rng(1).standard_normal(equations.n_closure) @ dense.scaled
-    assert sparse.minimum_norm_transposed(force) == pytest.approx(
-        svd.minimum_norm_transposed(force), abs=1e-9)
+    assert sp.forward_dynamics(mech, state).a == pytest.approx(want, rel=1e-12)
 
 
 def test_reactions_take_memory_in_proportion_to_the_number_of_loops(tmp_path):
     """Four times as many loops: by dense factors sixteen times as much."""
     def forces(mech, state):
-        answer = forward_dynamics(mech, state)
+        answer = sp.forward_dynamics(mech, state)
         assert answer.reactions
         assert not answer.determined["c0"]
-        assert inverse_dynamics(mech, state, ["p0"]).reactions
+        assert sp.inverse_dynamics(mech, state, ["p0"]).reactions
 
     def memory(n):
         mech = ladder(tmp_path, n)
@@ -794,7 +702,7 @@ def test_reactions_take_memory_in_proportion_to_the_number_of_loops(tmp_path):
             forces(mech, state)
         return peak.bytes
 
-    few, many = memory(50), memory(200)
+    few, many = memory(40), memory(160)
     assert many < 4**1.1 * few
 
 
@@ -807,22 +715,23 @@ def test_many_loops_that_lose_rank_are_refused(n, lost, tmp_path):
     mech, said = ladder(tmp_path, n), []
     for _ in range(2):
         with pytest.raises(sp.SingularError, match=f"lose {lost}independent") as caught:
-            forward_dynamics(mech, leaning(mech, np.pi / 2, 1.3)[0])
+            sp.forward_dynamics(mech, leaning(mech, np.pi / 2, 1.3)[0])
         said.append(str(caught.value))
-        forward_dynamics(mech, leaning(mech, 0.7, 1.3)[0])
+        sp.forward_dynamics(mech, leaning(mech, 0.7, 1.3)[0])
     assert said[0] == said[1]
 
 
-@pytest.mark.parametrize("n", [80, 150])
+@pytest.mark.parametrize("n", few([80, 150], 80))
 def test_many_loops_first_met_flat_are_refused(n, tmp_path):
     """Without knowing another configuration; a regular one is taken afterwards."""
     mech = ladder(tmp_path, n)
     for rate in (0.0, 1.3):
         with pytest.raises(sp.SingularError, match="the loops lose independent equations"):
-            forward_dynamics(mech, leaning(mech, np.pi / 2, rate)[0])
+            sp.forward_dynamics(mech, leaning(mech, np.pi / 2, rate)[0])
     state, sense = leaning(mech, 0.7, 1.3)
     weight = ((n + 1) / 2 + n) * G / ((n + 1) / 3 + n)
-    assert forward_dynamics(mech, state).a == pytest.approx(sense * weight * np.sin(0.7), rel=1e-12)
+    want = sense * weight * np.sin(0.7)
+    assert sp.forward_dynamics(mech, state).a == pytest.approx(want, rel=1e-12)
 
 
 def test_frames_of_many_branches_are_where_the_whole_tree_has_them(tmp_path):
@@ -854,16 +763,16 @@ def test_many_loops_and_a_wheel_without_inertia(tmp_path):
     sense = np.array([{"p": -1.0, "k": 1.0, "a": 0.0}[name[0]] for name in mech.coordinates])
     state = sp.State(mech, 0.7 * sense, 1.3 * sense, closure_error=0.0)
     want = sense * (41 / 2 + 40) * G / (41 / 3 + 40) * np.sin(0.7)
-    assert forward_dynamics(mech, state).a == pytest.approx(want, abs=1e-10)
+    assert sp.forward_dynamics(mech, state).a == pytest.approx(want, abs=1e-10)
     with pytest.raises(sp.SingularError, match="axle has no inertia but a force works on it"):
-        forward_dynamics(mech, state, {"axle": 1.0})
+        sp.forward_dynamics(mech, state, {"axle": 1.0})
 
 
 def test_many_loops_there_and_back(tmp_path):
     mech = ladder(tmp_path, 30)
     state, _ = leaning(mech, 0.7, 1.3)
-    answer = forward_dynamics(mech, state, {"p0": 2.0})
-    back = inverse_dynamics(mech, answer.state, ["p0"])
+    answer = sp.forward_dynamics(mech, state, {"p0": 2.0})
+    back = sp.inverse_dynamics(mech, answer.state, ["p0"])
     assert back.efforts["p0"] == pytest.approx(2.0, abs=1e-10)
     got, need = wrenches_by_body(answer, {"p0": 2.0}), needed_by_body(answer.state)
     assert got[1:] == pytest.approx(need[1:], abs=1e-9)
@@ -877,7 +786,7 @@ def test_a_flat_parallelogram_is_refused(tmp_path):
     mech = with_masses(mech, tmp_path, **dict.fromkeys(("crank", "coupler", "rocker"), (
         1.0, (0.05, 0, 0), (1e-3,) * 3)))
     state = sp.State(mech, np.zeros(3), np.zeros(3), closure_error=0.0)
-    for solve in (forward_dynamics, inverse_dynamics):
+    for solve in (sp.forward_dynamics, sp.inverse_dynamics):
         with pytest.raises(sp.SingularError, match="the loops lose 1 independent equation"):
             solve(mech, state)
 
@@ -888,7 +797,7 @@ def test_power_with_springs_and_dampers(tmp_path):
     toml += spring(name="turn", joint="rocker_pin", stiffness=4.0, damping=0.3, free_angle=0.5)
     mech = heavy_four_bar(tmp_path, toml)
     state = four_bar_state(mech, 0.3)
-    answer = inverse_dynamics(mech, state)
+    answer = sp.inverse_dynamics(mech, state)
     tip, rocker = state.placement("tip").translation, state.coordinate("rocker_pin")
     rate = tip @ state.velocity("tip").linear / np.linalg.norm(tip)
     pull = 300.0 * (np.linalg.norm(tip) - 0.1) + 20.0 * rate

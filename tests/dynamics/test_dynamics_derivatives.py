@@ -6,16 +6,15 @@ import mechanisms as known
 import numpy as np
 import pinocchio as pin
 import pytest
-from derivative_cases import NAMES, REGULAR, WEIGHT, moving, rod
+from derivative_cases import NAMES, WEIGHT, moving, some
 from ladders import ladder, leaning
+from loaded_library import library
 from masses import with_masses
 from memory import peak_memory
+from scipy.linalg import null_space
+from variety import few
 
 import spatial_pin as sp
-from spatial_pin.constraints import trees
-from spatial_pin.dynamics.derivatives.derivatives import dynamics_derivatives
-from spatial_pin.dynamics.forward import forward_dynamics
-from spatial_pin.numerics.linalg import null_space
 
 STENCIL = ((1, 3 / 4), (2, -3 / 20), (3, 1 / 60))
 
@@ -24,34 +23,20 @@ def difference(f, h):
     return sum(c * (f(k * h) - f(-k * h)) for k, c in STENCIL) / h
 
 
-
-
-
-
-
-
-
-
-
-
-
-
 OVERCONSTRAINED = ["bennett", "bricard", "four_bar", "hooke_joint", "double_cardan", "sarrus",
                    "geared_five_bar", "screw_press", "oldham", "watt_six_bar"]
 
 
-
-
-@pytest.mark.parametrize("build", REGULAR, ids=NAMES)
+@pytest.mark.parametrize("build", some(), ids=NAMES)
 def test_partial_derivatives(build, tmp_path):
     """Of accelerations and multipliers, in every direction."""
     mech = build(tmp_path)
     state, size = moving(mech), mech.velocity_scale
     efforts = {name: 0.4 for name in list(mech.coordinates)[:1] if mech.coordinate(name).q >= 0}
-    found = dynamics_derivatives(mech, state, efforts)
+    found = sp.dynamics_derivatives(mech, state, efforts)
 
     def both(q, v, effort=efforts):
-        answer = forward_dynamics(mech, sp.State(mech, q, v, closure_error=0.0,
+        answer = sp.forward_dynamics(mech, sp.State(mech, q, v, closure_error=0.0,
                                                  angles=state.angles), effort)
         return np.concatenate([answer.a, answer.multipliers])
 
@@ -75,9 +60,9 @@ def test_partial_derivatives(build, tmp_path):
         assert column == pytest.approx(unit, abs=1e-9 * np.abs(unit).max())
 
 
-@pytest.mark.parametrize("name", OVERCONSTRAINED)
+@pytest.mark.parametrize("name", few(OVERCONSTRAINED, "bennett", "four_bar", "screw_press"))
 def test_along_closed_motions_of_overconstrained_loops(name):
-    mech = sp.load(name)
+    mech = library(name)
     driver = next(iter(mech.drivers))
     start, speed = sp.assemble(mech, {}), 0.7
     at = start.coordinate(driver).value
@@ -87,10 +72,10 @@ def test_along_closed_motions_of_overconstrained_loops(name):
         return sp.solve_rates(mech, state, {driver: speed})
 
     def accelerations(e):
-        return forward_dynamics(mech, near(e), {driver: 0.3}).a
+        return sp.forward_dynamics(mech, near(e), {driver: 0.3}).a
 
     state = near(0.0)
-    found = dynamics_derivatives(mech, state, {driver: 0.3})
+    found = sp.dynamics_derivatives(mech, state, {driver: 0.3})
     want = difference(accelerations, 2e-3)
     got = (found.a_by_q @ state.v + found.a_by_v @ state.a) / speed
     scale = max(np.abs(want).max(), np.abs(found.a).max())
@@ -101,7 +86,7 @@ def test_a_tree_without_closures_has_pinocchios_derivatives(tmp_path):
     mech = with_masses(known.pendulum(tmp_path), tmp_path, upper=WEIGHT, lower=WEIGHT)
     state = sp.solve_rates(mech, sp.assemble(mech, {"shoulder": 0.4, "elbow": -0.8}),
                            {"shoulder": 2.0, "elbow": -1.0})
-    found = dynamics_derivatives(mech, state, {"elbow": 0.3})
+    found = sp.dynamics_derivatives(mech, state, {"elbow": 0.3})
     data = mech.model.createData()
     by_q, by_v, by_effort = pin.computeABADerivatives(mech.model, data, state.q, state.v,
                                                       np.array([0.0, 0.3]))
@@ -136,9 +121,9 @@ def test_pinocchios_accelerations_change_as_ours_do(name):
 
     In 4.1 those by q are not where a closure's joints are composite, nor on the RSSR.
     """
-    mech = sp.load(name)
+    mech = library(name)
     state = sp.solve_rates(mech, sp.assemble(mech, {}), dict.fromkeys(mech.drivers, 0.7))
-    found, native = dynamics_derivatives(mech, state), Native(mech)
+    found, native = sp.dynamics_derivatives(mech, state), Native(mech)
     along = found.a_by_q @ state.v + found.a_by_v @ found.a
     want = difference(lambda e: native.accelerations(
         pin.integrate(mech.model, state.q, e * state.v), state.v + e * found.a), 1e-4)
@@ -146,7 +131,7 @@ def test_pinocchios_accelerations_change_as_ours_do(name):
     by_q, by_v, by_effort = native.derivatives(state.q, state.v)
     assert found.a_by_effort == pytest.approx(by_effort, abs=1e-11 * np.abs(by_effort).max())
     closed = null_space(sp.closure_jacobian(mech, state.q) * mech.velocity_scale)
-    closed = (closed * mech.velocity_scale).T
+    closed = closed * mech.velocity_scale[:, None]
     size = np.abs(by_v @ closed).max()
     assert found.a_by_v @ closed == pytest.approx(by_v @ closed, abs=1e-11 * size)
     if name in ("stewart", "delta"):
@@ -154,39 +139,19 @@ def test_pinocchios_accelerations_change_as_ours_do(name):
             along, abs=1e-10 * np.abs(along).max())
 
 
-@pytest.mark.parametrize("name", ["stewart", "delta", "rssr", "rod", "watt_six_bar", "excavator"])
-def test_large_trees_taken_in_parts_have_the_same_derivatives(name, tmp_path, monkeypatch):
-    def found():
-        mech = rod(tmp_path) if name == "rod" else sp.load(name)
-        body = mech.model.names[-1]
-        answer = dynamics_derivatives(
-            mech, moving(mech), dict.fromkeys(mech.drivers, 0.3),
-            external={body: pin.Force(np.array([1.0, 2.0, -3.0]), np.array([0.3, 0.1, 0.2]))})
-        borne = [part for each in answer.reactions.values() for part in each]
-        return [answer.a_by_q, answer.a_by_v, answer.a_by_effort, answer.multipliers_by_q, *borne,
-                *answer.on_ground]
-
-    whole = found()
-    for constant in ("WHOLE", "BRANCHES", "FREEDOMS"):
-        monkeypatch.setattr(trees, constant, 1)
-    size = max(np.nanmax(np.abs(x), initial=0.0) for x in whole)
-    for one, other in zip(whole, found(), strict=True):
-        assert other == pytest.approx(one, abs=1e-12 * size, nan_ok=True)
-
-
 def test_derivatives_take_no_more_memory_than_their_answer(tmp_path):
     """Their matrices grow with the square of the loops; `pin.Data` would with the third power."""
     def memory(n):
         (tmp_path / str(n)).mkdir()
         state = leaning(ladder(tmp_path / str(n), n), 0.7, 1.3)[0]
-        dynamics_derivatives(state.mechanism, state)  # what is learnt once
+        sp.dynamics_derivatives(state.mechanism, state)  # what is learnt once
         with peak_memory() as peak:
-            found = dynamics_derivatives(state.mechanism, state)
+            found = sp.dynamics_derivatives(state.mechanism, state)
         return found, peak.bytes
 
-    few, many = memory(25), memory(100)
+    few, many = memory(15), memory(60)
     assert many[1] < 4**2 * 1.1 * few[1]
-    for n, (found, _) in ((25, few), (100, many)):  # it falls as one rod
+    for n, (found, _) in ((15, few), (60, many)):  # it falls as one rod
         sense = np.sign(found.a)
         slope = ((n + 1) / 2 + n) * 9.81 / ((n + 1) / 3 + n) * np.cos(0.7)
         assert found.a_by_q @ sense == pytest.approx(sense * slope, rel=1e-10)

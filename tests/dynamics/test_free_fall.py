@@ -4,35 +4,11 @@ import mechanisms as known
 import numpy as np
 import pinocchio as pin
 import pytest
+from falling import BASE, GRAVITY, ORIGIN, four_bar, rod
 from masses import heavy
+from variety import first
 
 import spatial_pin as sp
-from spatial_pin.dynamics.simulation.formulations.free_fall import floats
-from spatial_pin.dynamics.simulation.problem import Problem
-
-GRAVITY = np.array([1.0, -2.0, -9.0])
-ORIGIN = {"xyz": (0.3, -0.2, 0.5), "rpy": (0.4, -0.7, 1.1)}
-BASE = known.refine("base", "floating")
-
-
-def rod(mass, length):
-    return mass, (0.5 * length, 0.0, 0.0), (0.001, mass * length**2 / 12, mass * length**2 / 12)
-
-
-def four_bar(folder, toml=""):
-    """A closed four-bar with a heavy frame that floats."""
-    tree = heavy(known.floating("base", "ground", "frame", **ORIGIN)
-                 + known.turning("a", "frame", "crank")
-                 + known.turning("b", "crank", "coupler", (0.3, 0, 0))
-                 + known.turning("c", "frame", "rocker", (0.9, 0, 0))
-                 + known.point("end", "coupler", (0.8, 0, 0))
-                 + known.point("eye", "rocker", (0.6, 0, 0))
-                 + known.point("nail", "ground", (0.1, 0.2, 0.3)),
-                 frame=(2.0, (0.45, 0.1, 0), (0.1, 0.2, 0.25)), crank=rod(0.5, 0.3),
-                 coupler=rod(1.0, 0.8), rocker=rod(0.8, 0.6))
-    mech = known.load(folder, "four_bar", tree, f"gravity = {GRAVITY.tolist()}\n" + toml + BASE
-                      + known.closure("pin", "revolute", "end", "eye") + known.driver("a", "a"))
-    return mech, {"a": 0.4, "b": 1.0, "c": 1.2}
 
 
 def pair_of_bodies(folder, toml=""):
@@ -86,7 +62,8 @@ TIMES = np.linspace(0.0, 0.8, 9)
 
 @pytest.mark.parametrize("formulation", ["independent", "projected"])
 @pytest.mark.parametrize("name", MECHANISMS)
-@pytest.mark.parametrize("away, speed", [(1e3, 0.0), (0.0, 1e3), (1e6, -1e3), (-1e6, 3e4)])
+@pytest.mark.parametrize("away, speed", first(2, [
+    (1e3, 0.0), (-1e6, 3e4), (0.0, 1e3), (1e6, -1e3)]))
 def test_far_away_and_fast_it_moves_as_near_the_origin(tmp_path, name, formulation, away, speed):
     """As many steps; digits are lost by the numbers that say where it is, to no more than them."""
     mech, guess = MECHANISMS[name](tmp_path)
@@ -141,22 +118,6 @@ def test_what_looks_at_it_sees_it_in_the_world(tmp_path):
                          stop_when=lambda t, s: s.com("frame")[0][2])
     assert motion.time[-1] == pytest.approx(np.sqrt(2 * 500.0 / 9.0), rel=1e-2)
     assert abs(motion.state(-1).com("frame")[0][2]) < 1e-8
-
-
-SPRING = '[[springs]]\nname = "s"\nstiffness = 10.0\nfree_length = 0.1\n'
-
-
-def test_what_is_held_or_pulled_is_seen_from_the_world(tmp_path):
-    def problem(toml="", efforts=None):
-        return Problem(four_bar(tmp_path, toml)[0], efforts, None, None, 1e-13)
-
-    assert floats(problem())
-    assert floats(problem(SPRING + 'frames = ["end", "frame"]\n'))
-    assert floats(problem(efforts={"a": 2.0}))
-    assert not floats(problem(SPRING + 'frames = ["end", "nail"]\n'))
-    assert not floats(problem(known.closure("tie", "distance", "nail", "frame", length=1.0)))
-    assert not floats(problem(efforts=lambda t, state: {"a": 1.0}))
-    assert not floats(Problem(sp.load("four_bar"), None, None, None, 1e-13))
 
 
 @pytest.mark.parametrize("toml, efforts", [

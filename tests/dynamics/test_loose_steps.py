@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from variety import few, first
 
 import spatial_pin as sp
 
@@ -16,10 +17,10 @@ def thrown(name, seed):
         mechanism, sp.assemble(mechanism), dict(zip(mechanism.drivers, speeds, strict=True)))
 
 
-@pytest.mark.parametrize(("name", "seed", "integrator"), [
-    ("delta", 0, "RK45"), ("delta", 1, "RK45"), ("rssr", 1, "RK45"), ("stewart", 1, "RK45"),
-    ("stewart", 2, "DOP853"), ("swash_plate", 0, "DOP853"),
-])
+@pytest.mark.parametrize(("name", "seed", "integrator"), first(3, [
+    ("delta", 0, "RK45"), ("rssr", 1, "RK45"), ("swash_plate", 0, "DOP853"), ("delta", 1, "RK45"),
+    ("stewart", 1, "RK45"), ("stewart", 2, "DOP853"),
+]))
 def test_what_a_loose_closure_leaves_open_does_not_end_a_simulation(name, seed, integrator):
     """A step is not refused, nor its samples, for what the one before has left open."""
     mechanism, state = thrown(name, seed)
@@ -46,33 +47,6 @@ def test_the_projected_formulation_takes_loose_closures_too(name, steps):
     assert np.abs(loose.q - exact.q).max() < 1e-5
 
 
-@pytest.mark.parametrize("integrator", ["DOP853", "RK45", "Radau"])
-def test_a_step_without_samples_is_taken_again_shorter(monkeypatch, integrator):
-    """As where the integrator's polynomial leads off closed loops between good ends."""
-    mechanism, state = thrown("delta", 0)
-    whole = sp.simulate(mechanism, state, 1.0, times=TIMES, accuracy=sp.Accuracy(
-        integrator=integrator))
-    from spatial_pin.dynamics.simulation.independent_coordinates import Lost
-    from spatial_pin.dynamics.simulation.running import run
-
-    original, refused = run.Run._take, []
-
-    def refuse_first(self, system, solver, before):
-        if len(refused) < 3:
-            refused.append(solver.t - solver.t_old)
-            raise Lost
-        return original(self, system, solver, before)
-
-    monkeypatch.setattr(run.Run, "_leap", lambda self, system, solver: None)
-    monkeypatch.setattr(run.Run, "_take", refuse_first)
-    again = sp.simulate(mechanism, state, 1.0, times=TIMES, accuracy=sp.Accuracy(
-        integrator=integrator))
-    assert len(again.time) == len(TIMES)
-    assert refused[1] <= 0.5 * refused[0] * (1.0 + 1e-12)
-    assert refused[2] <= 0.5 * refused[1] * (1.0 + 1e-12)
-    assert np.abs(again.q - whole.q).max() < 1e-5
-
-
 def test_no_sample_lies_beyond_where_a_simulation_is_to_stop():
     """Also where the function is beyond zero for a part of a step only: the rocker turns back."""
     mechanism = sp.load("four_bar")
@@ -88,7 +62,7 @@ def test_no_sample_lies_beyond_where_a_simulation_is_to_stop():
     assert motion.coordinate("rocker_pin").value.max() < level + 1e-10
 
 
-@pytest.mark.parametrize("seed", range(1, 4))
+@pytest.mark.parametrize("seed", few(range(1, 4), 1))
 def test_interpolated_samples_count_how_far_they_are_not_how_open_their_loops_are(seed):
     """Of Peaucellier's linkage loops hardly open where joints are off: its accelerations told."""
     mechanism = sp.load("peaucellier")

@@ -8,7 +8,6 @@ import pytest
 from masses import heavy
 
 import spatial_pin as sp
-from spatial_pin.cli import main
 
 SAYS = (r"mechanism 'arm': no link has a mass or a moment of inertia, so that weights are missing "
         r"from all forces and nothing is moved by {}; give the links an <inertial>")
@@ -29,7 +28,7 @@ def verbs(mech):
         "inverse": lambda: sp.inverse_dynamics(mech, state),
         "forward": lambda: sp.forward_dynamics(mech, state),
         "kinetostatics": lambda: sp.kinetostatics(mech, motion),
-        "simulate": lambda: sp.simulate(mech, state, 0.1),
+        "simulate": lambda: sp.simulate(mech, state, 0.1, times=[0.1]),
     }
 
 
@@ -67,13 +66,13 @@ def test_what_a_force_from_outside_needs_is_a_question_of_its_own(tmp_path):
 
 
 @pytest.mark.filterwarnings("default")
-def test_the_command_line_tells_it_in_one_line(tmp_path, capfd, monkeypatch):
+def test_the_command_line_tells_it_in_one_line(tmp_path, run, monkeypatch):
     import warnings
 
     monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
     arm(tmp_path)
-    assert main(["simulate", str(tmp_path / "arm.toml"), "--duration", "0.1"]) == 0
-    err = capfd.readouterr().err
+    code, _, err = run("simulate", tmp_path / "arm.toml", "--duration", "0.1", "--rows", "2")
+    assert code == 0
     assert err.startswith("spatial-pin: warning: mechanism 'arm': no link has a mass")
     assert err.count("\n") == 1
 

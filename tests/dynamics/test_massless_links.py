@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from masses import heavy
+from variety import few, first
 
 import spatial_pin as sp
 
@@ -76,8 +77,9 @@ def struts(folder, reach, tilt):
                       + known.closure("knob", "spherical", "strut_end", "eye"))
 
 
-@pytest.mark.parametrize("tilt", [0.0, 0.3, -0.11])
-@pytest.mark.parametrize("reach", [1.0, 0.7, 1.3])
+@pytest.mark.parametrize(("reach", "tilt"), first(2, [
+    (1.0, 0.0), (0.7, 0.3), (1.0, 0.3), (1.0, -0.11), (0.7, 0.0), (0.7, -0.11), (1.3, 0.0),
+    (1.3, 0.3), (1.3, -0.11)]))
 def test_a_massless_strut_across_a_structure_does_not_spin_by_itself(reach, tilt, tmp_path):
     """The spin moves the heavy rods by the last bit of the numbers: that is no inertia."""
     mech = struts(tmp_path, reach, tilt)
@@ -93,7 +95,7 @@ def test_a_massless_strut_across_a_structure_does_not_spin_by_itself(reach, tilt
         assert np.abs(pin.difference(mech.model, state.q, still.q[-1])).max() < 1e-9
 
 
-@pytest.mark.parametrize("speed", [1.0, -30.0])
+@pytest.mark.parametrize("speed", few([1.0, -30.0], 1.0))
 def test_a_strut_that_spins_keeps_its_spin(speed, tmp_path):
     mech = struts(tmp_path, 1.1, 0.2)
     state = sp.assemble(mech)
@@ -167,7 +169,8 @@ def test_a_massless_plate_that_nothing_turns_does_not_slow_the_steps(tmp_path):
                       + known.closure("guide", "point_on_line", "rail", "pin")
                       + known.closure("hooke", "universal", "cross", "hook", axis=(0, -1, 0)))
     state = sp.assemble(mech)
-    steps = {f: sp.simulate(mech, state, 0.1, accuracy=sp.Accuracy(formulation=f)).steps
+    steps = {f: sp.simulate(mech, state, 0.1, times=[0.1],
+                            accuracy=sp.Accuracy(formulation=f)).steps
              for f in ("independent", "projected")}
     assert steps["projected"] <= 3 * steps["independent"]
 
@@ -188,7 +191,8 @@ def carried_strut(folder, reach):
                       + known.closure("bolt", "weld", "seat", "foot"))
 
 
-@pytest.mark.parametrize("reach", [(-0.2, 0.4, 0.1), (-0.3, 0.3, 0.1), (-0.2, 0.5, -0.1)])
+@pytest.mark.parametrize("reach", few(
+    [(-0.2, 0.4, 0.1), (-0.3, 0.3, 0.1), (-0.2, 0.5, -0.1)], (-0.2, 0.4, 0.1)))
 def test_a_massless_strut_between_bolted_bodies_does_not_stop_them(reach, tmp_path):
     """The spin moves the bolted bodies by the last bit of the numbers, as no body moves."""
     mech = carried_strut(tmp_path, reach)

@@ -11,22 +11,23 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from closure_trees import JOINTS, TYPES, tree_with
-from derivative_cases import NAMES, REGULAR, WEIGHT, check, difference, flat_derivative, moving
+from derivative_cases import (
+    NAMES,
+    REGULAR,
+    WEIGHT,
+    check,
+    difference,
+    flat_derivative,
+    moving,
+    some,
+)
 from masses import heavy, with_masses
+from variety import few
 
 import spatial_pin as sp
-from spatial_pin.dynamics.derivatives.forces import slope
 
 LAWS = {"stiffening": lambda x, rate: 30 * x**3 + 2 * np.sin(rate) * x,
         "one-sided": lambda x, rate: max(0.0, x - 0.05) ** 1.5 * (40 + np.tanh(rate))}
-
-
-
-
-
-
-
-
 
 
 def some_efforts(mech):
@@ -34,7 +35,7 @@ def some_efforts(mech):
     return {c.name: 0.4 for c in list(table)[:3] if c.q >= 0}
 
 
-@pytest.mark.parametrize("build", REGULAR, ids=NAMES)
+@pytest.mark.parametrize("build", some(), ids=NAMES)
 def test_every_force_and_reaction(build, tmp_path):
     mech = build(tmp_path)
     h = 3e-4 if mech.name == "rssr" else 3e-3  # near a limit position higher orders are large
@@ -66,7 +67,8 @@ def heavy_tree(folder, joint, kind, seed=1):
     return mech, sp.State(mech, q, rng.uniform(-1, 1, n), closure_error=0.0, angles=angles)
 
 
-@pytest.mark.parametrize("kind", TYPES)
+@pytest.mark.parametrize("kind", few(
+    TYPES, "revolute", "spherical", "screw", "distance", "point_on_line"))
 def test_every_closure(kind, tmp_path):
     mech, state = heavy_tree(tmp_path, "floating", kind)
     check(mech, state, {}, 3e-3, 1e-10)
@@ -141,10 +143,3 @@ def test_slopes_of_laws_may_be_given(tmp_path):
                                                              abs=1e-11 * np.abs(exact).max())
     with pytest.raises(sp.SpatialPinError, match="spring with a law"):
         sp.dynamics_derivatives(mech, state, laws={}, slopes=slopes)
-
-
-@pytest.mark.parametrize(("f", "x", "want"), [
-    (np.exp, 0.3, np.exp(0.3)), (lambda x: max(0.0, x - 1.0), 1.01, 1.0), (np.cbrt, 8.0, 1 / 12),
-    (lambda x: 3.0, 1.0, 0.0)])
-def test_extrapolated_differences(f, x, want):
-    assert slope(f, x, 0.1) == pytest.approx(want, abs=1e-11)

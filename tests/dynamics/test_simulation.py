@@ -10,19 +10,20 @@ import mechanisms as known
 import numpy as np
 import pinocchio as pin
 import pytest
+from loaded_library import library
 from masses import heavy, with_masses
 from scipy.integrate import solve_ivp
 from scipy.special import ellipj, ellipk
+from variety import each, few, first
 
 import spatial_pin as sp
-from spatial_pin import settings
-from spatial_pin.dynamics.simulation.simulate import FORMULATIONS
-from spatial_pin.mechanism.laws import LAWS
 
 G = 9.81
 DOWN = "gravity = [0.0, -9.81, 0.0]\n"
 WEIGHTLESS = "gravity = [0.0, 0.0, 0.0]\n"
 REFERENCE = sp.Accuracy.named("reference")
+FORMULATIONS = ("independent", "projected")
+INTEGRATORS = ("DOP853", "RK45", "Radau", "BDF", "LSODA", "RK4", "Gauss", "automatic")
 STEP = 1e-30  # of derivatives along the imaginary axis
 
 
@@ -137,10 +138,10 @@ def euler(inertia, torque):
     return rates
 
 
-@pytest.mark.parametrize(("moments", "spin"), [
-    ((0.02, 0.02, 0.01), (0.3, 0.0, 60.0)),  # a fast top: it precesses and nods
+@pytest.mark.parametrize(("moments", "spin"), first(1, [
     ((0.02, 0.028, 0.012), (0.5, -1.5, 2.0)),  # a pendulum in space that turns over
-])
+    ((0.02, 0.02, 0.01), (0.3, 0.0, 60.0)),  # a fast top: it precesses and nods
+]))
 def test_a_heavy_body_on_a_ball_turns_as_euler_says(moments, spin, tmp_path):
     mass, com, _ = BODY
     mech = known.load(tmp_path, "top", heavy(
@@ -383,6 +384,10 @@ SAMPLES = {
 }
 
 
+def test_every_law_is_tried():
+    assert sorted(SAMPLES) == dir(sp.laws)
+
+
 def heavy_slider_crank(folder):
     return with_masses(known.cut_at_wrist_pin(folder), folder, DOWN, crank=(
         0.8, (0.02, 0, 0), (3e-4,) * 3), rod=(0.5, (0.06, 0, 0), (2e-3,) * 3),
@@ -394,9 +399,9 @@ def starting(mech, law):
     return sp.solve_rates(mech, sp.assemble(mech, {"crank": value}), {"crank": rate})
 
 
-@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("name", SAMPLES)
 def test_rates_of_a_law_are_its_derivatives(name):
-    law = LAWS[name](*SAMPLES[name])
+    law = getattr(sp.laws, name)(*SAMPLES[name])
     h = 1e-5
     for t in (0.02, 0.17, 0.44, 0.71, 0.93, 1.2):
         before, here, after = law(t - h), law(t), law(t + h)
@@ -405,9 +410,9 @@ def test_rates_of_a_law_are_its_derivatives(name):
             assert slope == pytest.approx(here[order + 1], abs=1e-7 * (1 + abs(slope)) + 1e-6)
 
 
-@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("name", SAMPLES)
 def test_a_driver_moves_by_its_law_with_the_effort_of_inverse_dynamics(name, tmp_path):
-    mech, law = heavy_slider_crank(tmp_path), LAWS[name](*SAMPLES[name])
+    mech, law = heavy_slider_crank(tmp_path), getattr(sp.laws, name)(*SAMPLES[name])
     motion = run(mech, starting(mech, law), 0.9, drives={"crank": law},
                  times=np.linspace(0, 0.9, 46), drift=1e-8)
     want = np.array([law(t) for t in motion.time])
@@ -444,10 +449,11 @@ def test_a_pendulum_on_a_driven_slide(tmp_path):
     assert motion.efforts["slide"] == pytest.approx(push, abs=1e-7)
 
 
-@pytest.mark.parametrize("name", ["crane", "delta", "four_bar", "rspc", "rssr", "stewart"])
+@pytest.mark.parametrize("name", few(
+    ["crane", "delta", "four_bar", "rspc", "rssr", "stewart"], "crane", "four_bar", "rssr"))
 def test_drivers_of_the_library_bear_the_efforts_of_inverse_dynamics(name):
     """With or without freedoms that are left: the RSSR's rod may spin."""
-    mech = sp.load(name)
+    mech = library(name)
     state, laws = sp.assemble(mech), {}
     for driver in mech.drivers:
         value, unit = state.coordinate(driver).value, mech.coordinate(driver).unit
@@ -479,7 +485,7 @@ def test_a_spline_through_times_that_do_not_rise_is_refused_in_words(times):
 
 
 def test_a_state_that_is_at_zero_but_for_round_off_is_said_to_be_at_zero():
-    mech = sp.load("four_bar")
+    mech = library("four_bar")
     state = sp.assemble(mech, {"crank": -1.08034167e-28})
     with pytest.raises(sp.SpatialPinError, match=r"the law of crank starts at 0\.5 rad, the state "
                        "is at 0: assemble it there"):
@@ -499,7 +505,7 @@ def test_a_state_must_start_as_the_law_does(law, tmp_path):
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 @pytest.mark.parametrize(("begin", "place"), [(0.0, 0), (0.05, 0), (0.05, 2)])
 def test_a_law_that_gives_no_number_is_refused_by_name_and_time(value, begin, place):
-    mech = sp.load("four_bar")
+    mech = library("four_bar")
     state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 0.3}), {"crank": 1.0})
 
     def law(t):
@@ -521,7 +527,7 @@ def largest_error(mech, accuracy, amplitude=2.0):
     return np.abs(motion.coordinate("pin").value - swing(amplitude, times)).max()
 
 
-@pytest.mark.parametrize("name", settings.INTEGRATORS)
+@pytest.mark.parametrize("name", INTEGRATORS)
 def test_every_integrator_reaches_its_order_or_tolerance(name, tmp_path):
     """A fixed step, halved, leaves a sixteenth of the error."""
     mech = hanging(tmp_path)
@@ -536,21 +542,6 @@ def test_every_integrator_reaches_its_order_or_tolerance(name, tmp_path):
     error = largest_error(mech, sp.Accuracy(integrator=name, time_tolerance=1e-8))
     assert error < 3e-5
     assert largest_error(mech, sp.Accuracy(integrator=name, time_tolerance=1e-10)) < 0.2 * error
-
-
-def test_a_new_integrator_is_one_entry():
-    """SciPy's Bogacki-Shampine method, which the library does not have; both formulations."""
-    mech = sp.load("four_bar")
-    state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 1.0}), {"crank": 5.0})
-    exact = sp.simulate(mech, state, 0.2)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(settings.INTEGRATORS, "RK23", settings.Integrator("scipy.integrate:RK23", 2))
-        for formulation in settings.FORMULATIONS:
-            accuracy = sp.Accuracy(
-                integrator="RK23", formulation=formulation, time_tolerance=1e-7)
-            motion = sp.simulate(mech, state, 0.2, accuracy=accuracy)
-            assert motion.integrators == ["RK23"]
-            assert 1e-13 < np.abs(motion.q - exact.q).max() < 1e-5
 
 
 @pytest.mark.parametrize("name", ["RK4", "Gauss", "DOP853"])
@@ -614,7 +605,7 @@ def test_a_parallelogram_passes_its_change_points(tmp_path):
 @pytest.mark.parametrize("name", ["delta", "stewart"])
 def test_a_singular_configuration_ahead_ends_the_motion(name):
     """All forearms, or legs, at once: what comes is not determined by the forces."""
-    mech = sp.load(name)
+    mech = library(name)
     with pytest.raises(sp.SingularError, match="cannot be followed beyond") as caught:
         sp.simulate(mech, sp.assemble(mech), 2.0, times=np.linspace(0, 2, 201))
     motion = caught.value.motion
@@ -636,9 +627,10 @@ def test_many_steps_leave_the_loops_closed(tmp_path):
     assert np.all(motion.closure_error < 1e-13 + np.finfo(float).eps * turned)
 
 
-@pytest.mark.parametrize("name", [n for n in sp.list_mechanisms() if n not in ("delta", "stewart")])
+@pytest.mark.parametrize("name", each(
+    [n for n in sp.list_mechanisms() if n not in ("delta", "stewart")]))
 def test_every_mechanism_of_the_library_falls(name):
-    mech = sp.load(name)
+    mech = library(name)
     driver = next(iter(mech.drivers))
     unit = mech.coordinate(driver)
     size = 1.0 if unit.unit == "rad" else mech.characteristic_length
@@ -664,7 +656,8 @@ def test_what_is_refused(tmp_path):
     for times in ([], [0.5, 0.5], [-0.1, 0.5], [0.5, 1.5], [0.1, np.nan]):
         with pytest.raises(ValueError, match="times"):
             sp.simulate(mech, state, 1.0, times=times)
-    with pytest.raises(ValueError, match="no integrator 'Euler'; there are DOP853"):
+    there_are = f"no integrator 'Euler'; there are {', '.join(INTEGRATORS)}"
+    with pytest.raises(ValueError, match=there_are):
         sp.Accuracy(integrator="Euler")
     with pytest.raises(ValueError, match="effort at 'pin'"):
         sp.simulate(mech, state, 1.0, {"pin": np.nan})
@@ -687,7 +680,7 @@ def test_a_start_in_a_change_point_is_refused(tmp_path):
 @pytest.mark.parametrize("name", ["four_bar", "rssr", "bennett", "rspc", "swash_plate", "crane"])
 def test_all_joint_coordinates_projected_give_the_motion_of_independent_ones(name):
     """Plane, spatial with a passive spin, overconstrained, with a slide, open."""
-    mechanism = sp.load(name)
+    mechanism = library(name)
     driver = next(iter(mechanism.drivers))
     state = sp.solve_rates(mechanism, sp.assemble(mechanism, {driver: 0.3}), {driver: 2.0})
     times = np.linspace(0.0, 0.5, 6)
@@ -701,7 +694,7 @@ def test_all_joint_coordinates_projected_give_the_motion_of_independent_ones(nam
 
 def test_what_projecting_takes_is_told():
     """Long steps open the loops further, and take more corrections each."""
-    mechanism = sp.load("four_bar")
+    mechanism = library("four_bar")
     state = sp.solve_rates(mechanism, sp.assemble(mechanism, {"crank": 0.3}), {"crank": 5.0})
     assert sp.simulate(mechanism, state, 0.02).projection is None
     took = {}
@@ -717,7 +710,7 @@ def test_what_projecting_takes_is_told():
 
 
 def test_what_the_projected_formulation_cannot_do_is_said():
-    mechanism = sp.load("four_bar")
+    mechanism = library("four_bar")
     state = sp.solve_rates(mechanism, sp.assemble(mechanism, {"crank": 0.3}), {"crank": 2.0})
     projected = sp.Accuracy(formulation="projected")
     with pytest.raises(sp.SpatialPinError, match="prescribes no drivers"):
@@ -744,14 +737,6 @@ def test_freedoms_without_inertia_keep_their_speed_or_are_refused(name, tmp_path
     np.testing.assert_allclose(moved.v[1, free], moved.v[0, free], atol=1e-12)
     with pytest.raises(sp.SingularError, match="no inertia but a force works on it"):
         sp.simulate(mechanism, state, 0.1, {case.driver: 1.0})
-
-
-def test_settings_know_the_names_of_what_there_is():
-    assert set(settings.FORMULATIONS) == set(FORMULATIONS)
-    with pytest.raises(ValueError, match="no formulation 'Foo'; there are independent, projected"):
-        replace(sp.Accuracy(), formulation="Foo")
-    with pytest.raises(ValueError, match="no integrator None; there are DOP853"):
-        sp.Accuracy(integrator=None)
 
 
 # ---------------------------------------------------------------- coarse, and overconstrained

@@ -7,25 +7,21 @@ import pytest
 from ladders import two_rods, uniform
 from masses import heavy
 from scipy.integrate import solve_ivp
+from variety import each, few, first
 
 import spatial_pin as sp
-from spatial_pin.dynamics.simulation.integrators import Differences
-from spatial_pin.dynamics.simulation.problem import Problem
-from spatial_pin.dynamics.solvers.independent_coordinates import Bounded
-from spatial_pin.dynamics.solvers.least_constraint import LeastConstraint
 
 FORMULATIONS = ("independent", "projected")
 BARS = {"crank": 0.1, "coupler": 0.28, "rocker": 0.24}
 GUESS = known.guess(a=1.0, b=-0.41, c=1.63)
 
 
-
-
 # ---------------------------------------------------------------- integrators
 
 
 @pytest.mark.parametrize("integrator", ["BDF", "LSODA", "Radau"])
-@pytest.mark.parametrize("name, until", [("rssr", 0.3), ("delta", 0.3), ("stewart", 0.25)])
+@pytest.mark.parametrize("name, until", first(1, [
+    ("rssr", 0.3), ("delta", 0.3), ("stewart", 0.25)]))
 def test_implicit_integrators_fall_as_explicit_ones(integrator, name, until):
     """They write on the unknowns that they have asked for."""
     mech = sp.load(name)
@@ -34,19 +30,8 @@ def test_implicit_integrators_fall_as_explicit_ones(integrator, name, until):
     assert np.abs(pin.difference(mech.model, *ends)).max() < 1e-4
 
 
-def test_differences_stay_finite_where_the_function_ends():
-    """On one side of its end the other is taken, beyond it what was known last."""
-    def f(t, y):
-        return np.array([3.0 * y[0] + y[1], y[1] ** 2]) if y[1] <= 2.0 else np.full(2, np.nan)
-
-    jacobian = Differences(f, np.ones(2))
-    exact = [[3.0, 1.0], [0.0, 4.0]]
-    np.testing.assert_allclose(jacobian(0.0, np.array([5.0, 2.0])), exact, atol=1e-5)
-    np.testing.assert_allclose(jacobian(0.0, np.array([5.0, 2.1])), exact, atol=1e-5)
-
-
-@pytest.mark.parametrize("name", [n for n in sp.list_mechanisms()
-                                  if n not in ("satellite_dish", "stewart", "sarrus")])
+@pytest.mark.parametrize("name", each(
+    [n for n in sp.list_mechanisms() if n not in ("satellite_dish", "stewart", "sarrus")]))
 def test_loose_steps_are_projected_on_the_branch(name):
     """A step that opens the loops too far is taken anew; stewart and sarrus soon lose rank."""
     mech = sp.load(name)
@@ -69,8 +54,6 @@ def test_a_fixed_step_that_opens_the_loops_too_far_is_refused():
 # ---------------------------------------------------------------- masses
 
 
-
-
 def lagrange(end, g=9.81):
     """Their accelerations, the large terms cancelled by hand; b is the lower one's own angle."""
     a, b, c = 4 / 3 + end, 1 / 3 + end, 0.5 + end
@@ -87,7 +70,7 @@ def lagrange(end, g=9.81):
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
-@pytest.mark.parametrize("end", [1e9])
+@pytest.mark.parametrize("end", few([1e4, 1e9], 1e4))
 def test_light_rods_with_a_heavy_end_swing_as_lagrange_says(end, formulation, tmp_path):
     """They fall freely until they are straight at 0.709 s, and are thrown round there."""
     mech = two_rods(tmp_path, end)
@@ -99,30 +82,13 @@ def test_light_rods_with_a_heavy_end_swing_as_lagrange_says(end, formulation, tm
     assert motion.energy_drift < 1e-8 and motion.steps < 900
 
 
+@pytest.mark.slow
 def test_masses_beyond_what_numbers_hold_end_the_motion(tmp_path):
     mech = two_rods(tmp_path, 1e20)
     with pytest.raises(sp.SingularError, match="masses differ too much") as caught:
         sp.simulate(mech, sp.assemble(mech, {"p": 0.3, "k": 0.7}), 0.8,
                     accuracy=sp.Accuracy(formulation="projected"))
     assert 0.7 < caught.value.motion.time[-1] < 0.71
-
-
-@pytest.mark.parametrize("name", ["delta", "rssr", "bricard", "watt_six_bar"])
-def test_least_constraint_gives_the_accelerations_of_the_mass_matrix(name):
-    """Moving bodies of any inertia, with efforts."""
-    mech = sp.load(name)
-    rng = np.random.default_rng(3)
-    problem = Problem(mech, None, None, None, 1e-13)
-    q = pin.integrate(mech.model, sp.assemble(mech).q, rng.uniform(-0.3, 0.3, mech.model.nv))
-    v, a, given = rng.normal(size=(3, mech.model.nv))
-    columns = rng.normal(size=(mech.model.nv, 3))
-    mass = problem.bodies.matrix(q)
-    missing = given - problem.bodies.needed(q, v, a)
-    want = np.linalg.solve(columns.T @ mass @ columns, columns.T @ missing)
-    found = LeastConstraint(mech).solve(
-        q, v, Bounded(a, 0.0 * a), Bounded(columns, 0.0 * columns), given)
-    assert not len(found.still) and not found.pulled and found.error < 1e-9
-    np.testing.assert_allclose(found.z, want, rtol=1e-8, atol=1e-9 * np.abs(want).max())
 
 
 def massless_coupler():
@@ -148,12 +114,12 @@ def spin(motion, v, q):
 def test_a_massless_coupler_is_one_freedom_in_any_formulation():
     mech, *at = massless_coupler()
     state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 0.3}), {"crank": 1.0})
-    ways = [sp.simulate(mech, state, 0.5, times=np.linspace(0, 0.5, 6),
+    ways = [sp.simulate(mech, state, 0.3, times=np.linspace(0, 0.3, 4),
                         accuracy=sp.Accuracy(formulation=f)) for f in FORMULATIONS]
     gaps = [pin.difference(mech.model, *rows) for rows in zip(*(w.q for w in ways), strict=True)]
     assert np.abs(gaps).max() < 1e-8
     for way in ways:
-        assert way.energy_drift < 1e-9 and way.steps < 200
+        assert way.energy_drift < 1e-9 and way.steps < 120
         sigma = spin(way, *at)
         assert np.abs(sigma - sigma[0]).max() < 1e-8
 
@@ -161,9 +127,9 @@ def test_a_massless_coupler_is_one_freedom_in_any_formulation():
 def test_a_massless_coupler_keeps_its_spin_while_the_crank_is_driven():
     mech, *at = massless_coupler()
     state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 0.3}), {"crank": 4.0})
-    motion = sp.simulate(mech, state, 3.0, times=np.linspace(0, 3, 31),
+    motion = sp.simulate(mech, state, 1.6, times=np.linspace(0, 1.6, 17),
                          drives={"crank": sp.laws.constant_speed(0.3, 4.0)})
-    assert motion.steps < 300
+    assert motion.steps < 160
     sigma = spin(motion, *at)
     assert np.abs(sigma - sigma[0]).max() < 1e-8
     driven = sp.inverse_dynamics(mech, motion.state(-1)).efforts["crank"]
@@ -184,7 +150,7 @@ def falling(folder, gravity, toml=""):
                       + known.driver("crank", "a") + GUESS + toml)
 
 
-@pytest.mark.parametrize("integrator", ["DOP853", "Radau", "LSODA"])
+@pytest.mark.parametrize("integrator", few(["DOP853", "Radau", "LSODA"], "DOP853", "LSODA"))
 def test_a_faster_motion_is_as_exact(integrator, tmp_path):
     """Gravity a million times as large, or as small: the same curve, a thousand times faster."""
     ends, steps = [], []

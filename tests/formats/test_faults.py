@@ -15,7 +15,6 @@ import pinocchio as pin
 import pytest
 
 import spatial_pin as sp
-from spatial_pin.cli import main
 
 LIMIT = '<limit lower="-3" upper="3" effort="1" velocity="1"/>'
 INERTIA = '<inertia ixx="0.02" ixy="0" ixz="0" iyy="0.03" iyz="0" izz="0.04"/>'
@@ -291,7 +290,7 @@ def test_of_two_materials_of_one_name_the_first_counts(told):
 # ---------------------------------------------------------------- what is told
 
 
-def test_many_faults_are_one_warning_and_all_are_noted(told, capsys, tmp_path):
+def test_many_faults_are_one_warning_and_all_are_noted(told, run, tmp_path):
     meshes = visuals(*(f'<mesh filename="package://hall/part_{k}.stl"/>' for k in range(40)))
     tree = arm(inertial(2.0, moments(0.01, 0.01, 0.04))).replace(link("base"), meshes)
     mechanism, text = told(tree)
@@ -302,12 +301,13 @@ def test_many_faults_are_one_warning_and_all_are_noted(told, capsys, tmp_path):
     assert mechanism.visual_model.ngeoms == 0  # without another word
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        assert main(["check", str(tmp_path / "arm.urdf")]) == 0
-    assert [line for line in capsys.readouterr().out.splitlines() if line.startswith("note: ")][
-        :2] == [f"note: {notice}" for notice in mechanism.notices]
+        code, out, _ = run("check", tmp_path / "arm.urdf")
+    assert code == 0
+    assert [line for line in out.splitlines() if line.startswith("note: ")][:2] == [
+        f"note: {notice}" for notice in mechanism.notices]
 
 
-def test_a_package_lies_where_the_caller_says(load, tmp_path, capsys):
+def test_a_package_lies_where_the_caller_says(load, tmp_path, run):
     hall = tmp_path / "somewhere" / "else"
     hall.mkdir(parents=True)
     (hall / "part.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", encoding="utf-8")
@@ -315,8 +315,8 @@ def test_a_package_lies_where_the_caller_says(load, tmp_path, capsys):
     for folder in (hall, str(hall)):
         mechanism = load(tree, packages={"hall": folder})
         assert mechanism.notices == () and mechanism.visual_model.ngeoms == 1
-    assert main(["check", str(tmp_path / "arm.urdf"), "--package", f"hall={hall}"]) == 0
-    assert "not found" not in "".join(capsys.readouterr())
+    code, out, err = run("check", tmp_path / "arm.urdf", "--package", f"hall={hall}")
+    assert code == 0 and "not found" not in out + err
     with pytest.raises(sp.MechanismFileError, match=r"'hall'.*no folder.*nowhere"):
         load(tree, packages={"hall": tmp_path / "nowhere"})
     with pytest.raises(TypeError, match="packages"):

@@ -21,6 +21,7 @@ ROBOTS = {  # closures, drivers, joints of the tree, finite freedoms, passive on
 }
 
 
+@pytest.mark.delicate
 @pytest.mark.parametrize("name", ROBOTS)
 def test_a_robot_opens_with_its_loops_motors_joints_and_freedoms_and_closes(name):
     closures, drivers, joints, freedoms, passive = ROBOTS[name]

@@ -9,9 +9,9 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pinocchio as pin
 import pytest
+from mechanisms import content_of
 
 import spatial_pin as sp
-from spatial_pin.formats.export import content_of, export_urdf
 
 STEPS = np.linspace(0.0, 0.35, 8)
 SAME = 1e-12  # of the characteristic length, or rad
@@ -725,24 +725,23 @@ def test_a_urdf_may_be_called_xml(tmp_path):
     assert len(sp.load(path).closures) == 1
 
 
-def test_info_shows_every_loop_and_where_it_was_stated(tmp_path, capsys):
-    from spatial_pin.cli import main
-
+def test_info_shows_every_loop_and_where_it_was_stated(tmp_path, run):
     ends = closed_four_bar(*LENGTHS["parallelogram"])[1]
     path = four_bar(tmp_path, isaac("l", "spherical", ends, Y))
-    assert main(["info", str(path)]) == 0
-    assert "spherical: l_1 - l_2 (3 equations), from Isaac <loop_joint>" in capsys.readouterr().out
+    code, out, _ = run("info", path)
+    assert code == 0
+    assert "spherical: l_1 - l_2 (3 equations), from Isaac <loop_joint>" in out
 
 
 @pytest.mark.parametrize("dialect", WRITERS)
-def test_a_saved_or_exported_mechanism_keeps_the_loops_of_its_dialect(dialect, tmp_path):
+def test_a_saved_or_exported_mechanism_keeps_the_loops_of_its_dialect(dialect, tmp_path, run):
     write, _ = WRITERS[dialect]
     text, ends, _, _ = closed_four_bar(*LENGTHS["parallelogram"])
     (tmp_path / "four.urdf").write_text(text + write("l", "spherical", ends, Y) + "</robot>")
     mech = sp.load(tmp_path / "four.urdf")
     (tmp_path / "again").mkdir()
-    for file in (mech.save(tmp_path / "saved"),
-                 export_urdf(mech, tmp_path / "again" / "four.urdf")[1]):
+    assert run("export", mech.path, "--urdf", tmp_path / "again" / "four.urdf")[0] == 0
+    for file in (mech.save(tmp_path / "saved"), tmp_path / "again" / "four.toml"):
         again = sp.load(file)
         assert [(c.name, c.type, c.source) for c in again.closures] == \
             [(c.name, c.type, c.source) for c in mech.closures]

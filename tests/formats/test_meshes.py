@@ -7,14 +7,13 @@ import pickle
 import struct
 import subprocess
 import sys
+from pathlib import Path
 
 import coal
 import numpy as np
 import pytest
 
 import spatial_pin as sp
-from spatial_pin.formats.meshes import meshes
-from spatial_pin.formats.urdf import shapes
 
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
 FACES = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
@@ -107,21 +106,16 @@ def test_what_is_no_mesh_is_left_out_when_asked_for(load, name):
 
 
 def test_good_meshes_beside_a_broken_one_are_read(tmp_path):
-    names = []
-    broken = {**BROKEN, **SEEN}
-    for name, content in {**broken, **GOOD}.items():
+    files = {**BROKEN, **SEEN, **GOOD}
+    for name, content in files.items():
         (tmp_path / name).write_bytes(content)
-        names.append(str(tmp_path / name))
-    read = meshes.read_meshes(names)
-    assert [isinstance(found, str) for found in read.values()] == (
-        [True] * len(broken) + [False] * len(GOOD))
-
-
-def test_loading_and_moving_read_no_mesh(load, monkeypatch):
-    monkeypatch.setattr(shapes, "read_meshes", None)
-    monkeypatch.setattr(meshes, "fault", None)
-    mechanism = load("part.stl", stl())
-    assert sp.assemble(mechanism).closure_error == 0.0
+    shapes = "".join(f'<visual><geometry><mesh filename="{name}"/></geometry></visual>'
+                     for name in files)
+    path = tmp_path / "body.urdf"
+    path.write_text(f'<robot name="body"><link name="g">{shapes}</link></robot>')
+    with pytest.warns(sp.SpatialPinWarning, match="cannot be read"):
+        read = sp.load(path).visual_model.geometryObjects
+    assert [Path(shape.meshPath).name for shape in read] == list(GOOD)
 
 
 def test_shapes_not_yet_asked_for_are_copied_and_sent(load):

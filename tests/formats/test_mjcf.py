@@ -53,6 +53,7 @@ def both(tmp_path, text):
 # ---------------------------------------------------------------- published robots
 
 
+@pytest.mark.delicate
 @files
 def test_a_published_robot_has_its_freedoms(file):
     mech = opened(file)

@@ -7,11 +7,9 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mechanisms import from_text
+from mechanisms import content_of, from_text
 
 import spatial_pin as sp
-from spatial_pin.cli import main
-from spatial_pin.formats.export import content_of
 
 BARE = """<robot name="bars">
   <link name="ground"/>
@@ -112,10 +110,10 @@ def test_they_survive_copies_files_and_reduction():
     assert sp.reduce(mech, "rocker_pin").verify().worst < 1e-12
 
 
-def test_they_are_listed(tmp_path, capsys):
+def test_they_are_listed(tmp_path, run):
     path = bars().save(tmp_path)
-    assert main(["info", str(path)]) == 0
-    text = capsys.readouterr().out
+    code, text, _ = run("info", path)
+    assert code == 0
     assert "frames (2):" in text and "rocker_end   on rocker_pin" in text
 
 

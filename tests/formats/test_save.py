@@ -5,12 +5,11 @@ import shutil
 import numpy as np
 import pytest
 from folders import DATA
-from mechanisms import from_text
+from mechanisms import content_of, from_text
 from sameness import same_mechanisms
+from variety import each
 
 import spatial_pin as sp
-from spatial_pin.cli import main
-from spatial_pin.formats.export import content_of
 
 NEEDS = {".xml": "mujoco", ".usda": "pxr"}
 ARM = """<robot name="arm">
@@ -38,7 +37,7 @@ def saved_twice(mech, folder):
     return again
 
 
-@pytest.mark.parametrize("name", sp.list_mechanisms())
+@pytest.mark.parametrize("name", each(sp.list_mechanisms()))
 def test_every_library_mechanism_is_saved_and_loaded_as_it_was(name, tmp_path):
     mech = sp.load(name)
     again = saved_twice(mech, tmp_path)
@@ -219,9 +218,9 @@ def test_a_file_is_no_folder(tmp_path):
         sp.load("four_bar").save(tmp_path / "file" / "folder")
 
 
-def test_the_command_line_saves_a_folder(tmp_path, capsys):
-    assert main(["export", "rssr", "--folder", str(tmp_path / "out")]) == 0
-    assert str(tmp_path / "out" / "rssr.toml") in capsys.readouterr().out
+def test_the_command_line_saves_a_folder(tmp_path, run):
+    code, out, _ = run("export", "rssr", "--folder", tmp_path / "out")
+    assert code == 0 and str(tmp_path / "out" / "rssr.toml") in out
     same_mechanisms(sp.load(tmp_path / "out" / "rssr.toml"), sp.load("rssr"))
 
 

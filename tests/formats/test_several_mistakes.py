@@ -7,10 +7,9 @@ import pickle
 from pathlib import Path
 
 import pytest
+from variety import each
 
 import spatial_pin as sp
-from spatial_pin.cli import main
-from spatial_pin.formats.files import library_folder
 
 GOOD = {
     "top": 'name = "bad"\ntree = "four.urdf"\n',
@@ -68,7 +67,7 @@ def test_a_single_mistake_is_one_sentence(write, part):
     assert error.mistakes == (str(error),)
 
 
-def test_all_mistakes_are_told_together(write, capfd):
+def test_all_mistakes_are_told_together(write, run):
     path = write(*[part for part in BAD if part != "driver"])
     error = refusal(path)
     first, *rest = str(error).splitlines()
@@ -76,8 +75,8 @@ def test_all_mistakes_are_told_together(write, capfd):
     for part in set(BAD) - {"driver"}:
         assert any(BAD[part][2] in line for line in rest), part
         assert any(BAD[part][2] in text and str(path) in text for text in error.mistakes)
-    assert main(["check", str(path)]) == 1
-    assert capfd.readouterr().err == f"spatial-pin: {error}\n"
+    code, _, err = run("check", path)
+    assert (code, err) == (1, f"spatial-pin: {error}\n")
 
 
 def test_what_follows_from_another_mistake_is_not_told(write):
@@ -141,16 +140,15 @@ def test_the_error_can_be_copied_and_sent(write):
         assert str(other) == str(error) and other.mistakes == error.mistakes
 
 
-def test_every_library_file_with_two_mistakes_tells_both(tmp_path):
-    for path in sorted(library_folder().glob("*.toml")):
-        text = path.read_text("utf-8")
-        broken = path.with_name(f"{path.stem}.toml").name
-        copied = tmp_path / broken
-        copied.write_text(f'nonsense = 1\n{text}\n[frames.here]\nlink = 3\n', encoding="utf-8")
-        for tree in library_folder().glob("*.xacro"):
-            (tmp_path / tree.name).write_bytes(tree.read_bytes())
-        error = refusal(copied)
-        assert len(error.mistakes) == 2, (broken, str(error))
+@pytest.mark.parametrize("name", each(sp.list_mechanisms()))
+def test_a_library_file_with_two_mistakes_tells_both(name, tmp_path):
+    path = Path(sp.load(name).path)
+    for tree in path.parent.glob("*.xacro"):
+        (tmp_path / tree.name).write_bytes(tree.read_bytes())
+    copied, text = tmp_path / path.name, path.read_text("utf-8")
+    copied.write_text(f'nonsense = 1\n{text}\n[frames.here]\nlink = 3\n', encoding="utf-8")
+    error = refusal(copied)
+    assert len(error.mistakes) == 2, str(error)
 
 
 TABLES = {  # part: a table with several mistakes, and what is said of each, in order

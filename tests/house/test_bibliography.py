@@ -3,6 +3,7 @@
 import re
 
 from folders import ROOT
+from offenders import listed
 
 KEY = re.compile(r"[A-Z][A-Za-z]+\d{4}|Pham")
 
@@ -20,16 +21,16 @@ def cited() -> dict[str, str]:
     return found
 
 
-def listed() -> list[str]:
+def entries() -> list[str]:
     text = (ROOT / "docs" / "bibliography.md").read_text(encoding="utf-8")
     return re.findall(r"^- \*\*\[(\w+)\]\*\*", text, flags=re.MULTILINE)
 
 
-def test_every_source_that_is_cited_is_listed():
-    missing = {key: path for key, path in cited().items() if key not in listed()}
-    assert not missing
+def test_every_source_that_is_cited_is_entries():
+    missing = {key: path for key, path in cited().items() if key not in entries()}
+    assert not missing, listed(missing)
 
 
 def test_every_source_that_is_listed_is_cited_once_in_alphabetical_order():
-    assert listed() == sorted(set(listed()), key=str.casefold)
-    assert not set(listed()) - set(cited())
+    assert entries() == sorted(set(entries()), key=str.casefold)
+    assert not set(entries()) - set(cited())

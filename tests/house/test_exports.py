@@ -4,12 +4,14 @@ import importlib
 import inspect
 import pkgutil
 import re
+import subprocess
 import sys
 from collections.abc import Iterator
 from functools import cached_property
 from types import ModuleType
 
 import pytest
+from offenders import listed
 
 import spatial_pin as sp
 from spatial_pin import errors
@@ -85,7 +87,7 @@ INSIDE = {"Equations", "Pair", "PairGeometry", "ConstraintEquation"}
 def test_every_type_that_a_user_gets_has_a_name_at_the_top() -> None:
     missing = {c.__name__: through for c, through in given_to_users().items()
                if c.__name__ not in INSIDE and getattr(sp, c.__name__, None) is not c}
-    assert not missing
+    assert not missing, listed(missing)
     assert {"Efforts", "Dynamics", "Sensitivity", "Event"} <= set(sp.__all__)
 
 
@@ -105,3 +107,23 @@ def test_a_command_that_is_called_otherwise_in_python_is_told():
         sp.statics  # noqa: B018
     with pytest.raises(AttributeError, match=r"no attribute 'nothing'$"):
         sp.nothing  # noqa: B018
+
+
+MODULES = {"closures": sp.closures, "goals": sp.goals, "laws": sp.laws, "targets": sp.targets}
+
+
+def test_modules_of_constructors_offer_these_and_nothing_else() -> None:
+    for name, module in MODULES.items():
+        own = {key for key, x in vars(module).items() if inspect.isfunction(x)
+               and x.__module__ == module.__name__ and not key.startswith("_")}
+        assert dir(module) == sorted(module.__all__) and set(module.__all__) <= own, name
+        given: dict[str, object] = {}
+        exec(f"from {module.__name__} import *", given)
+        assert given.keys() - {"__builtins__"} == set(module.__all__), name
+
+
+@pytest.mark.parametrize("name", ["closures", "laws"])
+def test_what_is_loaded_with_the_library_is_imported_by_its_public_name(name) -> None:
+    code = f"from spatial_pin.{name} import *; print(sorted(x for x in dir() if x[0] != '_'))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == f"{dir(getattr(sp, name))}\n"

@@ -8,7 +8,6 @@ import yaml
 from folders import ROOT
 
 import spatial_pin as sp
-from spatial_pin.cli import main
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -37,10 +36,10 @@ def test_the_python_of_the_readme_runs(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("line", commands())
-def test_the_commands_of_the_readme_run(line, tmp_path, monkeypatch, capsys):
+def test_the_commands_of_the_readme_run(line, tmp_path, monkeypatch, run):
     monkeypatch.chdir(tmp_path)
-    assert main(line.split("#")[0].split()[1:]) in (0, None)
-    assert capsys.readouterr().out
+    code, out, _ = run(*line.split("#")[0].split()[1:])
+    assert code in (0, None) and out
     for name in re.findall(r"\S+\.(?:csv|html|png)", line):
         assert (tmp_path / name).stat().st_size > 1000
 
@@ -57,6 +56,16 @@ def test_every_dependency_has_a_line_in_the_readme():
                if extra not in ("test", "bench")]
     table = README[README.index("## What it needs"):]
     assert [name for name in wanted if name not in table] == []
+
+
+def test_who_found_a_fault_is_told_where_to_write_what_to_send_and_when_an_answer_comes():
+    text = (ROOT / "SECURITY.md").read_text(encoding="utf-8").partition("## Reporting a fault")[2]
+    addresses = re.findall(r"<([^>]+)>", text)
+    assert [x.partition(":")[0] for x in addresses if "://" in x] == ["https"]
+    assert [x.rpartition("@")[2] for x in addresses if "@" in x] == ["example.org"]
+    assert all("PLACEHOLDER" in x for x in addresses) and "PLACEHOLDER: both addresses" in text
+    for word in ("in private", "\nSend\n", "__version__", "within a week", "days"):
+        assert word in text
 
 
 def test_the_version_is_the_same_everywhere():

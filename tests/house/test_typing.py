@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from folders import DATA
+from folders import DATA, ROOT
 
 import spatial_pin as sp
 
@@ -15,17 +15,16 @@ pytest.importorskip("mypy")
 PACKAGE = Path(sp.__file__).parent
 
 
-@pytest.fixture(scope="module")
-def checked(tmp_path_factory):
-    """What mypy says of both scripts: {file: {line: code of the error}}, from another folder."""
-    folder = tmp_path_factory.mktemp("typing")
-    files = [DATA / "typed_user.py", DATA / "typed_mistakes.py"]
+FILES = [DATA / "typed_user.py", DATA / "typed_mistakes.py"]
+
+
+def told(folder: Path, *options: str) -> tuple[dict[str, dict[int, str]], str]:
+    """Return what mypy says of both scripts, {file: {line: code of the error}}, and its text."""
     run = subprocess.run(
-        [sys.executable, "-m", "mypy", "--strict", "--no-incremental", "--config-file=",
-         *map(str, files)],
+        [sys.executable, "-m", "mypy", *options, *map(str, FILES)],
         capture_output=True, text=True, cwd=folder, check=False,
         env={**os.environ, "PYTHONPATH": str(PACKAGE.parent)})
-    found: dict[str, dict[int, str]] = {file.name: {} for file in files}
+    found: dict[str, dict[int, str]] = {file.name: {} for file in FILES}
     for line in run.stdout.splitlines():
         if match := re.match(r"(\S+?\.py):(\d+): error: .*\[([\w-]+)\]$", line):
             found[Path(match[1]).name][int(match[2])] = match[3]
@@ -33,7 +32,15 @@ def checked(tmp_path_factory):
     return found, run.stdout
 
 
-@pytest.mark.slow
+@pytest.fixture(scope="module", params=[
+    "as the package is checked", pytest.param("as a strict user does", marks=pytest.mark.slow)])
+def checked(request, tmp_path_factory):
+    """By the package's own rules, where most is known from before, or anew from another folder."""
+    if request.param == "as the package is checked":
+        return told(ROOT)
+    return told(tmp_path_factory.mktemp("typing"), "--strict", "--no-incremental", "--config-file=")
+
+
 def test_a_script_that_touches_all_of_it_is_typed(checked):
     found, text = checked
     assert not found["typed_user.py"], text

@@ -11,30 +11,24 @@ import pytest
 from folders import DATA
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from loaded_library import library
 from machines import arm, at
 from scipy.optimize import brute, minimize
+from variety import few
 
 import spatial_pin as sp
 from spatial_pin import targets
-from spatial_pin.cli.running import main
-from spatial_pin.constraints.closure_equations import evaluation_of
-from spatial_pin.inverse_kinematics.solving import Solver
-from spatial_pin.inverse_kinematics.stationary import LeastSquares, Stationary
 
 CASSIE = DATA / "mjcf" / "agility_cassie" / "cassie.xml"
 
 
-
-
-
-
 SHIFTS = st.tuples(*[st.floats(-0.02, 0.02)] * 3)
+TURNS = st.tuples(*[st.floats(-0.1, 0.1)] * 3)
 
 
-@given(SHIFTS, st.tuples(*[st.floats(-0.1, 0.1)] * 3))
-@settings(max_examples=25, deadline=None)
-def test_a_gough_platform_comes_to_a_pose_with_the_legs_of_the_closed_form(shift, turn):
-    mechanism = sp.load("stewart")
+def gough_platform_comes_to(shift, turn):
+    """Check a pose near the guess, by the legs of the closed form."""
+    mechanism = library("stewart")
     start = sp.assemble(mechanism)
     there = start.placement("platform")
     target = pin.SE3(there.rotation @ pin.exp3(np.array(turn)), there.translation + shift)
@@ -52,16 +46,41 @@ def test_a_gough_platform_comes_to_a_pose_with_the_legs_of_the_closed_form(shift
         assert moved == pytest.approx(length - before, abs=1e-12)
 
 
-@given(st.floats(-0.2, 0.2), st.floats(-0.2, 0.2), st.floats(-0.1, 0.1))
-@settings(max_examples=25, deadline=None)
-def test_a_delta_robot_comes_to_a_point(x, y, z):
-    mechanism = sp.load("delta")
+@given(SHIFTS, TURNS)
+@settings(max_examples=6)
+def test_a_gough_platform_comes_to_a_pose_with_the_legs_of_the_closed_form(shift, turn):
+    gough_platform_comes_to(shift, turn)
+
+
+@pytest.mark.slow
+@given(SHIFTS, TURNS)
+@settings(max_examples=25)
+def test_a_gough_platform_comes_to_many_poses(shift, turn):
+    gough_platform_comes_to(shift, turn)
+
+
+def delta_robot_comes_to(x, y, z):
+    """Check a point beside the guess, by the arms that assemble there."""
+    mechanism = library("delta")
     start = sp.assemble(mechanism)
     point = start.placement("platform").translation + np.array([x, y, z])
     state = sp.reach(mechanism, {"platform": point}, start)
     assert np.abs(state.placement("platform").translation - point).max() < 1e-12
     again = sp.assemble(mechanism, {d: state.coordinate(d).value for d in mechanism.drivers}, state)
     assert np.abs(again.placement("platform").translation - point).max() < 1e-11
+
+
+@given(st.floats(-0.2, 0.2), st.floats(-0.2, 0.2), st.floats(-0.1, 0.1))
+@settings(max_examples=6)
+def test_a_delta_robot_comes_to_a_point(x, y, z):
+    delta_robot_comes_to(x, y, z)
+
+
+@pytest.mark.slow
+@given(st.floats(-0.2, 0.2), st.floats(-0.2, 0.2), st.floats(-0.1, 0.1))
+@settings(max_examples=25)
+def test_a_delta_robot_comes_to_many_points(x, y, z):
+    delta_robot_comes_to(x, y, z)
 
 
 def test_two_links_reach_a_point_by_the_law_of_cosines(tmp_path):
@@ -102,19 +121,8 @@ def test_limits_on_the_way_hide_no_target_and_the_nearest_elbow_is_taken(tmp_pat
     assert far > 3
 
 
-def test_an_answer_from_afar_comes_without_whole_turns(tmp_path, monkeypatch):
-    from spatial_pin.inverse_kinematics import reach as module
-    mechanism = arm(tmp_path)
-    start = at(mechanism, 0.3, 0.4, 0.5)
-    direct = sp.reach(mechanism, {"tip": [1.2, 1.3, 0.0]}, start)
-    monkeypatch.setattr(module, "_best", lambda start, solver, _: solver.reached(start.q, {}))
-    monkeypatch.setattr(module, "_far_starts",
-                        lambda start, *_: [start.q + np.array([4.0 * np.pi, -2.0 * np.pi, 0.1])])
-    turned = sp.reach(mechanism, {"tip": [1.2, 1.3, 0.0]}, start)
-    assert np.abs(turned.q - direct.q).max() < 1e-8
-
-
-def test_the_nearest_within_limits_is_that_of_a_global_search(tmp_path):
+@pytest.mark.parametrize("number", few([13, 31], 13))
+def test_the_nearest_within_limits_is_that_of_a_global_search(tmp_path, number):
     limits = [(-1.5, 2.5), (-2.0, 2.0), (-2.0, 2.0)]
     mechanism = arm(tmp_path, limits=limits)
 
@@ -124,7 +132,7 @@ def test_the_nearest_within_limits_is_that_of_a_global_search(tmp_path):
         return np.sum((tip - point) ** 2)
 
     for point in ([-1.5, -1.4], [-0.2, -0.1], [-2.0, -0.4]):
-        near = brute(square, limits, (point,), Ns=31, finish=None)
+        near = brute(square, limits, (point,), Ns=number, finish=None)
         best = minimize(square, near, (point,), bounds=limits, tol=1e-15)
         with pytest.raises(sp.ReachError) as caught:
             sp.reach(mechanism, {"tip": [*point, 0.0]}, at(mechanism, 0.3, -0.4, 0.5))
@@ -134,7 +142,7 @@ def test_the_nearest_within_limits_is_that_of_a_global_search(tmp_path):
 
 @pytest.mark.parametrize(("name", "link"), [("four_bar", "coupler"), ("rssr", "rocker")])
 def test_what_takes_taking_apart_is_not_reached(name, link):
-    mechanism = sp.load(name)
+    mechanism = library(name)
     here, other = sp.assembly_modes(mechanism)
     with pytest.raises(sp.ReachError):
         sp.reach(mechanism, {link: other.placement(link)}, here)
@@ -185,7 +193,8 @@ def test_what_no_motion_brings_nearer_leaves_the_least_motion(tmp_path):
     assert np.abs(state.q - sp.reach(mechanism, tip, start).q).max() < 1e-11
 
 
-@pytest.mark.parametrize("least_turn", [None, 0.2])
+@pytest.mark.delicate
+@pytest.mark.parametrize("least_turn", few([None, 0.2], 0.2))
 def test_of_equal_sums_that_cannot_vanish_the_nearest_is_taken(tmp_path, least_turn):
     limits = [(-3, 3), (least_turn, 3)] if least_turn else []
     mechanism = arm(tmp_path, (1.0, 0.8, 0.6, 0.5, 0.4), limits)
@@ -210,7 +219,7 @@ def test_of_equal_sums_that_cannot_vanish_the_nearest_is_taken(tmp_path, least_t
 
 def test_no_machine_stops_an_excavator_elsewhere():
     """The direction of its teeth is normal to the plane of its arm: all places are equal."""
-    mechanism = sp.load("excavator")
+    mechanism = library("excavator")
     teeth = targets.position([8.0, 0.0, 0.0])
     alone = sp.reach(mechanism, {"teeth": teeth})
     both = sp.reach(mechanism, {
@@ -223,15 +232,16 @@ def test_flat_ways_do_not_lead_astray():
     with pytest.warns(sp.SpatialPinWarning, match="mesh files"):
         mechanism = sp.load(CASSIE)
     start = sp.assemble(mechanism)
-    far = start.placement("left-foot").translation + np.array([3.0, 0.0, 2.1])
-    state = sp.reach(mechanism, {"left-foot": targets.position(far, weight=1.0)}, start)
+    # the file's numbers are rounded, and its loops close to their ninth digit: so does the target
+    far = start.placement("left-foot").translation.round(6) + np.array([3.0, 0.0, 2.1])
+    state = sp.reach(mechanism, {"left-foot": targets.position(far, weight=1.0)}, start, starts=0)
     off = np.linalg.norm(state.placement("left-foot").translation - far)
-    assert off / mechanism.characteristic_length == pytest.approx(2.12315439348594, abs=1e-12)
-    again = sp.reach(mechanism, {"left-foot": targets.position(far, weight=1.0)}, state)
+    assert off / mechanism.characteristic_length == pytest.approx(2.12315411124464, abs=1e-12)
+    again = sp.reach(mechanism, {"left-foot": targets.position(far, weight=1.0)}, state, starts=0)
     assert np.linalg.norm(again.placement("left-foot").translation - far) > off - 1e-12
 
 
-@pytest.mark.parametrize("toward", [(-0.7, 0.3, 0.6), (0.2, -0.9, -0.4)])
+@pytest.mark.parametrize("toward", few([(-0.7, 0.3, 0.6), (0.2, -0.9, -0.4)], (0.2, -0.9, -0.4)))
 def test_what_leaves_targets_as_far_off_is_moved_least(toward):
     """A foot's axis turned as far as a hip's limits let it: what its leg does besides is free."""
     with pytest.warns(sp.SpatialPinWarning, match="mesh files"):
@@ -247,32 +257,12 @@ def test_what_leaves_targets_as_far_off_is_moved_least(toward):
 
 
 def test_what_nothing_moves_stands_where_it_was():
-    mechanism = sp.load("delta")
+    mechanism = library("delta")
     start = sp.assemble(mechanism)
     with pytest.raises(sp.ReachError) as caught:
         sp.reach(mechanism, {"platform": targets.direction([0, 0, 1], [0.6, 0.0, 0.8])}, start)
     assert caught.value.reasons == ("nothing moves",)
     assert np.abs(caught.value.state.q - start.q).max() < 1e-12
-
-
-def test_forces_pull_as_the_derivatives_say(tmp_path):
-    """Of every kind of target, also of those that stand for sums of squares that stay least."""
-    mechanism = arm(tmp_path, (1.0, 0.8, 0.6, 0.5, 0.4))
-    state = at(mechanism, 0.3, 0.4, 0.5, -0.3, 0.2)
-    with evaluation_of(mechanism) as evaluation:
-        base = Solver(evaluation, [], [], [], 1e-12)
-        wanted = [targets.Position(name="link3", point=np.array([2.0, 2.5, 0.0]), weight=1.0)]
-        least = LeastSquares(base, [], wanted, base.stops.moves)
-        sizes, ways = least.curved(state.q)
-        bent = Stationary(name="", sum=least, sizes=sizes, ways=ways)
-        assert len(sizes)
-        for target in (*wanted, bent):
-            evaluation.update(state.q)
-            rows = target.residual(evaluation)[1]
-            forces = np.arange(1.0, len(rows) + 3.0)
-            pulled, others = target.pulled(evaluation, forces)
-            assert np.abs(pulled - forces[:-2] @ rows).max() < 1e-8
-            assert list(others) == list(forces[-2:])
 
 
 def test_every_kind_of_target_is_met_exactly(tmp_path):
@@ -294,49 +284,6 @@ def test_every_kind_of_target_is_met_exactly(tmp_path):
     assert pose.placement("tip").isApprox(start.placement("tip"), 1e-12)
     turned = sp.reach(mechanism, {"tip": targets.orientation(pin.exp3(np.array([0, 0, 1.0])))})
     assert np.abs(turned.placement("tip").rotation - pin.exp3(np.array([0, 0, 1.0]))).max() < 1e-12
-
-
-def test_derivatives_of_every_kind_are_those_of_differences(tmp_path):
-    mechanism = sp.load("stewart")
-    start = sp.assemble(mechanism)
-    placement = start.placement("platform") * pin.SE3(pin.exp3(np.array([0.4, 0.3, -0.5])),
-                                                      np.array([0.1, 0.2, 0.3]))
-    from spatial_pin.constraints.closure_equations import evaluation_of
-    wanted = {
-        "platform": targets.pose(placement), "platform_1": targets.position([0.1, 0.2, 0.3]),
-        "platform_2": targets.direction([0, 0.6, 0.8], [1, 0, 0]),
-        "platform_3": targets.distance("ground", 0.7), "leg_1": 0.3,
-        "hook_2.first": 0.2, "all": targets.centre_of_mass(0.1, None, 0.3),
-        "platform_2.position.z": 0.4, "platform.com.position": [0.1, 0.2, 0.3],
-        "com.position.y": 0.1, "platform.angle.z": 0.3, "platform_1.angle.x": 0.2}
-    from spatial_pin.inverse_kinematics.named_targets import read_targets
-    with evaluation_of(mechanism) as evaluation:
-        for target in read_targets(mechanism, wanted):
-            evaluation.update(start.q)
-            _, slope = target.residual(evaluation)
-            for v in range(mechanism.model.nv):
-                step = np.zeros(mechanism.model.nv)
-                step[v] = 1e-6
-                ends = []
-                for sign in (1.0, -1.0):
-                    evaluation.update(pin.integrate(mechanism.model, start.q, sign * step))
-                    ends.append(target.residual(evaluation)[0])
-                assert (ends[0] - ends[1]) / 2e-6 == pytest.approx(slope[:, v], abs=2e-8)
-
-
-def test_a_dead_centre_is_reached_in_few_steps(monkeypatch):
-    """A double root: Newton's steps halve the way there, a parabola leads on to its vertex."""
-    from spatial_pin.inverse_kinematics.descending import Descent
-    mechanism = sp.load("four_bar")
-    end = sp.limits(mechanism, "rocker_pin").upper
-    start = sp.assemble(mechanism)
-    steps, own = [], Descent._step
-    monkeypatch.setattr(Descent, "_step", lambda self, place: steps.append(1) or own(self, place))
-    for short in (0.0, 1e-9, 1e-5):
-        steps.clear()
-        state = sp.reach(mechanism, {"rocker_pin": end.value - short}, start)
-        assert state.coordinate("rocker_pin").value == pytest.approx(end.value - short, abs=1e-12)
-        assert len(steps) < 15
 
 
 # ---------------------------------------------------------------- limits, and what is out of reach
@@ -366,6 +313,7 @@ def test_a_limit_that_stops_it_is_named(tmp_path):
         np.linalg.norm(nearest - [-1.0, 1.0, 0.0]) / size, abs=1e-12)
 
 
+@pytest.mark.delicate
 def test_a_stretched_arm_is_the_nearest_and_said_to_be_stretched(tmp_path):
     mechanism = arm(tmp_path, (1.0, 0.8))
     with pytest.raises(sp.ReachError, match="stretched out or folded") as caught:
@@ -376,7 +324,7 @@ def test_a_stretched_arm_is_the_nearest_and_said_to_be_stretched(tmp_path):
 
 
 def test_too_much_is_asked_of_few_freedoms():
-    mechanism = sp.load("four_bar")
+    mechanism = library("four_bar")
     point = sp.assemble(mechanism).placement("coupler").translation + np.array([0.3, 0.1, 0.01])
     with pytest.raises(sp.ReachError, match="1 freedom there for 3 numbers"):
         sp.reach(mechanism, {"coupler": point})
@@ -389,14 +337,14 @@ def test_a_planar_arm_has_two_freedoms_for_a_point_off_its_plane(tmp_path):
 
 
 def test_what_nothing_moves_is_said_to_be_so():
-    mechanism = sp.load("rssr")
+    mechanism = library("rssr")
     point = sp.assemble(mechanism).placement("rocker").translation + 0.1
     with pytest.raises(sp.ReachError, match="nothing that is free to move moves them"):
         sp.reach(mechanism, {"rocker": point})
 
 
 def test_a_crank_many_turns_away_is_on_its_way():
-    mechanism = sp.load("rssr")
+    mechanism = library("rssr")
     with pytest.raises(sp.ReachError, match="still coming nearer") as caught:
         sp.reach(mechanism, {"crank": 150.0})
     assert sp.reach(mechanism, {"crank": 150.0}, caught.value.state).coordinate(
@@ -405,7 +353,7 @@ def test_a_crank_many_turns_away_is_on_its_way():
 
 @pytest.mark.parametrize("turn", [1e-3, 0.5, 2.0])
 def test_an_idle_rotation_that_is_asked_for_is_made(turn):
-    mechanism = sp.load("rssr")  # its coupler spins between two balls
+    mechanism = library("rssr")  # its coupler spins between two balls
     start = sp.assemble(mechanism)
     coupler = start.placement("coupler")
     along = start.placement("coupler_b").translation - coupler.translation
@@ -418,7 +366,7 @@ def test_an_idle_rotation_that_is_asked_for_is_made(turn):
 
 
 def test_idle_rotations_move_least():
-    mechanism = sp.load("rssr")
+    mechanism = library("rssr")
     start = sp.assemble(mechanism)
     state = sp.reach(mechanism, {"crank": 0.6}, start)
 
@@ -434,7 +382,7 @@ def test_idle_rotations_move_least():
 
 
 def test_what_is_held_stands_still():
-    mechanism = sp.load("stewart")
+    mechanism = library("stewart")
     start = sp.assemble(mechanism)
     point = start.placement("platform").translation + np.array([0.01, 0.0, 0.02])
     state = sp.reach(mechanism, {"platform": point}, start, hold=["leg_1"])
@@ -443,7 +391,7 @@ def test_what_is_held_stands_still():
 
 
 def test_the_answer_does_not_depend_on_what_was_asked_before():
-    mechanism = sp.load("delta")
+    mechanism = library("delta")
     start = sp.assemble(mechanism)
     point = start.placement("platform").translation + np.array([0.1, 0.05, 0.02])
     first = sp.reach(mechanism, {"platform": point}, start)
@@ -468,10 +416,10 @@ def leg_lengths(mechanism, start):
     return lambda place: slides + lengths(place) - before
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", few(range(6), 1))
 def test_nearest_points_of_a_gough_platform_are_those_of_its_closed_form(seed):
     """Half of them out of reach, by its six legs' limits; none beyond these."""
-    mechanism = sp.load("stewart")
+    mechanism = library("stewart")
     start = sp.assemble(mechanism)
     home, size = start.placement("platform"), mechanism.characteristic_length
     legs = leg_lengths(mechanism, start)
@@ -547,8 +495,9 @@ def test_sums_of_weighted_residuals_are_least_within_limits(tmp_path, wanted, we
     assert not state.beyond_limits
 
 
+@pytest.mark.delicate
 def test_the_nearest_rocker_is_where_its_dead_centre_is():
-    mechanism = sp.load("rssr")
+    mechanism = library("rssr")
     start = sp.assemble(mechanism)
     with pytest.raises(sp.ReachError, match="dead centre") as caught:
         sp.reach(mechanism, {"rocker_pin": start.coordinate("rocker_pin").value + 2.0}, start)
@@ -574,13 +523,17 @@ def teeth_everywhere(mechanism, start, count):
     return (pins[0] + first * (boom + second * (arm_ + third * bucket))).ravel()
 
 
-def test_nearest_places_of_an_excavator_are_those_of_all_lengths_of_its_cylinders():
-    mechanism = sp.load("excavator")
+PLACES = [(10.5, 0.0), (0.5, -6.5), (4.5, 11.0), (1.0, 1.5), (8.5, -6.0), (3.0, -8.0), (8.0, 10.0),
+          (0.5, 5.0), (2.5, 9.5), (5.5, 8.5)]
+
+
+@pytest.mark.parametrize("number", few([4, 10], 4))
+def test_nearest_places_of_an_excavator_are_those_of_all_lengths_of_its_cylinders(number):
+    mechanism = library("excavator")
     start = sp.assemble(mechanism)
     raised = sp.assemble(mechanism, {"boom": 3.3, "arm": 2.3}, start)
     everywhere = teeth_everywhere(mechanism, start, 40)
-    for x, z in [(10.5, 0.0), (8.5, -6.0), (3.0, -8.0), (0.5, -6.5), (8.0, 10.0), (4.5, 11.0),
-                 (0.5, 5.0), (2.5, 9.5), (1.0, 1.5), (5.5, 8.5)]:
+    for x, z in PLACES[:number]:
         off = []
         for state in (start, raised):
             with pytest.raises(sp.ReachError) as caught:
@@ -591,8 +544,9 @@ def test_nearest_places_of_an_excavator_are_those_of_all_lengths_of_its_cylinder
         assert min(off) <= best + 1e-9 and min(off) == pytest.approx(best, abs=0.05)
 
 
+@pytest.mark.delicate
 def test_the_way_off_a_dead_centre_is_not_the_long_one():
-    mechanism = sp.load("rssr")
+    mechanism = library("rssr")
     start = sp.assemble(mechanism)
     near = sp.assemble(mechanism, {"crank": 0.018044559959500384}, start)
     apart = np.linalg.norm(near.placement("coupler_b").translation
@@ -603,40 +557,13 @@ def test_the_way_off_a_dead_centre_is_not_the_long_one():
     assert np.linalg.norm(moved) < 1.01 * np.linalg.norm(needed)
 
 
-def test_motion_is_least_from_the_state_whatever_it_is_tried_from(monkeypatch):
-    """A near state that does not lead there: another start does, which is turned idly too."""
-    from spatial_pin.inverse_kinematics import reach as module
-    mechanism = sp.load("rssr")
-    start = sp.assemble(mechanism, {"crank": 0.5})
-    direct = sp.reach(mechanism, {"crank": 0.8}, start)
-    others = module._starts
-    monkeypatch.setattr(module, "_starts", lambda *a: list(others(*a))[1:])
-    around = sp.reach(mechanism, {"crank": 0.8}, start)
-    assert np.abs(around.q - direct.q).max() < 1e-8
-
-
+@pytest.mark.delicate
 def test_a_dead_centre_at_which_it_starts_is_left():
-    mechanism = sp.load("rssr")
+    mechanism = library("rssr")
     start = sp.assemble(mechanism)  # its rocker is at one end of its swing
     wanted = start.coordinate("rocker_pin").value + 0.3
     state = sp.reach(mechanism, {"rocker_pin": wanted}, start, starts=0)
     assert state.coordinate("rocker_pin").value == pytest.approx(wanted, abs=1e-12)
-
-
-def test_few_steps_lead_to_the_nearest(monkeypatch):
-    """Newton's double the digits; Gauss's, of which there were 520, add one in ten of them."""
-    from spatial_pin.inverse_kinematics.descending import Descent
-    steps, made = [], Descent._landed
-    monkeypatch.setattr(Descent, "_landed", lambda *a: steps.append(0) or made(*a))
-    mechanism = sp.load("four_bar")
-    point = sp.assemble(mechanism).placement("coupler").translation + np.array([0.3, 0.1, 0.01])
-    with pytest.raises(sp.ReachError) as caught:
-        sp.reach(mechanism, {"coupler": point})
-    assert len(steps) < 200
-    q = caught.value.state.q
-    with pytest.raises(sp.ReachError) as again:
-        sp.reach(mechanism, {"coupler": point}, caught.value.state, starts=0)
-    assert np.abs(again.value.state.q - q).max() < 1e-10
 
 
 def test_a_state_beyond_limits_is_led_back_within(tmp_path):
@@ -648,6 +575,7 @@ def test_a_state_beyond_limits_is_led_back_within(tmp_path):
     assert np.abs(state.placement("tip").translation - [1.2, 1.3, 0.0]).max() < 1e-12
 
 
+@pytest.mark.delicate
 @pytest.mark.parametrize(("name", "wanted", "reason"), [
     ("stewart", {"platform": [0.0, 0.0, 9.0]}, "joint limit"),
     ("scotch_yoke", {"slide": 9.0}, "dead centre"),
@@ -658,7 +586,7 @@ def test_a_state_beyond_limits_is_led_back_within(tmp_path):
 ])
 def test_what_stops_it_has_a_word(name, wanted, reason):
     with pytest.raises(sp.ReachError) as caught:
-        sp.reach(sp.load(name), wanted)
+        sp.reach(library(name), wanted)
     error = caught.value
     assert error.reasons == (reason,) and len(error.stops) == 1
     for key, off in error.residuals.items():
@@ -667,7 +595,7 @@ def test_what_stops_it_has_a_word(name, wanted, reason):
 
 
 def test_one_frame_may_have_several_targets(tmp_path):
-    mechanism = sp.load("stewart")
+    mechanism = library("stewart")
     start = sp.assemble(mechanism)
     home = start.placement("platform")
     tilted = pin.exp3(np.array([0.1, -0.05, 0.0])) @ home.rotation[:, 2]
@@ -700,11 +628,11 @@ def test_one_frame_may_have_several_targets(tmp_path):
 ])
 def test_bad_targets_are_refused_before_work_begins(wanted, error, words):
     with pytest.raises(error, match=words):
-        sp.reach(sp.load("four_bar"), wanted)
+        sp.reach(library("four_bar"), wanted)
 
 
 def test_targets_that_contradict_may_have_weights_and_may_agree():
-    mechanism = sp.load("four_bar")
+    mechanism = library("four_bar")
     state = sp.reach(mechanism, {"crank": 0.1, "crank_pin": targets.coordinate(0.3, weight=1.0)})
     assert state.coordinate("crank_pin").value == pytest.approx(0.1, abs=1e-12)
     state = sp.reach(mechanism, {"crank": 0.1, "crank_pin": 0.1})
@@ -733,32 +661,33 @@ def test_a_mechanism_without_mass_has_no_centre_of_mass(tmp_path):
 # ---------------------------------------------------------------- command line
 
 
-def test_the_command_line_reaches_and_tells(tmp_path, capfd):
-    mechanism = sp.load("delta")
+def test_the_command_line_reaches_and_tells(tmp_path, run):
+    mechanism = library("delta")
     there = sp.assemble(mechanism).placement("platform").translation + np.array([0.05, 0.02, -0.03])
     words = ",".join(f"{1e3 * x!r}mm" for x in there.tolist())
     target = tmp_path / "state.json"
-    assert main(["reach", "delta", f"platform.position={words}", "--json", str(target)]) == 0
-    assert "driver arm_1" in capfd.readouterr().out
+    code, said, _ = run("reach", "delta", f"platform.position={words}", "--json", target)
+    assert code == 0 and "driver arm_1" in said
     q = np.array(json.loads(target.read_text())["q"])
     state = sp.assemble(mechanism, {}, q)
     assert np.abs(state.placement("platform").translation - there).max() < 1e-11
 
 
-def test_one_frame_has_several_targets_in_the_command_line(tmp_path, capfd):
+def test_one_frame_has_several_targets_in_the_command_line(tmp_path, run):
     target = tmp_path / "state.json"
-    assert main(["reach", "stewart", "platform.position=0,0,0.42", "platform.direction=0.1,0,1",
-                 "--json", str(target)]) == 0
-    mechanism = sp.load("stewart")
+    code, _, _ = run("reach", "stewart", "platform.position=0,0,0.42",
+                     "platform.direction=0.1,0,1", "--json", target)
+    assert code == 0
+    mechanism = library("stewart")
     state = sp.assemble(mechanism, {}, np.array(json.loads(target.read_text())["q"]))
     there = state.placement("platform")
     assert there.translation == pytest.approx([0.0, 0.0, 0.42], abs=1e-11)
     assert there.rotation[:, 2] == pytest.approx(np.array([0.1, 0, 1]) / np.sqrt(1.01), abs=1e-11)
-    assert main(["reach", "stewart", "platform.position=0,0,0.42", "platform.position=0,0,1"]) == 1
-    assert "contradict" in capfd.readouterr().err
-    with pytest.raises(SystemExit):
-        main(["reach", "stewart", "leg_1=0.4", "leg_1=0.41"])
-    assert "two values" in capfd.readouterr().err
+    code, _, told = run("reach", "stewart", "platform.position=0,0,0.42",
+                        "platform.position=0,0,1")
+    assert code == 1 and "contradict" in told
+    code, _, told = run("reach", "stewart", "leg_1=0.4", "leg_1=0.41")
+    assert code == 2 and "two values" in told
 
 
 @pytest.mark.parametrize(("word", "code", "told"), [
@@ -772,18 +701,16 @@ def test_one_frame_has_several_targets_in_the_command_line(tmp_path, capfd):
     ("platform.position=0,0,9", 1, "cannot be reached"),
     ("platform.pose=0,0,0,0,0", 2, "has 6 numbers"),
 ])
-def test_bad_words_are_refused(capfd, word, code, told):
-    try:
-        found = main(["reach", "delta", word])
-    except SystemExit as end:
-        found = end.code
+def test_bad_words_are_refused(run, word, code, told):
+    found, _, error = run("reach", "delta", word)
     assert found == code
-    assert told in capfd.readouterr().err
+    assert told in error
 
 
+@pytest.mark.delicate
 @pytest.mark.parametrize("name", ["four_bar", "rssr", "bennett", "sarrus", "slider_crank"])
 def test_loops_are_closed_whether_a_target_is_reached_or_not(name):
-    mechanism = sp.load(name)
+    mechanism = library(name)
     start = sp.assemble(mechanism)
     for c in mechanism.coordinate_table.values():
         if c.q < 0:

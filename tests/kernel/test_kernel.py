@@ -18,7 +18,17 @@ import pytest
 import scipy.linalg
 from closure_trees import JOINTS, TYPES, somewhere, tree_with
 from folders import ROOT
-from kernel_checks import asked_at, assert_near, assert_same_as_pinocchio, everything
+from kernel_checks import (
+    SEVERAL,
+    asked_at,
+    assert_near,
+    assert_same_as_pinocchio,
+    check_kernel,
+    configurations,
+    everything,
+)
+from loaded_library import library as from_library
+from variety import each, few
 
 import spatial_pin as sp
 from spatial_pin.kernel.beginning import _Task
@@ -34,20 +44,10 @@ LIBRARY = sorted(p.stem for p in (Path(sp.__file__).parents[1] / "urdf").glob("*
 # ---------------------------------------------------------------- mechanisms
 
 
-
-
 # ---------------------------------------------------------------- Pinocchio is the authority
 
 
-
-
-
-
-
-
-
-
-@pytest.mark.parametrize("joint", JOINTS)
+@pytest.mark.parametrize("joint", few(JOINTS, "revolute", "screw", "universal", "floating"))
 def test_every_joint_with_every_closure(tmp_path, joint):
     for seed, kind in enumerate(TYPES):
         mechanism, rng = tree_with(tmp_path, joint, ("leaf", "right"), kind, seed)
@@ -55,7 +55,7 @@ def test_every_joint_with_every_closure(tmp_path, joint):
             assert_same_as_pinocchio(mechanism, *asked_at(mechanism, rng))
 
 
-@pytest.mark.parametrize("size", [1e-30, 1e-6, 1.0, 1e6, 1e30])
+@pytest.mark.parametrize("size", few([1e-30, 1e-6, 1.0, 1e6, 1e30], 1e-30, 1.0, 1e6))
 def test_all_kinds_together_at_every_size(tmp_path, size):
     for seed in range(6):
         mechanism, rng = everything(tmp_path, seed, size), np.random.default_rng(seed)
@@ -63,7 +63,7 @@ def test_all_kinds_together_at_every_size(tmp_path, size):
             assert_same_as_pinocchio(mechanism, *asked_at(mechanism, rng))
 
 
-@pytest.mark.parametrize("first", range(0, 40, 10))
+@pytest.mark.parametrize("first", few(range(0, 40, 10), 0))
 def test_random_mechanisms(tmp_path, monkeypatch, first):
     monkeypatch.syspath_prepend(str(SCRIPTS))
     from fuzzing.files import write
@@ -74,9 +74,9 @@ def test_random_mechanisms(tmp_path, monkeypatch, first):
         assert_same_as_pinocchio(mechanism, *asked_at(mechanism, rng))
 
 
-@pytest.mark.parametrize("name", LIBRARY)
+@pytest.mark.parametrize("name", each(LIBRARY))
 def test_the_library(name):
-    mechanism, rng = sp.load(name), np.random.default_rng(1)
+    mechanism, rng = from_library(name), np.random.default_rng(1)
     assert_same_as_pinocchio(mechanism, *asked_at(mechanism, rng))
     assert_same_as_pinocchio(mechanism, sp.assemble(mechanism).q, np.zeros(mechanism.model.nv))
 
@@ -388,11 +388,12 @@ def test_every_integer_is_looked_at(tmp_path):
 
 @pytest.mark.parametrize("build", [mechanisms.rssp, mechanisms.geared_five_bar,
                                    mechanisms.press_closure, everything])
-def test_damaged_arrays_are_refused_or_answered(tmp_path, build):
+@pytest.mark.parametrize("times", few([300, 1500], 300))
+def test_damaged_arrays_are_refused_or_answered(tmp_path, build, times):
     kernel = Kernel(build(tmp_path, *[1][: build is everything]))
     ints, reals = kernel.packed.ints, kernel.packed.reals
     rng, ends = np.random.default_rng(2), set()
-    for _ in range(1500):
+    for _ in range(times):
         bad = mutated(ints, np.append(WILD, rng.choice(ints, 20)), rng)
         numbers = reals if rng.random() < 0.5 else mutated(reals, ODD, rng)
         for wild in (bad, ints):
@@ -470,3 +471,24 @@ def test_arrays_that_are_not_contiguous_are_refused():
     numbers.setflags(write=False)
     assert address(numbers) == numbers.ctypes.data
     assert address(np.empty(0)) == address(np.empty((3, 0)))
+
+
+# ---------------------------------------------------------------- several configurations
+
+
+@pytest.mark.parametrize("joint", JOINTS)
+def test_several_configurations_are_each_pinocchios(tmp_path, joint):
+    mechanism, rng = tree_with(tmp_path, joint, ("leaf", "right"), "spherical", 5)
+    q = configurations(mechanism, 6)
+    check_kernel(mechanism, q)
+    steps = rng.uniform(-1.0, 1.0, (mechanism.model.nv, SEVERAL)) * [1.0, 0.1, 1e-4, 1e-9]
+    moved = Kernel(mechanism).displaced(q.T, steps.T)
+    for k in range(SEVERAL):
+        np.testing.assert_allclose(moved[k], pin.integrate(mechanism.model, q[:, k], steps[:, k]),
+                                   rtol=0, atol=3e-15)
+
+
+@pytest.mark.parametrize("name", each(LIBRARY))
+def test_several_configurations_of_the_library(name):
+    mechanism = from_library(name)
+    check_kernel(mechanism, configurations(mechanism, 12))

@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from loaded_library import library
 from mechanisms import KNOWN
+from variety import each
 
 import spatial_pin as sp
 from spatial_pin.assembly.close import close, pinned_rows
@@ -29,9 +31,10 @@ def _near(mechanism: sp.Mechanism, seed: int, size: float) -> np.ndarray:
     return pin.integrate(mechanism.model, q, mechanism.velocity_scale * step)
 
 
-@pytest.mark.parametrize("name", LIBRARY)
+@pytest.mark.delicate
+@pytest.mark.parametrize("name", each(LIBRARY))
 def test_first_step_is_that_of_singular_values(name: str) -> None:
-    mechanism = sp.load(name)
+    mechanism = library(name)
     q, free = _near(mechanism, 1, MOVED), np.ones(mechanism.model.nv, dtype=bool)
     free[::3] = False
     evaluation = Evaluation(constraints_of(mechanism))
@@ -52,9 +55,9 @@ def test_first_step_is_that_of_singular_values(name: str) -> None:
         assert left[0] == pytest.approx(float(np.linalg.norm(evaluation.residual)), abs=1e-13)
 
 
-@pytest.mark.parametrize("name", LIBRARY)
+@pytest.mark.parametrize("name", each(LIBRARY))
 def test_loops_are_closed_by_little_motion_and_what_is_held_stands(name: str) -> None:
-    mechanism = sp.load(name)
+    mechanism = library(name)
     q, free = _near(mechanism, 2, MOVED), np.ones(mechanism.model.nv, dtype=bool)
     held = [mechanism.coordinate(d) for d in mechanism.drivers][:1]
     free[[c.v for c in held]] = False
@@ -67,7 +70,8 @@ def test_loops_are_closed_by_little_motion_and_what_is_held_stands(name: str) ->
     assert not np.abs(moved[~free]).any()
 
 
-@pytest.mark.parametrize("case", KNOWN)
+@pytest.mark.delicate
+@pytest.mark.parametrize("case", each(KNOWN))
 def test_cases_close_to_the_branch_they_are_moved_from(case: str, tmp_path: Path) -> None:
     known = KNOWN[case]
     mechanism = known.build(tmp_path)
@@ -86,7 +90,7 @@ def test_cases_close_to_the_branch_they_are_moved_from(case: str, tmp_path: Path
 
 
 def test_answer_does_not_depend_on_what_was_closed_before() -> None:
-    mechanism = sp.load("rssr")
+    mechanism = library("rssr")
     free = np.ones(mechanism.model.nv, dtype=bool)
     q = _near(mechanism, 4, 0.3)
     fresh = Closer(mechanism).close(q, free, np.empty(0), 1e-13, 60, (), 1e-10)
@@ -100,7 +104,7 @@ def test_answer_does_not_depend_on_what_was_closed_before() -> None:
 
 def test_many_loops_close_as_few_do() -> None:
     """Sparse squares, which many equations are closed by, and orthogonal factors lead alike."""
-    mechanism = sp.load("stewart")
+    mechanism = library("stewart")
     free = np.ones(mechanism.model.nv, dtype=bool)
     free[[mechanism.coordinate(d).v for d in mechanism.drivers]] = False
     q = _near(mechanism, 5, MOVED)
@@ -116,7 +120,7 @@ def test_many_loops_close_as_few_do() -> None:
 
 @pytest.mark.parametrize("name", ["rssr", "stewart", "watt_six_bar"])
 def test_configurations_closed_in_one_go_are_those_closed_one_by_one(name: str) -> None:
-    mechanism = sp.load(name)
+    mechanism = library(name)
     q = np.array([_near(mechanism, seed, 3.0) for seed in range(8)])
     free, turns = np.ones(mechanism.model.nv, dtype=bool), np.empty(0)
     free[mechanism.coordinate(next(iter(mechanism.drivers))).v] = False
@@ -137,7 +141,7 @@ def test_further_starts_tried_in_one_go_are_those_tried_one_by_one(
     name: str, near: float, stays: str
 ) -> None:
     """Of places where nothing is at fault only those nearer than all before are told."""
-    mechanism = sp.load(name)
+    mechanism = library(name)
     model, q = mechanism.model, mechanism.neutral.copy()
     free = np.ones(model.nv, dtype=bool)
     free[mechanism.coordinate(next(iter(mechanism.drivers))).v] = False
@@ -174,7 +178,7 @@ def test_further_starts_tried_in_one_go_are_those_tried_one_by_one(
     (3.0, None, (-1.0, 1.0), 3.0),  # nor is that
 ])
 def test_angles_are_taken_to_where_they_are_meant(angle, named, limits, meant) -> None:
-    mechanism = sp.load("rssr")
+    mechanism = library("rssr")
     at = mechanism.coordinate("rocker_pin").q
     q, said = mechanism.neutral.copy(), np.zeros(mechanism.model.nq, np.int64)
     q[at], said[at] = angle, TURNS | (NAMED if named is not None else 0)
@@ -186,7 +190,7 @@ def test_angles_are_taken_to_where_they_are_meant(angle, named, limits, meant) -
 
 
 def test_distance_from_a_named_orientation_is_its_angle() -> None:
-    mechanism = sp.load("rssr")
+    mechanism = library("rssr")
     ball = mechanism.model.idx_qs[mechanism.joint_id("ball_a")]
     q, said = mechanism.neutral.copy(), np.zeros(mechanism.model.nq, np.int64)
     said[ball] = NAMED

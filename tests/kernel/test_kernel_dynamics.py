@@ -6,8 +6,10 @@ import mechanisms as known
 import numpy as np
 import pinocchio as pin
 import pytest
+from loaded_library import library
 from masses import heavy
 from scipy import integrate
+from variety import each
 
 import spatial_pin as sp
 from spatial_pin.dynamics.simulation.problem import Problem
@@ -20,14 +22,14 @@ ONE_LOOP = [n for n in sp.list_mechanisms() if n not in ("swash_plate", "crank_c
 
 
 def moving(name, seed):
-    mech, rng = sp.load(name), np.random.default_rng(seed)
+    mech, rng = library(name), np.random.default_rng(seed)
     state = sp.assemble(mech)
     speeds = {d: rng.uniform(0.5, 3.0) * (1.0 if mech.coordinate(d).unit == "rad" else
                                           mech.characteristic_length) for d in mech.drivers}
     return mech, sp.solve_rates(mech, state, speeds)
 
 
-@pytest.mark.parametrize("name", ONE_LOOP)
+@pytest.mark.parametrize("name", each(ONE_LOOP))
 def test_accelerations_are_those_of_forward_dynamics(name):
     """Which has Pinocchio's mass matrix and forces, and solves for all joints together."""
     mech, state = moving(name, 3)
@@ -40,7 +42,7 @@ def test_accelerations_are_those_of_forward_dynamics(name):
     assert np.abs(sample.a[0] - expected).max() < 1e-9 * (1.0 + np.abs(expected).max())
 
 
-@pytest.mark.parametrize("name", ONE_LOOP)
+@pytest.mark.parametrize("name", each(ONE_LOOP))
 def test_energies_are_pinocchios(name):
     mech, state = moving(name, 5)
     problem = Problem(mech, None, None, None, 1e-13)

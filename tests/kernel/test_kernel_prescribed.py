@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from loaded_library import library
 from scipy.interpolate import BPoly, CubicSpline, PPoly
+from variety import paired
 
 import spatial_pin as sp
 from spatial_pin.assembly.square_system import SquareSystem
@@ -64,11 +66,11 @@ def followed(path: Path, values) -> Samples:
     return samples
 
 
-@pytest.mark.parametrize("name", ["stewart", "delta", "watt_six_bar"])
-@pytest.mark.parametrize("kind", ["linear", "cubic", "quintic"])
+@pytest.mark.parametrize(("name", "kind"), paired(
+    ["stewart", "delta", "watt_six_bar"], ["linear", "cubic", "quintic"]))
 def test_drivers_go_by_a_table(name, kind):
     """Samples are those that are closed one by one, rates those of their drivers' there."""
-    mechanism = sp.load(name)
+    mechanism = library(name)
     path, state = path_of(mechanism)
     spline = pieces(table(mechanism, state), kind)
     prescribe(path, spline)
@@ -95,7 +97,7 @@ def test_drivers_go_by_a_table(name, kind):
 
 @pytest.mark.parametrize("kind", ["cubic", "quintic"])
 def test_rates_are_the_differences_of_samples(kind):
-    mechanism = sp.load("stewart")
+    mechanism = library("stewart")
     path, state = path_of(mechanism)
     prescribe(path, pieces(table(mechanism, state), kind))
     assert path.start(state.q, state.angles)
@@ -113,7 +115,7 @@ def test_rates_are_the_differences_of_samples(kind):
 @pytest.mark.parametrize("kind", ["linear", "cubic", "quintic"])
 def test_samples_of_a_table_do_not_hang_on_each_other(kind):
     """The same come forth and back, few or many, and with a loose tolerance within it."""
-    mechanism = sp.load("stewart")
+    mechanism = library("stewart")
     values = np.union1d(np.linspace(0.0, 2.0, 401), ROWS)
     found = []
     for part, tolerance in ((values, 1e-13), (values[::-1], 1e-13), (values[::50], 1e-13),
@@ -133,7 +135,7 @@ def test_samples_of_a_table_do_not_hang_on_each_other(kind):
 
 
 def test_one_driver_by_itself_is_a_sweep():
-    mechanism = sp.load("rssr")
+    mechanism = library("rssr")
     path, state = path_of(mechanism)
     path.prescribe(0.0, np.array([0.0, 7.0]), np.array([[[0.0, 1.0]]]))
     assert path.start(state.q, state.angles)
@@ -146,7 +148,7 @@ def test_one_driver_by_itself_is_a_sweep():
 
 def test_a_path_is_a_cursor():
     """It goes back and forth, and stands before what it cannot pass."""
-    mechanism = sp.load("elliptic_trammel")
+    mechanism = library("elliptic_trammel")
     limit = sp.limits(mechanism, "slider").upper.value
     path, state = path_of(mechanism)
     assert path.start(state.q, state.angles)
@@ -174,6 +176,6 @@ def test_a_path_is_a_cursor():
     ([0.0, 0.0], [[[0.0, 1.0]]]), ([1.0, 0.0], [[[0.0, 1.0]]]), ([0.0, np.nan], [[[0.0, 1.0]]]),
     ([0.0, 1.0], [[[np.inf, 1.0]]])])
 def test_polynomials_that_are_none_are_refused(breaks, numbers):
-    path, _ = path_of(sp.load("rssr"))
+    path, _ = path_of(library("rssr"))
     with pytest.raises(sp.SpatialPinError):
         path.prescribe(0.0, np.array(breaks), np.array(numbers))

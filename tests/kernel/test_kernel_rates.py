@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from loaded_library import library
 from mechanisms import four_bar, swung
+from variety import each
 
 import spatial_pin as sp
 from spatial_pin.accuracy import models
@@ -53,9 +55,9 @@ def _rates(system: SquareSystem, q: np.ndarray, drive: np.ndarray, more: np.ndar
     return v, system.scale * np.linalg.solve(system.matrix, second)
 
 
-@pytest.mark.parametrize("name", LIBRARY)
+@pytest.mark.parametrize("name", each(LIBRARY))
 def test_rates_are_those_of_the_square_system(name: str) -> None:
-    mechanism = sp.load(name)
+    mechanism = library(name)
     state, system = _square(mechanism)
     rng = np.random.default_rng(1)
     drive, more = rng.uniform(-1.0, 1.0, (2, len(system.driven)))
@@ -79,10 +81,10 @@ def test_rates_are_those_of_the_square_system(name: str) -> None:
     assert [found.v[k] for k in system.drive_at] == list(drive)
 
 
-@pytest.mark.parametrize("name", LIBRARY)
+@pytest.mark.parametrize("name", each(LIBRARY))
 def test_rates_with_equations_and_passive_freedoms_that_are_given(name: str) -> None:
     """Where freedoms are left that nothing determines, they take the least rates."""
-    bare = replace(sp.load(name), passives=())
+    bare = replace(library(name), passives=())
     state, system = _square(bare)
     rng = np.random.default_rng(4)
     drive, more = rng.uniform(-1.0, 1.0, (2, len(system.driven)))
@@ -97,10 +99,10 @@ def test_rates_with_equations_and_passive_freedoms_that_are_given(name: str) -> 
     assert np.abs(system.passive @ (found.v / system.scale)).max(initial=0.0) <= AGREE
 
 
-@pytest.mark.parametrize("name", LIBRARY)
+@pytest.mark.parametrize("name", each(LIBRARY))
 def test_jacobians_are_those_of_pinocchio(name: str) -> None:
     """Against the twists of states whose drivers move one after the other."""
-    mechanism = sp.load(name)
+    mechanism = library(name)
     state = sp.assemble(mechanism)
     for link in mechanism.links[-2:]:
         found = sp.jacobian(mechanism, state, link)
@@ -110,9 +112,10 @@ def test_jacobians_are_those_of_pinocchio(name: str) -> None:
             assert np.abs(found[:, k] - twist).max() <= 1e-11 * max(1.0, np.abs(twist).max())
 
 
+@pytest.mark.delicate
 def test_pivots_that_are_not_clear_are_left_to_the_full_way() -> None:
     """Next to a dead centre rates are known badly, and the state says so."""
-    mechanism = sp.load("peaucellier")
+    mechanism = library("peaucellier")
     driver = next(iter(mechanism.drivers))
     end = sp.limits(mechanism, driver).upper.value
     state = sp.assemble(mechanism, {driver: end - 1e-9})
@@ -120,6 +123,7 @@ def test_pivots_that_are_not_clear_are_left_to_the_full_way() -> None:
     assert moving.rate_error > 1e-10
 
 
+@pytest.mark.delicate
 def test_equations_lost_are_not_taken_for_redundant_ones() -> None:
     """A flat parallelogram can fold either way: its equations depend on each other there only."""
     mechanism = models.ladder(1)
@@ -128,6 +132,7 @@ def test_equations_lost_are_not_taken_for_redundant_ones() -> None:
         sp.solve_rates(mechanism, state, {"pin_0": 1.0})
 
 
+@pytest.mark.delicate
 @pytest.mark.parametrize("n", [1, 3, 30])
 def test_rates_of_flat_loops_with_redundant_equations(n: int) -> None:
     """Of five equations of a hinge two are of use: all rods of a ladder turn alike."""
@@ -141,7 +146,7 @@ def test_rates_of_flat_loops_with_redundant_equations(n: int) -> None:
 
 
 def test_memory_for_rates_does_not_change_answers() -> None:
-    mechanism = sp.load("stewart")
+    mechanism = library("stewart")
     state = sp.assemble(mechanism)
     speeds = dict.fromkeys(mechanism.drivers, 0.1)
     first = sp.solve_rates(mechanism, state, speeds)
@@ -180,9 +185,10 @@ def _beside(mechanism: sp.Mechanism, state: State) -> Beside | None:
         return step_beside(mechanism, state.q, state.angles, chosen, freedoms)
 
 
+@pytest.mark.delicate
 @pytest.mark.parametrize("name", ["bennett", "sarrus", "delta", "four_bar", "oldham"])
 def test_redundant_equations_hold_beside_a_regular_configuration(name: str) -> None:
-    mechanism = sp.load(name)
+    mechanism = library(name)
     state = sp.assemble(mechanism)
     found = _beside(mechanism, state)
     assert found is not None and found.is_closed
@@ -190,6 +196,7 @@ def test_redundant_equations_hold_beside_a_regular_configuration(name: str) -> N
     assert np.linalg.norm(away) == pytest.approx(TOLERANCES.trial_step, rel=0.1)
 
 
+@pytest.mark.delicate
 def test_a_flat_parallelogram_opens_beside_by_the_square_of_the_step() -> None:
     """Two branches cross there: two freedoms, of which only two directions lead on."""
     mechanism = four_bar(r1=0.3, r2=0.1, r3=0.3, r4=0.1)

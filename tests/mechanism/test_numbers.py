@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 from ladders import hanging
+from loaded_library import library
 from masses import heavy
 from mechanisms import closure, driver, floating, load, point, refine, sliding, turning
+from variety import few, paired
 
 import spatial_pin as sp
 
@@ -100,9 +102,10 @@ def test_efforts_that_balance_have_no_drift(tmp_path, formulation):
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
-@pytest.mark.parametrize(("gravity", "height"), [(0.0, 0.0), (0.0, 1e7), (9.81, 0.0), (9.81, 1e7)])
-@pytest.mark.parametrize("duration", [1e-12, 1e-6, 1.0])
-def test_a_floating_body_has_no_drift(tmp_path, gravity, height, duration, formulation):
+@pytest.mark.parametrize(("pull", "duration"), paired(
+    [(0.0, 0.0), (0.0, 1e7), (9.81, 0.0), (9.81, 1e7)], [1e-12, 1e-6, 1.0]))
+def test_a_floating_body_has_no_drift(tmp_path, pull, duration, formulation):
+    gravity, height = pull
     tree = heavy(floating("base", "ground", "body", (0.0, 0.0, height), (0.3, 0.2, 0.1)),
                  body=(2.0, (0.45, 0.1, 0), (0.1, 0.2, 0.25)))
     mech = load(tmp_path, "body", tree, f"gravity = [0.0, 0.0, {-gravity}]\n"
@@ -118,7 +121,7 @@ def test_a_floating_body_has_no_drift(tmp_path, gravity, height, duration, formu
 
 @pytest.fixture(scope="module")
 def bar():
-    return sp.load("four_bar")
+    return library("four_bar")
 
 
 @pytest.fixture(scope="module")
@@ -137,15 +140,15 @@ def test_any_tolerance_of_closure_works(bar, moving, tolerance):
     values = np.linspace(0.3, 0.4, 50)
     good = max(tolerance, 1e-14)
     assert sp.assemble(bar, {"crank": 0.4}, accuracy=accuracy).closure_error < good
-    for some in (values, values[:2]):
-        assert sp.sweep(bar, "crank", some, accuracy=accuracy).closure_error.max() < good
+    for part in (values, values[:2]):
+        assert sp.sweep(bar, "crank", part, accuracy=accuracy).closure_error.max() < good
     for formulation in FORMULATIONS:
         sp.simulate(bar, moving, 0.1, times=[0.1], accuracy=sp.Accuracy(
             tolerance=tolerance, formulation=formulation))
 
 
-@pytest.mark.parametrize("integrator", INTEGRATORS)
-@pytest.mark.parametrize("tolerance", [5e-324, 1e-300, 1e-17, 1e-15])
+@pytest.mark.parametrize(("integrator", "tolerance"), paired(INTEGRATORS,
+                                                             [5e-324, 1e-300, 1e-17, 1e-15]))
 def test_a_time_tolerance_below_round_off_is_round_off(bar, moving, tolerance, integrator):
     duration = 0.1 if integrator != "BDF" else 0.01
     motions = [sp.simulate(bar, moving, duration, times=[duration], accuracy=sp.Accuracy(
@@ -153,8 +156,8 @@ def test_a_time_tolerance_below_round_off_is_round_off(bar, moving, tolerance, i
     np.testing.assert_allclose(motions[0].q, motions[1].q, rtol=0.0, atol=1e-10)
 
 
-@pytest.mark.parametrize("integrator", [*INTEGRATORS, "RK4", "Gauss"])
-@pytest.mark.parametrize("step", TINY_TO_HUGE)
+@pytest.mark.parametrize(("integrator", "step"), paired([*INTEGRATORS, "RK4", "Gauss"],
+                                                        TINY_TO_HUGE))
 def test_a_step_works_or_cannot_be_that_short(bar, moving, integrator, step):
     accuracy = sp.Accuracy(integrator=integrator, step=step)
     if step < 1e-9:
@@ -189,9 +192,8 @@ def test_a_duration_without_a_square_is_refused(bar, moving, duration):
         sp.simulate(bar, moving, duration)
 
 
-@pytest.mark.parametrize("integrator", INTEGRATORS)
-@pytest.mark.parametrize("duration", [1e12, 1e100])
-def test_a_duration_without_end_is_given_up_early(bar, moving, duration, integrator):
+@pytest.mark.parametrize(("integrator", "duration"), paired(INTEGRATORS, [1e12, 1e100]))
+def test_a_duration_without_end_is_given_up_early(bar, moving, integrator, duration):
     with pytest.raises(sp.StepLimitError, match=r"1000 steps have led to .* shorter duration"):
         sp.simulate(bar, moving, duration, times=[duration],
                     accuracy=sp.Accuracy(integrator=integrator))
@@ -265,7 +267,7 @@ def test_whole_numbers_may_come_as_other_numbers(bar):
         assert len(modes) == 2 and modes.starts == 70
 
 
-@pytest.mark.parametrize("deviation", [1e9, 1e100])
+@pytest.mark.parametrize("deviation", few([1e9, 1e100], 1e100))
 def test_spreads_of_hardly_any_samples_are_not_known(bar, deviation):
     spread = sp.tolerance(bar, "rocker_pin", {"r2": deviation}, samples=3)
     assert spread.failed >= 2 and np.isnan(spread.sampled["rocker_pin"])

@@ -3,11 +3,17 @@
 import mechanisms as known
 import numpy as np
 import pytest
+from loaded_library import library
 from mechanisms import four_bar
+from variety import paired
 
 import spatial_pin as sp
 
 TURN = np.linspace(0.5, 7.0, 50)
+NUMBERS = pytest.mark.parametrize("numbers", [
+    [5, 6, 11, 24, 59], pytest.param(range(5, 61), marks=pytest.mark.slow)],
+    ids=["a few", "every number"])
+pytestmark = pytest.mark.delicate
 
 
 @pytest.fixture(scope="module")
@@ -47,14 +53,16 @@ def test_the_ends_of_the_branch_are_the_same(parallelogram, one_distance):
         assert abs(ends.upper.value - np.pi) < 1e-9
 
 
+@NUMBERS
 @pytest.mark.parametrize("accuracy", ["reference", "draft"])
 @pytest.mark.parametrize("off", [0.0, 0.1])
-def test_however_far_from_a_change_point_the_values_are_none_takes_the_other_branch(accuracy, off):
+def test_however_far_from_a_change_point_the_values_are_none_takes_the_other_branch(
+        accuracy, off, numbers):
     """The kite folds, or its rocker stays: the branches cross at 26 degrees."""
-    kite = sp.load("four_bar", r1=0.3, r2=0.1, r3=0.1, r4=0.3)
+    kite = library("four_bar", r1=0.3, r2=0.1, r3=0.1, r4=0.3)
     reduced = sp.reduce(kite, "rocker_pin")
     assert len(reduced.closures) == 1
-    for n in range(5, 61):
+    for n in numbers:
         values = np.linspace(np.pi - 1.0 + off, np.pi + 1.0, n)
         motion = sp.sweep(reduced, "crank", values, accuracy=sp.Accuracy.named(accuracy))
         assert [e.kind for e in motion.events] == ["branch point"], n
@@ -65,9 +73,11 @@ def test_however_far_from_a_change_point_the_values_are_none_takes_the_other_bra
         assert np.abs(found - found[0] - rocker).max() < 1e-6, n
 
 
+@NUMBERS
 @pytest.mark.parametrize("accuracy", ["reference", "draft"])
-def test_however_far_from_a_change_point_the_values_are_it_is_passed(one_distance, accuracy):
-    for n in range(5, 61):
+def test_however_far_from_a_change_point_the_values_are_it_is_passed(
+        one_distance, accuracy, numbers):
+    for n in numbers:
         values = np.linspace(0.5, 2.0 * np.pi + 1.0, n)
         motion = sp.sweep(one_distance, "crank", values, accuracy=sp.Accuracy.named(accuracy))
         assert [e.value for e in motion.events] == pytest.approx([np.pi, 2.0 * np.pi], abs=1e-9), n
@@ -81,8 +91,8 @@ def test_the_link_that_a_vanished_row_frees_is_not_taken_as_passive(one_distance
         sp.solve_rates(one_distance, flat, {"crank": 1.0})
 
 
-@pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-6, 1e-9])
-@pytest.mark.parametrize("before", [0.0, 1e-12, 1e-9, 1e-6])
+@pytest.mark.parametrize(("tolerance", "before"), paired([1e-2, 1e-4, 1e-6, 1e-9],
+                                                         [0.0, 1e-12, 1e-9, 1e-6]))
 @pytest.mark.parametrize("side", ["lower", "upper"])
 def test_a_coarse_tolerance_is_none_to_be_refused_for(side, before, tolerance, tmp_path):
     """At a dead centre, where Newton's steps only halve the way, as anywhere."""

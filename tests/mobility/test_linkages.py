@@ -16,9 +16,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from closed_forms import Pose, Rates, placement, rotation, vector
+from loaded_library import library
 from machines import ARMS, UPRIGHT, X, Y, Z, delta
 from masses import inertias, solid, urdf
 from mpmath import acos, asin, atan2, cos, mp, mpf, sin, sqrt
+from variety import few
 
 import spatial_pin as sp
 
@@ -214,10 +216,6 @@ def watt_six_bar(crank, r1=0.30, r2=0.10, r3=0.28, r4=0.24, r5=0.15, r6=0.25, r7
     )
 
 
-
-
-
-
 # ---------------------------------------------------------------- the Gough platform
 
 
@@ -311,13 +309,16 @@ CASES = {
 }
 MECHANISMS = sorted({case.mechanism for case in CASES.values()})
 
-every_case = pytest.mark.parametrize("name", CASES)
-every_mechanism = pytest.mark.parametrize("name", MECHANISMS)
+every_case = pytest.mark.parametrize("name", few(
+    CASES, "bennett, other links", "peaucellier", "spherical_four_bar", "oldham, other offset",
+    "geared_five_bar", "watt_six_bar, other links", "delta"))
+every_mechanism = pytest.mark.parametrize("name", few(
+    MECHANISMS, "delta", "geared_five_bar", "sarrus"))
 
 
 @cache
 def loaded(name: str) -> sp.Mechanism:
-    return sp.load(CASES[name].mechanism, **CASES[name].parameters)
+    return library(CASES[name].mechanism, **CASES[name].parameters)
 
 
 @cache
@@ -409,6 +410,7 @@ def test_every_position_assembles_on_this_branch(name):
             assert abs(gap) < TOLERANCE, f"{coordinate} at {case.values[row]:.3f}"
 
 
+@pytest.mark.delicate
 @every_case
 def test_mobility(name):
     mobility = sp.mobility(loaded(name))
@@ -430,7 +432,7 @@ def test_links_weigh_what_is_drawn(name):
 
 @every_mechanism
 def test_file_says_what_it_is(name):
-    mechanism = sp.load(name)
+    mechanism = library(name)
     assert mechanism.name == name
     assert mechanism.title
     assert any(character.isdigit() for character in mechanism.source)
@@ -463,6 +465,7 @@ def test_peaucellier_draws_a_straight_line():
     assert np.max(np.abs(p.acceleration[:, :2])) < 1e-11
 
 
+@pytest.mark.delicate
 def test_peaucellier_stops_where_the_rhombus_is_flat():
     with pytest.raises(sp.LimitError) as caught:
         sp.sweep(loaded("peaucellier"), "crank", np.linspace(0.0, 2.0, 21))
@@ -498,6 +501,7 @@ def test_bricard_sines_have_a_constant_product():
         check(hinges[odd] * hinges[even], np.ones(len(turned.driver)), "product")
 
 
+@pytest.mark.delicate
 def test_bricard_ends_at_210_degrees():
     with pytest.raises(sp.LimitError) as caught:
         sp.sweep(loaded("bricard"), "crank", np.linspace(0.0, 4.0, 21))
@@ -549,7 +553,7 @@ def test_stewart_legs_have_the_lengths_asked_for():
 
 
 @pytest.mark.filterwarnings("ignore:.*beyond joint limits")  # some poses are beyond the legs' reach
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", few(range(5), 0, 3))
 def test_stewart_takes_the_pose_whose_leg_lengths_it_is_given(seed):
     rng = np.random.default_rng(seed)
     shift, turned = rng.uniform(-0.05, 0.05, 3), pin.exp3(rng.uniform(-0.2, 0.2, 3))
@@ -582,6 +586,7 @@ def test_delta_forward_kinematics(degrees, position):
     np.testing.assert_allclose(platform.rotation, np.eye(3), rtol=0, atol=1e-13)
 
 
+@pytest.mark.delicate
 def test_three_cranks_of_a_flat_locomotive_drive_are_no_lack_of_freedom(tmp_path):
     tree, places = mechanisms.turning("q", "crank0", "rod", (0.12, 0, 0.01)), (0.0, 0.25, 0.6)
     for k, x in enumerate(places):

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 import pytest
+from loaded_library import library
 from mechanisms import (
     ALPHA,
     BETA,
@@ -39,8 +40,11 @@ from mechanisms import (
     tilted,
     turning,
 )
+from variety import few
 
 import spatial_pin as sp
+
+pytestmark = pytest.mark.delicate
 
 
 class Count(NamedTuple):
@@ -406,7 +410,7 @@ CASES = {
         Count(-2, -2, 1, 2, 1, 1, 0, True)) for k in (1, 2, 3, 4)},
     "Bennett cut in a link": Case(lambda f: hinge_loop(f, BENNETT, 0, 1, BENNETT_ANGLES),
                                   Count(-2, -2, 1, 3, 1, 1, 0, True)),
-    "nearly Bennett": Case(lambda f: nearly_bennett(f, 1e-3), Count(-2, -2, 1, 3, 0, 0, 0, True)),
+    "nearly Bennett": Case(lambda f: nearly_bennett(f, 1e-2), Count(-2, -2, 1, 3, 0, 0, 0, True)),
     **{f"Goldberg cut at hinge {k}": Case(
         lambda f, k=k: hinge_loop(f, GOLDBERG, k, 2 if k == 1 else 1),
         Count(-1, -1, 1, 3, 1, 1, 0, True)) for k in range(1, 6)},
@@ -492,9 +496,11 @@ def test_count(name, tmp_path):
     check(sp.mobility(mechanism, configuration(mechanism, case.at)), case.count)
 
 
-@pytest.mark.parametrize("name", LIBRARY)
+@pytest.mark.parametrize("name", few(
+    LIBRARY, "bennett", "crane", "four_bar", "peaucellier", "rspc", "rssr", "sarrus",
+    "screw_press", "stewart", "watt_six_bar"))
 def test_count_of_the_library(name):
-    check(sp.mobility(sp.load(name)), LIBRARY[name])
+    check(sp.mobility(library(name)), LIBRARY[name])
 
 
 def test_the_other_tests_mechanisms_are_all_counted():
@@ -504,7 +510,7 @@ def test_the_other_tests_mechanisms_are_all_counted():
 @pytest.mark.parametrize("name", ["four_bar", "rssr", "rspc", "spherical_four_bar", "bricard",
                                   "swash_plate"])
 def test_count_is_the_same_all_along_the_motion(name):
-    mechanism = sp.load(name)
+    mechanism = library(name)
     value = sp.assemble(mechanism).coordinate(next(iter(mechanism.drivers))).value
     for angle in value + np.linspace(0.1, 0.9, 5):
         state = sp.assemble(mechanism, {next(iter(mechanism.drivers)): angle})
@@ -515,8 +521,9 @@ def test_count_is_the_same_all_along_the_motion(name):
 
 
 @pytest.mark.parametrize("error", [1e-1, -1e-2, 1e-3, 1e-4, -1e-5, 1e-6])
-def test_nearly_bennett_does_not_move(error, tmp_path):
-    mobility = sp.mobility(nearly_bennett(tmp_path, error))
+def test_nearly_bennett_does_not_move_if_its_numbers_are_exact(error, tmp_path):
+    nearly_bennett(tmp_path, error)
+    mobility = sp.mobility(sp.load(tmp_path / "nearly_bennett.toml", gap=0.0))
     assert mobility.dof == 0 and mobility.overconstrained
 
 
@@ -626,7 +633,7 @@ def test_a_passive_freedom_moves_nothing_else(tmp_path):
 @pytest.mark.parametrize("name", ["four_bar", "bennett", "peaucellier", "hooke_joint",
                                   "screw_press"])
 def test_redundant_equations_are_named_by_closure_and_index(name):
-    mechanism = sp.load(name)
+    mechanism = library(name)
     rows = {c.name: len(c.rows) for c in mechanism.closures}
     redundant = sp.mobility(mechanism).redundant
     assert len(set(redundant)) == len(redundant)
@@ -636,7 +643,7 @@ def test_redundant_equations_are_named_by_closure_and_index(name):
 
 
 def test_without_the_redundant_equations_the_rank_is_the_same():
-    mechanism = sp.load("four_bar")
+    mechanism = library("four_bar")
     state = sp.assemble(mechanism, {"crank": 0.4})
     mobility = sp.mobility(mechanism, state)
     names = [f"{c.name}[{k}]" for c in mechanism.closures for k in range(len(c.rows))]
@@ -651,7 +658,7 @@ def test_without_the_redundant_equations_the_rank_is_the_same():
     ("screw_press", "one axis (turn and slide)", 2),
 ])
 def test_loops_are_recognised(name, kind, order):
-    (loop,) = sp.mobility(sp.load(name)).loop_list
+    (loop,) = sp.mobility(library(name)).loop_list
     assert (loop.kind, loop.order) == (kind, order)
 
 
@@ -683,7 +690,7 @@ def test_report_of_the_rssr(tmp_path):
 
 
 def test_report_of_a_plane_four_bar():
-    report = lines(sp.mobility(sp.load("four_bar")))
+    report = lines(sp.mobility(library("four_bar")))
     assert report[0] == "mobility of four_bar: 1"
     assert "formula with 6 equations a loop (Kutzbach): -2" in report
     assert "formula with the order of each loop (Grübler): 1" in report

@@ -7,6 +7,7 @@ from math import acos, atan2, hypot
 import numpy as np
 import pinocchio as pin
 import pytest
+from loaded_library import library
 from scipy.interpolate import CubicSpline
 
 import spatial_pin as sp
@@ -20,7 +21,7 @@ DIG = {"boom": [2.89, 2.76, 2.70, 2.665, 2.64, 2.70, 3.00],
 
 def digs(samples: int) -> sp.Motion:
     times = np.linspace(0.0, 10.0, samples)
-    return sp.follow(sp.load("excavator"), {
+    return sp.follow(library("excavator"), {
         name: CubicSpline(SECONDS, x, bc_type="clamped")(times) for name, x in DIG.items()}, times)
 
 
@@ -80,7 +81,7 @@ def test_rates_of_a_dig_are_those_of_the_triangles():
 
 def test_cylinders_work_as_much_as_the_energy_grows():
     times = np.linspace(0.0, 3.0, 601)
-    mechanism = sp.load("excavator")
+    mechanism = library("excavator")
     motion = sp.follow(mechanism, {"boom": 2.7 + 0.2 * np.sin(times), "bucket": 2.2 + 0.1 * times,
                                    "arm": 3.0 + 0.3 * np.sin(2.0 * times)}, times)
     data, energy = mechanism.model.createData(), []
@@ -93,7 +94,7 @@ def test_cylinders_work_as_much_as_the_energy_grows():
 
 
 def at(**lengths: float) -> sp.State:
-    mechanism = sp.load("excavator")
+    mechanism = library("excavator")
     return sp.assemble(mechanism, lengths)
 
 
@@ -125,7 +126,7 @@ def test_it_digs_into_the_ground_and_swings():
 
 
 def test_other_dimensions_assemble():
-    longer = sp.load("excavator", arm=3.2, bucket=1.3)
+    longer = library("excavator", arm=3.2, bucket=1.3)
     state = sp.assemble(longer)
     reach = np.linalg.norm(state.placement("bucket").translation
                            - state.placement("arm").translation)

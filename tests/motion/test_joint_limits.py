@@ -1,45 +1,24 @@
 """Joint limits of the URDF: where sweeps and simulations pass them, against closed forms."""
 
 import json
-from dataclasses import replace
+import re
 
 import mechanisms as known
 import mpmath
 import numpy as np
 import pytest
-from masses import heavy
+from joint_limits import LOWER, UPPER, crank_at, hanging, limited_slider_crank
+from loaded_library import library
 from rsup import poses, rsup
 from scipy.optimize import brentq
 from scipy.special import ellipj, ellipk
+from variety import paired
 
 import spatial_pin as sp
-from spatial_pin.assembly.assemble import assembled
-from spatial_pin.cli import main
-from spatial_pin.motion.joint_limits import (
-    SWING_OF_ACCELERATIONS,
-    SWING_OF_RATES,
-    first_passing,
-    joint_limit_events,
-    joint_limits,
-    joint_limits_passed,
-)
-from spatial_pin.numerics.hermite import quintic
 
 G = 9.81
-DOWN = "gravity = [0.0, -9.81, 0.0]\n"
 REFERENCE = sp.Accuracy.named("reference")
 PACE = np.sqrt(1.5 * 0.4 * G / (0.02 + 1.5 * 0.4**2))  # of small swings of the rod [rad/s]
-
-
-def hanging(folder, lower, upper, second=False):
-    """A rod that hangs down at 0, with limits; with another joint, a second freedom that rests."""
-    tree = known.joint("revolute", "pin", "ground", "bob", (0, 0, 0), (0, 0, -np.pi / 2),
-                       (0, 0, 1), (lower, upper))
-    if second:
-        tree += known.sliding("far", "ground", "block", axis=(1, 0, 0))
-        tree = heavy(tree, block=(1.0,))
-    tree = heavy(tree, bob=(1.5, (0.4, 0, 0), (0.0, 0.02, 0.02)))
-    return known.load(folder, "hanging", tree, DOWN + known.driver("pin", "pin"))
 
 
 def swing(amplitude, t):
@@ -122,40 +101,15 @@ def test_a_start_beyond_a_limit_is_told_or_refused(tmp_path):
     assert sp.simulate(mech, at_rest, 1.0, on_joint_limit="stop").time[-1] == 1.0
 
 
-def test_a_joint_without_room_between_its_limits_has_none(tmp_path):
-    """URDF says 0 and 0 where nothing is stated."""
-    mech = hanging(tmp_path, 0.0, 0.0)
-    assert not joint_limits(mech)
-    assert [(x.value, x.side, x.unit) for x in joint_limits(hanging(tmp_path, -1.0, 2.0))] == [
-        (-1.0, -1, "rad"), (2.0, 1, "rad")]
-
-
 def test_legs_that_begin_at_rest_are_no_trouble():
     """Their rates of 1e-17 at the start have any sign; five of six then fall to their limits."""
-    mech = sp.load("stewart")
+    mech = library("stewart")
     state = sp.solve_rates(mech, sp.assemble(mech), {"leg_1": 0.1})
     motion = sp.simulate(mech, state, 0.2)
     assert {p.limit.name for p in motion.joint_limits} == {f"slide_{k}" for k in range(2, 7)}
     there = sp.simulate(mech, state, 0.2, times=[p.value for p in motion.joint_limits])
     for p, q in zip(motion.joint_limits, there.q, strict=True):
         assert abs(p.limit.room(q)) < 5e-12 * p.limit.size
-
-
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_what_lies_between_two_rows_may_differ_from_them_by_noise(sign, tmp_path):
-    """A joint at rest at its limit, or near it, whose place and rate between rows are round-off."""
-    mech = hanging(tmp_path, -0.7, 1.3)
-    for upper in (x for x in joint_limits(mech) if x.side > 0):
-        def at(t, upper=upper):
-            return np.array([upper.value - sign * 1e-16]), np.array([sign * (t - 0.5) * 1e-17])
-
-        for q0, v0 in ((upper.value, 1e-17), (upper.value - 1e-3, 1e-17), (upper.value, -1e-17)):
-            ends = (np.array([q0]), np.array([v0])), (np.array([q0]), np.array([-v0]))
-            assert first_passing(upper, at, (0.0, 1.0), ends) is None
-    # an end just beyond, where the way there says just before
-    ends = (np.array([1.2]), np.array([0.1])), (np.array([1.3 + 2e-11]), np.array([0.1]))
-    assert first_passing(upper, lambda t: (np.array([1.2 + 0.1 * t]), np.array([0.1])),
-                         (0.0, 1.0), ends) == 1.0
 
 
 def test_a_stop_function_whose_sign_at_the_start_is_noise_stops_there(tmp_path):
@@ -166,81 +120,56 @@ def test_a_stop_function_whose_sign_at_the_start_is_noise_stops_there(tmp_path):
     assert motion.time[-1] == 0.0 and motion.events[-1].kind == "stopped"
 
 
-def test_the_command_line_stops_at_limits(tmp_path, capsys):
+def test_the_command_line_stops_at_limits(tmp_path, run):
     hanging(tmp_path, -0.7, 1.3)
-    words = ["simulate", str(tmp_path / "hanging.toml"), "--duration", "1", "--at", "pin=1.2",
-             "--on-joint-limit", "stop", "--json", str(tmp_path / "m.json")]
-    assert main(words) == 0
-    assert "stopped at" in capsys.readouterr().out
+    code, said, _ = run("simulate", tmp_path / "hanging.toml", "--duration", "1", "--at", "pin=1.2",
+                        "--on-joint-limit", "stop", "--json", tmp_path / "m.json")
+    assert code == 0 and "stopped at" in said
     events = json.loads((tmp_path / "m.json").read_text(encoding="utf-8"))["events"]
     assert [event["kind"] for event in events] == ["joint limit", "stopped"]
 
 
 # ---------------------------------------------------------------- sweeps
 
-LOWER, UPPER = 0.1103, 0.209  # of the slide, which goes from 0.11 to 0.21
-
 
 @pytest.fixture
 def slider_crank():
-    """The library's, with limits of the slide."""
-    mech = sp.load("slider_crank")
-    at, model = mech.coordinate("slide").q, mech.model
-    for name, value in (("lowerPositionLimit", LOWER), ("upperPositionLimit", UPPER)):
-        limits = getattr(model, name).copy()
-        limits[at] = value
-        setattr(model, name, limits)
-    return mech
+    return limited_slider_crank()
 
 
-def crank_at(x):
-    """Crank angle in (0, pi) at a place of the slide: law of cosines, crank 0.05, rod 0.16."""
-    return float(np.arccos((x * x + 0.05**2 - 0.16**2) / (2.0 * x * 0.05)))
+def passed(motion):
+    """The joint limits that a motion tells, and how: (side, value) of the slide, and the event."""
+    found = []
+    for event in motion.events:
+        if event.kind == "joint limit":
+            side, value = re.search(r"(lower|upper) limit (\S+) m of slide", event.text).groups()
+            found.append((side, float(value), event))
+    return found
 
 
-@pytest.mark.parametrize("n", [361, 37, 12, 5, 4])
-@pytest.mark.parametrize("way", ["forward", "backward", "faster and faster"])
+@pytest.mark.parametrize(("n", "way"), paired(
+    [361, 37, 12, 5, 4], ["forward", "backward", "faster and faster"]))
 def test_a_sweep_passes_limits_where_the_triangle_says(slider_crank, n, way):
     """However far its rows are apart."""
     values = np.linspace(0.0, 2.0 * np.pi, n)
     speed = np.linspace(1.0, 3.0, n) if way == "faster and faster" else 2.0
     motion = sp.sweep(slider_crank, "crank", values[::-1] if way == "backward" else values, speed)
-    start, *passed = joint_limits_passed(motion)
-    assert (start.limit.side, start.row, start.where) == (1, 0, "")
+    (side, _, start), *others = passed(motion)
+    assert (side, start.row) == ("upper", 0) and start.text.endswith("from the start")
     low, high = crank_at(LOWER), crank_at(UPPER)
     want = [low, 2.0 * np.pi - high] if way != "backward" else [2.0 * np.pi - low, high]
-    assert [p.limit.value for p in passed] == [LOWER, UPPER]
-    assert [p.value for p in passed] == pytest.approx(want, abs=2e-13)
-    for p in passed:
-        before, after = motion.swept[p.row - 1], motion.swept[p.row]
-        assert min(before, after) <= p.value <= max(before, after)
-    assert [e.kind for e in joint_limit_events(motion)] == ["joint limit"] * 3
-    assert "upper limit 0.209 m of slide passed at crank = " in joint_limit_events(motion)[2].text
-
-
-def test_a_traced_curve_passes_limits_too(slider_crank):
-    """Its rows are no history in time; between them goes the arc length."""
-    passed = [p for p in joint_limits_passed(sp.trace(slider_crank, "crank")) if p.where]
-    assert [p.value for p in passed] == pytest.approx(
-        [crank_at(LOWER), 2.0 * np.pi - crank_at(UPPER)], abs=1e-12)
+    assert [value for _, value, _ in others] == [LOWER, UPPER]
+    assert [event.value for _, _, event in others] == pytest.approx(want, abs=2e-13)
+    for _, _, event in others:
+        before, after = motion.swept[event.row - 1], motion.swept[event.row]
+        assert min(before, after) <= event.value <= max(before, after)
+    assert "upper limit 0.209 m of slide passed at crank = " in others[1][2].text
 
 
 def test_rows_without_rates_pass_limits_at_the_same_place(slider_crank):
     motion = sp.sweep(slider_crank, "crank", np.linspace(0.2, 3.1, 4), 0.0)
-    (lower,) = [p for p in joint_limits_passed(motion) if p.limit.side < 0]
+    (lower,) = [event for side, _, event in passed(motion) if side == "lower"]
     assert lower.value == pytest.approx(crank_at(LOWER), abs=1e-13)
-
-
-def test_rows_that_cannot_be_followed_again_give_an_estimate_with_few_digits(slider_crank):
-    """As if another coordinate had been held: the branch does not lead from row to row."""
-    motion = sp.sweep(slider_crank, "crank", np.linspace(0.2, 3.1, 200), 0.0)
-    rows = np.flatnonzero(motion.coordinate("slide").value < LOWER)
-    q = motion.q.copy()
-    q[rows, slider_crank.coordinate("coupler_pin").q] += 1e-3
-    motion = replace(motion, q=q)
-    (lower,) = [p for p in joint_limits_passed(motion) if p.limit.side < 0]
-    assert lower.value == pytest.approx(crank_at(LOWER), abs=1e-3)  # by a straight line
-    assert lower.where == f"at crank = {lower.value:.6g} rad"
 
 
 @pytest.mark.parametrize("way", [1, -1])
@@ -254,9 +183,9 @@ def test_a_slide_that_turns_back_between_far_rows_is_looked_at_where_it_does(
     limits[at] = 0.21 - beyond
     model.upperPositionLimit = limits
     motion = sp.sweep(slider_crank, "crank", np.linspace(-0.9, 1.1, 2)[::way])
-    passed = [p.value for p in joint_limits_passed(motion)]
+    found = [event.value for _, _, event in passed(motion)]
     want = [-way * crank_at(0.21 - beyond)] if beyond > 0.0 else []
-    assert passed == pytest.approx(want, abs=1e-11)
+    assert found == pytest.approx(want, abs=1e-11)
 
 
 @pytest.mark.parametrize("n", [4, 7, 30])
@@ -272,8 +201,8 @@ def test_an_rsup_passes_the_limits_of_its_slide_where_closed_forms_say(n, tmp_pa
     (k,) = np.flatnonzero((np.array(room[:-1]) > 0.0) & (np.array(room[1:]) < 0.0))
     want = float(mpmath.findroot(lambda x: poses(x)[1][0] - lower, tuple(angles[k : k + 2]),
                                  solver="anderson", tol=1e-28))
-    assert [p.value for p in joint_limits_passed(motion) if p.limit.name == "P"] == pytest.approx(
-        [want], abs=1e-12)
+    assert [e.value for e in motion.events if e.kind == "joint limit" and " of P " in e.text] == (
+        pytest.approx([want], abs=1e-12))
 
 
 # ---------------------------------------------------------------- how far a driver can go
@@ -305,7 +234,7 @@ def test_a_range_without_a_joint_limit_in_it_is_as_without(slider_crank):
     found = sp.limits(slider_crank, "crank", {"crank": 1.5}, joints=True)
     assert found.lower.value == pytest.approx(crank_at(0.21 - 1e-6), abs=1e-10)
     for name in ("slider_crank", "four_bar", "stewart"):  # limits out of reach, none, telescopes
-        mech = sp.load(name)
+        mech = library(name)
         driver = next(iter(mech.drivers))
         free, held = (sp.limits(mech, driver, joints=joints) for joints in (False, True))
         assert (free == held) == (name != "stewart")
@@ -325,7 +254,7 @@ def test_a_sweep_tells_the_joint_limits_that_it_passes(tmp_path):
 
 
 def test_a_motion_without_time_passes_limits_at_samples():
-    gough = sp.load("stewart")
+    gough = library("stewart")
     upper = float(gough.model.upperPositionLimit[gough.coordinate("slide_1").q])
     home = sp.assemble(gough).coordinate("leg_1").value
     rising = home + (upper - home) * np.linspace(0.0, 1.25, 101)
@@ -345,20 +274,7 @@ def test_rows_at_one_place_pass_no_limit_however_their_speeds_differ(tmp_path):
     assert events == [(pytest.approx(1.3, abs=1e-12), 18)]
 
 
-def test_how_far_a_joint_swings_beyond_its_samples_is_bounded():
-    """A polynomial of fifth degree leaves the range of its ends by no more than the screen says."""
-    rng, x = np.random.default_rng(0), np.linspace(0.0, 1.0, 401)
-    for _ in range(200):
-        sizes = rng.choice([0.1, 1.0, 10.0], (3, 1))
-        values, rates, accelerations = sizes * rng.normal(size=(3, 2))
-        h = rng.uniform(0.1, 2.0)
-        found = np.polynomial.Polynomial(
-            quintic(values, h * rates, h * h * accelerations))(x)
-        beyond = max(found.max() - values.max(), values.min() - found.min())
-        assert beyond <= (SWING_OF_RATES * h * np.abs(rates).sum()
-                          + SWING_OF_ACCELERATIONS * h * h * np.abs(accelerations).sum())
-
-
+@pytest.mark.filterwarnings("ignore::spatial_pin.SpatialPinWarning")  # beyond limits
 @pytest.mark.parametrize("limits", [(0.0, 7.0), (-10.0, 10.0), (-1.0, 1.0)])
 def test_limits_that_are_not_kept_leave_the_branch(limits, tmp_path):
     """An angle taken to another turn for its limits is where it was."""
@@ -373,7 +289,7 @@ def test_limits_that_are_not_kept_leave_the_branch(limits, tmp_path):
             "pin", "revolute", "b_end", "c_end") + known.driver("crank", "crank"))
 
     def rocker(mechanism, guess):
-        state = assembled(mechanism, {"crank": 0.4}, {"rocker": guess})
+        state = sp.assemble(mechanism, {"crank": 0.4}, {"rocker": guess})
         return state.placement("c").rotation
 
     free, limited = four_bar("free", "continuous", None), four_bar("some", "revolute", limits)

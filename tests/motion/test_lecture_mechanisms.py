@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import spatial_pin as sp
-from spatial_pin.assembly.state import RelativeMotion
 
 TOLERANCE = 1e-11
 X, Y, Z = np.eye(3)
@@ -275,7 +274,7 @@ def test_crane_exercise_7_6():
     check_printed(state.acceleration("tip").linear, "-3.533384 -1.500000 1.800000")
 
 
-def five_terms(terms: RelativeMotion):
+def five_terms(terms: sp.RelativeMotion):
     return (terms.base, terms.tangential, terms.normal, terms.relative, terms.coriolis)
 
 

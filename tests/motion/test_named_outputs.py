@@ -5,21 +5,22 @@ from functools import cache
 import numpy as np
 import pinocchio as pin
 import pytest
+from loaded_library import library
+from variety import few
 
 import spatial_pin as sp
-from spatial_pin.cli import main
 
 TIMES = np.linspace(0.0, 1.0, 21)
 
 
 @cache
 def four_bar() -> sp.Motion:
-    return sp.sweep(sp.load("four_bar"), "crank", np.linspace(0.0, 4.0 * np.pi, 61), speed=2.0)
+    return sp.sweep(library("four_bar"), "crank", np.linspace(0.0, 4.0 * np.pi, 61), speed=2.0)
 
 
 @cache
 def excavator() -> tuple[sp.Mechanism, sp.State]:
-    mechanism = sp.load("excavator")
+    mechanism = library("excavator")
     return mechanism, sp.assemble(mechanism)
 
 
@@ -48,7 +49,7 @@ def test_mass_and_its_centre_are_those_of_pinocchio():
 
 
 def test_the_jerk_of_the_centre_is_the_derivative_of_its_acceleration():
-    mechanism = sp.load("four_bar")
+    mechanism = library("four_bar")
     h = 1e-4
     motion = sp.sweep(mechanism, "crank", 1.0 + h * np.arange(-1, 2), speed=1.0)
     a = motion.output("com.acceleration").values
@@ -56,7 +57,7 @@ def test_the_jerk_of_the_centre_is_the_derivative_of_its_acceleration():
 
 
 def test_shaking_forces_are_mass_times_acceleration_of_the_centre():
-    mechanism = sp.load("four_bar")
+    mechanism = library("four_bar")
     motion = sp.sweep(mechanism, "crank", np.linspace(0.0, 6.0, 7), speed=10.0)
     loads = sp.kinetostatics(mechanism, motion)
     mass, a = (loads.output(x).values for x in ("mass", "com.acceleration"))
@@ -71,8 +72,8 @@ def test_angles_of_links_of_a_plane_mechanism_are_sums_that_count_turns():
     assert motion.output("crank.angle").values == pytest.approx(crank, abs=1e-14)
     assert motion.output("coupler.angle").values == pytest.approx(crank + coupler, abs=1e-12)
     assert np.ptp(motion.output("crank.angle").values) == pytest.approx(4.0 * np.pi)
-    few = sp.sweep(motion.mechanism, "crank", [0.0, 4.0 * np.pi])  # turns are not seen between
-    assert np.ptp(few.output("crank.angle").values) == pytest.approx(4.0 * np.pi)
+    two = sp.sweep(motion.mechanism, "crank", [0.0, 4.0 * np.pi])  # turns are not seen between
+    assert np.ptp(two.output("crank.angle").values) == pytest.approx(4.0 * np.pi)
     x = motion.frame("coupler").rotation[:, :, 0]  # hinges of the file are about -y
     off = motion.output("coupler.angle").values - np.arctan2(x[:, 2], x[:, 0])
     assert np.sin(off) == pytest.approx(np.zeros(len(motion)), abs=1e-12)
@@ -81,7 +82,7 @@ def test_angles_of_links_of_a_plane_mechanism_are_sums_that_count_turns():
 
 
 def test_angles_about_a_named_axis_have_no_jumps_in_space():
-    motion = sp.sweep(sp.load("rssr"), "crank", np.linspace(0.0, 4.0 * np.pi, 241), speed=1.0)
+    motion = sp.sweep(library("rssr"), "crank", np.linspace(0.0, 4.0 * np.pi, 241), speed=1.0)
     angle = motion.output("crank.angle.x").values
     assert np.abs(np.diff(angle)).max() < 0.2
     for name, first, second in (("coupler.angle.z", 0, 1), ("coupler.angle.y", 2, 0)):
@@ -159,8 +160,9 @@ def test_a_mechanism_without_mass_has_no_centre(tmp_path):
 # ---------------------------------------------------------------- where outputs are asked for
 
 
-@pytest.mark.parametrize("output", ["mass", "com.position", "com.velocity.z", "coupler.angle",
-                                    "coupler.angle.y", "coupler.velocity.x"])
+@pytest.mark.parametrize("output", few(
+    ["mass", "com.position", "com.velocity.z", "coupler.angle", "coupler.angle.y",
+     "coupler.velocity.x"], "mass", "com.velocity.z", "coupler.angle"))
 def test_sensitivities_are_those_of_mechanisms_made_anew(output):
     state = four_bar().state(4)
     mechanism, h, value = state.mechanism, 1e-5, state.coordinate("crank").value
@@ -168,7 +170,7 @@ def test_sensitivities_are_those_of_mechanisms_made_anew(output):
     for name in ("r2", "r3"):
         ends = []
         for sign in (1.0, -1.0):
-            other = sp.load("four_bar", **{name: mechanism.dimensions[name] + sign * h})
+            other = library("four_bar", **{name: mechanism.dimensions[name] + sign * h})
             guess = {c: state.coordinate(c).value for c in mechanism.coordinates}
             ends.append(sp.sweep(other, "crank", [value], speed=2.0, guess=guess)
                         .output(output).values[0])
@@ -176,7 +178,7 @@ def test_sensitivities_are_those_of_mechanisms_made_anew(output):
 
 
 def test_an_angle_near_half_a_turn_has_a_derivative_and_a_spread():
-    mechanism = sp.load("four_bar")
+    mechanism = library("four_bar")
     state = sp.assemble(mechanism, {"crank": 0.0})
     own = sp.sensitivity(mechanism, state, "coupler.angle", ["r2"])
     turned = sp.assemble(mechanism, {"crank": 2.0 * np.pi}, state)
@@ -213,7 +215,7 @@ def test_plots_tables_and_pages_take_them(tmp_path):
 
 
 def test_simulations_have_them():
-    mechanism = sp.load("four_bar")
+    mechanism = library("four_bar")
     run = sp.simulate(mechanism, sp.assemble(mechanism, {"crank": 1.0}), 0.2)
     energy, mass, height = (run.output(x).values for x in ("energy", "mass", "com.position.z"))
     data = mechanism.model.createData()
@@ -224,7 +226,7 @@ def test_simulations_have_them():
 
 
 def test_a_smaller_model_tells_angles_and_components_but_no_sums():
-    mechanism = sp.load("excavator")
+    mechanism = library("excavator")
     reduced = sp.reduce(mechanism, ["boom.angle.y", "boom.velocity.z"])
     assert reduced.verify().worst < 1e-9
     with pytest.raises(sp.SpatialPinError, match="every link that has mass"):
@@ -340,7 +342,7 @@ def test_paths_that_leave_freedom_meet_their_samples(asked):
 
 
 def test_a_crank_whose_angle_is_asked_for_turns_round():
-    mechanism = sp.load("four_bar")
+    mechanism = library("four_bar")
     start = sp.assemble(mechanism, {"crank": 0.3})
     motion = sp.reach_path(mechanism, {"crank.angle": 0.3 + 7.0 * TIMES}, TIMES, start)
     assert motion.output("crank.angle").values == pytest.approx(0.3 + 7.0 * TIMES, abs=1e-12)
@@ -351,23 +353,23 @@ def test_a_crank_whose_angle_is_asked_for_turns_round():
 # ---------------------------------------------------------------- command line
 
 
-def test_the_command_line_takes_them(tmp_path, capfd):
-    assert main(["reach", "excavator", "teeth.position.z=-1000mm", "bucket.angle.y=115deg",
-                 "--hold", "swing", "--json", "-"]) == 0
-    capfd.readouterr()
+def test_the_command_line_takes_them(tmp_path, run):
+    code, _, _ = run("reach", "excavator", "teeth.position.z=-1000mm", "bucket.angle.y=115deg",
+                     "--hold", "swing", "--json", "-")
+    assert code == 0
     table = tmp_path / "p.csv"
     table.write_text("time [s],teeth.position.x [mm],teeth.position.z,bucket.angle.y [deg]\n"
                      "0,6000,-1,115\n1,6100,-1,112\n2,6200,-1.1,110\n3,6300,-1.2,110\n")
-    assert main(["reach", "excavator", "--path", str(table), "--hold", "swing", "--csv", "-"]) == 0
-    assert len(capfd.readouterr().out.splitlines()) == 5
-    assert main(["reach", "excavator", "com.position=0.4,0,1.8@1", "--hold", "swing"]) == 0
-    capfd.readouterr()
+    code, said, _ = run("reach", "excavator", "--path", table, "--hold", "swing", "--csv", "-")
+    assert code == 0 and len(said.splitlines()) == 5
+    assert run("reach", "excavator", "com.position=0.4,0,1.8@1", "--hold", "swing")[0] == 0
 
 
 @pytest.mark.parametrize(("word", "says"), [
-    ("teeth.position.z=-1deg", "is in m, not in deg"), ("bucket.angle.y=2m", "is in rad, not in m"),
-    ("teth.position.z=1", "did you mean 'teeth'"), ("bucket.angle=1", "say about which"),
+    ("teeth.position.z=-1deg", "is in m, not in deg"), ("bucket.angle=1", "say about which"),
+    pytest.param("bucket.angle.y=2m", "is in rad, not in m", marks=pytest.mark.slow),
+    pytest.param("teth.position.z=1", "did you mean 'teeth'", marks=pytest.mark.slow),
 ])
-def test_the_command_line_refuses_in_words(capfd, word, says):
-    assert main(["reach", "excavator", word]) == 1
-    assert says in " ".join(capfd.readouterr().err.split())
+def test_the_command_line_refuses_in_words(run, word, says):
+    code, _, told = run("reach", "excavator", word)
+    assert code == 1 and says in " ".join(told.split())

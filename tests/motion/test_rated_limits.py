@@ -5,12 +5,10 @@ from __future__ import annotations
 import mechanisms as known
 import numpy as np
 import pytest
+from loaded_library import library
 from masses import heavy
-from mechanisms import from_text
 
 import spatial_pin as sp
-from spatial_pin.dynamics.kinetostatics import kinetostatics
-from spatial_pin.formats.export import content_of
 
 G = 9.81
 
@@ -41,7 +39,7 @@ def test_efforts_beyond_their_limit_are_told(tmp_path):
     """The pin bears 1.5 g 0.4 sin(angle), and 3 N·m are allowed: from 30.6° to 149.4°."""
     mech = pendulum(tmp_path, effort=3.0)
     angles = np.radians(np.arange(0.0, 181.0))
-    found = kinetostatics(mech, sp.sweep(mech, "pin", angles))
+    found = sp.kinetostatics(mech, sp.sweep(mech, "pin", angles))
     (one,) = found.beyond_limits
     weight = 1.5 * G * 0.4
     inside = np.flatnonzero(np.abs(weight * np.sin(angles)) > 3.0)
@@ -56,8 +54,11 @@ def test_efforts_beyond_their_limit_are_told(tmp_path):
 
 def test_velocities_beyond_their_limit_are_told_of_motions_in_time(tmp_path):
     """A crank of 3 rad/s: the rocker, at 1 rad/s at most, is faster in a part of the turn."""
-    source = sp.load("four_bar")
-    mech = from_text(limited(source.urdf, "rocker_pin", velocity=1.0), content_of(source), "toml")
+    toml = library("four_bar").save(tmp_path)
+    tree = toml.with_suffix(".urdf")
+    text = limited(tree.read_text(encoding="utf-8"), "rocker_pin", velocity=1.0)
+    tree.write_text(text, encoding="utf-8")
+    mech = sp.load(toml)
     values = np.linspace(0.0, 2.0 * np.pi, 73)
     motion = sp.sweep(mech, "crank", values, speed=3.0)
     rate = motion.coordinate("rocker_pin").rate
@@ -65,10 +66,10 @@ def test_velocities_beyond_their_limit_are_told_of_motions_in_time(tmp_path):
     (event,) = of_kind(motion, "velocity limit")
     assert (event.row, event.value) == (first, values[first])
     assert "velocity limit 1 rad/s of rocker_pin" in event.text
-    (one,) = kinetostatics(mech, motion).beyond_limits
+    (one,) = sp.kinetostatics(mech, motion).beyond_limits
     assert one.worst == int(np.argmax(np.abs(rate))) and one.most == rate[one.worst]
     still = sp.sweep(mech, "crank", values)
-    assert not of_kind(still, "velocity limit") and not kinetostatics(mech, still).beyond_limits
+    assert not of_kind(still, "velocity limit") and not sp.kinetostatics(mech, still).beyond_limits
 
 
 @pytest.mark.parametrize("formulation", ["independent", "projected"])
@@ -123,5 +124,5 @@ def test_limits_of_nothing_are_none(tmp_path):
     """URDF wants the attributes; 0 is what stands there where nothing is known."""
     mech = pendulum(tmp_path, effort=0.0, velocity=0.0)
     motion = sp.sweep(mech, "pin", [0.0, 1.0], speed=1e3)
-    assert not motion.events and not kinetostatics(mech, motion).beyond_limits
+    assert not motion.events and not sp.kinetostatics(mech, motion).beyond_limits
     assert not sp.simulate(mech, motion.state(0), 0.1).events

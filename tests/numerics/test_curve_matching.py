@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from variety import paired
 
 from spatial_pin.numerics.curve_matching import Movable, lengths_along, matches
 
@@ -24,12 +25,12 @@ def moved(curve, turns, shifts, scale):
 
 
 @pytest.mark.parametrize("scale", [True, False])
-@pytest.mark.parametrize(("turns", "shifts"), [
-    (EVERY, EVERY), (ABOUT_Z, EVERY), (NONE, EVERY), (NONE, ABOUT_Z), (NONE, NONE)])
-@pytest.mark.parametrize(("rows", "is_closed"), [
-    (np.arange(5, 144, 6), True), (np.arange(140, 0, -7), True), (np.arange(20, 70, 5), False),
-    (np.arange(120, 60, -6), False)])
-def test_a_curve_that_was_moved_is_found_with_how_it_was(turns, shifts, scale, rows, is_closed):
+@pytest.mark.parametrize(("free", "part"), paired(
+    [(EVERY, EVERY), (ABOUT_Z, EVERY), (NONE, EVERY), (NONE, ABOUT_Z), (NONE, NONE)],
+    [(np.arange(5, 144, 6), True), (np.arange(140, 0, -7), True), (np.arange(20, 70, 5), False),
+     (np.arange(120, 60, -6), False)]))
+def test_a_curve_that_was_moved_is_found_with_how_it_was(free, part, scale):
+    (turns, shifts), (rows, is_closed) = free, part
     every = curves()
     whole, rotation = moved(every[7], turns, shifts, scale)
     found = matches(whole[rows], every, is_closed,

@@ -4,6 +4,7 @@ import ctypes
 
 import numpy as np
 import pytest
+from variety import few
 
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.library import library
@@ -193,7 +194,8 @@ def test_entries_that_are_no_numbers_are_refused():
             decompose(a)
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.delicate
+@pytest.mark.parametrize("seed", few(range(40), *range(10)))
 def test_triangular_factors_tell_what_singular_values_do(seed):
     """Rank, null space, shortest least squares: of full rank, of less, of none, wide and tall."""
     rng = np.random.default_rng(seed)

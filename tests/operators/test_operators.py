@@ -22,7 +22,7 @@ DEG = PI / 180.0
 ROUND_OFF = 2e-15  # of a few products of matrices with entries up to 1
 DIGITS = 40
 
-examples = settings(max_examples=100, deadline=None, derandomize=True)
+examples = settings()  # as the tests are run: few, or all
 lengths = st.floats(-10.0, 10.0, allow_subnormal=False)
 points = st.tuples(lengths, lengths, lengths).map(np.array)
 small = st.floats(-12.0, -1.0).map(lambda e: 10.0**e)  # 1e-12 to 0.1

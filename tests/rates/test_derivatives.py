@@ -1,20 +1,16 @@
 """Third derivatives, the rate of the closed-loop Jacobian, and how well motion is transmitted."""
 
-from functools import partial
-
 import closed_forms
 import mechanisms
 import numpy as np
 import pinocchio as pin
 import pytest
+from loaded_library import library
 from mechanisms import closure, driver, floating, guess, load, point, refine, turning
 from mpmath import acos, cos, diff, mp, mpf
+from variety import each
 
 import spatial_pin as sp
-from spatial_pin.assembly.state import State
-from spatial_pin.cli.running import main
-from spatial_pin.constraints.composite_joints import split
-from spatial_pin.rates.rates import rate_error
 
 STENCIL = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}  # fourth-order first derivative
 STEP = 3e-4
@@ -43,8 +39,8 @@ def states_about(mechanism, state, speeds, accelerations, jerks):
         at = {n: state.coordinate(n).value + s * t + accelerations[n] * t**2 / 2
               + jerks[n] * t**3 / 6 for n, s in speeds.items()}
         q = pin.integrate(mechanism.model, state.q, state.v * t + state.a * t**2 / 2)
-        near = sp.assemble(mechanism, at, State(mechanism, q, closure_error=0.0,
-                                                angles=state.angles))
+        near = sp.assemble(mechanism, at, sp.State(mechanism, q, closure_error=0.0,
+                                                   angles=state.angles))
         yield weight / STEP, sp.solve_rates(
             mechanism, near, {n: s + accelerations[n] * t + jerks[n] * t**2 / 2
                               for n, s in speeds.items()},
@@ -57,9 +53,9 @@ def holonomic(mechanism):
     return [link for link in mechanism.links[1:] if link not in spinning]
 
 
-@pytest.mark.parametrize("name", sp.list_mechanisms())
+@pytest.mark.parametrize("name", each(sp.list_mechanisms()))
 def test_jerks_are_derivatives_of_accelerations(name):
-    mechanism = sp.load(name)
+    mechanism = library(name)
     state, *drive = moving(mechanism)
     found = sp.solve_jerks(mechanism, state, drive[2])
     around = list(states_about(mechanism, state, *drive))
@@ -74,7 +70,7 @@ def test_jerks_are_derivatives_of_accelerations(name):
             assert found.coordinate(c.name) == pytest.approx(differences, rel=1e-6, abs=2e-6)
 
 
-@pytest.mark.parametrize("name", mechanisms.KNOWN)
+@pytest.mark.parametrize("name", each(mechanisms.KNOWN))
 def test_jerks_over_a_sweep_are_slopes_of_the_accelerations(name, tmp_path):
     """Screw closures, couplings, every pair."""
     known = mechanisms.KNOWN[name]
@@ -98,7 +94,7 @@ def test_the_jerk_of_the_rssr_rocker_is_that_of_its_closed_form():
         return acos((b**2 - a**2 - c**2 - d**2 + 2 * a * d * cos(phi))
                     / (2 * c * (d - a * cos(phi))))
 
-    mechanism = sp.load("rssr")
+    mechanism = library("rssr")
     state = sp.assemble(mechanism, {"crank": 1.0})
     state = sp.solve_rates(mechanism, state, {"crank": 25.0}, {"crank": 100.0})
     found = sp.solve_jerks(mechanism, state, {"crank": -3000.0})
@@ -110,7 +106,7 @@ def test_the_jerk_of_the_rssr_rocker_is_that_of_its_closed_form():
 
 def test_jerks_of_a_circle():
     """A point on a crank at constant speed: jerk -speed² times its velocity."""
-    mechanism = sp.load("four_bar")
+    mechanism = library("four_bar")
     state = sp.solve_rates(mechanism, sp.assemble(mechanism, {"crank": 0.7}), {"crank": 5.0})
     found = sp.solve_jerks(mechanism, state)
     np.testing.assert_allclose(found.frame("coupler").linear,
@@ -124,7 +120,7 @@ def test_jerks_of_a_circle():
 
 
 def test_rotation_vectors_have_no_jerk_of_their_own():
-    mechanism = sp.load("rssr")
+    mechanism = library("rssr")
     state = sp.solve_rates(mechanism, sp.assemble(mechanism), {"crank": 1.0})
     with pytest.raises(sp.SpatialPinError, match="jerk of a frame"):
         sp.solve_jerks(mechanism, state).coordinate("ball_a.x")
@@ -132,9 +128,9 @@ def test_rotation_vectors_have_no_jerk_of_their_own():
         sp.solve_jerks(mechanism, state, {"crank": np.nan})
 
 
-@pytest.mark.parametrize("name", sp.list_mechanisms())
+@pytest.mark.parametrize("name", each(sp.list_mechanisms()))
 def test_the_jacobian_rate_is_the_derivative_of_the_jacobian(name):
-    mechanism = sp.load(name)
+    mechanism = library(name)
     state, *drive = moving(mechanism)
     link = mechanism.links[-1]
     found = sp.jacobian_rate(mechanism, state, link)
@@ -148,21 +144,6 @@ def test_the_jacobian_rate_is_the_derivative_of_the_jacobian(name):
         np.testing.assert_allclose(found, differences, atol=1e-7 * scale)
 
 
-def test_split_models_move_alike():
-    """Universal, cylindrical and planar joints as chains of single ones: same q, v and a."""
-    for name in ("stewart", "rspc", "swash_plate", "oldham"):
-        mechanism = sp.load(name)
-        model, joints = split(mechanism.model)
-        state, *_ = moving(mechanism)
-        data = model.createData()
-        pin.forwardKinematics(model, data, state.q, state.v, state.a)
-        for i, joint in enumerate(joints.tolist()):
-            np.testing.assert_allclose(data.oMi[joint].homogeneous,
-                                       state.data.oMi[i].homogeneous, atol=1e-15)
-            np.testing.assert_allclose(data.a[joint].vector, state.data.a[i].vector, atol=1e-11)
-        assert pin.computeTotalMass(model) == pytest.approx(pin.computeTotalMass(mechanism.model))
-
-
 # ---------------------------------------------------------------- transmission
 
 
@@ -173,7 +154,7 @@ def at(mechanism, **values):
 @pytest.mark.parametrize("crank", [0.3, 1.0, 2.0, 4.5])
 def test_the_transmission_angle_of_a_four_bar_follows_from_its_triangles(crank):
     r1, r2, r3, r4 = 0.30, 0.10, 0.28, 0.24
-    found = sp.transmission(*at(sp.load("four_bar"), crank=crank), "rocker_pin")
+    found = sp.transmission(*at(library("four_bar"), crank=crank), "rocker_pin")
     diagonal2 = r1**2 + r2**2 - 2 * r1 * r2 * np.cos(crank)
     angle = np.arccos((r3**2 + r4**2 - diagonal2) / (2 * r3 * r4))
     assert found.angle == pytest.approx(min(angle, np.pi - angle), abs=1e-13)
@@ -182,14 +163,14 @@ def test_the_transmission_angle_of_a_four_bar_follows_from_its_triangles(crank):
 
 
 def test_the_rod_of_a_slider_crank_leans_by_the_pressure_angle():
-    mechanism = sp.load("slider_crank")
+    mechanism = library("slider_crank")
     r, rod = mechanism.dimensions["r"], mechanism.dimensions["l"]
     found = sp.transmission(*at(mechanism, crank=1.1), "slide")
     assert np.pi / 2 - found.angle == pytest.approx(np.arcsin(r * np.sin(1.1) / rod), abs=1e-13)
 
 
 def test_the_rod_of_an_rssr_pushes_along_its_line():
-    mechanism, state = at(sp.load("rssr"), crank=1.0)
+    mechanism, state = at(library("rssr"), crank=1.0)
     found = sp.transmission(mechanism, state, "rocker_pin")
     rod = state.placement("rocker_b").translation - state.placement("ball_a").translation
     way = sp.jacobian(mechanism, state, "rocker_b")[:3, 0]
@@ -200,17 +181,18 @@ def test_the_rod_of_an_rssr_pushes_along_its_line():
 
 
 def test_known_transmission_angles():
-    swash = sp.load("swash_plate")
+    swash = library("swash_plate")
     found = sp.transmission(swash, sp.assemble(swash), "slide")
     assert np.pi / 2 - found.angle == pytest.approx(swash.dimensions["tilt"], abs=1e-12)
-    yoke, state = at(sp.load("scotch_yoke"), crank=0.4)
+    yoke, state = at(library("scotch_yoke"), crank=0.4)
     driven = [c for c in yoke.coordinates if c != "crank_pin" and
               abs(sp.transmission(yoke, state, c).angle - np.pi / 2) < 1e-12]
     assert driven  # the block pushes square to its slot
 
 
+@pytest.mark.delicate
 def test_the_transmission_angle_vanishes_where_the_crank_cannot_go_on():
-    mechanism = sp.load("four_bar", r1=0.3, r2=0.24, r3=0.1, r4=0.28)
+    mechanism = library("four_bar", r1=0.3, r2=0.24, r3=0.1, r4=0.28)
     limit = sp.limits(mechanism, "crank").upper.value
     motion = sp.sweep(mechanism, "crank", [limit - 0.3, limit - 1e-8])
     angles = motion.output("rocker_pin.transmission_angle")
@@ -219,7 +201,7 @@ def test_the_transmission_angle_vanishes_where_the_crank_cannot_go_on():
 
 
 def test_advantage_is_the_inverse_of_the_ratio():
-    motion = sp.sweep(sp.load("rssr"), "crank", np.linspace(0.5, 2.5, 9), speed=3.0)
+    motion = sp.sweep(library("rssr"), "crank", np.linspace(0.5, 2.5, 9), speed=3.0)
     ratio, advantage = (motion.output(f"rocker_pin.{k}").values for k in ("ratio", "advantage"))
     np.testing.assert_allclose(ratio * advantage, 1.0, rtol=1e-13)
 
@@ -233,13 +215,13 @@ def test_advantage_is_the_inverse_of_the_ratio():
     ("four_bar", "rocker", {}, "rocker_pin"),
 ])
 def test_what_has_no_transmission_angle_says_why(name, output, options, words):
-    mechanism = sp.load(name)
+    mechanism = library(name)
     with pytest.raises(sp.SpatialPinError, match=words):
         sp.transmission(mechanism, sp.assemble(mechanism), output, **options)
 
 
 @pytest.mark.parametrize("held", ["knee", "knee.z"])  # a hinge; a component of a ball
-def test_with_its_knee_held_a_coupler_of_two_links_is_one(tmp_path, held):
+def test_with_its_knee_held_a_coupler_of_two_links_is_one(tmp_path, held, run):
     """Ratio and angle of the four-bar whose coupler is as long as the knee leaves it."""
     ground, crank, first, second, rocker = 0.30, 0.10, 0.15, 0.14, 0.24
     tree = (turning("crank_pin", "ground", "crank") + turning("a", "crank", "rod", (crank, 0, 0))
@@ -263,9 +245,9 @@ def test_with_its_knee_held_a_coupler_of_two_links_is_one(tmp_path, held):
     ratio = crank * np.sin(1.0 - coupler) / (rocker * np.sin(turned - coupler))
     assert found.ratio == pytest.approx(ratio, rel=1e-11)
     assert found.angle == pytest.approx(abs(np.arcsin(np.sin(turned - coupler))), rel=1e-11)
-    words = ["transmission", str(mechanism.path), "rocker_pin", "crank=1.0", "--json", "-"]
-    assert main(words) == 1
-    assert main([*words, "--hold", held]) == 0
+    words = ["transmission", mechanism.path, "rocker_pin", "crank=1.0", "--json", "-"]
+    assert run(*words)[0] == 1
+    assert run(*words, "--hold", held)[0] == 0
 
 
 # ---------------------------------------------------------------- dead centres
@@ -273,7 +255,7 @@ def test_with_its_knee_held_a_coupler_of_two_links_is_one(tmp_path, held):
 
 def test_dead_centres_of_a_crank_rocker_are_where_crank_and_coupler_align():
     r1, r2, r3, r4 = 0.30, 0.10, 0.28, 0.24
-    motion = sp.sweep(sp.load("four_bar"), "crank", np.linspace(0.0, 2 * np.pi, 50))
+    motion = sp.sweep(library("four_bar"), "crank", np.linspace(0.0, 2 * np.pi, 50))
     found = sp.dead_centres(motion)
     stretched, folded = (np.arccos((r1**2 + s**2 - r4**2) / (2 * r1 * s))
                          for s in (r3 + r2, r3 - r2))
@@ -283,10 +265,11 @@ def test_dead_centres_of_a_crank_rocker_are_where_crank_and_coupler_align():
     assert motion.driver[found[0].row - 1] < found[0].value < motion.driver[found[0].row]
 
 
+@pytest.mark.delicate
 def test_dead_centres_of_a_curve_through_limits_of_the_driver():
     """The rocker turns back where crank and coupler are in line, not where the crank does."""
     lengths = {"r1": 0.30, "r2": 0.20, "r3": 0.15, "r4": 0.20}
-    mechanism = sp.load("four_bar", **lengths)
+    mechanism = library("four_bar", **lengths)
     motion = sp.trace(mechanism, "crank", sp.assemble(mechanism, {"crank": 0.9}))
     assert [event.kind for event in motion.events] == ["limit", "limit"]
     at = np.arccos((0.30**2 + 0.35**2 - 0.20**2) / (2 * 0.30 * 0.35))
@@ -294,19 +277,20 @@ def test_dead_centres_of_a_curve_through_limits_of_the_driver():
 
 
 def test_dead_centres_at_rows_are_found_once():
-    motion = sp.sweep(sp.load("slider_crank"), "crank", np.linspace(0.0, 2 * np.pi, 361))
+    motion = sp.sweep(library("slider_crank"), "crank", np.linspace(0.0, 2 * np.pi, 361))
     found = sp.dead_centres(motion, "slide")
     np.testing.assert_allclose([e.value for e in found], [0.0, np.pi, 2 * np.pi], atol=1e-12)
     assert [e.row for e in found] == [0, 180, 360]
 
 
 def test_what_always_moves_one_way_has_no_dead_centre():
-    motion = sp.sweep(sp.load("hooke_joint"), "input", np.linspace(0.0, 6.0, 50))
+    motion = sp.sweep(library("hooke_joint"), "input", np.linspace(0.0, 6.0, 50))
     assert sp.dead_centres(motion) == []
 
 
+@pytest.mark.delicate
 def test_a_row_of_a_sweep_knows_the_error_of_its_rates_as_solve_rates_does():
-    mech = sp.load("four_bar")
+    mech = library("four_bar")
     limit = sp.limits(mech, "rocker_pin").upper.value
     motion = sp.sweep(mech, "rocker_pin", limit - np.array([0.3, 1e-3, 1e-8]))
     for k in range(3):
@@ -315,15 +299,13 @@ def test_a_row_of_a_sweep_knows_the_error_of_its_rates_as_solve_rates_does():
     assert motion.state(2).rate_error > 1e-9 and "rates to" in repr(motion.state(2))
     fall = sp.simulate(mech, sp.assemble(mech), 0.1, times=[0.1])
     assert np.isnan(fall.state(0).rate_error)
-    stretched = sp.State(mech, sp.assemble(mech, {"rocker_pin": limit}).q, closure_error=0.0,
-                         rate_error=partial(rate_error, "rocker_pin", True))
-    assert np.isnan(stretched.rate_error)
 
 
+@pytest.mark.delicate
 @pytest.mark.parametrize("gap", [1e-6, 1e-8, 1e-10])
 def test_digits_lost_near_a_dead_centre_are_reported(gap):
     lengths = {"r1": 0.3, "r2": 0.24, "r3": 0.1, "r4": 0.28}
-    mechanism = sp.load("four_bar", **lengths)
+    mechanism = library("four_bar", **lengths)
     target = sp.limits(mechanism, "crank").upper.value - gap
     motion = sp.sweep(mechanism, "crank", [target - 0.3, target - 0.1, target])
     (event,) = motion.events

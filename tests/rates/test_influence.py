@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from loaded_library import library
 
 import spatial_pin as sp
 
@@ -9,7 +10,7 @@ import spatial_pin as sp
 @pytest.mark.parametrize("name", ["rssr", "rspc", "four_bar", "stewart", "satellite_dish",
                                   "swash_plate", "hooke_joint"])
 def test_velocities_and_accelerations_follow_from_the_influence_coefficients(name):
-    mechanism = sp.load(name)
+    mechanism = library(name)
     state = sp.assemble(mechanism)
     rng = np.random.default_rng(5)
     s, ds = rng.normal(size=(2, len(mechanism.drivers)))
@@ -24,7 +25,7 @@ def test_velocities_and_accelerations_follow_from_the_influence_coefficients(nam
 
 def test_the_second_order_of_the_rssr_is_that_of_its_closed_form():
     """SEEDS B7: 28.449 rad/s² of the rocker at a crank speed of 25.13 rad/s, 60°."""
-    mechanism = sp.load("rssr")
+    mechanism = library("rssr")
     found = sp.influence(mechanism, sp.assemble(mechanism, {"crank": np.pi / 3}))
     rocker = mechanism.coordinate("rocker_pin").v
     assert found.first[rocker, 0] == pytest.approx(0.424607246164, abs=1e-12)

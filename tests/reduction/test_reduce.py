@@ -8,21 +8,15 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from folders import ROOT
+from loaded_library import library
 from rsup import rsup
 from sameness import sizes
+from variety import few
 
 import spatial_pin as sp
-from spatial_pin.cli import main
-from spatial_pin.formats.export import export_urdf
-from spatial_pin.formats.files import library_folder
-from spatial_pin.reduction import verification as verification_of
 
 # a driver's range ends where rates grow without bound, and with them round-off
 CLOSE = 5e-11
-
-
-
-
 LINKAGES = [n for n in sp.list_mechanisms() if n != "stewart"]  # which has tests of its own
 
 SMALLEST = [  # mechanism, output, coordinates and equations that are left
@@ -44,10 +38,12 @@ SMALLEST = [  # mechanism, output, coordinates and equations that are left
 ]
 
 
-@pytest.mark.parametrize(("name", "output", "coordinates", "equations"), SMALLEST,
-                         ids=[f"{n}-{o}" for n, o, _, _ in SMALLEST])
+@pytest.mark.parametrize(("name", "output", "coordinates", "equations"), [
+    pytest.param(*case, id=f"{case[0]}-{case[1]}", marks=() if case[0] in (
+        "rssr", "slider_crank", "hooke_joint", "rspc", "double_cardan", "bennett"
+    ) else pytest.mark.slow) for case in SMALLEST])
 def test_the_smallest_model_is_found_and_yields_the_output(name, output, coordinates, equations):
-    reduced = sp.reduce(sp.load(name), output)
+    reduced = sp.reduce(library(name), output)
     assert sizes(reduced) == (coordinates, equations)
     found = reduced.verify()
     assert found.worst < CLOSE, str(found)
@@ -57,7 +53,7 @@ def test_the_smallest_model_is_found_and_yields_the_output(name, output, coordin
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LINKAGES)
 def test_coordinates_and_links_of_the_library_are_yielded(name):
-    mechanism = sp.load(name)
+    mechanism = library(name)
     outputs = [*mechanism.coordinates, *mechanism.links[1:]]
     for output in outputs[:: 1 + len(outputs) // 6]:
         reduced = sp.reduce(mechanism, output)
@@ -83,7 +79,7 @@ def test_every_coordinate_of_the_known_mechanisms_is_yielded(name, tmp_path):
 
 
 def test_the_reduced_rssr_is_one_distance_equation_good_to_1e_12():
-    full = sp.load("rssr")
+    full = library("rssr")
     reduced = sp.reduce(full, "rocker_pin")
     (closure,) = reduced.closures
     assert closure.type == "distance"
@@ -100,7 +96,7 @@ def test_the_reduced_rssr_is_one_distance_equation_good_to_1e_12():
 
 
 def test_locked_legs_make_the_stewart_platform_a_body_on_five_rods():
-    full = sp.load("stewart")
+    full = library("stewart")
     legs = [f"leg_{k}" for k in range(2, 7)]
     reduced = sp.reduce(full, ["platform", "hook_1.first"], lock=legs)
     assert sizes(reduced) == (9, 8)
@@ -112,7 +108,7 @@ def test_locked_legs_make_the_stewart_platform_a_body_on_five_rods():
 
 
 def test_a_locked_value_is_the_one_given():
-    full = sp.load("stewart")
+    full = library("stewart")
     lengths = {f"leg_{k}": 0.395 for k in range(2, 7)}
     reduced = sp.reduce(full, "platform", lock=lengths)
     state = sp.assemble(reduced, {"leg_1": 0.395})
@@ -121,21 +117,22 @@ def test_a_locked_value_is_the_one_given():
                                other.placement("platform").homogeneous, atol=1e-12)
 
 
-@pytest.mark.parametrize("angle", [-2.5, 0.4, 2.0])
+@pytest.mark.delicate
+@pytest.mark.parametrize("angle", few([-2.5, 0.4, 2.0], 2.0))
 @pytest.mark.parametrize(("name", "driver", "output"), [
     ("hooke_joint", "input", "output"), ("rssr", "crank", "rocker_pin"),
     ("oldham", "input", "output_pin"), ("inverted_slider_crank", "bar", "rocker_pin"),
     ("geared_five_bar", "crank", "left_elbow")])
 def test_it_assembles_on_the_branch_of_the_full_mechanism(name, driver, output, angle):
     """The cross of Hooke's joint, which tells its two branches apart, is left out."""
-    full = sp.load(name)
+    full = library(name)
     reduced = sp.reduce(full, output)
     a, b = (sp.assemble(m, {driver: angle}).coordinate(output).value for m in (full, reduced))
     assert b == pytest.approx(a, abs=1e-10)
 
 
 def test_a_state_of_the_full_mechanism_can_be_taken_over_with_its_rates():
-    full = sp.load("watt_six_bar")
+    full = library("watt_six_bar")
     reduced = sp.reduce(full, "rocker_pin")
     state = sp.solve_rates(full, sp.assemble(full, {"crank": 1.0}), {"crank": 2.0}, {"crank": 3.0})
     own = reduced.state(state)
@@ -144,11 +141,11 @@ def test_a_state_of_the_full_mechanism_can_be_taken_over_with_its_rates():
     np.testing.assert_allclose(own.v, again.v, atol=1e-12)
     np.testing.assert_allclose(own.a, again.a, atol=1e-11)
     with pytest.raises(sp.SpatialPinError, match="belongs to"):
-        reduced.state(sp.assemble(sp.load("rssr")))
+        reduced.state(sp.assemble(library("rssr")))
 
 
 def test_links_frames_and_centres_of_mass_stay_when_they_are_asked_for():
-    full = sp.load("rssr")
+    full = library("rssr")
     reduced = sp.reduce(full, ["rocker.com", "rocker_b", "crank_pin.rate"])
     assert sizes(reduced) == (2, 1)
     assert reduced.inertias.keys() == {"rocker"}
@@ -161,7 +158,7 @@ def test_links_frames_and_centres_of_mass_stay_when_they_are_asked_for():
 
 def test_what_moves_nothing_that_is_asked_for_goes():
     """The last hinge of a chain does not matter for the frame before it; drivers stay."""
-    full = sp.load("watt_six_bar")
+    full = library("watt_six_bar")
     reduced = sp.reduce(full, "crank_pin")
     assert reduced.coordinates == ("crank_pin",)
     assert not reduced.closures
@@ -170,7 +167,7 @@ def test_what_moves_nothing_that_is_asked_for_goes():
 
 
 def test_a_loop_that_is_left_out_limits_no_more_and_verify_says_so():
-    reduced = sp.reduce(sp.load("stewart"), "slide_1")
+    reduced = sp.reduce(library("stewart"), "slide_1")
     assert sizes(reduced) == (6, 0)
     found = reduced.verify("leg_1", np.linspace(0.39, 1.0, 12))
     assert "the full model ends after" in found.remarks[0]
@@ -178,7 +175,7 @@ def test_a_loop_that_is_left_out_limits_no_more_and_verify_says_so():
 
 
 def test_reducing_again_changes_nothing():
-    reduced = sp.reduce(sp.load("peaucellier"), "upper_outer_pin")
+    reduced = sp.reduce(library("peaucellier"), "upper_outer_pin")
     again = sp.reduce(reduced, "upper_outer_pin")
     assert sizes(again) == sizes(reduced)
     assert again.verify().worst < 1e-12
@@ -188,10 +185,10 @@ def test_reducing_again_changes_nothing():
     ("rssr", "rocker_pin"), ("four_bar", "coupler"), ("oldham", "output_pin"),
     ("scotch_yoke", "slot"), ("swash_plate", "slide"), ("hooke_joint", "output")])
 def test_it_can_be_written_to_files_and_sent_elsewhere(name, output, tmp_path):
-    full = sp.load(name)
+    full = library(name)
     reduced = sp.reduce(full, output)
     driver = next(iter(full.drivers))
-    path, toml = export_urdf(reduced, tmp_path / "small.urdf")
+    toml = reduced.save(tmp_path / "small")
     start = sp.assemble(full).coordinate(driver).value
     values = np.linspace(start, start + 0.2, 11)
     expected = sp.sweep(reduced, driver, values)
@@ -199,15 +196,15 @@ def test_it_can_be_written_to_files_and_sent_elsewhere(name, output, tmp_path):
         found = sp.sweep(other, driver, values)
         np.testing.assert_allclose(found.q, expected.q, atol=1e-11)
         assert sizes(other) == sizes(reduced)
-    assert "<visual>" not in path.read_text(encoding="utf-8")
+    assert "<visual>" not in toml.with_suffix(".urdf").read_text(encoding="utf-8")
 
 
 def test_a_mechanism_with_redundant_equations_named_is_checked(tmp_path):
-    reduced = sp.reduce(sp.load("four_bar"), ["coupler_pin", "rocker_pin"])
+    reduced = sp.reduce(library("four_bar"), ["coupler_pin", "rocker_pin"])
     assert [c.equations for c in reduced.closures] == [(0, 1)]
     assert sizes(reduced) == (3, 2)
     assert reduced.verify().worst < CLOSE
-    _, toml = export_urdf(reduced, tmp_path / "y.urdf")
+    toml = reduced.save(tmp_path)
     text = toml.read_text(encoding="utf-8")
     for bad in ("[1, 0]", "[5]", "[]", "[0, 0]", "true"):
         toml.write_text(text.replace("equations = [0, 1]", f"equations = {bad}"))
@@ -222,12 +219,12 @@ def test_a_mechanism_with_redundant_equations_named_is_checked(tmp_path):
 
 def light_rod(tmp_path):
     """The library's RSSR with a coupler that has no mass."""
-    heavy = sp.load("rssr")
+    heavy = library("rssr")
     robot = ET.fromstring(heavy.urdf)
     coupler = next(link for link in robot.findall("link") if link.get("name") == "coupler")
     coupler.remove(coupler.find("inertial"))
     (tmp_path / "light.urdf").write_text(ET.tostring(robot, encoding="unicode"))
-    text = (library_folder() / "rssr.toml").read_text(encoding="utf-8")
+    text = heavy.path.read_text(encoding="utf-8")
     (tmp_path / "light.toml").write_text(text.replace("rssr.urdf.xacro", "light.urdf"))
     return sp.load(tmp_path / "light.toml")
 
@@ -242,7 +239,7 @@ def test_a_massless_rod_goes_from_dynamics_too_and_nothing_is_lost(tmp_path):
 
 
 def test_a_rod_with_mass_stays_in_dynamics_unless_it_is_to_be_lumped():
-    full = sp.load("rssr")
+    full = library("rssr")
     exact = sp.reduce(full, "rocker_pin", dynamics=True)
     assert sizes(exact) == sizes(full)
     assert exact.verify().worst < CLOSE
@@ -260,7 +257,7 @@ def test_a_rod_with_mass_stays_in_dynamics_unless_it_is_to_be_lumped():
 
 @pytest.mark.parametrize("resistance", ["damping", "armature", "upperDryFrictionLimit"])
 def test_a_rod_whose_ball_takes_a_force_to_be_turned_is_not_lumped(resistance):
-    full = sp.load("rssr")
+    full = library("rssr")
     getattr(full.model, resistance)[full.coordinate("ball_a.x").v] = 0.1
     assert sizes(sp.reduce(full, "rocker_pin", dynamics=True, lump=True)) == sizes(full)
 
@@ -275,7 +272,7 @@ def test_a_lumped_rod_with_a_universal_joint_says_how_far_its_centre_of_mass_mov
 
 
 def test_planar_equations_change_no_motion_under_gravity():
-    reduced = sp.reduce(sp.load("watt_six_bar"), "output_pin", dynamics=True)
+    reduced = sp.reduce(library("watt_six_bar"), "output_pin", dynamics=True)
     assert sizes(reduced) == (5, 4)
     assert reduced.verify().worst < CLOSE
 
@@ -284,7 +281,7 @@ def test_planar_equations_change_no_motion_under_gravity():
 
 
 def test_clear_errors():
-    full = sp.load("rspc")
+    full = library("rspc")
     with pytest.raises(LookupError, match="did you mean 'slide'"):
         sp.reduce(full, "slyde")
     with pytest.raises(ValueError, match="outputs is empty"):
@@ -308,26 +305,26 @@ def test_what_is_geared_to_a_locked_joint_is_locked(tmp_path):
         sp.reduce(full, "wheel", lock={"rack": 0.01})
 
 
-def test_sweep_only_from_the_command_line(tmp_path, capsys):
+def test_sweep_only_from_the_command_line(tmp_path, run):
     csv = tmp_path / "x.csv"
-    assert main(["sweep", "rssr", "crank", "0", "90deg", "--steps", "10", "--only", "rocker_pin",
-                 "--csv", str(csv)]) == 0
-    out = capsys.readouterr().out
+    code, out, _ = run("sweep", "rssr", "crank", "0", "90deg", "--steps", "10", "--only",
+                       "rocker_pin", "--csv", csv)
+    assert code == 0
     assert "coordinates 5 -> 2" in out
     assert "left out: link coupler" in out
     table = np.genfromtxt(csv, delimiter=",", names=True)
-    full = sp.sweep(sp.load("rssr"), "crank", np.linspace(0.0, np.pi / 2, 10))
+    full = sp.sweep(library("rssr"), "crank", np.linspace(0.0, np.pi / 2, 10))
     np.testing.assert_allclose(table["rocker_pin_rad"], full.coordinate("rocker_pin").value,
                                atol=1e-12)
-    assert main(["sweep", "stewart", "leg_1", "0.385", "0.40", "--steps", "9", "--only",
-                 "platform"]) == 0
-    assert "coordinates 24 -> 7" in capsys.readouterr().out
-    assert main(["sweep", "rssr", "crank", "0", "1", "--only", "rocker_pim"]) == 1
-    assert "did you mean 'rocker_pin'" in capsys.readouterr().err
+    code, out, _ = run("sweep", "stewart", "leg_1", "0.385", "0.40", "--steps", "9", "--only",
+                       "platform")
+    assert code == 0 and "coordinates 24 -> 7" in out
+    code, _, told = run("sweep", "rssr", "crank", "0", "1", "--only", "rocker_pim")
+    assert code == 1 and "did you mean 'rocker_pin'" in told
 
 
 def test_links_that_carry_an_output_but_stand_elsewhere_tell_no_place(tmp_path):
-    full = sp.load("stewart")
+    full = library("stewart")
     reduced = sp.reduce(full, "slide_1")
     state, motion = sp.assemble(reduced), sp.sweep(reduced, "leg_1", [0.39, 0.4])
     for ask in (lambda: state.placement("piston_1"), lambda: state.velocity("cylinder_1"),
@@ -345,9 +342,10 @@ def test_links_that_carry_an_output_but_stand_elsewhere_tell_no_place(tmp_path):
                        known.placement("piston_1").homogeneous, rtol=0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", LINKAGES)
+@pytest.mark.parametrize("name", few(
+    LINKAGES, "crane", "four_bar", "rssr", "screw_press", "geared_five_bar"))
 def test_every_link_that_tells_its_place_is_there(name):
-    full = sp.load(name)
+    full = library(name)
     state = sp.assemble(full)
     if full.drivers:
         driver = next(iter(full.drivers))
@@ -386,7 +384,7 @@ def test_verify_tells_where_both_end_and_what_it_cannot_compare():
     (None, ValueError), ([], ValueError), (5, TypeError), (["slide", 5], TypeError)])
 def test_outputs_that_are_no_names_are_refused(outputs, error):
     with pytest.raises(error, match="outputs is"):
-        sp.reduce(sp.load("slider_crank"), outputs)
+        sp.reduce(library("slider_crank"), outputs)
 
 
 def test_a_mechanism_made_in_code_is_reduced_as_one_that_was_loaded(tmp_path):
@@ -410,6 +408,7 @@ def test_a_mechanism_made_in_code_is_reduced_as_one_that_was_loaded(tmp_path):
                                sp.sweep(reduced, "motor", [1.0, 1.2]).q, rtol=0, atol=1e-13)
 
 
+@pytest.mark.delicate
 def test_a_ring_of_scissors_is_verified_on_the_branch_of_its_guess():
     """At the ends of its range, which are branch points, other configurations are near."""
     full = sp.load(ROOT / "examples" / "machines" / "hoberman_ring.toml")
@@ -421,7 +420,7 @@ def test_a_ring_of_scissors_is_verified_on_the_branch_of_its_guess():
 
 @pytest.mark.parametrize("name", ["rssr", "slider_crank"])
 def test_an_effort_is_the_same_in_the_model_that_is_reduced_to_it(name):
-    full = sp.load(name)
+    full = library(name)
     reduced = sp.reduce(full, "crank.effort", dynamics=True)
     found = reduced.verify(values=np.linspace(0.0, 1.0, 11), speed=20.0)
     assert found.worst < CLOSE
@@ -436,7 +435,7 @@ def test_an_effort_is_the_same_in_the_model_that_is_reduced_to_it(name):
     ("on_ground.force", True, "other pairs"), ("krank.power", True, "did you mean 'crank'")])
 def test_forces_that_a_smaller_model_does_not_tell_are_refused(output, dynamics, why):
     with pytest.raises(sp.SpatialPinError, match=why):
-        sp.reduce(sp.load("rssr"), output, dynamics=dynamics)
+        sp.reduce(library("rssr"), output, dynamics=dynamics)
 
 
 def test_verify_compares_what_there_is_of_an_endless_slide(tmp_path):
@@ -455,22 +454,3 @@ def test_verify_compares_what_there_is_of_an_endless_slide(tmp_path):
     assert asked.rows == 16 and asked.compared == ("16 rows over arm from 0 to 1.5 rad",)
     assert any("out runs away without end" in remark for remark in asked.remarks)
     assert asked.compared[0] in str(asked)
-
-
-def test_verify_ends_where_a_branch_is_lost(monkeypatch):
-    """Whatever a sweep comes upon, what it had reached before is compared."""
-    whole = verification_of.sweep
-
-    def losing(mechanism, driver, values, *args, **keys):
-        motion = whole(mechanism, driver, values, *args, **keys)
-        kept = motion if len(motion) < 9 or abs(values[-1]) < 1.0 else whole(
-            mechanism, driver, values[:9], *args, **keys)
-        if kept is motion:
-            return motion
-        kept.events.append(sp.Event("lost", float(values[9]), 9, "end of the followed path"))
-        raise sp.SingularError("lost", motion=kept)
-
-    monkeypatch.setattr(verification_of, "sweep", losing)
-    found = sp.reduce(sp.load("rssr"), "rocker_pin").verify()
-    assert found.rows > 0 and found.worst < 1e-9
-    assert "rows over crank from " in found.compared[0]

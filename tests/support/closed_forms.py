@@ -14,6 +14,7 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
+import mpmath
 import numpy as np
 from mpmath import acos, asin, atan2, cos, mp, mpf, sin, sqrt
 
@@ -182,3 +183,8 @@ def spinless_rates(A: tuple, B: tuple) -> tuple:
     b, v, a = (q - p for p, q in zip(A, B, strict=True))
     omega = np.cross(b, v) / dot(b, b)
     return omega, np.cross(b, a - np.cross(omega, np.cross(omega, b))) / dot(b, b)
+
+
+def long(values) -> np.ndarray:
+    """Numbers of mpmath with all digits that extended precision holds."""
+    return np.array([np.longdouble(mpmath.nstr(x, 25)) for x in values])

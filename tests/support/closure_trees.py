@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from mechanisms import closure, floating, load, point, refine
+from mechanisms import between, closure, floating, load, point, refine
 
 import spatial_pin as sp
 from spatial_pin.constraints.closure_equations import Evaluation
-from spatial_pin.mechanism.pairs import CLOSURE_TYPES, COUPLING, PAIRS
+from spatial_pin.mechanism.pairs import CLOSURE_TYPES, COUPLING, JOINT_TYPES, PAIRS
 
+__all__ = ["CLOSURE_TYPES", "COUPLING", "JOINT_TYPES", "PAIRS"]  # what others take from here
 LENGTH, LEAD = 0.37, 0.023
 KEYS = {"distance": {"length": LENGTH}, "screw": {"lead": LEAD}}
 TYPES = [kind for kind in CLOSURE_TYPES if kind != COUPLING]
@@ -47,6 +48,40 @@ def tree_with(folder, joint: str, frames: tuple[str, str], kind: str, seed: int,
         tree += point(f"at_{name}", name, **pose(rng))
     toml += closure("c", kind, *(f"at_{name}" for name in frames), **KEYS.get(kind, {}), **keys)
     return load(folder, "tree", tree, toml), rng
+
+
+ENDS = [  # which links the frames are on, and the two that give the length
+    (("leaf", "right"), ("ground", "side")),  # a slide beside the rest, as reductions make it
+    (("leaf", "right"), ("trunk", "leaf")),  # links that move both
+    (("left", "right"), ("right", "leaf")),
+]
+
+
+def tree_between(folder, joint: str, ends, seed: int):
+    """A trunk with two branches and a link beside: joints of one pair, one distance."""
+    rng = np.random.default_rng(seed)
+    tree, toml, names = "", "", []
+    for name, parent in (("trunk", "ground"), ("left", "trunk"), ("leaf", "left"),
+                         ("right", "ground"), ("side", "ground")):
+        tree += floating(f"to_{name}", parent, name, **pose(rng))
+        toml += refinement(f"to_{name}", joint, rng)
+    for k, name in enumerate((*ends[0], *ends[1])):
+        tree += point(f"end_{k}", name, **pose(rng))
+        names.append(f"end_{k}")
+    return load(folder, "tree", tree, toml + between("c", names[:2], names[2:])), rng
+
+
+def two_bodies(folder, kind: str, **keys) -> sp.Mechanism:
+    tree = floating("to_a", "ground", "a") + floating("to_b", "ground", "b", (0.5, 0, 0))
+    return load(folder, "two_bodies", tree, closure("c", kind, "a", "b", **KEYS.get(kind, {}),
+                                                    **keys))
+
+
+def relative(mechanism: sp.Mechanism, q: np.ndarray) -> pin.SE3:
+    data = mechanism.model.createData()
+    pin.framesForwardKinematics(mechanism.model, data, q)
+    first, second = (data.oMf[mechanism.frame_id(n)] for n in mechanism.closures[0].frames)
+    return first.actInv(second)
 
 
 def somewhere(mechanism: sp.Mechanism, rng: np.random.Generator) -> np.ndarray:

@@ -6,6 +6,7 @@ import mechanisms as known
 import numpy as np
 import pinocchio as pin
 import pytest
+from loaded_library import library
 from masses import heavy, with_masses
 
 import spatial_pin as sp
@@ -52,11 +53,18 @@ def pointer(folder):
     return with_masses(known.leaning_pointer(folder), folder, cone=WEIGHT, pointer=WEIGHT)
 
 
-REGULAR = [*(lambda _, name=name: sp.load(name) for name in (
+REGULAR = [*(lambda _, name=name: library(name) for name in (
     "rssr", "rspc", "crank_collar", "stewart", "delta", "swash_plate", "turntable_collar")),
     sprung, nut, lamp, rod, swash, pointer]
 NAMES = ["rssr", "rspc", "crank_collar", "stewart", "delta", "swash_plate", "turntable_collar",
          "sprung", "nut", "lamp", "rod", "swash", "pointer"]
+CHOSEN = ("rssr", "rspc", "sprung", "nut", "lamp", "rod")  # by default
+
+
+def some() -> list[object]:
+    """Return REGULAR for `parametrize`: six that differ in kind by default, all with `--all`."""
+    return [pytest.param(build, marks=() if name in CHOSEN else pytest.mark.slow)
+            for name, build in zip(NAMES, REGULAR, strict=True)]
 
 
 def moving(mech):

@@ -3,18 +3,21 @@
 import base64
 import io
 import json
-import math
 import re
 import zlib
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
-import pytest
 import umsgpack
+from chromium import needs_browser
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
-from spatial_pin.view.browser.picture import find_browser
-from spatial_pin.view.page.html import RAW_DEFLATE
-from spatial_pin.view.scene.framing import ASPECT, FIELD_OF_VIEW, Framing
+import spatial_pin as sp
+
+__all__ = ["clips", "colour_mask", "commands", "data_of", "ink", "matrix_of", "middle", "near",
+           "needs_browser", "page", "paths", "picture", "pixels", "points_of", "z_axis"]
 
 
 def pixels(png: bytes) -> np.ndarray:
@@ -47,20 +50,10 @@ def near(mask: np.ndarray, column: float, row: float, reach: int = 8) -> bool:
     return bool(mask[np.hypot(rows - row, columns - column) <= reach].any())
 
 
-def seen_at(points: np.ndarray, framing: Framing, size: tuple[int, int]) -> np.ndarray:
-    """Column and row (K, 2) at which the page's camera sees points (K, 3) of the view [m]."""
-    width, height = size
-    p = (np.atleast_2d(points) - framing.centre) / framing.radius
-    camera = framing.camera * max(1.0, ASPECT * height / width)
-    away = np.linalg.norm(camera)
-    v = camera / away
-    right = np.cross([0.0, 0.0, 1.0], v)
-    right /= np.linalg.norm(right)
-    up = np.cross(v, right)
-    focus = height / 2 / math.tan(math.radians(FIELD_OF_VIEW) / 2)
-    flat = np.stack([p @ right, -(p @ up)], axis=1) / (away - p @ v)[:, None]
-    return flat * focus + [width / 2, height / 2]
-
+def page(shown: object, **options: object) -> str:
+    """The text of the page of a motion, state or design."""
+    with TemporaryDirectory() as folder:
+        return sp.export_html(shown, Path(folder) / "page.html", **options).read_text("utf-8")
 
 
 def data_of(text: str) -> dict:
@@ -68,7 +61,7 @@ def data_of(text: str) -> dict:
     found = re.search(r'<script type="application/json" id="film">(.*?)</script>', text, re.S)
     film = json.loads(found[1])
     sizes, packed = film["commands"].values()
-    every = io.BytesIO(zlib.decompress(base64.b64decode(packed), RAW_DEFLATE))
+    every = io.BytesIO(zlib.decompress(base64.b64decode(packed), wbits=-15))
     film["commands"] = [umsgpack.unpackb(every.read(size)) for size in sizes]
     return film
 
@@ -77,9 +70,16 @@ def commands(text: str, kind: str) -> list[dict]:
     return [c for c in data_of(text)["commands"] if c["type"] == kind]
 
 
-needs_browser = pytest.mark.skipif(
-    find_browser() is None, reason="no Chromium or Chrome on this machine: pictures not checked"
-)
+def paths(text: str) -> list[str]:
+    """Names of the objects that a page shows."""
+    return [c["path"].removeprefix("/mechanism/") for c in commands(text, "set_object")]
+
+
+def matrix_of(text: str, path: str) -> np.ndarray:
+    """Where a page puts the object of a name, (4, 4)."""
+    (found,) = [c["matrix"] for c in commands(text, "set_transform")
+                if c["path"] == f"/mechanism/{path}"]
+    return np.reshape(found, (4, 4)).T
 
 
 def picture(path) -> np.ndarray:
@@ -87,3 +87,27 @@ def picture(path) -> np.ndarray:
 
     with Image.open(path) as image:
         return np.asarray(image.convert("RGB"), float) / 255
+
+def clips(text: str) -> dict[str, dict[str, np.ndarray]]:
+    """The tracks of everything that moves, by the end of its path."""
+    (animation,) = commands(text, "set_animation")
+    found = {}
+    for entry in animation["animations"]:
+        tracks = entry["clip"]["tracks"]
+        width = {"vector3": 3, "quaternion": 4}
+        found[entry["path"].rpartition("/")[2]] = {
+            t["name"]: np.frombuffer(t["values"].data, "<f4").reshape(-1, width[t["type"]])
+            for t in tracks
+        }
+    return found
+
+
+def points_of(text: str, name: str) -> np.ndarray:
+    (command,) = [c for c in commands(text, "set_object") if c["path"] == f"/mechanism/{name}"]
+    position = command["object"]["geometries"][0]["data"]["attributes"]["position"]["array"]
+    return np.frombuffer(position.data, "<f4").reshape(-1, 3)
+
+
+def z_axis(quaternions: np.ndarray) -> np.ndarray:
+    """The z axes (K, 3) of orientations (K, 4), x y z w."""
+    return Rotation.from_quat(quaternions).as_matrix()[:, :, 2]

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 from closure_trees import JOINTS, KEYS, TYPES, pose, refinement, somewhere
 from mechanisms import between, closure, coupling, floating, load, point
+from sameness import assert_same
 
 import spatial_pin as sp
 from spatial_pin.constraints.closure_equations import Evaluation
@@ -97,10 +98,6 @@ SEVERAL = 4
 def configurations(mechanism: sp.Mechanism, seed: int) -> np.ndarray:
     rng = np.random.default_rng(seed)
     return np.array([somewhere(mechanism, rng) for _ in range(SEVERAL)]).T
-
-
-def assert_same(one: np.ndarray, other: np.ndarray, by: float = 1e-13) -> None:
-    np.testing.assert_allclose(one, other, rtol=0, atol=by * (1.0 + np.abs(other).max(initial=0)))
 
 
 def check_kernel(mechanism: sp.Mechanism, q: np.ndarray) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from functools import cache
 
 import mechanisms as known
 import numpy as np
@@ -21,6 +23,7 @@ from mechanisms import (
     turning,
 )
 from mpmath import asin, atan2, cos, mp, mpf, sin, sqrt
+from scipy.optimize import brentq
 
 import spatial_pin as sp
 
@@ -66,6 +69,27 @@ def delta(arm_1, sb=0.567, sp=0.076, lu=0.524, ll=1.244, w=0.13, others=ARMS) ->
 
 G = "gravity = [0.0, -9.81, 0.0]\n"
 ROD = (0.3, (0.3, 0, 0), (1e-4, 2e-3, 2e-3))
+
+
+def coplanar(arm_1: float, held: tuple[float, float]) -> float:
+    """The volume of the three axes that the parallelograms let the platform turn about."""
+    pose = delta(arm_1, others=held)
+    rods = [pose.points[f"rod_{k}a_end"] - pose.points[f"rod_{k}a"] for k in (1, 2, 3)]
+    axes = [np.cross(rod, pose.links[f"arm_{k}"][:3, 1]) for k, rod in enumerate(rods, 1)]
+    return float(np.linalg.det(np.array(axes, dtype=float)))
+
+
+@cache
+def change_points(held: tuple[float, float]) -> list[float]:
+    """The driver values below 2.6 rad, where arms are far out, at which the axes are coplanar."""
+    grid = np.linspace(2.1, 2.6, 51)
+    volumes = [coplanar(x, held) for x in grid]
+    return [brentq(coplanar, grid[i], grid[i + 1], args=(held,), xtol=1e-14)
+            for i in range(50) if volumes[i] * volumes[i + 1] < 0]
+
+
+def arms(held: tuple[float, float]) -> dict[str, float]:
+    return dict(zip(("arm_2", "arm_3"), held, strict=True))
 
 
 def three_rods(folder, wrap=str) -> sp.Mechanism:
@@ -162,3 +186,8 @@ def limited_slider(folder):
             + point("b_end", "b", (0.3, 0, 0)))
     toml = closure("pin", "revolute", "b_end", "c") + driver("crank", "crank")
     return load(folder, "limited", tree, toml + guess(crank=1.2, slide=0.3))
+
+
+def free_bases(mechanism: sp.Mechanism) -> tuple[str, ...]:
+    """Return the joints of which the mobility says that they are free bases."""
+    return tuple(re.findall(r"(\S+) carries all of it as a free base", str(sp.mobility(mechanism))))

@@ -34,6 +34,22 @@ def heavy(tree: str, **links: tuple) -> str:
     return tree
 
 
+def two_rods(mass: float, size: float = 1.0) -> sp.Mechanism:
+    """A double pendulum of two rods with a third as its load, `size` long each [m]."""
+    rod = (mass, (0.5 * size, 0.0, 0.0), (0.0, mass * size**2 / 12, mass * size**2 / 12))
+    tree = known.turning("p", "ground", "upper")
+    tree += known.turning("k", "upper", "lower", (size, 0.0, 0.0))
+    tree += known.point("load", "lower", (size, 0.0, 0.0))
+    tree = heavy(tree, upper=rod, lower=rod, load=rod)
+    return known.from_tree("two_rods", tree, gravity=[0.0, -9.81, 0.0])
+
+
+def simple_pendulum() -> sp.Mechanism:
+    """IFToMM A01: 1 kg at the end of a massless rod of 1 m."""
+    tree = known.turning("pin", "ground", "rod") + known.point("bob", "rod", (1.0, 0, 0))
+    return known.from_tree("simple_pendulum", heavy(tree, bob=(1.0,)), gravity=[0.0, -9.81, 0.0])
+
+
 def with_masses(mech: sp.Mechanism, folder: Path, toml: str = "", **links: tuple) -> sp.Mechanism:
     """Load a mechanism of `mechanisms.py` again with masses and more lines of TOML before it."""
     tree = heavy((folder / f"{mech.name}.urdf").read_text(encoding="utf-8"), **links)

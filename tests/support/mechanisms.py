@@ -9,31 +9,58 @@ and spatial trigonometry, Freudenstein's equation, and Bennett's and Bricard's l
 
 from __future__ import annotations
 
+import json
+import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import closed_forms
 import numpy as np
 import pinocchio as pin
 from closed_forms import Pose, rotation, vector
+from loaded_library import library
 from mpmath import acos, asin, atan2, cos, findroot, mpf, sin, sqrt, tan
 from mpmath import pi as mp_pi
 
 import spatial_pin as sp
-from spatial_pin.formats.checked_tables import Table
-from spatial_pin.formats.faults import Faults
-from spatial_pin.formats.imported import Request
-from spatial_pin.formats.mechanism_file import mechanism_of
 
 # ---------------------------------------------------------------- text
 
 
 def from_text(urdf: str, content: Mapping[str, Any], name: str) -> sp.Mechanism:
     """Return the mechanism of plain URDF text and of a mechanism file as `tomllib` reads it."""
-    path = Path(name)  # stands for the file in errors
-    made = mechanism_of(Table(dict(content), name), path, urdf, Request(path), Faults())
-    return made.with_fields(path=None, tree=None, dimensions={})
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / f"{name.removesuffix('.toml')}.toml"
+        tree = path.with_suffix(".urdf")
+        tree.write_text(urdf, encoding="utf-8")
+        lines = {**content, "tree": tree.name}.items()
+        path.write_text("".join(f"{key} = {toml_of(value)}\n" for key, value in lines), "utf-8")
+        return sp.load(path).with_fields(path=None, tree=None)
+
+
+def from_tree(name: str, tree: str, **content: Any) -> sp.Mechanism:
+    """Return the mechanism of a tree below link `ground`, of which no file is kept."""
+    urdf = f'<robot name="{name}">\n<link name="ground"/>\n{tree}</robot>\n'
+    return from_text(urdf, {"name": name, **content}, name)
+
+
+def toml_of(value: Any) -> str:
+    """A value as TOML has it in one line."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{json.dumps(k)} = {toml_of(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, list | tuple | np.ndarray):
+        return "[" + ", ".join(map(toml_of, value)) + "]"
+    if isinstance(value, float):
+        return repr(float(value))
+    return json.dumps(value)
+
+
+def content_of(mechanism: sp.Mechanism) -> dict[str, Any]:
+    """Return what the mechanism's own file says, as `tomllib` reads it."""
+    with TemporaryDirectory() as folder:
+        return tomllib.loads(mechanism.save(folder).read_text(encoding="utf-8"))
 
 
 def words(values) -> str:
@@ -578,7 +605,7 @@ def five_bar_answer(left, right=1.0) -> Pose:
 
 def four_bar(**lengths) -> sp.Mechanism:
     """The library's plane four-bar: ground r1, crank r2, coupler r3, rocker r4."""
-    return sp.load("four_bar", **lengths)
+    return library("four_bar", **lengths)
 
 
 def bare_four_bar(folder: Path, r1: float, r2: float, r3: float, r4: float) -> sp.Mechanism:

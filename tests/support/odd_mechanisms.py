@@ -220,7 +220,7 @@ STRUCTURES = {
     "stretched four-bar, tilted": lambda folder: stretched_four_bar(folder, known.tilted),
     "tensegrity": tensegrity,
     "parallel rods": parallel_rods,
-    "parallel rods, nearly alike": lambda folder: parallel_rods(folder, (0.6, 0.6, 0.601)),
+    "parallel rods, nearly alike": lambda folder: parallel_rods(folder, (0.6, 0.6, 0.605)),
     "parallel rods with balls": lambda folder: parallel_rods(folder, kind="spherical"),
     "a truss that is carried": carried_truss,
     "plate on equal legs": plate_on_legs,

@@ -7,9 +7,8 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 import pinocchio as pin
+from loaded_library import library
 from mechanisms import from_text
-
-import spatial_pin as sp
 
 
 def to_digits(n):
@@ -150,9 +149,9 @@ def exported(name, rounding=exactly, seed=3):
 
     Frames that closures, springs or passive axes name stay as they are on their links.
     """
-    mechanism = sp.load(name)
+    mechanism = library(name)
     content = tomllib.loads(mechanism.path.read_text(encoding="utf-8"))
-    content["tree"] = name
+    content |= {"tree": name, "guess": dict(mechanism.guess)}
     rng, root = np.random.default_rng(seed), ET.fromstring(mechanism.urdf)
     still = {f for part in ("closures", "springs") for x in content.get(part, ())
              for f in (*x.get("frames", ()), *x.get("length_between", ()))}

@@ -79,7 +79,11 @@ def same_mechanisms(found, expected):
     np.testing.assert_array_equal(*speeds)
 
 
-
 def sizes(mechanism):
     """Coordinates and equations."""
     return len(mechanism.coordinates), len(sp.closure_jacobian(mechanism, mechanism.neutral))
+
+
+def assert_same(one: np.ndarray, other: np.ndarray, by: float = 1e-13) -> None:
+    """Arrays are equal to a part of the largest number, or of 1."""
+    np.testing.assert_allclose(one, other, rtol=0, atol=by * (1.0 + np.abs(other).max(initial=0)))

@@ -8,8 +8,11 @@ import synthesis_forms as forms
 from drawing_four_bars import at, bar, side
 from mpmath import mp, mpf, pi
 from synthesis_forms import logarithm
+from variety import few, first
 
 import spatial_pin as sp
+
+STARTS = pytest.mark.parametrize("starts", few([1, 4], 1))
 
 # ---------------------------------------------------------------- functions
 
@@ -17,18 +20,22 @@ import spatial_pin as sp
 @pytest.mark.parametrize(("name", "angles", "alpha", "names"), [
     ("freudenstein", (90, 90, 75, 60), 0, {"r2": "a", "r3": "b", "r4": "c"}),
     ("spatial_freudenstein", (60, 90, 75, 60), pi / 3, {"a": "a", "b": "b", "c": "c"})])
-def test_function_generators_are_those_of_the_closed_form(problems, name, angles, alpha, names):
+@STARTS
+def test_function_generators_are_those_of_the_closed_form(
+    problems, starts, name, angles, alpha, names
+):
     with mp.workdps(forms.DIGITS):
         truth = forms.function_generator(*logarithm(*angles), mpf(alpha))._asdict()
-    best = problems[name].solve(starts=3)[0]
+    best = problems[name].solve(starts=starts)[0]
     for mine, its in names.items():
         assert best.dimensions[mine] == pytest.approx(float(truth[its]), rel=1e-9)
 
 
-def test_pairs_of_a_tutorial_give_the_lengths_that_its_linear_equations_give(problems):
+@STARTS
+def test_pairs_of_a_tutorial_give_the_lengths_that_its_linear_equations_give(problems, starts):
     phi, psi = np.radians([[30, 75, 135], [75, 90, 135]])
     truth = forms.function_generator(phi, psi)
-    best = problems["tutorial_function"].solve(starts=3)[0]
+    best = problems["tutorial_function"].solve(starts=starts)[0]
     for mine, its in {"r2": "a", "r3": "b", "r4": "c"}.items():
         assert best.dimensions[mine] == pytest.approx(float(getattr(truth, its)), rel=1e-9)
 
@@ -41,22 +48,24 @@ def output_error(r2, r3, r4, phi, psi):
     return min(np.sqrt(np.mean(x**2)) for x in away)
 
 
-def test_five_pairs_are_met_better_than_by_linear_least_squares(problems):
+@STARTS
+def test_five_pairs_are_met_better_than_by_linear_least_squares(problems, starts):
     phi, psi = np.radians([[30, 60, 75, 110, 135], [75, 85, 90, 118, 135]])
     rows = np.column_stack([np.cos(psi), -np.cos(phi), np.ones(5)])
     k1, k2, k3 = np.linalg.lstsq(rows, np.cos(phi - psi), rcond=None)[0]
     a, c = 1 / k1, 1 / k2
     linear = output_error(a, np.sqrt(a * a + c * c + 1 - 2 * a * c * k3), c, phi, psi)
-    best = problems["tutorial_function_of_five"].solve(starts=4)[0]
+    best = problems["tutorial_function_of_five"].solve(starts=starts)[0]
     found = output_error(*(best.dimensions[x] for x in ("r2", "r3", "r4")), phi, psi)
     (error,) = best.errors.values()
     assert found == pytest.approx(error.rms, rel=1e-6)
     assert found < 0.75 * linear
 
 
-def test_a_rocker_draws_a_quarter_of_a_circle_better_than_a_swarm_finds(problems):
+@STARTS
+def test_a_rocker_draws_a_quarter_of_a_circle_better_than_a_swarm_finds(problems, starts):
     """Of pylinkage's swarm 0.023 is the least of nine runs, with 20100 evaluations each."""
-    found = problems["tutorial_quadrant"].solve(starts=4)
+    found = problems["tutorial_quadrant"].solve(starts=starts)
     best, angle = found[0], np.radians(0.5)
     short, far = np.hypot(3, 2), np.hypot(3 + 2 * np.cos(angle), 2 * np.sin(angle))
     links = [best.dimensions[name] for name in ("r2", "r3", "r4")]
@@ -82,9 +91,10 @@ def plane(placements):
     return [(complex(*P[:2, 3]), float(np.arctan2(P[1, 0], P[0, 0]))) for P in placements]
 
 
-def test_dyads_of_four_poses_have_their_centres_on_the_cubic(problems):
+@STARTS
+def test_dyads_of_four_poses_have_their_centres_on_the_cubic(problems, starts):
     poses = plane(importlib.import_module("benchmark.designs").guided(4))
-    found = problems["burmester_four"].solve(starts=4)
+    found = problems["burmester_four"].solve(starts=starts)
     assert len(found)
     for design in found:
         for centre, circle, length in dyads(design):
@@ -103,10 +113,11 @@ def known_dyads(design, truth):
     return which
 
 
-def test_dyads_of_five_poses_are_among_the_four_of_the_closed_form(problems):
+@STARTS
+def test_dyads_of_five_poses_are_among_the_four_of_the_closed_form(problems, starts):
     poses = plane(importlib.import_module("benchmark.designs").guided(5))
     truth = forms.burmester_dyads(poses)
-    found = problems["burmester_five"].solve(starts=6)
+    found = problems["burmester_five"].solve(starts=starts)
     assert len(found)
     for design in found:
         known_dyads(design, truth)
@@ -119,11 +130,12 @@ def test_all_dyads_of_five_poses_are_found(problems):
     assert {i for design in found for i in known_dyads(design, truth)} == {0, 1, 2, 3}
 
 
-def test_three_poses_of_a_bennett_loop_give_it_back(problems):
-    best = problems["bennett"].solve(starts=4)[0]
+@STARTS
+def test_three_poses_of_a_bennett_loop_give_it_back(problems, starts):
+    best = problems["bennett"].solve(starts=starts)[0]
     d = best.dimensions
     assert [d["a"], d["alpha"], d["beta"]] == pytest.approx([0.3, 0.7, 1.2], abs=1e-8)
-    whole = sp.load(forms.DATA / "bennett_poses.toml")
+    whole = sp.load(forms.SYNTHESIS / "bennett_poses.toml")
     mine, truth = (sp.assemble(m, {"crank": 1.0}).placement("follower_end") for m in
                    (best.mechanism, whole))
     assert mine.isApprox(truth, 1e-7)
@@ -132,24 +144,28 @@ def test_three_poses_of_a_bennett_loop_give_it_back(problems):
 # ---------------------------------------------------------------- paths
 
 
-def test_six_points_on_a_line_are_met_exactly(problems):
-    best = problems["line_of_six"].solve(starts=4)[0]
+@pytest.mark.slow
+@pytest.mark.parametrize("starts", [2, 4])
+def test_six_points_on_a_line_are_met_exactly(problems, starts):
+    best = problems["line_of_six"].solve(starts=starts)[0]
     points = forms.CASES["line_of_six"]["points"]
     assert max(np.linalg.norm(at(state, "tracer") - p)
                for state, p in zip(best.states, points, strict=True)) < 1e-9
 
 
-def test_five_timed_points_are_met_to_a_thousandth_of_a_unit(problems):
+@STARTS
+def test_five_timed_points_are_met_to_a_thousandth_of_a_unit(problems, starts):
     case = forms.CASES["five_timed"]
-    best = problems["five_timed"].solve(starts=4)[0]
+    best = problems["five_timed"].solve(starts=starts)[0]
     error = forms.timed_error(bar(best), case["points"], np.radians(case["degrees"]), side(best))
     assert error == pytest.approx(problems["five_timed"].error(best), rel=1e-4)
     assert error < 1e-6
 
 
-def test_eighteen_points_on_a_closed_curve_are_met_better_than_published(problems):
+@STARTS
+def test_eighteen_points_on_a_closed_curve_are_met_better_than_published(problems, starts):
     case = forms.CASES["closed_of_eighteen"]
-    best = problems["closed_of_eighteen"].solve(starts=4)[0]
+    best = problems["closed_of_eighteen"].solve(starts=starts)[0]
     (zero,) = best.numbers.values()
     steps = zero + np.radians(case["step"]) * np.arange(18)
     error = forms.timed_error(bar(best), case["points"], steps, side(best))
@@ -186,11 +202,11 @@ def assert_met(design, goals, tmp_path):
         assert there @ [1, 1j] == pytest.approx(point, abs=1e-9)
 
 
-@pytest.mark.parametrize(("count", "timed", "seed"), [(5, True, 0), (5, True, 2), (6, False, 0),
-                                                      (6, False, 1)])
-def test_points_of_a_drawn_four_bar_are_met_again(problems, tmp_path, count, timed, seed):
+@pytest.mark.parametrize(("count", "timed", "seed", "starts"), first(1, [
+    (6, False, 0, 1), (5, True, 0, 4), (5, True, 2, 4), (6, False, 0, 4), (6, False, 1, 4)]))
+def test_points_of_a_drawn_four_bar_are_met_again(problems, tmp_path, count, timed, seed, starts):
     problem = importlib.import_module("benchmark.designs").through_drawn(count, seed, timed)
-    found = problem.solve(starts=4)
+    found = problem.solve(starts=starts)
     assert len(found)
     assert_met(found[0], problem.goals(), tmp_path)
 

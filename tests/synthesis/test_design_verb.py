@@ -6,16 +6,11 @@ from multiprocessing import get_context
 import numpy as np
 import pinocchio as pin
 import pytest
+from crank_rockers import BOUNDS, FUNCTION, PHI, PSI, assert_same
 
 import spatial_pin as sp
-from spatial_pin.dimensions.bounds import bounds_of
-from spatial_pin.synthesis.contradictions import refuse_off_plane
-from spatial_pin.synthesis.problem import Problem
 
 goals = sp.goals
-PHI, PSI = np.radians([40.0, 85.0, 130.0]), np.radians([80.0, 100.0, 130.0])
-BOUNDS = {"r2": (0.05, 0.6), "r3": (0.05, 0.6), "r4": (0.05, 0.6)}
-FUNCTION = goals.function("rocker_pin", PSI, {"crank": PHI})
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +20,7 @@ def four_bar():
 
 @pytest.fixture(scope="module")
 def alone(four_bar):
-    return sp.design(four_bar, FUNCTION, BOUNDS, starts=4)
+    return sp.design(four_bar, FUNCTION, BOUNDS, starts=3)
 
 
 def exactly(shift=0.0):
@@ -33,6 +28,13 @@ def exactly(shift=0.0):
 
 
 # ---------------------------------------------------------------- what is refused
+
+
+class Idle:
+    """An executor that is given nothing to do."""
+
+    def submit(self, *_):
+        raise AssertionError("work began")
 
 
 @pytest.mark.parametrize(("goal", "bounds", "options", "error", "says"), [
@@ -81,47 +83,14 @@ def exactly(shift=0.0):
     (FUNCTION, BOUNDS, {"resume": "no_such_folder/f"}, OSError, "there is no folder"),
 ])
 def test_what_cannot_be_is_refused_before_the_work(
-    four_bar, monkeypatch, goal, bounds, options, error, says
+    four_bar, goal, bounds, options, error, says
 ):
-    def worked(*_):
-        raise AssertionError("work began")
-
-    monkeypatch.setattr("spatial_pin.synthesis.problem.Problem.solve", worked)
     with pytest.raises(error) as told:
-        sp.design(four_bar, goal, bounds, **options)
+        sp.design(four_bar, goal, bounds, **{"executor": Idle(), **options})
     assert says in str(told.value)
 
 
-@pytest.mark.parametrize(("name", "driver", "frame", "where"), [
-    ("four_bar", "crank", "coupler_b", "in a plane"),
-    ("watt_six_bar", "crank", "rocker_b", "in a plane"),
-    ("rssr", "crank", "rocker_b", "in a plane"),
-    ("screw_press", "screw", "platen", "on a line"),
-    ("rssr", "crank", "coupler_b", None),
-    ("spherical_four_bar", "crank", "rocker_b", None),
-    ("crane", "luff", "tip", None),
-])
-def test_points_are_refused_where_no_dimensions_lead_there_and_only_there(
-    name, driver, frame, where
-):
-    mechanism = sp.load(name)
-    bounds = {x: (0.9 * value, 1.1 * value) for x, value in mechanism.dimensions.items()}
-    anywhere = Problem(mechanism, (), bounds).anywhere()
-    other = sp.load(name, **{x: 1.04 * value for x, value in mechanism.dimensions.items()})
-    first = sp.assemble(other).coordinate(driver).value
-    points = sp.sweep(other, driver, first + np.linspace(0.0, 0.2, 7)).frame(frame).position
-    refuse_off_plane(anywhere, [goals.path(frame, points, weight=None)])
-    away = [points + 0.01 * axis for axis in np.eye(3)]
-    told = []
-    for moved in away:
-        try:
-            refuse_off_plane(anywhere, [goals.path(frame, moved, weight=None)])
-        except ValueError as error:
-            told.append(str(error))
-        refuse_off_plane(anywhere, [goals.path(frame, moved)])  # it has a weight
-    assert bool(told) == bool(where) and all(f"stays {where}, and sample" in x for x in told)
-
-
+@pytest.mark.slow
 def test_a_start_at_which_loops_just_close_ends_in_words_not_in_an_error(four_bar):
     """A dimension at its bound, where the loop closes: beside it, it is open."""
     points = [[0.2, 0.0, 0.0], [0.22, 0.0, 0.01]]
@@ -157,20 +126,6 @@ def test_goals_that_are_none_are_refused_when_they_are_made(make, says):
 # ---------------------------------------------------------------- bounds
 
 
-@pytest.mark.parametrize("kind", [float, np.float64, np.float32])
-def test_infinity_is_an_open_end_on_its_own_side_alone(kind):
-    four_bar = sp.load("four_bar")
-    least, most = kind(-np.inf), kind(np.inf)
-    for given, wanted in (((least, 0.5), (None, 0.5)), ((0.125, most), (0.125, None)),
-                          ((least, most), None)):
-        assert bounds_of(four_bar, {"r2": given}) == bounds_of(four_bar, {"r2": wanted})
-    for wrong in ((most, 0.5), (0.1, least), (kind(np.nan), 0.5), (0.1, kind(np.nan))):
-        with pytest.raises(ValueError, match="a bound of 'r2' has a value that is NaN or infinite"):
-            bounds_of(four_bar, {"r2": wrong})
-
-
-SIZE = 0.54  # of the library's four-bar: ground and rocker in a line
-
 @pytest.mark.slow
 @pytest.mark.parametrize("bounds", [(0.02, None), (None, 0.5), (0.02, np.inf), None])
 @pytest.mark.parametrize("method", ["multistart", "evolution"])
@@ -180,23 +135,6 @@ def test_a_dimension_may_have_one_bound_or_none(four_bar, alone, bounds, method)
     low, high = found[0].bounds["r4"]
     assert (low, high) == (0.02 if bounds and bounds[0] else -np.inf,
                            0.5 if bounds and bounds[1] == 0.5 else np.inf)
-
-
-@pytest.mark.parametrize(("bounds", "least", "most"), [
-    ((0.04, None), 0.14, 0.44), ((None, 0.34), 0.14, 0.29), (None, 0.12, 0.48),
-    ((0.24, None), 0.24, 0.24 + SIZE), ((None, 0.24), 0.24 - SIZE, 0.24), ((0.1, 0.3), 0.1, 0.3)])
-def test_starts_are_drawn_from_half_to_twice_a_dimension_or_its_distance_to_a_bound(
-    four_bar, bounds, least, most
-):
-    """The rocker is 0.24 long; where that is a bound, the length of the mechanism counts."""
-    assert four_bar.characteristic_length == pytest.approx(SIZE)
-    ends = {"r4": tuple(x if x is not None else s * np.inf
-                        for x, s in zip(bounds or (None, None), (-1, 1), strict=True))}
-    problem, rng = Problem(four_bar, [FUNCTION], ends), np.random.default_rng(0)
-    drawn = np.array([problem.draw(rng)[0] for _ in range(300)])
-    assert drawn.min() == pytest.approx(least, abs=0.02)
-    assert drawn.max() == pytest.approx(most, abs=0.02)
-    assert (least <= drawn).all() and (drawn <= most).all()
 
 
 def test_a_single_point_is_a_path_of_one():
@@ -227,22 +165,16 @@ class AtOnce:
         return done
 
 
-def assert_same(found, other):
-    assert str(found) == str(other) and len(found) == len(other)
-    for one, two in zip(found, other, strict=True):
-        assert one.error == two.error and one.dimensions == two.dimensions
-        for a, b in zip(one.states, two.states, strict=True):
-            assert np.array_equal(a.q, b.q)
-
-
 @pytest.mark.parametrize("make", [
-    AtOnce, lambda: ThreadPoolExecutor(3), lambda: ProcessPoolExecutor(2),
-    lambda: ProcessPoolExecutor(2, mp_context=get_context("spawn"))],
-    ids=["own", "threads", "processes", "spawned"])
+    pytest.param(AtOnce, marks=pytest.mark.slow), lambda: ProcessPoolExecutor(2),
+    pytest.param(lambda: ThreadPoolExecutor(3), marks=pytest.mark.slow),
+    pytest.param(lambda: ProcessPoolExecutor(2, mp_context=get_context("spawn")),
+                 marks=pytest.mark.slow)],
+    ids=["own", "processes", "threads", "spawned"])
 def test_the_answer_is_the_same_wherever_it_is_worked_out(four_bar, alone, make):
     executor = make()
     try:
-        found = sp.design(four_bar, FUNCTION, BOUNDS, starts=4, executor=executor)
+        found = sp.design(four_bar, FUNCTION, BOUNDS, starts=3, executor=executor)
     finally:
         getattr(executor, "shutdown", lambda: None)()
     assert_same(alone, found)
@@ -271,39 +203,10 @@ def test_an_executor_stays_open(four_bar):
 
 def test_a_design_that_was_asked_before_is_the_same(four_bar, alone):
     sp.design(four_bar, goals.path("coupler_b", [[0.1, 0.0, 0.3]]), {"r2": (0.05, 0.2)}, starts=1)
-    assert_same(alone, sp.design(four_bar, FUNCTION, BOUNDS, starts=4))
+    assert_same(alone, sp.design(four_bar, FUNCTION, BOUNDS, starts=3))
 
 
-@pytest.mark.parametrize("first", [1, 3])
-def test_after_ctrl_c_it_goes_on_to_the_same_answer(four_bar, alone, tmp_path, monkeypatch, first):
-    kept, solve = tmp_path / "kept", Problem.solve
-    calls = []
-
-    def interrupted(*arguments):
-        calls.append(arguments)
-        if len(calls) == first:
-            raise KeyboardInterrupt
-        return solve(*arguments)
-
-    def ask():
-        return sp.design(four_bar, FUNCTION, BOUNDS, starts=4, resume=kept)
-
-    monkeypatch.setattr(Problem, "solve", interrupted)
-    if first == 1:  # before anything was found
-        with pytest.raises(KeyboardInterrupt):
-            ask()
-    else:
-        with monkeypatch.context() as patched:  # defects are looked for when they are asked for
-            patched.setattr("spatial_pin.synthesis.results.defects", None)
-            found = ask()
-        assert (found.is_whole, found.starts, len(found)) == (False, first - 1, 1)
-        assert str(found).splitlines()[0].endswith("cut short")
-    assert_same(alone, ask())
-    assert len(calls) == 4 + 1
-    assert_same(alone, ask())
-    assert len(calls) == 4 + 1
-
-
+@pytest.mark.slow
 def test_what_was_kept_of_another_search_is_refused(four_bar, tmp_path):
     kept = tmp_path / "kept"
     sp.design(four_bar, FUNCTION, BOUNDS, starts=1, resume=kept)
@@ -315,10 +218,11 @@ def test_what_was_kept_of_another_search_is_refused(four_bar, tmp_path):
         sp.design(four_bar, FUNCTION, BOUNDS, starts=1, resume=kept)
 
 
+@pytest.mark.slow
 def test_more_starts_find_at_least_as_much(four_bar, alone):
-    more = sp.design(four_bar, FUNCTION, BOUNDS, starts=6)
+    more = sp.design(four_bar, FUNCTION, BOUNDS, starts=4)
     assert more[0].error <= alone[0].error + 1e-12 and len(more) >= len(alone)
-    assert len(sp.design(four_bar, FUNCTION, BOUNDS, starts=6, most=1)) == 1
+    assert len(sp.design(four_bar, FUNCTION, BOUNDS, starts=2, most=1)) == 1
 
 
 def test_a_design_begins_where_branches_cross(problems):
@@ -326,7 +230,7 @@ def test_a_design_begins_where_branches_cross(problems):
     mechanism = sp.load(problems["nine"].mechanism().path, r1=2.0, r2=1.0, r3=2.0, r4=1.0)
     folded = {"crank": 0.0, "coupler_pin": 0.0, "rocker_pin": 0.0}
     found = sp.design(mechanism, sp.goals.swing("rocker_pin", 1.0),
-                      {"r2": (0.3, 1.5), "r4": (0.5, 2.5)}, guess=folded, starts=2)
+                      {"r2": (0.3, 1.5), "r4": (0.5, 2.5)}, guess=folded, starts=1)
     assert len(found)
     own = found[0]
     state = own.motion().coordinate("rocker_pin").value

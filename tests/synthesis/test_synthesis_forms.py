@@ -40,7 +40,7 @@ def test_an_rssr_of_the_library_turns_as_the_spatial_equation_says():
         phi, psi = logarithm(60, 90, 75, 60)
         found = forms.function_generator(phi, psi, pi / 3)
     lengths = dict(zip("abcd", map(float, found), strict=True))
-    mech = sp.load(forms.DATA / "rssr_function.toml", alpha=np.pi / 3, **lengths)
+    mech = sp.load(forms.SYNTHESIS / "rssr_function.toml", alpha=np.pi / 3, **lengths)
     for x, y in zip(phi, psi, strict=True):
         state = sp.assemble(mech, {"crank": float(x)}, guess={"follower_pin": float(y)})
         assert state.coordinate("follower_pin")[0] == pytest.approx(float(y), abs=1e-12)

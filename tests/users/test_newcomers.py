@@ -6,7 +6,6 @@ import mechanisms as known
 import pytest
 
 import spatial_pin as sp
-from spatial_pin.assembly.search.refusals import what_of
 
 PUMP = (known.turning("crank_pin", "ground", "crank", axis=(0, 1, 0))
         + known.turning("wrist", "crank", "rod", xyz=(0.05, 0, 0), axis=(0, 1, 0))
@@ -62,13 +61,11 @@ def test_the_note_on_drivers_says_what_to_do(pump, run, drivers, says):
     assert code == 0 and says in " ".join(out.split())
 
 
-def test_passive_freedoms_are_not_to_be_driven(run):
-    sp.load("rssr").save("plain")
-    with open("plain/rssr.toml", encoding="utf-8") as file:
-        text = file.read()
-    with open("plain/rssr.toml", "w", encoding="utf-8") as file:
-        file.write(text.replace("[drivers.crank]\njoint = \"crank_pin\"\n", ""))
-    _, out, _ = run("check", "plain/rssr.toml")
+def test_passive_freedoms_are_not_to_be_driven(run, tmp_path):
+    path = sp.load("rssr").save(tmp_path)
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace('[drivers.crank]\njoint = "crank_pin"\n', ""), encoding="utf-8")
+    _, out, _ = run("check", path)
     assert 'such as [drivers.NAME] joint = "crank_pin"' in " ".join(out.split())
 
 
@@ -159,8 +156,10 @@ def test_a_law_that_returns_something_else_is_told_what_it_must_be(law):
 def test_a_coupling_that_stays_open_has_no_frames_to_check(tmp_path):
     tree = (known.turning("a", "ground", "one", axis=(0, 0, 1))
             + known.turning("b", "one", "two", xyz=(1, 0, 0), axis=(0, 0, 1)))
-    mech = known.load(tmp_path, "geared", tree, known.coupling("gears", "a", "b", 50.0, 1.0))
-    assert what_of(mech, "gears").startswith("ratio and offset of coupling 'gears'")
+    mech = known.load(tmp_path, "geared", tree, known.coupling("gears", "a", "b", 50.0, 1.0)
+                      + known.coupling("wheels", "a", "b", 50.0, 2.0))
+    with pytest.raises(sp.AssemblyError, match=": check ratio and offset of coupling 'gears', and"):
+        sp.assemble(mech)
 
 
 def test_a_length_in_another_unit_is_a_hint(tmp_path):

@@ -12,23 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from folders import ROOT
+from images import needs_browser
 
 import spatial_pin as sp
-from spatial_pin.figures import NOTEBOOK_DPI
-from spatial_pin.formats.export import export_urdf
-from spatial_pin.view.browser.devtools import Browser
-from spatial_pin.view.browser.picture import find_browser
-from spatial_pin.view.page.notebook import PagePath, watched
 
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
-CELLS = (
-    "import numpy as np, spatial_pin as sp\n"
-    "motion = sp.sweep(sp.load('rssr'), 'crank', np.linspace(0, 6, 61), speed=5.0)",
-    "motion",
-    "sp.plot(motion, ['rocker_pin', 'coupler.velocity'])",
-    "sp.show(motion)",
-    "sp.live(motion.mechanism)",
-)
 
 
 @pytest.fixture(scope="module")
@@ -84,11 +72,9 @@ def test_motions_without_samples_or_with_events_have_a_table(motion):
 
 def test_names_that_are_markup_are_shown_as_they_are(tmp_path):
     name = "<img src=x onerror=alert(1)>"
-    export_urdf(sp.load("four_bar"), tmp_path / "a.urdf")
-    text = (tmp_path / "a.toml").read_text()
-    title = re.sub(r'(?m)^title = .*$', f'title = "{name}"', text)
-    (tmp_path / "a.toml").write_text(title)
-    mechanism = sp.load(tmp_path / "a.toml")
+    path = sp.load("four_bar").save(tmp_path)
+    path.write_text(re.sub(r'(?m)^title = .*$', f'title = "{name}"', path.read_text()))
+    mechanism = sp.load(path)
     assert mechanism.title == name
     assert html.escape(name) in mechanism._repr_html_()
     assert name not in mechanism._repr_html_()
@@ -115,7 +101,7 @@ def test_a_figure_is_its_picture_without_any_magic(motion):
     figure = sp.plot(motion, "rocker_pin")
     picture = figure._repr_png_()
     width = int.from_bytes(picture[16:20], "big")
-    assert picture.startswith(b"\x89PNG") and width == round(7.5 * NOTEBOOK_DPI)
+    assert picture.startswith(b"\x89PNG") and width == 750
     assert len(picture) < 60_000
     from matplotlib.figure import Figure
 
@@ -138,7 +124,6 @@ def test_a_report_is_a_path_that_shows_its_page(motion, tmp_path):
     assert path.parent._repr_html_() is None
     path.unlink()
     assert path._repr_html_() is None
-    assert PagePath(tmp_path / "a.png")._repr_html_() is None
 
 
 def test_a_live_page_has_a_still_one_beside_it():
@@ -146,7 +131,6 @@ def test_a_live_page_has_a_still_one_beside_it():
         text = viewer._repr_html_()
         assert f'src="{viewer.url}"' in text and "data-still=" in text
     assert "iframe" not in viewer._repr_html_()
-    assert 'data-still="a &amp; &quot;b"' in watched("http://127.0.0.1:1/", 'a & "b')
 
 
 # ---------------------------------------------------------------- the notebooks of the project
@@ -182,7 +166,7 @@ def test_stored_notebooks_are_run_small_and_without_errors(path):
 
 @pytest.mark.slow
 @pytest.mark.browser
-@pytest.mark.skipif(find_browser() is None, reason="no Chromium or Chrome on this machine")
+@needs_browser
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_notebooks_run_and_show_what_is_stored(path):
@@ -190,49 +174,3 @@ def test_notebooks_run_and_show_what_is_stored(path):
     for old, new in zip(stored["cells"], again.cells, strict=True):
         if old["cell_type"] == "code":
             assert shown_by(new) == shown_by(old), new["source"]
-
-
-# ---------------------------------------------------------------- a notebook, run and exported
-
-
-@pytest.fixture(scope="module")
-def exported(tmp_path_factory) -> Path:
-    """The exported page of a notebook, whose kernel is gone."""
-    nbformat = pytest.importorskip("nbformat")
-    nbclient = pytest.importorskip("nbclient")
-    nbconvert = pytest.importorskip("nbconvert")
-    pytest.importorskip("ipykernel")
-    folder = tmp_path_factory.mktemp("notebook")
-    book = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(x) for x in CELLS])
-    nbclient.NotebookClient(book, timeout=120, resources={"metadata": {"path": folder}}).execute()
-    kinds = [{kind for o in cell.outputs for kind in o.get("data", {})} for cell in book.cells]
-    assert kinds == [set(), {"text/html", "text/plain"}, {"image/png", "text/plain"},
-                     *[{"text/html", "text/plain"}] * 2]
-    text, _ = nbconvert.HTMLExporter().from_notebook_node(book)
-    page = folder / "notebook.html"
-    page.write_text(text, encoding="utf-8")
-    return page
-
-
-# until the still page is there, the frame shows the browser's own page of a server not found, which
-# may not be looked into
-PLAYS = """(() => {
-  try { return typeof frames[1].seek === "function"; } catch { return false; }
-})()"""
-
-
-@pytest.mark.slow
-@pytest.mark.browser
-@pytest.mark.skipif(find_browser() is None, reason="no Chromium or Chrome on this machine")
-@pytest.mark.filterwarnings("ignore")
-def test_an_exported_notebook_plays_its_pages(exported):
-    with Browser((480, 360)) as browser:  # small: all pages of a notebook are drawn at once
-        browser.open(exported, "frames.length === 2")
-        browser.wait_until("typeof frames[0].seek === 'function'")
-        assert browser.evaluate("frames[0].document.title") == "RSSR spatial four-bar"
-        browser.evaluate("frames[0].document.querySelector('#player button').click()")
-        browser.wait_until("document.querySelectorAll('iframe')[1].srcdoc.length > 1e5")
-        browser.wait_until(PLAYS)
-        assert "crank" in browser.evaluate("frames[1].document.body.innerText")
-        assert not browser.evaluate("frames[1].document.querySelector('#dials')")
-        assert browser.evaluate("[...document.images].some(i => i.naturalWidth === 750)")

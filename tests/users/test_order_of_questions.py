@@ -14,6 +14,7 @@ import pinocchio as pin
 import pytest
 from ladders import ladder, leaning
 from machines import three_rods, translation
+from variety import each
 
 import spatial_pin as sp
 
@@ -149,20 +150,22 @@ def two_states(mechanism) -> list[sp.State]:
 
 
 @pytest.mark.filterwarnings("ignore::spatial_pin.SpatialPinWarning")
-@pytest.mark.parametrize("name", sp.list_mechanisms())
+@pytest.mark.parametrize("name", each(sp.list_mechanisms()))
 def test_a_mechanism_of_the_library(name):
     in_both_orders(lambda: sp.load(name), two_states)
 
 
 @pytest.mark.filterwarnings("ignore::spatial_pin.SpatialPinWarning")
-@pytest.mark.parametrize("make", [known.rscr, known.press_closure, known.leaning_pointer,
-                                  known.swash_plate, known.arm_on_a_ram, known.rack_and_gears])
+@pytest.mark.parametrize("make", [
+    known.press_closure, known.rack_and_gears,
+    *(pytest.param(make, marks=pytest.mark.slow) for make in (
+        known.rscr, known.leaning_pointer, known.swash_plate, known.arm_on_a_ram))])
 def test_other_pairs(make, tmp_path):
     """Screws and couplings among them, which count turns."""
     in_both_orders(lambda: make(tmp_path), two_states)
 
 
-@pytest.mark.parametrize("n", [45, 80])
+@pytest.mark.parametrize("n", [45, pytest.param(80, marks=pytest.mark.slow)])
 def test_many_loops(n, tmp_path):
     """To round-off, for the choice of rows stays as it was; what is refused is the same."""
     mechanism = ladder(tmp_path, n)
@@ -184,6 +187,7 @@ def test_many_loops(n, tmp_path):
                 assert got == pytest.approx(want[k], abs=1e-13 * np.abs(want[k]).max())
 
 
+@pytest.mark.delicate
 @pytest.mark.parametrize("wrap", [str, known.tilted], ids=["level", "tilted"])
 def test_modes_of_different_rank(wrap, tmp_path):
     """The rank of the loops belongs to the branch, not to the mechanism."""

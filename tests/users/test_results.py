@@ -11,8 +11,6 @@ import numpy as np
 import pytest
 
 import spatial_pin as sp
-from spatial_pin import cli
-from spatial_pin.cli.tables import read_table
 
 XYZ = "xyz"
 
@@ -131,18 +129,11 @@ def test_csv_is_a_text_a_file_or_an_open_file(made, request, tmp_path):
         np.testing.assert_array_equal(read(text)[head], values)
 
 
-def test_the_command_line_writes_the_same_table(motion, tmp_path, capsys):
+def test_the_command_line_writes_the_same_table(motion, run, tmp_path):
     path = tmp_path / "a.csv"
     words = ["sweep", "rssr", "crank", "0", "6", "--steps", "61", "--speed", "5"]
-    assert cli.main([*words, "--csv", str(path)]) == 0
-    capsys.readouterr()
+    assert run(*words, "--csv", path)[0] == 0
     assert path.read_bytes() == motion.to_csv(tmp_path / "b.csv").read_bytes()
-
-
-def test_tables_with_forces_and_energies_are_read_again(driven, tmp_path):
-    values, times = read_table(driven.to_csv(tmp_path / "a.csv"), driven.mechanism)
-    assert set(values) == set(driven.mechanism.coordinates)
-    np.testing.assert_array_equal(times, driven.time)
 
 
 def test_npz_is_read_by_numpy_without_pickles(loads, motion, tmp_path):
@@ -351,18 +342,18 @@ def test_a_motion_is_not_drawn_with_forces(motion):
         sp.plot(motion, ["rocker_pin", "crank.effort"])
 
 
-def test_forces_are_drawn_by_reports_and_the_command_line(motion, driven, tmp_path, capsys):
+def test_forces_are_drawn_by_reports_and_the_command_line(motion, driven, run, tmp_path):
     names = ["rocker_pin", "crank.effort", "ball_b.reaction"]
     page = sp.report(motion, tmp_path / "page.html", outputs=names).read_text("utf-8")
     assert "Outputs of rssr: rocker_pin, crank effort, ball_b reaction force, ball_b" in page
     sp.report(driven, tmp_path / "page.html", outputs="crank.effort")
     with pytest.raises(sp.UnknownNameError, match=r"did you mean 'crank\.effort'"):
         sp.report(motion, tmp_path / "page.html", outputs="crnk.effort")
-    words = ["sweep", "rssr", "crank", "0", "1", "--plot", str(tmp_path / "a.svg")]
-    assert cli.main([*words, *(w for name in names for w in ("--output", name))]) == 0
-    assert "a.svg" in capsys.readouterr().out
-    assert cli.main([*words, "--output", "crnk.effort"]) != 0
-    assert "did you mean 'crank.effort'" in capsys.readouterr().err
+    words = ["sweep", "rssr", "crank", "0", "1", "--plot", tmp_path / "a.svg"]
+    code, out, _ = run(*words, *(w for name in names for w in ("--output", name)))
+    assert code == 0 and "a.svg" in out
+    code, _, err = run(*words, "--output", "crnk.effort")
+    assert code != 0 and "did you mean 'crank.effort'" in err
 
 
 @pytest.mark.parametrize(("count", "asked", "columns"), [

@@ -1,10 +1,11 @@
 """What results say when they are printed: a few lines, true and with units."""
 
+import re
+
 import numpy as np
 import pytest
 
 import spatial_pin as sp
-from spatial_pin.dimensions.sensitivity import Sensitivity, sensitivities, with_spread
 
 LINES = 45  # of a summary, at most
 
@@ -64,20 +65,6 @@ def test_forces_over_a_motion_print_the_largest(turn):
     assert "* one of many" in text and "on the fixed link, all together: " in text
 
 
-@pytest.mark.parametrize(("value", "deviation", "unit", "text"), [
-    (1.23456789, 0.00214, "rad", "1.2346 ± 0.0021 rad"),
-    (1234.5678, 31.4, "m/s²", "1235 ± 31 m/s²"),
-    (0.0, 0.0321, "m", "0.000 ± 0.032 m"),
-    (1.25, 3e-17, "m", "1.25 ± 0 m"),
-    (1.23456e-7, 3.2e-9, "1", "(1.235 ± 0.032)e-7"),
-    (2.5e9, 4.4e7, "N", "(2.500 ± 0.044)e9 N"),
-    (np.inf, np.nan, "", "inf ± nan"),
-    (np.array([1.0, 2.0]), np.array([0.1, 0.0]), "m", "[1.00 ± 0.10, 2 ± 0] m"),
-])
-def test_a_value_has_the_digits_that_its_spread_warrants(value, deviation, unit, text):
-    assert with_spread(value, deviation, unit) == text
-
-
 def test_tolerances_print_with_units_and_few_digits():
     mech = sp.load("four_bar")
     state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 0.7}), {"crank": 1.0})
@@ -87,19 +74,23 @@ def test_tolerances_print_with_units_and_few_digits():
     lines = str(found).splitlines()
     assert found.units == {"rocker_pin": "rad", "rocker_pin.ratio": "1",
                            "limit.upper.rocker_pin": "rad"}
-    value = with_spread(found.nominal["rocker_pin"], found.linear["rocker_pin"], "rad")
-    assert lines[0].startswith(f"rocker_pin = {value} (linear); ") and "(8 samples)" in lines[0]
+    value, spread = re.match(r"rocker_pin = (\S+) ± (\S+) rad \(linear\); ", lines[0]).groups()
+    assert float(spread) == float(f"{found.linear['rocker_pin']:.2g}")
+    digits = len(spread.partition(".")[2])
+    assert value == f"{found.nominal['rocker_pin']:.{digits}f}" and "(8 samples)" in lines[0]
     assert max(map(len, lines)) < 100
 
 
 def test_a_derivative_below_its_own_error_prints_as_zero():
     mech = sp.load("four_bar")
-    found = sensitivities(mech, sp.assemble(mech, {"crank": 0.7}), ["crank_pin", "rocker_pin"])
+    state = sp.assemble(mech, {"crank": 0.7})
+    found = [sp.sensitivity(mech, state, x, list(mech.dimensions)) for x in (
+        "crank_pin", "rocker_pin")]
     assert str(found[0]).splitlines()[0].endswith(" rad")
     for one in found:
         for name, line in zip(one.derivatives, str(one).splitlines()[1:], strict=True):
             is_noise = abs(one.derivatives[name]) <= one.errors[name]
             assert line.startswith(f"  d/d {name} = 0  (") == is_noise
-    one = Sensitivity("x", 1.0, {"a": 3e-13, "b": np.array([1.0, 2e-13])},
+    one = sp.Sensitivity("x", 1.0, {"a": 3e-13, "b": np.array([1.0, 2e-13])},
                          {"a": 1e-12, "b": 1e-12})
     assert str(one) == "x = 1\n  d/d a = 0  (± 1e-12)\n  d/d b = [1 0]  (± 1e-12)"

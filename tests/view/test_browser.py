@@ -1,62 +1,21 @@
 """What a browser shows of the exported page, the live page, the report and the films."""
 
-import asyncio
-import contextlib
 import importlib.util
-import os
-import signal
-import subprocess
-import sys
-import time
-from pathlib import Path
 
 import numpy as np
 import pytest
+from chromium import READY, complaints, needs_browser, open_page, shoot
 from folders import ROOT
-from images import colour_mask, ink, middle, near, pixels, seen_at
+from images import colour_mask, data_of, ink, middle, page, pixels
+from pictured import photograph, swept
 from PIL import Image
 
 import spatial_pin as sp
-from spatial_pin.errors import SpatialPinError
-from spatial_pin.view.browser.devtools import Browser
-from spatial_pin.view.browser.movie import READY, movie, open_page, shoot
-from spatial_pin.view.browser.picture import find_browser
-from spatial_pin.view.page.html import export_html
-from spatial_pin.view.page.report import report
-from spatial_pin.view.scene.film import film
-from spatial_pin.view.scene.framing import rotate
-from spatial_pin.view.scene.layers.bodies import colour
-from spatial_pin.view.scene.layers.gaps import COLOUR as GAP_COLOUR
-from spatial_pin.view.scene.layers.traces import COLOURS as TRACE_COLOURS
-from spatial_pin.view.scene.look import Look
-from spatial_pin.view.scene.meshcat_commands import scene
-from spatial_pin.view.scene.stage import joint_poses, upright
 
 SIZE = (480, 360)
+MAGENTA = (1.0, 0.0, 0.62)  # of open closures
 REPORT_READY = "frames.length === 1 && typeof frames[0].seek === 'function'"
-SHOWN = {  # what is swept, from, to
-    "rssr": ("crank", 0.3, 0.3 + 2 * np.pi),
-    "four_bar": ("crank", 0.3, 3.0),
-    "hooke_joint": ("input", 0.3, 3.0),
-    "slider_crank": ("crank", 0.3, 3.0),
-    "screw_press": ("screw", 0.0, 6.0),
-    "swash_plate": ("shaft", 0.2, 3.0),
-}
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.skipif(find_browser() is None, reason="no Chromium or Chrome on this machine"),
-]
-
-
-def swept(name: str, n: int = 61) -> sp.Motion:
-    driver, first, last = SHOWN[name]
-    return sp.sweep(sp.load(name), driver, np.linspace(first, last, n))
-
-
-@pytest.fixture(scope="module")
-def one_browser():
-    with Browser(SIZE) as browser:
-        yield browser
+pytestmark = [pytest.mark.browser, needs_browser]
 
 
 @pytest.fixture
@@ -67,58 +26,12 @@ def browser(one_browser):
     assert complaints(one_browser) == []
 
 
-def complaints(browser: Browser) -> list[str]:
-    """Errors on the console, exceptions, and requests that leave the page."""
-    browser.evaluate("1")  # what was reported before has arrived now
-    found = []
-    for event in browser.events:
-        method, said = event["method"], event["params"]
-        if method == "Runtime.exceptionThrown":
-            found.append(str(said["exceptionDetails"]))
-        elif method == "Runtime.consoleAPICalled" and said["type"] in ("error", "assert"):
-            found.append(str(said["args"]))
-        elif method == "Log.entryAdded" and said["entry"]["level"] == "error":
-            found.append(said["entry"]["text"])
-        elif method == "Network.requestWillBeSent":
-            url = said["request"]["url"]
-            own = url.startswith(("file:", "data:", "blob:", "about:", "http://127.0.0.1:"))
-            found += [] if own else [url]
-    return found
-
-
-def photograph(browser: Browser, shown, folder: Path, seconds: float = 0.0, **options):
-    """A picture of the page of a motion or state."""
-    open_page(browser, export_html(shown, folder / "page.html", **options))
-    return np.asarray(shoot(browser, seconds), float) / 255
-
-
 # ---------------------------------------------------------------- the exported page
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", SHOWN)
-def test_page_shows_every_coloured_link_where_it_is(browser, tmp_path, name):
-    motion = swept(name)
-    row = 20
-    image = photograph(browser, motion, tmp_path, film(motion).seconds[row])
-    assert 0.02 < ink(image).mean() < 0.8
-    framing = scene(film(motion)).framing
-    mechanism = motion.mechanism
-    poses = joint_poses(mechanism.model, motion.q[row : row + 1])[0]
-    found: dict[int, bool] = {}
-    for visual in mechanism.visual_model.geometryObjects:
-        if np.ptp(colour(visual)[:3]) > 0.3:
-            x, turn = poses[visual.parentJoint, :3], poses[visual.parentJoint, 3:]
-            place = rotate(turn, visual.placement.translation) + x
-            ((column, line),) = seen_at(place, framing, SIZE)
-            seen = near(colour_mask(image, colour(visual)), column, line)
-            found[visual.parentJoint] = found.get(visual.parentJoint, False) or seen
-    assert found and all(found.values()), found
 
 
 def test_coupler_moves_and_ground_does_not(browser, tmp_path):
     motion = swept("rssr")
-    open_page(browser, export_html(motion, tmp_path / "page.html"))
+    open_page(browser, sp.export_html(motion, tmp_path / "page.html"))
     first, second = (np.asarray(shoot(browser, t), float) / 255 for t in (0.0, 2.0))
     blue = (0.0, 0.447, 0.698)
     assert np.linalg.norm(middle(colour_mask(first, blue)) - middle(colour_mask(second, blue))) > 20
@@ -127,7 +40,7 @@ def test_coupler_moves_and_ground_does_not(browser, tmp_path):
 
 
 def test_player_pauses_plays_and_seeks_when_it_is_clicked(browser, tmp_path):
-    browser.open(export_html(swept("rssr"), tmp_path / "page.html"), READY)
+    browser.open(sp.export_html(swept("rssr"), tmp_path / "page.html"), READY)
 
     def middle_of(element: str, part: float = 0.5) -> tuple[float, float]:
         box = browser.evaluate(f"document.querySelector('{element}').getBoundingClientRect()"
@@ -151,6 +64,7 @@ def test_player_pauses_plays_and_seeks_when_it_is_clicked(browser, tmp_path):
     browser.wait_until(f"animator.time > {before}")
 
 
+@pytest.mark.slow
 def test_page_of_a_state_is_a_still(browser, tmp_path):
     state = sp.assemble(sp.load("stewart"))
     image = photograph(browser, state, tmp_path)
@@ -158,6 +72,7 @@ def test_page_of_a_state_is_a_still(browser, tmp_path):
     assert browser.evaluate("getComputedStyle(document.getElementById('player')).display") == "none"
 
 
+@pytest.mark.slow
 def test_live_page_is_shown(browser):
     with sp.show(swept("four_bar"), open_browser=False) as viewer:
         open_page(browser, viewer.url)
@@ -169,30 +84,16 @@ def test_live_page_is_shown(browser):
 # ---------------------------------------------------------------- what a Look adds
 
 
-def test_trace_is_drawn_along_the_path(browser, tmp_path):
-    motion = swept("four_bar")
-    look = Look(traces=("coupler_b",))
-    image = photograph(browser, motion, tmp_path, 0.0, look=look)
-    bare = photograph(browser, motion, tmp_path, 0.0)
-    mask = colour_mask(image, TRACE_COLOURS[0])
-    framing = scene(film(motion), look).framing
-    turn = upright(motion.mechanism.model)
-    path = seen_at(motion.frame("coupler_b").position @ turn.T, framing, SIZE)
-    free = path[np.linalg.norm(path - path[0], axis=1) > 30]  # not behind the pin that is there
-    assert len(free) > 20
-    assert all(near(mask, *point, reach=4) for point in free)
-    assert colour_mask(bare, TRACE_COLOURS[0]).sum() < 0.1 * mask.sum()
-
-
+@pytest.mark.slow
 def test_open_closure_is_marked(browser, tmp_path):
     mechanism = sp.load("four_bar", r3=1.0)
     with pytest.raises(sp.AssemblyError) as caught:
         sp.assemble(mechanism, {"crank": 0.5})
     image = photograph(browser, caught.value.state, tmp_path)
-    assert colour_mask(image, GAP_COLOUR).sum() > 50
+    assert colour_mask(image, MAGENTA).sum() > 50
     assert "open by" in browser.evaluate("document.body.innerText")
     closed = photograph(browser, swept("four_bar"), tmp_path)
-    assert colour_mask(closed, GAP_COLOUR).sum() == 0
+    assert colour_mask(closed, MAGENTA).sum() == 0
 
 
 # ---------------------------------------------------------------- the report
@@ -201,7 +102,7 @@ def test_open_closure_is_marked(browser, tmp_path):
 @pytest.mark.slow
 def test_report_shows_the_mechanism_and_its_figures(browser, tmp_path):
     browser.resize((1100, 900))
-    browser.open(report(swept("rssr"), tmp_path / "report.html"), REPORT_READY)
+    browser.open(sp.report(swept("rssr"), tmp_path / "report.html"), REPORT_READY)
     browser.wait_until("!frames[0].viewer.needs_render")
     browser.evaluate("frames[0].seek(1.0)")
     box = browser.evaluate("document.querySelector('iframe').getBoundingClientRect().toJSON()")
@@ -221,7 +122,7 @@ def test_report_shows_the_mechanism_and_its_figures(browser, tmp_path):
 def test_cursor_of_the_curves_of_a_report_follows_the_picture_and_moves_it(browser, tmp_path):
     browser.resize((1100, 900))
     motion = swept("rssr")
-    browser.open(report(motion, tmp_path / "report.html"), REPORT_READY)
+    browser.open(sp.report(motion, tmp_path / "report.html"), REPORT_READY)
     browser.evaluate("frames[0].seek(1.0)")
     line = "figures[0].lines[0].getBoundingClientRect().toJSON()"
     drawn = browser.evaluate("figures[0].svg.getBoundingClientRect().toJSON()")
@@ -243,9 +144,10 @@ def test_cursor_of_the_curves_of_a_report_follows_the_picture_and_moves_it(brows
     assert browser.evaluate("figures.every(f => f.lines.every(l => !l.hidden))")
 
 
+@pytest.mark.slow
 def test_report_fits_a_telephone(browser, tmp_path):
     browser.resize((390, 760))
-    browser.open(report(swept("rssr"), tmp_path / "report.html"), REPORT_READY)
+    browser.open(sp.report(swept("rssr"), tmp_path / "report.html"), REPORT_READY)
     assert browser.evaluate("document.documentElement.scrollWidth") <= 390
     boxes = browser.evaluate("[...document.querySelectorAll('.key div, .key dd, iframe, h1')]"
                              ".map(e => e.getBoundingClientRect().toJSON())")
@@ -269,9 +171,9 @@ def test_report_fits_a_telephone(browser, tmp_path):
     assert browser.evaluate("figures[0].svg.getAttribute('preserveAspectRatio')") == "xMidYMid"
 
 
-
+@pytest.mark.slow
 def test_report_is_printed_with_its_picture(browser, tmp_path):
-    browser.open(report(swept("rssr"), tmp_path / "report.html"), REPORT_READY)
+    browser.open(sp.report(swept("rssr"), tmp_path / "report.html"), REPORT_READY)
     browser.evaluate("frames[0].seek(1.0); frames[0].dispatchEvent(new Event('beforeprint')); 1")
     browser.wait_until("frames[0].document.getElementById('still').complete")
     assert browser.evaluate("frames[0].document.getElementById('still').naturalWidth") > 200
@@ -287,7 +189,7 @@ def test_report_is_printed_with_its_picture(browser, tmp_path):
 @pytest.mark.slow
 def test_gif_lasts_as_long_as_the_motion_and_moves(tmp_path):
     motion = swept("four_bar")
-    path = movie(motion, tmp_path / "four_bar.gif", fps=2, size=(320, 240))
+    path = sp.movie(motion, tmp_path / "four_bar.gif", fps=2, size=(320, 240))
     with Image.open(path) as film_file:
         assert film_file.size == (320, 240)
         frames, lasted = [], 0
@@ -296,7 +198,7 @@ def test_gif_lasts_as_long_as_the_motion_and_moves(tmp_path):
             lasted += film_file.info["duration"]
             frames.append(np.asarray(film_file.convert("RGB"), float) / 255)
         assert film_file.info["loop"] == 0
-    assert lasted / 1000 == pytest.approx(film(motion).seconds[-1], abs=0.5 / 2 + 0.01)
+    assert lasted / 1000 == pytest.approx(data_of(page(motion))["seconds"][-1], abs=0.5 / 2 + 0.01)
     blue = (0.0, 0.447, 0.698)
     ends = [middle(colour_mask(frames[k], blue)) for k in (0, -1)]
     assert np.linalg.norm(ends[0] - ends[1]) > 15
@@ -308,18 +210,10 @@ def test_gif_lasts_as_long_as_the_motion_and_moves(tmp_path):
 def test_mp4_has_every_frame(tmp_path):
     import imageio_ffmpeg
 
-    path = movie(swept("four_bar"), tmp_path / "four_bar.mp4", fps=2, size=(321, 240))
+    path = sp.movie(swept("four_bar"), tmp_path / "four_bar.mp4", fps=2, size=(321, 240))
     assert path.stat().st_size > 2000
     frames, seconds = imageio_ffmpeg.count_frames_and_secs(str(path))
     assert (frames, seconds) == (5, pytest.approx(2.5, abs=0.1))
-
-
-def test_browser_works_inside_a_running_event_loop():
-    async def notebook() -> int:
-        with Browser(SIZE) as browser:
-            return browser.evaluate("6 * 7")
-
-    assert asyncio.run(notebook()) == 42
 
 
 # ---------------------------------------------------------------- the gallery
@@ -358,83 +252,9 @@ def test_animation_of_the_readme_is_small(tmp_path, monkeypatch):
 # ---------------------------------------------------------------- the browser itself
 
 
-def group_of(leader: int) -> list[int]:
-    """Processes of a process group that still run."""
-    found = []
-    for folder in Path("/proc").glob("[0-9]*"):
-        with contextlib.suppress(OSError, ValueError):
-            fields = (folder / "stat").read_text().rsplit(")", 1)[1].split()
-            if int(fields[2]) == leader and fields[0] != "Z":
-                found.append(int(folder.name))
-    return found
-
-
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /proc")
-def test_closed_browser_leaves_nothing_behind():
-    browser = Browser(SIZE)
-    leader, folder = browser._process.pid, Path(browser._folder.name)
-    assert group_of(leader) and folder.is_dir()
-    browser.close()
-    browser.close()
-    assert not group_of(leader) and not folder.exists()
-    with pytest.raises(SpatialPinError, match="closed"):
-        browser.evaluate("1")
-
-
-FILMING = """
-import sys, time, numpy as np, spatial_pin as sp
-movie = __import__("importlib").import_module("spatial_pin.view.browser.movie")
-def shoot(browser, seconds):
-    print(browser._process.pid, browser._folder.name, flush=True)
-    time.sleep(600)
-movie.shoot = shoot
-sp.movie(sp.sweep(sp.load("four_bar"), "crank", np.linspace(0.3, 3.0, 9)), sys.argv[1])
-"""
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /proc")
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
-def test_killed_movie_leaves_neither_browser_nor_half_a_file(tmp_path, how):
-    path = tmp_path / "film.gif"
-    path.write_text("the last one")
-    command = [sys.executable, "-c", FILMING, str(path)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-                          text=True) as process:
-        leader, folder = process.stdout.readline().split()
-        assert group_of(int(leader))
-        process.send_signal(how)
-        process.wait(60)
-    end = time.monotonic() + 60
-    while (group_of(int(leader)) or Path(folder).exists()) and time.monotonic() < end:
-        time.sleep(0.05)
-    assert not group_of(int(leader))
-    assert not Path(folder).exists()
-    assert path.read_text() == "the last one"
-
-
 def test_script_that_throws_and_page_that_is_not_there_are_clear_errors(browser, tmp_path):
-    with pytest.raises(SpatialPinError, match="nonsense"):
+    with pytest.raises(sp.SpatialPinError, match="nonsense"):
         browser.evaluate("nonsense()")
-    with pytest.raises(SpatialPinError, match=r"cannot open.*missing"):
+    with pytest.raises(sp.SpatialPinError, match=r"cannot open.*missing"):
         browser.open(tmp_path / "missing.html")
     browser.events.clear()
-
-
-@pytest.mark.parametrize("is_noticed", [False, True])
-def test_browser_that_dies_is_a_clear_error(is_noticed):
-    with Browser(SIZE) as browser:
-        os.killpg(browser._process.pid, 9)
-        while is_noticed and not browser._line._socket.protocol.stream.closed():
-            time.sleep(0.01)
-        with pytest.raises(SpatialPinError, match=r"went away|closed"):
-            browser.evaluate("1")
-
-
-def test_browser_that_does_not_start_is_a_clear_error(monkeypatch, tmp_path):
-    program = tmp_path / "chromium"
-    program.write_text("#!/bin/sh\necho no display >&2\nexit 3\n")
-    program.chmod(0o755)
-    monkeypatch.setattr("spatial_pin.view.browser.devtools.find_browser", lambda: str(program))
-    with pytest.raises(SpatialPinError, match=r"ended at once:\s+no display"):
-        Browser(SIZE)

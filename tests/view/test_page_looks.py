@@ -4,29 +4,25 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from chromium import READY, Browser, needs_browser
 from images import pixels
+from variety import first
 
 import spatial_pin as sp
-from spatial_pin.view.browser.devtools import Browser
-from spatial_pin.view.browser.movie import READY
-from spatial_pin.view.browser.picture import find_browser
 
 SIZE = (900, 640)
 SIDES = 16  # of a prism: its sides meet at 22.5 degrees
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.skipif(find_browser() is None, reason="no Chromium or Chrome on this machine"),
-]
+pytestmark = [pytest.mark.browser, needs_browser]
 URDF = """<robot name="body"><link name="ground"/><link name="body"><visual><geometry>{shape}
 </geometry><material name="white"><color rgba="1 1 1 1"/></material></visual></link>
 <joint name="turn" type="continuous"><parent link="ground"/><child link="body"/>
 <axis xyz="0 0 1"/></joint></robot>"""
 
 
-@pytest.fixture(scope="module")
-def browser():
-    with Browser(SIZE) as opened:
-        yield opened
+@pytest.fixture
+def browser(one_browser):
+    one_browser.resize(SIZE)
+    return one_browser
 
 
 @pytest.fixture
@@ -79,6 +75,7 @@ def test_mesh_is_shaded_round_and_keeps_its_edges(opened, tmp_path):
     assert lean.min() > np.cos(2.0 * np.pi / SIDES / 3.0)
 
 
+@pytest.mark.slow
 def test_white_body_is_not_drawn_as_white_as_the_paper(opened):
     page = opened('<sphere radius="1"/>')
     page.wait_until("!viewer.needs_render")
@@ -108,6 +105,7 @@ def test_page_is_dark_where_the_system_is_and_a_picture_is_not(opened):
     assert pixels(page.screenshot())[300, 20].min() == 1.0
 
 
+@pytest.mark.slow
 def test_words_of_a_dark_page_can_be_read(opened):
     """Their contrast is at least 4.5, as the Web Content Accessibility Guidelines ask."""
     page = opened('<box size="1 1 1"/>')
@@ -128,6 +126,7 @@ def luminance(colour: np.ndarray) -> float:
     return float(linear @ [0.2126, 0.7152, 0.0722])
 
 
+@pytest.mark.slow
 def test_edges_are_lines_between_faces_that_meet_at_an_angle(opened, tmp_path):
     (tmp_path / "prism.obj").write_text(prism(), encoding="utf-8")
     page = opened('<mesh filename="prism.obj"/>')
@@ -142,14 +141,16 @@ def test_edges_are_lines_between_faces_that_meet_at_an_angle(opened, tmp_path):
     assert page.evaluate(f"{script}[0].visible && !{script}[0].material.visible")
 
 
-def test_box_has_twelve_edges_and_a_ball_none(opened):
+@pytest.mark.parametrize(("shape", "edges"), first(1, [
+    ('<box size="1 2 3"/>', [12]), ('<sphere radius="1"/>', []),
+    ('<cylinder radius="1" length="1e-4"/>', [2 * 50])]))
+def test_box_has_twelve_edges_and_a_ball_none(opened, shape, edges):
     count = "solids.find(s => s.group === 'links').meshes[0].children.map(" \
             "lines => lines.geometry.attributes.position.count / 2)"
-    assert opened('<box size="1 2 3"/>').evaluate(count) == [12]
-    assert opened('<sphere radius="1"/>').evaluate(count) == []
-    assert opened('<cylinder radius="1" length="1e-4"/>').evaluate(count) == [2 * 50]
+    assert opened(shape).evaluate(count) == edges
 
 
+@pytest.mark.slow
 def test_link_of_a_long_list_is_found_by_a_part_of_its_name(browser, tmp_path):
     names = [f"link_{k}" for k in range(20)]
     links = "".join(f'<link name="{name}"><visual><geometry><sphere radius="0.1"/></geometry>'

@@ -7,34 +7,17 @@ import itertools
 import json
 from concurrent.futures import ProcessPoolExecutor
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pinocchio as pin
 import pytest
+from five_bars import ARM, BARS, GROUND, ROD, five_bar
+from loaded_library import library
 from mechanisms import closure, driver, guess, load, point, turning
+from variety import few
 
 import spatial_pin as sp
-from spatial_pin.cli.running import main
-from spatial_pin.view.scene.film import film
-from spatial_pin.view.scene.meshcat_commands import scene
-from spatial_pin.workspace_map import workspace as module
 
-GROUND, ARM, ROD = 0.2, 0.12, 0.16  # of the five-bar
-ANGLES = (0.3, 2.8)
-BARS = {"left": ANGLES, "right": ANGLES}
 ARRAYS = ("drivers", "reached", "points", "rotations", "dexterity", "least")
-
-
-def five_bar(folder, ground=GROUND, arms=(ARM, ARM), rods=(ROD, ROD)) -> sp.Mechanism:
-    """Two arms on the ground that are driven, and two rods that meet at the tip above them."""
-    tree = (turning("left", "ground", "arm1") + turning("right", "ground", "arm2", (ground, 0, 0))
-            + turning("elbow1", "arm1", "rod1", (arms[0], 0, 0))
-            + turning("elbow2", "arm2", "rod2", (arms[1], 0, 0))
-            + point("tip", "rod1", (rods[0], 0, 0)) + point("tip2", "rod2", (rods[1], 0, 0)))
-    toml = (driver("left", "left") + driver("right", "right")
-            + closure("pin", "revolute", "tip", "tip2")
-            + guess(left=1.9, right=1.2, elbow1=-1.0, elbow2=1.0))
-    return load(folder, "five_bar", tree, toml)
 
 
 def elbows(drivers):
@@ -99,6 +82,7 @@ def test_the_boundary_of_a_five_bar_is_where_the_rods_are_in_line(found):
     assert len({tuple(x) for x in found.boundary.drivers.round(9)}) == ends
 
 
+@pytest.mark.delicate
 def test_the_singular_curves_of_a_five_bar_are_where_an_arm_and_its_rod_are_in_line(found):
     assert len(found.singular) > 10
     np.testing.assert_allclose(np.abs(sines(found.singular.drivers)).min(axis=1), 0.0, atol=1e-7)
@@ -149,7 +133,7 @@ def spheres(drivers, side, top, arm, rod):
 
 @pytest.mark.slow
 def test_a_delta_gets_where_three_spheres_meet():
-    mechanism = sp.load("delta", ll=0.7)
+    mechanism = library("delta", ll=0.7)
     ranges = {f"arm_{k}": (-1.5, 2.4) for k in (1, 2, 3)}
     found = sp.workspace(mechanism, "platform", ranges, points=4, on_crossing="straight")
     side, top, arm, rod = 0.567, 0.076, 0.524, 0.7
@@ -178,7 +162,7 @@ def stewart_feet_and_tops():
 
 
 def test_legs_of_a_gough_platform_are_as_long_as_its_poses_say():
-    mechanism = sp.load("stewart")
+    mechanism = library("stewart")
     ranges = {f"leg_{k}": (0.36, 0.42) for k in (1, 3, 6)}
     found = sp.workspace(mechanism, "platform", ranges, points=5)
     assert found.reached.all()
@@ -232,7 +216,7 @@ def area_of(polygon):
 
 
 def test_a_gough_platform_that_keeps_its_orientation_stays_between_spherical_shells():
-    mechanism = sp.load("stewart")
+    mechanism = library("stewart")
     found = sp.workspace(mechanism, "platform", {"x": (-0.25, 0.25), "y": (-0.25, 0.25)},
                          points=17)
     centres, inner, outer = shell_radii(mechanism, sp.assemble(mechanism).placement(
@@ -263,7 +247,7 @@ def test_a_gough_platform_that_keeps_its_orientation_stays_between_spherical_she
 
 
 def test_poses_turn_by_cardan_angles():
-    mechanism = sp.load("stewart")
+    mechanism = library("stewart")
     found = sp.workspace(mechanism, "platform", {"z": (0.34, 0.38), "turn_z": (-0.3, 0.3)},
                          points=3)
     assert found.reached.all()
@@ -303,10 +287,14 @@ def test_a_five_bar_gets_to_points_between_two_circles_of_each_arm(bars):
     assert sum(curve.is_boundary for curve in found.curves()) >= 1
 
 
-def test_where_the_motors_of_a_five_bar_lose_the_tip_is_a_coupler_curve(bars):
+@pytest.mark.delicate
+@pytest.mark.parametrize(("low", "high", "points"), [
+    ((0.05, -0.1), (0.15, 0.0), 9),
+    pytest.param((-0.1, -0.1), (0.3, 0.3), 25, marks=pytest.mark.slow)], ids=["below", "all over"])
+def test_where_the_motors_of_a_five_bar_lose_the_tip_is_a_coupler_curve(bars, low, high, points):
     """There both rods are in line: each elbow on its circle, the tip in the middle or beyond."""
-    grid = {"x": (-0.1, 0.3), "y": (-0.1, 0.3)}
-    found = sp.workspace(bars, "tip", grid, points=25)
+    grid = dict(zip("xy", zip(low, high, strict=True), strict=True))
+    found = sp.workspace(bars, "tip", grid, points=points)
     inner = [c for c in found.curves() if not c.is_boundary]
     assert inner
     for curve in inner:
@@ -346,14 +334,15 @@ def test_curves_of_a_five_bar_are_those_of_its_closed_form(found):
     assert found.aspects.max() >= 1
 
 
-def test_a_circle_that_turns_a_joint_wholly_round_is_closed(tmp_path):
+@pytest.mark.parametrize("points", few([10, 16], 10))
+def test_a_circle_that_turns_a_joint_wholly_round_is_closed(tmp_path, points):
     """The right arm and its rod in line: the tip goes round both bases, so the left arm turns."""
     ground, arms, rods = 0.05, (0.09, 0.06), (0.17, 0.13)
     mechanism = five_bar(tmp_path, ground, arms, rods)
     reach = arms[1] + rods[1]
     assert ground < reach < sum((arms[0], rods[0], -ground))  # the left arm gets round it
     ranges = {"left": (-np.pi, np.pi), "elbow1": (-np.pi, np.pi)}
-    curves = sp.workspace(mechanism, "tip", ranges, points=16).curves(tolerance=1e-3)
+    curves = sp.workspace(mechanism, "tip", ranges, points=points).curves(tolerance=1e-3)
     whole = [c for c in curves if c.is_closed]
     assert whole
     for curve in whole:
@@ -369,13 +358,17 @@ def test_a_circle_that_turns_a_joint_wholly_round_is_closed(tmp_path):
         np.testing.assert_allclose(np.cos(curve.drivers[:, 1]), np.cos(bend), atol=1e-9)
     for curve in curves:
         assert np.abs(curve.drivers).max() < np.pi + 1e-9
-    part = sp.workspace(mechanism, "tip", ranges | {"left": (-2.0, 2.0)}, points=16)
+    part = sp.workspace(mechanism, "tip", ranges | {"left": (-2.0, 2.0)}, points=points)
     assert not any(c.is_closed for c in part.curves(tolerance=1e-3))
 
 
-def test_a_section_of_a_delta_ends_where_its_arms_and_rods_are_in_line():
-    mechanism = sp.load("delta")
-    found = sp.workspace(mechanism, "platform", {"x": (-1.5, 1.5), "y": (-1.5, 1.5)}, points=15,
+@pytest.mark.delicate
+@pytest.mark.parametrize(("x", "y", "points"), [
+    ((0.0, 1.5), (-1.5, 0.0), 5),
+    pytest.param((-1.5, 1.5), (-1.5, 1.5), 15, marks=pytest.mark.slow)], ids=["a quarter", "all"])
+def test_a_section_of_a_delta_ends_where_its_arms_and_rods_are_in_line(x, y, points):
+    mechanism = library("delta")
+    found = sp.workspace(mechanism, "platform", {"x": x, "y": y}, points=points,
                          limits=False, on_crossing="straight")
     side, top, arm, rod = 0.567, 0.076, 0.524, mechanism.dimensions["ll"]
     yaw = np.deg2rad([-90.0, 30.0, 150.0])
@@ -403,7 +396,7 @@ def test_a_section_of_a_delta_ends_where_its_arms_and_rods_are_in_line():
 
 
 def test_joint_limits_are_kept_and_named():
-    mechanism = sp.load("stewart")
+    mechanism = library("stewart")
     ranges = {"leg_1": (0.38, 0.5), "leg_2": (0.38, 0.5)}
     found = sp.workspace(mechanism, "platform", ranges, points=4)
     highest = mechanism.model.upperPositionLimit[mechanism.coordinate("slide_1").q]
@@ -444,21 +437,23 @@ def test_links_keep_apart_and_are_named(tmp_path, apart):
                      guess={"turn": 0.46})
 
 
-def test_the_command_line_says_and_writes_it(tmp_path, capfd):
-    names = {name: str(tmp_path / name) for name in ("t.csv", "c.csv", "p.png", "p.html", "t.json")}
-    assert main(["workspace", "stewart", "platform", "x=-0.25..0.25", "y=-250mm..250mm",
-                 "--points", "7", "--csv", names["t.csv"], "--curves", names["c.csv"], "--picture",
-                 names["p.png"], "--html", names["p.html"], "--json", names["t.json"]]) == 0
-    out = capfd.readouterr().out
+def test_the_command_line_says_and_writes_it(tmp_path, run):
+    names = {name: tmp_path / name for name in ("t.csv", "c.csv", "p.png", "p.html", "t.json")}
+    code, out, _ = run(
+        "workspace", "stewart", "platform", "x=-0.25..0.25", "y=-250mm..250mm", "--points", "7",
+        "--csv", names["t.csv"], "--curves", names["c.csv"], "--picture", names["p.png"],
+        "--html", names["p.html"], "--json", names["t.json"])
+    assert code == 0
     assert "7 x 7 values of x, y" in out and out.count("wrote") == 5
     with open(names["t.csv"], encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 49 and {"x [m]", "leg_1 [m]", "aspect", "why"} <= set(rows[0])
     with open(names["c.csv"], encoding="utf-8") as file:
         assert len(list(csv.DictReader(file))) > 50
-    assert main(["workspace", "rssr", "coupler", "crank=0..90deg", "--points", "5", "--json",
-                 "-"]) == 0
-    columns = json.loads(capfd.readouterr().out)["columns"]
+    code, out, _ = run("workspace", "rssr", "coupler", "crank=0..90deg", "--points", "5",
+                       "--json", "-")
+    assert code == 0
+    columns = json.loads(out)["columns"]
     assert columns["crank [rad]"] == pytest.approx(np.linspace(0.0, np.pi / 2, 5))
 
 
@@ -467,12 +462,8 @@ def test_the_command_line_says_and_writes_it(tmp_path, capfd):
     (["crank=0..1m"], 1, "crank is in rad"), (["x=0deg..1"], 1, "x is in m"),
     (["crunk=0..1"], 1, "crunk"), (["crank=0..1", "--picture", "p.doc"], 1, "--picture"),
 ])
-def test_the_command_line_refuses_in_words(capfd, words, code, told):
-    try:
-        found = main(["workspace", "rssr", "coupler", *words])
-    except SystemExit as error:
-        found = error.code
-    err = capfd.readouterr().err
+def test_the_command_line_refuses_in_words(run, words, code, told):
+    found, _, err = run("workspace", "rssr", "coupler", *words)
     assert found == code and told in err and "Traceback" not in err
 
 
@@ -491,9 +482,10 @@ def kneed(tmp_path_factory) -> sp.State:
     return sp.assemble(mechanism, {"left": 1.9, "right": 1.2, "knee": 0.0})
 
 
-def test_a_joint_that_is_held_is_as_good_as_none(bars, kneed):
-    plain = sp.workspace(bars, "tip", BARS, points=9, sheets=True)
-    held = sp.workspace(kneed.mechanism, "tip", BARS, points=9, sheets=True, guess=kneed,
+@pytest.mark.parametrize("points", few([4, 9], 4))
+def test_a_joint_that_is_held_is_as_good_as_none(bars, kneed, points):
+    plain = sp.workspace(bars, "tip", BARS, points=points, sheets=True)
+    held = sp.workspace(kneed.mechanism, "tip", BARS, points=points, sheets=True, guess=kneed,
                         hold=["base", "knee"])
     assert len(held.sheets) == len(plain.sheets) > 0
     for one, other in zip((held, *held.sheets), (plain, *plain.sheets), strict=True):
@@ -520,18 +512,19 @@ def test_a_pose_whose_driver_is_held_goes_round_its_elbow(bars):
     np.testing.assert_allclose(far, ROD, rtol=1e-12)
 
 
-def test_what_spans_the_grid_is_not_held(kneed, capfd):
+def test_what_spans_the_grid_is_not_held(kneed, run):
     with pytest.raises(ValueError, match="'left' is held"):
         sp.workspace(kneed.mechanism, "tip", BARS, points=3, guess=kneed, hold="left")
-    path = str(kneed.mechanism.path)
+    path = kneed.mechanism.path
     words = ["workspace", path, "tip", "left=1.6..1.9", "--points", "3"]
-    assert main(words) == 1
-    assert "--hold" in capfd.readouterr().err
-    assert main([*words, "--hold", "knee", "--json", "-"]) == 0
-    columns = json.loads(capfd.readouterr().out)["columns"]
+    code, _, told = run(*words)
+    assert code == 1 and "--hold" in told
+    code, said, _ = run(*words, "--hold", "knee", "--json", "-")
+    assert code == 0
+    columns = json.loads(said)["columns"]
     assert len(columns["left [rad]"]) == 3
-    assert main([*words, "--hold", "kne"]) == 1
-    assert "did you mean 'knee'?" in capfd.readouterr().err
+    code, _, told = run(*words, "--hold", "kne")
+    assert code == 1 and "did you mean 'knee'?" in told
 
 
 def test_workers_change_nothing(bars, found):
@@ -547,51 +540,11 @@ def test_workers_change_nothing(bars, found):
     assert str(other) == str(found)
 
 
-@pytest.fixture
-def interrupted(monkeypatch):
-    """Ctrl-C after some two hundred points."""
-    class Bar:
-        n = 0
-
-        def __enter__(self):
-            return self
-
-        def __exit__(self, *error):
-            pass
-
-        def update(self, done):
-            self.n += done
-            if self.n > 200:
-                raise KeyboardInterrupt
-
-    monkeypatch.setattr(module, "progress_bar", lambda *args: Bar())
-
-
-def test_a_command_that_was_interrupted_writes_what_was_found_and_says_so(
-    interrupted, tmp_path, capsys
-):
-    table = tmp_path / "points.csv"
-    assert main(["workspace", "excavator", "teeth", "boom=2.6..2.8", "bucket=2.1..2.4",
-                 "--points", "30", "--csv", str(table)]) == 130
-    assert "cut short" in capsys.readouterr().out
-    assert table.read_text().count("\n") == 901
-
-
-def test_a_command_gives_the_work_to_processes(tmp_path, capsys):
+def test_a_command_gives_the_work_to_processes(run):
     words = ["workspace", "rssr", "coupler", "crank=0..90deg", "--points", "9"]
-    assert main(words) == 0
-    alone = capsys.readouterr().out
-    assert main([*words, "--workers", "2"]) == 0
-    assert capsys.readouterr().out == alone
-
-
-def test_what_was_found_before_an_interruption_is_kept(bars, found, interrupted):
-    part = sp.workspace(bars, "tip", BARS, points=25)
-    assert not part.is_whole
-    assert "cut short" in str(part)
-    assert 200 < np.count_nonzero(part.reached) < np.count_nonzero(found.reached)
-    np.testing.assert_array_equal(part.points[part.reached], found.points[part.reached])
-    assert "not looked at" in part.why
+    alone = run(*words)
+    assert alone[0] == 0
+    assert run(*words, "--workers", "2")[:2] == alone[:2]
 
 
 def test_a_state_of_it_is_closed_and_stands_there(found):
@@ -623,18 +576,11 @@ def test_a_report_a_table_and_pictures_are_made_of_it(bars, found, tmp_path):
     assert len(thin.axes[0].collections[0].get_offsets()) < np.count_nonzero(found.reached)
     with pytest.raises(ValueError, match="plane"):
         found.plot(plane="zz")
-    plt.close("all")
-    row = int(np.flatnonzero(found.reached)[0])
-    layer = scene(film(found.state(row)), sp.Look(workspace=found)).layer
-    balls = [item for item in layer.items if item.name.startswith("workspace")]
-    assert balls[-1].name == "workspace ends"
-    n = sum(len(item.solid.geometry.vertices) for item in balls) / 6
-    assert n == np.count_nonzero(found.reached) + len(found.boundary)
-    assert any("dexterity" in entry.text for entry in layer.legend)
     with pytest.raises(TypeError, match=r"sp\.workspace\(mechanism, frame"):
         sp.Look(workspace=3)
     with pytest.raises(sp.SpatialPinError, match="that of another one, 'five_bar'"):
-        scene(film(sp.assemble(sp.load("four_bar"))), sp.Look(workspace=found))
+        sp.export_html(sp.assemble(library("four_bar")), tmp_path / "page.html",
+                       look=sp.Look(workspace=found))
 
 
 @pytest.mark.parametrize(("given", "words"), [

@@ -11,8 +11,8 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.close import NOTHING, close, closed, finite
-from spatial_pin.assembly.rounding import cut_of
 from spatial_pin.assembly.search.guesses import NEAR_GUESS, OPEN, Guess, far_ones
+from spatial_pin.assembly.search.loop_groups import LoopGroup, part_of
 from spatial_pin.assembly.search.release import least_motion
 from spatial_pin.assembly.search.targets import asked_of, free_but, left_of
 from spatial_pin.assembly.search.whole_turns import periodic, turned_apart
@@ -63,6 +63,12 @@ class Equations:  # with Equations(...) as equations
         for acquired in self._acquired:
             acquired.__exit__(*error)
 
+    def part(self, group: LoopGroup) -> Equations:
+        """Return the equations of a group of loops; they are released with these."""
+        own = Equations(part_of(self.mechanism, group.closures), self.reference[group.angles])
+        own._acquired = self._acquired
+        return own.__enter__()
+
     @cached_property
     def evaluation(self) -> Evaluation:
         """The equations of the mechanism."""
@@ -87,6 +93,10 @@ class Closing:
         guess: where to start, and what is named; what is held need not have its value there.
         accuracy: the tolerance to reach.
         let_go: drivers that go as little as possible from these values.
+        still: velocity entries that stand besides; default those of the free bases.
+
+    Attributes:
+        entries: (nv,) the velocities that are looked at: of a group of loops those of its joints.
     """
 
     def __init__(
@@ -97,19 +107,48 @@ class Closing:
         guess: Guess,
         accuracy: Accuracy,
         let_go: Mapping[str, float] | None = None,
+        still: tuple[int, ...] | None = None,
     ) -> None:
         self.mechanism, self.equations, self.whole = equations.mechanism, equations, equations.whole
         self.given, self.standing = held, standing
         self.held, self.let_go = {**held, **standing}, let_go or {}
         self.accuracy, self.tolerance = accuracy, accuracy.tolerance
         self.gap = accuracy.gap
-        self._cut = cut_of(self.whole.mechanism, accuracy.gap) if self.whole else 0.0
-        left = left_of(self.mechanism, tuple(self.held), tuple(self.let_go), guess.names)
+        self._cut = self.mechanism.kept.cut if self.mechanism.kept else 0.0
+        left = left_of(self.mechanism, tuple(self.held), tuple(self.let_go), guess.names, still)
         self.pinned = {name: self.held[name] for name in left.pinned} if left.pinned else NOTHING
         self.still, self.free, self.first = left.still, left.free, left.first
         self.further, self._is_whole, self._guess = left.further, left.is_whole, guess
         self._left = left
+        self.entries = free_but(self.mechanism, still or (), ())
         self.goal = with_values(self.mechanism, guess.q, self.held)
+
+    @property
+    def groups(self) -> tuple[LoopGroup, ...]:
+        """The groups of loops that share nothing that may move."""
+        return self._left.groups
+
+    def part(self, group: LoopGroup) -> Closing:
+        """Return what closes a group of loops while all else stands at the guess."""
+        still = {*self.still, *np.flatnonzero(~group.entries).tolist()}
+        table = self.mechanism.coordinate_table
+        standing, let_go = ({name: x for name, x in some.items() if group.entries[table[name].v]}
+                            for some in (self.standing, self.let_go))
+        part = Closing(self.equations.part(group), self.given, standing, self._guess,
+                       self.accuracy, let_go, tuple(sorted(still)))
+        part._cut = self._cut
+        return part
+
+    def standing_at(self, q: Array) -> Closing:
+        """Return the same where the drivers let go stand as at q (nq,)."""
+        table = self.mechanism.coordinate_table
+        standing = {name: coordinate_value(self.mechanism, table[name], q) for name in self.let_go}
+        return Closing(self.equations, self.given, standing, self._guess, self.accuracy,
+                       still=self.still)
+
+    def is_looked_at(self, name: str) -> bool:
+        """Whether a coordinate is one of the `entries`."""
+        return bool(self.entries[self.mechanism.coordinate_table[name].v])
 
     @cached_property
     def named(self) -> dict[str, float]:

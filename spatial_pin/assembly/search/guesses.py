@@ -10,10 +10,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin.assembly.search.loop_groups import LoopGroup
 from spatial_pin.assembly.search.whole_turns import periodic
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.workspaces import made_once
-from spatial_pin.kernel.closer import AT_ONCE, Shakes
+from spatial_pin.kernel.closer import AT_ONCE, MOST_GROUPS, Shakes
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.lazy import cached_property
 from spatial_pin.mechanism.coordinates import (
@@ -151,7 +152,7 @@ class Further(NamedTuple):
         phase: (MAX_STARTS - 1,) of each: 0 where what is named stays, 1 where it is shaken by up
             to a radian, 2 by any angle.
         size: (3, nv) of the steps in each.
-        first: the first of them.
+        first: the first of each group of loops, where groups are few; else none.
         lengths: names of those that are named.
     """
 
@@ -162,7 +163,8 @@ class Further(NamedTuple):
 
 
 def further_starts(
-    mechanism: Mechanism, held: Sequence[str], named: Sequence[str], still: Sequence[int]
+    mechanism: Mechanism, held: Sequence[str], named: Sequence[str], still: Sequence[int],
+    groups: Sequence[LoopGroup],
 ) -> Further | None:
     """Return how far further starts are; None where all is held.
 
@@ -171,13 +173,14 @@ def further_starts(
         held: coordinates that stay.
         named: coordinates that stay in half of the starts. Then they are shaken too, first by up
             to a radian, in the end by any angle, and lengths in proportion.
-        still: velocity entries that stay.
+        still: velocity entries that stay too, named or not.
+        groups: of loops that share nothing else.
     """
     table = mechanism.coordinate_table
     is_held = np.array([name in held or c.v in still for name, c in table.items()], dtype=bool)
     if is_held.all():
         return None
-    is_named = np.array([name in named for name in table], dtype=bool)
+    is_named = ~is_held & np.array([name in named for name in table], dtype=bool)
     is_angle = np.array([c.unit == "rad" for c in table.values()], dtype=bool)
     open_ones = ~is_held & ~is_named
     sizes = np.where(is_angle, 1.0, mechanism.velocity_scale * 0.2)
@@ -185,8 +188,20 @@ def further_starts(
     n, late = MAX_STARTS // 2 if open_ones.any() else 0, 3 * MAX_STARTS // 4 - 1
     phase = np.repeat([0, 1, 2], [n, late - n, MAX_STARTS - 1 - late])
     size = np.array([np.where(is_named, shake, reach) * sizes for shake in (0.0, 1.0, np.pi)])
-    first = Shakes(_draws(mechanism)[:AT_ONCE] * size[phase[:AT_ONCE]], NEAR_GUESS)
+    first = _shakes(_draws(mechanism)[:AT_ONCE] * size[phase[:AT_ONCE]], groups)
     return Further(phase, size, first, [name for name in named if table[name].unit == "m"])
+
+
+def _shakes(steps: Array, groups: Sequence[LoopGroup]) -> Shakes:
+    """Return steps (n, nv) from the guess for each group of loops by itself, if these are few."""
+    group = np.zeros(steps.shape[1], np.int64)
+    if len(groups) < 2:
+        return Shakes(steps[None], NEAR_GUESS, group)
+    if len(groups) > MOST_GROUPS:
+        return Shakes(np.empty((0, *steps.shape)), NEAR_GUESS, group)
+    for k, own in enumerate(groups):
+        group[own.entries] = k
+    return Shakes(np.array([steps * own.entries for own in groups]), NEAR_GUESS, group)
 
 
 def starts_from(

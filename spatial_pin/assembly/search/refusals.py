@@ -7,11 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from spatial_pin.assembly.rounding import clearly_above
 from spatial_pin.assembly.search.closing import ACCEPTED, Closing, coordinate_sizes, size_of
 from spatial_pin.assembly.search.guesses import COORDINATE_ERROR, MAX_STARTS, Guess
 from spatial_pin.assembly.search.search import Search
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.opposite_axes import opposite_axes
 from spatial_pin.errors import AssemblyError
 from spatial_pin.mechanism.coordinates import coordinate_value, with_values
@@ -37,14 +39,14 @@ def failure(search: Search) -> AssemblyError:
     closing.evaluation.update(q)
     state = State(mechanism, q, closure_error=error, angles=closing.evaluation.angles)
     if not error <= ACCEPTED:
-        message = f"{where} cannot be closed: {_gap_words(search, error, q, worst)}"
+        message = f"{where} cannot be closed: {_gap_words(search.worst, error, q, worst)}"
     elif worst.startswith("limit of "):
         own = any(worst.startswith(f"limit of {name}:") for name in closing.held)
         message = (f"{where} closes only outside the joint limits ({worst}); " + (
             "that is the value given: give one within its limits" if own else
             "give values of the drivers at which it stays inside"))
     else:
-        message = f"{where} {_mirror_words(search, q)}"
+        message = f"{where} {_mirror_words(search.worst, q)}"
     if closing.standing:
         message += (f"; drivers that were given no value stand at {_values(closing.standing)}: "
                     "give them values, or let them go with release=True or free=[...]")
@@ -60,12 +62,20 @@ def _gap_words(search: Search, error: float, q: Array, worst: str) -> str:
     mechanism, whole = search.mechanism, search.closing.whole or search.closing.evaluation
     whole.update(q)
     gap = open_gap(whole.mechanism, whole, worst)
+    if search.closing.whole is not None and search.closing.evaluation.closure_error <= ACCEPTED:
+        return (f"the file's numbers are rounded, and redundant equations of closure {worst!r} "
+                f"open by {gap} there (closure error {error:.1e}), beyond the gap of "
+                f"{search.closing.gap:.0e} (gap={clearly_above(error):.0e} allows it)")
     large = size_of(mechanism, q) * COORDINATE_ERROR > ACCEPTED
     words = (f"closure {worst!r} stays open by {gap} (closure error {error:.1e}), the smallest gap "
              "found; ") + (_too_large(mechanism, q) if large else _open_words(search, q, worst))
-    if any(c.name == worst and c.type == "screw" for c in mechanism.closures):
-        words += ("; a screw closure is assembled within half a turn of zero: sweep to further "
-                  "turns, or put the screw into the tree")
+    constraints = constraints_of(mechanism)
+    by_path = [constraints.labels[at].closure for (at, _, _), turns in zip(
+        constraints.screws, constraints.turns, strict=True) if not turns.are_all]
+    if worst in by_path:
+        words += ("; its joints do not tell how often this screw has turned, so that it is "
+                  "assembled within half a turn of the guess: sweep to further turns, or put the "
+                  "screw into the tree")
     return words
 
 
@@ -101,11 +111,12 @@ def _open_words(search: Search, q: Array, worst: str) -> str:
                 + f": check {what_of(search.mechanism, worst)}; if they "
                 "are right, give a guess nearer to a closed configuration")
     values = _values(elsewhere)
-    n = closing.evaluation.constraints.n_closure
-    freedoms = search.mechanism.model.nv - decompose(closing.evaluation.jacobian[:n]).rank
-    if len(closing.given) > freedoms:
-        return (f"{len(closing.given)} coordinates have a value, but the mechanism has {freedoms} "
-                f"freedom{'s' * (freedoms != 1)}: leave out {len(closing.given) - freedoms} "
+    n, entries = closing.evaluation.constraints.n_closure, closing.entries
+    freedoms = int(entries.sum()) - decompose(closing.evaluation.jacobian[:n]).rank
+    given = sum(closing.is_looked_at(name) for name in closing.given)
+    if given > freedoms:
+        return (f"{given} coordinates have a value, but the mechanism has {freedoms} "
+                f"freedom{'s' * (freedoms != 1)}: leave out {given - freedoms} "
                 f"(the nearest values that fit are {values})")
     return ("a value is out of reach: left free, the loops close at "
             f"{values}")
@@ -134,14 +145,15 @@ def _closed_elsewhere(search: Search, q: Array) -> dict[str, float]:
     start = with_values(closing.mechanism, q, named)
     other = Search(Closing(
         closing.equations, {}, {}, Guess(closing.mechanism, start, named),
-        replace(closing.accuracy, gap=closing.gap if closing.whole else 0.0)), search.limits)
+        replace(closing.accuracy, gap=closing.gap if closing.whole else 0.0),
+        still=closing.still), search.limits)
     other.run()
     if other.best is None:
         return {}
     closing.evaluation.update(other.best[1])
     table = closing.mechanism.coordinate_table
     return {name: coordinate_value(closing.mechanism, table[name], other.best[1])
-            for name in closing.held}
+            for name in closing.held if closing.is_looked_at(name)}
 
 
 def _too_large(mechanism: Mechanism, q: Array) -> str:

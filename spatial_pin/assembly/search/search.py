@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import islice
 
-from spatial_pin.assembly.rounding import is_clear, may_be_rounded
 from spatial_pin.assembly.search.closing import (
     ACCEPTED,
     Closing,
@@ -18,6 +17,7 @@ from spatial_pin.assembly.search.guesses import (
     NEAR_GUESS,
     starts_from,
 )
+from spatial_pin.assembly.search.loop_groups import LoopGroup
 from spatial_pin.assembly.search.release import can_move, can_stand, least_motion
 from spatial_pin.assembly.search.within_limits import violated_limit, within_limits
 from spatial_pin.kernel.closer import AT_ONCE, Examined, Reached
@@ -29,6 +29,9 @@ FEW_STARTS = 4
 # Starts after the first success, to find the branch nearest to the guess: of two branches that as
 # many starts end at, the nearer is missed in one of 256 cases. They are closed in one call.
 MORE_STARTS = AT_ONCE
+# Times that drivers go for the loops that do not close where they stand: the first ones may take
+# them to where others do not.
+ROUNDS = 3
 # rad, characteristic lengths; drivers that go no further are just out of reach: by rounding of what
 # one reads off a drawing, not by a wrong value.
 OUT_OF_REACH = 0.05
@@ -42,35 +45,103 @@ def is_nearer(distance: float, best: float) -> bool:
 class Search:
     """Attempts from several starts, and the best of what they found.
 
+    Groups of loops that share nothing that may move are searched one by one.
+
     Args:
         closing: what closes the loops.
         limits: whether joint limits are kept.
 
     Attributes:
+        parts: groups of loops, where there are several, and the search of each.
+        worst: the search that has failed the most, of these or this one.
         best: the nearest closed configuration, after its distance from what is named.
         nearest_miss: closure error, configuration and what is at fault, of the best attempt else.
-        is_near: whether some loops closed but for what the file's rounded numbers may leave.
     """
 
     def __init__(self, closing: Closing, limits: bool) -> None:
         self.closing, self.limits, self.mechanism = closing, limits, closing.mechanism
-        self.is_near = False
         self.best: tuple[float, Array] | None = None
         self.nearest_miss: tuple[float, Array, str] | None = None
         self._known: Examined | None = None
         self._found_at = -1
+        groups = closing.groups if len(closing.groups) > 1 else ()
+        self.worst: Search = self
+        self.parts = [(group, Search(closing.part(group), limits)) for group in groups]
 
-    def run(self, q: Array | None = None, release: bool = False) -> None:
+    def run(
+        self, q: Array | None = None, release: bool = False, before: Search | None = None
+    ) -> None:
         """Try starts until one is surely the nearest, or all have failed.
 
         Args:
             q: (nq,) the first one, where what is held has its values; default: the guess.
             release: whether to give up where the drivers that stand cannot.
+            before: the search in which drivers stood that may go now: what it has closed stays.
         """
+        if before is not None and before.parts:
+            q = self._beside(before, q)
+        if not self.parts:
+            self._run(q, release)
+            return
+        for group, part in self.parts:
+            if before is not None and before.has_closed(group):
+                part.keep(part.closing.seen(before.put_together(self.closing.goal)))
+            else:
+                part.run(q, release)
+        self._join()
+
+    def _beside(self, before: Search, q: Array | None) -> Array:
+        """Return a start (nq,) for where drivers may go that stood in the search before.
+
+        Groups of loops that were not closed are closed by themselves. Drivers stand where that
+        takes them, and the others are closed there.
+        """
+        q = before.put_together(self.closing.goal if q is None else q)
+        for _ in range(ROUNDS):
+            if before.best is not None:
+                break
+            for group in [group for group, part in before.parts if part.best is None]:
+                alone = Search(self.closing.part(group), self.limits)
+                alone.run(q)
+                if alone.best is None:
+                    return q
+                q[group.places] = alone.best[1][group.places]
+            before = Search(self.closing.standing_at(q), self.limits)
+            before.run(q)
+            q = before.put_together(q)
+        return q
+
+    def has_closed(self, group: LoopGroup) -> bool:
+        """Whether all loops of a group are closed, which were searched group by group."""
+        return bool(self.parts) and all(
+            part.best is not None for own, part in self.parts
+            if not set(own.closures).isdisjoint(group.closures))
+
+    def put_together(self, q: Array) -> Array:
+        """Return q (nq,) with each group of loops that is closed where it is then."""
+        q = q.copy()
+        for group, part in self.parts:
+            if part.best is not None:
+                q[group.places] = part.best[1][group.places]
+        return q
+
+    def _join(self) -> None:
+        """Put together what the groups of loops have led to."""
+        q = self.put_together(self.closing.goal)
+        failed = [(group, part) for group, part in self.parts if part.best is None]
+        misses = [(*part.nearest_miss, group, part) for group, part in failed if part.nearest_miss]
+        if not failed:
+            self.keep(self.closing.seen(q))
+        elif len(misses) == len(failed):
+            error, there, problem, group, self.worst = max(misses, key=lambda x: x[0])
+            q[group.places] = there[group.places]
+            self.nearest_miss = error, q, problem
+
+    def _run(self, q: Array | None, release: bool) -> None:
         closing, most = self.closing, MAX_STARTS
         first = closing.goal if q is None else q
         compared = self.attempt(first, not self.limits and closing.may_be_shaken())
-        if compared or self._done(0) or self.is_near:
+        if compared or self._done(0):
             return
         if self.best is None and release and closing.standing:
             most = self._worth_trying(first)
@@ -82,7 +153,7 @@ class Search:
                 self._compare(list(islice(starts, min(MORE_STARTS, most - k))), k)
                 break
             self.attempt(next(starts))
-            if self._done(k) or self.is_near:
+            if self._done(k):
                 break
 
     def _compare(self, starts: Sequence[Array], first: int) -> None:
@@ -93,8 +164,8 @@ class Search:
             first: number of the first of them.
         """
         for k, found in enumerate(self.closing.reached(starts), start=first):
-            self._keep(found)
-            if self._done(k) or self.is_near:
+            self.keep(found)
+            if self._done(k):
                 break
 
     def _worth_trying(self, q: Array) -> int:
@@ -128,36 +199,38 @@ class Search:
         Returns:
             Whether the further starts have been tried with it, see `Closing.reached`.
         """
+        for _, part in self.parts:
+            part.attempt(q)
+        if self.parts:
+            self._join()
+            return False
         if size_of(self.mechanism, q) * COORDINATE_ERROR >= 1.0:  # it has no digit
             return False
         found = list(self.closing.reached([q], shaken))
         for place in found:
-            self._keep(place)
-            if self.is_near:
-                break
+            self.keep(place)
         return shaken and self.closing.is_sound(found[0])
 
-    def _keep(self, found: Reached) -> None:
+    def keep(self, found: Reached) -> None:
         """Keep where closing has led if it is the best so far."""
         closing = self.closing
-        if closing.let_go and found.error <= ACCEPTED:
+        if closing.let_go and found.error <= ACCEPTED and not self.parts:
             least, _ = closing.least(found.q, closing.free)
             if closing.given or can_move(
                     closing.evaluation, closing.free, closing.let_go, closing.pinned):
                 found = closing.seen(least)
         error, problem = closing.judged(found)
-        violated = violated_limit(self.mechanism, found.q) if self.limits and not problem else ""
+        violated = self._violated(found.q) if self.limits and not problem else ""
         if violated:
             q, loose_ones = within_limits(closing.evaluation, found.q, closing.free, closing.let_go)
             bounded = closing.seen(closing.least(q, loose_ones)[0] if closing.let_go else
                                    closing.closed(q, loose_ones, closing.pinned).q)
-            if closing.judged(bounded)[1] or violated_limit(self.mechanism, bounded.q):
+            if closing.judged(bounded)[1] or self._violated(bounded.q):
                 problem = violated
             else:
                 found = bounded
         q = found.q
         if problem:
-            self.is_near |= closing.whole is None and closing.accepted(q) < error <= closing.gap
             if self.nearest_miss is None or error < self.nearest_miss[0]:
                 self.nearest_miss = (error, q, problem)
             return
@@ -165,21 +238,16 @@ class Search:
         if self.best is None or is_nearer(distance, self.best[0]):
             self.best, self._known = (distance, q), found.examined
 
+    def _violated(self, q: Array) -> str:
+        """Return which joint limit q (nq,) breaks, as text: of what the loops depend on."""
+        return violated_limit(self.mechanism, q, self.closing.entries)
+
     def examined(self) -> Examined:
         """Return what the best closed configuration is like, once there is one."""
         if self._known is None:
             assert self.best is not None
             self._known = self.closing.examined(self.best[1])
         return self._known
-
-    def may_be_rounded(self) -> bool:
-        """Whether loops closed nearly, or some equations nearly follow from others."""
-        closing = self.closing
-        if self.best is None or closing.whole is not None:
-            return self.is_near
-        seen = self.examined()
-        return not is_clear(seen.least, seen.left_out) and may_be_rounded(
-            closing.evaluation, self.best[1], closing.gap, seen)
 
     def _done(self, k: int) -> bool:
         """Whether further starts can be spared after start number `k`."""

@@ -10,14 +10,21 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
-from spatial_pin.assembly.rounding import is_clear
 from spatial_pin.assembly.search.closing import ACCEPTED
-from spatial_pin.assembly.search.guesses import ANOTHER_SIZE, COORDINATE_ERROR, OPEN, Guess
+from spatial_pin.assembly.search.counted_turns import uncounted
+from spatial_pin.assembly.search.guesses import (
+    ANOTHER_SIZE,
+    COORDINATE_ERROR,
+    NEAR_GUESS,
+    OPEN,
+    Guess,
+)
 from spatial_pin.assembly.search.search import is_nearer
 from spatial_pin.assembly.search.targets import Left, asked_of, left_of
 from spatial_pin.assembly.state import State, made
+from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.workspaces import made_once
-from spatial_pin.kernel.closer import closer_of
+from spatial_pin.kernel.closer import MOST_GROUPS, closer_of
 from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
@@ -84,8 +91,8 @@ def straight(
             elif place is best or not leads_nowhere(accuracy) < place.error < math.inf:
                 return None
         seen = best.examined or closer.examine(best.q, reference)
-    if not is_clear(seen.least, seen.left_out):
-        return None  # some may follow from others but for what the file's rounding leaves
+    if len(plan.left.groups) > MOST_GROUPS and best.distance > NEAR_GUESS:
+        return None  # each group of loops may have a nearer place
     return made(mechanism, best.q, None, None, closure_error=seen.error, angles=seen.angles)
 
 
@@ -111,9 +118,12 @@ def straight_plan(
     standing = [name for name in drivers if name not in held]
     if release and {*named} - {*drivers} and not {*named}.issuperset(standing):
         return None  # some may stand where the loops take them
-    left = left_of(mechanism, (*held, *standing), (), named)
+    left = left_of(mechanism, (*held, *standing), (), named, None)
     lengths = [] if left.further is None else left.further.lengths
     places = [mechanism.place_of(table[name]) for name in lengths]
+    if uncounted(mechanism, (*held, *standing)).held or any(
+            not turns.are_all for turns in constraints_of(mechanism).turns):
+        return None  # turns may have to be counted on the way
     if mechanism.whole is not None or left.pinned or not left.is_whole or not mechanism.model.nq:
         return None
     return Plan(left, [table[name].q for name in held], places,

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from spatial_pin.assembly.close import DAMPED_STEPS
 from spatial_pin.assembly.holding import still_entries
 from spatial_pin.assembly.search.guesses import Further, further_starts
+from spatial_pin.assembly.search.loop_groups import LoopGroup, loop_groups, loose_entries
 from spatial_pin.assembly.search.whole_turns import said_of
 from spatial_pin.constraints.workspaces import made_once
 from spatial_pin.kernel.closer import NAMED, Asked
@@ -32,6 +33,7 @@ class Left(NamedTuple):
         said: (nq,) of the entries of q, for `Meant`.
         is_whole: whether all components are named of each joint of which some others are.
         further: starts other than the guess; None where all is held.
+        groups: of loops that share nothing that may move.
     """
 
     pinned: tuple[str, ...]
@@ -41,24 +43,38 @@ class Left(NamedTuple):
     said: NDArray[np.int64]
     is_whole: bool
     further: Further | None
+    groups: tuple[LoopGroup, ...]
 
 
 @made_once
 def left_of(
-    mechanism: Mechanism, held: tuple[str, ...], let_go: tuple[str, ...], said: tuple[str, ...]
+    mechanism: Mechanism, held: tuple[str, ...], let_go: tuple[str, ...], said: tuple[str, ...],
+    still: tuple[int, ...] | None,
 ) -> Left:
-    """Return what may move where coordinates are held, let go and named."""
+    """Return what may move where coordinates are held, let go and named.
+
+    Args:
+        mechanism: the mechanism.
+        held: coordinates that stay.
+        let_go: drivers that may go, as little as they can.
+        said: coordinates that the guess names.
+        still: velocity entries that stand besides; None: those of the free bases.
+    """
     table, named = mechanism.coordinate_table, [name for name in said if name not in held]
     pinned = tuple(name for name in held if table[name].q < 0)
-    still = still_entries(mechanism, (table[name] for name in (*held, *let_go)))
+    if still is None:
+        still = still_entries(mechanism, (table[name] for name in (*held, *let_go)))
     free = free_but(mechanism, still, (name for name in held if name not in pinned))
     first = free & free_but(mechanism, still, named)
     has_first = bool(first.any()) and not np.array_equal(first, free)
     is_whole, entries = _said(mechanism, held, named)
+    groups = loop_groups(mechanism, tuple(np.flatnonzero(~free).tolist()))
+    further = further_starts(
+        mechanism, held, named, (*still, *loose_entries(mechanism)), groups)
     for array in (free, first, entries):
         array.flags.writeable = False
-    return Left(pinned, still, free, first if has_first else None, entries, is_whole,
-                further_starts(mechanism, held, named, still))
+    return Left(pinned, still, free, first if has_first else None, entries, is_whole, further,
+                groups)
 
 
 def asked_of(mechanism: Mechanism, left: Left, tolerance: float) -> Asked:
@@ -79,7 +95,8 @@ def _said(
 ) -> tuple[bool, NDArray[np.int64]]:
     """Return whether named components make whole balls, and what is said of entries of q."""
     table, joints = mechanism.coordinate_table, by_joint(mechanism)
-    said = said_of(mechanism, held, named)
+    loose = [c.name for c in table.values() if c.v in loose_entries(mechanism)]
+    said = said_of(mechanism, held, [*named, *loose])  # what is loose counts the guess's turns
     balls = dict.fromkeys(table[name].joint for name in named if table[name].q < 0)
     is_whole = all(mechanism.pair_of(joint) == "spherical"
                    and all(c.name in named for c in joints[joint]) for joint in balls)

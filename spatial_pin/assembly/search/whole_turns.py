@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.workspaces import made_once
 from spatial_pin.kernel.closer import HELD, NAMED, TURNS, Meant, closer_of
 from spatial_pin.mechanism.joint_limits import position_limits
@@ -22,12 +23,15 @@ PERIODIC = ("revolute", "cylindrical", "universal", "planar")
 
 @made_once
 def periodic(mechanism: Mechanism) -> list[Coordinate]:
-    """Return the angles that mean the same after a whole turn."""
+    """Return the angles that mean the same after a whole turn: no closure counts it."""
     coupled = {mechanism.coordinate(j).name for c in mechanism.closures if c.type == COUPLING
                for j in c.joints}
+    counted = np.zeros(mechanism.model.nq, dtype=bool)
+    for turns in constraints_of(mechanism).turns:
+        counted |= turns.are_all & (turns.row != 0.0)
     return [
         c for c in mechanism.coordinate_table.values()
-        if c.unit == "rad" and c.q >= 0 and c.name not in coupled
+        if c.unit == "rad" and c.q >= 0 and c.name not in coupled and not counted[c.q]
         and mechanism.pair_of(c.joint) in PERIODIC
     ]
 

@@ -18,11 +18,15 @@ from spatial_pin.numerics.linalg import Array
 LEAST_MOTION = 1e-3
 
 
-def violated_limit(mechanism: Mechanism, q: Array) -> str:
-    """Return which joint limit q breaks, as text; empty when none."""
+def violated_limit(
+    mechanism: Mechanism, q: Array, entries: NDArray[np.bool_] | None = None
+) -> str:
+    """Return which joint limit q breaks, of some velocities (nv,), as text; empty when none."""
     for name, by in beyond_limits(mechanism, q).items():
         c = mechanism.coordinate_table[name]
-        if abs(by) > 1e-9 * max(mechanism.velocity_scale[c.v], abs(q[c.q])):
+        is_looked_at = entries is None or entries[c.v]
+        least = 1e-9 * max(mechanism.velocity_scale[c.v], abs(q[c.q]))
+        if is_looked_at and abs(by) > least:
             return f"limit of {beyond_words(mechanism, q, name)}"
     return ""
 

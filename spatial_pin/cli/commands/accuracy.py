@@ -9,7 +9,7 @@ import numpy as np
 
 import spatial_pin as sp
 from spatial_pin.accuracy.tradeoff_view import table
-from spatial_pin.cli.asked import held, loaded
+from spatial_pin.cli.asked import as_far_as_found, held, loaded
 from spatial_pin.cli.commands.motions import beginning, sweep_task
 from spatial_pin.cli.options import (
     SPRINGS_HELP,
@@ -46,8 +46,9 @@ def _tradeoff_options(sub: argparse.ArgumentParser) -> None:
 
 def _tradeoff(options: argparse.Namespace) -> None:
     mechanism = loaded(options)
-    found = sp.tradeoff(mechanism, _task(options, mechanism), repeats=options.repeats,
-                        progress=True)
+    task = _task(options, mechanism)
+    found = as_far_as_found(lambda: sp.tradeoff(
+        mechanism, task, repeats=options.repeats, progress=True))
     text, files = f"{table(found, is_narrow=True)}\n{PARTS}", []
     if not found.is_whole:
         text += "\ncut short"

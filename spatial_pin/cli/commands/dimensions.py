@@ -10,6 +10,7 @@ import numpy as np
 import spatial_pin as sp
 from spatial_pin.cli.asked import (
     along,
+    as_far_as_found,
     in_units,
     loaded,
     motion_over,
@@ -29,6 +30,7 @@ from spatial_pin.cli.options import (
 )
 from spatial_pin.cli.results import finite, tell
 from spatial_pin.columns import heading
+from spatial_pin.dimensions.sensitivity import unit_of_derivative
 from spatial_pin.errors import UnknownNameError
 from spatial_pin.motion.motion import first_samples
 from spatial_pin.motion.outputs import label_of
@@ -79,6 +81,7 @@ def _sensitivity(options: argparse.Namespace) -> None:
     found = along(options, lambda: sp.sensitivity(
         mechanism, subject, options.output, options.to or None))
     content = {"mechanism": mechanism.name, "output": found.output, "unit": found.unit,
+               "derivative_unit": unit_of_derivative(found.unit),
                "value": np.asarray(found.value).tolist(),
                "derivatives": {k: np.asarray(x).tolist() for k, x in found.derivatives.items()},
                "errors": {k: np.asarray(x).tolist() for k, x in found.errors.items()},
@@ -94,7 +97,8 @@ def _sensitivity(options: argparse.Namespace) -> None:
         np.broadcast_to(found.errors[name], np.shape(x) or (1,)), strict=True)]
     tell(options, f"{mechanism.name}: {found}", finite(content),
          {"dimension": [row[0] for row in rows], "of": [row[1] for row in rows],
-          "derivative": [row[2] for row in rows], "error": [float(row[3]) for row in rows]})
+          "derivative": [row[2] for row in rows], "error": [float(row[3]) for row in rows],
+          "unit": [unit_of_derivative(found.unit)] * len(rows)})
 
 
 def _columns(motion: sp.Motion, found: sp.Sensitivity) -> dict[str, Any]:
@@ -121,7 +125,8 @@ def _along(motion: sp.Motion, found: sp.Sensitivity) -> str:
         size = np.abs(x) if np.ndim(x) == 1 else np.linalg.norm(x, axis=1)
         k = int(size.argmax())
         lines.append(f"  d/d {name}: at most {size[k]:.9g}, at {motion.driver_name} = "
-                     f"{values[k]:.6g} {motion.driver_unit} (± {np.max(found.errors[name]):.0e})")
+                     f"{values[k]:.6g} {motion.driver_unit} (± {np.max(found.errors[name]):.0e}) "
+                     f"[{unit_of_derivative(found.unit)}]")
     return "\n".join(lines)
 
 
@@ -158,9 +163,9 @@ def _tolerance(options: argparse.Namespace) -> None:
     options.hints += _wide(mechanism, spread)
     state = state_at(options, mechanism)
     with workers(options.workers) as executor:
-        found = sp.tolerance(mechanism, [options.output, *options.also], spread, state,
-                             samples=options.samples, executor=executor, seed=options.seed,
-                             progress=True)
+        found = as_far_as_found(lambda: sp.tolerance(
+            mechanism, [options.output, *options.also], spread, state, samples=options.samples,
+            executor=executor, seed=options.seed, progress=True))
     kinds = {"nominal": found.nominal, "linear": found.linear,
              **({"mean": found.mean, "sampled": found.sampled} if found.sampled else {})}
     content = {"mechanism": mechanism.name, "units": found.units, "deviations": spread,

@@ -11,7 +11,16 @@ from typing import Any
 import numpy as np
 
 import spatial_pin as sp
-from spatial_pin.cli.asked import RATES, fitting, guess_of, held, in_units, loaded, unique
+from spatial_pin.cli.asked import (
+    RATES,
+    as_far_as_found,
+    fitting,
+    guess_of,
+    held,
+    in_units,
+    loaded,
+    unique,
+)
 from spatial_pin.cli.names import check_names
 from spatial_pin.cli.options import (
     SPRINGS_HELP,
@@ -56,7 +65,8 @@ def write_followed(
         write_motion(options, motion, last(motion))
     except sp.Interrupted as stopped:
         options.clearance = False
-        write_motion(options, stopped.motion, f"cut short after {len(stopped.motion)} steps", False)
+        motion = stopped.result
+        write_motion(options, motion, f"cut short after {len(motion)} steps", False)
         raise Told from None
 
 
@@ -64,7 +74,8 @@ def write_motion(
     options: argparse.Namespace, motion: sp.Motion, last: str = "", is_whole: bool = True
 ) -> None:
     """Say what a motion is, and write it as asked; `last` goes below."""
-    found = sp.clearance(motion, progress=True) if options.clearance else None
+    found = (as_far_as_found(lambda: sp.clearance(motion, progress=True)) if options.clearance
+             else None)
     if found is not None:
         motion = found.motion
     lines = [motion_summary(motion), *([str(found)] if found is not None else []),
@@ -303,8 +314,9 @@ def _clearance(options: argparse.Namespace) -> None:
         subject: sp.Motion | sp.State = sp.assemble(mechanism, values, guess_of(options, mechanism))
     else:
         subject = shown(options, mechanism)
-    found = sp.clearance(subject, [(a, b) for a, b in options.between] or None,
-                         tolerance=float(options.tolerance), progress=True)
+    found = as_far_as_found(lambda: sp.clearance(
+        subject, [(a, b) for a, b in options.between] or None, tolerance=float(options.tolerance),
+        progress=True))
     over = _name_of_value(found.motion)
     table = {"first": [p.links[0] for p in found.pairs],
              "second": [p.links[1] for p in found.pairs],

@@ -7,7 +7,7 @@ import contextlib
 from typing import Any
 
 import spatial_pin as sp
-from spatial_pin.cli.asked import fitting, guess_of, held, loaded, unique
+from spatial_pin.cli.asked import as_far_as_found, fitting, guess_of, held, loaded, unique
 from spatial_pin.cli.commands.motions import look_of, write_followed
 from spatial_pin.cli.names import check_names
 from spatial_pin.cli.options import (
@@ -115,8 +115,9 @@ def _modes_options(sub: argparse.ArgumentParser) -> None:
 def _modes(options: argparse.Namespace) -> None:
     mechanism = loaded(options)
     values = fitting(options, mechanism, unique(options, options.values))
-    modes = sp.assembly_modes(mechanism, values, copies=options.copies, limits=options.limits,
-                              patience=options.patience, progress=True)
+    modes = as_far_as_found(lambda: sp.assembly_modes(
+        mechanism, values, copies=options.copies, limits=options.limits,
+        patience=options.patience, progress=True))
     lines = [f"{mechanism.name}: {modes}"]
     for k, mode in enumerate(modes, start=1):
         lines += [f"{k}: branch {mode.branch or '?'}", assembly_summary(mode)]

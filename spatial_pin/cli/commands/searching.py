@@ -8,7 +8,16 @@ from pathlib import Path
 from typing import Any
 
 import spatial_pin as sp
-from spatial_pin.cli.asked import fitting, guess_of, held, in_units, loaded, unique, workers
+from spatial_pin.cli.asked import (
+    as_far_as_found,
+    fitting,
+    guess_of,
+    held,
+    in_units,
+    loaded,
+    unique,
+    workers,
+)
 from spatial_pin.cli.goal_files import check_bounds, read_goals
 from spatial_pin.cli.names import check_held
 from spatial_pin.cli.options import (
@@ -81,11 +90,11 @@ def _workspace(options: argparse.Namespace) -> None:
             if unit and not ends[k].is_for(unit):
                 raise ValueError(f"{name} is in {unit}, not in {ends[k].unit}")
     with workers(options.workers) as executor:
-        found = sp.workspace(mechanism, options.frame, ranges, points=options.points,
-                             guess=guess_of(options, mechanism), hold=held(options),
-                             task=options.task, limits=options.limits,
-                             on_crossing=options.on_crossing, clearance=options.clearance,
-                             sheets=options.sheets, executor=executor, progress=True)
+        found = as_far_as_found(lambda: sp.workspace(
+            mechanism, options.frame, ranges, points=options.points,
+            guess=guess_of(options, mechanism), hold=held(options), task=options.task,
+            limits=options.limits, on_crossing=options.on_crossing, clearance=options.clearance,
+            sheets=options.sheets, executor=executor, progress=True))
     table = found.columns()
     columns = {name: column.tolist() for name, column in table.items()}
     tell(options, found, finite({"mechanism": mechanism.name, "frame": found.frame,
@@ -144,10 +153,10 @@ def _design(options: argparse.Namespace) -> None:
         options.usage_error("nothing may change: name dimensions, as r2=50mm..0.6")
     check_bounds(bounds)
     with workers(options.workers) as executor:
-        found = sp.design(mechanism, goals, bounds, guess=guess_of(options, mechanism),
-                          starts=options.starts, method=options.method, seed=options.seed,
-                          executor=executor, progress=True, resume=options.resume,
-                          most=options.most)
+        found = as_far_as_found(lambda: sp.design(
+            mechanism, goals, bounds, guess=guess_of(options, mechanism), starts=options.starts,
+            method=options.method, seed=options.seed, executor=executor, progress=True,
+            resume=options.resume, most=options.most))
     names = list(found[0].dimensions) if found else []
     tell(options, found, found.as_dict(),
          {"design": list(range(1, len(found) + 1)), "error": [float(x.error) for x in found],
@@ -201,10 +210,11 @@ def _calibrate(options: argparse.Namespace) -> None:
     if len(dimensions) < len(options.dimension):
         options.usage_error("a dimension is named twice")
     check_sigma(mechanism, sigma)
-    found = sp.calibrate(mechanism, read_readings(options.table, mechanism, options.read),
-                         dimensions, offsets=options.offset, base=options.base,
-                         sigma=sigma or None, loss=options.loss, margin=options.margin,
-                         guess=guess_of(options, mechanism))
+    readings = read_readings(options.table, mechanism, options.read)
+    found = as_far_as_found(lambda: sp.calibrate(
+        mechanism, readings, dimensions, offsets=options.offset, base=options.base,
+        sigma=sigma or None, loss=options.loss, margin=options.margin,
+        guess=guess_of(options, mechanism)))
     content: dict[str, Any] = found.as_dict()
     residuals = content["residuals"]
     table = {key: [row[key] for row in residuals] for key in residuals[0]} if residuals else {}

@@ -20,7 +20,7 @@ from spatial_pin.dynamics.simulation.formulations.projected import Projected
 from spatial_pin.dynamics.simulation.independent_coordinates import Lost
 from spatial_pin.dynamics.simulation.problem import EffortLaw, Problem
 from spatial_pin.dynamics.simulation.result import Projection, Simulation, driver_names
-from spatial_pin.dynamics.simulation.running.energy_balance import LOST
+from spatial_pin.dynamics.simulation.running.energy_balance import LOST_SHARE
 from spatial_pin.dynamics.simulation.running.equations_in_use import Formulate, GivenUp
 from spatial_pin.dynamics.simulation.running.events import AT_LIMITS, Watch
 from spatial_pin.dynamics.simulation.running.run import Run
@@ -35,7 +35,7 @@ from spatial_pin.mechanism.coordinates import finite_array
 from spatial_pin.mechanism.laws import DriverLaw
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
-from spatial_pin.motion.rounding import check_gaps
+from spatial_pin.motion.rounding import within_gap
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.progress import progress_bar
 from spatial_pin.settings import INTEGRATORS, Accuracy, accuracy_of
@@ -152,9 +152,9 @@ def simulate(
         for t in run.follow(state):
             bar.update(t - bar.n)
         moved = motion()
-        if moved.energy_drift > LOST:
+        if moved.energy_drift > LOST_SHARE:
             run.refuse_samples()
-        check_gaps(moved, accuracy.gap)
+        moved = within_gap(moved, accuracy, "stop")
     except (Lost, SingularError, StepLimitError) as error:
         if not run.end_without_inertia():
             raise _ended(error, run, motion(), fall) from None

@@ -21,14 +21,10 @@ import pinocchio as pin
 
 from spatial_pin.formats.dialects.reading import Reading
 from spatial_pin.formats.urdf.checks import numbers
-from spatial_pin.formats.urdf.elements import local
+from spatial_pin.formats.urdf.elements import is_prefixed, local
+from spatial_pin.formats.urdf.leaving_out import without_it
 
 TREE_JOINTS = ("ball", "universal", "screw", "planar")
-
-
-def is_drake(element: ET.Element) -> bool:
-    """Return whether an element carries a prefix, as Drake's do."""
-    return "}" in str(element.tag)
 
 
 def read_joint(element: ET.Element, reading: Reading) -> None:
@@ -38,7 +34,7 @@ def read_joint(element: ET.Element, reading: Reading) -> None:
         raise reading.fail(element, f"a joint of type {kind!r} cannot be read; there are: "
                                     f"{', '.join(TREE_JOINTS)}")
     joint = ET.SubElement(reading.robot, "joint", element.attrib)
-    joint.extend(child for child in element if not is_drake(child))
+    joint.extend(child for child in element if not is_prefixed(child))
     reading.put_joint(joint)
     axis = reading.axis(element.find("axis"), element).tolist()
     if kind == "ball":
@@ -78,7 +74,8 @@ def read_spring(element: ET.Element, reading: Reading) -> None:
 def refuse(element: ET.Element, reading: Reading) -> None:
     """Refuse what joins links or joints in a way that closures and springs do not have."""
     raise reading.fail(element, "joins links or joints by a law that this library does not have; "
-                                "take it out, or write [[closures]] or [[springs]] for it")
+                                "take it out, or write [[closures]] or [[springs]] for it; "
+                                f"{without_it(element)}")
 
 
 def read_armatures(transmission: ET.Element, reading: Reading) -> None:

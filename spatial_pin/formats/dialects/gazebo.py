@@ -12,7 +12,9 @@ axis is in the joint's frame unless `expressed_in` names another. The joint is a
 links where it stands then.
 
 A plugin with `<joint>` and `<mimicJoint>` couples these two; where the joint has a `<mimic>` of
-its own, that says the same.
+its own, that says the same. The plugin DetachableJoint holds `<child_link>` on `<parent_link>`
+where both stand then, which is how loops are closed in today's Gazebo; where it takes hold of
+another model, as a gripper does, that model is not here.
 
 Gazebo before SDFormat (PR2) has `<joint:hinge>`, `<joint:slider>` and `<joint:ball>` with `body1`,
 `body2`, `anchor` (the link in whose axes the point `anchorOffset` and `axis` are given). RViz
@@ -30,12 +32,14 @@ import pinocchio as pin
 
 from spatial_pin.formats.dialects.reading import Reading
 from spatial_pin.formats.dialects.tree import said
-from spatial_pin.formats.sdf.poses import pose
+from spatial_pin.formats.sdf.poses import MODEL, pose
+from spatial_pin.formats.sdf.unread import OWN, is_detachable
 from spatial_pin.formats.urdf.checks import end_of
 from spatial_pin.formats.urdf.elements import local
+from spatial_pin.formats.urdf.leaving_out import without_it
 from spatial_pin.numerics.linalg import Array
 
-WORLD, MODEL = "world", "__model__"
+WORLD = "world"
 OLD = {"hinge": "revolute", "slider": "prismatic", "ball": "spherical"}
 
 
@@ -47,6 +51,9 @@ def read_gazebo(element: ET.Element, reading: Reading) -> None:
             element.remove(joint)
     for plugin in element.iter("plugin"):
         _read_mimic_plugin(plugin, reading)
+    for plugin in filter(is_detachable, element.findall("plugin")):
+        _read_detachable(plugin, reading)
+        element.remove(plugin)
     for joint in [e for e in element if "}" in str(e.tag) and local(e) in OLD]:
         if joint.find("body1") is not None and joint.find("body2") is not None:
             _read_old_joint(joint, reading)
@@ -85,6 +92,26 @@ def _read_mimic_plugin(plugin: ET.Element, reading: Reading) -> None:
         ratio, offset = (reading.number(plugin.find(tag), plugin, default)
                          for tag, default in (("multiplier", 1.0), ("offset", 0.0)))
         reading.couple(names[0], names[1], ratio, offset, "<gazebo><plugin> with <mimicJoint>")
+
+
+def _read_detachable(plugin: ET.Element, reading: Reading) -> None:
+    """Read the plugin that holds a link on another where both stand."""
+    parent, child, model = (plugin.findtext(tag, "").strip()
+                            for tag in ("parent_link", "child_link", "child_model"))
+    if model not in (*OWN, reading.robot.get("name", "")):
+        if child in reading.links:
+            raise reading.fail(plugin, f"holds link {child!r} of the model {model!r}, and this "
+                                       f"robot, {reading.robot.get('name', '')!r}, has a link of "
+                                       "that name: if it is the same, give it that name; if not, "
+                                       f"{without_it(plugin)}")
+        reading.notices.append(f"{said(plugin)} takes hold of the model {model!r}, which is not "
+                               "here: left out")
+        return
+    links = [reading.link(name, plugin) for name in (parent, child)]
+    if any(reading.between(links)):  # else they are fixed to each other already
+        at = reading.world[links[1]]
+        reading.close("__".join(links), "weld", "<gazebo> DetachableJoint",
+                      [(link, reading.world[link].actInv(at)) for link in links])
 
 
 def _read_old_joint(joint: ET.Element, reading: Reading) -> None:

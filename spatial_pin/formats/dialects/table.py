@@ -23,7 +23,7 @@ from spatial_pin.formats.dialects import (
 )
 from spatial_pin.formats.dialects.beside import gepetto, loop_closures
 from spatial_pin.formats.dialects.reading import Reading
-from spatial_pin.formats.urdf.elements import local
+from spatial_pin.formats.urdf.elements import is_prefixed, local
 
 Reader = Callable[[ET.Element, Reading], None]
 
@@ -61,7 +61,7 @@ def read_dialects(reading: Reading, beside: Path | None = None) -> None:
     Raises:
         MechanismFileError: an element joins links in a way that is not known, or cannot be read.
     """
-    for element in reading.take(lambda e: local(e) == "joint" and drake.is_drake(e)):
+    for element in reading.take(lambda e: local(e) == "joint" and is_prefixed(e)):
         drake.read_joint(element, reading)
     gazebo_links.hang_links(reading)
     for element in list(reading.robot):

@@ -111,7 +111,7 @@ class Tree:
 
     def pair(self, element: ET.Element) -> str:
         """Return the pair of an element's `type`; refuse what closes no loop."""
-        kind = element.get("type", "")
+        kind = element.get("type", "").removesuffix("_joint")
         if kind not in PAIR_OF:
             raise self.fail(element, f"a loop of type {kind!r} is not known; "
                                      f"{suggestion(kind, PAIR_OF)}")

@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterator
 
 from spatial_pin.formats.dialects.reading import Reading
 from spatial_pin.formats.urdf.elements import local
+from spatial_pin.formats.urdf.leaving_out import without_it
 
 KNOWN = ("link", "joint", "material", "transmission", "ros2_control")  # what is read
 HARMLESS = (  # they name links, and join none: drawing, sensing, contact, planning
@@ -60,7 +61,8 @@ def _refuse(element: ET.Element, ends: list[str], reading: Reading) -> None:
     if len(ends) > 1:
         raise reading.fail(element, f"joins the links {', '.join(map(repr, ends))} in a way that "
                                     "is not known, and a loop is never dropped: take it out, or "
-                                    "write a [[closures]] entry for it in a .toml file instead")
+                                    "write a [[closures]] entry for it in a .toml file instead; "
+                                    f"{without_it(element)}")
 
 
 def _named(element: ET.Element, links: Collection[str]) -> Iterator[str]:

@@ -29,7 +29,7 @@ def main(folder: str, files: list[str]) -> None:
             pass
         target = os.path.join(folder, str(k))
         try:
-            points, corners, colours = coloured(file) or plain(file)
+            points, corners, colours = coloured(file) or plain(file, folder)
             np.savez(f"{target}.npz", points=points, corners=corners, colours=colours)
         except Exception as error:  # whatever the reader says
             with open(f"{target}.txt", "w", encoding="utf-8", errors="replace") as report:
@@ -45,11 +45,20 @@ def coloured(file):
         return None
 
 
-def plain(file):
-    """Return points and corners of a mesh, and no colours."""
+def plain(file, folder):
+    """Return points and corners of a mesh, and no colours.
+
+    Of a mesh with materials a copy is read that names none: the reader would open their files.
+    """
     import coal
     import numpy as np
 
+    if file.lower().endswith(".obj"):
+        copy = os.path.join(folder, "mesh.obj")
+        with open(file, "rb") as stream, open(copy, "wb") as target:
+            lines = stream.read().replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines()
+            target.write(b"\n".join(x for x in lines if not x.lstrip().startswith(b"mtllib")))
+        file = copy
     mesh = coal.MeshLoader().load(file, np.ones(3))
     triangles = map(mesh.tri_indices, range(mesh.num_tris))
     corners = np.array([(t[0], t[1], t[2]) for t in triangles], dtype=np.int64).reshape(-1, 3)

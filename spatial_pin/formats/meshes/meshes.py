@@ -5,20 +5,23 @@ Loading a mechanism only looks whether a mesh is there.
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import struct
 import sys
 import tempfile
 import zipfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.meshes import mesh_reader
-from spatial_pin.formats.sources import is_file, package_folders
+from spatial_pin.formats.sources import REMEDY, Trust, is_file, package_folders, shown
 from spatial_pin.numerics.linalg import Array
 
 Colours = tuple[tuple[int, tuple[float, ...] | None], ...]  # of triangles that follow each other
@@ -26,6 +29,7 @@ Seen = tuple[str, int, int]  # a file as it was read: path, size, time of its la
 
 _COLOURS: dict[Seen, Colours] = {}
 LEAST_TIME = 20.0  # s for meshes to be read, the start of the process with it
+OUTSIDE = f"neither below the folder of the file nor in an installed package; {REMEDY}"
 TIME_OF_A_BYTE = 2e-6  # s, ten times what was seen
 
 
@@ -115,20 +119,34 @@ def _reason(text: str) -> str:
 # ---------------------------------------------------------------- where they lie
 
 
-def mesh_file(name: str, folder: Path, packages: Mapping[str, Path]) -> Path | None:
-    """Return where a mesh lies, None where it is not found; it is not opened.
+def mesh_file(name: str, folder: Path, trust: Trust) -> Path | str:
+    """Return where a mesh lies, or why it may not be read, "" if it is not there.
+
+    It is not opened.
 
     Args:
         name: as a URDF gives it: a path, `file://...`, or `package://NAME/...`.
         folder: of the URDF.
-        packages: folders of packages, by name.
+        trust: which files may be read.
     """
     package = package_of(name)
     if package is None:
         candidates = [folder / name.removeprefix("file://")]
     else:
-        candidates = [found / package[1] for found in package_folders(package[0], folder, packages)]
-    return next((file.resolve() for file in candidates if is_file(file)), None)
+        candidates = [root / package[1]
+                      for root in package_folders(package[0], folder, trust.packages)]
+    reason = ""
+    for file in filter(is_file, candidates):
+        try:
+            path = trust.resolved(file)
+        except MechanismFileError:
+            reason = OUTSIDE
+            continue
+        try:
+            return trust.checked(path)
+        except MechanismFileError as error:
+            reason = str(error)
+    return reason
 
 
 def package_of(name: str) -> tuple[str, str] | None:
@@ -154,7 +172,33 @@ def fault(file: Path) -> str:
     if not head:
         return "it is empty"
     check = FORMATS.get(kind)
-    return "" if check is None or check(head, size) else f"it is no {kind} file"
+    if check is not None and not check(head, size):
+        return f"it is no {kind} file"
+    if kind in ALONE:
+        return ""
+    if kind not in OF_PARTS:
+        return f"{kind} is no format of meshes that is read here"
+    return _parts_elsewhere(file, kind)
+
+
+def _parts_elsewhere(file: Path, kind: str) -> str:
+    """Return which file that a mesh names does not lie in its own folder, "" if none."""
+    content, names = file.read_bytes(), list[Any]()
+
+    def note(pairs: list[tuple[str, Any]]) -> None:
+        names.extend(value for key, value in pairs if key == "uri")
+
+    try:
+        if kind == ".glb":
+            content = content[20:20 + struct.unpack_from("<I", content, 12)[0]]
+        json.loads(content, object_pairs_hook=note)
+    except (ValueError, RecursionError, struct.error):
+        return f"it is no {kind} file"
+    trust = Trust.of(file)
+    for name in map(str, names):
+        if not name.startswith("data:") and not trust.allows(file.parent / unquote(name)):
+            return f"its part {shown(name)!r} is no file in its folder"
+    return ""
 
 
 def _is_stl(head: bytes, size: int) -> bool:
@@ -176,6 +220,8 @@ def _is_obj(head: bytes, size: int) -> bool:
     return re.search(rb"^[ \t]*v[ \t]", head, re.M) is not None or size > len(head)
 
 
+ALONE = (".stl", ".ply", ".off", ".obj", ".dae", ".3ds")  # of which no other file is opened
+OF_PARTS = (".gltf", ".glb")  # which name other files
 FORMATS: dict[str, Callable[[bytes, int], bool]] = {
     ".stl": _is_stl, ".ply": _is_ply, ".obj": _is_obj,
     ".dae": lambda head, size: b"<COLLADA" in head,

@@ -35,7 +35,7 @@ def read(file: str) -> tuple[Any, Any, Any]:
         elif key == "usemtl":
             colour = known.get(" ".join(words), none)
         elif key == "mtllib":
-            known.update(_materials(os.path.join(os.path.dirname(file), " ".join(words))))
+            known.update(_materials(" ".join(words), os.path.dirname(os.path.realpath(file))))
     if not corners:
         raise ValueError("it has no triangles")
     used, places = np.unique(np.array(corners, dtype=np.int64), return_inverse=True)
@@ -61,9 +61,11 @@ def _lines(file: str) -> Iterator[tuple[str, list[str]]]:
                 yield words[0], words[1:]
 
 
-def _materials(file: str) -> dict[str, list[float]]:
-    """Return colours by the names of materials; none where the file cannot be read."""
-    if not os.path.isfile(file) or os.path.getsize(file) > LARGEST_MATERIALS:
+def _materials(name: str, folder: str) -> dict[str, list[float]]:
+    """Return colours by the names of materials; none where no file of the folder has them."""
+    file = os.path.realpath(os.path.join(folder, name))
+    if not (file.startswith(os.path.join(folder, "")) and os.path.isfile(file)
+            and os.path.getsize(file) <= LARGEST_MATERIALS):
         return {}
     found: dict[str, list[float]] = {}
     colour: list[float] = []

@@ -20,13 +20,17 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats.sources import check_file, is_file, shown
+from spatial_pin.formats.meshes.meshes import OUTSIDE
+from spatial_pin.formats.sources import Trust, check_file, is_file, shown
+from spatial_pin.formats.urdf.leaving_out import notice_of
 from spatial_pin.formats.xacro.parsing import PROLOGUE, parse_xml, without
 from spatial_pin.numerics.linalg import Array
 
 OCTAHEDRON = [1, 0, 0, -1, 0, 0, 0, 1, 0, 0, -1, 0, 0, 0, 1, 0, 0, -1]
 MOST_COPIES = 100_000  # of an element by <replicate> and the like: no mechanism has so many links
 HEAD = 1 << 16  # bytes of a file in which its root element begins
+JOINING = ("equalities", "tendons", "actuators", "sensors", "flexes", "joints")  # of a spec
+TREES = ("include", "model")  # elements that name a file with further bodies
 COPIES = ("replicate", "composite", "flexcomp")  # elements with a count of copies
 
 
@@ -64,28 +68,53 @@ class Compiled:
     notices: list[str] = field(default_factory=list)
 
 
-def compiled(path: Path) -> Compiled:
+def compiled(path: Path, trust: Trust, without: Iterable[str] = ()) -> Compiled:
     """Let MuJoCo compile an MJCF file.
 
+    Args:
+        path: the file.
+        trust: which files it may name.
+        without: names or types of elements and joints that are left out.
+
     Raises:
-        MechanismFileError: there is no `mujoco`, or it cannot compile the file.
+        MechanismFileError: there is no `mujoco`, or it cannot compile the file, or the file names
+            others that may not be read.
     """
     try:
         import mujoco
     except ImportError as error:
         raise MechanismFileError(
             f"{shown(path)}: reading MJCF needs mujoco: pip install 'spatial_pin[mjcf]'") from error
-    folders = _scanned(path)
+    folders = _scanned(path, trust)
     heard: list[str] = []
     try:
         with _listening(mujoco, heard):
             spec = mujoco.MjSpec.from_file(str(path))
-            meshes, massless, notices = _without_meshes(mujoco, spec, folders)
+            left_out = _leave_out(mujoco, spec, without, shown(path))
+            meshes, massless, notices = _without_meshes(mujoco, spec, folders, trust)
             model = spec.compile()
-        return Compiled(model, meshes, massless, [*dict.fromkeys(heard), *notices])
+        return Compiled(model, meshes, massless, [*left_out, *dict.fromkeys(heard), *notices])
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         reason = " ".join(str(error).split())
         raise MechanismFileError(f"{shown(path)}: MuJoCo cannot read it: {reason}") from error
+
+
+def _leave_out(mujoco: Any, spec: Any, names: Iterable[str], where: str) -> list[str]:
+    """Delete elements of a spec that join or move bodies, by name or type; return a notice."""
+    matches: dict[str, list[str]] = {name: [] for name in names}
+    known: dict[str, None] = {}
+    for kind in JOINING if matches else ():
+        for element in list(getattr(spec, kind)):
+            own = [element.name, kind]
+            if kind == "equalities":
+                own.append(mujoco.mjtEq(element.type).name.removeprefix("mjEQ_").lower())
+            known.update(dict.fromkeys(filter(None, own)))
+            wanted = [name for name in own if name in matches]
+            for name in wanted:
+                matches[name].append(own[-1])
+            if wanted:
+                spec.delete(element)
+    return notice_of(matches, known, where)
 
 
 @contextlib.contextmanager
@@ -110,52 +139,67 @@ def _listening(mujoco: Any, heard: list[str]) -> Iterator[None]:
 # ---------------------------------------------------------------- before MuJoCo reads it
 
 
-def _scanned(path: Path) -> list[Path]:
-    """Return the folders of a file and of those it takes bodies from; refuse endless copies."""
+def _scanned(path: Path, trust: Trust) -> list[Path]:
+    """Return the folders of a file and of those it takes bodies from; refuse endless copies.
+
+    Files that MuJoCo opens as it reads are looked at here, before it does.
+    """
     seen: dict[Path, None] = {}
-    copies = _copies(path, seen)
+    copies = _copies(path, path.parent, trust, seen)
     if copies > MOST_COPIES:
         raise MechanismFileError(f"{shown(path)}: <replicate> and the like make {copies:.3g} "
                                  f"copies; at most {MOST_COPIES:,} are read")
     return list(dict.fromkeys(file.parent for file in seen))
 
 
-def _copies(path: Path, seen: dict[Path, None]) -> float:
+def _copies(path: Path, main: Path, trust: Trust, seen: dict[Path, None]) -> float:
     """Return how many copies of elements a file makes, with those that it includes."""
     seen[path] = None
-    total, level = 0.0, [(element, 1.0) for element in _elements(path)]
+    total, level = 0.0, [(element, 1.0) for element in _elements(path, trust)]
     while level:
         deeper = []
         for element, times in level:
             if element.tag in COPIES:
                 times *= _product(element.get("count", "1"))
                 total += times
-            file = path.parent / element.get("file", "")
-            if element.tag in ("include", "model") and "file" in element.attrib:
-                _check_included(file, path)
-                if is_file(file) and file not in seen:
-                    total += times * _copies(file, seen)
+            for file in _read_at_once(element, (main, path.parent)):
+                _check_named(file, path, trust)
+                if element.tag in TREES and is_file(file) and file not in seen:
+                    total += times * _copies(file, main, trust, seen)
             deeper += [(child, times) for child in element]
         level = deeper
     return total
 
 
-def _check_included(file: Path, path: Path) -> None:
-    """Refuse a file that `path` includes and that is none; on a pipe MuJoCo would wait for ever."""
-    if os.path.exists(file):  # unlike Path.exists, false for names that are too long
-        try:
+def _read_at_once(element: ET.Element, folders: Iterable[Path]) -> list[Path]:
+    """Return the files that MuJoCo may open for an element as it reads, not when it compiles."""
+    name = element.get("file", "") if element.tag in (*TREES, "flexcomp") else ""
+    if element.tag == "config" and re.search(r"[/\\]|^\.\.$", element.get("value", "")):
+        name = element.get("value", "")  # of a plugin, which does with it what it likes
+    return list(dict.fromkeys(folder / name for folder in folders)) if name else []
+
+
+def _check_named(file: Path, path: Path, trust: Trust) -> None:
+    """Refuse a file that `path` names and that may not be read; MuJoCo would wait for a pipe."""
+    try:
+        trust.resolved(file)
+        if os.path.exists(file):  # unlike Path.exists, false for names that are too long
             check_file(file)
-        except MechanismFileError as error:
-            raise MechanismFileError(f"{shown(path)}: an include: {error}") from error
+    except MechanismFileError as error:
+        raise MechanismFileError(f"{shown(path)}: an include: {error}") from error
 
 
-def _elements(path: Path) -> list[ET.Element]:
-    """Return the root element of a file; none where only MuJoCo, less strict, may read it."""
+def _elements(path: Path, trust: Trust) -> list[ET.Element]:
+    """Return the root element of a file; none where only MuJoCo, less strict, may read it.
+
+    Of a file that is not trusted, none that may name others.
+    """
     text = _text(path)
     try:
         return [parse_xml(text, path)]
     except MechanismFileError:
-        if any(f"<{tag}" in text for tag in COPIES):
+        names_files = not trust.trusted and re.search(r"(?:file\w*|value)\s*=", text)
+        if names_files or any(f"<{tag}" in text for tag in COPIES):
             raise
         return []
 
@@ -182,7 +226,7 @@ def _product(text: str) -> float:
 
 
 def _without_meshes(
-    mujoco: Any, spec: Any, folders: list[Path]
+    mujoco: Any, spec: Any, folders: list[Path], trust: Trust
 ) -> tuple[dict[str, MeshFile], set[str], list[str]]:
     """Take from a spec all files that are not needed; return meshes, massless bodies, notices."""
     notices: list[str] = []
@@ -190,7 +234,7 @@ def _without_meshes(
     for mesh in spec.meshes:  # as MuJoCo does, some of it only later
         mesh.name = mesh.name or Path(mesh.file).stem
     _without_pictures(mujoco, spec, notices)
-    files = {mesh.name: _file_of(spec, mesh, folders) for mesh in spec.meshes if mesh.file}
+    files, barred = _mesh_files(spec, folders, trust)
     missing = {name for name, file in files.items() if file is None}
     massless = _unknown_inertias(mujoco, spec, missing)
     fitted = {g.meshname for g in spec.geoms if g.meshname and _is_fitted(mujoco, g)} - missing
@@ -204,12 +248,14 @@ def _without_meshes(
         meshes[mesh.name] = _placed(mesh, files.get(mesh.name))
         if mesh.file and mesh.name not in read:
             _put_octahedron(mujoco, mesh)
-    if missing:
-        notices.append(f"{len(missing)} mesh files are not there ({some(missing)}); what they "
-                       "show is left out")
+    for names, why in ((barred, f"lie {OUTSIDE}, or are too large"),
+                       (missing - barred, "are not there")):
+        if names:
+            notices.append(f"{len(names)} mesh files {why} ({some(names)}); what they show is left "
+                           "out")
     if massless:
         notices.append(f"the inertia of bodies ({some(massless)}) comes from mesh files that are "
-                       "not there: they have no mass here")
+                       f"not {'read' if barred else 'there'}: they have no mass here")
     return meshes, massless, notices
 
 
@@ -245,12 +291,26 @@ def _without_pictures(mujoco: Any, spec: Any, notices: list[str]) -> None:
         spec.delete(element)
 
 
-def _file_of(spec: Any, mesh: Any, folders: list[Path]) -> Path | None:
-    """Return the file of a mesh asset, None where it is not there."""
+def _mesh_files(
+    spec: Any, folders: list[Path], trust: Trust
+) -> tuple[dict[str, Path | None], set[str]]:
+    """Return the file of every mesh asset, None without one that may be read, and which may not."""
+    files, barred = dict[str, Path | None](), set[str]()
+    for mesh in spec.meshes:
+        if mesh.file:
+            there = _files_of(spec, mesh, folders)
+            if not all(map(trust.allows, there)):
+                barred.add(mesh.name)
+            files[mesh.name] = there[0] if there and mesh.name not in barred else None
+    return files, barred
+
+
+def _files_of(spec: Any, mesh: Any, folders: list[Path]) -> list[Path]:
+    """Return the files that may be that of a mesh asset, of those that are there."""
     meshdir = getattr(mesh, "compiler", spec.compiler).meshdir  # MuJoCo 3 has one for all
     name = re.split(r"[/\\]", mesh.file)[-1] if spec.strippath else mesh.file
     tried = (folder / meshdir / name for folder in folders)
-    return next((file.resolve() for file in tried if is_file(file)), None)
+    return [file.resolve() for file in tried if is_file(file)]
 
 
 def _is_fitted(mujoco: Any, geom: Any) -> bool:

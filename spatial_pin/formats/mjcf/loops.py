@@ -10,6 +10,7 @@ import pinocchio as pin
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.mjcf.drives import fixed_lengths, site_frames, straight_sites
 from spatial_pin.formats.mjcf.tree import Reading, pose, shift
+from spatial_pin.formats.urdf.leaving_out import go_on
 from spatial_pin.formats.urdf.writing import fresh
 from spatial_pin.mechanism.pairs import axes_from_z
 from spatial_pin.numerics.linalg import Array
@@ -17,7 +18,7 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 
 SAME_SHAPE = 1e-3  # of a distance: anchors of the same two points, written with a few digits
 TORQUE_SCALE = 10  # of the data of a weld: the weight of its turns, 0 for a ball
-TURN, SLIDE = 3, 2  # equations of a weld: no turn about its z, no slide along it
+TURN_ROW, SLIDE_ROW = 3, 2  # equations of a weld: no turn about its z, no slide along it
 
 
 class End(NamedTuple):
@@ -60,7 +61,8 @@ def read_closures(reading: Reading, where: str) -> list[dict[str, Any]]:
         if kind not in ("connect", "weld"):
             raise MechanismFileError(
                 f"{where}: equality {_called(reading, eq)} is of type {kind}, for which there is "
-                "no closure; take it out or set active=\"false\"")
+                "no closure; take it out or set active=\"false\"; "
+                f"{go_on(model.equality(eq).name or kind)}")
         ends = _ends(reading, eq, kind)
         rigid = frozenset(int(model.body_weldid[end.body]) for end in ends)
         if len(rigid) == 1:
@@ -275,4 +277,5 @@ def _held(reading: Reading, joint: int, value: float, name: str) -> dict[str, An
              else shift(value * place.axis))
     frames = [reading.urdf.frame(f"{name}_1", place.parent, place.placement * moved * axes),
               reading.urdf.frame(f"{name}_2", place.child, axes)]
-    return {"name": name, "type": "weld", "frames": frames, "equations": [TURN if turns else SLIDE]}
+    return {"name": name, "type": "weld", "frames": frames,
+            "equations": [TURN_ROW if turns else SLIDE_ROW]}

@@ -12,7 +12,7 @@ from spatial_pin.formats.mjcf.drives import read_drivers, read_guess, read_sprin
 from spatial_pin.formats.mjcf.left_out import left_out
 from spatial_pin.formats.mjcf.loops import read_closures
 from spatial_pin.formats.mjcf.tree import Reading, read_tree
-from spatial_pin.formats.sources import shown
+from spatial_pin.formats.sources import Trust, shown
 
 UNNAMED = "MuJoCo Model"  # what MuJoCo calls a model without a name
 
@@ -24,7 +24,8 @@ def read(request: Request) -> Imported:
         MechanismFileError: `mujoco` is not installed or refuses the file, or an equality has no
             exact counterpart.
     """
-    source = compiled(request.path)
+    trust = Trust.of(request.path, request.packages, request.trusted)
+    source = compiled(request.path, trust, request.without)
     import mujoco
 
     names = source.model.names

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from spatial_pin.checks import finite_array
+from spatial_pin.checks import finite_array, number_from_zero
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.formats.pinocchio_model.joints import (
     check_placement,
@@ -36,7 +36,7 @@ def mechanism_of(
     given: pin.Model, closures: Iterable[Any], drivers: Mapping[str, str] | Iterable[str] | None,
     springs: Iterable[Spring], passives: Iterable[Passive], guess: Mapping[str, Any] | ArrayLike,
     frames: Mapping[str, tuple[str, pin.SE3]], name: str | None,
-    visual: pin.GeometryModel | None, collision: pin.GeometryModel | None,
+    visual: pin.GeometryModel | None, collision: pin.GeometryModel | None, gap: float | None,
 ) -> Mechanism:
     """Return the mechanism of a model; see `Mechanism.from_model`."""
     if not isinstance(given, pin.Model):
@@ -61,7 +61,8 @@ def mechanism_of(
         name=title, model=tree.model, visual_model=_shapes(visual, tree.model, "visual_model"),
         collision_model=_shapes(collision, tree.model, "collision_model"), pairs=tree.pairs,
         closures=closed, drivers=driven, springs=tuple(sprung),
-        passives=tuple(resolved), inertias=_inertias(tree.model), frames=names.frames)
+        passives=tuple(resolved), inertias=_inertias(tree.model), frames=names.frames,
+        gap=None if gap is None else number_from_zero(gap, "gap"))
     made.characteristic_length  # noqa: B018 - refused here where it is no number
     check_mechanism(made, where)
     made = made.with_fields(guess=_guess(given, made, guess), urdf=urdf_of(made, bodies))

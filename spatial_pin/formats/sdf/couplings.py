@@ -1,4 +1,4 @@
-"""SDFormat: gearboxes and mimicking axes, as couplings of joint coordinates."""
+"""SDFormat: gearboxes and mimicking axes, Drake's too, as couplings of joint coordinates."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ import numpy as np
 from spatial_pin.errors import MechanismFileError, suggestion
 from spatial_pin.formats.graph.joints import Joint
 from spatial_pin.formats.sdf.model import AXES, GEARBOX, PAIR_OF, Model
-from spatial_pin.formats.sdf.poses import number
+from spatial_pin.formats.sdf.poses import number, number_list
+from spatial_pin.formats.urdf.elements import is_prefixed, local
 from spatial_pin.numerics.linalg import Array
 
 PARALLEL_AXES = 1e-2  # sine of the angle of two axes: files write 1.57 for a right angle
@@ -27,6 +28,8 @@ def couplings(model: Model, joints: tuple[Joint, ...]) -> list[dict[str, Any]]:
             mimic = element.find(f"{tag}/mimic")
             if mimic is not None:
                 found.append(_mimic(model, name, tag, mimic))
+        found += [_mimic(model, name, "axis", x) for x in element
+                  if is_prefixed(x) and local(x) == "mimic"]
     return found
 
 
@@ -74,8 +77,10 @@ def _mimic(model: Model, name: str, tag: str, mimic: ET.Element) -> dict[str, An
     if leader not in model.joints:
         raise MechanismFileError(
             f"{where}: no joint {leader!r}; {suggestion(leader, model.joints)}")
-    ratio, offset, reference = (number(mimic, key, default, where) for key, default in (
-        ("multiplier", 1.0), ("offset", 0.0), ("reference", 0.0)))
+    ratio, offset, reference = (
+        float(number_list(mimic.get(key), 1, f"{where}: {key}")[0]) if key in mimic.attrib
+        else number(mimic, key, default, where)
+        for key, default in (("multiplier", 1.0), ("offset", 0.0), ("reference", 0.0)))
     names = [_coordinate(model, leader, mimic.get("axis") or "axis"), _coordinate(model, name, tag)]
     return {"name": f"mimic_{names[1]}", "type": "coupling", "joints": names, "ratio": ratio,
             "offset": offset - ratio * reference}

@@ -2,20 +2,32 @@
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.sdf.poses import TRUE, number, number_list, pose
+from spatial_pin.formats.urdf.elements import inertial as inertial_element
 from spatial_pin.formats.urdf.elements import numbers_text, origin
 
 MOMENTS = {"ixx": 1.0, "ixy": 0.0, "ixz": 0.0, "iyy": 1.0, "iyz": 0.0, "izz": 1.0}  # by default
 SIZES = {  # of shapes, with SDFormat's defaults
     "box": {"size": "1 1 1"}, "sphere": {"radius": "1"}, "cylinder": {"radius": "1", "length": "1"},
     "capsule": {"radius": "0.5", "length": "1"},
+}
+ELLIPSOID = {"radii": "1 1 1"}
+WATER = 1000.0  # kg/m³, SDFormat's density of a shape
+SOLIDS: dict[str, Callable[..., tuple[float, pin.Inertia]]] = {  # volume, inertia of 1 kg
+    "box": lambda x, y, z: (x * y * z, pin.Inertia.FromBox(1.0, x, y, z)),
+    "sphere": lambda r: (4.0 / 3.0 * math.pi * r**3, pin.Inertia.FromSphere(1.0, r)),
+    "cylinder": lambda r, h: (math.pi * r**2 * h, pin.Inertia.FromCylinder(1.0, r, h)),
+    "capsule": lambda r, h: (math.pi * r**2 * (h + 4.0 / 3.0 * r),
+                             pin.Inertia.FromCapsule(1.0, r, h)),
+    "ellipsoid": lambda x, y, z: (4.0 / 3.0 * math.pi * x * y * z,
+                                  pin.Inertia.FromEllipsoid(1.0, x, y, z)),
 }
 PlaceOf = Callable[[ET.Element | None, str], pin.SE3]  # <pose>, where -> placement on the link
 
@@ -31,16 +43,16 @@ def link_elements(link: ET.Element, place_of: PlaceOf, where: str, left_out: lis
         left_out: is added to, what URDF has no shape for.
 
     Raises:
-        MechanismFileError: a number is none, or the inertia is to be worked out from shapes.
+        MechanismFileError: a number is none.
     """
-    elements = [_inertial(link, where)]
+    elements = [_inertial(link, place_of, where, left_out)]
     for kind in ("visual", "collision"):
         for shape in link.findall(kind):
             name = f"{kind} {shape.get('name', '')!r}"
             stated = shape.find("geometry/*")
             solid = _solid(stated, f"{where}: {name}")
             if solid is None:
-                kind_of = "no shape" if stated is None else stated.tag
+                kind_of = "no shape" if stated is None else f"{stated.tag}: URDF has no such shape"
                 left_out.append(f"{name} of link {link.get('name')!r} ({kind_of})")
                 continue
             element = ET.Element(kind, name=shape.get("name", ""))
@@ -60,12 +72,14 @@ def is_massless(link: ET.Element, where: str) -> bool:
     return number(inertial, "mass", 1.0, where) == 0.0 and not any(moments)
 
 
-def _inertial(link: ET.Element, where: str) -> ET.Element:
+def _inertial(
+    link: ET.Element, place_of: PlaceOf, where: str, left_out: list[str]
+) -> ET.Element:
     """Return the <inertial>; a link that has none has one kilogram, as SDFormat says."""
-    where, inertial = f"{where}: <inertial>", link.find("inertial")
+    inertial = link.find("inertial")
     if inertial is not None and inertial.get("auto", "").lower() in TRUE:
-        raise MechanismFileError(f"{where}: auto=\"true\" asks to work inertias out from shapes, "
-                                 "which is not done here; write <mass> and <inertia>")
+        return inertial_element(_of_shapes(link, inertial, place_of, where, left_out))
+    where = f"{where}: <inertial>"
     element = ET.Element("inertial")
     element.append(origin(pose(link.find("inertial/pose"), where)))
     ET.SubElement(element, "mass", value=repr(number(inertial, "mass", 1.0, where)))
@@ -73,6 +87,32 @@ def _inertial(link: ET.Element, where: str) -> ET.Element:
     ET.SubElement(element, "inertia", {
         key: repr(number(inertia, key, default, where)) for key, default in MOMENTS.items()})
     return element
+
+
+def _of_shapes(
+    link: ET.Element, inertial: ET.Element, place_of: PlaceOf, where: str, left_out: list[str]
+) -> pin.Inertia:
+    """Return the inertia of a link's collision shapes, of 1000 kg/m³ where nothing else is said."""
+    whole = pin.Inertia.Zero()
+    if link.find("collision") is None:
+        left_out.append(f"the mass of link {link.get('name')!r} (it has no collision shape)")
+    by_default = number(inertial, "density", WATER, where)
+    for shape in link.findall("collision"):
+        name = f"{where}: collision {shape.get('name', '')!r}"
+        stated = shape.find("geometry/*")
+        make = SOLIDS.get("" if stated is None else str(stated.tag))
+        if make is None or stated is None:
+            left_out.append(f"the mass of collision {shape.get('name', '')!r} of link "
+                            f"{link.get('name')!r} (its volume is not known)")
+            continue
+        default = SIZES.get(str(stated.tag), ELLIPSOID)
+        size = [x for key, text in default.items() for x in number_list(
+            stated.findtext(key, text), len(text.split()), f"{name}: <{key}>").tolist()]
+        volume, inertia = make(*size)
+        density = number(shape, "density", by_default, name)
+        part = pin.Inertia(density * volume, inertia.lever, density * volume * inertia.inertia)
+        whole += place_of(shape.find("pose"), name).act(part)
+    return whole
 
 
 def _solid(solid: ET.Element | None, where: str) -> ET.Element | None:

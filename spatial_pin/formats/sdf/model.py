@@ -128,7 +128,7 @@ class Model:
         for name in self.named:
             links.append(Link(name, self.frames.in_world(name, "frame")))
             at = self.link_of(name, f"frame {name!r}")
-            joints.append(Joint(f"{name}_frame", "fixed", at, name, self._on(name, at)))
+            joints.append(Joint(f"{name}_frame", "fixed", at, name, self.on_link(name, at)))
         self._tell_links(left_out)
         if is_true(self.model, "static"):
             self.notices.append("the model is static: it is fixed to the world; its joints can "
@@ -141,7 +141,7 @@ class Model:
         def place_of(stated: ET.Element | None, asking: str) -> pin.SE3:
             relative = self.frames.relative_to(stated, name)
             at = pose(stated, asking)
-            return at if relative == name else self._on(relative, name) * at
+            return at if relative == name else self.on_link(relative, name) * at
 
         elements = link_elements(element, place_of, where, left_out)
         massless = is_massless(element, where)
@@ -149,7 +149,7 @@ class Model:
 
     def _tell_links(self, left_out: list[str]) -> None:
         if left_out:
-            self.notices.append(f"not drawn, as URDF has no such shape: {', '.join(left_out)}")
+            self.notices.append(f"not drawn or not weighed: {', '.join(left_out)}")
         bare = [name for name, link in self.links.items() if link.find("inertial") is None]
         if bare:
             self.notices.append(
@@ -160,7 +160,7 @@ class Model:
             self.notices.append(f"gravity acts on {', '.join(weightless)}, too; the file says it "
                                 "does not")
 
-    def _on(self, name: str, link: str) -> pin.SE3:
+    def on_link(self, name: str, link: str) -> pin.SE3:
         """Return the placement of a frame on a link."""
         if name in self.frames.table and self.frames.table[name].relative_to == link:
             return self.frames.table[name].placement  # every digit of it
@@ -183,7 +183,7 @@ class Model:
         if ends[0] == ends[1]:
             raise MechanismFileError(f"{where} joins {ends[0] or 'the world'!r} with itself")
         joint = Joint(name, PAIR_OF[kind], ends[0], ends[1],
-                      *(self._on(self.frame_of[name], end) for end in ends))
+                      *(self.on_link(self.frame_of[name], end) for end in ends))
         if kind == "fixed":
             return [], [joint]
         if joint.type == "universal":

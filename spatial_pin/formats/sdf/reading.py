@@ -8,14 +8,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from spatial_pin.errors import MechanismFileError
+from spatial_pin.errors import MechanismFileError, suggestion
 from spatial_pin.formats.graph.open_tree import open_tree
 from spatial_pin.formats.imported import Imported, Request
+from spatial_pin.formats.sdf.constraints import constraints
 from spatial_pin.formats.sdf.couplings import couplings
 from spatial_pin.formats.sdf.model import Model
+from spatial_pin.formats.sdf.nested import SCOPE, with_nested
 from spatial_pin.formats.sdf.poses import is_true, number_list
 from spatial_pin.formats.sdf.unread import refuse_include
-from spatial_pin.formats.sources import read_text
+from spatial_pin.formats.sources import read_text, shown
+from spatial_pin.formats.urdf.leaving_out import leave_out
 from spatial_pin.formats.xacro.parsing import parse_xml, without
 
 OLDEST, NEWEST = (1, 4), (1, 12)
@@ -34,14 +37,17 @@ def read(request: Request) -> Imported:
                                  ".xacro files have any")
     root = parse_xml(_plain(read_text(path)), path)
     version = _version(root, path)
-    model, content, notices = _one_model(root, path)
-    reader = Model(model, f"{path}: model {model.get('name', '')!r}", version)
+    without = leave_out(root, request.without, shown(path))
+    model, content, notices = _one_model(root, path, request.model)
+    where = f"{path}: model {model.get('name', '')!r}"
+    reader = Model(with_nested(model, where, version), where, version)
     graph = reader.graph()
+    graph = replace(graph, joints=(*graph.joints, *constraints(reader)))
     content["closures"] = couplings(reader, graph.joints)
     coupled = {name for table in content["closures"] for name in table["joints"]}
     graph = replace(graph, needed=frozenset(coupled | {x.rpartition(".")[0] for x in coupled}))
     content = {"name": model.get("name") or path.stem, **content}
-    return open_tree(graph, str(path), content, (*notices, *reader.notices))
+    return open_tree(graph, str(path), content, (*without, *notices, *reader.notices))
 
 
 def _plain(text: str) -> str:
@@ -64,8 +70,10 @@ def _version(root: ET.Element, path: Path) -> tuple[int, int]:
     return version
 
 
-def _one_model(root: ET.Element, path: Path) -> tuple[ET.Element, dict[str, Any], list[str]]:
-    """Return the one model of a file, what its world says, and notices."""
+def _one_model(
+    root: ET.Element, path: Path, name: str | None
+) -> tuple[ET.Element, dict[str, Any], list[str]]:
+    """Return the one model of a file, or that of the name, what its world says, and notices."""
     models, content, notices = root.findall("model"), {}, []
     for world in root.findall("world"):
         where = f"{path}: world {world.get('name', '')!r}"
@@ -82,12 +90,37 @@ def _one_model(root: ET.Element, path: Path) -> tuple[ET.Element, dict[str, Any]
         if gravity is not None:
             content["gravity"] = number_list(gravity.text, 3, f"{where}: <gravity>").tolist()
         models += world.findall("model")
+    if name is not None:
+        chosen = _named(models, name, path)
+        others = [x.get("name", "") for x in models if x is not chosen]
+        if others and SCOPE not in name:
+            notices.append(f"of {len(models)} models only {name!r} is read")
+        return chosen, content, notices
     moving = [model for model in models if not is_true(model, "static")] or models
     if len(moving) != 1:
-        names = ", ".join(repr(model.get("name", "")) for model in moving) or "none"
+        names = [repr(model.get("name", "")) for model in moving]
+        choice = f"; load(..., model={names[0]}) takes one of them" if names else ""
         raise MechanismFileError(f"{path}: it needs exactly one model that is not static; it has "
-                                 f"{names}")
+                                 f"{', '.join(names) or 'none'}{choice}")
     notices += [f"the static model {model.get('name', '')!r} is left out" for model in models
                 if model is not moving[0]]
     return moving[0], content, notices
+
+
+def _named(models: list[ET.Element], name: str, path: Path) -> ET.Element:
+    """Return the model of a name, of an inner one "outer::inner"."""
+    chosen, inner = None, models
+    for part in name.split(SCOPE):
+        named = {x.get("name", ""): x for x in inner}
+        if part not in named:
+            raise MechanismFileError(f"{shown(path)}: there is no model {name!r}; "
+                                     f"{suggestion(part, named)}")
+        chosen = named[part]
+        inner = chosen.findall("model")
+    assert chosen is not None
+    if SCOPE not in name:
+        return chosen
+    alone = ET.Element(chosen.tag, chosen.attrib)  # it stands in no outer model here
+    alone.extend(x for x in chosen if x.tag != "pose")
+    return alone
 

@@ -160,8 +160,9 @@ def numbers(element: ET.Element, attribute: str, count: int, where: str) -> Arra
     try:
         return finite_numbers(text, count)
     except ValueError as wanted:
+        hint = "; ${...} is xacro's: name the file .urdf.xacro" if "${" in text else ""
         raise MechanismFileError(
-            f"{where}: <{local(element)} {attribute}={text!r}> needs {wanted}") from None
+            f"{where}: <{local(element)} {attribute}={text!r}> needs {wanted}{hint}") from None
 
 
 def placement(element: ET.Element | None, where: str) -> pin.SE3:
@@ -239,14 +240,16 @@ def check_joint(joint: ET.Element, path: Path, faults: Faults) -> None:
     kind = joint.get("type", "")
     if axis is not None and kind != "fixed":
         numbers(axis, "xyz", 3, where)
-    if limit is None and kind in ("revolute", "prismatic"):
-        raise MechanismFileError(
-            f"{where}: a {kind} joint needs <limit lower upper effort velocity> in URDF"
-            + (" (or type=\"continuous\")" if kind == "revolute" else "")
-        )
+    if kind in ("revolute", "prismatic"):
+        missing = [key for key in ("effort", "velocity")
+                   if limit is None or key not in limit.attrib]
+        if missing:
+            faults.note("no <limit>, counts as unlimited" if limit is None else
+                        f"no {' and no '.join(missing)} in <limit>, counts as unlimited in that",
+                        f"joint {name!r}")
     if limit is not None:
         for attribute in ("effort", "velocity"):
-            if numbers(limit, attribute, 1, where)[0] < 0.0:
+            if attribute in limit.attrib and numbers(limit, attribute, 1, where)[0] < 0.0:
                 raise MechanismFileError(f"{where}: <limit {attribute}> is negative")
         lower, upper = (float(numbers(limit, key, 1, where)[0]) if key in limit.attrib else 0.0
                         for key in ("lower", "upper"))

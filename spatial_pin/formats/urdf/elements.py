@@ -20,6 +20,11 @@ def local(element: ET.Element) -> str:
     return str(element.tag).rpartition("}")[2]
 
 
+def is_prefixed(element: ET.Element) -> bool:
+    """Return whether an element's name carries a prefix, as that of Drake's elements does."""
+    return "}" in str(element.tag)
+
+
 def finite_numbers(text: str, count: int) -> Array:
     """Return the `count` finite numbers of a text.
 

@@ -20,7 +20,7 @@ import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError, Mistakes, suggestion
 from spatial_pin.formats.faults import Faults
-from spatial_pin.formats.sources import NO_PACKAGES
+from spatial_pin.formats.sources import Trust
 from spatial_pin.formats.urdf.checks import (
     INERTIAL,
     check_joint,
@@ -33,7 +33,7 @@ from spatial_pin.formats.urdf.elements import UNBOUNDED, URDF_AXIS, numbers_text
 from spatial_pin.formats.urdf.shapes import Shapes, take_shapes
 from spatial_pin.formats.xacro.parsing import parse_urdf
 from spatial_pin.mechanism.inertia import put_inertias
-from spatial_pin.mechanism.pairs import JOINT_TYPES, PAIRS, Pair, unit
+from spatial_pin.mechanism.pairs import JOINT_TYPES, PAIRS, Pair, hint_at_type, unit
 from spatial_pin.numerics.linalg import Array
 
 CONTAINED_PAIRS = {  # URDF type -> pairs that a refinement may make of it
@@ -105,7 +105,7 @@ class Tree:
 
 def tree_of(
     urdf: str, path: Path, refinements: Mapping[str, JointRefinement], faults: Faults,
-    packages: Mapping[str, Path] = NO_PACKAGES, order: Sequence[str] = (), order_of: str = "",
+    trust: Trust, order: Sequence[str] = (), order_of: str = "",
 ) -> Tree:
     """Build the open tree of plain URDF text.
 
@@ -114,7 +114,7 @@ def tree_of(
         path: where it comes from, for relative paths and errors.
         refinements: what a mechanism file says of joints.
         faults: notes what is wrong in it and can be lived with.
-        packages: folders of ROS packages, by name, in which meshes lie.
+        trust: which meshes may be read.
         order: joints in the order of their coordinates; those not named go first. Default that of
             Pinocchio's reader: joint by joint upwards, alphabetically at each link.
         order_of: the file that says so, for errors.
@@ -135,7 +135,7 @@ def tree_of(
         with mistakes.each():
             check_joint(joint, path, faults)
     mistakes.tell()
-    shapes = take_shapes(robot, path, packages, faults)
+    shapes = take_shapes(robot, path, trust, faults)
     whole = ET.tostring(robot, encoding="unicode")  # with absolute paths of meshes
     elements = {joint.get("name", ""): joint for joint in robot.findall("joint")}
     plain = _read(robot, path)
@@ -243,10 +243,11 @@ def _joint_pairs(
     for name, joint in joints.items():
         kind = joint.get("type", "")
         if kind not in CONTAINED_PAIRS:
+            hint = hint_at_type(kind, CONTAINED_PAIRS) or suggestion(kind, CONTAINED_PAIRS)
             raise MechanismFileError(
-                f"{path}: joint {name!r}: URDF has no joint type {kind!r}; "
-                f"{suggestion(kind, CONTAINED_PAIRS)} (write type=\"floating\" and name the pair "
-                "in the .toml file for spherical, universal, cylindrical and screw)"
+                f"{path}: joint {name!r}: URDF has no joint type {kind!r}; {hint} (write "
+                "type=\"floating\" and name the pair in the .toml file for spherical, universal, "
+                "cylindrical and screw)"
             )
         given = refinements.get(name)
         pair = given.type if given else None
@@ -395,7 +396,8 @@ def stated_limits(element: ET.Element, nq: int, nv: int) -> tuple[Array, ...]:
 
     effort, velocity = scalar(limit, "effort", math.inf), scalar(limit, "velocity", math.inf)
     bounded = nq == 1 and kind != "continuous"
-    free = 0.0 if kind in ("revolute", "prismatic") else math.inf  # URDF's defaults
+    stated = limit is not None and kind in ("revolute", "prismatic")
+    free = 0.0 if stated else math.inf  # URDF's defaults
     lower = scalar(limit, "lower", 0.0 - free) if bounded else -math.inf
     upper = scalar(limit, "upper", free) if bounded else math.inf
     friction, damping = scalar(dynamics, "friction", 0.0), scalar(dynamics, "damping", 0.0)

@@ -20,7 +20,7 @@ import pinocchio as pin
 from spatial_pin.errors import MechanismFileError, warn
 from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.meshes.meshes import mesh_colours, mesh_file, package_of, read_meshes
-from spatial_pin.formats.sources import shown
+from spatial_pin.formats.sources import Trust, shown
 from spatial_pin.formats.urdf.checks import numbers, placement
 from spatial_pin.numerics.linalg import Array
 
@@ -47,6 +47,7 @@ class Shape:
         sizes: the numbers of SIZES [m], of a mesh its scale along x, y and z.
         file: of a mesh, as the URDF names it.
         path: of a mesh, where it lies; None where it is not found.
+        is_barred: whether a mesh is there and may not be read.
         colour: red, green, blue, opacity; None where the URDF gives none.
         overrides: whether it goes before the colours of a mesh, as `override="true"` at its
             material says; otherwise those of the mesh do, as other viewers of URDF have it.
@@ -60,6 +61,7 @@ class Shape:
     sizes: tuple[float, ...]
     file: str = ""
     path: Path | None = None
+    is_barred: bool = False
     colour: tuple[float, ...] | None = None
     overrides: bool = False
 
@@ -147,14 +149,14 @@ def _surface(points: Array, corners: Array) -> pin.CollisionGeometry:
 
 
 def take_shapes(
-    robot: ET.Element, path: Path, packages: Mapping[str, Path], faults: Faults
+    robot: ET.Element, path: Path, trust: Trust, faults: Faults
 ) -> tuple[Shape, ...]:
     """Take the shapes out of a URDF; no mesh is opened.
 
     Args:
         robot: the URDF; the paths of meshes that are there are made absolute in it.
         path: where it comes from.
-        packages: folders of ROS packages, by name.
+        trust: which meshes may be read.
         faults: notes what is left out.
 
     Raises:
@@ -181,10 +183,11 @@ def take_shapes(
                 shape = Shape(kind, name, f"{name}_{count}", place, tag, _sizes(solid, where),
                               colour=colour, overrides=overrides)
                 if solid.tag == "mesh":
-                    shape = _sought(shape, solid, folder, packages)
+                    shape = _sought(shape, solid, folder, trust, faults)
                 taken.append(shape)
                 count += 1
-    _tell_lost([x for x in taken if x.solid == "mesh" and x.path is None], faults)
+    _tell_lost([x for x in taken if x.solid == "mesh" and x.path is None and not x.is_barred],
+               faults)
     return tuple(taken)
 
 
@@ -217,13 +220,18 @@ def _scale(mesh: ET.Element, where: str) -> tuple[float, ...]:
     return tuple((given * 3)[:3])
 
 
-def _sought(shape: Shape, mesh: ET.Element, folder: Path, packages: Mapping[str, Path]) -> Shape:
+def _sought(
+    shape: Shape, mesh: ET.Element, folder: Path, trust: Trust, faults: Faults
+) -> Shape:
     """Return a mesh with the path where it lies, which is put in the URDF."""
     file = mesh.get("filename", "")
-    path = mesh_file(file, folder, packages)
-    if path is not None:
+    path = mesh_file(file, folder, trust)
+    if isinstance(path, Path):
         mesh.set("filename", str(path))
-    return replace(shape, file=file, path=path)
+        return replace(shape, file=file, path=path)
+    if path:
+        faults.note(f"left out of pictures ({path})", f"link {shape.link!r}: mesh {shown(file)!r}")
+    return replace(shape, file=file, is_barred=bool(path))
 
 
 def _tell_lost(meshes: Sequence[Shape], faults: Faults) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 from pxr import UsdPhysics
 
+from spatial_pin.formats.urdf.leaving_out import go_on
 from spatial_pin.formats.usd.stage import DEGREE, Stage, applied
 
 PHYSX, NEWTON, EQUALITY = "PhysxMimicJointAPI", "NewtonMimicAPI", "MjcEqualityJointAPI"
@@ -41,7 +42,7 @@ def mimics(stage: Stage, prim: Any, name: str, of_path: Mapping[str, str]) -> li
                 continue
             sign, words = 1.0, ("mjc:target", "mjc:coef1", "mjc:coef0")
         elif "Mimic" in kind:
-            stage.fail(prim, f"{schema} couples joints and is not read")
+            stage.fail(prim, f"{schema} couples joints and is not read; {go_on(prim.GetName())}")
         else:
             continue
         other, unit = _leader(stage, prim, schema, words[0])

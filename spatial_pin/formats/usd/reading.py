@@ -10,9 +10,10 @@ from spatial_pin.formats.graph.joints import WORLD, Joint, JointGraph, Link
 from spatial_pin.formats.graph.open_tree import open_tree
 from spatial_pin.formats.graph.spanning import span
 from spatial_pin.formats.imported import Imported, Request
+from spatial_pin.formats.sources import Trust
 from spatial_pin.formats.usd.bodies import Body, link_elements, read_bodies
 from spatial_pin.formats.usd.joints import Joints, read_joints
-from spatial_pin.formats.usd.stage import Stage, open_stage, quietly
+from spatial_pin.formats.usd.stage import Stage, leave_out, open_stage, quietly
 
 SINGLE_PRECISION = 1e-6  # of numbers of 32 bits, after a few of them were put together
 
@@ -24,7 +25,9 @@ def read_stage(request: Request) -> Imported:
         MechanismFileError: it cannot be used.
     """
     with quietly(request.path):
-        stage = open_stage(request.path, request.trusted)
+        trust = Trust.of(request.path, request.packages, request.trusted)
+        stage = open_stage(request.path, trust)
+        stage.notices += leave_out(stage, request.without)
         bodies = read_bodies(stage)
         if not bodies:
             raise MechanismFileError(f"{stage.where}: no rigid body (PhysicsRigidBodyAPI) in it")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
@@ -12,10 +13,11 @@ from typing import Any, NoReturn
 
 import numpy as np
 import pinocchio as pin
-from pxr import Sdf, Tf, Usd, UsdGeom, UsdPhysics, UsdUtils
+from pxr import Ar, Sdf, Tf, Usd, UsdGeom, UsdPhysics, UsdUtils
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats.sources import shown
+from spatial_pin.formats.sources import REMEDY, Trust, check_file, shown
+from spatial_pin.formats.urdf.leaving_out import notice_of
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -208,27 +210,73 @@ def _check_depth(path: Path, where: str) -> None:
                                  "files of robots have ten")
 
 
-def open_stage(path: Path, trusted: bool) -> Stage:
+def _layers(path: Path, trust: Trust) -> list[Any]:
+    """Return the layers that a stage is composed of, each looked at before it is opened.
+
+    Raises:
+        MechanismFileError: one may not be read.
+    """
+    where, layers = shown(path), dict[str, Any]()
+    waiting = [str(path)]
+    while waiting:
+        name = waiting.pop()
+        file = Path(Sdf.Layer.SplitIdentifier(name)[0].partition("[")[0])
+        if name in layers:
+            continue
+        try:
+            resolved = trust.resolved(file) if layers else file
+            if not os.path.exists(resolved):
+                continue  # USD tells of it
+            check_file(resolved)
+        except MechanismFileError as error:
+            raise MechanismFileError(f"{where}: it is composed of: {error}") from error
+        _check_depth(resolved, where)
+        layer = layers[name] = Sdf.Layer.FindOrOpen(name)
+        for asset in _named(layer) if layer is not None else ():
+            if not trust.trusted and Sdf.VariableExpression.IsExpression(asset):
+                raise MechanismFileError(f"{where}: it is composed of {shown(asset)}, a name that "
+                                         f"is worked out; {REMEDY}")
+            waiting.append(_anchored(layer, asset))
+    return list(layers.values())
+
+
+def _named(layer: Any) -> Iterator[str]:
+    """Yield the files that a layer is composed of, those of clips too."""
+    yield from filter(None, layer.GetCompositionAssetDependencies())
+    paths: list[Any] = []
+    layer.Traverse(Sdf.Path.absoluteRootPath, paths.append)
+    for path in paths:
+        spec = layer.GetObjectAtPath(path)
+        clips = spec.GetInfo("clips") if isinstance(spec, Sdf.PrimSpec) and spec.HasInfo(
+            "clips") else {}
+        for entries in clips.values():
+            values = [entries.get(key) for key in ("assetPaths", "manifestAssetPath",
+                                                   "templateAssetPath")]
+            for value in values:
+                several = value if isinstance(value, Sdf.AssetPathArray) else [value]
+                yield from (getattr(x, "path", x) for x in several if x)
+
+
+def _anchored(layer: Any, asset: str) -> str:
+    """Return where USD looks for a file that a layer names."""
+    name = layer.ComputeAbsolutePath(asset)
+    return str(Ar.GetResolver().Resolve(name)) or name
+
+
+def open_stage(path: Path, trust: Trust) -> Stage:
     """Open a stage.
 
     Args:
         path: the file.
-        trusted: whether it may be composed of files from anywhere; otherwise only from below its
-            own folder.
+        trust: which files it may be composed of.
 
     Raises:
-        MechanismFileError: it is no USD, or is composed of files from elsewhere.
+        MechanismFileError: it is no USD, or is composed of files that may not be read.
     """
     where = shown(path)
-    _check_depth(path, where)
+    layers = _layers(path, trust)  # held, so that none is opened a second time
     usd = Usd.Stage.Open(str(path))
-    home = path.resolve().parent
-    for layer in usd.GetUsedLayers():
-        file = Sdf.Layer.SplitIdentifier(layer.realPath)[0].partition("[")[0]
-        if file and not trusted and not Path(file).resolve().is_relative_to(home):
-            raise MechanismFileError(f"{where}: it is composed of {shown(file)}, which does not "
-                                     f"lie below {shown(home)}; sp.load(..., trusted=True) reads "
-                                     "it all the same")
+    del layers
     stage = Stage(usd, where, UsdGeom.GetStageMetersPerUnit(usd),
                   UsdPhysics.GetStageKilogramsPerUnit(usd))
     for name, unit in (("metersPerUnit", stage.metre), ("kilogramsPerUnit", stage.kilogram)):
@@ -240,6 +288,24 @@ def open_stage(path: Path, trusted: bool) -> Stage:
     if missing:
         stage.notices.append(f"parts of the stage are missing: {'; '.join(missing)[:300]}")
     return stage
+
+
+def leave_out(stage: Stage, names: Iterable[str]) -> list[str]:
+    """Take prims of joints and the like out of a stage, by name or path; return a notice.
+
+    Raises:
+        MechanismFileError: nothing has one of the names.
+    """
+    matches: dict[str, list[str]] = {name: [] for name in names}
+    prims = {} if not matches else {
+        prim: (prim.GetName(), str(prim.GetPath())) for prim in stage.prims()
+        if not prim.HasAPI(UsdPhysics.RigidBodyAPI)}
+    stage.usd.SetEditTarget(stage.usd.GetSessionLayer())
+    for prim, own in prims.items():
+        for name in matches.keys() & set(own):
+            matches[name].append(str(prim.GetTypeName()))
+            prim.SetActive(False)
+    return notice_of(matches, [name for own in prims.values() for name in own], stage.where)
 
 
 def _text(error: Exception) -> str:

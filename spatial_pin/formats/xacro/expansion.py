@@ -31,9 +31,10 @@ import numpy as np
 from spatial_pin.errors import MechanismFileError, suggestion, warn
 from spatial_pin.formats.sources import (
     NO_PACKAGES,
+    REMEDY,
+    Trust,
     check_file,
     is_file,
-    is_installed,
     package_folders,
     read_text,
     shown,
@@ -51,11 +52,9 @@ from spatial_pin.formats.xacro.expressions import (
 from spatial_pin.formats.xacro.parsing import parse_xml
 from spatial_pin.formats.xacro.tracing import Tape
 
-EMPTY = '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"/>'
 MACRO = 50  # steps of calling a macro
 PLACE = 40  # steps of putting one thing in the place of another
 SIBLINGS = 500  # elements among which one is found in the time of one step
-REMEDY = "sp.load(..., trusted=True) reads it all the same"
 _XACRO = re.compile(r"""\sxmlns:xacro\s*=\s*["']([^"']*)""")  # xacro goes by the prefix
 _IMPORTING = threading.Lock()
 if hasattr(os, "register_at_fork"):  # a child must not be born while an import is half done
@@ -106,20 +105,20 @@ def traced(
         MechanismFileError: as `expand`.
     """
     tape = Tape(arguments)
-    mappings = {name: _xacro_text(value) for name, value in parameters.items()}
+    mappings = {name: xacro_text(value) for name, value in parameters.items()}
     mappings |= {name: tape.text(place) for place, name in enumerate(arguments)}
     return Expansion(path, trusted, packages, tape).text(mappings), tape
 
 
 def _checked_parameters(expansion: Expansion, parameters: Mapping[str, float]) -> dict[str, str]:
-    valid = _arguments(expansion)
+    valid = arguments_of(expansion)
     for name, value in parameters.items():
         if name not in valid:
             raise MechanismFileError(
                 f"{expansion.path}: no parameter {name!r}; {suggestion(name, valid)}")
         if not isinstance(value, str):
             _check_number(name, value)
-    return {name: _xacro_text(value) for name, value in parameters.items()}
+    return {name: xacro_text(value) for name, value in parameters.items()}
 
 
 def _check_number(name: str, value: object) -> None:
@@ -134,13 +133,14 @@ def _check_number(name: str, value: object) -> None:
         raise ValueError(f"parameter {name!r} is {number}; a finite number is needed")
 
 
-def _xacro_text(value: object) -> str:
+def xacro_text(value: object) -> str:
+    """Return a value as the text that xacro reads it from, to the last digit."""
     if isinstance(value, str | bool | np.bool_):
         return str(value)
     return repr(float(value))  # type: ignore[arg-type]
 
 
-def _arguments(expansion: Expansion) -> dict[str, str]:
+def arguments_of(expansion: Expansion) -> dict[str, str]:
     """Return names and defaults of the arguments that a xacro file and its includes declare."""
     arguments: dict[str, str] = {}
     files, seen = [expansion.path], set()
@@ -160,46 +160,6 @@ def _arguments(expansion: Expansion) -> dict[str, str]:
             elif tag == "include":
                 files += expansion.included(element.get("filename", ""), file)
     return arguments
-
-
-def dimensions(
-    path: Path, parameters: Mapping[str, float], trusted: bool = False,
-    packages: Mapping[str, Path] = NO_PACKAGES,
-) -> dict[str, float]:
-    """Return the value of every xacro argument that is a number, given or by default."""
-    expansion = Expansion(path, trusted, packages)
-    arguments = _arguments(expansion) if path.suffix == ".xacro" else {}
-    texts = {name: _xacro_text(parameters.get(name, text)) for name, text in arguments.items()}
-    if not all(_is_number(text) for text in texts.values()):
-        texts = _evaluated(texts, expansion)
-    return {name: float(text) for name, text in texts.items() if _is_number(text)}
-
-
-def _is_number(value: str | float) -> bool:
-    try:
-        return math.isfinite(float(value))
-    except (ValueError, OverflowError):
-        return False
-
-
-def _evaluated(texts: Mapping[str, str], expansion: Expansion) -> dict[str, str]:
-    """Evaluate `${...}` in defaults as xacro does in a file."""
-    document = minidom.parseString(EMPTY)
-    root = document.documentElement
-    assert root is not None
-    for name, text in texts.items():
-        holder = document.createElement("dimension")
-        holder.setAttribute("name", name)
-        holder.setAttribute("value", text)
-        root.appendChild(holder)
-
-    def process(xacro: Any) -> None:
-        xacro.init_stacks(str(expansion.path))
-        xacro.process_doc(document)
-
-    expansion.guarded(process)
-    found = document.getElementsByTagName("dimension")
-    return {e.getAttribute("name"): e.getAttribute("value") for e in found}
 
 
 # ---------------------------------------------------------------- one expansion
@@ -242,8 +202,8 @@ class Expansion:
     def __init__(
         self, path: Path, trusted: bool, packages: Mapping[str, Path], tape: Tape | None = None
     ) -> None:
-        self.path, self.trusted, self.packages = path, trusted, packages
-        self.home = path.parent.resolve()
+        self.path, self.packages = path, packages
+        self.trust = Trust.of(path, packages, trusted)
         self.budget, self.tape = Budget(tape), tape
         self.xacro: Any = None
 
@@ -373,18 +333,12 @@ class Expansion:
         """Return the path of a file that may be read.
 
         Raises:
-            MechanismFileError: it lies neither below the folder of the mechanism nor in a package.
+            MechanismFileError: it lies where no file may be read from.
         """
         try:
-            path = Path(name).resolve()
-        except (OSError, ValueError, RuntimeError) as error:
-            raise MechanismFileError(f"{shown(self.file)}: {shown(name)}: {error}") from error
-        if not (self.trusted or path.is_relative_to(self.home)
-                or any(is_installed(parent, self.packages) for parent in path.parents)):
-            raise MechanismFileError(
-                f"{shown(self.file)}: {shown(name)} lies neither below {shown(self.home)} nor in "
-                f"an installed package; {REMEDY}")
-        return path
+            return self.trust.resolved(name)
+        except MechanismFileError as error:
+            raise MechanismFileError(f"{shown(self.file)}: {error}") from error
 
     def included(self, name: str, file: Path) -> list[Path]:
         """Return the files of an include, those only that can be known without expanding."""
@@ -479,18 +433,38 @@ class Expansion:
 COMMANDS: dict[str, tuple[int, int, Callable[..., Any]]] = {  # fewest words, most, what it does
     "arg": (1, 1, Expansion.argument),
     "find": (1, 1, Expansion.package),
-    "env": (1, 1, lambda expansion, name: _environment(name)),
-    "optenv": (1, 100, lambda expansion, name, *rest: os.environ.get(name, " ".join(rest))),
-    "cwd": (0, 0, lambda expansion: os.getcwd()),
+    "env": (1, 1, lambda expansion, name: _environment(expansion, name)),
+    "optenv": (1, 100, lambda expansion, name, *rest: _optional(expansion, name, *rest)),
+    "cwd": (0, 0, lambda expansion: _working_folder(expansion)),
     "dirname": (0, 0, lambda expansion: os.path.abspath(os.path.dirname(expansion.file))),
 }
 
 
-def _environment(name: str) -> str:
+def _environment(expansion: Expansion, name: str) -> str:
+    """Return an environment variable; a file that is not trusted learns of none."""
+    if not expansion.trust.trusted:
+        raise RefusedError(f"environment variables are not for files of others; {REMEDY}")
     if name not in os.environ:
         raise RefusedError(f"no environment variable {name!r}; $(optenv {name} default) allows for "
                            "that")
     return os.environ[name]
+
+
+def _optional(expansion: Expansion, name: str, *default: str) -> str:
+    """Return an environment variable, or the default; that for a file that is not trusted."""
+    own = " ".join(default)
+    if expansion.trust.trusted:
+        return os.environ.get(name, own)
+    if name in os.environ:
+        warn(f"{shown(expansion.file)}: $(optenv {name}) is its default here, {own!r}: environment "
+             f"variables are not for files of others; {REMEDY}")
+    return own
+
+
+def _working_folder(expansion: Expansion) -> str:
+    if not expansion.trust.trusted:
+        raise RefusedError(f"the working folder is not for files of others; {REMEDY}")
+    return os.getcwd()
 
 
 def _link(siblings: list[Any]) -> None:

@@ -75,7 +75,8 @@ struct Closer {
     Envelope square;
     LeastMotion whole;           /* of few equations */
     Real *dense, *few;           /* (n, nv), (nv) of free velocities */
-    Int *place, n_free;          /* (nv) of each velocity among the free ones; how many */
+    Int *moves;                  /* (nv) whether an equation depends on each velocity */
+    Int *place, n_free;          /* (nv) of each of these among the free ones; how many */
     Real *q, *trial, *step;
     Real size, rest;     /* of the step tried last, of what is left to go, by entries of v / scale */
     Real *begin;         /* (nq) what further starts are shaken from */
@@ -127,11 +128,11 @@ static void let_move(Closer *c, const Int *free)
     c->free = free;
     c->n_free = 0;
     for (Int v = 0; v < c->k->nv && c->place; v++)
-        c->place[v] = free[v] ? c->n_free++ : -1;
+        c->place[v] = free[v] && c->moves[v] ? c->n_free++ : -1;
 }
 
-/* The derivatives with respect to free velocities as a matrix. What is held takes no part: it is to
-   stand to the last bit. */
+/* The derivatives with respect to free velocities as a matrix. What is held takes no part, nor what
+   no equation depends on: it is to stand to the last bit. */
 static void fill_dense(Closer *c)
 {
     memset(c->dense, 0, (size_t)(c->n * c->n_free) * sizeof(Real));
@@ -358,8 +359,13 @@ static int make_room(Closer *c)
         return DONE;
     c->dense = kernel_memory(k, c->n * k->nv, sizeof(Real));
     c->few = kernel_memory(k, k->nv, sizeof(Real));
+    c->moves = kernel_memory(k, k->nv, sizeof(Int));
     c->place = kernel_memory(k, k->nv, sizeof(Int));
-    return c->dense && c->few && c->place ? least_motion_create(k, c->n, k->nv, &c->whole) : NO_MEMORY;
+    if (!c->dense || !c->few || !c->moves || !c->place)
+        return NO_MEMORY;
+    for (Int i = 0; i < c->start[c->n]; i++)
+        c->moves[c->column[i]] = 1;
+    return least_motion_create(k, c->n, k->nv, &c->whole);
 }
 
 /* Memory to close the loops of a kernel, freed with it.
@@ -443,7 +449,8 @@ static void make_even(Kernel *k, Real *square)
 }
 
 /* How clearly equations, all columns alike, are independent or follow from others: the length of what
-   is left of the last independent one, and of the longest of the others, by the first one's. */
+   is left of the last independent one, and of the longest of the others, by the first one's. The
+   latter is not quite zero if there are any. */
 static int judge_independence(Closer *c, Real *least, Real *left_out)
 {
     Kernel *k = c->k;
@@ -455,7 +462,7 @@ static int judge_independence(Closer *c, Real *least, Real *left_out)
     if (found < 0)
         return NO_MEMORY;
     *least = k->n_closure ? facts[0] : 1.0;
-    *left_out = facts[1];
+    *left_out = found < k->n_closure ? fmax(facts[1], DBL_MIN) : 0.0;
     return DONE;
 }
 
@@ -502,6 +509,9 @@ static int leads_no_nearer(const Closer *c, const Reaching *r, Int nearest)
            meant_distance(c->k, &there, r->q + r->m * c->k->nq) <= c->rest;
 }
 
+/* The distance below which a place is nearer than another one. */
+static Real nearer_than(Real distance) { return distance * (1.0 - NEARER_PART) - NEARER_BY; }
+
 /* Close from the start in the last row; 0 where that leads no nearer than another row, which is seen
    before the last steps. */
 static int reaches_nearer(Closer *c, Reaching *r, Int nearest)
@@ -517,7 +527,21 @@ static int reaches_nearer(Closer *c, Reaching *r, Int nearest)
         polish(c);
     }
     judge_one(c, r, r->m);
-    return !is_sound(r, r->m) || r->distance[r->m] < r->distance[nearest];
+    return !is_sound(r, r->m) || r->distance[r->m] < nearer_than(r->distance[nearest]);
+}
+
+/* Put a further start into q: the nearest place so far, a group of loops shaken from where the first
+   start was. */
+static void put_start(const Closer *c, const Reaching *r, Int shake, Int nearest, Real *q)
+{
+    const Kernel *k = c->k;
+    memcpy(q, r->q + nearest * k->nq, (size_t)k->nq * sizeof(Real));
+    for (Int j = 1; j < k->n_joints; j++) {
+        const Int at = k->iq[j], end = j + 1 < k->n_joints ? k->iq[j + 1] : k->nq;
+        if (r->group[k->iv[j]] == r->shaken[shake])
+            memcpy(q + at, c->begin + at, (size_t)(end - at) * sizeof(Real));
+    }
+    tree_integrate(k, q, r->shakes + shake * k->nv);
 }
 
 /* Close from further starts, until one leads near to what is named. Of places where nothing is at
@@ -526,9 +550,7 @@ static void reach_nearer(Closer *c, Reaching *r)
 {
     Int nearest = 0;
     for (Int i = 0; i < r->n_shakes && !(r->distance[nearest] < r->near); i++) {
-        Real *q = r->q + r->m * c->k->nq;
-        memcpy(q, c->begin, (size_t)c->k->nq * sizeof(Real));
-        tree_integrate(c->k, q, r->shakes + i * c->k->nv);
+        put_start(c, r, i, nearest, r->q + r->m * c->k->nq);
         if (!reaches_nearer(c, r, nearest))
             continue;
         if (is_sound(r, r->m))
@@ -556,7 +578,9 @@ EXPORT int closer_reach(Closer *c, Reaching *r)
 
 int reached_straight(const Reaching *r, Real open)
 {
-    const Real nearer = r->distance[0] * (1.0 - NEARER_PART) - NEARER_BY;
+    const Real nearer = nearer_than(r->distance[0]);
+    if (!r->n_shakes && r->distance[0] > r->near)
+        return 0;
     for (Int i = 0; i < r->m; i++)
         if (is_sound(r, i) ? r->distance[i] < nearer : !i || !(r->error[i] > open) || !isfinite(r->error[i]))
             return 0;

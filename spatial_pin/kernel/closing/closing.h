@@ -22,8 +22,9 @@ typedef struct {
     Real cut;
     Meant meant;
     Int n_shakes;
-    const Real *shakes;           /* (n_shakes, nv) of further starts, from the first one */
+    const Real *shakes;           /* (n_shakes, nv) of further starts: of a group, from the first one */
     Real near;                    /* distance from what is named that is not questioned */
+    const Int *shaken, *group;    /* (n_shakes) the group of loops that each is of; (nv) of velocities */
     Real *error, *distance;       /* (m) */
     Int *mirrored;                /* (m) */
     Real *facts, *angle;          /* as closer_examine has them */
@@ -41,8 +42,9 @@ EXPORT int closer_examine(Closer *c, const Real *q, const Real *reference, Real 
    is examined too, else facts[0] is infinite; and where nothing is at fault there, further starts
    are tried: q, error, distance and mirrored have room for 1 + n_shakes rows. */
 EXPORT int closer_reach(Closer *c, Reaching *r);
-/* Whether nothing is at fault in the first place that was reached, and it is the nearest. Others may
-   be open by more than `open`: their starts have led nowhere. */
+/* Whether nothing is at fault in the first place that was reached, and it is the nearest, or near
+   where there was no other start. Others may be open by more than `open`: their starts have led
+   nowhere. */
 int reached_straight(const Reaching *r, Real open);
 
 #endif

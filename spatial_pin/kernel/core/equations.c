@@ -95,12 +95,22 @@ static void bias_of_product(Kernel *k, Int equation, const Int *of, const Real *
     k->bias[equation] = k->product_bias[of[0]];
 }
 
+/* What an angle is nearest to: coordinates tell how often it has turned, or else the reference does. */
+static Real near_angle(const Kernel *k, Int angle)
+{
+    const Int begin = k->spin_start[angle], end = k->spin_start[angle + 1];
+    Real near = begin < end ? k->spin_offset[angle] : k->angle_reference[angle];
+    for (Int i = begin; i < end; i++)
+        near += k->spin_sign[i] * k->q[k->spin_q[i]];
+    return near;
+}
+
 /* of: product, products of sine and cosine, angle; by: pitch */
 static void value_of_screw(Kernel *k, Int equation, const Int *of, const Real *by)
 {
     const Real around = 2.0 * PI;
     Real angle = atan2(k->value[of[1]], k->value[of[2]]);
-    angle += around * nearbyint((k->angle_reference[of[3]] - angle) / around);
+    angle += around * nearbyint((near_angle(k, of[3]) - angle) / around);
     k->angle[of[3]] = angle;
     k->residual[equation] = k->value[of[0]] - by[0] * angle;
 }

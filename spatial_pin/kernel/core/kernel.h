@@ -94,6 +94,10 @@ typedef struct Kernel {
     /* ---- equations: kind and what it is made of ---- */
     Int n_closure, n_idle, n_equations; /* n_equations = n_closure + n_idle */
     Int n_angles;
+    const Int *spin_start;   /* (n_angles + 1) into the two below: what tells the turns of an angle */
+    const Int *spin_q;       /* entries of q that turn it; where there are none, the reference tells */
+    const Real *spin_offset; /* (n_angles) angle where these are zero */
+    const Real *spin_sign;
     Parts all, system, rest; /* of the mechanism; of the square system; and what that is without */
     char *is_equation, *is_product, *is_vector; /* whether the system has it */
     const Int *equation_kind;

@@ -59,16 +59,16 @@ int kernel_had_memory(Kernel *k)
 
 static int read_structure(Kernel *k, Source from)
 {
-    const Int *head = read_ints(&from, 10);
+    const Int *head = read_ints(&from, 11);
     if (!head)
         return 0;
-    for (int i = 0; i < 10; i++)
+    for (int i = 0; i < 11; i++)
         if (head[i] < 0 || head[i] > MOST_COUNTED)
             return 0;
     k->n_joints = head[0], k->nq = head[1], k->nv = head[2];
     k->n_vectors = head[3], k->n_products = head[4];
     k->n_closure = head[5], k->n_idle = head[6], k->n_angles = head[7];
-    const Int n_support = head[8], n_entries = head[9], np = k->n_products;
+    const Int n_support = head[8], n_entries = head[9], n_spins = head[10], np = k->n_products;
     const Int n = k->n_joints, ne = k->n_equations = k->n_closure + k->n_idle;
     k->kind = read_ints(&from, n);
     k->parent = read_ints(&from, n);
@@ -85,8 +85,10 @@ static int read_structure(Kernel *k, Source from)
     k->equation_int = read_ints(&from, 4 * ne);
     k->entry_start = read_ints(&from, ne + 1);
     k->entry_v = read_ints(&from, n_entries);
+    k->spin_start = read_ints(&from, k->n_angles + 1);
+    k->spin_q = read_ints(&from, n_spins);
     return n > 0 && !from.failed && from.n_ints == 0 && k->support_start[np] == n_support &&
-           k->entry_start[ne] == n_entries;
+           k->entry_start[ne] == n_entries && k->spin_start[k->n_angles] == n_spins;
 }
 
 /* Whether every freedom and every entry of q belongs to exactly one joint, parents come first. */
@@ -119,6 +121,18 @@ static int pattern_is_sound(const Int *start, Int rows, const Int *column, Int n
                 return 0;
     }
     return 1;
+}
+
+static int spins_are_sound(const Kernel *k)
+{
+    const Int n = k->spin_start[k->n_angles];
+    for (Int i = 0; i < k->n_angles; i++)
+        if (k->spin_start[i] > k->spin_start[i + 1])
+            return 0;
+    for (Int i = 0; i < n; i++)
+        if (!within(k->spin_q[i], k->nq))
+            return 0;
+    return k->spin_start[0] == 0;
 }
 
 static int terms_are_sound(const Int *term, Int n, Int n_vectors)
@@ -154,7 +168,8 @@ static int read_numbers(Kernel *k, const Real *reals, Int n_reals)
         {&k->gravity, 3},            {&k->scale, k->nv},       {&k->vector_local, 3 * k->n_vectors},
         {&k->a_factor, 2 * np},      {&k->b_factor, 2 * np},   {&k->x_factor, np},
         {&k->constant, np},          {&k->force, np},          {&k->support_sign, k->support_start[np]},
-        {&k->equation_real, 3 * ne},
+        {&k->equation_real, 3 * ne}, {&k->spin_offset, k->n_angles},
+        {&k->spin_sign, k->spin_start[k->n_angles]},
     };
     const Int n_fields = (Int)(sizeof fields / sizeof *fields);
     Int total = 0;
@@ -219,7 +234,7 @@ EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_r
     const Source from = {.k = k, .ints = ints, .n_ints = n_ints};
     int code = BAD_ARRAYS;
     if (read_structure(k, from) && tree_is_sound(k) && products_are_sound(k) &&
-        equations_are_sound(k))
+        spins_are_sound(k) && equations_are_sound(k))
         code = make_room(k) ? read_numbers(k, reals, n_reals) : NO_MEMORY;
     if (code == DONE) {
         k->R[0] = k->R[4] = k->R[8] = 1.0; /* the ground */

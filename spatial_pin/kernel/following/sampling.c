@@ -136,7 +136,8 @@ EXPORT Int path_follow(Path *path, const Real *values, Int n, const PathRows *ro
 {
     *code = DONE;
     for (Int i = 0; i < n;) {
-        const Int last = path->accuracy.between > 0.0 ? last_within(path, values, i, n) : i;
+        const int may_skip = path->accuracy.between > 0.0 && path->has_before;
+        const Int last = may_skip ? last_within(path, values, i, n) : i;
         const Int done = last > i ? follow_between(path, values, i, last, rows) : 0;
         i += done;
         if (done)

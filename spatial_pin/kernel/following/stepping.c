@@ -382,7 +382,7 @@ int step(Path *path, Real target)
         return code;
     }
     take(path);
-    path->is_between = !path->prescribed.n_pieces; /* as the first way is, that of one driver */
+    path->is_between = 0; /* nothing is known of the first way, nor of one that turns back */
     if (path->accuracy.between > 0.0 && ratio > 0.0)
         note_missed(path, ratio, h);
     return DONE;

@@ -10,7 +10,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.close import close
-from spatial_pin.assembly.passive_freedoms import chain_links
+from spatial_pin.assembly.passive_freedoms import unseen_links
 from spatial_pin.assembly.search.whole_turns import nearest_turn, turned_apart
 from spatial_pin.assembly.state import State, gap_of
 from spatial_pin.constraints.closure_equations import Evaluation
@@ -175,7 +175,7 @@ class Check:
         marks |= resting(self.evaluation, idle)
         if not all_copies:
             marks |= {i: of_line(line) for rod in self.rods for i, line in rod.lines.items()}
-            marks |= dict.fromkeys(chain_links(self.mechanism), NOTHING)
+            marks |= dict.fromkeys(unseen_links(self.mechanism), NOTHING)
         return marks
 
     def signature(self, marks: Mapping[int, Mark], q: Array) -> Array:

@@ -9,7 +9,7 @@ from spatial_pin.assembly.holding import free_bases
 from spatial_pin.assembly.rounding import as_meant
 from spatial_pin.assembly.search.guesses import read_guess
 from spatial_pin.checks import checked, generator, mapping, positive_number
-from spatial_pin.errors import AssemblyError
+from spatial_pin.errors import AssemblyError, unless_cut
 from spatial_pin.mechanism.coordinates import (
     coordinate_value,
     finite_number,
@@ -17,9 +17,10 @@ from spatial_pin.mechanism.coordinates import (
 )
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mobility.modes.check import Check
+from spatial_pin.mobility.modes.groups import groups_of, modes_of_groups
 from spatial_pin.mobility.modes.readings import answer
 from spatial_pin.mobility.modes.result import AssemblyModes
-from spatial_pin.mobility.modes.rods import core_of, rods_of
+from spatial_pin.mobility.modes.rods import Rod, core_of, rods_of
 from spatial_pin.mobility.modes.search import Search, moving
 from spatial_pin.progress import progress_bar
 from spatial_pin.settings import Accuracy, accuracy_of
@@ -75,7 +76,7 @@ def assembly_modes(
         ContinuumError: the mechanism can move with the values held, in its guess or in every
             configuration found; names the freedoms and what to hold.
         UnknownNameError, ValueError: names that do not exist, values that are not finite.
-        KeyboardInterrupt: before a mode was found; else Ctrl-C ends the search, see `is_whole`.
+        Interrupted: after Ctrl-C; `.result` has the modes that were found until then.
 
     Example:
         >>> mech = sp.load("four_bar")
@@ -91,20 +92,34 @@ def assembly_modes(
         raise ValueError(f"patience is {patience:.3g} and most_starts is {most_starts:.3g}; one of "
                          f"them must be {ENDLESS:.0e} at most, or the search hardly ends")
     accuracy = accuracy_of(accuracy)
-    mechanism = as_meant(mechanism, accuracy.gap)
+    mechanism = as_meant(mechanism, accuracy)
     held = _held(mechanism, mapping(drivers, "drivers"), free)
     rods = rods_of(mechanism)
-    check = Check(mechanism, held, rods, accuracy.tolerance, accuracy.gap)
-    search = Search(check, core_of(mechanism, held, rods), copies or limits)
-    search.look_at_guess()
-    with progress_bar(most_starts, f"{mechanism.name}: modes", progress) as bar:
-        search.run(rng, patience, most_starts, bar)
-    if search.continuum is not None and not search.modes:
-        raise moving(check, search.continuum)
-    found = answer(check, search, copies, limits)
+
+    def searched(part: Mechanism, fixed: Mapping[str, float]) -> AssemblyModes:
+        own = [rod for rod in rods if _is_within(part, rod, fixed)]
+        check = Check(part, fixed, own, accuracy.tolerance, accuracy.gap)
+        search = Search(check, core_of(part, fixed, own), copies or limits)
+        search.look_at_guess()
+        with progress_bar(most_starts, f"{mechanism.name}: modes", progress) as bar:
+            search.run(rng, patience, most_starts, bar)
+        if search.continuum is not None and not search.modes:
+            raise moving(check, search.continuum)
+        return answer(check, search, copies, limits)
+
+    groups = groups_of(mechanism, held)
+    found = searched(mechanism, held) if not groups else modes_of_groups(
+        Check(mechanism, held, rods, accuracy.tolerance, accuracy.gap), groups, searched)
     if found and mechanism.whole is not None:
         tell(found[0])
-    return found
+    return unless_cut(found)
+
+
+def _is_within(mechanism: Mechanism, rod: Rod, held: Mapping[str, float]) -> bool:
+    """Whether a rod is one of those that can move at all where coordinates are held."""
+    joints = {mechanism.model.names[i] for i in rod.lines}
+    return any(c.joint in joints and name not in held
+               for name, c in mechanism.coordinate_table.items())
 
 
 def _held(

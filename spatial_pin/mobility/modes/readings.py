@@ -42,10 +42,10 @@ def answer(check: Check, search: Search, copies: bool, limits: bool) -> Assembly
     if all_copies and not copies:
         found = _one_of_each(check, found)
     loose = {joint for _, kind, _ in found for joint, _ in kind.idle}
-    found.sort(key=lambda x: _order(check.state(x[0]), loose))
+    found.sort(key=lambda x: order(check.state(x[0]), loose))
     signs = check.signs([(q, kind) for q, kind, _ in found])
     states = [check.state(q, branch) for (q, _, _), branch in
-              zip(found, _labels(signs), strict=True)]
+              zip(found, labels(signs), strict=True)]
     return AssemblyModes(
         states, held=check.held, starts=search.starts, closed=search.closed,
         found=[count for _, _, count in found],
@@ -114,14 +114,14 @@ def _one_of_each(check: Check, found: list[Found]) -> list[Found]:
     return kept
 
 
-def _order(state: State, loose: set[str]) -> list[float]:
+def order(state: State, loose: set[str]) -> list[float]:
     """Return what modes are sorted by: coordinates, those of passive links last."""
     table = state.mechanism.coordinate_table.values()
     fixed = [c for c in table if c.joint not in loose]
     return [round(state.coordinate(c.name).value, 7) + 0.0 for c in fixed]
 
 
-def _labels(signs: list[str]) -> list[str]:
+def labels(signs: list[str]) -> list[str]:
     """Return labels of their own: signs, numbered where several modes have one."""
     total, seen = Counter(signs), Counter[str]()
     labels = []

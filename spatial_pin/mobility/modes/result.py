@@ -79,6 +79,10 @@ class AssemblyModes(list[State]):
         self.continua = tuple(continua)
         self.is_whole = is_whole
 
+    def __repr__(self) -> str:
+        modes = super().__repr__()
+        return modes if self.is_whole else f"AssemblyModes({modes}; cut short)"
+
     def __str__(self) -> str:
         values = ", ".join(f"{name} = {value:.6g}" for name, value in self.held.items())
         lines = [f"{len(self)} assembly modes found at {values or 'no values held'}; "

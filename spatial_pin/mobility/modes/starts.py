@@ -19,7 +19,8 @@ SLIDES = 1.5
 # Steps of a start. Of random starts of `delta` 57 % close in 60 steps, 75 % in 120 and 240; of the
 # Gough platform with forty modes 98.5 %, 99.75 % and as many.
 ITERATIONS = 120
-FEWEST, MOST = 64, 512  # starts closed together: few as the first may tell all, later ones many
+# starts closed together: few as the first may tell all, later ones many
+FEWEST_TOGETHER, MOST_TOGETHER = 64, 512
 LARGEST = 1 << 21  # numbers in their Jacobians: 16 MB
 
 
@@ -42,8 +43,8 @@ class Starts:
         table, nv = mechanism.coordinate_table, mechanism.model.nv
         self.free = np.ones(nv, dtype=bool)
         self.free[[table[name].v for name in held]] = False
-        self._most = int(np.clip(LARGEST // max(1, self.kernel.n_closure * nv), 1, MOST))
-        self._size = min(FEWEST, self._most)
+        self._most = int(np.clip(LARGEST // max(1, self.kernel.n_closure * nv), 1, MOST_TOGETHER))
+        self._size = min(FEWEST_TOGETHER, self._most)
         self._slides = [at for c in table.values() if c.unit == "m" and c.name not in held
                         and (at := mechanism.place_of(c)) >= 0]
         self._low = np.full(len(self._slides), np.inf)

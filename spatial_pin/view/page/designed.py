@@ -13,9 +13,9 @@ from spatial_pin.view.page.markup import number, paragraph, table, tiny
 from spatial_pin.view.page.plots import COLOURS, abscissa, plot, style, svg
 
 ASKED = "#141419"  # the colour of what is asked for, in the picture too
-WIDTH, HEIGHT = 7.5, 2.8  # of a figure [in]
+FIGURE_WIDTH, FIGURE_HEIGHT = 7.5, 2.8  # of a figure [in]
 ALONG_AXIS = 0.999  # part of a direction along a world axis from which on it is called by that
-LEAST, MOST = 2.4, 6.0  # height of the figure of a path [in]
+LEAST_HEIGHT, MOST_HEIGHT = 2.4, 6.0  # height of the figure of a path [in]
 
 
 def goals_told(design: Design, motion: Motion | None) -> str:
@@ -53,7 +53,7 @@ def _curve(met: Met, motion: Motion) -> str:
     assert isinstance(met.goal, Function) and met.driver is not None
     output = met.goal.output
     figure = plot(motion, output, title="")
-    figure.set_size_inches(WIDTH, HEIGHT)
+    figure.set_size_inches(FIGURE_WIDTH, FIGURE_HEIGHT)
     _, over, unit = abscissa(motion)
     if over == motion.driver_name:
         values = np.array([state.coordinate(met.driver).value for state in met.states])
@@ -84,8 +84,9 @@ def _path(met: Met, motion: Motion) -> str:
     every = np.concatenate([path, asked])
     middle, (across, up) = every.mean(axis=0), _view(every)
     x, y = (every - middle) @ across, (every - middle) @ up
-    height = float(np.clip(WIDTH * np.ptp(y) / max(float(np.ptp(x)), 1e-12), LEAST, MOST))
-    figure = Figure(figsize=(WIDTH, height + 0.6), dpi=150, layout="constrained")
+    height = float(np.clip(FIGURE_WIDTH * np.ptp(y) / max(float(np.ptp(x)), 1e-12),
+                           LEAST_HEIGHT, MOST_HEIGHT))
+    figure = Figure(figsize=(FIGURE_WIDTH, height + 0.6), dpi=150, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots()
     axes.plot(x[: len(path)], y[: len(path)], color=COLOURS[0], label=literal(f"path of {frame}"))

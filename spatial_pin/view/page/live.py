@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.assembly.assemble import assembled
-from spatial_pin.assembly.state import State, of_mechanism
+from spatial_pin.assembly.held_start import starting_state
+from spatial_pin.assembly.state import State
 from spatial_pin.checks import checked, finite_array, names_of
 from spatial_pin.dynamics.outputs import Told
 from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 # Samples that the way of one driver is shown by, or those of many drivers together: 3 degrees apart
 # over a turn, between which positions are interpolated; and of one of many drivers, either way.
-SAMPLES, FEWEST_SAMPLES = 121, 13
+LIVE_SAMPLES, FEWEST_SAMPLES = 121, 13
 BEYOND_LIMIT = 0.04  # how far a slider goes beyond a limit relative to its length: seen as a stop
 # Starts without a new assembly mode after which there are no more: a mode that one in 30 ends at is
 # missed in 3 % of cases, and the page is not kept waiting.
@@ -104,7 +104,7 @@ class Desk:
         self._start = drive.state
         self._modes: tuple[dict[str, float], list[State]] | None = None
         self._lock = threading.Lock()
-        self.rows = max(FEWEST_SAMPLES, SAMPLES // len(drive.names))
+        self.rows = max(FEWEST_SAMPLES, LIVE_SAMPLES // len(drive.names))
         reaches = self.reaches()
         self.dials = {name: _dial(drive, name, reach) for name, reach in reaches.items()}
         self.film = _film(drive, reaches)
@@ -413,7 +413,7 @@ def _page(desk: Desk, token: str, title: str | None, look: Look | None) -> str:
 @checked
 def live(
     mechanism: Mechanism,
-    state: State | None = None,
+    guess: Mapping[str, Any] | State | Array | None = None,
     *,
     drivers: Iterable[str] | None = None,
     outputs: Iterable[str] = (),
@@ -422,6 +422,7 @@ def live(
     limits: bool = True,
     port: int = 0,
     open_browser: bool = True,
+    state: Mapping[str, Any] | State | Array | None = None,
 ) -> Viewer:
     """Move a mechanism by hand: a page with a slider for every driver.
 
@@ -434,7 +435,7 @@ def live(
 
     Args:
         mechanism: the mechanism.
-        state: where to begin; the assembled guess if not given.
+        guess: where to begin: a State, or what `assemble` takes; default the file's guess.
         drivers: what has a slider: drivers, or other coordinates that determine the motion; the
             mechanism's drivers if not given.
         outputs: what is told besides the drivers, as for `plot`: coordinates, `NAME.position`,
@@ -445,6 +446,7 @@ def live(
         limits: whether joint limits are in the way at first.
         port: on the loopback interface, 0 for any that is free.
         open_browser: whether to open a browser; if none can be, a warning gives the address.
+        state: another word for `guess`.
 
     Returns:
         The Viewer that serves the page.
@@ -461,7 +463,7 @@ def live(
         True
         >>> viewer.stop()  # a script that is to go on showing waits: viewer.wait()
     """
-    state = assembled(mechanism) if state is None else of_mechanism(mechanism, state)
+    state = starting_state(mechanism, guess, state)
     names = tuple(mechanism.drivers if drivers is None else dict.fromkeys(
         names_of(drivers, "drivers")))
     drive = Drive(state, names)

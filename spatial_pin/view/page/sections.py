@@ -39,7 +39,7 @@ from spatial_pin.view.scene.look import Look
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-WIDTH, PANEL, LOWEST = 7.5, 1.4, 2.4  # of a figure, of each panel of it; least height [in]
+FIGURE_WIDTH, PANEL, LOWEST = 7.5, 1.4, 2.4  # of a figure, of each panel of it; least height [in]
 FREEZE = """<style>#says h1 { display: none; }</style>
 <script>
 // Paper has no 3-D: what is seen when printing begins is printed as a picture.
@@ -105,7 +105,7 @@ def _drawn(
     if subject.motion is None or not outputs:
         return None
     figure = plot(subject.motion, outputs, title="", columns=1)
-    figure.set_size_inches(WIDTH, max(LOWEST, 0.5 + PANEL * len(outputs)))
+    figure.set_size_inches(FIGURE_WIDTH, max(LOWEST, 0.5 + PANEL * len(outputs)))
     found = [x if isinstance(x, Output) else subject.motion.output(x) for x in outputs]
     names = ", ".join(x if isinstance(x, str) else x.label for x in outputs)
     drawing = svg(figure, f"{title} of {subject.mechanism.name}: {names}")

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from spatial_pin.mechanism.mechanism import Mechanism
 
 
-SHORTEST, USUAL, LONGEST = 2.0, 6.0, 20.0  # duration of an animation [s]
+SHORTEST_FILM, USUAL_FILM, LONGEST_FILM = 2.0, 6.0, 20.0  # duration of an animation [s]
 LENGTHS = ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm"))
 MAX_ROWS = 1201  # 60 a second for 20 s: more cannot be seen
 
@@ -109,14 +110,23 @@ class Film:
     @cached_property
     def motion(self) -> Motion:
         """The samples shown, with their rates."""
-        whole = as_motion(self.source)
-        if len(self.rows) == len(whole):
+        whole, rows = as_motion(self.source), self.rows
+        if len(rows) == len(whole):
             return whole
-        names = ("driver", "q", "v", "a", "closure_error", "driver_speed")
-        kept = {name: getattr(whole, name)[self.rows] for name in names}
-        time = None if whole.time is None else whole.time[self.rows]
-        angles = whole.angles[self.rows] if whole.angles.size else whole.angles
-        return replace(whole, time=time, angles=angles, events=[], **kept)
+        sampled = {f.name: _some(getattr(whole, f.name), rows, len(whole)) for f in fields(whole)
+                   if f.name != "events"}
+        return replace(whole, **sampled, events=[])
+
+
+def _some(x: Any, rows: NDArray[np.intp], n: int) -> Any:
+    """Return those samples of a field of a motion of n samples; other fields as they are."""
+    if isinstance(x, np.ndarray):
+        return x[rows] if len(x) == n else x
+    if isinstance(x, dict):  # efforts by driver
+        some = copy(x)
+        some.update({name: _some(values, rows, n) for name, values in x.items()})
+        return some
+    return x
 
 
 def as_motion(source: Motion | State) -> Motion:
@@ -149,8 +159,8 @@ def _time_pace(time: Array) -> tuple[Array, str]:
     """Return seconds of the film for times of the motion [s], true where that can be watched."""
     elapsed = time - time[0]
     factor = 1.0
-    if not SHORTEST <= elapsed[-1] <= LONGEST:
-        factor = nice(USUAL / elapsed[-1])
+    if not SHORTEST_FILM <= elapsed[-1] <= LONGEST_FILM:
+        factor = nice(USUAL_FILM / elapsed[-1])
     if factor == 1.0:
         return elapsed, ""
     much, way = (factor, "slower") if factor > 1 else (1 / factor, "faster")
@@ -160,9 +170,9 @@ def _time_pace(time: Array) -> tuple[Array, str]:
 def _driver_pace(driver: Array, unit: str) -> tuple[Array, str]:
     """Return seconds of the film at a constant driver speed, one second a radian if watchable."""
     travel = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(driver)))))
-    if unit == "rad" and SHORTEST <= travel[-1] <= LONGEST:
+    if unit == "rad" and SHORTEST_FILM <= travel[-1] <= LONGEST_FILM:
         return travel, "shown at 1 rad/s"
-    speed = nice(travel[-1] / USUAL)
+    speed = nice(travel[-1] / USUAL_FILM)
     words = f"{speed:g} rad/s" if unit == "rad" else f"{1e3 * speed:g} mm/s"
     return travel / speed, f"shown at {words}"
 
@@ -176,7 +186,7 @@ def _pace(motion: Motion) -> tuple[Array, str]:
         return _time_pace(np.asarray(motion.time, float))
     if motion.driver is not None and np.ptp(motion.driver) > 0:
         return _driver_pace(np.asarray(motion.driver, float), motion.driver_unit)
-    return np.linspace(0.0, USUAL, n), f"shown at {(n - 1) / USUAL:.3g} samples a second"
+    return np.linspace(0.0, USUAL_FILM, n), f"shown at {(n - 1) / USUAL_FILM:.3g} samples a second"
 
 
 def reading(name: str, values: Array, unit: str) -> Reading:

@@ -27,7 +27,7 @@ from spatial_pin.mechanism.resistance import resists
 from spatial_pin.numerics.linalg import Array, null_space
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-FREE = 1e-9  # closure equations, per unit of spin, that do not hold it
+FREE_SPIN = 1e-9  # closure equations, per unit of spin, that do not hold it
 SPIN_TRIALS = 3  # other configurations at which the spin must be free too
 
 
@@ -67,7 +67,8 @@ def spinning_bodies(problem: Problem, state: State) -> list[Spinning]:
             at, iq = problem.model.idx_vs[joint], problem.model.idx_qs[joint]
             v = slice(at, at + 3)
             size = float(np.linalg.norm(velocities[0, v]))
-            if size > FREE * float(np.abs(velocities[0] / problem.scale).max()):  # else others turn
+            fastest = float(np.abs(velocities[0] / problem.scale).max())
+            if size > FREE_SPIN * fastest:  # else others turn
                 found.append(Spinning(joint, slice(iq, iq + 4), v, velocities[0, v] / size))
     found = [body for body in found if _is_symmetric(problem, body)]
     return found if _stay_free(evaluation, state.q, found) else []
@@ -105,7 +106,7 @@ def _stay_free(evaluation: Evaluation, q: Array, bodies: list[Spinning]) -> bool
         step = evaluation.mechanism.velocity_scale * rng.uniform(-0.1, 0.1, model.nv)
         _, error = close(evaluation, pin.integrate(model, q, step), free, 1e-13)
         held = [np.abs(evaluation.jacobian[:n, b.v] @ b.axis).max(initial=0.0) for b in bodies]
-        if error > 1e-11 or max(held) > FREE:
+        if error > 1e-11 or max(held) > FREE_SPIN:
             return False
     return True
 

@@ -10,7 +10,7 @@ from spatial_pin.dynamics.simulation.running.record import Record
 from spatial_pin.errors import EnergyError
 from spatial_pin.settings import INTEGRATORS, Accuracy
 
-LOST = 1e-2  # of what is exchanged: beyond any error of steps of usual tolerance
+LOST_SHARE = 1e-2  # of what is exchanged: beyond any error of steps of usual tolerance
 WORST = 0.5  # the same where steps are fixed, or their tolerance is loose
 TOLERANCES = 1e6  # errors of steps, one way, that are allowed to add up to it
 
@@ -30,7 +30,7 @@ class Balance:
         creeps = fixed and problem.forces.resistance  # which is warned of: losses are not known
         self._watches = problem.is_steady and not creeps
         self._part = WORST if fixed else min(
-            WORST, max(LOST, TOLERANCES * accuracy.time_tolerance))
+            WORST, max(LOST_SHARE, TOLERANCES * accuracy.time_tolerance))
         self._remedy = ("take a smaller time_tolerance or step, or formulation='independent'"
                         if accuracy.formulation == "projected"
                         else "take a smaller time_tolerance or step")

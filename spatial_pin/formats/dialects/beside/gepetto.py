@@ -24,7 +24,7 @@ import numpy as np
 from spatial_pin.errors import MechanismFileError, suggestion
 from spatial_pin.formats.dialects.beside.files import lists_of, table_of
 from spatial_pin.formats.dialects.reading import Reading
-from spatial_pin.formats.sources import is_file, read_text, shown
+from spatial_pin.formats.sources import Trust, is_file, read_text, shown
 
 NAMES = ("type", "name_mot", "joint_name", "joint_type")
 URDF = ("urdf", "name_urdf", "urdf_file")
@@ -49,8 +49,12 @@ def _text(path: Path) -> str:
         return ""
 
 
-def urdf_of(path: Path) -> Path:
+def urdf_of(path: Path, trust: Trust | None = None) -> Path:
     """Return the URDF that a `robot.yaml` is about: named in it, of its name, or the only one.
+
+    Args:
+        path: the file.
+        trust: which files it may name; None: those of its folder.
 
     Raises:
         MechanismFileError: there is none, or several and none is named.
@@ -58,6 +62,10 @@ def urdf_of(path: Path) -> Path:
     table = table_of(path)
     named = next((table[key] for key in URDF if isinstance(table.get(key), str)), None)
     if named is not None:
+        try:
+            (trust or Trust.of(path)).checked(path.parent / named)
+        except MechanismFileError as error:
+            raise MechanismFileError(f"{shown(path)}: urdf: {error}") from error
         return path.parent / named
     own = path.with_suffix(".urdf")
     if is_file(own):
@@ -74,7 +82,7 @@ def file_of(urdf: Path) -> Path | None:
     own = [urdf.with_suffix(ending) for ending in ENDINGS]
     shared = [urdf.parent / f"robot{ending}" for ending in ENDINGS]
     for path in dict.fromkeys([*own, *shared]):
-        if is_file(path) and is_robot(path) and _same(urdf_of(path), urdf):
+        if Trust.of(urdf).allows(path) and is_robot(path) and _same(urdf_of(path), urdf):
             return path
     return None
 
@@ -155,4 +163,4 @@ def _name(pair: list[str], k: int) -> str:
 
 
 def _same(a: Path, b: Path) -> bool:
-    return os.path.abspath(a) == os.path.abspath(b)
+    return os.path.realpath(a) == os.path.realpath(b)

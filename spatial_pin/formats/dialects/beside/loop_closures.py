@@ -22,7 +22,7 @@ import pinocchio as pin
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.dialects.beside.files import lists_of, table_of
 from spatial_pin.formats.dialects.reading import Reading
-from spatial_pin.formats.sources import is_file, shown
+from spatial_pin.formats.sources import Trust, shown
 from spatial_pin.numerics.linalg import Array
 
 NAME = "loop_closures.yaml"
@@ -35,10 +35,12 @@ ROOT = "base_link"  # what sw2robot calls the root, whatever its name
 
 def file_of(urdf: Path) -> Path | None:
     """Return the file that is about a URDF: beside it, or in the package of its `urdf` folder."""
-    folders = [urdf.parent]
+    folders, home = [urdf.parent], urdf.parent
     if urdf.parent.name == "urdf":
-        folders += [urdf.parent.parent, urdf.parent.parent / "config"]
-    return next((path for folder in folders if is_file(path := folder / NAME)), None)
+        home = urdf.parent.parent
+        folders += [home, home / "config"]
+    trust = Trust(home.resolve())
+    return next((path for folder in folders if trust.allows(path := folder / NAME)), None)
 
 
 def is_closures(path: Path) -> bool:

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 LOADS = {"reaction": ("force", "N", slice(0, 3)), "moment": ("moment", "N·m", slice(3, 6))}
 KINDS = ("velocity", "acceleration", "angular_velocity", "angular_acceleration")
 LONGEST_ARROW = 0.6  # longest arrow relative to the size of the scene; all sizes below too
-SHAFT, HEAD, HEAD_LENGTH = 0.011, 0.028, 0.08  # radius, radius, length
+SHAFT_RADIUS, HEAD_RADIUS, HEAD_LENGTH = 0.011, 0.028, 0.08  # radius, radius, length
 OTHER = (0.13, 0.15, 0.18, 1.0)
 COLOURS: dict[str, Colour] = {
     "velocity": (0.06, 0.12, 0.55, 1.0),
@@ -113,7 +113,7 @@ def rates(motion: Motion, spec: str) -> Vectors:
 
 def _head(heads: int, size: float) -> Solid:
     """Return a cone, or two one behind the other, with the last tip at 0 and the base below."""
-    r, h = HEAD * size, HEAD_LENGTH * size
+    r, h = HEAD_RADIUS * size, HEAD_LENGTH * size
     below = [-(heads - k) * 0.7 * h - 0.3 * h for k in range(heads)]
     corners = [p for z in below for p in ((0.0, z), (r, z), (0.0, z + h))]
     return turned(*corners)
@@ -138,7 +138,7 @@ def _items(stage: Stage, v: Vectors, per_unit: float) -> tuple[tuple[Item, ...],
     shaft = Track(shaft.poses, np.concatenate([thin, shaft.scales[:, 2:]], axis=1))  # type: ignore[index]
     cone = _head(heads, stage.size)
     items = (
-        Item(name, rod(SHAFT * stage.size), colour, track=shaft, through=True),
+        Item(name, rod(SHAFT_RADIUS * stage.size), colour, track=shaft, through=True),
         Item(f"head, {name}", cone, colour, track=head, through=True),
     )
     return items, tip

@@ -15,7 +15,7 @@ from spatial_pin.view.scene.stage import Entry, Item, Layer, Stage, Track, ball_
 
 TOUCHING = (0.86, 0.08, 0.10, 1.0)
 LINE = (0.10, 0.13, 0.17, 1.0)
-BALL, ROD = 0.012, 0.005  # radius relative to the size of the scene
+CLEARANCE_BALL, CLEARANCE_ROD = 0.012, 0.005  # radius relative to the size of the scene
 SWELL = 1.02  # red links are drawn over their own colours, so much larger
 LINES = 1  # pairs that do not touch and are joined by a line: the nearest
 
@@ -88,7 +88,7 @@ def _line(stage: Stage, pair: PairClearance, colour: tuple[float, ...]) -> list[
     a, b = (stage.seen(pair.points[stage.film.rows, k]) for k in (0, 1))
     name, size = f"clearance {_names(pair)}", stage.size
     return [
-        Item(name, rod(ROD * size), colour, track=rod_between(a, b), through=True),
-        *(Item(f"{name} {k}", ball(BALL * size), colour, track=ball_at(p), through=True)
+        Item(name, rod(CLEARANCE_ROD * size), colour, track=rod_between(a, b), through=True),
+        *(Item(f"{name} {k}", ball(CLEARANCE_BALL * size), colour, track=ball_at(p), through=True)
           for k, p in enumerate((a, b), start=1)),
     ]

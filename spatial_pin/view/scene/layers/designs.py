@@ -12,7 +12,8 @@ from spatial_pin.view.scene.layers.traces import traces
 from spatial_pin.view.scene.shapes import ball, moved, rod
 from spatial_pin.view.scene.stage import Entry, Item, Layer, Stage, joined
 
-BALL, ROD, ARM = 0.014, 0.005, 0.10  # radii, and a length, relative to the size of the scene
+# radii, and a length, relative to the size of the scene
+DESIGN_BALL, DESIGN_ROD, DESIGN_ARM = 0.014, 0.005, 0.10
 TARGET = (0.08, 0.08, 0.10, 1.0)  # no part is black
 AXES = ((0.80, 0.12, 0.12, 1.0), (0.10, 0.55, 0.15, 1.0), (0.12, 0.30, 0.80, 1.0))  # x, y, z
 # a rod along z is turned so that z is x, y, z
@@ -52,8 +53,8 @@ def designs(stage: Stage, design: Design, drawn: tuple[str, ...]) -> Layer:
 def _points(stage: Stage, name: str, goal: Path, points: Array) -> Layer:
     """Return a ball at every point."""
     seen = stage.seen(points)
-    items = [Item(f"{name} point {i}", ball(BALL * stage.size), TARGET, placement=moved(point),
-                  through=True) for i, point in enumerate(seen)]
+    items = [Item(f"{name} point {i}", ball(DESIGN_BALL * stage.size), TARGET,
+                  placement=moved(point), through=True) for i, point in enumerate(seen)]
     return Layer(tuple(items), seen, (Entry(TARGET, f"points asked of {goal.frame}"),))
 
 
@@ -65,7 +66,7 @@ def _triads(stage: Stage, name: str, goal: Poses, placements: Array) -> Layer:
             place = moved(stage.seen(placement[:3, 3]))
             place[:3, :3] = stage.upright @ placement[:3, :3] @ turn
             items.append(Item(f"{name} placement {i} {axis}",
-                              rod(ROD * stage.size, 0.0, ARM * stage.size), colour,
+                              rod(DESIGN_ROD * stage.size, 0.0, DESIGN_ARM * stage.size), colour,
                               placement=place, through=True))
     legend = tuple(Entry(colour, f"{axis} of placements asked of {goal.frame}")
                    for axis, colour in zip("xyz", AXES, strict=True))

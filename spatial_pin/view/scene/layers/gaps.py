@@ -18,7 +18,7 @@ from spatial_pin.view.scene.shapes import ball, rod
 from spatial_pin.view.scene.stage import Entry, Item, Layer, Stage, ball_at, rod_between
 
 COLOUR = (1.0, 0.0, 0.62, 1.0)
-BALL, ROD = 0.02, 0.009  # radius relative to the size of the scene
+GAP_BALL, GAP_ROD = 0.02, 0.009  # radius relative to the size of the scene
 POINTER = 0.16  # length of the directions that should agree relative to the size of the scene
 GAP_DIGITS = 3  # that a gap is told with: its size matters, not its value
 
@@ -136,9 +136,9 @@ def _length_items(stage: Stage, gap: Gap) -> tuple[list[Item], Array]:
     here = there - gap.offset
     is_open = (gap.lengths > 0).astype(float)
     name, size = f"gap {gap.closure.name}", stage.size
-    marker = ball(BALL * size)
+    marker = ball(GAP_BALL * size)
     items = [
-        Item(name, rod(ROD * size), COLOUR, track=rod_between(here, there), through=True),
+        Item(name, rod(GAP_ROD * size), COLOUR, track=rod_between(here, there), through=True),
         Item(f"{name} from", marker, COLOUR, track=ball_at(here, is_open), through=True),
         Item(f"{name} to", marker, COLOUR, track=ball_at(there, is_open), through=True),
     ]
@@ -162,7 +162,7 @@ def _angle_items(stage: Stage, gap: Gap) -> tuple[list[Item], Array]:
         end = start + is_open * e
         track = rod_between(start, end)
         name = f"turned {gap.closure.name} {side}"
-        items.append(Item(name, rod(ROD * stage.size), COLOUR, track=track, through=True))
+        items.append(Item(name, rod(GAP_ROD * stage.size), COLOUR, track=track, through=True))
         points.append(end)
     return items, np.concatenate(points)
 

@@ -16,7 +16,7 @@ import numpy as np
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.scene.layers.axes import AXIAL
 from spatial_pin.view.scene.layers.places import Place, places
-from spatial_pin.view.scene.shapes import Solid, ball, bar, rod, tube, turned
+from spatial_pin.view.scene.shapes import Solid, ball, bar, moved, rod, tube, turned
 from spatial_pin.view.scene.stage import Item, Layer, Stage, rod_between
 
 UNIT, LEAST = 0.05, 0.012  # largest and least size of a sign relative to the size of the scene
@@ -34,11 +34,13 @@ class Site(NamedTuple):
     Attributes:
         unit: its size [m].
         travel: least and greatest height of origin 2 along z of frame 1 [m].
-        reach: least and greatest distance of origin 2 from z of frame 1 [m].
+        middle: of where origin 2 comes to, along x and y of frame 1 [m].
+        reach: its least and greatest distance from there [m].
     """
 
     unit: float
     travel: tuple[float, float]
+    middle: tuple[float, float]
     reach: tuple[float, float]
 
     @property
@@ -55,11 +57,13 @@ class Piece(NamedTuple):
         on: what it is fixed to: "first", "second" or "between".
         solid: its shape.
         span: least and greatest z, and radius of it [m], where that is more than the sign's size.
+        middle: x and y of where that is [m].
     """
 
     on: str
     solid: Solid
     span: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    middle: tuple[float, float] = (0.0, 0.0)
 
 
 def _revolute(site: Site) -> list[Piece]:
@@ -108,13 +112,14 @@ def _spherical(site: Site) -> list[Piece]:
 
 
 def _plate(site: Site) -> Piece:
-    """Return the part of a plane that origin 2 comes to."""
+    """Return the part of a plane that origin 2 comes to, however far frame 1 is from there."""
     s, (near, far) = site.unit, site.reach
     inner, outer = max(0.0, near - 1.8 * s), far + 1.8 * s
-    plate = turned(
+    ring = turned(
         (inner, -0.12 * s), (outer, -0.12 * s), (outer, 0.0), (inner, 0.0), (inner, -0.12 * s)
     )
-    return Piece("first", plate, (0.0, 0.0, outer))
+    plate = ring._replace(placement=moved(np.array([*site.middle, 0.0])) @ ring.placement)
+    return Piece("first", plate, (0.0, 0.0, outer), site.middle)
 
 
 def _planar(site: Site) -> list[Piece]:
@@ -193,11 +198,12 @@ def _units(stage: Stage, found: Sequence[Place]) -> list[float]:
 def _site(stage: Stage, place: Place, unit: float) -> Site:
     """Return how far the second frame goes, as seen from the first."""
     o1, o2 = _origins(stage, place)
-    z = stage.rotations(place.joints[0], place.frames[0][:3, :3])[:, :, 2]
-    height = np.vecdot(o2 - o1, z)
-    across = np.linalg.norm(o2 - o1 - height[:, None] * z, axis=1)
-    travel = float(height.min()), float(height.max())
-    return Site(unit, travel, (float(across.min()), float(across.max())))
+    axes = stage.rotations(place.joints[0], place.frames[0][:3, :3])
+    x, y, z = np.einsum("nij,ni->jn", axes, o2 - o1)
+    middle = 0.5 * float(x.min() + x.max()), 0.5 * float(y.min() + y.max())
+    away = np.hypot(x - middle[0], y - middle[1])
+    return Site(unit, (float(z.min()), float(z.max())), middle,
+                (float(away.min()), float(away.max())))
 
 
 def _item(stage: Stage, place: Place, k: int, piece: Piece, through: bool) -> Item:
@@ -216,11 +222,11 @@ def _item(stage: Stage, place: Place, k: int, piece: Piece, through: bool) -> It
 
 def _held(stage: Stage, place: Place, piece: Piece) -> Array:
     """Return what a picture must hold of a piece, shape (K, 3) [m]."""
-    low, high, r = piece.span
+    (low, high, r), (x, y) = piece.span, piece.middle
     if piece.on == "between" or low == high == r == 0.0:
         return np.zeros((0, 3))
     side = 0 if piece.on == "first" else 1
-    corners = [(r, 0, low), (-r, 0, low), (0, r, high), (0, -r, high)]
+    corners = [(x + r, y, low), (x - r, y, low), (x, y + r, high), (x, y - r, high)]
     frame = place.frames[side]
     points = [frame[:3, :3] @ p + frame[:3, 3] for p in corners]
     return np.concatenate([stage.points(place.joints[side], p) for p in points])

@@ -9,14 +9,14 @@ from spatial_pin.view.scene.shapes import Solid, tube
 from spatial_pin.view.scene.stage import Item, Layer, Stage, rod_between
 
 WIRE, COIL = 0.006, 0.03  # radius of wire and coil relative to the size of the scene
-TURNS, POINTS = 8, 14  # turns of a coil, points to a turn
+COIL_TURNS, COIL_POINTS = 8, 14  # turns of a coil, points to a turn
 STRAIGHT_END = 0.12  # part of the length at each end that is straight
 COLOUR = (0.30, 0.33, 0.37, 1.0)
 
 
 def coil(length: float, size: float) -> Solid:
     """Return a coil from 0 to 1 along z, its wire round when it is stretched to a length [m]."""
-    angle = 2 * np.pi * TURNS * np.linspace(0.0, 1.0, TURNS * POINTS + 1)
+    angle = 2 * np.pi * COIL_TURNS * np.linspace(0.0, 1.0, COIL_TURNS * COIL_POINTS + 1)
     z = np.linspace(STRAIGHT_END, 1.0 - STRAIGHT_END, len(angle))
     turns = np.stack([COIL * size * np.cos(angle), COIL * size * np.sin(angle), z * length], 1)
     ends = [[0.0, 0.0, 0.0], [0.0, 0.0, STRAIGHT_END * length]]

@@ -13,7 +13,7 @@ from spatial_pin.view.scene.shapes import Solid
 from spatial_pin.view.scene.stage import Colour, Entry, Item, Layer, Stage
 from spatial_pin.workspace_map.result import Workspace
 
-BALL = 0.008  # radius relative to the size of the scene
+WORKSPACE_BALL = 0.008  # radius relative to the size of the scene
 MOST_BALLS = 6000  # points that are drawn, so that a page stays small
 COLOURS: tuple[Colour, ...] = (  # from singular to even
     (0.27, 0.00, 0.33, 1.0), (0.23, 0.32, 0.55, 1.0), (0.13, 0.57, 0.55, 1.0),
@@ -38,7 +38,7 @@ def workspaces(stage: Stage, found: Workspace) -> Layer:
     shown: list[Array] = [np.zeros((0, 3))]
     for name, points, colour, text in _groups(found):
         seen = stage.seen(points)
-        items.append(Item(name, _balls(seen, BALL * stage.size), colour))
+        items.append(Item(name, _balls(seen, WORKSPACE_BALL * stage.size), colour))
         legend.append(Entry(colour, text))
         shown.append(seen)
     return Layer(tuple(items), np.concatenate(shown), tuple(legend))

@@ -1,0 +1,179 @@
+"""Turns that closures count, where others between them and what is set do not.
+
+A coupling and a screw count the turns of their joints; a weld, or a ball, is the same after a turn.
+A gear that a loop turns by several turns has made them only if it is led there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from spatial_pin.assembly.close import closed
+from spatial_pin.assembly.holding import still_entries
+from spatial_pin.assembly.search.guesses import Guess
+from spatial_pin.assembly.search.loop_groups import loop_groups
+from spatial_pin.assembly.search.targets import free_but
+from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.constraints.workspaces import made_once
+from spatial_pin.errors import SingularError
+from spatial_pin.kernel.closer import closer_of
+from spatial_pin.mechanism.coordinates import coordinate_value, with_values
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
+
+# rad by which what is set goes before it is led: loops that it moves by less turn by less than half
+# a turn, as a rule, and half a turn is told from its opposite
+FAR = 0.5 * math.pi
+# rad, characteristic lengths, of a step on the way; a step after which joints have moved by more
+# than the other may have gone to another branch
+STRIDE, LEAP = 0.2, 1.0
+MOST_STEPS = 2000  # a hundred turns
+
+
+class Led(NamedTuple):
+    """Where an assembly begins.
+
+    Attributes:
+        start: the guess.
+        angles: (n_angles,) that screws count turns from [rad].
+        lost: what is set by more than half a turn, though loops could not be led there.
+    """
+
+    start: Guess
+    angles: Array
+    lost: tuple[str, ...] = ()
+
+
+class Uncounted(NamedTuple):
+    """Loops that hide turns from joints that count them.
+
+    Attributes:
+        held: the angles among what is held whose turns they hide.
+        others: the other coordinates of these loops.
+    """
+
+    held: tuple[str, ...]
+    others: tuple[str, ...]
+
+
+@made_once
+def uncounted(mechanism: Mechanism, held: tuple[str, ...]) -> Uncounted:
+    """Return what loops hide turns where coordinates are held."""
+    constraints, table = constraints_of(mechanism), mechanism.coordinate_table
+    fixed = {table[name].v for name in held if table[name].q >= 0}
+    tied = [{mechanism.coordinate(name).v for name in c.joints} for c in constraints.couplings]
+    place = {c.q: c.v for c in table.values() if c.q >= 0}
+    tied += [{place[q] for q in np.flatnonzero(turns.row).tolist()} for turns in constraints.turns
+             if turns.are_all]
+    known = set(fixed)
+    for _ in tied:  # what is tied to something known by what counts
+        for ends in tied:
+            known |= ends if ends & known else set()
+    angles = {c.v for c in table.values() if c.unit == "rad"}
+    hidden = set().union(*tied) & angles - known
+    by_path = {constraints.labels[at].closure for (at, _, _), turns in zip(
+        constraints.screws, constraints.turns, strict=True) if not turns.are_all}
+    found: set[int] = set()
+    for group in loop_groups(mechanism, tuple(sorted(fixed))):
+        own = set(np.flatnonzero(group.entries).tolist())
+        if (own & hidden or by_path.intersection(group.closures)) and own & fixed & angles:
+            found |= own
+    return Uncounted(tuple(name for name, c in table.items() if c.v in found & fixed & angles),
+                     tuple(name for name, c in table.items() if c.v in found - fixed))
+
+
+def led(
+    mechanism: Mechanism, held: Mapping[str, float], start: Guess, angles: Array | None,
+    standing: Iterable[str], named: Collection[str],
+) -> Led:
+    """Return the guess, or where loops have been led to from it if turns would be lost otherwise.
+
+    Args:
+        mechanism: the mechanism.
+        held: coordinates that are given values.
+        start: the guess.
+        angles: (n_angles,) that screws count turns from in it [rad]; None: as joints tell.
+        standing: coordinates that stand as in the guess.
+        named: coordinates that somebody has given values in the guess, turns included.
+    """
+    table = mechanism.coordinate_table
+    goal = with_values(mechanism, start.q, held)
+    rows = [turns.row for turns in constraints_of(mechanism).turns]
+    turned = np.array(rows).reshape(len(rows), len(goal))
+    first = turned @ start.q if angles is None or len(angles) != len(rows) else angles
+    direct = Led(start, first + turned @ (goal - start.q))
+    fixed = tuple(name for name in (*held, *standing) if table[name].q >= 0)
+    loops = uncounted(mechanism, fixed)
+    by = {name: abs(float(goal[table[name].q] - start.q[table[name].q])) for name in loops.held}
+    if max(by.values(), default=0.0) < FAR:
+        return direct
+    free = free_but(mechanism, still_entries(mechanism, (table[name] for name in held)), fixed)
+    if not set(named).isdisjoint(loops.others) and _fits(mechanism, goal, free, direct.angles):
+        return direct
+    there = _followed(mechanism, start.q, goal, free, first)
+    if there is None:
+        return direct._replace(lost=tuple(name for name, x in by.items() if x > math.pi))
+    q, reference = there
+    names = dict.fromkeys((*start.names, *loops.others))
+    return Led(Guess(mechanism, q, {name: coordinate_value(mechanism, table[name], q)
+                                    for name in names}), reference)
+
+
+def _fits(mechanism: Mechanism, q: Array, free: NDArray[np.bool_], angles: Array) -> bool:
+    """Whether loops close near q (nq,): it says how often each joint has turned."""
+    found = _closed(mechanism, q, free, angles)
+    return found is not None and _moved(mechanism, q, found[0]) < FAR
+
+
+def _followed(
+    mechanism: Mechanism, q: Array, goal: Array, free: NDArray[np.bool_], angles: Array
+) -> tuple[Array, Array] | None:
+    """Follow the loops from q (nq,) in steps to where what is held is as in a goal (nq,)."""
+    model, scale = mechanism.model, mechanism.velocity_scale
+    change = np.where(free, 0.0, pin.difference(model, q, goal))
+    n = math.ceil(float(np.abs(change / scale).max()) / STRIDE)
+    here, before = _closed(mechanism, q, free, angles), None
+    if here is None or n > MOST_STEPS:
+        return None
+    for _ in range(n):
+        at, angles = here
+        ahead = np.where(free, 0.0 if before is None else pin.difference(model, before, at),
+                         change / n)
+        there = _closed(mechanism, pin.integrate(model, at, ahead), free, angles)
+        if there is None or _moved(mechanism, at, there[0]) > LEAP:
+            return None
+        before, here = at, there
+    return here
+
+
+def _closed(
+    mechanism: Mechanism, q: Array, free: NDArray[np.bool_], angles: Array
+) -> tuple[Array, Array] | None:
+    """Return where loops close from q (nq,), and the angles of screws; None if they do not."""
+    try:
+        found = closed(mechanism, q, free, angles, TOLERANCES.tight)
+    except SingularError:
+        return None
+    if found.error > TOLERANCES.closed:
+        return None
+    return found.q, _angles(mechanism, found.q, angles)
+
+
+def _angles(mechanism: Mechanism, q: Array, angles: Array) -> Array:
+    if not len(angles):
+        return angles
+    with closer_of(mechanism) as closer:
+        return closer.examine(q, angles).angles
+
+
+def _moved(mechanism: Mechanism, q: Array, other: Array) -> float:
+    """Return how far joints are apart, at most [rad, characteristic lengths]."""
+    way = pin.difference(mechanism.model, q, other) / mechanism.velocity_scale
+    return float(np.abs(way).max(initial=0.0))

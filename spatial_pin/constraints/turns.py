@@ -1,0 +1,116 @@
+"""Which joints turn the two frames of a screw closure about its axis: they count its turns.
+
+Two frames tell their angle within a turn. Hinges next to either frame, but for slides, whose axes
+are that of the screw turn it by their own coordinates. Where the hinges between these are parallel
+to each other, as those of a linkage that a spindle drives, nothing else turns it: the coordinates
+tell the angle. Other trees may wind about the axis; there turns are counted along a path.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import takewhile
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.constraints.composite_joints import split_of
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.parts import Closure
+from spatial_pin.numerics.linalg import Array
+
+# Sine of an angle of two axes that are one direction: files have some digits, and turns are whole
+PARALLEL = 0.05
+HALF_TURN_NOISE = 1e-9  # rad by which half a turn may be missed and is still +pi, not -pi
+
+
+class Turns(NamedTuple):
+    """What counts the turns of a screw closure.
+
+    Attributes:
+        row: (nq,) what coordinates add to the angle of its frames.
+        offset: the angle where these are zero [rad].
+        are_all: whether nothing else adds to it.
+    """
+
+    row: Array
+    offset: float
+    are_all: bool
+
+
+class _Hinge(NamedTuple):
+    """A joint between two bodies, at neutral.
+
+    Attributes:
+        q: its place in the configuration.
+        axes: (k, 3) that it turns about, world axes; none of a slide.
+        sense: 1 if it moves body 2, -1 if it moves body 1.
+    """
+
+    q: int
+    axes: Array
+    sense: int
+
+    def is_about(self, axis: Array) -> bool:
+        """Whether it turns about an axis (3,) alone."""
+        sines = np.linalg.norm(np.cross(self.axes, axis), axis=1)
+        return len(sines) == 1 and sines[0] < PARALLEL
+
+
+def turns_of(mechanism: Mechanism, closure: Closure) -> Turns:
+    """Return what counts the turns of a screw closure."""
+    model, carriers = split_of(mechanism)
+    ends, frames = [], []
+    for name in closure.frames:
+        joint, placement = mechanism.frame_on_joint(name)
+        ends.append(int(carriers[joint]))
+        frames.append(_placement(model, ends[-1]).rotation @ placement.rotation)
+    assert closure.geometry is not None
+    one, two = frames[0] @ closure.geometry.axes1, frames[1] @ closure.geometry.axes2
+    hinges = _between(model, *ends)
+    first = list(takewhile(lambda x: x.is_about(one[:, 2]), hinges))
+    rest = hinges[len(first) :][::-1]
+    last = list(takewhile(lambda x: x.is_about(two[:, 2]), rest))
+    row = np.zeros(mechanism.model.nq)
+    for hinge, axis in [*((x, one[:, 2]) for x in first), *((x, two[:, 2]) for x in last)]:
+        row[hinge.q] += hinge.sense * math.copysign(1.0, float(hinge.axes[0] @ axis))
+    middle = rest[len(last) :]
+    are_all = bool(first or last) and all(x.is_about(middle[0].axes[0]) for x in middle)
+    if middle and are_all:
+        two = _aligning(middle[0].axes[0], two[:, 2], one[:, 2]) @ two
+    angle = math.atan2(one[:, 1] @ two[:, 0], one[:, 0] @ two[:, 0])
+    return Turns(row, angle if angle > HALF_TURN_NOISE - math.pi else angle + 2.0 * math.pi,
+                 are_all)
+
+
+def _placement(model: pin.Model, joint: int) -> pin.SE3:
+    """Return where a joint is at neutral: a `pin.Data` of many loops is large."""
+    found = pin.SE3.Identity()
+    for i in list(model.supports[joint])[1:]:
+        found = found * model.jointPlacements[i]
+    return found
+
+
+def _between(model: pin.Model, one: int, two: int) -> list[_Hinge]:
+    """Return the joints that turn a body relative to another, from body 1 to body 2."""
+    ways = [list(model.supports[body]) for body in (one, two)]
+    shared = sum(1 for a, b in zip(*ways, strict=False) if a == b)
+    up = [_hinge(model, i, -1) for i in ways[0][shared:][::-1]]
+    down = [_hinge(model, i, 1) for i in ways[1][shared:]]
+    return [hinge for hinge in [*up, *down] if len(hinge.axes)]
+
+
+def _hinge(model: pin.Model, i: int, sense: int) -> _Hinge:
+    joint = model.joints[i]
+    data = joint.createData()
+    joint.calc(data, pin.neutral(model))
+    turns = np.array(data.S).reshape(6, -1)[3:].T
+    axes = turns[turns.any(axis=1)] @ _placement(model, i).rotation.T
+    return _Hinge(int(model.idx_qs[i]), axes, sense)
+
+
+def _aligning(axis: Array, one: Array, two: Array) -> Array:
+    """Return the rotation (3, 3) about an axis that takes a direction nearest to another."""
+    sine, cosine = axis @ np.cross(one, two), one @ two - (axis @ one) * (axis @ two)
+    return pin.exp3(axis * math.atan2(sine, cosine))

@@ -1,0 +1,263 @@
+"""What the motion of some coordinates depends on: the rest of a mechanism need not be determined.
+
+A loop depends on all coordinates that its closures tie together, and on none that is held. What
+hangs on nothing that is driven or asked for, such as a tool that lies beside a robot, or the loops
+of another leg, is left out: it stands, and its closures with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spatial_pin.assembly.holding import Hold, free_bases, velocity_entries
+from spatial_pin.assembly.rank_loss import rank_loss
+from spatial_pin.assembly.search.loop_groups import LoopGroup, loop_groups, part_of
+from spatial_pin.assembly.state import State, made
+from spatial_pin.checks import names_of
+from spatial_pin.constraints.closure_equations import evaluation_of
+from spatial_pin.constraints.workspaces import made_once
+from spatial_pin.errors import SingularError
+from spatial_pin.kernel.kernel import Kernel, kernel_of
+from spatial_pin.kernel.paths import Samples
+from spatial_pin.kernel.rates import Chosen, Rates
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
+from spatial_pin.numerics.linalg import Array, common_rows, independent_rows, null_space
+from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.rates.determined import Prescription, chosen_at
+from spatial_pin.rates.rates import prescribed_first, wanted_coordinates
+
+
+class Part(NamedTuple):
+    """A part of a mechanism, with all coordinates.
+
+    Attributes:
+        mechanism: with the closures of the part only.
+        entries: (nv,) the velocities that it depends on.
+        angles: which of the whole mechanism's angles that count turns are its own.
+        others: the groups of loops that it is without.
+    """
+
+    mechanism: Mechanism
+    entries: NDArray[np.bool_]
+    angles: list[int]
+    others: tuple[LoopGroup, ...]
+
+    def state(self, state: State) -> State:
+        """Return a state of the whole mechanism as one of the part, at rest."""
+        return made(self.mechanism, state.q, None, None, closure_error=state.closure_error,
+                    angles=state.angles[self.angles])
+
+
+@made_once
+def part_for(mechanism: Mechanism, entries: tuple[int, ...], fixed: tuple[int, ...]) -> Part | None:
+    """Return the part that velocities depend on; None where that is all of the mechanism.
+
+    Args:
+        mechanism: the mechanism.
+        entries: places in the velocity vector.
+        fixed: those that are held or driven.
+    """
+    own = np.zeros(mechanism.model.nv, dtype=bool)
+    own[list(entries)] = True
+    moving = own.copy()
+    moving[list(fixed)] = False
+    groups = loop_groups(mechanism, fixed)
+    mine = [group for group in groups if (group.entries & moving).any()]
+    for group in mine:
+        own |= group.entries
+    left = ~own
+    left[list(fixed)] = False
+    if len(mine) == len(groups) and not left.any():
+        return None
+    chosen = {name for group in mine for name in group.closures}
+    names = tuple(dict.fromkeys(c.name for c in mechanism.closures if c.name in chosen))
+    passives = tuple(p for p in mechanism.passives
+                     if _is_of(mechanism, mechanism.frame_on_joint(p.body)[0], own))
+    return Part(part_of(mechanism, names).with_fields(passives=passives, memo={}), own,
+                sorted(at for group in mine for at in group.angles),
+                tuple(group for group in groups if not any(group is x for x in mine)))
+
+
+def _is_of(mechanism: Mechanism, joint: int, entries: NDArray[np.bool_]) -> bool:
+    model = mechanism.model
+    return bool(entries[model.idx_vs[joint] : model.idx_vs[joint] + model.nvs[joint]].any())
+
+
+def places(driven: Iterable[Coordinate]) -> tuple[int, ...]:
+    """Return the places in the velocity vector of coordinates that are entries of it."""
+    return tuple(c.v for c in driven if c.q >= 0 or isinstance(c, VelocityEntry))
+
+
+class Placed(NamedTuple):
+    """What determines the velocity of a frame.
+
+    Attributes:
+        state: of the mechanism, or of the part that the frame depends on.
+        given: what is prescribed of it.
+        columns: which of what moves that is, of all that was asked for.
+        chosen: the equations, where these are not clear.
+    """
+
+    state: State
+    given: Prescription
+    columns: list[int]
+    chosen: Chosen | None
+
+    def rates(self, kernel: Kernel) -> Rates:
+        """Return what solves for rates there, in a kernel of the state's mechanism."""
+        rates = self.given.rates(kernel)
+        rates.place(self.state.q, self.state.angles, self.chosen)
+        return rates
+
+    def among_all(self, found: Array, n: int) -> Array:
+        """Return columns (k, m) of what moves here among all n; the others are zero."""
+        if len(self.columns) == n:
+            return found
+        whole = np.zeros((len(found), n))
+        whole[:, self.columns] = found
+        return whole
+
+
+def all_determined(state: State, given: Prescription) -> Placed | None:
+    """Return what determines the velocity of all frames; None where that is not clear."""
+    with kernel_of(state.mechanism) as kernel:
+        if given.rates(kernel).place(state.q, state.angles):
+            return Placed(state, given, list(range(given.n_moving)), None)
+    return None
+
+
+def frame_determined(state: State, given: Prescription, frame: int) -> Placed:
+    """Return what determines the velocity of a frame of a closed state.
+
+    Raises:
+        SingularError: nothing does.
+    """
+    model = state.mechanism.model
+    carriers = list(model.supports[model.frames[frame].parentJoint])[1:]
+    return entries_determined(state, given, tuple(v for i in carriers for v in velocity_entries(
+        state.mechanism, model.names[i])), frame)
+
+
+def entries_determined(
+    state: State, given: Prescription, entries: tuple[int, ...], frame: int | None = None
+) -> Placed:
+    """Return what determines velocities of a closed state.
+
+    Args:
+        state: the state.
+        given: what is prescribed.
+        entries: places of the velocities.
+        frame: that they move, if its velocity alone is to be determined.
+
+    Raises:
+        SingularError: nothing does.
+    """
+    asked = {*entries, *places(given.driven)} - {*given.still}
+    part = part_for(state.mechanism, tuple(sorted(asked)), tuple(sorted(given.still)))
+    if part is None:
+        return Placed(state, given, list(range(given.n_moving)), chosen_at(state, given, frame))
+    driven = [k for k, c in enumerate(given.driven) if part.entries[c.v]]
+    columns = [k for k in driven if k < given.n_moving]
+    still = {*given.still, *np.flatnonzero(~part.entries).tolist()}
+    own = Prescription([given.driven[k] for k in driven], len(columns), tuple(sorted(still)))
+    there = part.state(state)
+    return Placed(there, own, columns, chosen_at(there, own, frame))
+
+
+class Depending(NamedTuple):
+    """A motion of a part of a mechanism.
+
+    Attributes:
+        state: of the part.
+        hold: what stands still in it.
+        held: the same of the whole mechanism, as few as hold the rest.
+        whole: the state of the whole mechanism.
+        angles: which of its angles that count turns are the part's.
+    """
+
+    state: State
+    hold: tuple[str, ...]
+    held: tuple[str, ...]
+    whole: State
+    angles: list[int]
+
+    def of_whole(self, samples: Samples) -> Samples:
+        """Return samples of the part as samples of the whole mechanism."""
+        angles = np.repeat(self.whole.angles[None], len(samples.q), axis=0)
+        angles[:, self.angles] = samples.angles
+        return samples._replace(
+            angles=angles, error=np.maximum(samples.error, self.whole.closure_error))
+
+
+def depending_on(state: State, names: Sequence[str], hold: Hold) -> Depending | None:
+    """Return the part of a mechanism that moves with coordinates, where all of it is undetermined.
+
+    None where all is determined, where the part is all there is, where a free base moves that
+    nobody holds, and where loops lose equations.
+
+    Args:
+        state: closed.
+        names: the coordinates that move.
+        hold: what stands still besides.
+    """
+    mechanism = state.mechanism
+    driven, still = prescribed_first(mechanism, names, hold)
+    n = len(wanted_coordinates(mechanism, names))
+    fixed = (*still, *places(driven[n:]))
+    part = part_for(mechanism, tuple(c.v for c in driven[:n]), tuple(sorted(fixed)))
+    if part is None or _is_determined(state, Prescription(driven, len(driven), still)):
+        return None
+    rest = ~part.entries
+    rest[list(fixed)] = False
+    bases = [v for joint in free_bases(mechanism) for v in velocity_entries(mechanism, joint)]
+    if rest[bases].any() or not _is_regular(state):
+        return None
+    own = () if hold is None else tuple(names_of(hold, "hold"))
+    few = _few(state, part, rest)
+    return Depending(part.state(state), (*own, *_named(mechanism, rest)),
+                     (*own, *_named(mechanism, few)), state, part.angles)
+
+
+def _is_determined(state: State, given: Prescription) -> bool:
+    try:
+        chosen_at(state, given)
+    except SingularError:
+        return False
+    return True
+
+
+def _is_regular(state: State) -> bool:
+    """Whether no loops lose equations at a closed state."""
+    with evaluation_of(state.mechanism, state.angles) as evaluation:
+        evaluation.update(state.q)
+        rows = evaluation.jacobian[: evaluation.constraints.n_closure]
+        return not rank_loss(evaluation, state.q, len(independent_rows(rows)))
+
+
+def _named(mechanism: Mechanism, entries: NDArray[np.bool_]) -> list[str]:
+    """Return the names of coordinates, or of joints that turn in space, that velocities are of."""
+    return list(dict.fromkeys(c.name if c.q >= 0 else c.joint
+                              for c in mechanism.coordinate_table.values() if entries[c.v]))
+
+
+def _few(state: State, part: Part, rest: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return (nv,) velocities that hold all the rest: of loops as many as they have freedoms."""
+    found = rest.copy()
+    with evaluation_of(state.mechanism, state.angles) as evaluation:
+        evaluation.update(state.q)
+        labels = evaluation.constraints.labels
+        for group in part.others:
+            rows = [i for i, label in enumerate(labels) if label.closure in group.closures]
+            own = np.flatnonzero(group.entries & rest)
+            freedoms: Array = null_space(
+                evaluation.jacobian[rows][:, own], TOLERANCES.half_precision).T
+            chosen = common_rows(freedoms[None], np.zeros((0, freedoms.shape[1])),
+                                 freedoms.shape[1])
+            found[own] = False
+            found[own[chosen]] = True
+    return found

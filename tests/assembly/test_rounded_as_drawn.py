@@ -1,0 +1,147 @@
+"""Loops that close as drawn, though their numbers are rounded: they move all the same."""
+
+import warnings
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from variety import paired
+
+import spatial_pin as sp
+
+pytestmark = [pytest.mark.delicate,
+              pytest.mark.filterwarnings("ignore::spatial_pin.SpatialPinWarning")]
+CORNERS = np.array([(0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.25, 0.21, 0.0), (0.3, 0.0, 0.0)])
+EXACT = 17
+
+
+def four_bar(digits=EXACT, off=0.0, kind="revolute", tilt=(0.3, -0.5, 0.2), **keys):
+    """A plane four-bar in space, its numbers rounded to some digits, closed as drawn.
+
+    The closure's frames are placed on both links where the drawn pose has the last pin, so that the
+    loop closes exactly there. `off` [rad] tilts the pin between crank and coupler.
+    """
+    rng, plane = np.random.default_rng(4), pin.exp3(np.array(tilt))
+    turns = [pin.exp3(rng.normal(size=3)) for _ in range(3)]  # of the links' frames
+    world = [pin.SE3(turn, plane @ corner) for turn, corner in zip(
+        turns, CORNERS[[0, 1, 3]], strict=True)]
+    model, joints = pin.Model(), []
+    model.gravity.linear = plane @ np.array([0.0, -9.81, 0.0])
+    for k, (name, parent) in enumerate((("crank", 0), ("coupler", 1), ("rocker", 0))):
+        above = world[parent - 1] if parent else pin.SE3.Identity()
+        place = above.actInv(world[k])
+        axis = turns[k].T @ plane @ np.array([0.0, off if name == "coupler" else 0.0, 1.0])
+        rpy = np.round(pin.rpy.matrixToRpy(place.rotation), digits)
+        rounded = pin.SE3(pin.rpy.rpyToMatrix(rpy), np.round(place.translation, digits))
+        joints.append(model.addJoint(parent, pin.JointModelRevoluteUnaligned(
+            np.round(axis, digits) / np.linalg.norm(np.round(axis, digits))), rounded, name))
+        com = turns[k].T @ plane @ np.array([0.05, 0.02, 0.0])
+        model.appendBodyToJoint(joints[-1], pin.Inertia(1.0, com, 0.01 * np.eye(3)),
+                                pin.SE3.Identity())
+    data = model.createData()
+    pin.forwardKinematics(model, data, pin.neutral(model))
+    pin_place = pin.SE3(plane, plane @ CORNERS[2])
+    frames = [(name, data.oMi[joint].actInv(pin_place))
+              for name, joint in (("coupler", joints[1]), ("rocker", joints[2]))]
+    closure = getattr(sp.closures, kind)(*frames, name="pin")
+    return sp.Mechanism.from_model(model, [closure], drivers=["crank"], name="drawn", **keys)
+
+
+def answers(mechanism):
+    """Mobility, acceleration, holding torque, a sweep, a Jacobian and a simulated motion."""
+    state = sp.assemble(mechanism)
+    motion = sp.sweep(mechanism, "crank", np.linspace(0.0, 0.6, 7), speed=2.0)
+    return (sp.mobility(mechanism, state).dof, sp.forward_dynamics(mechanism, state).a,
+            sp.inverse_dynamics(mechanism, state).efforts["crank"],
+            motion.coordinate("rocker").value, motion.coordinate("rocker").acceleration,
+            sp.jacobian(mechanism, state, "rocker"),
+            sp.simulate(mechanism, state, 0.2).coordinate("crank").value)
+
+
+@pytest.mark.parametrize(("digits", "kind"), paired(
+    [15, 12, 10, 9, 8, 7, 6, 5, 4], ["revolute", "spherical"]))
+def test_a_drawn_four_bar_in_rounded_numbers_answers_as_the_exact_one(digits, kind):
+    exact, found = answers(four_bar(kind=kind)), answers(four_bar(digits, kind=kind))
+    assert found[0] == exact[0] == 1
+    for x, y in zip(found[1:], exact[1:], strict=True):
+        assert np.abs(x - y).max() < 30.0 * 10.0**-digits * (1.0 + np.abs(y).max()) + 1e-10
+
+
+@pytest.mark.parametrize("off", [1e-11, 1e-9, 1e-7, 1e-5, 1e-4])
+def test_a_hinge_that_is_hardly_tilted_leaves_a_freedom(off):
+    exact, found = answers(four_bar()), answers(four_bar(off=off))
+    assert found[0] == 1
+    assert np.abs(found[1] - exact[1]).max() < 10.0 * off * np.abs(exact[1]).max() + 1e-10
+
+
+def test_it_is_told_once_and_carried_by_states_and_motions():
+    mechanism = four_bar(6)
+    with pytest.warns(sp.SpatialPinWarning, match=r"3 of 5 equations of 'pin' hold to \de-0"):
+        state = sp.assemble(mechanism)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        motion = sp.sweep(mechanism, "crank", np.linspace(0.0, 0.5, 6))
+        sp.forward_dynamics(mechanism, sp.assemble(mechanism, {"crank": 0.1}))
+    assert state.gap < 1e-12  # as drawn it closes
+    assert 1e-8 < motion.state(-1).gap < 1e-5
+    assert motion.closure_error.max() < 1e-13
+
+
+def test_gap_0_takes_the_numbers_as_exact():
+    mechanism = four_bar(6, gap=0.0)
+    state = sp.assemble(mechanism)
+    assert sp.mobility(mechanism, state).dof == 0 and state.mechanism is mechanism
+    with pytest.raises(sp.SpatialPinError, match=r"if its file's numbers are rounded .* gap="):
+        sp.sweep(mechanism, "crank", np.linspace(0.0, 0.5, 6))
+    again = four_bar(6)
+    assert sp.assemble(again, gap=0.0).mechanism is again
+    assert sp.assemble(again).mechanism.whole is again
+
+
+def test_where_digits_are_too_few_the_refusal_names_the_gap_that_would_do():
+    mechanism = four_bar(off=3e-3)
+    with pytest.raises(sp.SingularError, match=r"load\(\.\.\., gap=\de-0\d\)") as refused:
+        sp.sweep(mechanism, "crank", np.linspace(0.0, 0.5, 6))
+    report = str(sp.mobility(mechanism))
+    assert "mobility of drawn: 0" in report and "gap=" in report
+    gap = float(str(refused.value).partition("gap=")[2].partition(")")[0])
+    wide = four_bar(off=3e-3, gap=gap)
+    assert sp.mobility(wide).dof == 1
+    assert sp.sweep(wide, "crank", np.linspace(0.0, 0.5, 6)).state(-1).gap < gap
+
+
+def test_a_motion_ends_where_redundant_equations_open_beyond_the_gap():
+    mechanism = four_bar(off=2e-4, gap=2e-4)
+    values = np.linspace(0.0, 3.0, 61)
+    motion = sp.sweep(mechanism, "crank", values, on_limit="stop")
+    assert motion.events[-1].kind == "gap" and motion.driver[-1] == pytest.approx(1.0, abs=0.1)
+    with pytest.raises(sp.LimitError, match="redundant equations of closure 'pin'") as end:
+        sp.sweep(mechanism, "crank", values)
+    assert len(end.value.motion) == len(motion)
+
+
+def test_save_keeps_the_gap(tmp_path):
+    mechanism = four_bar(6, gap=2e-5)
+    again = sp.load(mechanism.save(tmp_path / "saved"))
+    assert again.gap == 2e-5 and sp.load(again.path, gap=0.0).gap == 0.0
+
+
+# ------------------------------------------------------------ what bends sharply
+
+
+@pytest.mark.parametrize("play", [1e-1, 1e-3, 1e-4, 1e-6])
+def test_a_four_bar_of_little_play_moves_on_its_small_oval(play):
+    """Ground as long as the other three rods less a play: the crank swings a little to and fro."""
+    rods = (1.0, 1.0, 1.0)
+    model = pin.Model()
+    for name, parent, x in (("crank", 0, 0.0), ("coupler", 1, rods[0]), ("rocker", 0, None)):
+        at = 3.0 - play if x is None else x
+        place = pin.SE3(np.eye(3), np.array([at, 0.0, 0.0]))
+        model.addJoint(parent, pin.JointModelRZ(), place, name)
+    ends = [("coupler", pin.SE3(np.eye(3), np.array([rods[1], 0.0, 0.0]))),
+            ("rocker", pin.SE3(np.eye(3), np.array([-rods[2], 0.0, 0.0])))]
+    mechanism = sp.Mechanism.from_model(model, [sp.closures.revolute(*ends, name="pin")],
+                                        drivers=["crank"])
+    reach = np.arccos(1.0 - 0.2 * play)  # well inside of what the crank can do
+    state = sp.assemble(mechanism, {"crank": 0.3 * reach})
+    assert sp.mobility(mechanism, state).dof == 1

@@ -1,0 +1,17 @@
+"""Mechanisms of the library, read once a process: reading one takes longer than most tests."""
+
+import pickle
+from functools import cache
+
+import spatial_pin as sp
+
+
+@cache
+def _pickled(name: str, dimensions: tuple[tuple[str, float], ...]) -> bytes:
+    assert name in sp.list_mechanisms(), "other files may change between two tests"
+    return pickle.dumps(sp.load(name, **dict(dimensions)))
+
+
+def library(name: str, **dimensions: float) -> sp.Mechanism:
+    """Return what `sp.load` does: a mechanism of its own, of which nothing was computed before."""
+    return pickle.loads(_pickled(name, tuple(dimensions.items())))
