@@ -22,8 +22,6 @@ from spatial_pin.constraints.workspaces import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 
-TURN, SLIDE, SCREW, BALL, FREE = 1, 2, 3, 4, 5  # as JointKind of core/kernel.h
-AXIAL = {"R": TURN, "P": SLIDE, "H": SCREW}  # by the first letter of Pinocchio's names
 
 Ints = NDArray[np.int64]
 
