@@ -91,7 +91,7 @@ class KernelTree:
     def _make_buffers(self) -> None:
         n, nv = self._split.njoints, self.model.nv
         self._q, self._v, self._a = np.empty(self.model.nq), np.empty(nv), np.empty(nv)
-        self._tau, self._scratch = np.empty(nv), np.empty((2, nv))
+        self._tau, self._scratch, self._facts = np.empty(nv), np.zeros((3, nv)), np.empty(3)
         self._R, self._p = np.empty((n, 3, 3)), np.empty((n, 3))
         self._moving = np.empty((2, n, 6))
         self._at = [address(x) for x in (self._q, self._v, self._a)]
@@ -238,14 +238,22 @@ class KernelTree:
             _check(code)
         return not code
 
-    def complete(self, force: Array, a: Array) -> float:
+    def complete(self, force: Array, a: Array) -> tuple[float, float, float]:
         """Complete the accelerations (nv,) of the core by those of the rest, after `eliminate`.
 
         Returns:
-            Their round-off, as a correction shows it, by scale.
+            By scale: the largest, the largest correction, and the largest that round-off of
+            motions and wrenches makes.
         """
-        return float(self._library.tree_accelerations(
-            self._handle, address(force), address(a), address(self._scratch)))
+        self._library.tree_accelerations(
+            self._handle, address(force), address(a), address(self._scratch), address(self._facts))
+        largest, corrected, rounding = self._facts.tolist()
+        return largest, corrected, rounding
+
+    def response(self, force: Array) -> float:
+        """Return the largest acceleration, by scale, under joint forces (nv,) alone, likewise."""
+        return float(self._library.tree_respond(
+            self._handle, address(force), address(self._scratch)))
 
 
 def _check(code: int) -> None:

@@ -122,7 +122,8 @@ def _declared(found: ctypes.CDLL) -> ctypes.CDLL:
     found.tree_forces.restype, found.tree_forces.argtypes = None, [POINTER] * 7
     found.tree_masses.restype, found.tree_masses.argtypes = None, [POINTER] * 4
     found.tree_eliminate.argtypes = [POINTER] * 7
-    found.tree_accelerations.restype, found.tree_accelerations.argtypes = REAL, [POINTER] * 4
+    found.tree_respond.restype, found.tree_respond.argtypes = REAL, [POINTER] * 3
+    found.tree_accelerations.restype, found.tree_accelerations.argtypes = None, [POINTER] * 5
     _declare_dynamics(found)
     return found
 

@@ -22,7 +22,6 @@ from spatial_pin.constraints.workspaces import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 
-
 Ints = NDArray[np.int64]
 
 

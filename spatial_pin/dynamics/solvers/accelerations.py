@@ -113,7 +113,8 @@ class MotionEquations(Loops):
             self.check_rank(limbs.kkt.rank)
             if self._is_large and not limbs.kkt.pivot >= TOLERANCES.rank:
                 return False
-        return self._is_large or is_long(self.model) or limbs.error <= DOUBTFUL
+        return (limbs.error <= DOUBTFUL or self._is_large or is_long(self.model)
+                or limbs.is_of_forces)
 
     def _borne_by_core(self) -> Array:
         """Return the joint forces (nv,) of the closures, as `Limbs` found them."""

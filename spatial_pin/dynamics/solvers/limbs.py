@@ -20,6 +20,8 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import EPS
 
+LEAST_ERROR = 16.0 * EPS  # of accelerations: of their forces, rounded some times
+
 
 class Limbs:
     """The joints of a mechanism that no loop is built on, and the core that is left.
@@ -44,6 +46,7 @@ class Limbs:
         self.exist = bool(len(self._open))
         self.a, self._needed, self._force = np.zeros((3, model.nv))
         self._scale, self.error = mechanism.velocity_scale, 0.0
+        self._rounding = EPS * np.random.default_rng(0).choice([-1.0, 1.0], model.nv)
 
     @cached_property
     def _entries(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -80,10 +83,16 @@ class Limbs:
         self.error = 0.0
         if self.kkt is not None:
             self._solve_core(self.kkt, state, reference)
-        changed = self._tree.complete(self._force, self.a)
-        largest = float(np.abs(self.a / self._scale).max(initial=0.0))
-        self.error = max(self.error, EPS, changed / largest if largest else 0.0)
+        largest, corrected, rounding = self._tree.complete(self._force, self.a)
+        largest = largest or 1.0
+        self.error = max(self.error, LEAST_ERROR, (corrected + rounding) / largest)
         return True
+
+    @property
+    def is_of_forces(self) -> bool:
+        """Whether round-off of the joint forces is most of `error`: no solver can know more."""
+        rounding = self._tree.response(self._rounding * self._force)
+        return self.error * float(np.abs(self.a / self._scale).max()) <= 10.0 * rounding
 
     def _solve_core(self, kkt: KKT, state: State, reference: Array) -> None:
         """Put the accelerations of the core into `a`, by its KKT system."""

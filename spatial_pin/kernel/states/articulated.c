@@ -9,6 +9,8 @@
  * and forces a solver of the loops is given. Without loops there is no core. A joint of several
  * freedoms is eliminated one freedom after the other. */
 #include <float.h>
+#include <stdint.h>
+#include <math.h>
 #include <string.h>
 
 #include "kernel.h"
@@ -245,11 +247,24 @@ static void add_inertia(const Real *from, const Real *r, Real *to)
     for (int i = 0; i < 9; i++) {
         to[i] += A[i];
         to[9 + i] += moved[i];
-        to[18 + i] += C[i] - turned[i] + again[i];
+        moved[i] = C[i] - turned[i] + again[i];
     }
+    for (int i = 0; i < 3; i++)
+        for (int l = 0; l < 3; l++)
+            to[18 + 3 * i + l] += 0.5 * (moved[3 * i + l] + moved[3 * l + i]);
 }
 
 /* ---------------------------------------------------------------- forces of a motion */
+
+/* Wrenches that the bodies need at their accelerations, each without what it carries. */
+static void put_needed(Tree *s)
+{
+    for (Int j = 1; j < s->k->n_joints; j++) {
+        put_body(s, j);
+        memcpy(s->needed + 6 * j, s->wrench + 6 * j, 6 * sizeof(Real));
+        add_inertia_times(s->inertia + 27 * j, s->motion + 6 * j, s->needed + 6 * j);
+    }
+}
 
 /* Wrenches that all bodies need with all that they carry, about their origins. */
 static void gather_wrenches(Tree *s, Real *tau, const Real *a)
@@ -273,11 +288,7 @@ EXPORT void tree_forces(Tree *s, const Real *q, const Real *v, const Real *a, co
     memcpy(s->armature, armature, (size_t)k->nv * sizeof *armature);
     move_bodies(s, q, v);
     accelerate_bodies(s, a);
-    for (Int j = 1; j < k->n_joints; j++) {
-        put_body(s, j);
-        memcpy(s->needed + 6 * j, s->wrench + 6 * j, 6 * sizeof(Real));
-        add_inertia_times(s->inertia + 27 * j, s->motion + 6 * j, s->needed + 6 * j);
-    }
+    put_needed(s);
     gather_wrenches(s, tau, a);
     if (handed_on)
         memcpy(handed_on, s->needed, (size_t)(6 * k->n_joints) * sizeof *handed_on);
@@ -434,23 +445,53 @@ EXPORT int tree_eliminate(Tree *s, const Real *q, const Real *v, const Real *for
     return DONE;
 }
 
-/* What is missing (nv) of the joint forces of the eliminated freedoms at accelerations a (nv). */
+/* What is missing (nv) of the joint forces at accelerations a (nv). */
 static void find_missing(Tree *s, const Real *a, const Real *force, Real *missing)
 {
-    const Kernel *k = s->k;
     accelerate_bodies(s, a);
-    for (Int j = 1; j < k->n_joints; j++) {
-        put_body(s, j);
-        memcpy(s->needed + 6 * j, s->wrench + 6 * j, 6 * sizeof(Real));
-        add_inertia_times(s->inertia + 27 * j, s->motion + 6 * j, s->needed + 6 * j);
-    }
+    put_needed(s);
     gather_wrenches(s, missing, a);
-    for (Int v = 0; v < k->nv; v++)
+    for (Int v = 0; v < s->k->nv; v++)
         missing[v] = force[v] - missing[v];
 }
 
-/* Accelerations (nv) of eliminated freedoms under joint forces `missing` alone, the core at rest. */
-static void correct(Tree *s, const Real *missing, Real *a)
+/* out += round-off of numbers (6), of signs as a coin gives them. */
+static void add_rounding(const Real *numbers, uint64_t *coin, Real *out)
+{
+    for (int i = 0; i < 6; i++) {
+        *coin = *coin * 6364136223846793005u + 1442695040888963407u;
+        out[i] += (*coin >> 63 ? DBL_EPSILON : -DBL_EPSILON) * numbers[i];
+    }
+}
+
+/* Joint forces (nv) that there may be too many or too few, after `find_missing`: every motion and
+ * every wrench of a body is rounded once. */
+static void find_rounding(Tree *s, Real *rounding)
+{
+    const Kernel *k = s->k;
+    uint64_t coin = 1;
+    for (Int j = 1; j < k->n_joints; j++) {
+        Real off[6] = {0.0}, *moved = s->velocity + 6 * j; /* which nobody needs any more */
+        carry_motion(s->velocity + 6 * k->parent[j], s->arm + 3 * j, moved);
+        add_rounding(s->motion + 6 * j, &coin, moved);
+        add_rounding(s->needed + 6 * j, &coin, off);
+        add_inertia_times(s->inertia + 27 * j, moved, off);
+        memcpy(s->needed + 6 * j, off, sizeof off);
+    }
+    gather_wrenches(s, rounding, NULL);
+}
+
+static Real largest_of(const Kernel *k, const Real *a)
+{
+    Real found = 0.0;
+    for (Int v = 0; v < k->nv; v++)
+        found = fmax(found, fabs(a[v] / k->scale[v]));
+    return found;
+}
+
+/* Accelerations (nv) of eliminated freedoms under joint forces (nv) alone, after `tree_eliminate`,
+ * by scale the largest; the core rests. */
+EXPORT Real tree_respond(Tree *s, const Real *force, Real *a)
 {
     const Kernel *k = s->k;
     memset(s->wrench, 0, (size_t)(6 * k->n_joints) * sizeof *s->wrench);
@@ -459,7 +500,7 @@ static void correct(Tree *s, const Real *missing, Real *a)
         if (s->is_core[j])
             continue;
         for (Int v = k->iv[j]; v < k->iv[j] + joint_nv(k->kind[j]); v++) {
-            s->missing[v] = missing[v] - dot(p, s->column + 6 * v, 6);
+            s->missing[v] = force[v] - dot(p, s->column + 6 * v, 6);
             for (int i = 0; i < 6; i++)
                 p[i] += s->pull[6 * v + i] * (s->missing[v] / s->own[v]);
         }
@@ -474,15 +515,17 @@ static void correct(Tree *s, const Real *missing, Real *a)
         carry_motion(s->motion + 6 * k->parent[j], s->arm + 3 * j, motion);
         restore(s, j, motion, a);
     }
+    return largest_of(k, a);
 }
 
 /* Accelerations (nv) of the eliminated freedoms, those of the core given, after `tree_eliminate`
- * with these forces; corrected once by what is missing in the forces, and by how much that changed
- * the largest, by scale. `scratch` (2 nv). */
-EXPORT Real tree_accelerations(Tree *s, const Real *force, Real *a, Real *scratch)
+ * with these forces; corrected once by what is missing in the forces. Facts (3), by scale: the
+ * largest, the largest correction, and the largest that round-off of wrenches makes of itself.
+ * `scratch` (3 nv), for the core zeros. */
+EXPORT void tree_accelerations(Tree *s, const Real *force, Real *a, Real *scratch, Real *facts)
 {
     const Kernel *k = s->k;
-    Real *missing = scratch, *more = scratch + k->nv, changed = 0.0;
+    Real *missing = scratch, *rounding = missing + k->nv, *more = rounding + k->nv;
     for (Int j = 1; j < k->n_joints; j++) {
         Real *motion = s->motion + 6 * j;
         carry_motion(s->motion + 6 * k->parent[j], s->arm + 3 * j, motion);
@@ -494,11 +537,10 @@ EXPORT Real tree_accelerations(Tree *s, const Real *force, Real *a, Real *scratc
             restore(s, j, motion, a);
     }
     find_missing(s, a, force, missing);
-    memset(more, 0, (size_t)k->nv * sizeof *more);
-    correct(s, missing, more);
-    for (Int v = 0; v < k->nv; v++) {
+    find_rounding(s, rounding);
+    facts[2] = tree_respond(s, rounding, more);
+    facts[1] = tree_respond(s, missing, more);
+    for (Int v = 0; v < k->nv; v++)
         a[v] += more[v];
-        changed = fmax(changed, fabs(more[v] / k->scale[v]));
-    }
-    return changed;
+    facts[0] = largest_of(k, a);
 }
