@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.constraints.trees import is_large, is_long, tree_of
+from spatial_pin.constraints.kernel_tree import KernelTree
+from spatial_pin.constraints.trees import is_in_kernel
 from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
@@ -48,7 +49,7 @@ class Located(NamedTuple):
 
 
 def located(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Located | None:
-    """Return a motion of a large tree; None of one that Pinocchio takes whole.
+    """Return a motion of a tree that the kernel moves; None of a small one.
 
     Args:
         mechanism: the mechanism.
@@ -57,9 +58,9 @@ def located(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Located | Non
         a: (nv,) joint accelerations.
     """
     model = mechanism.model
-    if not (is_large(model) or is_long(model)):
+    if not is_in_kernel(model):
         return None
-    with acquired(mechanism, "tree", lambda: tree_of(model)) as tree:
+    with acquired(mechanism, "tree", lambda: KernelTree(model)) as tree:
         tree.move(q, v, a)
         return Located(model, tree.placements.copy(), tree.twists.copy(),
                        tree.accelerations.copy())

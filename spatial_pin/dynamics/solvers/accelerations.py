@@ -17,11 +17,10 @@ from typing import NamedTuple
 import numpy as np
 
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.trees import is_long
 from spatial_pin.dynamics.solvers.independent_coordinates import IndependentCoordinates
 from spatial_pin.dynamics.solvers.least_constraint import Least, LeastConstraint
 from spatial_pin.dynamics.solvers.limbs import Limbs
-from spatial_pin.dynamics.solvers.loops import Loops
+from spatial_pin.dynamics.solvers.loops import PROBED, Loops
 from spatial_pin.errors import SingularError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, independent_rows
@@ -67,7 +66,9 @@ class MotionEquations(Loops):
         """
         self.undetermined = ()
         if self.limbs.exist and self._by_limbs(given):
-            return Solution(self.limbs.a.copy(), self._borne_by_core(), self.limbs.error)
+            limbs = self.limbs
+            closures = limbs.kkt.closures.copy() if limbs.kkt else np.zeros(self.model.nv)
+            return Solution(limbs.a.copy(), closures, limbs.error)
         state, kkt = self.state, self.kkt
         needed = self.bodies.needed(state.q, state.v)
         a = self.by_kkt(state.q, state.v, self.angle_reference, given, needed).copy()
@@ -113,13 +114,8 @@ class MotionEquations(Loops):
             self.check_rank(limbs.kkt.rank)
             if self._is_large and not limbs.kkt.pivot >= TOLERANCES.rank:
                 return False
-        return (limbs.error <= DOUBTFUL or self._is_large or is_long(self.model)
+        return (limbs.error <= DOUBTFUL or self._is_large or self.model.nv > PROBED
                 or limbs.is_of_forces)
-
-    def _borne_by_core(self) -> Array:
-        """Return the joint forces (nv,) of the closures, as `Limbs` found them."""
-        kkt = self.limbs.kkt
-        return np.zeros(self.model.nv) if kkt is None else kkt.closures.copy()
 
     @property
     def _is_sure(self) -> bool:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.constraints.kernel_tree import KernelTree
 from spatial_pin.constraints.pinocchio_views import forces
-from spatial_pin.constraints.trees import related
+from spatial_pin.constraints.trees import is_in_kernel, related
 from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.numerics.linalg import Array
 
@@ -112,6 +112,6 @@ def both_halves(
             np.concatenate([places, beside]))
 
 
-def bodies_of(model: pin.Model, is_large: bool) -> Bodies:
+def bodies_of(model: pin.Model) -> Bodies:
     """Return the bodies of a tree."""
-    return (BodiesInKernel if is_large else Bodies)(model)
+    return (BodiesInKernel if is_in_kernel(model) else Bodies)(model)

@@ -14,7 +14,7 @@ from spatial_pin.assembly.rank_loss import Regular, lost_rank, rank_loss
 from spatial_pin.assembly.state import State, all_angles
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.constraints.trees import is_large, is_long
+from spatial_pin.constraints.trees import is_large
 from spatial_pin.dynamics.solvers.bodies import bodies_of
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kkt import KKT
@@ -48,7 +48,7 @@ class Loops:
         self.constraints, self.scale = constraints_of(mechanism), mechanism.velocity_scale
         self.n_closure = self.constraints.n_closure
         self._is_large = is_large(self.model) if large is None else large
-        self.bodies = bodies_of(self.model, self._is_large or is_long(self.model))
+        self.bodies = bodies_of(self.model)
         self._rest, self._no_freedoms = np.zeros(self.model.nv), np.zeros((0, self.model.nv))
         self._regular: Regular | None = None
         self._spaces: Decomposition | SparseSpaces | None = None
