@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from masses import heavy
+from recursion import accelerations
 
 import spatial_pin as sp
 
@@ -32,15 +33,14 @@ def tree(joints, n, parent_of, seed=0):
         made = model.addJoint(parent_of(k), joints[k % len(joints)], place, f"j{k}")
         model.addBodyFrame(f"link{k}", made, pin.SE3.Identity(), 0)
         model.appendBodyToJoint(made, INERTIA, pin.SE3.Identity())
-    if not isinstance(joints[0], pin.JointModelUniversal):  # there `pin.aba` is off by a thousandth
-        model.armature = np.where(rng.uniform(size=model.nv) < 0.3, 0.01, 0.0)
+    model.armature = np.where(rng.uniform(size=model.nv) < 0.3, 0.01, 0.0)
     return sp.Mechanism.from_model(model)
 
 
 def bushy(seed):
     """Return a parent for each joint such that joints are not in the order of the branches."""
     rng = np.random.default_rng(seed)
-    chosen = [int(rng.integers(max(0, k - 6), k + 1)) for k in range(200)]
+    chosen = [int(rng.integers(max(0, k - 6), k + 1)) for k in range(300)]
     return lambda k: chosen[k]
 
 
@@ -60,21 +60,42 @@ def efforts_of(mech, tau):
             if mech.coordinate(name).q >= 0}
 
 
-@pytest.mark.parametrize("shape", ["chain", "tree"])
-@pytest.mark.parametrize("n", [3, 24, 70])
-@pytest.mark.parametrize("kinds", KINDS)
-def test_accelerations_are_those_of_aba(kinds, n, shape):
+def falling(kinds, n, shape):
+    """A mechanism, its state, efforts by name, and joint forces (nv,): no motor acts on a ball."""
     mech = tree(KINDS[kinds], n, straight if shape == "chain" else bushy(n))
-    state, model = moving(mech), mech.model
-    data = model.createData()
-    tau = np.random.default_rng(3).uniform(-1, 1, model.nv)
-    efforts = efforts_of(mech, tau)
-    tau = np.array([efforts.get(name, 0.0) for name in mech.coordinates])
-    want = pin.aba(model, data, state.q, state.v, tau)
+    efforts = efforts_of(mech, np.random.default_rng(3).uniform(-1, 1, mech.model.nv))
+    return mech, moving(mech), efforts, np.array([efforts.get(c, 0.0) for c in mech.coordinates])
+
+
+def off(mech, found, want):
+    """The largest error by the largest acceleration, in the scale of each coordinate."""
+    scale = mech.velocity_scale
+    return np.abs((found - want) / scale).max() / np.abs(want / scale).max()
+
+
+# Quaternions are of unit length to round-off only: in a chain of 70 balls that counts 1e5 times.
+EXACT = [(kinds, n, shape) for n in (3, 24, 70) for kinds in KINDS for shape in ("chain", "tree")
+         if (kinds, n, shape) != ("balls", 70, "chain")]
+
+
+@pytest.mark.parametrize("kinds, n, shape", [
+    pytest.param(*case, marks=[pytest.mark.slow] * (case[1] == 70)) for case in EXACT])
+def test_accelerations_are_right_and_their_error_is_told(kinds, n, shape):
+    mech, state, efforts, tau = falling(kinds, n, shape)
     found = sp.forward_dynamics(mech, state, efforts)
-    off = np.abs(found.a - want).max() / np.abs(want).max()
-    assert off < 1e-10 and 1e-2 * off < found.error < 1e-9
-    data = model.createData()
+    error = off(mech, found.a, accelerations(mech.model, state.q, state.v, tau))
+    assert error < found.error < 40.0 * error + 5e-15
+
+
+@pytest.mark.parametrize("shape", ["chain", "tree"])
+@pytest.mark.parametrize("kinds, n", [
+    pytest.param("hinges", 300, marks=pytest.mark.slow), ("hinges", 70), ("slides and hinges", 70),
+    ("screws", 70), ("free", 70), ("balls", 24)])
+def test_accelerations_and_reactions_are_those_of_pinocchio(kinds, n, shape):
+    mech, state, efforts, tau = falling(kinds, n, shape)
+    model, data = mech.model, mech.model.createData()
+    found = sp.forward_dynamics(mech, state, efforts)
+    assert off(mech, found.a, pin.aba(model, data, state.q, state.v, tau)) < 1e-11
     pin.forwardKinematics(model, data, state.q)
     pin.rnea(model, data, state.q, state.v, found.a)
     for k in range(1, model.njoints):
@@ -84,6 +105,24 @@ def test_accelerations_are_those_of_aba(kinds, n, shape):
         own = slice(model.idx_vs[k], model.idx_vs[k] + model.nvs[k])
         if not tau[own].any() and not model.armature[own].any():
             assert force == pytest.approx(whole, abs=1e-9 * max(1.0, np.abs(whole).max()))
+
+
+@pytest.mark.parametrize("n", [1, 3, 30, 50])
+def test_forces_that_balance_are_told_from_forces_that_nearly_do(n):
+    """What is left is round-off of the forces: no solver knows more, none is tried for it."""
+    mech = tree(KINDS["hinges"], n, straight)
+    state = moving(mech)
+    rest = sp.State(mech, state.q, closure_error=0.0)
+    efforts = sp.inverse_dynamics(mech, rest).efforts
+    balanced = sp.forward_dynamics(mech, rest, efforts)
+    assert np.abs(balanced.a).max() < 1e-9
+    pushed = efforts | {"j0": efforts["j0"] + 1e-3}
+    tau = np.array([pushed[c] for c in mech.coordinates])
+    found, zero = sp.forward_dynamics(mech, rest, pushed), np.zeros(n)
+    error = off(mech, found.a, accelerations(mech.model, rest.q, zero, tau))
+    assert error < found.error < 1e-6
+    needs = lambda: sp.forward_dynamics(mech, rest, efforts)  # noqa: E731
+    assert best(needs, 5) < 5.0 * best(lambda: sp.forward_dynamics(mech, rest, pushed), 5)
 
 
 @pytest.mark.parametrize("n", [5, 70])
@@ -144,19 +183,30 @@ def test_masses_and_gravity_are_those_of_now():
 # ---------------------------------------------------------------- beside and on loops
 
 
-def with_limbs(folder, n):
-    """A four-bar that swings, arms of n hinges on its coupler and on its rocker, and one beside."""
-    tree = known.turning("crank", "ground", "one", axis=(0, 1, 0))
-    tree += known.turning("knee", "one", "two", (0.3, 0, 0), axis=(0, 1, 0))
-    tree += known.turning("rocker", "ground", "three", (0.5, 0, 0), axis=(0, 1, 0))
-    tree += known.point("end", "two", (0.5, 0, 0)) + known.point("tip", "three", (0.4, 0, 0))
-    bodies = ["one", "two", "three"]
-    for name, base in (("a", "two"), ("b", "three"), ("c", "ground")):
+def with_limbs(folder, n, below):
+    """A four-bar that swings, arms of n hinges on its coupler, its rocker and the ground.
+
+    It hangs on an arm of some hinges itself.
+    """
+    bodies, tree = [], ""
+
+    def arm(name, base, n):
+        nonlocal tree
         for k in range(n):
-            on = base if not k else f"{name}{k - 1}"
             axis = [(0, 1, 0), (1, 0, 0), (0, 0.6, 0.8)][k % 3]
-            tree += known.turning(f"{name}_{k}", on, f"{name}{k}", (0.1, 0, 0), axis=axis)
-            bodies.append(f"{name}{k}")
+            tree += known.turning(f"{name}_{k}", base, f"{name}{k}", (0.1, 0, 0), axis=axis)
+            base = f"{name}{k}"
+            bodies.append(base)
+        return base
+
+    carrier = arm("d", "ground", below)
+    tree += known.turning("crank", carrier, "one", axis=(0, 1, 0))
+    tree += known.turning("knee", "one", "two", (0.3, 0, 0), axis=(0, 1, 0))
+    tree += known.turning("rocker", carrier, "three", (0.5, 0, 0), axis=(0, 1, 0))
+    tree += known.point("end", "two", (0.5, 0, 0)) + known.point("tip", "three", (0.4, 0, 0))
+    bodies += ["one", "two", "three"]
+    for name, base in (("a", "two"), ("b", "three"), ("c", "ground")):
+        arm(name, base, n)
     text = known.closure("pin", "revolute", "end", "tip", axis=(0, 1, 0))
     text += "[drivers.crank]\njoint = \"crank\"\n[guess]\ncrank = 1.0\nknee = -0.6\nrocker = 1.6\n"
     return known.load(folder, "limbs", heavy(tree, **dict.fromkeys(bodies, BODY)), text)
@@ -174,10 +224,10 @@ def swinging(mech, seed=2):
     return sp.State(mech, state.q, v, closure_error=state.closure_error)
 
 
-@pytest.mark.parametrize("n", [3, 12])
-def test_limbs_on_loops_move_as_newton_says(n, tmp_path):
+@pytest.mark.parametrize("n, below", [(3, 0), (30, 0), (0, 6), (2, 6), (12, 30), (0, 100)])
+def test_limbs_on_loops_and_arms_below_them_move_as_newton_says(n, below, tmp_path):
     """Forces balance at every joint, and the loops stay closed."""
-    mech = with_limbs(tmp_path, n)
+    mech = with_limbs(tmp_path, n, below)
     state, model = swinging(mech), mech.model
     rng = np.random.default_rng(6)
     tau = rng.uniform(-0.3, 0.3, model.nv)
@@ -283,7 +333,7 @@ def test_cost_grows_with_the_number_of_joints(call):
 def test_two_thousand_joints_take_little_memory_and_keep_their_digits():
     """A `pin.Data` of them takes 384 GB."""
     script = """
-import resource, numpy as np, pinocchio as pin, spatial_pin as sp
+import re, resource, sys, numpy as np, pinocchio as pin, spatial_pin as sp
 model, parent = pin.Model(), 0
 for k in range(2000):
     place = pin.SE3(np.eye(3), np.array([0.1, 0.0, 0.0]))
@@ -300,12 +350,16 @@ efforts = sp.inverse_dynamics(mech, state).efforts
 found = sp.forward_dynamics(mech, state, efforts)
 state.placement("j1999"), state.acceleration("j1999")
 again = sp.inverse_dynamics(mech, found.state).efforts
-off = max(abs(again[name] - x) for name, x in efforts.items())
-print(off / max(map(abs, efforts.values())), found.error,
-      resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+lost = max(abs(again[name] - x) for name, x in efforts.items())
+if sys.platform == "linux":  # where what it was forked from is counted too
+    memory = 1e3 * float(re.search(r"VmHWM:\\s+(\\d+)", open("/proc/self/status").read())[1])
+else:
+    memory = float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+print(lost / max(map(abs, efforts.values())), abs(found.a - a).max() / abs(a).max(), found.error,
+      memory)
 """
     words = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True,
                            check=True).stdout.split()
-    off, told, memory = map(float, words)
-    assert off < 1e-14 and 1e-16 < told < 1e-8
-    assert memory < 1e6 * (1000.0 if sys.platform == "darwin" else 1.0)
+    lost, error, told, memory = map(float, words)
+    assert lost < 1e-14 and error < told < 1e-3  # efforts of 1e7 N·m hold the chain up
+    assert memory < 1e9

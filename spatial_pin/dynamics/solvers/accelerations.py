@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from spatial_pin.assembly.state import State
+from spatial_pin.constraints.trees import is_in_kernel
 from spatial_pin.dynamics.solvers.independent_coordinates import IndependentCoordinates
 from spatial_pin.dynamics.solvers.least_constraint import Least, LeastConstraint
 from spatial_pin.dynamics.solvers.limbs import Limbs
@@ -29,6 +30,8 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 # Estimated error from which on the second solver is used, at twenty times the cost: the KKT system
 # has ten digits then, and the error bound of the least constraint is less of an overestimate.
 DOUBTFUL = TOLERANCES.rank
+# Correction of a long tree's accelerations up to which what is left is small beside it.
+CORRECTED = 1e-6
 
 
 class Solution(NamedTuple):
@@ -76,6 +79,10 @@ class MotionEquations(Loops):
         self.check_rank(kkt.rank)
         if is_sure:
             return Solution(a, closures, error)
+        if is_in_kernel(self.model) and not self._is_large:
+            corrected = self._corrected(a, closures, given)
+            if corrected.error <= CORRECTED:
+                return corrected
         found = self._by_least_constraint(given)
         if not (kkt.pivot < TOLERANCES.zero or found.error < error):
             return Solution(a, closures, error)
@@ -96,6 +103,20 @@ class MotionEquations(Loops):
         self.kkt.mass[:] = self.bodies.masses(q)
         return self.kkt.accelerations(q, v, reference, given, needed)
 
+    def _corrected(self, a: Array, closures: Array, given: Array) -> Solution:
+        """Correct what the KKT system gave by what is missing in forces and closure equations.
+
+        Its estimate, from a condition, is far too large for a long arm that carries loops; by how
+        much accelerations change tells how far off they were.
+        """
+        state = self.state
+        missing = given + closures - self.bodies.needed(state.q, state.v, a)
+        opening = self.scaled @ (a / self.scale) + self.evaluation.bias(state.q, state.v)
+        (change,), (multipliers,) = self.kkt.solve(missing[None], opening[None])
+        closures = closures + (multipliers @ self.scaled) / self.scale
+        sizes = np.abs([change, a]) / self.scale
+        return Solution(a + change, closures, float(sizes[0].max() / max(sizes[1].max(), 1e-300)))
+
     @cached_property
     def limbs(self) -> Limbs:
         """What no loop is built on."""
@@ -114,8 +135,8 @@ class MotionEquations(Loops):
             self.check_rank(limbs.kkt.rank)
             if self._is_large and not limbs.kkt.pivot >= TOLERANCES.rank:
                 return False
-        return (limbs.error <= DOUBTFUL or self._is_large or self.model.nv > PROBED
-                or limbs.is_of_forces)
+        return (limbs.error <= DOUBTFUL or self._is_large or limbs.is_of_forces
+                or (limbs.kkt is None and self.model.nv > PROBED))
 
     @property
     def _is_sure(self) -> bool:
