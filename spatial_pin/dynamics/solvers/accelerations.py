@@ -1,7 +1,8 @@
 """Accelerations under forces: one ladder of solvers, tried in order until one is accurate.
 
 1. The KKT system, its independent equations and scaling chosen at the state (`kernel.kkt`), joints
-   that no loop is built on eliminated before (`limbs`): an open tree has no KKT system.
+   that no loop is built on eliminated before (`limbs`): an open tree has no KKT system. Of a tree
+   in the kernel, where the second is slow, doubtful accelerations are corrected once.
 2. Gauss's least constraint in independent coordinates, where round-off of the first may matter:
    near singular configurations of the loops, and where masses differ much or are zero.
 3. An error that says why, where no digit is left or forces do not determine the motion.
