@@ -53,6 +53,26 @@ def test_the_judge_notices_a_wrong_answer(fuzz, monkeypatch):
     assert sums.count("wrong") >= 5
 
 
+@pytest.mark.skipif(not EXTENDED, reason="the judge needs extended precision")
+def test_round_off_of_forces_on_what_falls_freely_is_no_imbalance(fuzz, monkeypatch):
+    """Centres of mass 20 m from where the links' velocities are known."""
+    from fuzzing import records
+
+    rng = np.random.default_rng(1)
+    names = [("j0", "l0", 1.0), ("j1", "l1", 1e-3)]
+    joints = [{"name": joint, "kind": "floating", "parent": "ground", "child": link,
+               "xyz": rng.normal(size=3).tolist(), "rpy": rng.normal(size=3).tolist()}
+              for joint, link, _ in names]
+    inertias = {link: {"mass": mass, "com": (20.0 * rng.normal(size=3)).tolist(),
+                       "tensor": [0.1 * mass, 0.0, 0.0, 0.1 * mass, 0.0, 0.1 * mass]}
+                for _, link, mass in names}
+    spec = {"seed": 1, "mode": "generic", "size": 1.0, "joints": joints, "frames": [],
+            "closures": [], "inertias": inertias, "springs": [], "drivers": [], "parameters": {},
+            "gravity": [0, 0, -9.81], "q": 2 * [0, 0, 0, 0, 0, 0, 1.0]}
+    monkeypatch.setattr(records, "make", lambda seed: spec)
+    assert [r["end"] for r in fuzz.judged(1, ("reactions",))] == ["right"] * 4
+
+
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::spatial_pin.SpatialPinWarning")
 def test_damaged_files_load_or_are_refused_in_words(fuzz):
