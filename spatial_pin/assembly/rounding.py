@@ -13,7 +13,7 @@ they open beyond it they are not: the mechanism is rigid, or moves within the ga
 many freedoms remain with all equations, the numbers contradict nothing, and all equations stay.
 
 Which ones stay is chosen once too: those that are independent on all of that motion, as well as
-can be.
+can be. Where none are, those that are so as far as possible from the guess.
 """
 
 from __future__ import annotations

@@ -79,3 +79,33 @@ def test_damaged_files_load_or_are_refused_in_words(fuzz):
     ends = [fuzz.Damage.judged(seed) for seed in range(60)]
     assert not [r for r in ends if r["end"] in fuzz.BAD]
     assert {r["end"] for r in ends} >= {"same", "error"}
+
+
+@pytest.mark.delicate
+@pytest.mark.parametrize("first", [
+    20, *(pytest.param(k, marks=pytest.mark.slow) for k in (40, 60, 80))])
+def test_files_of_a_few_digits_answer_as_the_exact_mechanisms(fuzz, first):
+    sums = fuzz.Sums()
+    for seed in range(first, first + 20):
+        sums.add(fuzz.drawn_checks.judged(seed))
+    assert sums.count("right") > 100
+    assert not sums.bad, str(sums)
+
+
+@pytest.mark.delicate
+def test_the_judge_of_drawn_files_notices_a_wrong_answer(fuzz, monkeypatch):
+    import spatial_pin as sp
+
+    right = sp.forward_dynamics
+
+    def wrong(mechanism, state, efforts=None):
+        found = right(mechanism, state, efforts)
+        if mechanism.name == "drawn":
+            found.a = found.a * (1 + 1e-2)
+        return found
+
+    monkeypatch.setattr(sp, "forward_dynamics", wrong)
+    sums = fuzz.Sums()
+    for seed in range(20, 30):
+        sums.add(fuzz.drawn_checks.judged(seed))
+    assert sums.count("wrong") >= 5
