@@ -310,14 +310,17 @@ def _beginnings(evaluation: Evaluation, cut: float, gap: float) -> Iterator[Samp
 def _nearby(
     evaluation: Evaluation, first: Sample, cut: float, gap: float
 ) -> Iterator[list[Sample]]:
-    """Yield paths of two radians from a configuration, closed to the gap, that one included."""
+    """Yield paths from a configuration, closed to the gap, that one included.
+
+    They are half a radian long; of a mechanism of one freedom two radians.
+    """
     model, scale = evaluation.model, evaluation.mechanism.velocity_scale
     rng, tangents = np.random.default_rng(20115), null_space(first.jacobian, cut)
     for _ in range(min(DIRECTIONS, len(tangents) ** 2)):
         direction = rng.standard_normal(len(tangents)) @ tangents
         for ahead in (direction, -direction):
             path = [first]
-            for _ in range(AHEAD * PARTS_OF_MOTION):
+            for _ in range(PARTS_OF_MOTION * (AHEAD if len(tangents) == 1 else 1)):
                 step = HALF_RADIAN / PARTS_OF_MOTION * ahead / np.abs(ahead).max()
                 found = _sample(
                     evaluation, pin.integrate(model, path[-1].q, scale * step), cut, gap)
@@ -481,20 +484,26 @@ def _choice(
     if comb(n, rank) <= FEW_CHOICES:
         choices = list(combinations(range(n), rank))
     else:
-        places = [*jacobians, np.hstack(jacobians)]
+        near, way = jacobians[: -len(paths[-1])], jacobians[-len(paths[-1]) :]
+        places = [*way, np.hstack(way), *([np.hstack(near)] if near else [])]
         choices = sorted({tuple(weighty_rows(weights[:, None] * x, rank).tolist())
                           for x in places})
-    ends = list(accumulate(map(len, paths)))
+    first = len(samples) - len(paths[-1])
+    ends = list(accumulate(map(len, paths[:-1])))
+    found = [np.round(_independence(stacked[first:, rows], samples[first:]), 6)
+             for rows in choices]
+    through = [float(np.abs(x).min()) if (np.sign(x) == np.sign(x[0])).all() else 0.0
+               for x in found]
     worths = []
-    for rows in choices:
-        found = np.round(_independence(stacked[:, rows], samples), 6)
-        same = np.where(np.sign(found) == np.sign(found[0]), np.abs(found), 0.0)
-        *near, all_through = np.split(same, ends[:-1])
-        worths.append((
-            min((float(x[: PARTS_OF_MOTION + 1].min(initial=GOOD)) for x in near), default=GOOD),
-            float(all_through.min()),
-            sum(len(list(takewhile(lambda value: value >= FAINT, x))) for x in near),
-            float(np.abs(found[-len(all_through):]).min())))
+    for k, rows in enumerate(choices):
+        near = GOOD, 0  # looked at where no choice does everywhere
+        if max(through) < GOOD and first:
+            ahead = np.round(_independence(stacked[:first, rows], samples[:first]), 6)
+            same = np.where(np.sign(ahead) == np.sign(ahead[0]), np.abs(ahead), 0.0)
+            branches = np.split(same, ends[:-1])
+            near = (min(GOOD, *(float(x[: PARTS_OF_MOTION + 1].min()) for x in branches)),
+                    sum(len(list(takewhile(lambda value: value >= FAINT, x))) for x in branches))
+        worths.append((near[0], through[k], near[1], float(np.abs(found[k]).min())))
     kept = set(np.flatnonzero(weights == KEPT).tolist())
     best = max(range(len(choices)), key=lambda k: (
         worths[k][1] >= GOOD and kept <= set(choices[k]), *worths[k], -k))
