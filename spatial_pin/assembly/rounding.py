@@ -496,14 +496,15 @@ def _choice(
                for x in found]
     worths = []
     for k, rows in enumerate(choices):
-        near = GOOD, 0  # looked at where no choice does everywhere
+        nearby = GOOD, 0  # looked at where no choice does everywhere
         if max(through) < GOOD and first:
             ahead = np.round(_independence(stacked[:first, rows], samples[:first]), 6)
             same = np.where(np.sign(ahead) == np.sign(ahead[0]), np.abs(ahead), 0.0)
             branches = np.split(same, ends[:-1])
-            near = (min(GOOD, *(float(x[: PARTS_OF_MOTION + 1].min()) for x in branches)),
-                    sum(len(list(takewhile(lambda value: value >= FAINT, x))) for x in branches))
-        worths.append((near[0], through[k], near[1], float(np.abs(found[k]).min())))
+            nearby = (min(GOOD, *(float(x[: PARTS_OF_MOTION + 1].min()) for x in branches)),
+                      sum(len(list(takewhile(lambda value: value >= FAINT, x)))
+                          for x in branches))
+        worths.append((nearby[0], through[k], nearby[1], float(np.abs(found[k]).min())))
     kept = set(np.flatnonzero(weights == KEPT).tolist())
     best = max(range(len(choices)), key=lambda k: (
         worths[k][1] >= GOOD and kept <= set(choices[k]), *worths[k], -k))
