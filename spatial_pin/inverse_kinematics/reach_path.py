@@ -165,7 +165,7 @@ def _chains(state: State, tables: list[Table], s: Array, hold: Hold) -> tuple[in
                 moved = evaluation.frame_jacobian(mechanism.frame_id(table.name)).copy()
                 moved[:3] /= size
                 rows = moved @ (motions * solver.scale).T
-            chains.append(chain_of(table, s, rows, size))
+            chains.append(chain_of(table, s, rows, mechanism))
             own = rank(rows if table.rotations is not None else rows[:3],
                        TOLERANCES.half_precision)
             if not table.is_coordinate and chains[-1].n > own:

@@ -86,21 +86,24 @@ class Stretch(NamedTuple):
     course: Course
 
 
-def chain_of(table: Table, s: Array, rows: Array, length: float) -> Chain:
+def chain_of(table: Table, s: Array, rows: Array, mechanism: Mechanism) -> Chain:
     """Return the chain of a target.
 
     Args:
         table: where it should be.
         s: (N,) parameter.
         rows: (r, k) velocities of the target, in world axes, by the motions there are at the start.
-        length: the characteristic length [m].
+        mechanism: whose frame it is of.
     """
+    length = mechanism.characteristic_length
     if table.points is None:
         assert table.values is not None
         values = table.values.reshape(len(s), -1)
         if table.values.ndim > 1:  # of a centre of mass, which may stay in a plane
             directions = _directions(rows, (values - values[0]) / length)
             return Chain(table, directions, Course.along(s, values @ directions))
+        if isinstance(table.first, PointPart):
+            values = values - mechanism.centre[list(table.first.axes)]
         return Chain(table, np.ones((1, 1)), Course.along(s, values))
     away = table.points - table.points[0]
     directions = _directions(rows[:3], away / length)
@@ -242,7 +245,7 @@ def copy_at(state: State, chains: list[Chain], stretch: Stretch) -> Copy:
         mechanism.name, model, pin.GeometryModel(), pin.GeometryModel(), (*mechanism.pairs, *pairs),
         (*mechanism.closures, *closures), springs=mechanism.springs, passives=mechanism.passives)
     # lengths are divided as in the mechanism
-    vars(copy)["characteristic_length"] = mechanism.characteristic_length
+    vars(copy)["extent"] = mechanism.extent
     return Copy(_closed(copy, state, names, stretch.course.value[0]), names)
 
 
@@ -262,7 +265,7 @@ def _output_closure(
         axis = ALL[target.axes[0]]
         kind, moved, offset = "point_on_plane", target.frame, pin.SE3(ALL, target.offset)
         geometry = closure_geometry(PAIRS[kind], axis)
-        joint = model.addJoint(0, prismatic_joint(axis), at, name)
+        joint = model.addJoint(0, prismatic_joint(axis), pin.SE3(ALL, mechanism.centre), name)
     model.addFrame(pin.Frame(end, joint, 0, at, pin.FrameType.OP_FRAME))
     own = model.frames[moved]
     model.addFrame(pin.Frame(frame, own.parentJoint, 0, own.placement * offset,

@@ -90,7 +90,8 @@ class Simulation(Motion):
     """A Motion in time, with its energies.
 
     Attributes:
-        energy: (N,) kinetic, potential and spring energy [J].
+        energy: (N,) kinetic, potential and spring energy [J]; heights are those above the world's
+            origin, or, where that is far away, above `Mechanism.centre`.
         work: (N,) of efforts, dampers, damping and friction of joints, prescribed drivers and
             spring laws since the start [J].
         energy_drift: largest error of the energy balance (energy less work less the energy at the
@@ -259,11 +260,15 @@ class LeastExchange:
     Args:
         mechanism: what moves.
         efforts: (nv,) that act all the time [N·m, N].
+
+    Attributes:
+        resolved: what heights are known to, relative to the size [-].
     """
 
     def __init__(self, mechanism: Mechanism, efforts: Array) -> None:
         size, scale = mechanism.characteristic_length, mechanism.velocity_scale
         gravity = float(np.linalg.norm(mechanism.model.gravity.linear))
+        self.resolved = mechanism.extent.resolution
         self._falling = gravity * sum(body.mass for body in mechanism.model.inertias) * size
         stretching = 0.0
         for spring in mechanism.springs:
@@ -293,4 +298,4 @@ def energy_drift(
                float(rest.max(initial=first) - rest.min(initial=first)),
                least(float(np.abs(energy).max(initial=abs(start.total)))))
     drift = float(np.abs(energy - work - start.total).max(initial=abs(start.work)))
-    return drift / size if size > 0.0 else 0.0
+    return max(drift / size, least.resolved) if size > 0.0 else 0.0
