@@ -21,7 +21,7 @@ from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
 
 # Sine of an angle of two axes that are one direction: files have some digits, and turns are whole
-PARALLEL = 0.05
+NEARLY_PARALLEL = 0.05
 HALF_TURN_NOISE = 1e-9  # rad by which half a turn may be missed and is still +pi, not -pi
 
 
@@ -55,7 +55,7 @@ class _Hinge(NamedTuple):
     def is_about(self, axis: Array) -> bool:
         """Whether it turns about an axis (3,) alone."""
         sines = np.linalg.norm(np.cross(self.axes, axis), axis=1)
-        return len(sines) == 1 and sines[0] < PARALLEL
+        return len(sines) == 1 and sines[0] < NEARLY_PARALLEL
 
 
 def turns_of(mechanism: Mechanism, closure: Closure) -> Turns:

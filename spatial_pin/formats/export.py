@@ -64,7 +64,8 @@ def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
     """Write the open tree as plain URDF with the dimensions it was loaded with.
 
     A mechanism file of the same name goes beside it when there is anything that URDF cannot say,
-    so that the pair loads as the same mechanism and no loop is lost. Meshes stay where they are.
+    so that the pair loads as the same mechanism and no loop is lost. Meshes are copied beside it,
+    unless they lie below its folder or in a package.
 
     Returns:
         The files written.
@@ -75,14 +76,16 @@ def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
     path = named_path(path)
     if path.suffix != ".urdf":
         raise SpatialPinError(f"{path}: the name of a plain URDF ends in .urdf")
-    files = {path: mechanism.urdf}
+    text, meshes = _gathered(mechanism, Trust.of(path))
+    copies = {path.parent / target: source for target, source in meshes.items()}
+    files = {path: text}
     content = _beside(mechanism, path.name)
     is_said = content["gravity"] == STANDARD_GRAVITY and content.keys() <= {
         "name", "tree", "complete", "gravity"} and not _states_more(mechanism, path)
     if not is_said or (mechanism.path is not None and mechanism.path.suffix == ".toml"):
         files[path.with_suffix(".toml")] = toml_text(content)
     try:
-        _write(mechanism, files, {})
+        _write(mechanism, files, copies)
     except OSError as error:
         raise SpatialPinError(f"cannot write {error.filename}: {error.strerror}") from error
     return list(files)
@@ -128,10 +131,11 @@ def _beside(mechanism: Mechanism, tree: str) -> dict[str, Any]:
 # ---------------------------------------------------------------- meshes
 
 
-def _gathered(mechanism: Mechanism) -> tuple[str, dict[Path, Path]]:
+def _gathered(mechanism: Mechanism, trust: Trust | None = None) -> tuple[str, dict[Path, Path]]:
     """Return the URDF with meshes named below its own folder, and which file each is a copy of.
 
-    Meshes that were not there when the mechanism was loaded stay as they are named.
+    Meshes that were not there when the mechanism was loaded stay as they are named; so do those
+    that are trusted.
     """
     robot = robot_of(mechanism)
     meshes = robot.findall("link/*/geometry/mesh")
@@ -143,6 +147,8 @@ def _gathered(mechanism: Mechanism) -> tuple[str, dict[Path, Path]]:
     for mesh in meshes:
         source = Path(mesh.get("filename", ""))
         if not source.is_absolute():  # it was not found
+            continue
+        if trust is not None and trust.allows(source):
             continue
         if not is_file(source):
             gone.append(source.name)

@@ -63,7 +63,9 @@ def test_a_screw_closure_counts_from_the_turns_that_are_given():
                       guess=start).state(-1)
     known = sp.State(mechanism, turned.q, angles=turned.angles)
     assert known.closure_error < 1e-12 and known.angles == pytest.approx(turned.angles)
-    assert sp.State(mechanism, turned.q).closure_error > 1e-3  # two turns less
+    counted = sp.State(mechanism, turned.q)  # the hinge's angle says how many turns
+    assert counted.closure_error < 1e-12 and counted.coordinate("slide").value == pytest.approx(
+        0.01 * turned.coordinate("turn").value / (2.0 * np.pi), abs=1e-12)
 
 
 @pytest.mark.parametrize("wrong", ["q", "v", "angles", "mechanism"])

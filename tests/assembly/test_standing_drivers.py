@@ -137,6 +137,7 @@ def test_released_drivers_of_a_sweep_are_told(folder):
     assert "first" in task.events[0].text
 
 
+@pytest.mark.filterwarnings("ignore:.*do not go straight:spatial_pin.SpatialPinWarning")
 @pytest.mark.parametrize("arm", [2.9, 3.1])
 def test_no_closed_configuration_nearby_moves_the_drivers_less(arm):
     """Lagrange's condition, and random closed neighbours."""

@@ -23,6 +23,7 @@ def moved(mechanism, one, two, least=0.0):
             and abs(one.coordinate(name).value - two.coordinate(name).value) > least]
 
 
+@pytest.mark.filterwarnings("ignore:.*are on another branch:spatial_pin.SpatialPinWarning")
 @pytest.mark.parametrize("base", BASES)
 def test_setting_a_motor_leaves_the_base_the_arm_and_the_other_leg_where_they_are(base):
     mechanism = robot(base)

@@ -185,7 +185,7 @@ def both(mech, state, efforts):
         equations = Equations(mech, large)
         equations.update(state)
         effort = joint_efforts(mech, efforts)
-        a, closures, _ = equations.solve(effort + equations.given)
+        a, closures, *_ = equations.solve(effort + equations.given)
         multipliers = equations.multipliers(closures)
         unique = {name: each.tolist() for name, each in equations.unique().items()}
         yield a, multipliers, *equations.reactions(a, multipliers, effort), unique

@@ -305,12 +305,14 @@ def reach_wildly(closer, nv: int, q, turns, pinned, rng, path=None, values=()) -
     free, first, said = (rng.integers(0, k, size) for k, size in ((2, nv), (2, nv), (8, nq)))
     limits, named, facts = rng.choice(ODD, (2, nq)), rng.choice([*ODD, *q], nq), np.empty(3)
     shakes, angles = rng.normal(size=(3, nv)), turns.copy()
+    shaken, group = (rng.integers(-1, 3, size) for size in (3, nv))
     found = [np.empty(n + 3), np.empty(n + 3, np.int64), np.empty(n + 3)]
     task = Reaching(
         n, address(rows), rng.choice([None, address(first)]), address(free), 1e-2, 1e-6, 4,
         address(pinned), address(turns), 1e-12, MeantPlaces(*map(address, (named, said, *limits))),
-        int(rng.integers(0, 4)), address(shakes), rng.choice([0.0, 1e-2, 1e3]), address(found[0]),
-        address(found[2]), address(found[1]), address(facts), address(angles))
+        int(rng.integers(0, 4)), address(shakes), rng.choice([0.0, 1e-2, 1e3]), address(shaken),
+        address(group), address(found[0]), address(found[2]), address(found[1]), address(facts),
+        address(angles))
     if path is None:
         return library().closer_reach(closer, ctypes.byref(task)), 0
     driven = wild_places(2 * nv, rng, int(rng.integers(0, 3)))

@@ -33,7 +33,7 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 FAR = 0.5 * math.pi
 # rad, characteristic lengths, of a step on the way; a step after which joints have moved by more
 # than the other may have gone to another branch
-STRIDE, LEAP = 0.2, 1.0
+LEADING_STEP, LEAP = 0.2, 1.0
 MOST_STEPS = 2000  # a hundred turns
 
 
@@ -138,7 +138,7 @@ def _followed(
     """Follow the loops from q (nq,) in steps to where what is held is as in a goal (nq,)."""
     model, scale = mechanism.model, mechanism.velocity_scale
     change = np.where(free, 0.0, pin.difference(model, q, goal))
-    n = math.ceil(float(np.abs(change / scale).max()) / STRIDE)
+    n = math.ceil(float(np.abs(change / scale).max()) / LEADING_STEP)
     here, before = _closed(mechanism, q, free, angles), None
     if here is None or n > MOST_STEPS:
         return None

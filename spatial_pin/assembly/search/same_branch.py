@@ -22,9 +22,9 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 
 # rad, characteristic lengths: what moves no further at once has not changed its branch, but beside
 # a singular configuration, where branches are as near to each other as that
-NEAR = 0.3
-SHORTEST = 2.0**-10  # part of the way from which on a step is too short to be worth another
-ELSEWHERE = 1e-3  # rad, characteristic lengths: beyond what round-off beside a dead centre leaves
+SAME_PLACE_BY = 0.3
+LEAST_PART = 2.0**-10  # part of the way from which on a step is too short to be worth another
+STANDS_APART = 1e-3  # rad, characteristic lengths: more than round-off beside a dead centre
 
 
 def branch_changed(guess: State, found: State, held: Iterable[str]) -> str:
@@ -40,7 +40,7 @@ def branch_changed(guess: State, found: State, held: Iterable[str]) -> str:
         held: coordinates that have values, and those of drivers that stand.
     """
     mechanism = found.mechanism
-    if np.abs(turned_apart(mechanism, guess.q, found.q)).max(initial=0.0) <= NEAR:
+    if np.abs(turned_apart(mechanism, guess.q, found.q)).max(initial=0.0) <= SAME_PLACE_BY:
         return ""
     table = mechanism.coordinate_table
     names = list(dict.fromkeys(mechanism.prescribed_coordinate(name).name for name in held))
@@ -48,7 +48,7 @@ def branch_changed(guess: State, found: State, held: Iterable[str]) -> str:
     free = free_but(mechanism, still, (name for name in names if table[name].q >= 0))
     q, done = _led(guess, found, names, free)
     apart = np.abs(turned_apart(mechanism, q, found.q))
-    loops = _loops(found, free, apart > ELSEWHERE)
+    loops = _loops(found, free, apart > STANDS_APART)
     if not loops:
         return ""
     what = "are on another branch than those of the guess" if done == 1.0 else (
@@ -69,14 +69,14 @@ def _led(
     n = constraints_of(mechanism).n_angles
     reference = guess.angles if guess.angles.size == n else np.zeros(n)
     q, done, step = guess.q, 0.0, 1.0
-    while done < 1.0 and step >= SHORTEST:
+    while done < 1.0 and step >= LEAST_PART:
         part = min(done + step, 1.0)
         values = {name: (1.0 - part) * a + part * b for name, (a, b) in ends.items()}
         try:
             there = closed(mechanism, with_values(mechanism, q, values), free, reference,
                            TOLERANCES.tight, pinned={name: values[name] for name in pinned})
             is_near = there.error <= ACCEPTED and np.abs(
-                turned_apart(mechanism, q, there.q)).max(initial=0.0) <= NEAR
+                turned_apart(mechanism, q, there.q)).max(initial=0.0) <= SAME_PLACE_BY
         except SingularError:
             is_near = False
         if is_near:

@@ -243,6 +243,8 @@ class Run:
 
         It has the samples until then whose energy is right: a fixed step may leap over the place.
         """
+        if not self.record.filled:
+            return False
         with suppress(EnergyError):
             self._balance.refuse_samples(self.record)
         times, samples = self.record.all()

@@ -21,11 +21,11 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 SINGULAR = "singular"  # kind of the event
-LITTLE = 1e-6  # inertia of a motion relative to that of its bodies: a step is a millionth then
+NEGLIGIBLE = 1e-6  # inertia of a motion relative to that of its bodies: a step is a millionth then
 SMALL = 1e-2  # the same relative to the largest before, where a motion cannot be followed
 SHORTENED = 1e-4  # step relative to the longest so far, from which on the inertia is looked at
-FALLEN = 0.8  # inertia relative to that at the last look, from which on it is looked at again
-NEAR = 3.0  # way to where it vanishes, in ways that the last looks are apart
+DECREASED = 0.8  # inertia relative to that at the last look, from which on it is looked at again
+CLOSE_BY = 3.0  # way to where it vanishes, in ways that the last looks are apart
 
 
 class VanishingInertia:
@@ -72,10 +72,10 @@ class VanishingInertia:
             shortened: the step relative to the longest so far.
         """
         found = self.inertia(q, v) if shortened < SHORTENED else np.inf
-        if not found < LITTLE or (self._looks and found > self._looks[-1][1]):
+        if not found < NEGLIGIBLE or (self._looks and found > self._looks[-1][1]):
             self._looks.clear()
             return False
-        if not self._looks or found < FALLEN * self._looks[-1][1]:
+        if not self._looks or found < DECREASED * self._looks[-1][1]:
             self._looks = [*self._looks[-2:], (t, found)]
         return _has_zero_ahead(self._looks)
 
@@ -115,4 +115,4 @@ def _has_zero_ahead(looks: Sequence[tuple[float, float]]) -> bool:
         return False
     along, left = (times - times[2]) / (times[2] - times[0]), values / values[0]
     zeros = np.roots(np.linalg.solve(np.vander(along, 3), left))
-    return bool(np.any((zeros.imag == 0.0) & (zeros.real > 0.0) & (zeros.real < NEAR)))
+    return bool(np.any((zeros.imag == 0.0) & (zeros.real > 0.0) & (zeros.real < CLOSE_BY)))
