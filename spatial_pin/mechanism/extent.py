@@ -33,19 +33,14 @@ class Extent(NamedTuple):
         centre: (3,) close to the middle of these [m]; zero along axes along which the world's
             origin is near.
         frames: which frames count.
+        resolution: what coordinates in the world do not resolve, relative to the length [-]: half
+            a unit of the last digit of each of two; 0 if the origin is near.
     """
 
     length: float
     centre: Array
     frames: NDArray[np.bool_]
-
-    @property
-    def resolution(self) -> float:
-        """What coordinates in the world do not resolve [-], relative to the length; 0 if near.
-
-        Two places are as far apart as these tell to half a unit of the last digit of either.
-        """
-        return EPS * float(np.abs(self.centre).max()) / self.length
+    resolution: float
 
 
 def extent_of(model: pin.Model, joined: Collection[int], where: str) -> Extent:
@@ -75,7 +70,7 @@ def extent_of(model: pin.Model, joined: Collection[int], where: str) -> Extent:
     own = np.array([i in joined or f.parentJoint != 0 for i, f in enumerate(model.frames)])
     near, centre = np.ones(len(points), dtype=bool), np.zeros(3)
     if own.any():
-        size = diameter(points[own]) or 1.0 / unit
+        size = diameter(points[own]) or (_arm(model) or 1.0) / unit
         middle = (points[own].min(axis=0) + points[own].max(axis=0)) / 2
         near = own | (np.linalg.norm(points - middle, axis=1) <= NEAR * size)
         if np.linalg.norm(middle) > NEAR * size:
@@ -84,7 +79,15 @@ def extent_of(model: pin.Model, joined: Collection[int], where: str) -> Extent:
     length = unit * diameter(points[near])
     if length and not SMALLEST <= length <= 1.0 / SMALLEST:
         raise _refused(model, where, length, int(np.argmax(reach)))
-    return Extent(length or 1.0, centre, near)
+    length = length or 1.0
+    return Extent(length, centre, near, EPS * float(np.abs(centre).max()) / length)
+
+
+def _arm(model: pin.Model) -> float:
+    """Return how far mass is from the joints [m], 0 if there is none."""
+    heavy = [x for x in list(model.inertias)[1:] if x.mass > 0.0]
+    return max((float(np.linalg.norm(x.lever) + np.sqrt(np.abs(x.inertia).max() / x.mass))
+                for x in heavy), default=0.0)
 
 
 def centred(model: pin.Model, centre: Array) -> pin.Model:

@@ -169,7 +169,8 @@ class Mechanism:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied or sent elsewhere: all but what is worked out again on use."""
-        kept = {k: x for k, x in self.__dict__.items() if k not in ("memo", "neutral", "centred_model")}
+        again = "memo", "neutral", "centred_model"
+        kept = {k: x for k, x in self.__dict__.items() if k not in again}
         parts = {name: (x.mass, x.lever, x.inertia) for name, x in self.inertias.items()}
         return {**kept, "memo": {}, "inertias": parts}
 
@@ -400,7 +401,7 @@ class Mechanism:
 
     @property
     def centre(self) -> Array:
-        """(3,) the point of the world that is solved relative to [m]: the origin if that is near."""
+        """(3,) the point of the world that is solved relative to [m]: the origin if it is near."""
         return self.extent.centre
 
     @cached_property

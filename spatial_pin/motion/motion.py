@@ -580,6 +580,9 @@ def made(**fields: Any) -> Motion:
     motion that looks for them when they are asked for.
     """
     motion = Motion.__new__(Motion)
+    resolved = fields["mechanism"].extent.resolution
+    if resolved:
+        fields["closure_error"] = np.maximum(fields["closure_error"], resolved)
     for x in fields.values():
         if type(x) is np.ndarray:
             x.setflags(False)  # type: ignore[call-arg]  # by keyword it takes twice as long

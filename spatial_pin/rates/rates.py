@@ -249,8 +249,8 @@ def solve_rates(
     if clear is None:
         check_rates(state, found.v)
     return made(mechanism, state.q, found.v, found.a, closure_error=state.closure_error,
-                angles=state.angles, rate_error=_told(mechanism, found.lost), released=state.released,
-                lost_turns=state.lost_turns)
+                angles=state.angles, rate_error=_told(mechanism, found.lost),
+                released=state.released, lost_turns=state.lost_turns)
 
 
 def _solved(

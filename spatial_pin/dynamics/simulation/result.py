@@ -260,15 +260,11 @@ class LeastExchange:
     Args:
         mechanism: what moves.
         efforts: (nv,) that act all the time [N·m, N].
-
-    Attributes:
-        resolved: what heights are known to, relative to the size [-].
     """
 
     def __init__(self, mechanism: Mechanism, efforts: Array) -> None:
         size, scale = mechanism.characteristic_length, mechanism.velocity_scale
         gravity = float(np.linalg.norm(mechanism.model.gravity.linear))
-        self.resolved = mechanism.extent.resolution
         self._falling = gravity * sum(body.mass for body in mechanism.model.inertias) * size
         stretching = 0.0
         for spring in mechanism.springs:
@@ -298,4 +294,4 @@ def energy_drift(
                float(rest.max(initial=first) - rest.min(initial=first)),
                least(float(np.abs(energy).max(initial=abs(start.total)))))
     drift = float(np.abs(energy - work - start.total).max(initial=abs(start.work)))
-    return max(drift / size, least.resolved) if size > 0.0 else 0.0
+    return drift / size if size > 0.0 else 0.0
