@@ -74,6 +74,8 @@ class Mechanism:
         0.603 m
         >>> mech.neutral  # (nq,): crank, quaternion of the ball, rocker
         array([0., 0., 0., 0., 1., 0.])
+        >>> mech.centre  # [m] what is solved is relative to it: the world's origin, which is near
+        array([0., 0., 0.])
     """
 
     name: str
