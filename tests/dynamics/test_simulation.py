@@ -670,7 +670,7 @@ def test_what_is_refused(tmp_path):
 def test_a_start_in_a_change_point_is_refused(tmp_path):
     mech = heavy_four_bar(tmp_path, (0.3, 0.2, 0.3, 0.2))
     state = sp.State(mech, np.zeros(3), np.zeros(3), closure_error=0.0)
-    with pytest.raises(sp.SingularError, match="start beside it"):
+    with pytest.raises(sp.SingularError, match="start beside this configuration"):
         sp.simulate(mech, state, 1.0)
 
 

@@ -47,7 +47,9 @@ def test_a_command_that_was_interrupted_writes_what_was_found_and_says_so(
 
 
 def test_what_was_found_before_an_interruption_is_kept(found, interrupted):
-    part = sp.workspace(found.mechanism, "tip", BARS, points=25)
+    with pytest.raises(sp.Interrupted) as stopped:
+        sp.workspace(found.mechanism, "tip", BARS, points=25)
+    part = stopped.value.result
     assert not part.is_whole
     assert "cut short" in str(part)
     assert 200 < np.count_nonzero(part.reached) < np.count_nonzero(found.reached)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.assembly.rank_loss import rank_loss
+from spatial_pin.assembly.rank_loss import lost_rank, rank_loss
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.constraints.trees import is_large
@@ -117,10 +117,9 @@ class Freedoms:
     def _found(self, state: State, rows: NDArray[np.intp], drive: Array) -> Array:
         name = self._mechanism.name
         with evaluation_of(self._mechanism, state.angles) as evaluation:
-            if not self._spaces and rank_loss(evaluation, state.q, len(rows)):
-                raise SingularError(
-                    f"mechanism {name!r}: singular configuration, {state}: branches cross there "
-                    "and the motion is not determined; start beside it", state=state)
+            if not self._spaces and (lost := rank_loss(evaluation, state.q, len(rows))):
+                why = lost_rank(evaluation, state.q, lost, "forces")
+                raise SingularError(f"mechanism {name!r}: {state}: {why}", state=state)
         svd = decompose(np.vstack([self._jacobian[rows], drive]))
         if svd.rank < len(rows) + len(drive):
             raise SingularError(

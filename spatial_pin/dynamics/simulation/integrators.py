@@ -129,7 +129,7 @@ def first_step(
         return float(np.linalg.norm(x / size)) / math.sqrt(len(x))
 
     d0, d1 = norm(y0), units.time * norm(f0)
-    trial = 1e-6 if d0 < 1e-5 or d1 < 1e-5 else 0.01 * d0 / d1
+    trial = 0.01 * d0 / d1 if d0 >= 1e-5 <= d1 < math.inf else 1e-6
     trial = min(trial, span / units.time)
     f1 = fun(t0 + trial * units.time, y0 + trial * units.time * f0)
     d2 = units.time * norm(f1 - f0) / trial
