@@ -3,24 +3,12 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from far_sites import DIRECTION, on_site
+from far_sites import DIRECTION, on_site, sprung
 from loaded_library import library
 
 import spatial_pin as sp
-from spatial_pin.accuracy.models import joint, made, point, rod
-from spatial_pin.numerics.tolerances import EPS
 
-SPRING = """
-[drivers.pin]
-joint = "pin"
-
-[[springs]]
-name = "coil"
-frames = ["tip", "post"]
-stiffness = 40.0
-damping = 0.0
-free_length = 0.3
-"""
+EPS = np.finfo(float).eps
 NAMES = ("excavator", "four_bar", "rssr", "delta")
 FAR = (1e2, 1e4, 1e5, 5e6, 1e7)  # m
 CASES = [(name, away) for name in NAMES for away in FAR]
@@ -196,18 +184,14 @@ def test_sensitivities_and_tolerances_are_those_at_the_origin(tmp_path):
     one, two = (sp.tolerance(m, output, {"a": 1e-3, "b": 1e-3}, state={"crank": 1.0}, samples=20)
                 for m in (mech, near))
     assert abs(one.nominal[output] - at[1] - two.nominal[output]) < 4 * EPS * at[1]
-    close(one.linear[output], two.linear[output], 1e-6)
-    close(one.samples[output] - at[1], two.samples[output], 1e-6)
+    close(one.linear[output], two.linear[output], 1e-5)
+    close(one.samples[output] - at[1], two.samples[output], 1e-5)
 
 
-def test_a_spring_to_the_ground_pulls_as_at_the_origin(tmp_path):
+def test_a_spring_to_the_ground_pulls_as_at_the_origin():
     ends = []
     for away in (0.0, 5e6):
-        tree = joint("continuous", "pin", "ground", "arm", (away, away, 0.0),
-                     mass=rod(1.0, (0.5, 0.0, 0.0)))
-        tree += point("tip", "arm", (0.5, 0.0, 0.0))
-        tree += point("post", "ground", (away, away + 1.0, 0.0))
-        mech = made("spring", tree, SPRING, (0.0, -9.81, 0.0))
+        mech = sprung(away)
         motion = sp.simulate(mech, sp.assemble(mech, {"pin": 0.3}), 1.0)
         assert motion.energy_drift < 1e-9
         ends.append([motion.q[-1, 0], sp.forward_dynamics(mech, motion.state(-1)).a[0]])
