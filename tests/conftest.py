@@ -36,25 +36,25 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: Sequence[pytest.Item]) -> None:
-    """Leave out slow tests, and most of many cases, unless --all, a marker or a name selects them.
+    """Leave out slow tests, and most of many cases, unless --all or a name selects them.
 
-    Of a function whose cases nobody has chosen, the default runs a few, evenly apart, with the
-    first and the last.
+    An expression of markers selects slow tests by itself. Of a function whose cases nobody has
+    chosen, the default runs a few, evenly apart, with the first and the last.
     """
-    named = any("::" in text for text in config.args)
-    if config.option.all or config.option.markexpr or config.option.keyword or named:
+    if config.option.all or config.option.keyword or any("::" in text for text in config.args):
         return
     slow = {item for item in items if item.get_closest_marker("slow")}
     by_function: dict[str, list[pytest.Item]] = {}
     for item in items:
         by_function.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    left_out = set() if config.option.markexpr else set(slow)
     for cases in by_function.values():
-        if not slow & set(cases):  # else those that run by default were chosen by hand
-            last = len(cases) - 1
+        last = len(cases) - 1
+        if last >= MOST_CASES and not slow.intersection(cases):
             chosen = {round(k * last / (MOST_CASES - 1)) for k in range(MOST_CASES)}
-            slow.update(x for k, x in enumerate(cases) if last >= MOST_CASES and k not in chosen)
-    config.hook.pytest_deselected(items=[item for item in items if item in slow])
-    items[:] = [item for item in items if item not in slow]
+            left_out.update(x for k, x in enumerate(cases) if k not in chosen)
+    config.hook.pytest_deselected(items=[item for item in items if item in left_out])
+    items[:] = [item for item in items if item not in left_out]
 
 
 @pytest.fixture

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from spatial_pin.mechanism.mechanism import Mechanism
 
+COMPOSITE = ("JointModelUniversal", "JointModelComposite")
+
 
 class SplitModel(NamedTuple):
     """A model with single joints.
@@ -37,6 +39,8 @@ def split_of(mechanism: Mechanism) -> SplitModel:
 
 def split(model: pin.Model) -> SplitModel:
     """Return `model` with universal and composite joints split; inertias stay with their bodies."""
+    if not any(joint.shortname().startswith(COMPOSITE) for joint in model.joints):
+        return SplitModel(model, np.arange(model.njoints))
     out = pin.Model()
     out.gravity = model.gravity
     carrier = [0]

@@ -76,6 +76,8 @@ def passive_freedoms_at(
     mechanism = evaluation.mechanism
     scale, n = mechanism.velocity_scale, evaluation.constraints.n_closure
     evaluation.update(q)
+    if not n:
+        return []
     driven = [mechanism.coordinate(d.joint) for d in mechanism.drivers.values()]
     drive = [scaled_row(mechanism, c, q) for c in driven]
     drive += list(np.eye(len(scale))[[*still_entries(mechanism, driven), *held]])

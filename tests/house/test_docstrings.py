@@ -232,7 +232,7 @@ for _name in NAMES:
     if example_of(_name).examples:
         GROUPS.setdefault(group_of(_name), []).append(_name)
 MARKS = {
-    "drawn by a browser": [pytest.mark.browser, needs_browser],
+    "drawn by a browser": [pytest.mark.browser, needs_browser, pytest.mark.slow],
     "long": [pytest.mark.slow],
 }
 
