@@ -137,7 +137,8 @@ class State:
         q: (nq,) configuration as Pinocchio orders it.
         v, a: (nv,) joint velocities and accelerations [rad/s, m/s; rad/s², m/s²].
         closure_error: largest residual of a constraint equation [-]: lengths relative to the
-            characteristic length, angles in rad. Measured, where it is not given.
+            characteristic length, angles in rad. Measured, where it is not given. Far from the
+            world's origin it is at least what coordinates there can resolve.
         angles: relative angle of every screw closure [rad], counting turns.
         branch: label of the assembly mode, from `assembly_modes`.
         released: {driver: displacement [rad or m]} of drivers that were given no value, and had to
@@ -202,7 +203,8 @@ class State:
         in_time: bool = True,
     ) -> None:
         self.mechanism, self.q, self.v, self.a = mechanism, q, v, a
-        self.closure_error, self.angles, self._rate_error = closure_error, angles, rate_error
+        self.closure_error = max(closure_error, mechanism.extent.resolution)
+        self.angles, self._rate_error = angles, rate_error
         self.released, self.branch, self.in_time = dict(released), branch, in_time
         self.lost_turns = tuple(lost_turns)
 

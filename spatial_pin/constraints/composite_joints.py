@@ -31,9 +31,9 @@ class SplitModel(NamedTuple):
 
 
 def split_of(mechanism: Mechanism) -> SplitModel:
-    """Return the tree of a mechanism split, made once."""
+    """Return the tree of a mechanism, relative to its centre, split; made once."""
     if "split" not in mechanism.memo:
-        mechanism.memo["split"] = split(mechanism.model)
+        mechanism.memo["split"] = split(mechanism.centred_model)
     return mechanism.memo["split"]
 
 
