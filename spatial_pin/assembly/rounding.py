@@ -356,6 +356,7 @@ def _opens_nearby(whole: Evaluation, reduced: Mechanism, first: Sample, gap: flo
 
     The equations that stay are followed along random directions of their freedom, both ways, as far
     as they are independent: where they are not, the others open though nothing contradicts them.
+    Equations that hardly are so at the first sample determine no motion at all.
     """
     model, scale = whole.model, reduced.velocity_scale
     rng, free = np.random.default_rng(20114), np.ones(model.nv, dtype=bool)
@@ -363,7 +364,10 @@ def _opens_nearby(whole: Evaluation, reduced: Mechanism, first: Sample, gap: flo
         n = evaluation.constraints.n_closure
         start, _ = close(evaluation, first.q, free, CLOSED)
         tangents = null_space(evaluation.jacobian[:n], TOLERANCES.rank)
-        sign = np.sign(_independence([evaluation.jacobian[:n]], [first])[0])
+        independence = float(_independence([evaluation.jacobian[:n]], [first])[0])
+        if abs(independence) < FAINT:
+            return True
+        sign = math.copysign(1.0, independence)
         for _ in range(DIRECTIONS if len(tangents) else 0):
             direction = rng.standard_normal(len(tangents)) @ tangents
             for here, ahead in ((start, direction), (start, -direction)):
