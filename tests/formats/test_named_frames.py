@@ -133,6 +133,7 @@ def test_names_that_are_taken_missing_or_circular_are_refused():
     refused("must be a table", tip="crank")
 
 
+@pytest.mark.slow
 def test_a_long_chain_of_frames_ends():
     count = 20_000
     chain = {f"f{k}": {"link": f"f{k + 1}", "xyz": [1e-6, 0.0, 0.0]} for k in range(count)}
