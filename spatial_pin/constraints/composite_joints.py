@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
 
+COMPOSITE = ("JointModelUniversal", "JointModelComposite")
+
 
 class SplitModel(NamedTuple):
     """A model with single joints.
@@ -31,12 +33,14 @@ class SplitModel(NamedTuple):
 
 @made_once
 def split_of(mechanism: Mechanism) -> SplitModel:
-    """Return the tree of a mechanism split."""
-    return split(mechanism.model)
+    """Return the tree of a mechanism, relative to its centre, split."""
+    return split(mechanism.centred_model)
 
 
 def split(model: pin.Model) -> SplitModel:
     """Return `model` with universal and composite joints split; inertias stay with their bodies."""
+    if not any(joint.shortname().startswith(COMPOSITE) for joint in model.joints):
+        return SplitModel(model, np.arange(model.njoints))
     out = pin.Model()
     out.gravity = model.gravity
     carrier = [0]
