@@ -242,7 +242,7 @@ def solve_rates(
     state = of_mechanism(mechanism, state)
     mechanism = state.mechanism
     speeds = mapping(speeds, "speeds")
-    accelerations = mapping(accelerations, "accelerations")
+    accelerations, hold = mapping(accelerations, "accelerations"), fixed(hold)
     clear = _solved(state, speeds, accelerations, hold)
     found = clear or _solved_as_tried(state, speeds, accelerations, hold)
     if not found.is_finite:

@@ -208,3 +208,10 @@ def test_closures_between_bodies_are_kept_at_given_rates(folder):
     assert state.velocity("a_end").linear == pytest.approx(
         state.velocity("b_end").linear, abs=1e-14)
     assert state.angular_velocity("b") == pytest.approx([1.0, -1.0, 0.5], abs=1e-14)
+
+
+def test_what_is_held_may_be_named_by_something_that_can_be_read_once_only():
+    mechanism = sp.load("four_bar")
+    state = sp.assemble(mechanism, {"crank": 1.0})
+    with pytest.raises(sp.SingularError, match="what is held and the loops leave no freedom"):
+        sp.solve_rates(mechanism, state, {"crank": 1.0}, hold=(x for x in ["rocker_pin"]))
