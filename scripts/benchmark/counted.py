@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
+from published_models import ZERO, closure, joint, made, point
 
 import spatial_pin as sp
-from spatial_pin.accuracy.models import ZERO, closure, joint, made, point
 
 BASE = ((0, 0, 0), (1.107915, 0, 0), (0.549094, 0.756063, 0), (0.735077, -0.223935, 0.525991),
         (0.514188, -0.526063, -0.368418), (0.590473, 0.094733, -0.205018))

@@ -7,12 +7,12 @@ from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
+import published_models as models
+from published_cases import CASES as PUBLISHED
 
 import spatial_pin as sp
 from benchmark import cube, falling, ladder
 from benchmark.case import Case
-from spatial_pin.accuracy import models
-from spatial_pin.accuracy.cases import CASES as PUBLISHED
 
 NAME = "spatial_pin"
 SIZES = (1, 20, 50, 200, 500)  # the peers have those of `ladder`

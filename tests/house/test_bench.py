@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from folders import ROOT
+from published_cases import CASES
 
 import spatial_pin as sp
-from spatial_pin.accuracy.cases import CASES
 
 SCRIPTS = ROOT / "scripts"
 
