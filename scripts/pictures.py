@@ -170,7 +170,6 @@ MADE_BY: dict[str, Script | Example | Code | Reader] = {
     "reach.png": Example("digging_range", ["range.png"]),
     "reach_path.png": Example("gough_platform", ["platform.png", "curves.png"], 520),
     "workspace.png": Example("workspace", ["five_bar.png"]),
-    "predictor_study.png": Script("scripts/predictor_study.py --figure {path}"),
     "gallery.jpg": Script("scripts/gallery.py {path} --width 1440"),
     "robots.jpg": Script("scripts/gallery_robots.py {path} --width 1440"),  # and --models FOLDER
     "rssr.gif": Script("scripts/gallery.py --animation rssr {path} --trace coupler_b"),
