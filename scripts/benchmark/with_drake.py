@@ -1,4 +1,4 @@
-"""The RSSR on the Jacobians of Drake's MultibodyPlant, plain and tuned.
+"""The RSSR on the Jacobians of Drake's MultibodyPlant, tuned.
 
 Drake closes loops in its discrete solver only, and softly; so Newton is ours, as for MuJoCo.
 """
@@ -56,72 +56,10 @@ def setup_drake(problem: Problem) -> SimpleNamespace:
     tool.world, tool.wrt = plant.world_frame(), JacobianWrtVariable.kV
     tool.q0 = np.array([0.0, problem.guess, 0.0, 0.0, 0.0])
     tool.tip, tool.pin = np.array([0.0, 0.0, -problem.b]), np.array([-problem.a, 0.0, 0.0])
-    tool.points = (coupler, tool.tip), (crank, tool.pin)
     order = [plant.GetJointByName(name).velocity_start() for name in ("crank", "rocker", "ball")]
     if order != [0, 1, 2]:
         raise RuntimeError(f"Drake ordered the joints differently: {order}")
     return tool
-
-
-def system(tool: SimpleNamespace, q: Array) -> tuple[Array, Array]:
-    """Return loop and spin at q, world axes: (4, 5) rows, and what is left of them."""
-    plant, context, world = tool.plant, tool.context, tool.world
-    rows, rhs = np.empty((4, 5)), np.zeros(4)
-    plant.SetPositions(context, q)
-    tool.axis = plant.CalcRelativeTransform(context, world, tool.coupler).rotation().matrix()[:, 2]
-    one, other = (
-        plant.CalcJacobianSpatialVelocity(context, tool.wrt, frame, p, world, world)
-        for frame, p in tool.points
-    )
-    tool.turn = one[:3]
-    rows[:3], rows[3] = one[3:] - other[3:], tool.axis @ one[:3]
-    p_tip, p_pin = (
-        plant.CalcPointsPositions(context, frame, p, world).ravel() for frame, p in tool.points
-    )
-    rhs[:3] = p_pin - p_tip
-    return rows, rhs
-
-
-def close(tool: SimpleNamespace, q: Array) -> tuple[Array, Array]:
-    """Return the closed configuration and its rows, by Newton."""
-    step = np.zeros(5)
-    for _ in range(MAX_CORRECTIONS):
-        rows, rhs = system(tool, q)
-        if np.linalg.norm(rhs) <= tool.problem.tolerance:
-            return q, rows
-        step[1:] = np.linalg.solve(rows[:, 1:], rhs)
-        q = q + tool.plant.MapVelocityToQDot(tool.context, step)
-    raise RuntimeError("loop open")
-
-
-def rates(tool: SimpleNamespace, rows: Array) -> tuple[Array, Array]:
-    """Return velocities, put into the context too, and accelerations."""
-    plant, context, world, speed = tool.plant, tool.context, tool.world, tool.problem.speed
-    v, a = np.zeros(5), np.zeros(5)
-    v[0] = speed
-    v[1:] = np.linalg.solve(rows[:, 1:], -rows[:, 0] * speed)
-    plant.SetVelocities(context, v)
-    one, other = (
-        plant.CalcBiasSpatialAcceleration(context, tool.wrt, frame, p, world, world)
-        for frame, p in tool.points
-    )
-    linear = one.translational() - other.translational()
-    a[1:] = np.linalg.solve(rows[:, 1:], -np.array([*linear, tool.axis @ one.rotational()]))
-    return v, a
-
-
-def run_drake(tool: SimpleNamespace) -> tuple[Array, Array, Array]:
-    """Newton on spatial velocity Jacobians, from the last position moved on by its rates."""
-    problem, q, moving, kept = tool.problem, tool.q0, np.zeros(5), []
-    for phi in problem.phi:
-        q = q + problem.time_step * moving
-        q[0] = phi
-        q, rows = close(tool, q)
-        v, a = rates(tool, rows)
-        moving = tool.plant.MapVelocityToQDot(tool.context, v)
-        kept.append((q, v, a))
-    positions, velocities, accelerations = (np.array(x) for x in zip(*kept, strict=True))
-    return positions, velocities, accelerations
 
 
 def run_drake_tuned(tool: SimpleNamespace) -> tuple[Array, Array, Array]:
@@ -200,58 +138,15 @@ def read_drake(tool: SimpleNamespace, result: tuple[Array, Array, Array]) -> tup
     return np.array(closure), q[:, 1], v[:, 1], a[:, 1], np.array(omega), np.array(alpha)
 
 
-# One state
-
-
-def at_one_angle() -> SimpleNamespace:
-    tool = setup_drake(Problem(steps=rssr.FEW))
-    tool.closed = run_drake(tool)[0][1]
-    return tool
-
-
-def run_rates(tool: SimpleNamespace) -> tuple[Array, Array]:
-    return rates(tool, system(tool, tool.closed)[0])
-
-
-def run_jacobian(tool: SimpleNamespace) -> Array:
-    rows = system(tool, tool.closed)[0]
-    return tool.turn @ np.concatenate([[1.0], np.linalg.solve(rows[:, 1:], -rows[:, 0])])
-
-
-def run_assembly(tool: SimpleNamespace) -> Array:
-    return close(tool, tool.q0)[0]
-
-
 def judge(tool: SimpleNamespace, result: Any) -> dict[str, float | None]:
     return rssr.judge(tool.problem, read_drake(tool, result))
 
 
-def judge_rates(tool: SimpleNamespace, result: tuple[Array, Array]) -> dict[str, float | None]:
-    q, v, a = (np.array([x]) for x in (tool.closed, *result))
-    return rssr.judge_row(tool.problem, read_drake(tool, (q, v, a)), 1)
-
-
-def judge_jacobian(tool: SimpleNamespace, result: Array) -> dict[str, float | None]:
-    return {"ω": rssr.spin_error(tool.problem, result, 1)}
-
-
-def judge_assembly(tool: SimpleNamespace, q: Array) -> dict[str, float | None]:
-    zero = np.zeros((1, 5))
-    return rssr.judge_row(tool.problem, read_drake(tool, (q[None], zero, zero)), 0)
-
-
 NAME = "Drake"
-CASES = (
-    *(Case("sweep", NAME, f"Newton on its Jacobians, {how}",
-           partial(setup_drake, Problem(steps=n)), run, judge, n, n)
-      for n in rssr.STEPS for how, run in (("tuned", run_drake_tuned), ("plain", run_drake))),
-    Case("rates", NAME, "Jacobians, biases, two solves", at_one_angle, run_rates, judge_rates),
-    Case("jacobian", NAME, "Jacobians, one solve", at_one_angle, run_jacobian, judge_jacobian),
-    Case("assembly", NAME, "Newton on its Jacobians from the guess",
-         partial(setup_drake, Problem()), run_assembly, judge_assembly),
-)
+CASES = tuple(Case("sweep", NAME, "Newton on its Jacobians, tuned",
+                   partial(setup_drake, Problem(steps=n)), run_drake_tuned, judge, n, n)
+              for n in rssr.STEPS)
 ABSENT = (
     Absent("sweep", NAME, "AddBallConstraint closes loops in the discrete SAP solver only, softly; "
            "InverseKinematics (NLopt, IPOPT, SNOPT) gives positions only"),
-    Absent("mobility", NAME, "has no such analysis"),
 )
