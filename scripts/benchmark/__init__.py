@@ -7,4 +7,4 @@ module with `CASES` and an entry in `tools.TOOLS`. To add a task: an entry in `c
 import sys
 from pathlib import Path
 
-sys.path.append(str(Path(__file__).parents[2] / "tests" / "support"))  # published_models
+sys.path.append(str(Path(__file__).parents[2] / "tests" / "support"))  # published_*

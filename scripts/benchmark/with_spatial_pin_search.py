@@ -8,9 +8,11 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from published_designs import PROBLEMS
+from published_designs import Problem as DesignProblem
 
 import spatial_pin as sp
-from benchmark import counted, designs, rssr
+from benchmark import counted, rssr
 from benchmark.case import Case
 from benchmark.rssr import Array, Problem
 
@@ -78,11 +80,11 @@ def derivative(problem: Problem, name: str) -> Array:
 # Synthesis
 
 
-def run_design(problem: designs.Problem) -> Any:
+def run_design(problem: DesignProblem) -> Any:
     return problem.solve(seed=0)
 
 
-def judge_design(problem: designs.Problem, found: Any) -> dict[str, float | None]:
+def judge_design(problem: DesignProblem, found: Any) -> dict[str, float | None]:
     """Return errors, evaluations and, of each kind of defect that the best design has, 1."""
     defects = {defect.kind for defect in found[0].defects} if len(found) else ()
     return {"published": problem.published, "designs": len(found),
@@ -92,7 +94,7 @@ def judge_design(problem: designs.Problem, found: Any) -> dict[str, float | None
 
 CASES = (
     *(Case("design", NAME, problem.title, lambda problem=problem: problem, run_design, judge_design,
-           slow=True) for problem in designs.PROBLEMS.values()),
+           slow=True) for problem in PROBLEMS.values()),
     *(Case("modes", NAME, f"assembly_modes, {name}", partial(setup_modes, make), run_modes,
            lambda _, modes, n=n: {"count": abs(len(modes) - n)}, slow=n > 2)
       for name, (make, n) in counted.COUNTS.items()),
