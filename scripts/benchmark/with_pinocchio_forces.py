@@ -6,7 +6,7 @@ Baumgarte's terms keep together: one for a hinge of a plane mechanism, two on th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from types import SimpleNamespace
 
@@ -79,13 +79,6 @@ def setup_simulation(name: str, points: Sequence[float]) -> SimpleNamespace:
     return setup(ours.setup_simulation(name, sp.Accuracy()).state, points)
 
 
-def setup_falling(make: Callable[[], falling.Robot]) -> SimpleNamespace:
-    fallen = ours.setup_falling(make, sp.Accuracy())
-    tool = setup(fallen.state)
-    tool.robot = fallen.robot
-    return tool
-
-
 def rk4(tool: SimpleNamespace, step: float, duration: float) -> tuple[Array, Array]:
     """Return coordinates and velocities at the end; all joints are hinges, q' = v."""
     h, q, v, rates = step, tool.q, tool.v, partial(acceleration, tool)
@@ -113,13 +106,13 @@ def judge_a04(tool: SimpleNamespace, end: tuple[Array, Array]) -> dict[str, floa
 def judge_falling(tool: SimpleNamespace, end: tuple[Array, Array]) -> dict[str, float | None]:
     before, after = (pin.computeMechanicalEnergy(tool.model, tool.data, q, v)
                      for q, v in ((tool.q, tool.v), end))
-    return falling.judge(tool.robot, after - before, opening(tool, end[0]))
+    return falling.judge(tool.mechanism, after - before, opening(tool, end[0]))
 
 
 SIMULATED = {
     "a02": (partial(setup_simulation, "ladder_1", (0.0,)), ladder.DURATION, judge_a02),
     "a04": (partial(setup_simulation, "bricard", ON_THE_AXIS), cube.DURATION, judge_a04),
-    **{task: (partial(setup_falling, make), falling.DURATION, judge_falling)
+    **{task: (lambda make=make: setup(make()), falling.DURATION, judge_falling)
        for task, make in falling.ROBOTS.items()},
 }
 CASES = (

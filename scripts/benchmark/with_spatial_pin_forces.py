@@ -68,29 +68,18 @@ def judge_a04(_: SimpleNamespace, motion: sp.Simulation) -> dict[str, float | No
     return cube.judge(motion.frame("p3").position[-1], float(closure.max()))
 
 
-def setup_falling(make: Callable[[], falling.Robot], accuracy: sp.Accuracy) -> SimpleNamespace:
-    robot, tree, toml = make(), "", ""
-    for rod in robot.rods:
-        parent = robot.rods[rod.parent].name if rod.parent >= 0 else "ground"
-        moments = 0.5 * rod.inertia, 0.5 * rod.inertia, rod.inertia
-        tree += models.joint("continuous", f"{rod.name}_pin", parent, rod.name, (*rod.at, 0.0),
-                             mass=models.inertial(rod.mass, (*rod.com, 0.0), moments))
-    for k, (one, at, other, there) in enumerate(robot.closures):
-        tree += models.point(f"from_{k}", robot.rods[one].name, (*at, 0.0))
-        tree += models.point(f"to_{k}", robot.rods[other].name, (*there, 0.0))
-        toml += models.closure(f"pin_{k}", "revolute", f"from_{k}", f"to_{k}")
-    mechanism = models.made("falling", tree, toml, (0.0, -falling.G, 0.0))
-    start = sp.assemble(mechanism, {f"{rod.name}_pin": rod.angle for rod in robot.rods})
-    return SimpleNamespace(mechanism=mechanism, state=start, accuracy=accuracy, robot=robot,
+def setup_falling(make: Callable[[], sp.State], accuracy: sp.Accuracy) -> SimpleNamespace:
+    state = make()
+    return SimpleNamespace(mechanism=state.mechanism, state=state, accuracy=accuracy,
                            duration=falling.DURATION)
 
 
 def judge_falling(tool: SimpleNamespace, motion: sp.Simulation) -> dict[str, float | None]:
-    gaps = [motion.frame(f"from_{k}").position - motion.frame(f"to_{k}").position
-            for k in range(len(tool.robot.closures))]
+    gaps = [motion.frame(one).position - motion.frame(other).position
+            for one, other in (closure.frames for closure in tool.mechanism.closures)]
     closure = np.linalg.norm(gaps, axis=-1)
     gained = float(motion.energy[-1] - motion.energy[0])
-    return falling.judge(tool.robot, gained, float(closure.max()))
+    return falling.judge(tool.mechanism, gained, float(closure.max()))
 
 
 def setup_platform(accuracy: sp.Accuracy) -> SimpleNamespace:

@@ -227,11 +227,11 @@ def test_the_plane_four_bar_turns_as_its_derivatives_say(bench):
 def test_the_falling_robots_fall_alike_in_pinocchio(bench, robot):
     falling, other = (importlib.import_module(f"benchmark.{name}") for name in (
         "falling", "with_pinocchio_forces"))
-    ours = other.ours.setup_falling(falling.ROBOTS[robot], sp.Accuracy())
-    theirs = other.setup_falling(falling.ROBOTS[robot])
-    assert ours.state.closure_error < 1e-15 and other.opening(theirs, theirs.q) < 1e-15
+    state = falling.ROBOTS[robot]()
+    theirs = other.setup(state)
+    assert state.closure_error < 1e-15 and other.opening(theirs, theirs.q) < 1e-15
     np.testing.assert_allclose(
-        sp.forward_dynamics(ours.mechanism, ours.state).a,
+        sp.forward_dynamics(state.mechanism, state).a,
         other.acceleration(theirs, theirs.q, theirs.v), rtol=0, atol=1e-9)
 
 
