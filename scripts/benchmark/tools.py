@@ -35,9 +35,9 @@ OWN = Tool("this environment",
            ("pin", "numpy", "scipy"))
 
 PEERS = (
-    Tool("MuJoCo", ("with_mujoco", "with_mujoco_forces"), ("mujoco",), ("mujoco", "scipy"),
+    Tool("MuJoCo", ("with_mujoco",), ("mujoco",), ("mujoco", "scipy"),
          ("a02", "a04")),
-    Tool("Drake", ("with_drake", "with_drake_forces", "with_drake_reach"), ("drake",),
+    Tool("Drake", ("with_drake", "with_drake_reach"), ("drake",),
          ("drake", "scipy")),
     Tool("Exudyn", ("with_exudyn",), ("exudyn",),
          ("exudyn", "scipy")),
