@@ -32,7 +32,7 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices: threads only get in the way
 sys.path.insert(0, str(Path(__file__).parent))
 
-from benchmark import bars, measure, pages, report, rssr, tools, workers
+from benchmark import bars, measure, pages, report, tools, workers
 from benchmark.case import TASKS
 
 import spatial_pin as sp
@@ -154,9 +154,6 @@ def tell(options: argparse.Namespace, found: dict[str, Any]) -> None:
             print(line, flush=True)
         return
     print("\n".join(report.table(found)))
-    if {"sweep", "rates", "assembly"} & set(options.tasks):
-        off = rssr.check_closed_form(rssr.Problem(), every=60)
-        print(f"RSSR's closed form against 40-digit differentiation: {off:.0e}")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
