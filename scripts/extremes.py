@@ -32,6 +32,7 @@ import spatial_pin as sp
 DIGITS = 60
 GRAVITY = 9.81
 SIZES = (1e-9, 1e-3, 1e3, 1e6)
+FAR = (1e2, 1e4, 1e5, 5e6, 1e7)  # m from the origin
 FOUR_BAR = (0.30, 0.10, 0.28, 0.24)  # ground, crank, coupler, rocker
 
 
@@ -610,6 +611,54 @@ def falls(masses: Iterable[float], size: float = 1.0) -> float:
     return float(motion.energy_drift)
 
 
+def far_away(rounded: bool) -> float:
+    """Return the worst error of a four-bar's joints and rates, far from the world's origin.
+
+    Args:
+        rounded: whether the ground is as long as the two places on it are apart, which are rounded;
+            else as long as it was before that, and `rate_error` is to bound what rates have lost.
+    """
+    worst = 0.0
+    for away in FAR:
+        mech = plane_four_bar(away=away)
+        ground = mpf(away + FOUR_BAR[0]) - mpf(away) if rounded else mpf(FOUR_BAR[0])
+        dims = dict(zip(("r1", "r2", "r3", "r4"), (ground, *FOUR_BAR[1:]), strict=True))
+        motion = sp.sweep(mech, "crank", np.linspace(0.0, 6.2, 63), speed=1.0)
+        for row in range(0, 63, 7):
+            want = forms.rates(partial(forms.four_bar, **dims), motion.driver[row], 1.0, 0.0)
+            found = [x[row] for x in motion.coordinate("c")]
+            errors = [far(x, pose.coordinates["rocker_pin"], max(
+                abs(y) for y in pose.coordinates.values()))
+                for x, pose in zip(found, want, strict=True)]
+            if not rounded:
+                told(max(errors[1:]), motion.state(row).rate_error)
+            worst = max(worst, *errors)
+    return worst
+
+
+def open_far_away() -> float:
+    """Return the closure error that is told far away, where places have fewer digits."""
+    worst = 0.0
+    for away in FAR:
+        mech = plane_four_bar(away=away)
+        for crank in np.linspace(0.0, 6.0, 13):
+            state = sp.assemble(mech, {"crank": float(crank)})
+            end, eye = (state.placement(name).translation for name in ("end", "eye"))
+            told(float(np.abs(end - eye).max()) / mech.characteristic_length, state.closure_error)
+            worst = max(worst, state.closure_error)
+    return worst
+
+
+def falls_far_away() -> float:
+    """Return the energy drift of a four-bar that falls far away; it takes no more work there."""
+    runs = []
+    for away in (0.0, *FAR):
+        mech = plane_four_bar(away=away)
+        runs.append(sp.simulate(mech, sp.assemble(mech, {"crank": 1.0}), 1.0))
+    assert max(run.evaluations for run in runs) < 1.2 * runs[0].evaluations
+    return max(float(run.energy_drift) for run in runs)
+
+
 def many_steps_in_time() -> float:
     mech = plane_four_bar()
     state = sp.solve_rates(mech, sp.assemble(mech, {"crank": 1.0}), {"crank": 10.0})
@@ -704,6 +753,13 @@ EXTREMES = (
             "`energy_drift` says it"),
     Extreme("simulation", "four-bar of 0.5 µm falling: energy drift",
             lambda: falls((1e-15, 1e-15, 1e-15), 1e-6), 1e-9, "`energy_drift` says it"),
+    Extreme("far away", "four-bar 100 m to 10 000 km from the origin: angles, their rates",
+            partial(far_away, True), 1e-12),
+    Extreme("far away", "the same, as against the digits that its places on the ground have lost",
+            partial(far_away, False), 1e-7, SAID_BY_RATES),
+    Extreme("far away", "the same: loops open by", open_far_away, 1e-8, SAID_BY_CLOSURE),
+    Extreme("far away", "the same, falling: energy drift", falls_far_away, 1e-9,
+            "`energy_drift` says it"),
     Extreme("steps", "four-bar swept in a million steps of 1°", a_million_steps, 1e-11),
     Extreme("turns", "four-bar, one more turn after 1e3 to 1e6 turns of its joints: angle, closure",
             after_many_turns, 1e-8, SAID_BY_CLOSURE),

@@ -14,6 +14,8 @@ from spatial_pin.cli import main
 
 __all__ = ["pytest_sessionfinish", "pytest_sessionstart"]  # a run that leaves files fails
 
+MOST_CASES = 6  # of a function, that run by default: its cases are alike, as a rule
+
 # No test depends on time, or on what was drawn or kept before.
 hypothesis.settings.register_profile(
     "always the same", deadline=None, derandomize=True, database=None)
@@ -32,13 +34,25 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: Sequence[pytest.Item]) -> None:
-    """Leave out slow tests, unless --all, a marker or a name selects them."""
-    named = any("::" in text for text in config.args)
-    if config.option.all or config.option.markexpr or config.option.keyword or named:
+    """Leave out slow tests, and most of many cases, unless --all or a name selects them.
+
+    An expression of markers selects slow tests by itself. Of a function whose cases nobody has
+    chosen, the default runs a few, evenly apart, with the first and the last.
+    """
+    if config.option.all or config.option.keyword or any("::" in text for text in config.args):
         return
-    slow = [item for item in items if item.get_closest_marker("slow")]
-    config.hook.pytest_deselected(items=slow)
-    items[:] = [item for item in items if not item.get_closest_marker("slow")]
+    slow = {item for item in items if item.get_closest_marker("slow")}
+    by_function: dict[str, list[pytest.Item]] = {}
+    for item in items:
+        by_function.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    left_out = set() if config.option.markexpr else set(slow)
+    for cases in by_function.values():
+        last = len(cases) - 1
+        if last >= MOST_CASES and not slow.intersection(cases):
+            chosen = {round(k * last / (MOST_CASES - 1)) for k in range(MOST_CASES)}
+            left_out.update(x for k, x in enumerate(cases) if k not in chosen)
+    config.hook.pytest_deselected(items=[item for item in items if item in left_out])
+    items[:] = [item for item in items if item not in left_out]
 
 
 @pytest.fixture

@@ -172,6 +172,12 @@ class _Balance:
         self.largest[k] = max(self.largest[k], float(np.abs(force).max()) * self.c.size,
                               float(np.abs(moment).max()), float(np.abs(turn).max()))
 
+    def takes_part(self, link, force, moment):
+        """Say how large what cancels in a body's forces and moments is (free fall, free spin)."""
+        k = self.body[link]
+        self.largest[k] = max(self.largest[k], float(np.abs(force).max()) * self.c.size,
+                              float(np.abs(moment).max()))
+
     def between(self, to, base, force, moment, at):
         """Add what one link does to another, and the opposite."""
         self.add(to, force, moment, at)
@@ -235,9 +241,12 @@ def _need_balance(c, found, efforts, state, v, a):
             one, two = (judge.frames[f][0] for f in closure["frames"])
             balance.between(two, one, wrench.linear, wrench.angular, at)
     gravity = np.array(c.spec["gravity"], dtype=LD)
-    for link, mass, place, _, acceleration, w, rate, tensor in _bodies(c, judge.motion(c.at, v, a)):
+    motion = judge.motion(c.at, v, a)
+    for link, mass, place, _, acceleration, w, rate, tensor in _bodies(c, motion):
         balance.add(link, mass * (gravity - acceleration),
                     -(tensor @ rate + np.cross(w, tensor @ w)), place)
+        origin = motion.acceleration[judge.number(link)]
+        balance.takes_part(link, mass * np.concatenate([gravity, origin]), tensor @ rate)
     _judge_balance(c, balance, found.on_ground)
 
 
@@ -251,7 +260,7 @@ def _couplings(c, found, state):
 
 def _judge_balance(c, balance, on_ground):
     unit = np.array([c.size] * 3 + [1.0] * 3)
-    size = max(*balance.largest.values(), 1e-6 * _weight(c))  # of what falls freely
+    size = max(balance.largest.values())
     for k, total in balance.sums.items():
         if k >= 0:
             small(total * unit / size, 1e-7, f"balance of {c.judge.joints[k]['child']}")
@@ -306,8 +315,10 @@ def check_simulate(c):
     if not any(b["mass"] for b in c.spec["inertias"].values()):
         raise Skip("nothing has mass")
     free = c.null_space.T * c.scale[:, None]
-    values = np.linalg.eigvalsh(free.T @ _mass_matrix(c, c.state.q) @ free)
-    massless = values[0] < 1e-6 * values[-1]
+    mass = _mass_matrix(c, c.state.q)
+    heavy = np.abs(c.scale[:, None] * mass * c.scale).max()
+    values = np.linalg.eigvalsh(free.T @ mass @ free)
+    massless = values[0] < 1e-6 * max(values[-1], heavy)  # a freedom may have none at all
     gravity = max(np.linalg.norm(c.spec["gravity"]), 1.0)
     duration = 0.5 * math.sqrt(c.size * 9.81 / gravity)
     found, refused = {}, {}

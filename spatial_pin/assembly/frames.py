@@ -1,79 +1,66 @@
-"""Where frames are and how they move: from the whole tree, or from a subtree of a large one.
+"""Where frames of a large tree are and how they move, without a `pin.Data`.
 
-A `pin.Data` of 400 freedoms takes 4 GB and seconds to make; a frame needs its own branch only.
+That of 400 freedoms takes 4 GB and seconds to make.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
+import numpy as np
 import pinocchio as pin
 
-from spatial_pin.constraints.trees import Subtree, is_large, subtrees_of
-from spatial_pin.constraints.workspaces import made_once
+from spatial_pin.constraints.kernel_tree import KernelTree
+from spatial_pin.constraints.trees import is_in_kernel
+from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 
 
-class FrameSubtree:
-    """A subtree with its frames.
-
-    Args:
-        subtree: some branches of the tree.
-        whole: the model of the tree.
+class Located(NamedTuple):
+    """A motion of a tree, asked for single frames.
 
     Attributes:
-        model: of the branches.
-        frames: place in it of frames of the whole model.
+        model: the tree.
+        placements: (njoints, 4, 3) of the joints, columns of the rotation, then the position.
+        twists, accelerations: (njoints, 6) spatial ones, joint axes.
     """
 
-    def __init__(self, subtree: Subtree, whole: pin.Model) -> None:
-        self.model, self._q, self._v = subtree.model, subtree.q, subtree.v
-        own = {0: 0} | {int(joint): k for k, joint in enumerate(subtree.joints.tolist(), start=1)}
-        self.frames = {
-            i: self.model.addFrame(pin.Frame(f"{i}", own[f.parentJoint], 0, f.placement, f.type))
-            for i, f in enumerate(whole.frames) if f.parentJoint in own}
+    model: pin.Model
+    placements: Array
+    twists: Array
+    accelerations: Array
 
-    def data(self, q: Array, v: Array, a: Array) -> pin.Data:
-        """Return data with the kinematics of the branches at a motion of the whole tree."""
-        data = self.model.createData()
-        pin.forwardKinematics(self.model, data, q[self._q], v[self._v], a[self._v])
-        pin.updateFramePlacements(self.model, data)
-        return data
+    def placement(self, frame: int) -> pin.SE3:
+        """Return the placement of a frame by Pinocchio's index of it."""
+        at = self.model.frames[frame]
+        place = self.placements[at.parentJoint]
+        return pin.SE3(place[:3].T, place[3]) * at.placement
+
+    def motion(self, frame: int) -> tuple[pin.Motion, pin.Motion]:
+        """Return velocity and classical acceleration of a frame at its origin, world axes."""
+        at = self.model.frames[frame]
+        world, arm = self.placements[at.parentJoint, :3].T, at.placement.translation
+        (v, w), (a, e) = (x[at.parentJoint].reshape(2, 3)
+                          for x in (self.twists, self.accelerations))
+        turning = np.cross(w, arm)
+        felt = a + np.cross(w, v) + np.cross(e, arm) + np.cross(w, turning)
+        return pin.Motion(world @ (v + turning), world @ w), pin.Motion(world @ felt, world @ e)
 
 
-@made_once
-def frame_subtrees(mechanism: Mechanism) -> list[FrameSubtree]:
-    """Return the subtrees of a mechanism's tree, made once; none if it is taken whole."""
-    if not is_large(mechanism.model):
-        return []
-    return [FrameSubtree(subtree, mechanism.model) for subtree in subtrees_of(mechanism.model)]
-
-
-class Located:
-    """A motion of a tree, asked for single frames.
+def located(mechanism: Mechanism, q: Array, v: Array, a: Array) -> Located | None:
+    """Return a motion of a tree that the kernel moves; None of a small one.
 
     Args:
         mechanism: the mechanism.
-        motion: its q (nq,), v and a (nv,).
+        q: (nq,) configuration.
+        v: (nv,) joint velocities.
+        a: (nv,) joint accelerations.
     """
-
-    def __init__(self, mechanism: Mechanism, motion: tuple[Array, Array, Array]) -> None:
-        self._subtrees, self._motion = frame_subtrees(mechanism), motion
-        self._known: dict[int, pin.Data] = {}
-
-    @property
-    def is_whole(self) -> bool:
-        """Whether the tree is taken whole: then nothing is found here."""
-        return not self._subtrees
-
-    def find(self, frame: int) -> tuple[pin.Model, pin.Data, int]:
-        """Return model and data of the subtree that a frame of the whole tree is on, and its place.
-
-        Args:
-            frame: Pinocchio's index of it.
-        """
-        for k, subtree in enumerate(self._subtrees):
-            if frame in subtree.frames:
-                if k not in self._known:
-                    self._known[k] = subtree.data(*self._motion)
-                return subtree.model, self._known[k], subtree.frames[frame]
-        raise IndexError(f"no frame {frame}")
+    model = mechanism.model
+    if not is_in_kernel(model):
+        return None
+    with acquired(mechanism, "tree", lambda: KernelTree(model)) as tree:
+        tree.move(q, v, a)
+        return Located(model, tree.placements.copy(), tree.twists.copy(),
+                       tree.accelerations.copy())

@@ -13,7 +13,7 @@ they open beyond it they are not: the mechanism is rigid, or moves within the ga
 many freedoms remain with all equations, the numbers contradict nothing, and all equations stay.
 
 Which ones stay is chosen once too: those that are independent on all of that motion, as well as
-can be.
+can be. Where none are, those that are so as far as possible from the guess.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from copy import copy
-from itertools import combinations
+from itertools import accumulate, combinations, takewhile
 from math import comb
 from typing import NamedTuple
 
@@ -64,9 +64,13 @@ ABOVE = 10.0
 # Independence relative to that of all equations, with which a choice is left at that: a better one
 # gains less than a digit.
 GOOD = 0.2
+# Independence relative to that of all equations, below which a choice is of no use: rates lose two
+# digits, and a tenth of a radian ahead the equations may depend on each other.
+FAINT = 0.05
 # of motion from the guess, over which equations stay within the gap
 HALF_RADIAN, PARTS_OF_MOTION = 0.5, 4
 DIRECTIONS = 6  # of that motion, each taken both ways
+AHEAD = 4  # such motions in a row, over which it is seen how long equations are independent
 PROBES, STEPS_TO_POSE = 4, 3  # other poses tried, and steps to each
 STEP_TO_POSE = 0.1  # length of a step [rad, characteristic lengths]
 GAPS_TRIED = (1e-3, 1e-2)  # of files of three digits, and of two
@@ -84,12 +88,15 @@ class Sample(NamedTuple):
         jacobian: of the closure equations there.
         s: its singular values.
         error: closure error.
+        rows: orthonormal rows (rank, nv) that span those of the Jacobian, turned as those of the
+            sample before it; empty until they are needed.
     """
 
     q: Array
     jacobian: Array
     s: Array
     error: float
+    rows: Array = np.empty((0, 0))
 
 
 @made_once
@@ -152,7 +159,10 @@ def gap_needed(mechanism: Mechanism) -> float | None:
     for gap in (Accuracy().gap, *GAPS_TRIED):
         if gap > gap_allowed(mechanism) and (found := rounded(mechanism, gap)) is not None:
             assert found.kept is not None
-            return min(gap, clearly_above(max(open_by for _, open_by in found.kept.opened)))
+            less = clearly_above(max(open_by for _, open_by in found.kept.opened))
+            while less < gap and rounded(mechanism, less) is None:
+                less = clearly_above(less)
+            return min(gap, less)
     return None
 
 
@@ -207,9 +217,13 @@ def _kept(evaluation: Evaluation, gap: float) -> Equations | None:
     if _moves_with_all(evaluation, samples, rank, soft):
         return None
     mechanism = evaluation.mechanism
-    kept = (_independent(mechanism, samples, rank) if rank else
+    near = [list(takewhile(lambda y: _rank(y.s, CLEAR_OF_CUT * cut) == rank,
+                           _oriented(first, x, rank)))
+            for x in _nearby(evaluation, first, cut, gap)]
+    kept = (_independent(mechanism, near, _oriented(first, samples, rank)) if rank else
             Equations(((),) * len(mechanism.closures), ((),) * len(mechanism.closures)))
-    if _opens_nearby(evaluation, mechanism.with_equations(kept), first.q, gap):
+    if _opens_nearby(evaluation, mechanism.with_equations(kept),
+                     _oriented(first, [first], rank)[0], gap):
         return None
     evaluation.update(worst.q)
     opened = {label.closure: 0.0 for label in evaluation.constraints.labels}
@@ -234,11 +248,11 @@ def _moves_with_all(
     free = np.ones(evaluation.model.nv, dtype=bool)
     for x in samples[::EVERY]:
         q, error = close(evaluation, x.q, free, CLOSED)
-        if error > CLOSED:
+        if error > FITS:
             continue
-        first = _sample(evaluation, q, TOLERANCES.rank, CLOSED)
+        first = _sample(evaluation, q, TOLERANCES.rank, FITS)
         if first is not None:
-            reached = list(_on_the_way(evaluation, first, TOLERANCES.rank, CLOSED))
+            reached = list(_on_the_way(evaluation, first, TOLERANCES.rank, FITS))
             if len(reached) <= ON_THE_WAY // 2:
                 return False
             return max(_rank(y.s, TOLERANCES.rank) for y in reached) <= rank or (
@@ -293,20 +307,67 @@ def _beginnings(evaluation: Evaluation, cut: float, gap: float) -> Iterator[Samp
             yield found
 
 
-def _opens_nearby(whole: Evaluation, reduced: Mechanism, q: Array, gap: float) -> bool:
-    """Whether equations left out open beyond the gap within half a radian of motion from q (nq,).
+def _nearby(
+    evaluation: Evaluation, first: Sample, cut: float, gap: float
+) -> Iterator[list[Sample]]:
+    """Yield paths from a configuration, closed to the gap, that one included.
 
-    The equations that stay are followed along random directions of their freedom, both ways.
+    They are half a radian long; of a mechanism of one freedom two radians.
+    """
+    model, scale = evaluation.model, evaluation.mechanism.velocity_scale
+    rng, tangents = np.random.default_rng(20115), null_space(first.jacobian, cut)
+    for _ in range(min(DIRECTIONS, len(tangents) ** 2)):
+        direction = rng.standard_normal(len(tangents)) @ tangents
+        for ahead in (direction, -direction):
+            path = [first]
+            for _ in range(PARTS_OF_MOTION * (AHEAD if len(tangents) == 1 else 1)):
+                step = HALF_RADIAN / PARTS_OF_MOTION * ahead / np.abs(ahead).max()
+                found = _sample(
+                    evaluation, pin.integrate(model, path[-1].q, scale * step), cut, gap)
+                if found is None:
+                    break
+                ahead = pin.difference(model, path[-1].q, found.q) / scale
+                if ahead @ step < TOLERANCES.moved * (step @ step):
+                    break  # at a limit
+                path.append(found)
+            yield path
+
+
+def _oriented(first: Sample, path: list[Sample], rank: int = 0) -> list[Sample]:
+    """Return samples along a path from one, the rows of each turned as those of the one before.
+
+    Args:
+        first: where the path begins; with rows of its own, or a rank.
+        path: samples along it.
+        rank: how many rows there are.
+    """
+    found, before = [], first.rows if first.rows.size else np.linalg.svd(first.jacobian)[2][:rank]
+    for x in path:
+        rows = np.linalg.svd(x.jacobian)[2][: len(before)]
+        if np.linalg.det(rows @ before.T) < 0.0:
+            rows[0] = -rows[0]
+        found.append(x._replace(rows=rows))
+        before = rows
+    return found
+
+
+def _opens_nearby(whole: Evaluation, reduced: Mechanism, first: Sample, gap: float) -> bool:
+    """Whether equations left out open beyond the gap within half a radian of motion from a sample.
+
+    The equations that stay are followed along random directions of their freedom, both ways, as far
+    as they are independent: where they are not, the others open though nothing contradicts them.
     """
     model, scale = whole.model, reduced.velocity_scale
     rng, free = np.random.default_rng(20114), np.ones(model.nv, dtype=bool)
     with evaluation_of(reduced) as evaluation:
-        q, _ = close(evaluation, q, free, CLOSED)
         n = evaluation.constraints.n_closure
+        start, _ = close(evaluation, first.q, free, CLOSED)
         tangents = null_space(evaluation.jacobian[:n], TOLERANCES.rank)
+        sign = np.sign(_independence([evaluation.jacobian[:n]], [first])[0])
         for _ in range(DIRECTIONS if len(tangents) else 0):
             direction = rng.standard_normal(len(tangents)) @ tangents
-            for here, ahead in ((q, direction), (q, -direction)):
+            for here, ahead in ((start, direction), (start, -direction)):
+                seen = first
                 for _ in range(PARTS_OF_MOTION):
                     step = HALF_RADIAN / PARTS_OF_MOTION * ahead / np.abs(ahead).max()
                     there, error = close(
@@ -315,6 +376,11 @@ def _opens_nearby(whole: Evaluation, reduced: Mechanism, q: Array, gap: float) -
                     if error > CLOSED or moved @ step < TOLERANCES.moved * (step @ step):
                         break  # at a limit
                     whole.update(there)
+                    all_rows = whole.jacobian[: whole.constraints.n_closure]
+                    seen, = _oriented(seen, [Sample(
+                        there, all_rows, singular_values(all_rows), whole.closure_error)])
+                    if sign * _independence([evaluation.jacobian[:n]], [seen])[0] < FAINT:
+                        break
                     if whole.closure_error > gap:
                         return True
                     here, ahead = there, moved
@@ -346,27 +412,32 @@ def _on_the_way(
         yield here
 
 
-def _independent(mechanism: Mechanism, samples: list[Sample], rank: int) -> Equations:
-    """Return equations, `rank` of them, that are independent at all samples as well as can be.
+def _independent(
+    mechanism: Mechanism, near: list[list[Sample]], samples: list[Sample]
+) -> Equations:
+    """Return equations, as many as are independent, that are so at all samples as well as can be.
 
-    Directions of frame 2 serve too where those of frame 1 alone would not do.
+    No choice may do everywhere: the parallel cranks of a coupler are folded by pairs, one pair here
+    and another there, and each choice relies on some pair. Then one is made for the paths near the
+    guess. Directions of frame 2 serve too where those of frame 1 alone would not do.
     """
     constraints = constraints_of(mechanism)
     weights = np.ones(constraints.n_closure)
     weights[[at for at, _, _ in constraints.screws]] = KEPT
     weights[constraints.n_products :] = KEPT
-    own = [x.jacobian for x in samples]
-    rows, weakest = _choice(own, samples, rank, weights)
-    if weakest < GOOD and any(c.can_turn for c in mechanism.closures):
+    paths = [*near, samples]
+    everywhere = [x for path in paths for x in path]
+    rows, worth = _choice([x.jacobian for x in everywhere], paths, weights)
+    if worth[1] < GOOD and any(c.can_turn for c in mechanism.closures):
         turned = copy(mechanism)
         vars(turned).update(closures=tuple(c.turned() for c in mechanism.closures if c.can_turn))
         evaluation, more = Evaluation(Constraints(turned)), []
-        for x in samples:
+        for x in everywhere:
             evaluation.update(x.q)
             more.append(np.vstack([x.jacobian, evaluation.jacobian[: len(evaluation.residual)]]))
         weights = np.concatenate([weights, np.ones(len(more[0]) - len(weights))])
-        wider, better = _choice(more, samples, rank, weights)
-        if better > weakest:
+        wider, better = _choice(more, paths, weights)
+        if better > worth:
             rows = wider
         labels = [*constraints.labels, *evaluation.constraints.labels]
     else:
@@ -378,26 +449,63 @@ def _independent(mechanism: Mechanism, samples: list[Sample], rank: int) -> Equa
     return Equations(tuple(kept[0].values()), tuple(kept[1].values()))
 
 
+def _independence(jacobians: list[Array] | Array, samples: list[Sample]) -> Array:
+    """Return how independent the rows of Jacobians are at samples (n,), relative to all equations.
+
+    The sign changes along a path where they become dependent.
+    """
+    minors = np.matmul(np.asarray(jacobians), np.array([x.rows.T for x in samples]))
+    sizes = np.array([x.s[len(x.rows) - 1] for x in samples])
+    least: Array = singular_values(minors)[:, -1] / sizes
+    return least * np.sign(np.linalg.det(minors))
+
+
 def _choice(
-    jacobians: list[Array], samples: list[Sample], rank: int, weights: Array
-) -> tuple[list[int], float]:
-    """Return the rows that are independent at all samples, and how well they are at the worst.
+    jacobians: list[Array], paths: list[list[Sample]], weights: Array
+) -> tuple[list[int], tuple[float, float, int, float]]:
+    """Return the rows that are independent at all samples as well as can be, and how well.
 
     All choices are looked at if they are few; else those that are best at one of them, or at all.
     Rows whose weight is `KEPT` are among them if that is good enough.
+
+    Args:
+        jacobians: at all samples of the paths, in this order.
+        paths: those near the guess; last, the motion all through.
+        weights: of the rows.
+
+    Returns:
+        The rows, and their independence relative to that of all: the least within half a radian of
+        the guess, up to `GOOD`; the least all through, 0 if the rows become dependent between two
+        samples, where their determinant changes sign; at how many samples in a row from the guess
+        there is any; the least at the samples themselves.
     """
-    n = len(weights)
-    stacked = np.array(jacobians)
+    samples, stacked = [x for path in paths for x in path], np.array(jacobians)
+    n, rank = len(weights), len(samples[0].rows)
     if comb(n, rank) <= FEW_CHOICES:
         choices = list(combinations(range(n), rank))
     else:
-        places = [*jacobians, np.hstack(jacobians)]
+        near, way = jacobians[: -len(paths[-1])], jacobians[-len(paths[-1]) :]
+        places = [*way, np.hstack(way), *([np.hstack(near)] if near else [])]
         choices = sorted({tuple(weighty_rows(weights[:, None] * x, rank).tolist())
                           for x in places})
-    sizes = np.array([x.s[rank - 1] for x in samples])
-    found = [round(float((singular_values(stacked[:, list(rows)])[:, -1]
-                          / sizes).min()), 6) for rows in choices]
+    first = len(samples) - len(paths[-1])
+    ends = list(accumulate(map(len, paths[:-1])))
+    found = [np.round(_independence(stacked[first:, rows], samples[first:]), 6)
+             for rows in choices]
+    through = [float(np.abs(x).min()) if (np.sign(x) == np.sign(x[0])).all() else 0.0
+               for x in found]
+    worths = []
+    for k, rows in enumerate(choices):
+        nearby = GOOD, 0  # looked at where no choice does everywhere
+        if max(through) < GOOD and first:
+            ahead = np.round(_independence(stacked[:first, rows], samples[:first]), 6)
+            same = np.where(np.sign(ahead) == np.sign(ahead[0]), np.abs(ahead), 0.0)
+            branches = np.split(same, ends[:-1])
+            nearby = (min(GOOD, *(float(x[: PARTS_OF_MOTION + 1].min()) for x in branches)),
+                      sum(len(list(takewhile(lambda value: value >= FAINT, x)))
+                          for x in branches))
+        worths.append((nearby[0], through[k], nearby[1], float(np.abs(found[k]).min())))
     kept = set(np.flatnonzero(weights == KEPT).tolist())
     best = max(range(len(choices)), key=lambda k: (
-        found[k] >= GOOD and kept <= set(choices[k]), found[k], -k))
-    return list(choices[best]), found[best]
+        worths[k][1] >= GOOD and kept <= set(choices[k]), *worths[k], -k))
+    return list(choices[best]), worths[best]

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.assembly.frames import Located
+from spatial_pin.assembly.frames import Located, located
 from spatial_pin.brief import brief
 from spatial_pin.checks import finite_array, is_finite
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
@@ -137,7 +137,8 @@ class State:
         q: (nq,) configuration as Pinocchio orders it.
         v, a: (nv,) joint velocities and accelerations [rad/s, m/s; rad/s², m/s²].
         closure_error: largest residual of a constraint equation [-]: lengths relative to the
-            characteristic length, angles in rad. Measured, where it is not given.
+            characteristic length, angles in rad. Measured, where it is not given. Far from the
+            world's origin it is at least what coordinates there can resolve.
         angles: relative angle of every screw closure [rad], counting turns.
         branch: label of the assembly mode, from `assembly_modes`.
         released: {driver: displacement [rad or m]} of drivers that were given no value, and had to
@@ -202,7 +203,8 @@ class State:
         in_time: bool = True,
     ) -> None:
         self.mechanism, self.q, self.v, self.a = mechanism, q, v, a
-        self.closure_error, self.angles, self._rate_error = closure_error, angles, rate_error
+        self.closure_error = max(closure_error, mechanism.extent.resolution)
+        self.angles, self._rate_error = angles, rate_error
         self.released, self.branch, self.in_time = dict(released), branch, in_time
         self.lost_turns = tuple(lost_turns)
 
@@ -249,15 +251,12 @@ class State:
         return data
 
     @cached_property
-    def _located(self) -> Located:
-        return Located(self.mechanism, (self.q, self.v, self.a))
+    def _located(self) -> Located | None:
+        """Where the frames of a large tree are."""
+        return located(self.mechanism, self.q, self.v, self.a)
 
-    def _find(self, name: str) -> tuple[pin.Model, pin.Data, int]:
-        """Return a model and its data, and the place in it, of a link, frame or joint."""
-        frame = self.mechanism.frame_id(self.mechanism.placed(name))
-        if self._located.is_whole:
-            return self.mechanism.model, self.data, frame
-        return self._located.find(frame)
+    def _frame(self, name: str) -> int:
+        return self.mechanism.frame_id(self.mechanism.placed(name))
 
     def coordinate(self, name: str) -> CoordinateRates[float]:
         """Return (value, rate, acceleration) of a joint coordinate [rad or m, per s, per s²].
@@ -300,8 +299,8 @@ class State:
             >>> state.placement("coupler_b").rotation.shape
             (3, 3)
         """
-        _, data, frame = self._find(name)
-        return data.oMf[frame].copy()
+        frame, large = self._frame(name), self._located
+        return self.data.oMf[frame].copy() if large is None else large.placement(frame)
 
     def velocity(self, name: str) -> pin.Motion:
         """Return the twist of a link, frame or joint at its origin, world axes [m/s, rad/s].
@@ -321,7 +320,9 @@ class State:
             >>> state.velocity("coupler_b").linear.round(4)  # (3,) [m/s], world axes
             array([-0.4637,  0.    , -0.0254])
         """
-        return pin.getFrameVelocity(*self._find(name), WORLD_AXES)
+        frame, large = self._frame(name), self._located
+        return large.motion(frame)[0] if large is not None else pin.getFrameVelocity(
+            self.mechanism.model, self.data, frame, WORLD_AXES)
 
     def acceleration(self, name: str) -> pin.Motion:
         """Return the classical acceleration of a frame's origin and the angular acceleration.
@@ -343,7 +344,9 @@ class State:
             >>> state.acceleration("coupler_b").linear.round(3)  # (3,) [m/s²], world axes
             array([-11.971,   0.   ,  -1.555])
         """
-        return pin.getFrameClassicalAcceleration(*self._find(name), WORLD_AXES)
+        frame, large = self._frame(name), self._located
+        return large.motion(frame)[1] if large is not None else pin.getFrameClassicalAcceleration(
+            self.mechanism.model, self.data, frame, WORLD_AXES)
 
     def angular_velocity(self, name: str) -> Array:
         """Return the angular velocity of a link or frame, world axes (3,) [rad/s].

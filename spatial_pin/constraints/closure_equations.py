@@ -56,7 +56,8 @@ class Evaluation:
             configuration does not tell their turns.
         angle_jacobian: (n_angles, nv) derivative of `angles`, like `jacobian`.
         wrenches: (rows, 6) force and moment about the world origin of each product.
-        placements: (njoints, 4, 3) view on the joint placements.
+        placements: (njoints, 4, 3) view on the joint placements, relative to the centre of the
+            mechanism as all that is told of places here.
         regular: the last configuration that was found to be regular, see `rank_loss`.
     """
 
@@ -64,7 +65,7 @@ class Evaluation:
         self.regular: Any = None
         self.constraints = c = constraints
         self.mechanism = c.mechanism
-        self.model = model = c.mechanism.model
+        self.model = model = c.mechanism.centred_model
         self._tree = tree_of(model)
         self.data = self._tree.data
         nv, r = model.nv, len(c.constants)
@@ -137,7 +138,7 @@ class Evaluation:
         return found
 
     def frame(self, frame: int) -> pin.SE3:
-        """Return where a frame of the model is, at the last `update`."""
+        """Return where a frame of the model is, relative to the centre, at the last `update`."""
         at = self.model.frames[frame]
         return self.data.oMi[at.parentJoint] * at.placement
 

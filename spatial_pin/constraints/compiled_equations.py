@@ -16,9 +16,11 @@ absolute rotation of a body about a line fixed in it.
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spatial_pin.constraints.kinds import KINDS, Composed, Equation, Kind, Parts
 from spatial_pin.constraints.product_vectors import matrix_of, rate_matrix
@@ -131,6 +133,15 @@ class Constraints:
         self.idle_bias = np.zeros((self.n_passive, 6 * model.njoints))
         for bias, (joint, axis) in zip(self.idle_bias, self.idle_axes, strict=True):
             bias[6 * joint + 3 : 6 * joint + 6] = axis
+
+    @cached_property
+    def tied(self) -> NDArray[np.bool_]:
+        """(nv,) which coordinates occur in closure equations."""
+        found = np.zeros(self.mechanism.model.nv, bool)
+        for equation in self.equations[: self.n_closure]:
+            found |= np.any(self.signs[list(equation.products)] != 0.0, axis=0)
+            found[[c.v for c in equation.coordinates]] = True
+        return found
 
     def reference(self, q: Array, angles: Array) -> Array:
         """Return (n_angles,) what angles of screws are nearest to at q (nq,): turns that are told.

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from spatial_pin.mechanism.mechanism import Mechanism
 
+COMPOSITE = ("JointModelUniversal", "JointModelComposite")
+
 
 class SplitModel(NamedTuple):
     """A model with single joints.
@@ -29,14 +31,16 @@ class SplitModel(NamedTuple):
 
 
 def split_of(mechanism: Mechanism) -> SplitModel:
-    """Return the tree of a mechanism split, made once."""
+    """Return the tree of a mechanism, relative to its centre, split; made once."""
     if "split" not in mechanism.memo:
-        mechanism.memo["split"] = split(mechanism.model)
+        mechanism.memo["split"] = split(mechanism.centred_model)
     return mechanism.memo["split"]
 
 
 def split(model: pin.Model) -> SplitModel:
     """Return `model` with universal and composite joints split; inertias stay with their bodies."""
+    if not any(joint.shortname().startswith(COMPOSITE) for joint in model.joints):
+        return SplitModel(model, np.arange(model.njoints))
     out = pin.Model()
     out.gravity = model.gravity
     carrier = [0]

@@ -47,8 +47,8 @@ class FrameOnBody(NamedTuple):
 
     @classmethod
     def of(cls, mechanism: Mechanism, name: str) -> FrameOnBody:
-        """Return the frame, link or joint of a name."""
-        return cls(mechanism.frame_id(name), *mechanism.frame_on_joint(name))
+        """Return the frame, link or joint of a name, on the ground relative to the centre."""
+        return cls(mechanism.frame_id(name), *mechanism.centred_frame(name))
 
     def origin(self, factor: float) -> Term:
         """Return its origin."""

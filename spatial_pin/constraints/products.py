@@ -124,10 +124,10 @@ def unit_length(mechanism: Mechanism, closure: Closure) -> float:
     It is theirs in the guess, so that the equation is the difference of the lengths near there, or
     the characteristic length where that is next to nothing.
     """
-    model, size = mechanism.model, mechanism.characteristic_length
+    model, size = mechanism.centred_model, mechanism.characteristic_length
     q = with_values(mechanism, mechanism.neutral, joint_values(mechanism, mechanism.guess))
     ends = []
-    for joint, placement in map(mechanism.frame_on_joint, closure.between):
+    for joint, placement in map(mechanism.centred_frame, closure.between):
         for i in reversed(list(model.supports[joint])[1:]):  # a `pin.Data` of many loops is large
             own = model.joints[i].createData()
             model.joints[i].calc(own, q)

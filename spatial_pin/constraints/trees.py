@@ -1,38 +1,43 @@
-"""Kinematics of trees by Pinocchio: small ones whole, large ones one subtree at a time.
+"""Kinematics of trees: of small ones by Pinocchio, of others by the kernel.
 
 A `pin.Data` takes memory with the cube of the number of freedoms (4 GB for 400), and some of its
-algorithms time with the square. Branches that meet only at the ground do not depend on each
-other, so a model is made of every few of them. Results are those of the whole model, in its order.
+algorithms time with the square. For its derivatives a tree is taken one subtree at a time: branches
+that meet only at the ground do not depend on each other. Results are those of the whole model, in
+its order.
 """
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin.constraints.kernel_tree import KernelTree
 from spatial_pin.constraints.pinocchio_views import (
     accelerations,
-    forces,
     frame_jacobian,
     joint_jacobian,
     placements,
     twists,
 )
-from spatial_pin.mechanism.inertia import MassMatrix
+from spatial_pin.mechanism.inertia import MassMatrix, depth_first, part_of
 from spatial_pin.numerics.linalg import Array
 
 FREEDOMS = 32  # of a subtree, at least, if there are so many branches
-WHOLE = 60  # freedoms up to which a tree is taken whole: there a `pin.Data` has 10 MB
+WHOLE = 60  # freedoms from which on the kernel moves a tree: a `pin.Data` has 10 MB there
 BRANCHES = 4  # at the ground, from which on each subtree is small beside the tree
 
 
+def is_in_kernel(model: pin.Model) -> bool:
+    """Whether the kernel moves a tree: it is too large for a `pin.Data`."""
+    return model.nv >= WHOLE
+
+
 def is_large(model: pin.Model) -> bool:
-    """Whether a tree is better evaluated one subtree at a time."""
-    return model.nv >= WHOLE and len(model.children[0]) >= BRANCHES
+    """Whether a tree is large, and has branches that do not depend on each other."""
+    return is_in_kernel(model) and len(model.children[0]) >= BRANCHES
 
 
 class Tree:
@@ -63,62 +68,9 @@ class Tree:
         pin.forwardKinematics(self.model, self.data, q, v, a)
 
 
-class _Placed:
-    """Placements (njoints, 4, 3) as `pin.Data.oMi` has them, each made when it is asked for."""
-
-    def __init__(self, found: Array) -> None:
-        self._found = found
-
-    def __getitem__(self, joint: int) -> pin.SE3:
-        at = self._found[joint]
-        return pin.SE3(at[:3].T, at[3])
-
-
-class TreeOfSubtrees:
-    """`Tree` of a large tree, evaluated one subtree at a time.
-
-    Attributes:
-        data: the part of a `pin.Data` that there is: `J` and `oMi`.
-        subtrees: the parts of the tree.
-    """
-
-    def __init__(self, model: pin.Model) -> None:
-        self.model, self.subtrees = model, subtrees_of(model)
-        self.placements = np.zeros((model.njoints, 4, 3))
-        self.placements[0, :3] = np.eye(3)
-        self.columns = np.zeros((6, model.nv))
-        self.twists, self.accelerations = np.zeros((2, model.njoints, 6))
-        self.data = SimpleNamespace(J=self.columns, oMi=_Placed(self.placements))
-
-    def place(self, q: Array) -> None:
-        """Set `placements` and `columns` at the configuration q (nq,)."""
-        for p in self.subtrees:
-            pin.computeJointJacobians(p.model, p.data, q[p.q])
-            self.placements[p.joints] = p.placements
-            self.columns[:, p.v] = p.columns
-
-    def frame_jacobian(self, frame: int) -> Array:
-        """Return the Jacobian (6, nv) of a frame at its origin, world axes, where it is placed."""
-        model, at = self.model, self.model.frames[frame]
-        found = np.zeros_like(self.columns)
-        for i in list(model.supports[at.parentJoint])[1:]:
-            own = slice(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])
-            found[:, own] = self.columns[:, own]
-        place = self.data.oMi[at.parentJoint] * at.placement
-        found[:3] -= pin.skew(place.translation) @ found[3:]
-        return found
-
-    def move(self, q: Array, v: Array, a: Array) -> None:
-        """Set `placements`, `twists` and `accelerations` of a motion."""
-        for p in self.subtrees:
-            pin.forwardKinematics(p.model, p.data, q[p.q], v[p.v], a[p.v])
-            self.placements[p.joints] = p.placements
-            self.twists[p.joints], self.accelerations[p.joints] = p.twists, p.accelerations
-
-
-def tree_of(model: pin.Model) -> Tree | TreeOfSubtrees:
+def tree_of(model: pin.Model) -> Tree | KernelTree:
     """Return what places and moves the bodies of a tree."""
-    return TreeOfSubtrees(model) if is_large(model) else Tree(model)
+    return KernelTree(model) if is_in_kernel(model) else Tree(model)
 
 
 class Subtree(NamedTuple):
@@ -129,8 +81,7 @@ class Subtree(NamedTuple):
         joints, q, v: places of its joints (but the ground), configuration and velocity in the
             whole model.
         mass: its mass matrix at a configuration.
-        mass_at: (rows, columns) of the entries of its mass matrix that can be other than zero.
-        placements, twists, accelerations, forces, columns: views on `data`.
+        columns: (6, nv) world joint Jacobian, a view on `data`.
     """
 
     model: pin.Model
@@ -139,19 +90,14 @@ class Subtree(NamedTuple):
     q: NDArray[np.intp]
     v: NDArray[np.intp]
     mass: MassMatrix
-    mass_at: tuple[NDArray[np.intp], NDArray[np.intp]]
-    placements: Array
-    twists: Array
-    accelerations: Array
-    forces: Array
     columns: Array
 
 
 def parts_of(model: pin.Model) -> list[Subtree]:
-    """Return the subtrees of a large model, or a small one as one subtree."""
+    """Return the subtrees of a large tree; any other as one subtree."""
     if is_large(model):
         return subtrees_of(model)
-    return [_subtree(model, list(range(1, model.njoints)))] if model.njoints > 1 else []
+    return [_subtree(model, depth_first(model))] if model.njoints > 1 else []
 
 
 def subtrees_of(model: pin.Model) -> list[Subtree]:
@@ -165,24 +111,16 @@ def subtrees_of(model: pin.Model) -> list[Subtree]:
         branch = [int(i) for i in model.subtrees[root]]
         groups[-1] += branch
         size += sum(model.nvs[i] for i in branch)
-    return [_subtree(model, sorted(group)) for group in groups if group]
+    order = depth_first(model)
+    return [_subtree(model, [i for i in order if i in group])
+            for group in map(set, groups) if group]
 
 
 def _subtree(whole: pin.Model, joints: list[int]) -> Subtree:
-    model = pin.Model()
-    model.gravity = whole.gravity
-    own = {0: 0}
-    for i in joints:
-        own[i] = model.addJoint(own[whole.parents[i]], whole.joints[i].extract(),
-                                whole.jointPlacements[i], whole.names[i])
-        model.inertias[own[i]] = whole.inertias[i]
-    v = np.concatenate([np.arange(whole.nvs[i]) + whole.idx_vs[i] for i in joints])
-    model.armature = whole.armature[v]
+    model, q, v = part_of(whole, joints)
     data = model.createData()
-    q = np.concatenate([np.arange(whole.nqs[i]) + whole.idx_qs[i] for i in joints])
-    return Subtree(model, data, np.array(joints), q, v, MassMatrix(model), related(model),
-                 placements(data)[1:], twists(data)[1:], accelerations(data)[1:], forces(data)[1:],
-                 joint_jacobian(data, model.nv))
+    return Subtree(model, data, np.array(joints), q, v, MassMatrix(model),
+                   joint_jacobian(data, model.nv))
 
 
 def related(model: pin.Model) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

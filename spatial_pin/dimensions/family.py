@@ -73,28 +73,32 @@ class Bodies(NamedTuple):
 
         It is named, or its number in the model is given.
         """
-        joint, own = self._carried(name)
-        return self.evaluated.rotation(joint) @ own.rotation, self.origin(name)
+        rotations, origins = self.centred_frame(name)
+        return rotations, origins + self.mechanism.centre
 
     def origin(self, name: str | int) -> Array:
         """Return its origins (m, 3) alone."""
+        return self.frame(name)[1]
+
+    def centred_frame(self, name: str | int) -> tuple[Array, Array]:
+        """Return the same with origins relative to the centre of the mechanism."""
         joint, own = self._carried(name)
         at, place = self.evaluated.rotation(joint), self.evaluated.translations[:, joint]
         found: Array = place + np.einsum("mij,mj->mi", at,
                                          np.broadcast_to(own.translation, place.shape))
-        return found
+        return at @ own.rotation, found
 
     def _carried(self, name: str | int) -> tuple[int, Pose]:
         """Return the joint that carries a frame, and its placements there."""
         i = self.mechanism.frame_id(name) if isinstance(name, str) else name
-        frame = self.mechanism.model.frames[i]
+        frame = self.mechanism.centred_model.frames[i]
         return frame.parentJoint, self.members.frames.get(i) or Pose.of(frame.placement)
 
     def frame_jacobian(self, name: str, origin: Array) -> Array:
         """Return its Jacobian (m, 6, nv) at its origin (m, 3), world axes."""
         joint = self.mechanism.model.frames[self.mechanism.frame_id(name)].parentJoint
         found = self.columns * self.supports[joint]
-        arms = np.cross(origin[:, :, None], found[:, 3:], axis=1)
+        arms = np.cross((origin - self.mechanism.centre)[:, :, None], found[:, 3:], axis=1)
         found[:, :3] -= arms
         return found
 
@@ -131,7 +135,7 @@ class Family:
             found = self._tree.at(dimensions)
             numbers = self._numbers.at(found, rescaled=False)
             return Members(found.holds & np.isfinite(numbers.varied).all(axis=1), numbers,
-                           self._numbers.with_own_axes(found).frames)
+                           self._numbers.placed(found).frames)
 
     def loaded(self, dimensions: Array) -> Members:
         """Return the same of mechanisms loaded one by one, where the file cannot be followed."""
@@ -141,6 +145,7 @@ class Family:
         for k, one in enumerate(dimensions.T):
             try:
                 there = varied(mechanism, dict(zip(self.names, one.tolist(), strict=True)))
+                there.__dict__["extent"] = mechanism.extent
                 there.__dict__["characteristic_length"] = mechanism.characteristic_length
                 own = packed(there).reals
                 holds[k] = len(own) == len(packed(mechanism).reals)
@@ -149,7 +154,7 @@ class Family:
             if not holds[k]:
                 there, own = mechanism, packed(mechanism).reals
             reals.append(own)
-            frames.append([Pose.of(frame.placement) for frame in there.model.frames])
+            frames.append([Pose.of(frame.placement) for frame in there.centred_model.frames])
         placed = {i: Pose(*(np.concatenate(x) for x in zip(*several, strict=True)))
                   for i, several in enumerate(zip(*frames, strict=True))}
         base = packed(mechanism).reals

@@ -97,7 +97,8 @@ class Quantity:
         """
         t = self.target
         if isinstance(t, Position):
-            at = evaluation.frame(evaluation.mechanism.frame_id(t.name)).translation
+            mechanism = evaluation.mechanism
+            at = evaluation.frame(mechanism.frame_id(t.name)).translation + mechanism.centre
             return np.hstack([np.eye(3), -pin.skew(base.rotation @ at)])
         if isinstance(t, Orientation):
             there = base.rotation @ evaluation.frame(evaluation.mechanism.frame_id(t.name)).rotation

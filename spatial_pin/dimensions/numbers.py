@@ -46,10 +46,10 @@ class DimensionNumbers:
         self.joints = [int(mechanism.model.frames[i].parentJoint) for i in self._frames]
         self._powers = _powers_of_length(mechanism)
         own, n = tree.own(), len(self._packed.reals)
-        ends = [self._offset(name, own)[0] for name in self._points]
+        ends = [self._offset(name, self.placed(own))[0] for name in self._points]
         self.base = np.concatenate([self._packed.reals, *ends])
         self._end = np.arange(n, len(self.base)).reshape(-1, 3)
-        self._span = _Span(mechanism, own)
+        self._span = _Span(mechanism, self.placed(own))
 
     def at(self, found: TracedGeometry, rescaled: bool = True) -> Numbers:
         """Return the numbers at m sets of dimensions, those of the points behind the kernel's.
@@ -59,12 +59,28 @@ class DimensionNumbers:
             rescaled: whether lengths are relative to the characteristic length that each set has;
                 else to the mechanism's own.
         """
-        found = self.with_own_axes(found)
+        found = self.placed(found)
         blocks = [*(self._scaled(found) if rescaled else ()), *self._blocks(found)]
         places, values = zip(*blocks, strict=True) if blocks else ((), ())
         every = [np.broadcast_to(x, (len(found.holds), x.shape[1])) for x in values]
         return Numbers(self.base, np.concatenate([np.empty(0, np.int64), *places]),
                        np.concatenate([np.empty((len(found.holds), 0)), *every], axis=1))
+
+    def placed(self, found: TracedGeometry) -> TracedGeometry:
+        """Return the same mechanisms as the kernel has them.
+
+        The axes of joints in their bodies are as here, and what is on the ground is relative to
+        the centre of the mechanism.
+        """
+        model, centre = self._mechanism.model, self._mechanism.centre
+        found = self.with_own_axes(found)
+        if not centre.any():
+            return found
+        joints, frames = ({i: x._replace(translation=x.translation - centre) if on_ground(i) else x
+                           for i, x in poses.items()} for poses, on_ground in (
+            (found.joints, lambda i: model.parents[i] == 0),
+            (found.frames, lambda i: model.frames[i].parentJoint == 0)))
+        return found._replace(joints=joints, frames=frames)
 
     def with_own_axes(self, found: TracedGeometry) -> TracedGeometry:
         """Return the same mechanisms with the axes of joints in their bodies as they are here.
@@ -106,7 +122,8 @@ class DimensionNumbers:
         split, places = split_of(self._mechanism).model, self._packed.places()
         for i, pose in found.joints.items():
             at = int(carriers[i - 1]) + 1  # the first of the single joints that it is split into
-            rest = self._mechanism.model.jointPlacements[i].actInv(split.jointPlacements[at])
+            own = self._mechanism.centred_model.jointPlacements[i]
+            rest = own.actInv(split.jointPlacements[at])
             placed, above = pose @ Pose.of(rest), turned[split.parents[at]]
             columns = (above.T @ placed.rotation @ turned[at]).transpose(0, 2, 1)
             yield places.rotation[at].ravel(), columns.reshape(-1, 9)
@@ -151,7 +168,7 @@ class DimensionNumbers:
     def _offset(self, name: str, found: TracedGeometry) -> Array:
         """Return a point (m or 1, 3) in the axes of the kernel's joint that carries it [m]."""
         link, frame = name.removesuffix(".com"), self._mechanism.frame_id(name.removesuffix(".com"))
-        pose = _frame(self._mechanism.model, frame, found)
+        pose = _frame(self._mechanism.centred_model, frame, found)
         offset = pose.translation
         if link != name:
             lever = center_of_mass(self._mechanism, link)[None]
@@ -181,7 +198,7 @@ class _Span:
     """The characteristic length: the largest distance of two frames where joints are at zero."""
 
     def __init__(self, mechanism: Mechanism, own: TracedGeometry) -> None:
-        self._model = mechanism.model
+        self._model, self._counted = mechanism.centred_model, mechanism.extent.frames
         points = self._points(own)
         self._points_at_own = np.concatenate([np.broadcast_to(x, (1, 3)) for x in points])
         self._distances = np.linalg.norm(
@@ -204,11 +221,11 @@ class _Span:
         return np.where(squares > 0.0, np.sqrt(squares), 1.0)
 
     def _points(self, found: TracedGeometry) -> list[Array]:
-        """Return the origins (m or 1, 3) of all frames where every joint is at its zero."""
+        """Return the origins (m or 1, 3) of frames that count where every joint is at its zero."""
         model = self._model
         joints = [Pose.of(pin.SE3.Identity())]
         for i in range(1, model.njoints):
             own = found.joints.get(i, Pose.of(model.jointPlacements[i]))
             joints.append(joints[model.parents[i]] @ own)
         return [joints[frame.parentJoint].act(_frame(model, i, found).translation)
-                for i, frame in enumerate(model.frames)]
+                for i, frame in enumerate(model.frames) if self._counted[i]]

@@ -101,7 +101,7 @@ class _Beside(NamedTuple):
     def twists(self, i: int, frame: int) -> Array:
         """Return how a frame of a pose moves (6, n): its origin, and its turn, world axes."""
         if frame not in self.known:
-            self.known[frame] = self.bodies.frame(frame)
+            self.known[frame] = self.bodies.centred_frame(frame)
         turned, origin = self.known[frame]
         ahead, behind = self._differences(origin, i)
         after, before = self._differences(turned, i)

@@ -151,6 +151,8 @@ class Samples:
         name, kind, is_point, k = wanted
         if is_point:
             vectors = closed.points[:, self._points.index(name), POINT_KINDS.index(kind)]
+            if kind == "position":
+                vectors = vectors + self.mechanism.centre
             return vectors if k is None else vectors[:, k]
         rates = coordinate_rates(
             self.mechanism, name, closed.q, closed.v, closed.a, continued=False)

@@ -103,7 +103,7 @@ class Forces:
             coordinate = m.driven_coordinate(spring.joint)
             self.turns.append(Turn(spring.name, coordinate.q, coordinate.v, law, energy, storing))
             return
-        (i1, m1), (i2, m2) = (m.frame_on_joint(f) for f in spring.frames)
+        (i1, m1), (i2, m2) = (m.centred_frame(f) for f in spring.frames)
         support = constraints_of(m).support
         sign = support(i2) - support(i1)
         points = tuple(np.append(x.translation, 1.0) for x in (m1, m2))
@@ -254,7 +254,7 @@ def external_wrenches(
     """
     found = []
     for name, force in (external or {}).items():
-        joint, placement = mechanism.frame_on_joint(name)
+        joint, placement = mechanism.centred_frame(name)
         if not isinstance(force, pin.Force):
             raise SpatialPinError(f"external force at {name!r} is no pin.Force but "
                                   f"{type(force).__name__}")

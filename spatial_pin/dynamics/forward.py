@@ -226,6 +226,7 @@ def forward_dynamics(
     load = Load(external, laws, slip_speed)
     with equations_of(mechanism) as equations:
         equations.update(state, *load)
-        a, closures, error, undetermined = equations.solve(effort + equations.given)
+        a, closures, error = equations.solve(effort + equations.given)
+        undetermined = equations.undetermined
     warn_of_no_inertia(mechanism, efforts, external)
     return Dynamics(state, load, a, closures, effort, error, undetermined)

@@ -13,6 +13,8 @@ from spatial_pin.assembly.holding import untied, velocity_entries
 from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.brief import first_names
 from spatial_pin.checks import checked, names_of, positive_number
+from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.constraints.workspaces import made_once
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.forward import Dynamics, Load
 from spatial_pin.dynamics.reactions import UNMOVED
@@ -43,6 +45,9 @@ class Actuation:
         names: as they were given.
         coordinates: these; columns: (k,) their places in the velocity vector.
         root: (k,) one over the square root of each weight.
+        shared: (k,) which of them may share the work of others: where a coordinate outside of loops
+            has one actuator, that works alone.
+        others: coordinates outside of loops that have none, or more than one.
 
     Args:
         mechanism: the mechanism.
@@ -62,16 +67,30 @@ class Actuation:
         self.coordinates = [_motor(mechanism, n) for n in self.names]
         self.columns = np.array([c.v for c in self.coordinates], dtype=int)
         self.root = 1.0 / np.sqrt(weights)
+        tied = constraints_of(mechanism).tied
+        is_alone = (np.bincount(self.columns, minlength=len(tied)) == 1) & ~tied
+        self.shared, self.others = ~is_alone[self.columns], np.flatnonzero(~is_alone & ~tied)
+        self.has_shared = bool(self.shared.any())
 
     def generalised(self, efforts: Array, nv: int) -> Array:
         """Return efforts (k,) as joint forces (nv,)."""
-        total = np.zeros(nv)
-        np.add.at(total, self.columns, efforts)
-        return total
+        return np.bincount(self.columns, efforts, nv).astype(float)
 
     def all_generalised(self, efforts: Array, nv: int) -> Array:
         """Return rows of efforts (m, k) as joint forces (m, nv)."""
         return np.array([self.generalised(e, nv) for e in efforts]).reshape(-1, nv)
+
+
+def actuation_of(
+    mechanism: Mechanism, actuated: Iterable[str] | Mapping[str, float] | None
+) -> Actuation:
+    """Return the actuators of a mechanism, by default its drivers: these are made once."""
+    return Actuation(mechanism, actuated) if actuated is not None else _drivers(mechanism)
+
+
+@made_once
+def _drivers(mechanism: Mechanism) -> Actuation:
+    return Actuation(mechanism)
 
 
 def _motor(mechanism: Mechanism, name: str) -> Coordinate:
@@ -199,7 +218,7 @@ def inverse_dynamics(
     """
     state = moving_in_time(mechanism, state)
     mechanism = state.mechanism
-    actuation = Actuation(mechanism, actuated)
+    actuation = actuation_of(mechanism, actuated)
     warn_of_no_inertia(mechanism, external=external)
     load = Load(external, laws, slip_speed)
     with equations_of(mechanism) as equations:
@@ -218,37 +237,58 @@ def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, A
         SpatialPinError: a freedom is not actuated, or carries load.
         SingularError: the loops have lost rank, or a passive freedom has no inertia.
     """
-    equations.check_rank(equations.spaces.rank)
+    freedoms, rank = _freedoms(equations, actuation)
+    equations.check_rank(rank)
     a = equations.state.a
-    spare, found = _unactuated(equations, actuation)
+    spare, found = _unactuated(equations, actuation, freedoms)
     if found:
         a = _left_free(equations, actuation, spare, idle_among(equations, found))
     wanted = equations.motion_forces(a) - equations.given
-    work = equations.spaces.null_space * equations.scale
-    pull = decompose(work[:, actuation.columns] * actuation.root)
-    efforts = actuation.root * pull.minimum_norm(work @ wanted)
+    efforts = wanted[actuation.columns]
+    if actuation.has_shared:
+        shared = actuation.shared
+        work, root = freedoms * equations.scale, actuation.root[shared]
+        pull = decompose(work[:, actuation.columns[shared]] * root)
+        efforts[shared] = root * pull.minimum_norm(work @ wanted)
     return efforts, a, wanted - actuation.generalised(efforts, len(wanted))
 
 
 def pressing(equations: Equations, actuation: Actuation) -> Array:
     """Return efforts (m, k), orthonormal, that actuators can have without moving anything."""
-    if len(actuation.columns) < 2:
-        return np.zeros((0, len(actuation.columns)))
-    work = equations.spaces.null_space * equations.scale
-    return decompose(work[:, actuation.columns]).null_space
+    shared = actuation.shared
+    if np.count_nonzero(shared) < 2:
+        return np.zeros((0, len(shared)))
+    work = _freedoms(equations, actuation)[0] * equations.scale
+    efforts = decompose(work[:, actuation.columns[shared]]).null_space
+    found = np.zeros((len(efforts), len(shared)))
+    found[:, shared] = efforts
+    return found
+
+
+def _freedoms(equations: Equations, actuation: Actuation) -> tuple[Array, int]:
+    """Return the freedoms (k, nv), scaled, that actuators share, and the rank of the loops."""
+    if equations.is_sparse:
+        return equations.spaces.null_space, equations.spaces.rank
+    freedoms, rank = equations.tied_freedoms
+    if len(actuation.others):
+        free = np.zeros((len(actuation.others), freedoms.shape[1]))
+        free[np.arange(len(free)), actuation.others] = 1.0
+        freedoms = np.vstack([freedoms, free])
+    return freedoms, rank
 
 
 def _unactuated(
-    equations: Equations, actuation: Actuation
+    equations: Equations, actuation: Actuation, freedoms: Array
 ) -> tuple[Array, list[tuple[str, Array]]]:
     """Return the freedoms (k, nv), scaled, that no actuator moves, and those of each one link.
 
     Raises:
         SpatialPinError: some move more than one link.
     """
-    freedoms = equations.spaces.null_space
+    if not len(freedoms):
+        return freedoms, []
     pull = freedoms[:, actuation.columns]
-    size = np.abs(pull).max(axis=0, initial=0.0)
+    size = np.where(actuation.shared, np.abs(pull).max(axis=0, initial=0.0), 1.0)
     spare = decompose((pull / np.where(size > 0.0, size, 1.0)).T).null_space @ freedoms
     found = of_one_link(equations, spare, actuation.coordinates) if len(spare) else []
     missing = len(spare) - sum(len(motions) for _, motions in found)

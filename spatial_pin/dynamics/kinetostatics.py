@@ -15,7 +15,7 @@ from spatial_pin.brief import first_names
 from spatial_pin.checks import checked, mapping
 from spatial_pin.columns import Quantity, Tabular, read_only
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
-from spatial_pin.dynamics.inverse import Actuation, balance, pressing
+from spatial_pin.dynamics.inverse import Actuation, actuation_of, balance, pressing
 from spatial_pin.dynamics.reactions import Poses, one_of_many, why_not_unique
 from spatial_pin.dynamics.solvers.equations import Equations, equations_of
 from spatial_pin.errors import Interrupted, SpatialPinError
@@ -214,7 +214,7 @@ class _Rows:
         if bearing.wrenches:
             self.given[k] = bearing.pairs.summed(bearing.wrenches)
         spare = pressing(equations, actuation)
-        if len(spare) or bearing.pairs.coupled or bearing.spaces.rank < bearing.n_closure:
+        if len(spare) or bearing.pairs.coupled or bearing.has_redundant:
             efforts = actuation.all_generalised(spare, len(a))
             self.unique[k] = list(bearing.unique(efforts).values())
         self.done = k + 1
@@ -275,7 +275,7 @@ def kinetostatics(
         )
     warn_of_no_inertia(mechanism, external=external)
     moved, is_cut = motion.mechanism, False
-    actuation = Actuation(moved, actuated)
+    actuation = actuation_of(moved, actuated)
     with ExitStack() as stack:
         equations = bearing = stack.enter_context(equations_of(moved))
         if moved.whole is not None:

@@ -84,7 +84,7 @@ class Pairs:
 
     def __init__(self, mechanism: Mechanism) -> None:
         self.model = model = mechanism.model
-        self.length = mechanism.characteristic_length
+        self.length, self.centre = mechanism.characteristic_length, mechanism.centre
         self.closed = _closed_pairs(mechanism)
         self.lengths = _lengths(mechanism)
         self.coupled = sorted(set().union(*beside_couplings(mechanism).values()))
@@ -130,6 +130,9 @@ class Pairs:
     ) -> tuple[dict[str, Array], Array]:
         """Return the reactions (..., 6) by pair and the wrench on the fixed link, world axes.
 
+        The latter's moment is about the world's origin, as nothing else here is: all other places
+        are relative to the mechanism's centre.
+
         Args:
             poses: where the bodies are.
             transmitted: (..., njoints, 6) what joints would hand on, local axes, were there
@@ -147,7 +150,8 @@ class Pairs:
         for pair in self.closed:
             g = poses.placements[..., pair.bodies[1], :, :]
             found[pair.name] = _moved(_borne(poses.rows, multipliers, pair.rows), pair.point @ g)
-        return found, on_bodies[..., 0, :] - forces[..., self.grounded, :].sum(axis=-2)
+        ground = on_bodies[..., 0, :] - forces[..., self.grounded, :].sum(axis=-2)
+        return found, _moved(ground, -self.centre)
 
     def _without_effort(self, joint: int, force: Array, columns: Array, effort: Array) -> Array:
         """Return what the pair itself bears: `force` (..., 6) less what the joint's effort does.
@@ -282,7 +286,7 @@ def _lengths(mechanism: Mechanism) -> list[Lengths]:
 
 
 def _closed_pair(mechanism: Mechanism, closure: Closure, rows: slice) -> ClosedPair:
-    (first, _), (second, placement) = (mechanism.frame_on_joint(f) for f in closure.frames)
+    (first, _), (second, placement) = (mechanism.centred_frame(f) for f in closure.frames)
     return ClosedPair(closure.name, rows, (first, second), np.append(placement.translation, 1.0))
 
 

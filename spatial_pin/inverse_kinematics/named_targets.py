@@ -58,12 +58,14 @@ class PointPart(Target):
 
     def residual(self, evaluation: Evaluation) -> Residual:
         """See `Target`."""
-        size = evaluation.mechanism.characteristic_length
+        mechanism = evaluation.mechanism
+        size = mechanism.characteristic_length
         at, moved = evaluation.frame(self.frame), evaluation.frame_jacobian(self.frame)
         beside = at.rotation @ self.offset
         slope = moved[:3] - pin.skew(beside) @ moved[3:]
         axes = list(self.axes)
-        return ((at.translation + beside)[axes] - self.values) / size, slope[axes] / size
+        values = self.values - mechanism.centre[axes]
+        return ((at.translation + beside)[axes] - values) / size, slope[axes] / size
 
     def check(self, mechanism: Mechanism) -> None:
         """See `Target`: its frame is known."""

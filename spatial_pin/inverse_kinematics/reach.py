@@ -97,18 +97,23 @@ def reach(
               for c in held.coordinates]
     kept = joint_limits(mechanism) if limits else []
     with evaluation_of(mechanism, start.angles) as evaluation:
-        solver = Solver(evaluation, asked, kept, held.entries, EXACT)
+        solver = Solver(evaluation, asked, kept, held.entries, exact_for(mechanism))
         best = _best(start, solver, starts)
-        if not best.is_best(EXACT) and not best.is_on_its_way:
+        if not best.is_best(solver.tolerance) and not best.is_on_its_way:
             best = _from_afar(start, solver, starts, best)
-        if not best.is_met(EXACT):
+        if not best.is_met(solver.tolerance):
             best = solver.settled(best, start.q)
         solver.stand(best.q)
         reached = State(mechanism, best.q, closure_error=evaluation.closure_error,
                         angles=evaluation.angles.copy())
-        if not best.is_met(EXACT) or best.is_on_its_way:
+        if not best.is_met(solver.tolerance) or best.is_on_its_way:
             raise _short(start, solver, best, reached)
     return reached
+
+
+def exact_for(mechanism: Mechanism) -> float:
+    """Return the residual of what is to be exact: a point of the world is known to its digits."""
+    return EXACT + 2.0 * mechanism.extent.resolution
 
 
 def _best(start: State, solver: Solver, starts: int) -> Reached:
@@ -121,9 +126,9 @@ def _best(start: State, solver: Solver, starts: int) -> Reached:
             best = found if is_closed else solver.reached(start.q, {})
             if found.is_on_its_way:
                 break  # others near it have as far to go
-        elif is_closed and found.is_nearer(best, EXACT):
+        elif is_closed and found.is_nearer(best, solver.tolerance):
             best = found
-        if best.is_best(EXACT):
+        if best.is_best(solver.tolerance):
             break
     assert best is not None  # of the state itself
     return best
@@ -151,14 +156,14 @@ def _from_afar(start: State, solver: Solver, starts: int, best: Reached) -> Reac
         return round(found.missed / TOLERANCES.nothing), float(np.linalg.norm(way))
 
     queue, most, in_vain = [*_far_starts(start, solver, starts)], np.inf, 0
-    if best.is_met(EXACT):
+    if best.is_met(solver.tolerance):
         queue, most = sorted(queue, key=lambda q: solver.reached(q, {}).missed), starts
     for q in queue:
         before = best
         for there in _solved(start, solver, q):
-            if there.is_met(EXACT) and best.is_met(EXACT):
+            if there.is_met(solver.tolerance) and best.is_met(solver.tolerance):
                 best = min(best, there, key=cost)
-            elif there.is_nearer(best, EXACT):
+            elif there.is_nearer(best, solver.tolerance):
                 best = there
         in_vain = in_vain + 1 if best is before else 0
         if in_vain >= most:
@@ -169,9 +174,10 @@ def _from_afar(start: State, solver: Solver, starts: int, best: Reached) -> Reac
 def _solved(start: State, solver: Solver, q: Array) -> Iterable[Reached]:
     """Yield where solving from a far start leads to, and this without whole turns."""
     found = solver.solve(q, start.q)
-    back = _turned_back(start, found.q) if found.is_met(EXACT) else found.q
+    back = _turned_back(start, found.q) if found.is_met(solver.tolerance) else found.q
     for there in (found, solver.solve(back, start.q)) if back is not found.q else (found,):
-        if solver.is_closed(there.q) and not (there.is_met(EXACT) and there.is_on_its_way):
+        if solver.is_closed(there.q) and not (
+                there.is_met(solver.tolerance) and there.is_on_its_way):
             yield there
 
 
@@ -225,7 +231,7 @@ def _short(start: State, solver: Solver, found: Reached, state: State) -> ReachE
     """Return the error that tells how near it comes, and what stops it there."""
     mechanism, residuals = state.mechanism, dict[str, Array]()
     gaps = dict[str, tuple[float, float]]()
-    for target in solver.weighted if found.is_met(EXACT) else solver.exact:
+    for target in solver.weighted if found.is_met(solver.tolerance) else solver.exact:
         off = target.residual(solver.evaluation)[0]
         residuals[target.name] = np.append(residuals.get(target.name, ()), off)
         n = target.lengths(mechanism)
@@ -261,7 +267,7 @@ def _stops(start: State, solver: Solver, found: Reached) -> Iterable[Stop]:
     """Yield what stops a mechanism short of its targets."""
     on_its_way = Stop("steps", "it was still coming nearer when the steps ran out: go on from the "
                       "state of this error, or start nearer")
-    if found.is_met(EXACT):  # and what has a weight is far away
+    if found.is_met(solver.tolerance):  # and what has a weight is far away
         yield on_its_way
         return
     if found.beyond:

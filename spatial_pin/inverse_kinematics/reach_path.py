@@ -18,7 +18,7 @@ from spatial_pin.errors import ReachError, SingularError
 from spatial_pin.inverse_kinematics.driver_singularities import driver_singularities
 from spatial_pin.inverse_kinematics.least_motion import by_drivers
 from spatial_pin.inverse_kinematics.named_targets import read_targets
-from spatial_pin.inverse_kinematics.reach import EXACT, reach
+from spatial_pin.inverse_kinematics.reach import exact_for, reach
 from spatial_pin.inverse_kinematics.solving import Solver
 from spatial_pin.inverse_kinematics.target_coordinates import (
     Chain,
@@ -141,10 +141,12 @@ def reach_path(
 
 def _is_met(state: State, targets: Mapping[str, Any]) -> bool:
     """Whether targets are met at a state, joint limits kept or not."""
-    with evaluation_of(state.mechanism, state.angles) as evaluation:
+    mechanism = state.mechanism
+    met = TOLERANCES.closed + 2.0 * mechanism.extent.resolution
+    with evaluation_of(mechanism, state.angles) as evaluation:
         evaluation.update(state.q)
-        return all(np.linalg.norm(target.residual(evaluation)[0]) <= TOLERANCES.closed
-                   for target in read_targets(state.mechanism, targets))
+        return all(np.linalg.norm(target.residual(evaluation)[0]) <= met
+                   for target in read_targets(mechanism, targets))
 
 
 def _chains(state: State, tables: list[Table], s: Array, hold: Hold) -> tuple[int, list[Chain]]:
@@ -154,7 +156,7 @@ def _chains(state: State, tables: list[Table], s: Array, hold: Hold) -> tuple[in
     with evaluation_of(mechanism, state.angles) as evaluation:
         asked = read_targets(mechanism, targets_at(tables, 0))
         held = held_by(mechanism, hold)
-        solver = Solver(evaluation, asked, [], held.entries, EXACT)
+        solver = Solver(evaluation, asked, [], held.entries, exact_for(mechanism))
         motions = solver.motions(state.q, solver.stops.moves, [], idle=False)
         chains = []
         for table in tables:
@@ -165,7 +167,7 @@ def _chains(state: State, tables: list[Table], s: Array, hold: Hold) -> tuple[in
                 moved = evaluation.frame_jacobian(mechanism.frame_id(table.name)).copy()
                 moved[:3] /= size
                 rows = moved @ (motions * solver.scale).T
-            chains.append(chain_of(table, s, rows, size))
+            chains.append(chain_of(table, s, rows, mechanism))
             own = rank(rows if table.rotations is not None else rows[:3],
                        TOLERANCES.half_precision)
             if not table.is_coordinate and chains[-1].n > own:

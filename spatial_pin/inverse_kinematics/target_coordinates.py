@@ -86,46 +86,50 @@ class Stretch(NamedTuple):
     course: Course
 
 
-def chain_of(table: Table, s: Array, rows: Array, length: float) -> Chain:
+def chain_of(table: Table, s: Array, rows: Array, mechanism: Mechanism) -> Chain:
     """Return the chain of a target.
 
     Args:
         table: where it should be.
         s: (N,) parameter.
         rows: (r, k) velocities of the target, in world axes, by the motions there are at the start.
-        length: the characteristic length [m].
+        mechanism: whose frame it is of.
     """
+    length, known = mechanism.characteristic_length, 2.0 * mechanism.extent.resolution
     if table.points is None:
         assert table.values is not None
         values = table.values.reshape(len(s), -1)
         if table.values.ndim > 1:  # of a centre of mass, which may stay in a plane
-            directions = _directions(rows, (values - values[0]) / length)
+            directions = _directions(rows, (values - values[0]) / length, known)
             return Chain(table, directions, Course.along(s, values @ directions))
+        if isinstance(table.first, PointPart):
+            values = values - mechanism.centre[list(table.first.axes)]
         return Chain(table, np.ones((1, 1)), Course.along(s, values))
     away = table.points - table.points[0]
-    directions = _directions(rows[:3], away / length)
+    directions = _directions(rows[:3], away / length, known)
     slides = Course.along(s, away).turned(directions)
     if table.rotations is None:
         return Chain(table, directions, slides)
     phi = table.turns()
-    axes = _directions(rows[3:], phi @ table.rotations[0].T)
+    axes = _directions(rows[3:], phi @ table.rotations[0].T, 0.0)
     hinges = axes.shape[1] if axes.shape[1] < 2 else 3
     axis = table.rotations[0].T @ axes[:, 0] if hinges == 1 else None
     return Chain(table, directions, slides, hinges, axis, phi, *turn_course(s, phi))
 
 
-def _directions(rows: Array, away: Array) -> Array:
+def _directions(rows: Array, away: Array, known: float) -> Array:
     """Return unit vectors (3, k) that velocities span; all three if that leaves out of `away`.
 
     Args:
         rows: (3, m) velocities.
         away: (N, 3) where it is to go.
+        known: to how much that is known.
     """
     turned = decompose(rows.T, TOLERANCES.half_precision)
     if turned.rank == 3:
         return ALL
     out = away @ turned.null_space.T
-    if np.abs(out).max(initial=0.0) > TOLERANCES.closed:
+    if np.abs(out).max(initial=0.0) > TOLERANCES.closed + known:
         return ALL
     return turned.vt[: turned.rank].T
 
@@ -242,7 +246,7 @@ def copy_at(state: State, chains: list[Chain], stretch: Stretch) -> Copy:
         mechanism.name, model, pin.GeometryModel(), pin.GeometryModel(), (*mechanism.pairs, *pairs),
         (*mechanism.closures, *closures), springs=mechanism.springs, passives=mechanism.passives)
     # lengths are divided as in the mechanism
-    vars(copy)["characteristic_length"] = mechanism.characteristic_length
+    vars(copy)["extent"] = mechanism.extent
     return Copy(_closed(copy, state, names, stretch.course.value[0]), names)
 
 
@@ -262,7 +266,7 @@ def _output_closure(
         axis = ALL[target.axes[0]]
         kind, moved, offset = "point_on_plane", target.frame, pin.SE3(ALL, target.offset)
         geometry = closure_geometry(PAIRS[kind], axis)
-        joint = model.addJoint(0, prismatic_joint(axis), at, name)
+        joint = model.addJoint(0, prismatic_joint(axis), pin.SE3(ALL, mechanism.centre), name)
     model.addFrame(pin.Frame(end, joint, 0, at, pin.FrameType.OP_FRAME))
     own = model.frames[moved]
     model.addFrame(pin.Frame(frame, own.parentJoint, 0, own.placement * offset,

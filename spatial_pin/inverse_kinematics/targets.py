@@ -112,8 +112,9 @@ def _frame(evaluation: Evaluation, name: str) -> tuple[pin.SE3, Array]:
 
 
 def _offset(evaluation: Evaluation, at: pin.SE3, slope: Array, point: Array) -> Residual:
-    size = evaluation.mechanism.characteristic_length
-    return (at.translation - point) / size, slope[:3] / size
+    mechanism = evaluation.mechanism
+    size = mechanism.characteristic_length
+    return (at.translation - (point - mechanism.centre)) / size, slope[:3] / size
 
 
 def _turn(at: pin.SE3, slope: Array, rotation: Array) -> Residual:
@@ -282,7 +283,7 @@ class CentreOfMass(Target):
             centre += share * at
             slope += share * (moved[:3] - pin.skew(at) @ moved[3:])
         asked = [k for k, x in enumerate(self.point) if x is not None]
-        wanted = np.array([self.point[k] for k in asked], dtype=float)
+        wanted = np.array([self.point[k] for k in asked], dtype=float) - mechanism.centre[asked]
         return (centre[asked] - wanted) / size, slope[asked] / size
 
     def check(self, mechanism: Mechanism) -> None:

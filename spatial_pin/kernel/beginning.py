@@ -6,8 +6,8 @@ import ctypes
 from collections.abc import Sequence
 
 from spatial_pin.kernel.closer import Asked, Closer
-from spatial_pin.kernel.kernel import address, check, numbers
-from spatial_pin.kernel.library import INT, POINTER, REAL
+from spatial_pin.kernel.kernel import check, numbers
+from spatial_pin.kernel.library import INT, POINTER, REAL, address
 from spatial_pin.kernel.paths import PathRows, Samples, asked_path
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy

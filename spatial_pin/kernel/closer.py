@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.constraints.workspaces import acquired
-from spatial_pin.kernel.kernel import Kernel, address, check
-from spatial_pin.kernel.library import INT, POINTER, REAL
+from spatial_pin.kernel.kernel import Kernel, check
+from spatial_pin.kernel.library import INT, POINTER, REAL, address
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.numerics.linalg import Array

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.kernel.closer import Closer
-from spatial_pin.kernel.kernel import Kernel, address, check, numbers
+from spatial_pin.kernel.kernel import Kernel, check, numbers
+from spatial_pin.kernel.library import address
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES

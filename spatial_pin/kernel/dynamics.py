@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from spatial_pin.kernel.integrating import LOST, Asking, view
-from spatial_pin.kernel.kernel import Kernel, address
-from spatial_pin.kernel.library import INT, POINTER, REAL, library
+from spatial_pin.kernel.kernel import Kernel
+from spatial_pin.kernel.library import INT, POINTER, REAL, address, library
 from spatial_pin.kernel.packing import Ints, Packed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array

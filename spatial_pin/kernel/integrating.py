@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from spatial_pin.kernel.kernel import address, check
-from spatial_pin.kernel.library import INT, POINTER, REAL, library
+from spatial_pin.kernel.kernel import check
+from spatial_pin.kernel.library import INT, POINTER, REAL, address, library
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import INTEGRATORS, KERNEL
 

@@ -7,32 +7,14 @@ import weakref
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.kernel.library import CODES, library
+from spatial_pin.kernel.library import CODES, address, library
 from spatial_pin.kernel.packing import Packed, packed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
-
-_ENTRY = ctypes.c_double()
-_NOWHERE = ctypes.addressof(_ENTRY)  # where an array without entries may begin
-_view = ctypes.c_char.from_buffer  # of a tenth of the price of `array.ctypes`
-_addressof = ctypes.addressof
-
-
-def address(array: NDArray[Any]) -> int:
-    """Return where a contiguous array begins; the caller keeps it alive."""
-    try:
-        return _addressof(_view(array))  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        if not array.size:
-            return _NOWHERE
-        if array.flags.writeable:  # it is not contiguous
-            raise
-        return int(array.ctypes.data)
 
 
 def numbers(array: Array, shape: tuple[int, ...]) -> Array:

@@ -5,6 +5,9 @@ from __future__ import annotations
 import ctypes
 from functools import cache
 from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
 
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.sources import LIBRARY, source_hash
@@ -14,6 +17,23 @@ CODES = ("done", "arrays that do not fit together", "no memory left", "a singula
 DONE, BAD_ARRAYS, SINGULAR, UNSAFE, NOT_FINITE = 0, 1, 3, 5, 6  # of them
 INT, REAL, POINTER = ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
 REMEDY = "install the package with pip, or run `python scripts/build_kernel.py` in its source tree"
+
+_ENTRY = ctypes.c_double()
+_NOWHERE = ctypes.addressof(_ENTRY)  # where an array without entries may begin
+_view = ctypes.c_char.from_buffer  # of a tenth of the price of `array.ctypes`
+_addressof = ctypes.addressof
+
+
+def address(array: NDArray[Any]) -> int:
+    """Return where a contiguous array begins; the caller keeps it alive."""
+    try:
+        return _addressof(_view(array))  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        if not array.size:
+            return _NOWHERE
+        if array.flags.writeable:  # it is not contiguous
+            raise
+        return int(array.ctypes.data)
 
 
 def opened(path: Path) -> ctypes.CDLL:
@@ -96,6 +116,14 @@ def _declared(found: ctypes.CDLL) -> ctypes.CDLL:
     found.kkt_solve.restype, found.kkt_solve.argtypes = None, [POINTER, INT, *[POINTER] * 4]
     found.kkt_entries.restype, found.kkt_entries.argtypes = INT, [POINTER] * 4
     found.kkt_chosen.restype, found.kkt_chosen.argtypes = INT, [POINTER, POINTER]
+    found.tree_create.argtypes = [POINTER] * 3
+    found.tree_motion.restype, found.tree_motion.argtypes = None, [POINTER] * 8
+    found.tree_jacobian.restype, found.tree_jacobian.argtypes = None, [POINTER] * 2
+    found.tree_forces.restype, found.tree_forces.argtypes = None, [POINTER] * 7
+    found.tree_masses.restype, found.tree_masses.argtypes = None, [POINTER] * 4
+    found.tree_eliminate.argtypes = [POINTER] * 7
+    found.tree_respond.restype, found.tree_respond.argtypes = REAL, [POINTER] * 3
+    found.tree_accelerations.restype, found.tree_accelerations.argtypes = None, [POINTER] * 5
     _declare_dynamics(found)
     return found
 

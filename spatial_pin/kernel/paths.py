@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.kernel.kernel import Kernel, address, check, numbers
-from spatial_pin.kernel.library import INT
+from spatial_pin.kernel.kernel import Kernel, check, numbers
+from spatial_pin.kernel.library import INT, address
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.kernel.kernel import Kernel, address, check, numbers
-from spatial_pin.kernel.library import DONE, NOT_FINITE, SINGULAR, UNSAFE
+from spatial_pin.kernel.kernel import Kernel, check, numbers
+from spatial_pin.kernel.library import DONE, NOT_FINITE, SINGULAR, UNSAFE, address
 from spatial_pin.numerics.linalg import Array
 
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.constraints.workspaces import acquired
-from spatial_pin.kernel.kernel import Kernel, address, check, numbers
-from spatial_pin.kernel.library import BAD_ARRAYS, DONE, UNSAFE
+from spatial_pin.kernel.kernel import Kernel, check, numbers
+from spatial_pin.kernel.library import BAD_ARRAYS, DONE, UNSAFE, address
 from spatial_pin.kernel.packing import packed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array

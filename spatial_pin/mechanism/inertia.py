@@ -13,6 +13,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -104,14 +105,52 @@ def inertia_as_given(mass: float, lever: Array, matrix: Array) -> pin.Inertia:
     return made
 
 
+def depth_first(model: pin.Model) -> list[int]:
+    """Return the joints of a tree, each followed by all that it carries."""
+    found, left = [], [int(i) for i in reversed(model.children[0])]
+    while left:
+        found.append(left.pop())
+        left += [int(i) for i in reversed(model.children[found[-1]])]
+    return found
+
+
+def part_of(
+    whole: pin.Model, joints: list[int]
+) -> tuple[pin.Model, NDArray[np.intp], NDArray[np.intp]]:
+    """Return a tree of some joints in an order, with their places in q and in v of the whole.
+
+    Args:
+        whole: the tree.
+        joints: with all before them, in this order.
+    """
+    model, own = pin.Model(), {0: 0}
+    model.gravity = whole.gravity
+    for i in joints:
+        own[i] = model.addJoint(own[whole.parents[i]], whole.joints[i].extract(),
+                                whole.jointPlacements[i], whole.names[i])
+        model.inertias[own[i]] = whole.inertias[i]
+    q, v = (np.array([first[i] + k for i in joints for k in range(n[i])], np.intp) for first, n in (
+        (whole.idx_qs, whole.nqs), (whole.idx_vs, whole.nvs)))
+    model.armature = whole.armature[v]
+    return model, q, v
+
+
 class MassMatrix:
-    """`pin.crba` for bodies of any mass.
+    """`pin.crba` for bodies of any mass and joints in any order.
+
+    Pinocchio's takes what a joint carries for the joints right behind it, and is wrong, without a
+    word, for a tree whose joints are not in the order of its branches.
 
     Attributes:
         model: the tree, its masses counted in `unit` [kg].
     """
 
     def __init__(self, model: pin.Model) -> None:
+        self._whole, self._order = model, depth_first(model)
+        self._own: tuple[NDArray[np.intp], NDArray[np.intp]] | None = None
+        if self._order != sorted(self._order):
+            model, *own = part_of(model, self._order)
+            self._own = own[0], own[1]
         self.model, self.unit = model, 1.0
         masses = [x.mass for x in model.inertias if x.mass > 0.0]
         if masses and (min(masses) < UNSCALED or max(masses) > TOLERANCES.largest):
@@ -124,8 +163,17 @@ class MassMatrix:
 
     def __call__(self, q: Array) -> Array:
         """Return the mass matrix (nv, nv) at a configuration q (nq,), overwritten by the next."""
-        mass: Array = pin.crba(self.model, self._data, q)
+        mass = self._in_order(q) if self._own else pin.crba(self.model, self._data, q)
         return mass if self.unit == 1.0 else mass * self.unit
+
+    def _in_order(self, q: Array) -> Array:
+        """Return the same of a tree whose joints are not in the order of its branches."""
+        assert self._own is not None
+        for own, joint in enumerate(self._order, start=1):  # they may have been changed
+            self.model.inertias[own] = _times(self._whole.inertias[joint], 1.0 / self.unit)
+        places = np.argsort(self._own[1])
+        found: Array = pin.crba(self.model, self._data, q[self._own[0]])
+        return found[np.ix_(places, places)]
 
 
 class KineticEnergy:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from copy import copy
 from dataclasses import dataclass, field
@@ -21,15 +20,13 @@ from spatial_pin.errors import (
     UnknownNameError,
 )
 from spatial_pin.lazy import cached_property
+from spatial_pin.mechanism.extent import Extent, centred, extent_of
 from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.mechanism.named_frames import Frame, frames_by_name
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS
 from spatial_pin.mechanism.parts import Closure, Coordinate, Driver, Equations, Passive, Spring
 from spatial_pin.methods import method
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.numerics.tolerances import TOLERANCES
-
-SMALLEST = 1.0 / TOLERANCES.largest  # m
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +74,8 @@ class Mechanism:
         0.603 m
         >>> mech.neutral  # (nq,): crank, quaternion of the ball, rocker
         array([0., 0., 0., 0., 1., 0.])
+        >>> mech.centre  # [m] what is solved is relative to it: the world's origin, which is near
+        array([0., 0., 0.])
     """
 
     name: str
@@ -172,7 +171,8 @@ class Mechanism:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is copied or sent elsewhere: all but what is worked out again on use."""
-        kept = {k: x for k, x in self.__dict__.items() if k not in ("memo", "neutral")}
+        again = "memo", "neutral", "centred_model"
+        kept = {k: x for k, x in self.__dict__.items() if k not in again}
         parts = {name: (x.mass, x.lever, x.inertia) for name, x in self.inertias.items()}
         return {**kept, "memo": {}, "inertias": parts}
 
@@ -378,31 +378,43 @@ class Mechanism:
         return q
 
     @cached_property
-    def characteristic_length(self) -> float:
-        """Largest distance between two joint, closure or named frames at neutral [m]; 1 if 0.
+    def extent(self) -> Extent:
+        """How large it is, and where: the characteristic length and a centre close to it.
 
         Raises:
             MechanismFileError: it is so small or large that squares leave the range of numbers.
         """
-        joints = [pin.SE3.Identity()]  # every joint is the identity at neutral
-        for parent, placement in zip(self.model.parents[1:], self.model.jointPlacements[1:],
-                                     strict=True):
-            joints.append(joints[parent] * placement)
-        points = np.array([joints[f.parentJoint].act(f.placement.translation)
-                           for f in self.model.frames])
-        reach = np.abs(points).max(axis=1)
-        span = float(reach.max())
-        if span <= 1.0 / SMALLEST:  # otherwise it may be infinite, or NaN
-            unit = 2.0 ** math.frexp(span)[1]  # changes no digit
-            points /= unit
-            span = unit * _diameter(points)
-        if span and not SMALLEST <= span <= 1.0 / SMALLEST:
-            frame = self.model.frames[int(np.argmax(reach))].name
-            large = f"{span:.3g} m large" if math.isfinite(span) else "larger than any number"
-            raise MechanismFileError(
-                f"{self.path or self.name}: the mechanism is {large} (frame {frame!r}); "
-                f"only sizes from {SMALLEST:g} to {1.0 / SMALLEST:g} m can be worked with")
-        return span if span > 0.0 else 1.0
+        whole = self.whole or self
+        joined = [self.frame_ids.get(name, 0) for closure in whole.closures
+                  for name in (*closure.frames, *closure.between)]
+        return extent_of(self.model, set(joined), str(self.path or self.name))
+
+    @cached_property
+    def characteristic_length(self) -> float:
+        """Largest distance between two joint, closure or named frames at neutral [m]; 1 if 0.
+
+        Frames of the ground that nothing is joined to count where they are near the others: the
+        world's own does not in site coordinates.
+
+        Raises:
+            MechanismFileError: it is so small or large that squares leave the range of numbers.
+        """
+        return self.extent.length
+
+    @property
+    def centre(self) -> Array:
+        """(3,) the point of the world that is solved relative to [m]: the origin if it is near."""
+        return self.extent.centre
+
+    @cached_property
+    def centred_model(self) -> pin.Model:
+        """The open tree relative to the `centre`; `model` itself where that is the origin."""
+        return centred(self.model, self.centre) if self.centre.any() else self.model
+
+    def centred_frame(self, name: str) -> tuple[int, pin.SE3]:
+        """Return what `frame_on_joint` does; what is on the ground relative to the `centre`."""
+        frame = self.centred_model.frames[self.frame_id(name)]
+        return int(frame.parentJoint), frame.placement
 
     @cached_property
     def velocity_scale(self) -> Array:
@@ -469,19 +481,6 @@ class Mechanism:
             f"{counted(len(self.closures), 'closure')}, "
             f"drivers {list(self.drivers)})"
         )
-
-
-def _diameter(points: Array) -> float:
-    """Return the largest distance between two of the points (N, 3)."""
-
-    def farthest(point: Array) -> float:
-        return float(np.linalg.norm(points - point, axis=1).max())
-
-    radii = np.linalg.norm(points - (points.min(axis=0) + points.max(axis=0)) / 2, axis=1)
-    least = farthest(points[int(np.argmax(radii))])
-    # two points that are farther apart than that lie at least so far from the middle
-    outer = radii > least * (1.0 - 4.0 * np.finfo(float).eps) - radii.max()
-    return max([least, *map(farthest, points[outer])])
 
 
 class _MadeWhenAsked:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.checks import checked
+from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -98,11 +98,15 @@ def _four_bar(mechanism: Mechanism, state: State) -> tuple[list[str], Array]:
     first, second = chains
     if len(first) + len(second) != 3 or set(first) & set(second):
         raise wrong
-    places = [state.data.oMi[i] for i in first] + [state.placement(frames[0])]
-    places += [state.data.oMi[i] for i in reversed(second)]
-    centres = np.array([place.translation for place in places])
-    pin.computeJointJacobians(model, state.data, state.q)
-    columns = joint_jacobian(state.data, model.nv)
+    with evaluation_of(mechanism, state.angles) as evaluation:
+        evaluation.update(state.q)
+        places = [evaluation.data.oMi[i] for i in first]
+        places += [evaluation.frame(mechanism.frame_id(frames[0]))]
+        places += [evaluation.data.oMi[i] for i in reversed(second)]
+        centres = np.array([place.translation for place in places])
+        columns = joint_jacobian(evaluation.data, model.nv).copy()
+        points = {c.name: evaluation.frame(mechanism.frame_id(c.frames[0])).translation
+                  for c in mechanism.closures}
     axes = [columns[3:, model.idx_vs[i]] for i in (*first, *second)]
     if any(np.linalg.norm(np.cross(axes[0], axis)) > TOLERANCES.nothing for axis in axes):
         raise wrong
@@ -111,7 +115,7 @@ def _four_bar(mechanism: Mechanism, state: State) -> tuple[list[str], Array]:
     centres -= np.outer(centres @ axes[0], axes[0])
     for closure in mechanism.closures:  # each states one of the pins
         joined = {mechanism.frame_on_joint(f)[0] for f in closure.frames}
-        point = state.placement(closure.frames[0]).translation
+        point = points[closure.name]
         apart = np.linalg.norm(point - (point @ axes[0]) * axes[0] - centres, axis=1)
         if not any({*loop[k:k + 2]} == joined
                    and apart[k] <= TOLERANCES.nothing * mechanism.characteristic_length

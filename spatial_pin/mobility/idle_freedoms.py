@@ -76,6 +76,8 @@ def passive_freedoms_at(
     mechanism = evaluation.mechanism
     scale, n = mechanism.velocity_scale, evaluation.constraints.n_closure
     evaluation.update(q)
+    if not n:
+        return []
     driven = [mechanism.coordinate(d.joint) for d in mechanism.drivers.values()]
     drive = [scaled_row(mechanism, c, q) for c in driven]
     drive += list(np.eye(len(scale))[[*still_entries(mechanism, driven), *held]])
@@ -223,7 +225,8 @@ def described(evaluation: Evaluation, joint: str, v: Array) -> PassiveFreedom:
     spin = float(np.linalg.norm(twist[3:])) * mechanism.characteristic_length
     if spin < TOLERANCES.half_precision * float(np.linalg.norm(twist[:3])):
         axis = _of_one_sense(twist[:3] / np.linalg.norm(twist[:3]))
-        return PassiveFreedom(link, "slide", axis, evaluation.data.oMi[i].translation.copy(),
+        at = mechanism.centre + evaluation.data.oMi[i].translation
+        return PassiveFreedom(link, "slide", axis, at,
                               f"{link} slides along {_direction(axis)} in joint {joint}")
     omega = float(np.linalg.norm(twist[3:]))
     axis = _of_one_sense(twist[3:] / omega)
@@ -234,7 +237,7 @@ def described(evaluation: Evaluation, joint: str, v: Array) -> PassiveFreedom:
     text = f"{link} {'spins' if kind == 'spin' else 'turns and advances'} about {_direction(axis)}"
     if through:
         text += f" through {' and '.join(through)}"
-    return PassiveFreedom(link, kind, axis, point, text)
+    return PassiveFreedom(link, kind, axis, mechanism.centre + point, text)
 
 
 def _of_one_sense(axis: Array) -> Array:

@@ -146,7 +146,8 @@ class Motion(Tabular):
         time: (N,) [s], or None where samples are no history in time.
         q: (N, nq) configurations as Pinocchio orders them [rad, m, quaternions x, y, z, w].
         v, a: (N, nv) joint velocities and accelerations [rad, m, per `per`].
-        closure_error: (N,) largest residual of a constraint equation, of each sample [-].
+        closure_error: (N,) largest residual of a constraint equation, of each sample [-]; as of a
+            `State`.
         driver_speed: (N,) [rad/s or m/s]; 1 where the driver has no speed.
         events: limits, singular configurations and the like that were met, in their order.
         angles: (N, n) relative angle of every screw closure [rad], counting turns.
@@ -185,6 +186,9 @@ class Motion(Tabular):
     held: tuple[str, ...] = (BASE,)
 
     def __post_init__(self) -> None:
+        resolved = self.mechanism.extent.resolution
+        if resolved:
+            self.__dict__["closure_error"] = np.maximum(self.closure_error, resolved)
         for name, x in self.__dict__.items():
             if isinstance(x, np.ndarray):
                 self.__dict__[name] = read_only(x)
@@ -576,6 +580,9 @@ def made(**fields: Any) -> Motion:
     motion that looks for them when they are asked for.
     """
     motion = Motion.__new__(Motion)
+    resolved = fields["mechanism"].extent.resolution
+    if resolved:
+        fields["closure_error"] = np.maximum(fields["closure_error"], resolved)
     for x in fields.values():
         if type(x) is np.ndarray:
             x.setflags(False)  # type: ignore[call-arg]  # by keyword it takes twice as long

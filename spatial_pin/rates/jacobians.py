@@ -227,7 +227,7 @@ class _Moving:
     """The tree's Jacobian of a frame, and how it changes as a state moves."""
 
     def __init__(self, mechanism: Mechanism, state: State, frame: int) -> None:
-        self.model, self.q, self.v, self.frame = mechanism.model, state.q, state.v, frame
+        self.model, self.q, self.v, self.frame = mechanism.centred_model, state.q, state.v, frame
         self.data = self.model.createData()
         pin.computeJointJacobians(self.model, self.data, self.q)
         pin.updateFramePlacements(self.model, self.data)

@@ -249,8 +249,8 @@ def solve_rates(
     if clear is None:
         check_rates(state, found.v)
     return made(mechanism, state.q, found.v, found.a, closure_error=state.closure_error,
-                angles=state.angles, rate_error=found.lost, released=state.released,
-                lost_turns=state.lost_turns)
+                angles=state.angles, rate_error=_told(mechanism, found.lost),
+                released=state.released, lost_turns=state.lost_turns)
 
 
 def _solved(
@@ -346,7 +346,19 @@ def rate_error(driver: str, solved: bool, state: State, held: Hold = BASE) -> fl
     assert found is not None
     if not solved:
         return found.known
-    return max(found.lost, 2.0 * _apart(state, found)) if moves else found.lost
+    lost = _told(mechanism, found.lost)
+    return max(lost, 2.0 * _apart(state, found)) if moves else lost
+
+
+def _told(mechanism: Mechanism, lost: float) -> float:
+    """Return the error of rates that is told: far away, coordinates have roundings of their own.
+
+    Args:
+        mechanism: what moves.
+        lost: round-off of the solution, relative to the rates.
+    """
+    resolved = mechanism.extent.resolution
+    return min(lost * (1.0 + resolved / SOLUTION_ERROR), 1.0) if resolved else lost
 
 
 def _apart(state: State, found: Solved) -> float:

@@ -16,6 +16,7 @@ from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.coordinates import coordinates_of, joint_values, needed
+from spatial_pin.mechanism.extent import Extent
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.resistance import resists
@@ -30,6 +31,7 @@ from spatial_pin.reduction.model.model import Model
 from spatial_pin.reduction.model.replacing import replace_links
 from spatial_pin.reduction.report import Omission, omissions
 
+ROUNDINGS = 10.0  # of a place in the world, as links are put together
 STARTS = 256  # assembled configurations that are remembered: 0.2 MB for a hundred coordinates
 
 
@@ -59,9 +61,9 @@ class Reduced(Mechanism):
     left_out: tuple[Omission, ...] = ()
 
     @cached_property
-    def characteristic_length(self) -> float:
-        """That of the full mechanism [m], so that closure errors mean the same."""
-        return self.full.characteristic_length
+    def extent(self) -> Extent:
+        """That of the full mechanism, so that closure errors mean the same."""
+        return self.full.extent
 
     @cached_property
     def unplaced(self) -> Mapping[str, str]:
@@ -111,7 +113,7 @@ class Reduced(Mechanism):
         except SpatialPinError:  # a loop that is left out cannot close there
             return None
         found = carried_over(self, there)
-        return found.q if found.closure_error <= TOLERANCES.nothing else None
+        return found.q if found.closure_error <= _closed(self) else None
 
     @checked
     def state(self, full: State) -> State:
@@ -129,7 +131,7 @@ class Reduced(Mechanism):
         """
         full = of_mechanism(self.full, full)
         found = carried_over(self, full)
-        if found.closure_error > max(TOLERANCES.nothing, 10.0 * full.closure_error):
+        if found.closure_error > max(_closed(self), 10.0 * full.closure_error):
             raise SpatialPinError(
                 f"mechanism {self.name!r}: the loops are open by {found.closure_error:.1e} in "
                 "that state: what was welded, or the branch, is another there")
@@ -370,10 +372,15 @@ def _agrees(made: Mechanism, influence: Influence) -> bool:
         evaluation.angle_reference[:] = own.angles
         evaluation.update(own.q)
         rows = evaluation.jacobian[: evaluation.constraints.n_closure]
-        if evaluation.closure_error > TOLERANCES.nothing or evaluation.mirrored() \
+        if evaluation.closure_error > _closed(full) or evaluation.mirrored() \
                 or len(null_space(rows, 1e-8)) != rank(motions[:, at], TOLERANCES.singular):
             return False
     return True
+
+
+def _closed(mechanism: Mechanism) -> float:
+    """Return the closure error of a closed mechanism that was put together in the world [-]."""
+    return TOLERANCES.nothing + ROUNDINGS * mechanism.extent.resolution
 
 
 def _coordinates(mechanism: Mechanism, state: State) -> dict[str, Any]:

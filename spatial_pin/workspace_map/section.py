@@ -124,6 +124,8 @@ class Section:
                 np.concatenate([self._rows[:k] @ t, rows @ t]))
 
     def plain(self, y: Array) -> tuple[Array, Array]:
-        """Return coordinates (m, k) and points (m, 3) in their own units."""
+        """Return coordinates (m, k) and points (m, 3) of the world in their own units."""
         k = len(self._sizes)
-        return y[:, :k] * self._sizes, y[:, k:] * self.asked.mechanism.characteristic_length
+        mechanism = self.asked.mechanism
+        return (y[:, :k] * self._sizes,
+                y[:, k:] * mechanism.characteristic_length + mechanism.centre)

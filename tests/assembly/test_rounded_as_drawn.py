@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 import pinocchio as pin
 import pytest
+import rounded
 from variety import paired
 
 import spatial_pin as sp
@@ -124,6 +125,90 @@ def test_save_keeps_the_gap(tmp_path):
     mechanism = four_bar(6, gap=2e-5)
     again = sp.load(mechanism.save(tmp_path / "saved"))
     assert again.gap == 2e-5 and sp.load(again.path, gap=0.0).gap == 0.0
+
+
+# ------------------------------------------------------------ which equations stay
+
+
+PIVOTS = np.array([(0.0, 0.0, 0.0), (0.9, 0.1, 0.0), (0.4, 0.55, 0.0)])
+
+
+def parallel_cranks(digits, folded, ahead, seed=4, **keys):
+    """A coupler on three parallel cranks; one loop of two of them folds `ahead` of the drawn pose.
+
+    Args:
+        digits: of all numbers; it closes as drawn.
+        folded: the two cranks whose pivots and pins come to lie on a line.
+        ahead: rad.
+        seed: of the links' frames.
+        **keys: of the mechanism.
+    """
+    rng, plane = np.random.default_rng(seed), pin.exp3(np.array((0.3, -0.5, 0.2)))
+    line = PIVOTS[folded[1]] - PIVOTS[folded[0]]
+    angle = np.arctan2(line[1], line[0]) - ahead
+    crank = 0.5 * np.array([np.cos(angle), np.sin(angle), 0.0])
+    links = [("crank0", 0, PIVOTS[0]), ("coupler", 1, PIVOTS[0] + crank),
+             ("crank1", 0, PIVOTS[1]), ("crank2", 0, PIVOTS[2])]
+    world = [pin.SE3(pin.exp3(rng.normal(size=3)), plane @ at) for _, _, at in links]
+    model, joints = pin.Model(), []
+    for k, (name, parent, _) in enumerate(links):
+        place = (world[parent - 1] if parent else pin.SE3.Identity()).actInv(world[k])
+        axis = np.round(world[k].rotation.T @ plane @ np.array([0.0, 0.0, 1.0]), digits)
+        rpy = np.round(pin.rpy.matrixToRpy(place.rotation), digits)
+        rounded_place = pin.SE3(pin.rpy.rpyToMatrix(rpy), np.round(place.translation, digits))
+        joints.append(model.addJoint(parent, pin.JointModelRevoluteUnaligned(
+            axis / np.linalg.norm(axis)), rounded_place, name))
+        model.appendBodyToJoint(joints[-1], pin.Inertia(1.0, np.zeros(3), 0.01 * np.eye(3)),
+                                pin.SE3.Identity())
+    data = model.createData()
+    pin.forwardKinematics(model, data, pin.neutral(model))
+    closures = []
+    for k in (1, 2):
+        at = pin.SE3(plane, plane @ (PIVOTS[k] + crank))
+        closures.append(sp.closures.revolute(
+            *((name, data.oMi[joint].actInv(at)) for name, joint in (
+                (f"crank{k}", joints[k + 1]), ("coupler", joints[1]))), name=f"pin{k}"))
+    return sp.Mechanism.from_model(model, closures, drivers=["crank0"], name="cranks", **keys)
+
+
+@pytest.mark.parametrize(("digits", "folded", "ahead"), [
+    (9, (0, 1), -0.33), (9, (0, 2), 0.2), (7, (0, 1), 0.2), (7, (0, 2), -0.2), (6, (0, 1), -0.2),
+    (6, (0, 2), 0.33), (5, (0, 1), -0.33), (5, (0, 2), 0.33)])
+def test_parallel_cranks_go_on_where_two_of_them_are_folded(digits, folded, ahead):
+    """The equations of that loop depend on each other there; those of the other loop do not."""
+    mechanism = parallel_cranks(digits, folded, ahead)
+    values = np.sign(ahead) * np.linspace(0.0, 0.5, 26)
+    motion = sp.sweep(mechanism, "crank0", values)
+    for crank in ("crank1", "crank2"):
+        assert np.abs(motion.coordinate(crank).value - values).max() < 100.0 * 10.0**-digits
+
+
+@pytest.mark.parametrize("seed", [5, 12, 13, 14])
+def test_loops_that_nearly_count_as_closed_are_assembled(seed):
+    """Numbers of eleven digits leave them open by as much as what counts as closed."""
+    exact, mechanism = (rounded.plane([0.2, 0.5, 0.45, 0.6], rounding, seed=seed)
+                        for rounding in (rounded.exactly, rounded.to_digits(11)))
+    found = sp.assemble(mechanism)
+    assert found.closure_error < 1e-13 and sp.mobility(mechanism, found).dof == 1
+    assert np.abs(found.q - sp.assemble(exact).q).max() < 1e-9
+
+
+@pytest.mark.parametrize("seed", [0, 1, 5])
+def test_with_the_gap_that_a_report_names_the_mechanism_moves(seed):
+    report = sp.mobility(parallel_cranks(3, (0, 2), 0.33, seed))
+    assert report.dof == 0
+    gap = float(str(report).partition("gap=")[2].partition(")")[0])
+    assert sp.mobility(parallel_cranks(3, (0, 2), 0.33, seed, gap=gap)).dof == 1
+
+
+@pytest.mark.parametrize("seed", [0, 3, 5])
+def test_the_refusal_to_assemble_names_the_gap_that_would_do(seed):
+    sides = [0.2, 0.5, 0.45, 0.6]
+    with pytest.raises(sp.AssemblyError, match=r"stays open by .* gap=\de-04") as refused:
+        sp.assemble(rounded.plane(sides, rounded.to_digits(4), seed=seed))
+    gap = float(str(refused.value).partition("gap=")[2].partition(")")[0])
+    mechanism = rounded.plane(sides, rounded.to_digits(4), seed=seed)
+    assert sp.mobility(mechanism, sp.assemble(mechanism, gap=gap)).dof == 1
 
 
 # ------------------------------------------------------------ what bends sharply

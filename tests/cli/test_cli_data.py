@@ -251,6 +251,7 @@ def test_a_film_ends_at_a_joint_limit_when_asked_to(run, tmp_path, monkeypatch):
     assert run(*words, "--limits", "--stop")[0] == 0 and len(filmed[1]) == 6
 
 
+@pytest.mark.slow
 def test_clearance_of_a_sweep_and_of_one_configuration(run):
     _, out, _ = run("clearance", "delta", "arm_1", "0", "2", "--steps", "9", "--json", "-")
     found = json.loads(out)

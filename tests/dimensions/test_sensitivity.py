@@ -81,6 +81,7 @@ def test_wrong_names_are_refused_with_a_suggestion(rssr):
         sp.sensitivity(*rssr, "rocker_pim", ["b"])
 
 
+@pytest.mark.slow
 def test_a_branch_that_ends_nearby_is_an_error_not_a_number():
     """The four-bar 1 + 1 + 1 = 3 closes at the stretched position only."""
     mechanism = library("four_bar", r1=0.3, r2=0.1, r3=0.1, r4=0.1)

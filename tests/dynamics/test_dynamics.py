@@ -743,7 +743,8 @@ def test_frames_of_many_branches_are_where_the_whole_tree_has_them(tmp_path):
     axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     for name in ("ground", "p7", "r7", "c0", "e39", "t40"):
         frame = mech.frame_id(name)
-        assert np.array_equal(state.placement(name).homogeneous, data.oMf[frame].homogeneous)
+        assert state.placement(name).homogeneous == pytest.approx(
+            data.oMf[frame].homogeneous, rel=1e-14, abs=1e-15)
         for found, want in (
                 (state.velocity(name), pin.getFrameVelocity(model, data, frame, axes)),
                 (state.acceleration(name),

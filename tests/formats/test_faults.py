@@ -375,10 +375,11 @@ def robots() -> list[Path]:
 
 @pytest.mark.skipif(not robots(), reason="example-robot-data is not installed")
 @pytest.mark.filterwarnings("ignore::spatial_pin.SpatialPinWarning")
-def test_every_robot_stands_where_pinocchio_puts_it():
-    """All but ur3.urdf, which has no link: Pinocchio refuses it too."""
-    rng, refused = np.random.default_rng(0), []
-    for path in robots():
+@pytest.mark.parametrize("step", [7, pytest.param(1, marks=pytest.mark.slow)])
+def test_every_robot_stands_where_pinocchio_puts_it(step):
+    """All but ur3.urdf, which has no link: Pinocchio refuses it too. By default one in seven."""
+    rng, refused, chosen = np.random.default_rng(0), [], robots()[::step]
+    for path in chosen:
         try:
             mechanism = sp.load(path)
         except sp.MechanismFileError:
@@ -399,4 +400,5 @@ def test_every_robot_stands_where_pinocchio_puts_it():
             pin.framesForwardKinematics(model, data, q)
             pin.framesForwardKinematics(plain, expected, np.array(same))
             assert [data.oMf[k] for k in frames] == list(expected.oMf), path.name
-    assert refused == ["ur3.urdf"]
+    assert refused == [path.name for path in chosen if path.name == "ur3.urdf"]
+    assert len(chosen) > 4

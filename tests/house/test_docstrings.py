@@ -31,10 +31,11 @@ INNER = {  # methods of public types that the library has for itself, or for who
     "Goal": {"check", "unit_of"},
     "JointLimit": {"closing"},
     "Mechanism": {
-        "coordinate_table", "driven_coordinate", "frame_ids", "frame_on_joint", "joint_id",
-        "loading", "pair_of", "place_of", "placed", "prescribed_coordinate", "start", "unplaced",
-        "velocity_scale", "with_equations", "with_fields"},
-    "Reduced": {"characteristic_length", "placed", "start", "unplaced"},
+        "centred_frame", "centred_model", "coordinate_table", "driven_coordinate", "extent",
+        "frame_ids", "frame_on_joint", "joint_id", "loading", "pair_of", "place_of", "placed",
+        "prescribed_coordinate", "start", "unplaced", "velocity_scale", "with_equations",
+        "with_fields"},
+    "Reduced": {"extent", "placed", "start", "unplaced"},
     "Tabular": {"quantities"},  # those of each result say what they are
     "Target": {"check", "lengths", "pulled", "residual", "wishes"},
 }
@@ -231,7 +232,7 @@ for _name in NAMES:
     if example_of(_name).examples:
         GROUPS.setdefault(group_of(_name), []).append(_name)
 MARKS = {
-    "drawn by a browser": [pytest.mark.browser, needs_browser],
+    "drawn by a browser": [pytest.mark.browser, needs_browser, pytest.mark.slow],
     "long": [pytest.mark.slow],
 }
 

@@ -74,6 +74,7 @@ def test_the_first_compiler_that_works_is_taken(machine):
     assert build_kernel.compiler() == ["gcc"]
 
 
+@pytest.mark.slow
 def test_a_compiler_that_cannot_inline_across_files_is_used_without(machine, tree):
     real = shutil.which("cc", path=OUTSIDE["PATH"]) or shutil.which("gcc", path=OUTSIDE["PATH"])
     if not real:

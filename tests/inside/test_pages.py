@@ -42,6 +42,7 @@ def browser(one_browser):
     assert complaints(one_browser) == []
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 @needs_browser
 def test_browser_works_inside_a_running_event_loop():

@@ -151,7 +151,8 @@ def test_further_starts_tried_in_one_go_are_those_tried_one_by_one(
     said = np.zeros(model.nq, np.int64)
     said[[c.q for c in mechanism.coordinate_table.values() if c.q >= 0]] = NAMED
     steps = np.random.default_rng(7).uniform(-2.0, 2.0, (8, model.nv)) * mechanism.velocity_scale
-    asked = Asked(free, first if stays else None, 1e-13, 60, 1e-9, said, q, q, Shakes(steps, near))
+    shakes = Shakes(steps[None], near, np.zeros(model.nv, np.int64))  # of one group of loops
+    asked = Asked(free, first if stays else None, 1e-13, 60, 1e-9, said, q, q, shakes)
     start = Closer(mechanism).reach([_near(mechanism, 3, 0.5)], asked, q)[0].q
     told = Closer(mechanism).reach([start], asked, start + 0.1, shaken=True)
     alone, wanted, nearest = Closer(mechanism), [], np.inf

@@ -695,6 +695,7 @@ class TestBrowser:
         assert browser.evaluate("Number(dials[0].number.value)") == pytest.approx(
             browser.evaluate("dials[0].value"), abs=0.01)
 
+    @pytest.mark.slow
     def test_dragging_the_ground_turns_the_camera(self, browser, rssr):
         browser.open(rssr.url, SETTLED)
         value, camera = (browser.evaluate(s) for s in
@@ -822,6 +823,7 @@ def test_curves_grow_while_the_mechanism_is_moved(browser):
         assert browser.evaluate("document.documentElement.scrollHeight") <= 760
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 @needs_browser
 def test_curves_of_many_drivers_are_drawn_movement_by_movement(browser):

@@ -178,6 +178,7 @@ def test_step_from_between_two_samples_goes_to_the_next_of_them(page, seconds):
     assert page.evaluate("animator.time") == pytest.approx(seconds[4], abs=1e-6)
 
 
+@pytest.mark.slow
 def test_buttons_step(page, seconds):
     click(page, "[data-step='1']")
     assert page.evaluate("animator.time") == pytest.approx(seconds[1], abs=1e-6)
@@ -230,6 +231,7 @@ def test_views_look_along_axes_and_hold_everything(page, pressed, towards):
     assert 0.7 < max(inside) < 0.95
 
 
+@pytest.mark.slow
 def test_start_and_fit_undo_what_the_user_has_moved(page):
     first = page.evaluate("viewer.camera.position.toArray()")
     page.evaluate("viewer.controls.dispatchEvent({type: 'start'});"
@@ -241,6 +243,7 @@ def test_start_and_fit_undo_what_the_user_has_moved(page):
     np.testing.assert_allclose(page.evaluate("viewer.camera.position.toArray()"), first, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_parallel_lines_are_drawn_so_in_a_parallel_view(page):
     height = "[[1, 0, 0], [0, 0, -1]].map(([x, y, z]) => [y - 0.2, y + 0.2].map(h => onScreen(" \
              "viewer.camera.parent.localToWorld(new THREE.Vector3(x, h, z)))[1])).map(" \
@@ -277,6 +280,7 @@ def test_buttons_do_not_cover_the_mechanism(page, size):
 # ---------------------------------------------------------------- parts and names
 
 
+@pytest.mark.slow
 def test_list_hides_links_and_groups_and_shows_pairs(page):
     orange = (0.835, 0.369, 0.0)
     assert not page.evaluate("document.getElementById('parts').checkVisibility()")
@@ -331,6 +335,7 @@ MESH_URDF = """<robot name="plate"><link name="ground"/><link name="plate"><visu
 <parent link="ground"/><child link="plate"/><axis xyz="0 0 1"/></joint></robot>"""
 
 
+@pytest.mark.slow
 def test_meshes_have_the_colours_of_their_files(one_browser, tmp_path):
     (tmp_path / "two.obj").write_text(MESH)
     (tmp_path / "two.mtl").write_text(
@@ -352,6 +357,7 @@ def test_meshes_have_the_colours_of_their_files(one_browser, tmp_path):
 # ---------------------------------------------------------------- distances
 
 
+@pytest.mark.slow
 def test_distance_between_two_points_moves_with_the_bodies(page, motion):
     key(page, "m")
     ends = [where(page, "crank"), where(page, "rocker")]
@@ -378,6 +384,7 @@ def middle_of(name: str) -> str:
     return f"pairCentres.find(p => p.of === {name!r})"
 
 
+@pytest.mark.slow
 def test_ruler_snaps_to_the_middles_of_pairs_and_says_so(page, motion):
     page.evaluate("go(film.seconds[17]); 1")
     key(page, "m")
@@ -493,6 +500,7 @@ def test_inspector_tells_where_a_link_is_and_what_it_weighs(page, motion):
     assert said["parent pair"] == "ball_a" and said["other pairs"] == "ball_b"
 
 
+@pytest.mark.slow
 def test_inspector_leads_to_a_pair_and_tells_its_coordinate_and_rate(page, motion):
     key(page, "i")
     page.evaluate("whose.value = 'link rocker'; whose.onchange(); go(film.seconds[23]); 1")
@@ -528,6 +536,7 @@ def test_page_of_a_report_tells_reactions(one_browser, tmp_path):
 # ---------------------------------------------------------------- a plane that cuts
 
 
+@pytest.mark.slow
 def test_plane_cuts_the_links_at_its_place(page, motion):
     whole = pixels(page.screenshot())
     key(page, "s")
@@ -552,6 +561,7 @@ def test_plane_cuts_the_links_at_its_place(page, motion):
     np.testing.assert_allclose(pixels(page.screenshot()), whole, atol=0.02)
 
 
+@pytest.mark.slow
 def test_cut_of_a_closed_body_is_hatched(page):
     page.evaluate("go(0); toggleTool('section'); cutAcross(2); section.turned = false;"
                   "sectionSlider.value = 0.02; cutAt(); view('top'); 1")
@@ -570,6 +580,7 @@ def test_cut_of_a_closed_body_is_hatched(page):
 # ---------------------------------------------------------------- the shadow
 
 
+@pytest.mark.slow
 def test_shadow_is_off_where_it_is_drawn_slowly_and_can_be_switched_on(page):
     assert page.evaluate("drawsSlowly()")  # these tests have no graphics card
     box_of = "document.querySelector('#parts [data-group=shadow]')"
@@ -620,6 +631,7 @@ def test_curve_is_the_output_and_its_cursor_moves_both_ways(page, motion, second
     assert moved == pytest.approx(cursor + 0.2 * b["width"], abs=1.5)
 
 
+@pytest.mark.slow
 def test_curves_that_are_asked_for_are_open(one_browser, motion, tmp_path):
     look = sp.Look(curves=("coupler.com.position", "rocker_pin.ratio"))
     one_browser.resize(SIZE)
@@ -648,6 +660,7 @@ def test_page_of_a_state_has_views_and_names_but_no_curves(one_browser, tmp_path
     assert one_browser.evaluate("document.getElementById('curves').hidden")
 
 
+@pytest.mark.slow
 def test_curves_can_be_added_and_taken_away(page, motion):
     click(page, "[data-opens=curves]")
     shown = "panels.map(p => p.data.name)"
@@ -743,6 +756,7 @@ def test_a_legend_that_would_lie_over_the_readings_is_hidden(one_browser, motion
     one_browser.wait_until(seen)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", few([(390, 760), (390, 560), (520, 900)], (390, 560)))
 def test_first_view_of_a_wide_machine_is_free_of_what_is_written(one_browser, wide, size):
     one_browser.resize(size)
@@ -794,6 +808,7 @@ def shot(browser: Browser) -> np.ndarray:
     return pixels(browser.screenshot())[150:]  # below what is written
 
 
+@pytest.mark.slow
 def test_picture_without_webgl_is_the_same_and_the_page_says_why(page, without_webgl, address):
     expected = shot(page)
     assert "WebGL" not in page.evaluate("document.body.innerText")
@@ -827,6 +842,7 @@ def test_names_views_and_signs_are_there_without_webgl(without_webgl, address):
 # ---------------------------------------------------------------- what the page holds packed
 
 
+@pytest.mark.slow
 def test_page_is_light(address):
     assert address.stat().st_size < 450_000
 
@@ -834,6 +850,7 @@ def test_page_is_light(address):
 # ---------------------------------------------------------------- through links, after links
 
 
+@pytest.mark.slow
 def test_links_can_be_seen_through(page):
     before = pixels(page.screenshot())
     blue = colour_mask(before, (0.0, 0.447, 0.698))
@@ -847,6 +864,7 @@ def test_links_can_be_seen_through(page):
     np.testing.assert_allclose(pixels(page.screenshot())[blue], before[blue], atol=0.02)
 
 
+@pytest.mark.slow
 def test_camera_goes_with_a_link(page):
     middle_of = "onScreen(middleOf(largestOf('coupler').userData.solid))"
     seen = page.evaluate(f"go(0); {middle_of}")
@@ -889,6 +907,7 @@ def test_click_on_an_axis_looks_along_it(page, axis, sign):
     np.testing.assert_allclose(towards, sign * np.eye(3)["xyz".index(axis)], atol=1e-5)
 
 
+@pytest.mark.slow
 def test_axes_of_the_world_are_drawn_as_they_are_seen(page):
     for pressed, shown in (("1", "x"), ("2", "x"), ("3", "y")):
         key(page, pressed)
@@ -937,6 +956,7 @@ def test_angle_between_the_axes_of_two_pairs(page, motion):
 # ---------------------------------------------------------------- curves from nearer
 
 
+@pytest.mark.slow
 def test_wheel_draws_less_of_the_abscissa(page, motion):
     click(page, "[data-opens=curves]")
     b = box(page, "#curves svg")

@@ -88,6 +88,7 @@ def test_white_body_is_not_drawn_as_white_as_the_paper(opened):
     assert len(shades) > 1000 and np.mean(shades > 0.99) < 0.08
 
 
+@pytest.mark.slow
 def test_page_is_dark_where_the_system_is_and_a_picture_is_not(opened):
     page = opened('<box size="1 1 1"/>')
     corner = "getComputedStyle(document.querySelector('#tools button')).backgroundColor"

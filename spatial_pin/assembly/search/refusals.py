@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from spatial_pin.assembly.rounding import clearly_above
+from spatial_pin.assembly.rounding import clearly_above, gap_words
 from spatial_pin.assembly.search.closing import ACCEPTED, Closing, coordinate_sizes, size_of
 from spatial_pin.assembly.search.guesses import COORDINATE_ERROR, MAX_STARTS, Guess
 from spatial_pin.assembly.search.search import Search
@@ -109,7 +109,8 @@ def _open_words(search: Search, q: Array, worst: str) -> str:
         return (f"no assembly was found from here, nor does any of {MAX_STARTS} starts close "
                 "the loops" + " at other values of the drivers" * bool(closing.held)
                 + f": check {what_of(search.mechanism, worst)}; if they "
-                "are right, give a guess nearer to a closed configuration")
+                "are right, give a guess nearer to a closed configuration"
+                + ("" if closing.whole else gap_words(search.mechanism)))
     values = _values(elsewhere)
     n, entries = closing.evaluation.constraints.n_closure, closing.entries
     freedoms = int(entries.sum()) - decompose(closing.evaluation.jacobian[:n]).rank

@@ -212,7 +212,7 @@ class Outside:
         self, mechanism: Mechanism, whole: SplitModel, external: Mapping[str, pin.Force] | None
     ) -> None:
         self.whole = whole
-        self.given = [(*mechanism.frame_on_joint(name), force)
+        self.given = [(*mechanism.centred_frame(name), force)
                       for name, force in (external or {}).items()]
         self._moving = [x for x in self.given if x[0]]
 

@@ -138,7 +138,9 @@ class ReactionChanges:
         unique = self.answer.of_loops
         borne = {name: self._linear(x if unique[name].all() else np.full_like(x, np.nan))
                  for name, x in found.items()}
-        return borne, self._linear(on_bodies[0] - forces[pairs.grounded].sum(axis=0))
+        ground = on_bodies[0] - forces[pairs.grounded].sum(axis=0)
+        ground[3:] += np.cross(pairs.centre, ground[:3], axisb=0, axisc=0)
+        return borne, self._linear(ground)
 
     def _linear(self, x: Array) -> Linear:
         return Linear(x[:, 0], *np.split(x[:, 1:], 3, axis=1))

@@ -12,7 +12,6 @@ import numpy as np
 from spatial_pin.assembly.state import State
 from spatial_pin.checks import mapping
 from spatial_pin.constraints.closure_equations import Evaluation
-from spatial_pin.constraints.trees import is_large
 from spatial_pin.dynamics.forces import (
     Forces,
     Law,
@@ -129,7 +128,7 @@ class Problem:
     @cached_property
     def bodies(self) -> Bodies:
         """Its masses, and the forces that its motions need."""
-        return bodies_of(self.model, is_large(self.model))
+        return bodies_of(self.model)
 
     @cached_property
     def least_constraint(self) -> LeastConstraint:

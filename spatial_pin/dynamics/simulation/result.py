@@ -90,7 +90,8 @@ class Simulation(Motion):
     """A Motion in time, with its energies.
 
     Attributes:
-        energy: (N,) kinetic, potential and spring energy [J].
+        energy: (N,) kinetic, potential and spring energy [J]; heights are those above the world's
+            origin, or, where that is far away, above `Mechanism.centre`.
         work: (N,) of efforts, dampers, damping and friction of joints, prescribed drivers and
             spring laws since the start [J].
         energy_drift: largest error of the energy balance (energy less work less the energy at the

@@ -1,6 +1,8 @@
 """Accelerations under forces: one ladder of solvers, tried in order until one is accurate.
 
-1. The KKT system, its independent equations and scaling chosen at the state (`kernel.kkt`).
+1. The KKT system, its independent equations and scaling chosen at the state (`kernel.kkt`), joints
+   that no loop is built on eliminated before (`limbs`): an open tree has no KKT system. Of a tree
+   in the kernel, where the second is slow, doubtful accelerations are corrected once.
 2. Gauss's least constraint in independent coordinates, where round-off of the first may matter:
    near singular configurations of the loops, and where masses differ much or are zero.
 3. An error that says why, where no digit is left or forces do not determine the motion.
@@ -16,9 +18,11 @@ from typing import NamedTuple
 import numpy as np
 
 from spatial_pin.assembly.state import State
+from spatial_pin.constraints.trees import is_in_kernel
 from spatial_pin.dynamics.solvers.independent_coordinates import IndependentCoordinates
 from spatial_pin.dynamics.solvers.least_constraint import Least, LeastConstraint
-from spatial_pin.dynamics.solvers.loops import Loops
+from spatial_pin.dynamics.solvers.limbs import Limbs
+from spatial_pin.dynamics.solvers.loops import PROBED, Loops
 from spatial_pin.errors import SingularError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, independent_rows
@@ -27,6 +31,8 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 # Estimated error from which on the second solver is used, at twenty times the cost: the KKT system
 # has ten digits then, and the error bound of the least constraint is less of an overestimate.
 DOUBTFUL = TOLERANCES.rank
+# Correction of a long tree's accelerations up to which what is left is small beside it.
+CORRECTED = 1e-6
 
 
 class Solution(NamedTuple):
@@ -36,13 +42,11 @@ class Solution(NamedTuple):
         a: (nv,) joint accelerations.
         closures: (nv,) joint forces of the closures, J^T multipliers.
         error: estimated round-off of a, relative to its size.
-        undetermined: coordinates of motions without inertia, whose accelerations are the least.
     """
 
     a: Array
     closures: Array
     error: float
-    undetermined: tuple[str, ...] = ()
 
 
 class MotionEquations(Loops):
@@ -50,7 +54,13 @@ class MotionEquations(Loops):
 
     Mass matrix M and centrifugal, Coriolis and gravity forces b are Pinocchio's, J and gamma those
     of the closure equations.
+
+    Attributes:
+        undetermined: coordinates of motions without inertia, whose last accelerations are the
+            least ones.
     """
+
+    undetermined: tuple[str, ...] = ()
 
     def solve(self, given: Array) -> Solution:
         """Return the accelerations under joint forces f (nv,) at the State of the last `place`.
@@ -58,6 +68,11 @@ class MotionEquations(Loops):
         Raises:
             SingularError: a freedom has no inertia, or the loops have lost rank.
         """
+        self.undetermined = ()
+        if self.limbs.exist and self._by_limbs(given):
+            limbs = self.limbs
+            closures = limbs.kkt.closures.copy() if limbs.kkt else np.zeros(self.model.nv)
+            return Solution(limbs.a.copy(), closures, limbs.error)
         state, kkt = self.state, self.kkt
         needed = self.bodies.needed(state.q, state.v)
         a = self.by_kkt(state.q, state.v, self.angle_reference, given, needed).copy()
@@ -65,12 +80,16 @@ class MotionEquations(Loops):
         self.check_rank(kkt.rank)
         if is_sure:
             return Solution(a, closures, error)
+        if is_in_kernel(self.model) and not self._is_large:
+            corrected = self._corrected(a, closures, given)
+            if corrected.error <= CORRECTED:
+                return corrected
         found = self._by_least_constraint(given)
         if not (kkt.pivot < TOLERANCES.zero or found.error < error):
             return Solution(a, closures, error)
         self._refuse(found)
-        return Solution(found.a, self.bodies.needed(state.q, state.v, found.a) - given, found.error,
-                        tuple(self.moving(self._still(found))))
+        self.undetermined = tuple(self.moving(self._still(found)))
+        return Solution(found.a, self.bodies.needed(state.q, state.v, found.a) - given, found.error)
 
     def by_kkt(self, q: Array, v: Array, reference: Array, given: Array, needed: Array) -> Array:
         """Return accelerations (nv,) from the KKT system; the next call overwrites them.
@@ -84,6 +103,41 @@ class MotionEquations(Loops):
         """
         self.kkt.mass[:] = self.bodies.masses(q)
         return self.kkt.accelerations(q, v, reference, given, needed)
+
+    def _corrected(self, a: Array, closures: Array, given: Array) -> Solution:
+        """Correct what the KKT system gave by what is missing in forces and closure equations.
+
+        Its estimate, from a condition, is far too large for a long arm that carries loops; by how
+        much accelerations change tells how far off they were.
+        """
+        state = self.state
+        missing = given + closures - self.bodies.needed(state.q, state.v, a)
+        opening = self.scaled @ (a / self.scale) + self.evaluation.bias(state.q, state.v)
+        (change,), (multipliers,) = self.kkt.solve(missing[None], opening[None])
+        closures = closures + (multipliers @ self.scaled) / self.scale
+        sizes = np.abs([change, a]) / self.scale
+        return Solution(a + change, closures, float(sizes[0].max() / max(sizes[1].max(), 1e-300)))
+
+    @cached_property
+    def limbs(self) -> Limbs:
+        """What no loop is built on."""
+        return Limbs(self.mechanism)
+
+    def _by_limbs(self, given: Array) -> bool:
+        """Solve by `Limbs`; False where that is not accurate enough.
+
+        Raises:
+            SingularError: the loops have lost rank.
+        """
+        limbs = self.limbs
+        if not limbs.solve(self.state, self.angle_reference, given):
+            return False
+        if limbs.kkt is not None:
+            self.check_rank(limbs.kkt.rank)
+            if self._is_large and not limbs.kkt.pivot >= TOLERANCES.rank:
+                return False
+        return (limbs.error <= DOUBTFUL or self._is_large or limbs.is_of_forces
+                or (limbs.kkt is None and self.model.nv > PROBED))
 
     @property
     def _is_sure(self) -> bool:

@@ -1,4 +1,4 @@
-"""Mass matrix and inverse dynamics of a tree, from Pinocchio."""
+"""Mass matrix and inverse dynamics of a tree, from Pinocchio; of a large one from the kernel."""
 
 from __future__ import annotations
 
@@ -8,27 +8,30 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin.constraints.kernel_tree import KernelTree
 from spatial_pin.constraints.pinocchio_views import forces
-from spatial_pin.constraints.trees import related, subtrees_of
+from spatial_pin.constraints.trees import is_in_kernel, related
 from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.numerics.linalg import Array
 
 
 class Bodies:
-    """A tree taken whole.
-
-    Attributes:
-        mass_at: rows, columns and places in what `masses` returns, of the entries of the mass
-            matrix that can be other than zero.
-        n_masses: how many numbers `masses` returns.
-    """
+    """A tree taken whole."""
 
     def __init__(self, model: pin.Model) -> None:
         self.model, self._data = model, model.createData()
         self._matrix, self._transmitted = MassMatrix(model), forces(self._data)
-        rows, columns = related(model)
-        self.mass_at = rows, columns, rows * model.nv + columns
-        self.n_masses = model.nv**2
+
+    @property
+    def n_masses(self) -> int:
+        """How many numbers `masses` returns."""
+        return int(self.model.nv) ** 2
+
+    @cached_property
+    def mass_at(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+        """Rows, columns and places in `masses` of all entries that can be other than zero."""
+        rows, columns = related(self.model)
+        return rows, columns, rows * self.model.nv + columns
 
     @cached_property
     def centres(self) -> tuple[NDArray[np.intp], Array]:
@@ -58,44 +61,57 @@ class Bodies:
         return self._transmitted
 
 
-class BodiesBySubtrees(Bodies):
+class BodiesInKernel(Bodies):
     """A large tree: memory and time grow in proportion to its size, not to its cube."""
 
     def __init__(self, model: pin.Model) -> None:
-        self.model, self._subtrees = model, subtrees_of(model)
-        rows, columns = (np.concatenate([p.v[p.mass_at[k]] for p in self._subtrees])
-                         for k in (0, 1))
-        self.n_masses = len(rows)
-        self.mass_at = rows, columns, np.arange(self.n_masses)
+        self.model, self._tree = model, KernelTree(model)
+
+    @cached_property
+    def _entries(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        return self._tree.mass_entries()
+
+    @property
+    def n_masses(self) -> int:
+        """How many numbers `masses` returns."""
+        return len(self._entries[0])
+
+    @cached_property
+    def mass_at(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+        """Rows, columns and places, see `Bodies`."""
+        return both_halves(*self._entries)
 
     def masses(self, q: Array) -> Array:
         """Return the numbers (n_masses,) of the mass matrix at q (nq,)."""
-        return np.concatenate([p.mass(q[p.q])[p.mass_at] for p in self._subtrees])
+        found = np.empty(self.n_masses)
+        self._tree.masses(q, found)
+        return found
 
     def matrix(self, q: Array) -> Array:
         """Return the mass matrix (nv, nv)."""
+        rows, columns = self._entries
         dense = np.zeros((self.model.nv, self.model.nv))
-        dense[self.mass_at[:2]] = self.masses(q)
+        dense[rows, columns] = dense[columns, rows] = self.masses(q)
         return dense
 
     def needed(self, q: Array, v: Array, a: Array | None = None) -> Array:
         """Return M a + b (nv,), b if no accelerations are given."""
-        total = np.empty(len(v))
-        for p in self._subtrees:
-            part = q[p.q], v[p.v]
-            total[p.v] = (pin.nonLinearEffects(p.model, p.data, *part) if a is None else
-                          pin.rnea(p.model, p.data, *part, a[p.v]))
-        return total
+        return self._tree.forces(q, v, a).copy()
 
     def transmitted(self, q: Array, v: Array, a: Array) -> Array:
         """Return (njoints, 6) what joints hand on, joint axes."""
-        self.needed(q, v, a)
-        total = np.zeros((self.model.njoints, 6))
-        for p in self._subtrees:
-            total[p.joints] = p.forces
-        return total
+        return self._tree.transmitted(q, v, a)
 
 
-def bodies_of(model: pin.Model, by_subtrees: bool) -> Bodies:
+def both_halves(
+    rows: NDArray[np.intp], columns: NDArray[np.intp]
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+    """Return rows, columns and places of all entries of a symmetric matrix, given one half's."""
+    places, beside = np.arange(len(rows)), np.flatnonzero(rows != columns)
+    return (np.concatenate([rows, columns[beside]]), np.concatenate([columns, rows[beside]]),
+            np.concatenate([places, beside]))
+
+
+def bodies_of(model: pin.Model) -> Bodies:
     """Return the bodies of a tree."""
-    return (BodiesBySubtrees if by_subtrees else Bodies)(model)
+    return (BodiesInKernel if is_in_kernel(model) else Bodies)(model)

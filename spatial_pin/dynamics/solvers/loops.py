@@ -41,7 +41,6 @@ class Loops:
     Attributes:
         scale: (nv,) velocity of a unit of each scaled unknown.
         bodies: mass matrix and inverse dynamics of the tree.
-        kkt: the KKT system.
     """
 
     def __init__(self, mechanism: Mechanism, large: bool | None = None) -> None:
@@ -49,11 +48,11 @@ class Loops:
         self.constraints, self.scale = constraints_of(mechanism), mechanism.velocity_scale
         self.n_closure = self.constraints.n_closure
         self._is_large = is_large(self.model) if large is None else large
-        self.bodies = bodies_of(self.model, self._is_large)
-        self.kkt = KKT(mechanism, self.bodies.mass_at, self.bodies.n_masses)
-        self._rest = np.zeros(self.model.nv)
+        self.bodies = bodies_of(self.model)
+        self._rest, self._no_freedoms = np.zeros(self.model.nv), np.zeros((0, self.model.nv))
         self._regular: Regular | None = None
         self._spaces: Decomposition | SparseSpaces | None = None
+        self._tied_freedoms: tuple[Array, int] | None = None
         self._rank: int | None = None
         self._placed: State | None = None
         self._derived: State | None = None
@@ -64,12 +63,17 @@ class Loops:
         The State of a file with rounded numbers is that of the mechanism without some redundant
         equations; all equations bear loads, as those of the exact mechanism do.
         """
-        self.state, self._spaces = state, None
+        self.state, self._spaces, self._tied_freedoms = state, None, None
         is_rounded = state.mechanism.whole is self.mechanism
         self.angle_reference = (
             all_angles(state.mechanism, state.angles) if is_rounded else state.angles)
         self._rank = constraints_of(state.mechanism).n_closure if is_rounded else None
         self._placed = self._derived = None
+
+    @cached_property
+    def kkt(self) -> KKT:
+        """The KKT system."""
+        return KKT(self.mechanism, self.bodies.mass_at, self.bodies.n_masses)
 
     @cached_property
     def _evaluation(self) -> Evaluation:
@@ -115,12 +119,31 @@ class Loops:
         They are dense where the file's numbers are rounded, whose rank is that of fewer equations,
         and where it is uncertain which equations are independent.
         """
-        if self._spaces is None and self._is_large and self._rank is None:
+        if self._spaces is None and self.is_sparse:
             self._spaces = self._sparse_spaces()
         if self._spaces is None:
             svd = full_decomposition(self.scaled)
             self._spaces = svd if self._rank is None else svd._replace(rank=self._rank)
         return self._spaces
+
+    @property
+    def is_sparse(self) -> bool:
+        """Whether the subspaces are sparse: those of a large tree whose numbers are exact."""
+        return self._is_large and self._rank is None
+
+    @property
+    def tied_freedoms(self) -> tuple[Array, int]:
+        """Freedoms (k, nv), scaled, of the coordinates in equations, and the equations' rank."""
+        if not self.n_closure:
+            return self._no_freedoms, 0
+        if self._tied_freedoms is None:
+            tied = self.constraints.tied
+            svd = full_decomposition(self.scaled[:, tied])
+            rank = svd.rank if self._rank is None else self._rank
+            found = np.zeros((int(tied.sum()) - rank, len(tied)))
+            found[:, tied] = svd._replace(rank=rank).null_space
+            self._tied_freedoms = found, rank
+        return self._tied_freedoms
 
     def _sparse_spaces(self) -> SparseSpaces | None:
         """Return the subspaces, None where it is uncertain which equations are independent."""
@@ -137,17 +160,26 @@ class Loops:
         return found if found.is_sure else None
 
     @property
+    def has_redundant(self) -> bool:
+        """Whether some equations depend on others."""
+        return bool(self.n_closure) and self.spaces.rank < self.n_closure
+
+    @property
     def self_stresses(self) -> Array:
         """(k, n_closure) multipliers whose generalised force is zero.
 
         A basis of them; for a large tree some random combinations of a basis.
         """
+        if not self.n_closure:
+            return np.zeros((0, 0))
         spaces = self.spaces
         return (spaces.self_stresses if isinstance(spaces, SparseSpaces)
                 else spaces.left_null_space)
 
     def multipliers(self, closures: Array) -> Array:
         """Return the shortest multipliers (n_closure,) whose generalised force is `closures`."""
+        if not self.n_closure:
+            return np.zeros(0)
         return self.spaces.minimum_norm_transposed(self.scale * closures)
 
     def moving(self, motions: Array) -> list[str]:

@@ -9,10 +9,15 @@
 #include "dense.h"
 #include "factors.h"
 
-/* Unknowns up to which a full matrix is factored faster than a sparse one is put in order. */
+/* Unknowns up to which a full matrix is factored faster than a sparse one is put in order, and of
+ * how many entries one is not zero where it is factored as a full one anyway. */
 #define FEW_UNKNOWNS 64
+#define DENSE 4
 
-static int is_full(const Factors *f) { return f->n <= FEW_UNKNOWNS; }
+static int is_full(const Factors *f)
+{
+    return f->n <= FEW_UNKNOWNS || DENSE * f->entries.n > f->n * f->n;
+}
 
 Factors *factors_new(Kernel *k)
 {
@@ -41,11 +46,15 @@ void factors_free(Factors *f)
 
 static int make_room(Factors *f)
 {
-    const Int n = f->n, few = n < FEW_UNKNOWNS ? n : FEW_UNKNOWNS;
+    const Int n = f->n, full = is_full(f) ? n : 0;
+    if (full > f->full_room || !f->matrix) {
+        if (!widen((void **)&f->matrix, full * full, sizeof(Real)) ||
+            !widen((void **)&f->order, full, sizeof(Int)))
+            return 0;
+        f->full_room = full;
+    }
     if (n > f->room || !f->left) {
-        if (!widen((void **)&f->matrix, few * few, sizeof(Real)) ||
-            !widen((void **)&f->order, few, sizeof(Int)) ||
-            !widen((void **)&f->left, n, sizeof(Real)) ||
+        if (!widen((void **)&f->left, n, sizeof(Real)) ||
             !widen((void **)&f->scratch, 2 * n, sizeof(Real)))
             return 0;
         f->room = n;

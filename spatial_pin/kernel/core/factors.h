@@ -8,11 +8,11 @@ struct Factors {
     Int n;                        /* unknowns */
     Entries entries;              /* to be put there before it is factored */
     Real pivot;                   /* smallest over largest, 0 if there is no solution */
-    Real *matrix;                 /* (n, n) of a few unknowns */
+    Real *matrix;                 /* (n, n), of a few unknowns or many entries */
     Int *order;
     SparseLU *lu;                 /* of many */
     Real *left, *scratch;         /* (n), (2 n) */
-    Int room;
+    Int room, full_room;
 };
 
 Factors *factors_new(Kernel *k); /* freed with the kernel; NULL if there is no memory */

@@ -98,11 +98,11 @@ def _steady(evaluation: Evaluation, body: int, velocities: Array, fastest: float
 
 def _points(mechanism: Mechanism, body: int) -> Array:
     """Return the centres (k, 3) of a body's pairs."""
-    model = mechanism.model
+    model = mechanism.centred_model
     points = [np.zeros(3)]
     points += [model.jointPlacements[i].translation for i in range(1, model.njoints)
                if model.parents[i] == body]
     for closure in mechanism.closures:
-        placed = map(mechanism.frame_on_joint, (*closure.frames, *closure.between))
+        placed = map(mechanism.centred_frame, (*closure.frames, *closure.between))
         points += [M.translation for joint, M in placed if joint == body]
     return np.array(points)

@@ -262,7 +262,7 @@ def core_of(mechanism: Mechanism, held: Mapping[str, float], rods: list[Rod]) ->
     core = Mechanism(mechanism.name, small, pin.GeometryModel(), pin.GeometryModel(),
                      tuple(mechanism.pairs[i - 1] for i in joints), tuple(closures))
     # lengths are divided as in the whole mechanism
-    vars(core)["characteristic_length"] = mechanism.characteristic_length
+    vars(core)["extent"] = mechanism.extent
     return Core(core, tuple(out), tuple(joints))
 
 

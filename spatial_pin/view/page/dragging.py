@@ -48,7 +48,8 @@ class Grip(Target):
         slope = moved[:3] - pin.skew(at) @ moved[3:]
         across = np.eye(3) - np.outer(self.direction, self.direction)
         size = evaluation.mechanism.characteristic_length
-        return across @ (at - self.origin) / size, across @ slope / size
+        origin = self.origin - evaluation.mechanism.centre
+        return across @ (at - origin) / size, across @ slope / size
 
     def check(self, mechanism: Mechanism) -> None:
         """See `Target`: it names no frame."""

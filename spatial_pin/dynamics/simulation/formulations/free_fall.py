@@ -72,7 +72,7 @@ class FreeFall:
     """
 
     def __init__(self, state: State, tolerance: float) -> None:
-        self._whole, model = state.mechanism, state.mechanism.model
+        self._whole, model = state.mechanism, state.mechanism.centred_model
         self._data = model.createData()
         centre = pin.centerOfMass(model, self._data, state.q, state.v)
         self._start, self._speed = centre.copy(), self._data.vcom[0].copy()
@@ -80,7 +80,7 @@ class FreeFall:
         mass = float(self._data.mass[0])
         self._energy = mass * float(0.5 * self._speed @ self._speed - self._gravity @ self._start)
         self._kinetic = KineticEnergy(model)(state.q, state.v)
-        weightless = model.copy()
+        weightless = self._whole.model.copy()
         weightless.gravity = pin.Motion.Zero()
         self.mechanism = state.mechanism.with_fields(model=weightless, memo={})
         q, v, _ = self._seen(0.0, state.q, state.v, state.a, -1.0)

@@ -27,7 +27,7 @@ from spatial_pin.errors import EnergyError, SpatialPinError
 from spatial_pin.kernel.dynamics import AT_END, AT_FAILURE, MANY, NEW_COORDINATES, NO_SAMPLES
 from spatial_pin.kernel.dynamics import Run as KernelRun
 from spatial_pin.kernel.integrating import RungeKutta
-from spatial_pin.kernel.kernel import address
+from spatial_pin.kernel.library import address
 from spatial_pin.motion.motion import Event
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import INTEGRATORS, Accuracy

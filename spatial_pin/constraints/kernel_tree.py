@@ -1,0 +1,261 @@
+"""A tree of joints in the compiled kernel: motions, forces and accelerations, see `articulated.c`.
+
+Time and memory grow with the number of joints; a `pin.Data` takes memory with its cube, 4 GB for
+400 freedoms. Results are those of Pinocchio.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import weakref
+from types import SimpleNamespace
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from spatial_pin.constraints.composite_joints import split
+from spatial_pin.constraints.pinocchio_views import inertias
+from spatial_pin.constraints.tree_arrays import TreeArrays
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.kernel.library import CODES, SINGULAR, address, library
+from spatial_pin.numerics.linalg import Array
+
+SYMMETRIC = np.array([4, 5, 7, 5, 6, 8, 7, 8, 9])  # places of a (3, 3) inertia in `inertias`
+
+
+class Placed:
+    """Placements (njoints, 4, 3) as `pin.Data.oMi` has them, each made when it is asked for."""
+
+    def __init__(self, found: Array) -> None:
+        self._found = found
+
+    def __getitem__(self, joint: int) -> pin.SE3:
+        at = self._found[joint]
+        return pin.SE3(at[:3].T, at[3])
+
+
+class KernelTree:
+    """A tree of joints; one caller at a time. Masses and gravity are those the model has now.
+
+    Args:
+        model: the tree.
+        scale: (nv,) size of each velocity, in which accelerations are compared.
+        is_core: (njoints,) joints that loops are built on, with all before them; default none.
+
+    Attributes:
+        placements: (njoints, 4, 3) of the joints, columns of the rotation, then the position.
+        columns: (6, nv) world joint Jacobian.
+        twists, accelerations: (njoints, 6) spatial ones, joint axes.
+        data: the part of a `pin.Data` that there is: `J` and `oMi`.
+    """
+
+    def __init__(
+        self, model: pin.Model, scale: Array | None = None,
+        is_core: NDArray[np.bool_] | None = None,
+    ) -> None:
+        self.model, (self._split, self._carriers) = model, split(model)
+        self._library, self._tree = library(), TreeArrays(self._split)
+        self._inertias, self._masses = inertias(model), b""
+        self._armature = np.zeros(model.nv)
+        self._create(np.ones(model.nv) if scale is None else scale,
+                     np.zeros(model.njoints, bool) if is_core is None else is_core)
+        n = model.njoints
+        self.placements, self.columns = np.zeros((n, 4, 3)), np.zeros((6, model.nv))
+        self.placements[0, :3] = np.eye(3)
+        self.twists, self.accelerations = np.zeros((2, n, 6))
+        self.data = SimpleNamespace(J=self.columns, oMi=Placed(self.placements))
+        self._make_buffers()
+
+    def _create(self, scale: Array, is_core: NDArray[np.bool_]) -> None:
+        t, n = self._tree, self._split.njoints
+        head = [n, self.model.nq, self.model.nv, *[0] * 8]
+        ints = np.concatenate([head, t.kind, t.parent, t.iq, t.iv, [0, 0, 0]]).astype(np.int64)
+        parts = (t.rotation, t.translation, t.pitch, t.mass, t.com, t.inertia,
+                 self.model.gravity.linear, scale)
+        self._reals = np.concatenate([np.asarray(x, float).ravel() for x in parts])
+        handle, tree = ctypes.c_void_p(), ctypes.c_void_p()
+        _check(self._library.kernel_create(
+            address(ints), len(ints), address(self._reals), len(self._reals), ctypes.byref(handle)))
+        weakref.finalize(self, self._library.kernel_destroy, handle)
+        self._kernel = handle
+        own = np.zeros(n, np.int64)
+        own[self._carriers] = is_core
+        for joint in range(n - 1, 0, -1):  # those in front in a joint that is split
+            own[t.parent[joint]] |= own[joint]
+        _check(self._library.tree_create(handle, address(own), ctypes.byref(tree)))
+        self._handle, self.is_core = tree, np.zeros(self.model.nv, bool)
+        for joint in (np.flatnonzero(own[1:]) + 1).tolist():
+            self.is_core[t.iv[joint] : t.iv[joint] + self._split.nvs[joint]] = True
+
+    def _make_buffers(self) -> None:
+        n, nv = self._split.njoints, self.model.nv
+        self._q, self._v, self._a = np.empty(self.model.nq), np.empty(nv), np.empty(nv)
+        self._tau, self._scratch, self._facts = np.empty(nv), np.zeros((3, nv)), np.empty(3)
+        self._R, self._p = np.empty((n, 3, 3)), np.empty((n, 3))
+        self._moving = np.empty((2, n, 6))
+        self._at = [address(x) for x in (self._q, self._v, self._a)]
+        self._places = [address(self._R), address(self._p)]
+
+    def _take_masses(self) -> None:
+        """Take the masses and the gravity that the model has now, and its armatures."""
+        gravity, model = self.model.gravity.linear, self.model
+        self._armature[:] = model.armature
+        now = self._inertias.tobytes() + gravity.tobytes()
+        if now == self._masses:
+            return
+        self._masses, n = now, self._split.njoints
+        own, given = self._tree.frames[self._carriers], self._inertias
+        mass, com, inertia = np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3, 3))
+        mass[self._carriers] = given[:, 0]
+        com[self._carriers] = (own.mT @ given[:, 1:4, None])[..., 0]
+        inertia[self._carriers] = own.mT @ given[:, SYMMETRIC].reshape(-1, 3, 3) @ own
+        mass[0], com[0], inertia[0] = 0.0, 0.0, 0.0
+        first = 13 * n
+        self._reals[first : first + 13 * n + 3] = np.concatenate(
+            [mass, com.ravel(), inertia.ravel(), gravity])
+        _check(self._library.kernel_set_numbers(
+            self._kernel, address(self._reals), len(self._reals)))
+
+    # ------------------------------------------------------------ places and motions
+
+    def place(self, q: Array) -> None:
+        """Set `placements` and `columns` at the configuration q (nq,)."""
+        self._q[:] = q
+        self._library.tree_motion(self._handle, self._at[0], None, None, *self._places, None, None)
+        self._library.tree_jacobian(self._handle, address(self.columns))
+        self._put_placements()
+
+    def move(self, q: Array, v: Array, a: Array) -> None:
+        """Set `placements`, `twists` and `accelerations` of a motion."""
+        self._q[:], self._v[:], self._a[:] = q, v, a
+        velocity, acceleration = self._moving
+        self._library.tree_motion(self._handle, *self._at, *self._places, address(velocity),
+                                  address(acceleration))
+        self._put_placements()
+        seen, felt = velocity[self._carriers], acceleration[self._carriers].copy()
+        felt[:, :3] -= np.cross(seen[:, 3:], seen[:, :3])
+        self._in_joint_axes(seen, self.twists)
+        self._in_joint_axes(felt, self.accelerations)
+
+    def _put_placements(self) -> None:
+        at = self._carriers
+        np.matmul(self._tree.frames[at], self._R[at], out=self.placements[:, :3])
+        self.placements[:, 3] = self._p[at]
+
+    def _in_joint_axes(self, world: Array, out: Array) -> None:
+        """Turn pairs of vectors (njoints, 6) into the axes of the joints."""
+        np.matmul(self.placements[:, None, :3], world.reshape(-1, 2, 3, 1),
+                  out=out.reshape(-1, 2, 3, 1))
+
+    def frame_jacobian(self, frame: int) -> Array:
+        """Return the Jacobian (6, nv) of a frame at its origin, world axes, where it is placed."""
+        model, at = self.model, self.model.frames[frame]
+        found = np.zeros_like(self.columns)
+        for i in list(model.supports[at.parentJoint])[1:]:
+            own = slice(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])
+            found[:, own] = self.columns[:, own]
+        place = self.data.oMi[at.parentJoint] * at.placement
+        found[:3] -= pin.skew(place.translation) @ found[3:]
+        return found
+
+    # ------------------------------------------------------------ forces
+
+    def forces(self, q: Array, v: Array, a: Array | None = None) -> Array:
+        """Return the joint forces (nv,) that a motion needs, `pin.rnea`; a None: no acceleration.
+
+        The next call overwrites them.
+        """
+        return self._forces(q, v, a, None)
+
+    def transmitted(self, q: Array, v: Array, a: Array) -> Array:
+        """Return (njoints, 6) what joints hand on, joint axes, as `pin.Data.f` has it."""
+        handed_on = self._moving[0]
+        self._forces(q, v, a, address(handed_on))
+        self._library.tree_motion(self._handle, self._at[0], None, None, *self._places, None, None)
+        self._put_placements()
+        found = np.empty((self.model.njoints, 6))
+        self._in_joint_axes(handed_on[self._carriers], found)
+        found[0] = 0.0
+        return found
+
+    def _forces(self, q: Array, v: Array, a: Array | None, handed_on: int | None) -> Array:
+        self._take_masses()
+        self._q[:], self._v[:] = q, v
+        if a is not None:
+            self._a[:] = a
+        self._library.tree_forces(
+            self._handle, *self._at[:2], None if a is None else self._at[2],
+            address(self._armature), address(self._tau), handed_on)
+        return self._tau
+
+    def mass_entries(self, all_joints: bool = True) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Return rows and columns of the numbers of `masses`, or of those of the core."""
+        t, rows, columns = self._tree, [], []
+        for joint in range(1, self._split.njoints):
+            first = int(t.iv[joint])
+            if not (all_joints or self.is_core[first]):
+                continue
+            before: list[int] = []
+            up = int(t.parent[joint])
+            while up:
+                before += range(t.iv[up], t.iv[up] + self._split.nvs[up])
+                up = int(t.parent[up])
+            for v in range(first, first + self._split.nvs[joint]):
+                columns.append(np.array([*range(first, v + 1), *before], np.intp))
+                rows.append(np.full(len(columns[-1]), v, np.intp))
+        none = [np.empty(0, np.intp)]
+        return np.concatenate(rows or none), np.concatenate(columns or none)
+
+    def masses(self, q: Array, out: Array) -> None:
+        """Write the numbers of the mass matrix at q (nq,), in the order of `mass_entries`."""
+        self._take_masses()
+        self._q[:] = q
+        self._library.tree_masses(self._handle, self._at[0], address(self._armature), address(out))
+
+    # ------------------------------------------------------------ accelerations
+
+    def eliminate(self, q: Array, v: Array, force: Array, masses: Array, needed: Array) -> bool:
+        """Eliminate the joints that are not the core's, under joint forces (nv,).
+
+        Args:
+            q: configuration.
+            v: joint velocities.
+            force: joint forces, contiguous.
+            masses: to be filled with the core's, by `mass_entries`.
+            needed: (nv,) to be filled with the joint forces that the core's motion needs without
+                accelerations of its own.
+
+        Returns:
+            Whether every freedom that is eliminated has inertia.
+        """
+        self._take_masses()
+        self._q[:], self._v[:] = q, v
+        code = self._library.tree_eliminate(
+            self._handle, *self._at[:2], address(force), address(self._armature), address(masses),
+            address(needed))
+        if code not in (0, SINGULAR):
+            _check(code)
+        return not code
+
+    def complete(self, force: Array, a: Array) -> tuple[float, float, float]:
+        """Complete the accelerations (nv,) of the core by those of the rest, after `eliminate`.
+
+        Returns:
+            By scale: the largest, the largest correction, and the largest that round-off of
+            motions and wrenches makes.
+        """
+        self._library.tree_accelerations(
+            self._handle, address(force), address(a), address(self._scratch), address(self._facts))
+        largest, corrected, rounding = self._facts.tolist()
+        return largest, corrected, rounding
+
+    def response(self, force: Array) -> float:
+        """Return the largest acceleration, by scale, under joint forces (nv,) alone, likewise."""
+        return float(self._library.tree_respond(
+            self._handle, address(force), address(self._scratch)))
+
+
+def _check(code: int) -> None:
+    if code:
+        raise SpatialPinError(f"the kernel ended with {CODES[code]}")

@@ -1,0 +1,121 @@
+"""How large a machine is and where: its characteristic length, and a centre close to it.
+
+In site coordinates a machine of 3 m may be 5000 km from the world's origin. Numbers of that size
+have seven digits fewer for what happens within it, so what is solved is solved relative to the
+centre, in which no digit is lost: it is a multiple of a power of two of about the machine's size.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from spatial_pin.errors import MechanismFileError
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import EPS, TOLERANCES
+
+SMALLEST = 1.0 / TOLERANCES.largest  # m
+# Sizes of the machine up to which the world's origin, or a frame of the ground that nothing is
+# joined to, is near it: there its coordinates have all digits but two bits.
+NEAR = 3.0
+
+
+class Extent(NamedTuple):
+    """Size of a machine and where it is.
+
+    Attributes:
+        length: largest distance between two frames of it at neutral [m]; 1 if 0.
+        centre: (3,) close to the middle of these [m]; zero along axes along which the world's
+            origin is near.
+        frames: which frames count.
+        resolution: what coordinates in the world do not resolve, relative to the length [-]: half
+            a unit of the last digit of each of two; 0 if the origin is near.
+    """
+
+    length: float
+    centre: Array
+    frames: NDArray[np.bool_]
+    resolution: float
+
+
+def extent_of(model: pin.Model, joined: Collection[int], where: str) -> Extent:
+    """Return the extent of a machine.
+
+    Frames of the ground that nothing is joined to, the world's own among them, count where they
+    are near what moves and what is joined.
+
+    Args:
+        model: its tree.
+        joined: frames that closures join.
+        where: what it is of, for the error.
+
+    Raises:
+        MechanismFileError: it is so small or large that squares leave the range of numbers.
+    """
+    joints = [pin.SE3.Identity()]  # every joint is the identity at neutral
+    for parent, placement in zip(model.parents[1:], model.jointPlacements[1:], strict=True):
+        joints.append(joints[parent] * placement)
+    points = np.array([joints[f.parentJoint].act(f.placement.translation) for f in model.frames])
+    reach = np.abs(points).max(axis=1)
+    span = float(reach.max())
+    if not span <= 1.0 / SMALLEST:  # it may be infinite, or NaN
+        raise _refused(model, where, span, int(np.argmax(reach)))
+    unit = 2.0 ** math.frexp(span)[1]  # changes no digit
+    points /= unit
+    own = np.array([i in joined or f.parentJoint != 0 for i, f in enumerate(model.frames)])
+    near, centre = np.ones(len(points), dtype=bool), np.zeros(3)
+    if own.any():
+        size = diameter(points[own]) or (_arm(model) or 1.0) / unit
+        middle = (points[own].min(axis=0) + points[own].max(axis=0)) / 2
+        near = own | (np.linalg.norm(points - middle, axis=1) <= NEAR * size)
+        if np.linalg.norm(middle) > NEAR * size:
+            grid = 2.0 ** math.frexp(size)[1]
+            centre = unit * grid * np.round(middle / grid) * (np.abs(middle) > NEAR * size)
+    length = unit * diameter(points[near])
+    if length and not SMALLEST <= length <= 1.0 / SMALLEST:
+        raise _refused(model, where, length, int(np.argmax(reach)))
+    length = length or 1.0
+    return Extent(length, centre, near, EPS * float(np.abs(centre).max()) / length)
+
+
+def _arm(model: pin.Model) -> float:
+    """Return how far mass is from the joints [m], 0 if there is none."""
+    heavy = [x for x in list(model.inertias)[1:] if x.mass > 0.0]
+    return max((float(np.linalg.norm(x.lever) + np.sqrt(np.abs(x.inertia).max() / x.mass))
+                for x in heavy), default=0.0)
+
+
+def centred(model: pin.Model, centre: Array) -> pin.Model:
+    """Return a copy of a tree with all that is joined to the ground relative to a centre (3,)."""
+    found, back = model.copy(), pin.SE3(np.eye(3), -centre)
+    for joint in model.children[0]:
+        found.jointPlacements[joint] = back * model.jointPlacements[joint]
+    for i, frame in enumerate(model.frames):
+        if frame.parentJoint == 0:
+            found.frames[i].placement = back * frame.placement
+    return found
+
+
+def diameter(points: Array) -> float:
+    """Return the largest distance between two of the points (N, 3)."""
+
+    def farthest(point: Array) -> float:
+        return float(np.linalg.norm(points - point, axis=1).max())
+
+    radii = np.linalg.norm(points - (points.min(axis=0) + points.max(axis=0)) / 2, axis=1)
+    least = farthest(points[int(np.argmax(radii))])
+    # two points that are farther apart than that lie at least so far from the middle
+    outer = radii > least * (1.0 - 4.0 * np.finfo(float).eps) - radii.max()
+    return max([least, *map(farthest, points[outer])])
+
+
+def _refused(model: pin.Model, where: str, span: float, frame: int) -> MechanismFileError:
+    large = f"{span:.3g} m large" if math.isfinite(span) else "larger than any number"
+    return MechanismFileError(
+        f"{where}: the mechanism is {large} (frame {model.frames[frame].name!r}); "
+        f"only sizes from {SMALLEST:g} to {1.0 / SMALLEST:g} m can be worked with")
