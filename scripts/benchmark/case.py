@@ -116,6 +116,8 @@ TASKS: dict[str, Task] = {
                    ("closure",), "of every state on the way [m]"),
     "forward": Task("forward dynamics of a ladder of {} four-bar loops", "µs", ("acceleration",),
                     "of the first rod [rad/s²] against the closed form"),
+    "chain": Task("open chain of {} hinges", "µs", ("acceleration",),
+                  "relative to the largest, by 40 digits"),
     "a02": Task("IFToMM A02, one loop, 10 s under gravity", "ms", ("angle", "closure"),
                 "rod's angle at the end [rad] by elliptic functions, closure [m]"),
     "a04": Task("IFToMM A04, overconstrained Bricard cube, 10 s under gravity", "ms",

@@ -219,6 +219,17 @@ def reduced(rows: Rows) -> Iterator[str]:
         yield cells(title, *sizes, *times, power(few[1]["errors"]["difference"]))
 
 
+def chains(rows: Rows) -> Iterator[str]:
+    """Yield the table of forces on open chains: one whole call."""
+    yield "| hinges | `forward_dynamics` | `pin.aba` | `inverse_dynamics` | `pin.rnea` | error |"
+    yield "|---|---|---|---|---|---|"
+    for n in sorted({row["size"] for row in rows.values() if row["task"] == "chain"}):
+        keys = [key("chain", n, how, tool) for how, tool in (
+            ("forward_dynamics", OWN), ("aba", HAND), ("inverse_dynamics", OWN), ("rnea", HAND))]
+        yield cells(str(n), *(joined(rows, [k], lambda row: time(row["least"])) for k in keys),
+                    largest(rows, keys[:1], "acceleration"))
+
+
 NUMBERS = ("published", "error", "designs", "evaluations")  # of a design; its others are defects
 
 
@@ -274,13 +285,14 @@ TABLES: dict[str, Callable[[Rows], Iterator[str]]] = {
     "single": single,
     "reach": lambda rows: reaches(rows, "reach"),
     "path": lambda rows: reaches(rows, "path"),
+    "chain": chains,
     "reduce": reduced,
     "designs": designed,
     "tutorials": tutorials,
     "excavator": excavated,
 }
 PAGES = {  # of docs/, with the tables that they have
-    "accuracy.md": ("sweep", "a02", "a04", "dial", "single", "reduce"),
+    "accuracy.md": ("sweep", "a02", "a04", "dial", "single", "chain", "reduce"),
     "design.md": ("designs", "tutorials"), "reach.md": ("reach",),
     "reach_path.md": ("path",), "follow.md": ("excavator",),
 }
@@ -290,7 +302,7 @@ NEEDS = {  # table: tasks whose rows it shows
     "single": ("sweep", "four_bar", "forward", "rates", "jacobian", "assembly"),
     "reach": tuple(f"reach-{robot}" for robot in ROBOTS),
     "path": tuple(f"path-{robot}" for robot in ROBOTS),
-    "reduce": ("smaller",), "designs": ("design",), "tutorials": ("design",),
+    "chain": ("chain",), "reduce": ("smaller",), "designs": ("design",), "tutorials": ("design",),
     "excavator": ("excavator",),
 }
 

@@ -43,8 +43,9 @@ def setup(state: sp.State, points: Sequence[float] = (0.0,)) -> SimpleNamespace:
             datas.append(made.createData())
     data = model.createData()
     pin.initConstraintDynamics(model, data, models, datas)
-    return SimpleNamespace(mechanism=mechanism, model=model, data=data, models=models, datas=datas,
-                           q=state.q, v=state.v, none=np.zeros(model.nv),
+    return SimpleNamespace(mechanism=mechanism, state=state, model=model, data=data,
+                           models=models, datas=datas, none=np.zeros(model.nv), q=state.q,
+                           v=state.v,
                            settings=pin.ProximalSettings(1e-12, 1e-10, 20))
 
 
@@ -70,6 +71,18 @@ def setup_forward(n: int) -> SimpleNamespace:
 
 def run_forward(tool: SimpleNamespace) -> float:
     return float(-acceleration(tool, tool.q, tool.v)[tool.first])
+
+
+def setup_chain(n: int) -> SimpleNamespace:
+    return setup(ours.setup_chain(n).state)
+
+
+def run_aba(tool: SimpleNamespace) -> Array:
+    return pin.aba(tool.model, tool.data, tool.state.q, tool.state.v, tool.none).copy()
+
+
+def run_rnea(tool: SimpleNamespace) -> None:
+    pin.rnea(tool.model, tool.data, tool.state.q, tool.state.v, tool.state.a)
 
 
 # Simulation
@@ -118,6 +131,8 @@ SIMULATED = {
 CASES = (
     *(Case("forward", NAME, "constraintDynamics", partial(setup_forward, n), run_forward,
            ours.judge_forward, size=n) for n in ladder.SIZES),
+    *(Case("chain", NAME, how, partial(setup_chain, n), run, ours.judge_chain, size=n)
+      for how, run in (("aba", run_aba), ("rnea", run_rnea)) for n in ours.HINGES if n <= 300),
     *(Case(task, NAME, f"constraintDynamics + Baumgarte, RK4 at {h:g} s", build,
            partial(rk4, step=h, duration=duration), judge)
       for task, (build, duration, judge) in SIMULATED.items() for h in STEPS),
