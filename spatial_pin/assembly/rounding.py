@@ -38,7 +38,7 @@ from spatial_pin.kernel.closer import Examined, closer_of
 from spatial_pin.mechanism.coordinates import joint_values, with_values
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Equations
-from spatial_pin.numerics.linalg import Array, null_space, singular_values, weighty_rows
+from spatial_pin.numerics.linalg import Array, decompose, null_space, singular_values, weighty_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy
 
@@ -66,11 +66,11 @@ ABOVE = 10.0
 GOOD = 0.2
 # Independence relative to that of all equations, below which a choice is of no use: rates lose two
 # digits, and a tenth of a radian ahead the equations may depend on each other.
-FAINT = 0.05
+USELESS = 0.05
 # of motion from the guess, over which equations stay within the gap
 HALF_RADIAN, PARTS_OF_MOTION = 0.5, 4
 DIRECTIONS = 6  # of that motion, each taken both ways
-AHEAD = 4  # such motions in a row, over which it is seen how long equations are independent
+LONGER_WAY = 4  # such motions in a row, over which it is seen how long equations are independent
 PROBES, STEPS_TO_POSE = 4, 3  # other poses tried, and steps to each
 STEP_TO_POSE = 0.1  # length of a step [rad, characteristic lengths]
 GAPS_TRIED = (1e-3, 1e-2)  # of files of three digits, and of two
@@ -320,7 +320,7 @@ def _nearby(
         direction = rng.standard_normal(len(tangents)) @ tangents
         for ahead in (direction, -direction):
             path = [first]
-            for _ in range(PARTS_OF_MOTION * (AHEAD if len(tangents) == 1 else 1)):
+            for _ in range(PARTS_OF_MOTION * (LONGER_WAY if len(tangents) == 1 else 1)):
                 step = HALF_RADIAN / PARTS_OF_MOTION * ahead / np.abs(ahead).max()
                 found = _sample(
                     evaluation, pin.integrate(model, path[-1].q, scale * step), cut, gap)
@@ -341,9 +341,9 @@ def _oriented(first: Sample, path: list[Sample], rank: int = 0) -> list[Sample]:
         path: samples along it.
         rank: how many rows there are.
     """
-    found, before = [], first.rows if first.rows.size else np.linalg.svd(first.jacobian)[2][:rank]
+    found, before = [], first.rows if first.rows.size else decompose(first.jacobian).vt[:rank]
     for x in path:
-        rows = np.linalg.svd(x.jacobian)[2][: len(before)]
+        rows = decompose(x.jacobian).vt[: len(before)]
         if np.linalg.det(rows @ before.T) < 0.0:
             rows[0] = -rows[0]
         found.append(x._replace(rows=rows))
@@ -356,6 +356,7 @@ def _opens_nearby(whole: Evaluation, reduced: Mechanism, first: Sample, gap: flo
 
     The equations that stay are followed along random directions of their freedom, both ways, as far
     as they are independent: where they are not, the others open though nothing contradicts them.
+    Equations that hardly are so at the first sample determine no motion at all.
     """
     model, scale = whole.model, reduced.velocity_scale
     rng, free = np.random.default_rng(20114), np.ones(model.nv, dtype=bool)
@@ -363,7 +364,10 @@ def _opens_nearby(whole: Evaluation, reduced: Mechanism, first: Sample, gap: flo
         n = evaluation.constraints.n_closure
         start, _ = close(evaluation, first.q, free, CLOSED)
         tangents = null_space(evaluation.jacobian[:n], TOLERANCES.rank)
-        sign = np.sign(_independence([evaluation.jacobian[:n]], [first])[0])
+        independence = float(_independence([evaluation.jacobian[:n]], [first])[0])
+        if abs(independence) < USELESS:
+            return True
+        sign = math.copysign(1.0, independence)
         for _ in range(DIRECTIONS if len(tangents) else 0):
             direction = rng.standard_normal(len(tangents)) @ tangents
             for here, ahead in ((start, direction), (start, -direction)):
@@ -379,7 +383,7 @@ def _opens_nearby(whole: Evaluation, reduced: Mechanism, first: Sample, gap: flo
                     all_rows = whole.jacobian[: whole.constraints.n_closure]
                     seen, = _oriented(seen, [Sample(
                         there, all_rows, singular_values(all_rows), whole.closure_error)])
-                    if sign * _independence([evaluation.jacobian[:n]], [seen])[0] < FAINT:
+                    if sign * _independence([evaluation.jacobian[:n]], [seen])[0] < USELESS:
                         break
                     if whole.closure_error > gap:
                         return True
@@ -502,7 +506,7 @@ def _choice(
             same = np.where(np.sign(ahead) == np.sign(ahead[0]), np.abs(ahead), 0.0)
             branches = np.split(same, ends[:-1])
             nearby = (min(GOOD, *(float(x[: PARTS_OF_MOTION + 1].min()) for x in branches)),
-                      sum(len(list(takewhile(lambda value: value >= FAINT, x)))
+                      sum(len(list(takewhile(lambda value: value >= USELESS, x)))
                           for x in branches))
         worths.append((nearby[0], through[k], nearby[1], float(np.abs(found[k]).min())))
     kept = set(np.flatnonzero(weights == KEPT).tolist())

@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from spatial_pin.numerics.linalg import Array
 
-TURN, SLIDE, SCREW, BALL, FREE = 1, 2, 3, 4, 5
+TURN, SLIDE, SCREW, BALL, FREE = 1, 2, 3, 4, 5  # as JointKind of core/kernel.h
 AXIAL = {"R": TURN, "P": SLIDE, "H": SCREW}  # by the first letter of Pinocchio's names
 
 

@@ -22,7 +22,7 @@ from spatial_pin.numerics.tolerances import EPS, TOLERANCES
 SMALLEST = 1.0 / TOLERANCES.largest  # m
 # Sizes of the machine up to which the world's origin, or a frame of the ground that nothing is
 # joined to, is near it: there its coordinates have all digits but two bits.
-NEAR = 3.0
+SIZES_NEAR = 3.0
 
 
 class Extent(NamedTuple):
@@ -72,10 +72,10 @@ def extent_of(model: pin.Model, joined: Collection[int], where: str) -> Extent:
     if own.any():
         size = diameter(points[own]) or (_arm(model) or 1.0) / unit
         middle = (points[own].min(axis=0) + points[own].max(axis=0)) / 2
-        near = own | (np.linalg.norm(points - middle, axis=1) <= NEAR * size)
-        if np.linalg.norm(middle) > NEAR * size:
+        near = own | (np.linalg.norm(points - middle, axis=1) <= SIZES_NEAR * size)
+        if np.linalg.norm(middle) > SIZES_NEAR * size:
             grid = 2.0 ** math.frexp(size)[1]
-            centre = unit * grid * np.round(middle / grid) * (np.abs(middle) > NEAR * size)
+            centre = unit * grid * np.round(middle / grid) * (np.abs(middle) > SIZES_NEAR * size)
     length = unit * diameter(points[near])
     if length and not SMALLEST <= length <= 1.0 / SMALLEST:
         raise _refused(model, where, length, int(np.argmax(reach)))

@@ -104,6 +104,7 @@ def test_settings_that_fail_say_why_in_the_table():
     assert len(failed.seconds) == 1 and np.isnan(failed.error) and failed.spread is None
 
 
+@pytest.mark.slow
 def test_a_setting_for_which_no_time_is_left_is_said_to_be_untried():
     found = sp.tradeoff(sp.load("four_bar"), {"values": TURN}, settings=FEW, budget=1e-9)
     assert not found.front and {row.said for row in found.rows} == {"not tried, the time was out"}

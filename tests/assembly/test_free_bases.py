@@ -412,6 +412,7 @@ def test_a_robot_in_the_air_moves_as_a_free_body(tmp_path: Path) -> None:
     assert fallen == pytest.approx(-0.5 * 9.81 * np.linspace(0.0, 0.1, 5) ** 2, abs=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.delicate
 def test_limits_and_traces_hold_what_is_named() -> None:
     fixed, free = library("delta"), library("delta", free_flyer=True)

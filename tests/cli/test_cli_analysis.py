@@ -76,6 +76,7 @@ def test_statics_by_virtual_work(found):
         slope, rel=1e-8)
 
 
+@pytest.mark.slow
 def test_statics_over_a_sweep_is_a_curve(found, rows):
     words = ("statics", "excavator", "--over", "boom=2..3", "--steps", "3")
     mechanism = sp.load("excavator")

@@ -135,6 +135,7 @@ def test_names_are_offered_by_the_command_itself(asked, shell, words, names):
     assert set(asked(shell, *words)) == names
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shell", INSTALLED)
 def test_a_file_that_is_broken_offers_nothing(asked, shell, tmp_path):
     (tmp_path / "bad.toml").write_text("tree = 'no.urdf'\n[drivers")

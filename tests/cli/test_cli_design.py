@@ -41,6 +41,7 @@ def rocker(mechanism, phi, guess):
     return state.coordinate("rocker_pin").value
 
 
+@pytest.mark.slow
 def test_a_design_is_told_saved_and_shown(run, goals, tmp_path):
     files = [tmp_path / name for name in ("page.html", "report.html", "all.json")]
     code, out, err = run("design", "four_bar", "--goals", goals, "--starts", 2,

@@ -56,6 +56,7 @@ def test_a_workspace_takes_its_ranges_however_they_are_written(words, run):
     assert [float(line.split(",")[0]) for line in out.splitlines()[1:]] == [0.0, 0.5, 1.0]
 
 
+@pytest.mark.slow
 def test_a_design_takes_bounds_however_they_are_written(run, tmp_path):
     (tmp_path / "path.csv").write_text("crank [deg],rocker_pin [deg]\n0,90\n60,95\n90,100\n")
     told = [run("design", "four_bar", "--goals", tmp_path / "path.csv", *words, "--starts", "1",
@@ -107,7 +108,8 @@ def test_json_behind_which_a_file_is_named_is_written_there(run, tmp_path):
 
 @pytest.mark.parametrize(("output", "unit"), [
     ("rocker_pin", "rad/m or rad/rad"), ("coupler_b.position", "m/m or m/rad"),
-    ("crank.effort", "(N·m)/m or (N·m)/rad"), ("rocker_pin.ratio", "1/m or 1/rad")])
+    pytest.param("crank.effort", "(N·m)/m or (N·m)/rad", marks=pytest.mark.slow),
+    ("rocker_pin.ratio", "1/m or 1/rad")])
 def test_derivatives_have_units(output, unit, run):
     words = ("sensitivity", "four_bar", output, "crank=60deg", "--speed", "crank=1")
     code, out, _ = run(*words)

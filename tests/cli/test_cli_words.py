@@ -57,6 +57,7 @@ def process(*words: str, **environment: str) -> subprocess.CompletedProcess[byte
                           env={**os.environ, **environment}, timeout=60)
 
 
+@pytest.mark.slow
 def test_signs_that_a_terminal_lacks_are_written_with_those_it_has():
     done = process("assemble", "four_bar", "crank=60deg", PYTHONIOENCODING="ascii")
     assert done.returncode == 0 and b"(60 deg)" in done.stdout
@@ -65,6 +66,7 @@ def test_signs_that_a_terminal_lacks_are_written_with_those_it_has():
     assert done.returncode == 0
 
 
+@pytest.mark.slow
 def test_standard_output_may_be_closed():
     done = subprocess.run(f"exec {sys.executable} -m spatial_pin assemble four_bar >&-",
                           shell=True, capture_output=True, timeout=60)

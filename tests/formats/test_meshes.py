@@ -124,6 +124,7 @@ def test_shapes_not_yet_asked_for_are_copied_and_sent(load):
         assert kinds(other.visual_model) == [coal.Sphere, coal.BVHModelOBBRSS, coal.Box]
 
 
+@pytest.mark.slow
 def test_a_picture_of_a_broken_mesh_does_not_end_the_interpreter(load, tmp_path):
     load("corner.ply", BROKEN["corner.ply"])
     code = ("import sys, warnings, spatial_pin as sp; warnings.simplefilter('ignore'); "

@@ -271,6 +271,7 @@ def test_threads_load_at_the_same_time():
     assert reaches == {k: 0.3 + k / 100 for k in range(8)}
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of Python, about any fork with threads
 def test_a_child_that_is_born_while_another_thread_loads_can_load():
@@ -372,6 +373,7 @@ def test_many_names_are_no_deep_ones(write):
     assert sp.load(path).title == "a." * 9999
 
 
+@pytest.mark.slow
 def test_a_long_chain_and_a_wide_star_are_loaded(write):
     for place in ("l{k}", "l0"):
         links = "".join(f'<link name="l{k}"/>' for k in range(1500))

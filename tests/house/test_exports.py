@@ -80,8 +80,8 @@ def given_to_users() -> dict[type, str]:
     return found
 
 
-# how a closure is made up of equations: data of the library, not an answer
-INSIDE = {"Equations", "Pair", "PairGeometry", "ConstraintEquation"}
+# how a closure is made up of equations, and where a machine is: data of the library, not an answer
+INSIDE = {"ConstraintEquation", "Equations", "Extent", "Pair", "PairGeometry"}
 
 
 def test_every_type_that_a_user_gets_has_a_name_at_the_top() -> None:

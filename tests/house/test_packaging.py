@@ -122,6 +122,7 @@ def test_the_wheel_is_one_of_its_platform(monkeypatch, system, asked, tag):
     assert build_kernel.wheel_tag() == tag
 
 
+@pytest.mark.slow
 def test_a_library_older_than_its_c_files_is_refused(tree):
     folder = tree / build_kernel.KERNEL
     strict = ["-O0", "-Wall", "-Wextra", "-pedantic-errors"]  # C99 and nothing else

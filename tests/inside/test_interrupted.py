@@ -260,6 +260,7 @@ def measured():
             "rocker_pin").value}) for x in np.linspace(0.0, 5.0, 12)]
 
 
+@pytest.mark.slow
 def test_a_calibration_keeps_its_best_values_until_ctrl_c(measured, monkeypatch):
     nominal, readings = measured
     whole = sp.calibrate(nominal, readings, ["r3", "r4"])

@@ -64,6 +64,7 @@ def group_of(leader: int) -> list[int]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 @needs_browser
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /proc")
@@ -112,6 +113,7 @@ def test_killed_movie_leaves_neither_browser_nor_half_a_file(tmp_path, how):
     assert path.read_text() == "the last one"
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 @needs_browser
 @pytest.mark.parametrize("is_noticed", few([False, True], False))
@@ -220,6 +222,7 @@ def test_other_drivers_are_held_even_beside_a_limit():
     assert drive.state.closure_error < 1e-12
 
 
+@pytest.mark.slow
 def test_a_move_ends_where_a_joint_runs_away():
     """An arm whose slide reaches a wall until they are parallel, at a quarter turn."""
     here, wall = (pin.SE3(np.eye(3), np.array([x, 0.0, 0.0])) for x in (0.0, 1.0))

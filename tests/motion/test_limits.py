@@ -254,6 +254,7 @@ def test_a_joint_limit_comes_before_an_asymptote(to_a_wall):
     assert span.upper.value == pytest.approx(acos(1.0 / most), abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_workspace_ends_at_an_asymptote_without_a_point_there(to_a_wall):
     found = sp.workspace(to_a_wall, "block", {"arm": (0.0, 2.0)}, points=7)
     assert found.why == ("",) * 5 + ("limit",) * 2

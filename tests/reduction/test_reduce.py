@@ -438,6 +438,7 @@ def test_forces_that_a_smaller_model_does_not_tell_are_refused(output, dynamics,
         sp.reduce(library("rssr"), output, dynamics=dynamics)
 
 
+@pytest.mark.slow
 def test_verify_compares_what_there_is_of_an_endless_slide(tmp_path):
     """A slide along a turning arm to a wall: at a right angle it would be endless."""
     tree = (mechanisms.turning("pin", "ground", "arm")

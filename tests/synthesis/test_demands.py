@@ -42,6 +42,7 @@ def test_a_rocker_swings_as_far_as_asked():
     assert best.errors["swing of rocker_pin"].unit == "rad"
 
 
+@pytest.mark.slow
 def test_a_crank_rocker_of_given_swing_transmits_well_and_turns_fully():
     least = np.radians(40.0)
     best = designed(goals.swing("rocker_pin", 1.0), goals.transmission("rocker_pin", least),
@@ -107,6 +108,7 @@ def test_a_driver_needs_no_larger_effort_than_allowed():
     assert 0.4 < np.abs(needed).max() <= 0.8 + 1e-6
 
 
+@pytest.mark.slow
 def test_joints_stay_within_the_size_and_links_below_the_mass():
     best = designed(goals.swing("rocker_pin", 0.8), goals.turns(), goals.size(0.45),
                     goals.mass(2.0))

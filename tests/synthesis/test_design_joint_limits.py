@@ -23,6 +23,7 @@ def limited(tmp_path_factory):
 # ---------------------------------------------------------------- named
 
 
+@pytest.mark.slow
 def test_motions_of_demands_pass_limits_too(limited):
     mechanism = limited(0.0, 1.9)
     best = sp.design(mechanism, [goals.swing("rocker_pin", 1.0), goals.turns()], BOUNDS,

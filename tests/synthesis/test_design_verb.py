@@ -225,6 +225,7 @@ def test_more_starts_find_at_least_as_much(four_bar, alone):
     assert len(sp.design(four_bar, FUNCTION, BOUNDS, starts=2, most=1)) == 1
 
 
+@pytest.mark.slow
 def test_a_design_begins_where_branches_cross(problems):
     """A folded parallelogram: the crank alone does not say which way it goes."""
     mechanism = sp.load(problems["nine"].mechanism().path, r1=2.0, r2=1.0, r3=2.0, r4=1.0)

@@ -80,6 +80,7 @@ def path():
                     {"r2": (0.05, 0.2)}, starts=1)
 
 
+@pytest.mark.slow
 def test_targets_of_a_path_are_where_the_drawing_was_placed(path):
     for one in path:
         met, told = one.met[0], one.errors["path of coupler_b"]
@@ -135,6 +136,7 @@ def test_the_report_fits_a_hundred_columns(path, function):
         assert f"{k}. error {one.error:.3g}" in str(path)
 
 
+@pytest.mark.slow
 def test_defects_are_judged_goal_by_goal():
     flat = np.radians([40.0, 85.0, 130.0])
     found = designed((sp.goals.function("rocker_pin", PSI, {"crank": flat}),
@@ -195,6 +197,7 @@ def test_designs_are_named_briefly(function):
         function[1]
 
 
+@pytest.mark.slow
 def test_of_equal_errors_those_without_defects_come_first():
     """The last point can be met on either side of the rocker's dead centre, as well."""
     bounds = {"r1": (0.1, 0.6), "r2": (0.05, 0.2), "r3": (0.1, 0.6), "r4": (0.1, 0.6)}
@@ -278,6 +281,7 @@ def of_several_drivers():
     return designed((goal,), {"lu": (0.3, 0.8)}, starts=1, name="delta")[0]
 
 
+@pytest.mark.slow
 def test_several_drivers_go_from_sample_to_sample(of_several_drivers):
     tip = of_several_drivers.motion().frame("platform").position
     ends = [state.placement("platform").translation for state in of_several_drivers.states]

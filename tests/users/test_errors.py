@@ -120,7 +120,8 @@ def of_executor() -> object:
         return executor.submit(too_far).result(timeout=120)
 
 
-@pytest.mark.parametrize("pool", [of_pool, of_executor])
+@pytest.mark.parametrize("pool", [
+    of_pool, pytest.param(of_executor, marks=pytest.mark.slow)])
 def test_a_pool_of_processes_hands_back_the_error_with_its_evidence(pool):
     error = raised(pool)
     assert isinstance(error, sp.LimitError)

@@ -36,6 +36,7 @@ def test_every_mechanism_of_the_library_is_named():
     assert text.split(", ") == sp.list_mechanisms() and "..." not in text
 
 
+@pytest.mark.slow
 def test_every_coordinate_and_driver_is_named():
     mech = sp.load("excavator")
     text = told(lambda: mech.coordinate("zzzzzzzzz"))

@@ -372,6 +372,7 @@ def hexapod_legs(rotation, place):
     return np.linalg.norm(rotation @ tops + np.reshape(place, (3, 1)) - feet, axis=0)
 
 
+@pytest.mark.slow
 def test_the_legs_of_a_hexapod_are_as_long_as_pythagoras_says(run):
     made = run("hexapod")
     pose = made["pose"]
@@ -508,6 +509,7 @@ def test_a_bonnet_opens_as_circles_say_and_is_held_as_energy_says(run):
 
 # ---------------------------------------------------------------- excavator
 
+@pytest.mark.slow
 def test_the_cylinders_of_an_excavator_do_the_work_of_the_dig(run):
     made = run("excavator")
     motion, model = made["motion"], made["mechanism"].model

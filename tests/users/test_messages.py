@@ -76,7 +76,8 @@ def test_masses_that_differ_too_much_are_named(formulation, tmp_path):
 
 @pytest.mark.delicate
 @pytest.mark.parametrize("name, formulation", [
-    ("delta", "independent"), ("stewart", "independent"), ("stewart", "projected")])
+    pytest.param("delta", "independent", marks=pytest.mark.slow), ("stewart", "independent"),
+    pytest.param("stewart", "projected", marks=pytest.mark.slow)])
 def test_loops_that_lose_rank_end_the_motion_as_such(name, formulation):
     mech = sp.load(name)
     text = refusal(lambda: sp.simulate(mech, sp.assemble(mech), 2.0, accuracy=sp.Accuracy(

@@ -90,6 +90,7 @@ def unquoted(frame: str) -> str:
     return quoted.replace("&quot;", '"').replace("&amp;", "&")
 
 
+@pytest.mark.slow
 def test_a_figure_needs_no_pyplot():
     code = ("import sys, spatial_pin as sp; "
             "sp.plot(sp.sweep(sp.load('rssr'), 'crank', [0.0, 0.1]), 'rocker_pin')._repr_png_(); "

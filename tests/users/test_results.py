@@ -307,6 +307,7 @@ def every_result(motion: sp.Motion, loads: sp.Kinetostatics, driven: sp.Simulati
     yield from (found, found.boundary)
 
 
+@pytest.mark.slow
 def test_words_of_results_are_short_and_have_no_arrays(motion, loads, driven):
     for found in every_result(motion, loads, driven):
         text = repr(found)
@@ -342,6 +343,7 @@ def test_a_motion_is_not_drawn_with_forces(motion):
         sp.plot(motion, ["rocker_pin", "crank.effort"])
 
 
+@pytest.mark.slow
 def test_forces_are_drawn_by_reports_and_the_command_line(motion, driven, run, tmp_path):
     names = ["rocker_pin", "crank.effort", "ball_b.reaction"]
     page = sp.report(motion, tmp_path / "page.html", outputs=names).read_text("utf-8")

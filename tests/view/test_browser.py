@@ -39,6 +39,7 @@ def test_coupler_moves_and_ground_does_not(browser, tmp_path):
     assert np.mean(np.any(np.abs(again - first) > 0.02, axis=2)) < 1e-3
 
 
+@pytest.mark.slow
 def test_player_pauses_plays_and_seeks_when_it_is_clicked(browser, tmp_path):
     browser.open(sp.export_html(swept("rssr"), tmp_path / "page.html"), READY)
 
@@ -119,6 +120,7 @@ def test_report_shows_the_mechanism_and_its_figures(browser, tmp_path):
     assert browser.evaluate("document.documentElement.scrollWidth") <= 1100
 
 
+@pytest.mark.slow
 def test_cursor_of_the_curves_of_a_report_follows_the_picture_and_moves_it(browser, tmp_path):
     browser.resize((1100, 900))
     motion = swept("rssr")
@@ -246,6 +248,7 @@ def test_animation_of_the_readme_is_small(pictures, tmp_path, monkeypatch):
 # ---------------------------------------------------------------- the browser itself
 
 
+@pytest.mark.slow
 def test_script_that_throws_and_page_that_is_not_there_are_clear_errors(browser, tmp_path):
     with pytest.raises(sp.SpatialPinError, match="nonsense"):
         browser.evaluate("nonsense()")

@@ -76,6 +76,7 @@ def test_the_energy_of_a_long_simulation_is_drawn_at_the_samples_shown(tmp_path)
         assert np.allclose(line["values"][-1], whole[-1], rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_long_simulation_of_a_prescribed_driver_is_shown_with_its_forces(tmp_path):
     mechanism = sp.load("four_bar")
     state = sp.solve_rates(mechanism, sp.assemble(mechanism, {"crank": 0.3}), {"crank": 2.0})

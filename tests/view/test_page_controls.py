@@ -197,6 +197,7 @@ def test_speed_is_that_of_the_film(page):
     assert page.evaluate("[playing.speed, speeds.value]") == [2, "2"]
 
 
+@pytest.mark.slow
 def test_end_of_the_film_begins_again_turns_back_or_stops(page):
     end = page.evaluate("animator.duration")
     assert page.evaluate(f"later({end - 0.1}, 0.3)") == pytest.approx(0.2)
@@ -307,6 +308,7 @@ def test_list_hides_links_and_groups_and_shows_pairs(page):
     assert np.mean(np.any(np.abs(shown[part] - before[part]) > 0.1, axis=2)) > 0.002
 
 
+@pytest.mark.slow
 def test_row_of_the_list_lights_its_link_up(page):
     click(page, "[data-opens=parts]")
     b = box(page, "#parts label:nth-of-type(9)")
@@ -458,6 +460,7 @@ def test_axes_are_as_far_apart_as_they_come(page, motion):
     assert foot == pytest.approx(np.linalg.norm(np.cross(ball - b, v)), abs=1e-6)
 
 
+@pytest.mark.slow
 def test_dragging_the_picture_is_no_click_of_the_ruler(page):
     key(page, "m")
     x, y = where(page, "coupler")
@@ -647,6 +650,7 @@ def test_curves_that_are_asked_for_are_open(one_browser, motion, tmp_path):
         sp.export_html(motion, tmp_path / "b.html", look=sp.Look(curves="rocker_pni"))
 
 
+@pytest.mark.slow
 def test_page_of_a_state_has_views_and_names_but_no_curves(one_browser, tmp_path):
     state = sp.assemble(sp.load("stewart"))
     one_browser.open(sp.export_html(state, tmp_path / "a.html"), READY)
@@ -929,6 +933,7 @@ def test_axes_of_the_world_are_drawn_as_they_are_seen(page):
 # ---------------------------------------------------------------- angle between axes
 
 
+@pytest.mark.slow
 def test_angle_between_the_axes_of_two_pairs(page, motion):
     page.evaluate("setShown('group', 'pairs', true); go(1.5); viewer.render(); 1")
     script = """(() => {

@@ -12,7 +12,7 @@
 /* Unknowns up to which a full matrix is factored faster than a sparse one is put in order, and of
  * how many entries one is not zero where it is factored as a full one anyway. */
 #define FEW_UNKNOWNS 64
-#define DENSE 4
+#define DENSE 4 /* of so many entries one is not zero, at least */
 
 static int is_full(const Factors *f)
 {
