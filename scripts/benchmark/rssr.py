@@ -139,12 +139,6 @@ def judge(problem: Problem, fields: Iterable[Any]) -> dict[str, float | None]:
     return errors
 
 
-def judge_positions(tool: Any, result: tuple[Array, Array]) -> dict[str, float | None]:
-    """Judge rocker angles and closure errors of a tool that gives no rates."""
-    angles, closures = result
-    return judge(tool.problem, (closures, angles, None, None, None, None))
-
-
 def judge_row(
     problem: Problem, fields: Iterable[Any], row: int
 ) -> dict[str, float | None]:
