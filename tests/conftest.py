@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import gc
-import importlib
-import sys
 from collections.abc import Sequence
 
 import hypothesis
 import pytest
 from chromium import one_browser  # noqa: F401 - a fixture
-from folders import ROOT
+from published_designs import PROBLEMS
 from work_tree import pytest_sessionfinish, pytest_sessionstart
 
 from spatial_pin.cli import main
@@ -80,8 +78,5 @@ def run(capfd):
 
 @pytest.fixture(scope="module")
 def problems():
-    """Problems of the comparison script."""
-    before = list(sys.path)
-    sys.path.insert(0, str(ROOT / "scripts"))
-    yield importlib.import_module("benchmark.designs").PROBLEMS
-    sys.path[:] = before
+    """Published problems of synthesis."""
+    return PROBLEMS
