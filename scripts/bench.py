@@ -13,8 +13,8 @@ processes of their own. What a tool does not do stands below the rows, in words.
 `--bars` measures only what has a bar (`benchmark/bars.py`), by processor time, beside the peers
 that are installed, and prints how far each task is from its bar; a star is one not met.
 
-`--page` writes the tables of a page of the documentation (`benchmark/pages.py`) anew, of this run
-or of one that was saved (`--read new.json`).
+`--page` measures what the tables of a page of the documentation (`benchmark/pages.py`) show and
+writes them anew, or those of a run that was saved (`--read new.json`).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices: threads only get in the way
 sys.path.insert(0, str(Path(__file__).parent))
 
-from benchmark import bars, measure, pages, report, rssr, tools, workers
+from benchmark import bars, measure, pages, report, tools, workers
 from benchmark.case import TASKS
 
 import spatial_pin as sp
@@ -94,8 +94,8 @@ def note(text: str) -> None:
 def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     """Return the command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--tasks", nargs="+", default=list(TASKS), metavar="TASK",
-                        help=f"only these: {', '.join(TASKS)}")
+    parser.add_argument("--tasks", nargs="+", metavar="TASK",
+                        help=f"only these: {', '.join(TASKS)} (all, or what --page shows)")
     parser.add_argument("--bars", action="store_true",
                         help="only what has a bar, and how far it is from it")
     parser.add_argument("--peers", action="store_true", help="measure the other tools too")
@@ -113,7 +113,11 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
                         help="take saved results, measure nothing")
     parser.add_argument("--compare", type=Path, metavar="FILE", help="put old results beside")
     options = parser.parse_args(arguments)
-    options.tasks = [name for text in options.tasks for name in text.split(",") if name]
+    if options.tasks:
+        options.tasks = [name for text in options.tasks for name in text.split(",") if name]
+    else:
+        shown = options.page and options.page.name in pages.PAGES
+        options.tasks = pages.tasks(options.page) if shown else list(TASKS)
     if options.bars:
         options.clock = "cpu"
         options.tasks = [task for task in bars.tasks() if task in options.tasks]
@@ -149,10 +153,7 @@ def tell(options: argparse.Namespace, found: dict[str, Any]) -> None:
         for line in bars.growing() if "ladder" in options.tasks else ():
             print(line, flush=True)
         return
-    print("\n".join([*report.table(found), *report.bars(found)]))
-    if {"sweep", "rates", "assembly"} & set(options.tasks):
-        off = rssr.check_closed_form(rssr.Problem(), every=60)
-        print(f"RSSR's closed form against 40-digit differentiation: {off:.0e}")
+    print("\n".join(report.table(found)))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

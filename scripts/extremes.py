@@ -28,7 +28,6 @@ import numpy as np
 from mpmath import mp, mpf
 
 import spatial_pin as sp
-from spatial_pin.accuracy.models import closure, inertial, joint, made, point, rod
 
 DIGITS = 60
 GRAVITY = 9.81
@@ -46,7 +45,9 @@ def _of_tests(name: str) -> Any:
     return module
 
 
-forms = _of_tests("closed_forms")
+forms, models = _of_tests("closed_forms"), _of_tests("published_models")
+closure, inertial, joint = models.closure, models.inertial, models.joint
+made, point, rod = models.made, models.point, models.rod
 
 
 class Understated(AssertionError):

@@ -24,16 +24,16 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices: threads only get in the way
 sys.path.insert(0, str(Path(__file__).parent))
 
-from golden_numbers import comparison, files, verbs
+from golden_numbers import answer, comparison, verbs
 
 import spatial_pin as sp
 
 SHOWN = 40  # differences that are printed, one a mechanism and verb
 
 
-def compute(only: Sequence[str], asked: Sequence[str], clock: bool = False) -> files.Golden:
+def compute(only: Sequence[str], asked: Sequence[str], clock: bool = False) -> answer.Golden:
     """Return the answers of verbs, mechanism by mechanism; says which library gives them."""
-    golden: files.Golden = {}
+    golden: answer.Golden = {}
     print(f"answers of {Path(sp.__file__).parent}", file=sys.stderr, flush=True)
     for name in only:
         start = time.process_time()
@@ -43,7 +43,7 @@ def compute(only: Sequence[str], asked: Sequence[str], clock: bool = False) -> f
     return golden
 
 
-def report(old: files.Golden, new: files.Golden, tolerance: float, shown: int) -> Iterator[str]:
+def report(old: answer.Golden, new: answer.Golden, tolerance: float, shown: int) -> Iterator[str]:
     """Yield lines: the largest difference of every mechanism and verb, and how many are equal."""
     found = comparison.compare(old, new, tolerance)
     beyond = [d for d in found if d.is_beyond]
@@ -93,9 +93,9 @@ def _chosen(
     return names
 
 
-def read(path: Path, options: argparse.Namespace) -> files.Golden:
+def read(path: Path, options: argparse.Namespace) -> answer.Golden:
     """Return the answers of a file that were asked for."""
-    return {(name, verb): answer for (name, verb), answer in files.read(path).items()
+    return {(name, verb): found for (name, verb), found in answer.read(path).items()
             if name in options.only and verb in options.verbs}
 
 
@@ -103,7 +103,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Compute, save, compare; return the exit code."""
     options = parse(arguments)
     if options.command == "save":
-        files.write(options.file, compute(options.only, options.verbs, clock=True))
+        answer.write(options.file, compute(options.only, options.verbs, clock=True))
         return 0
     old = read(options.old, options)
     new = read(options.new, options) if options.new else compute(options.only, options.verbs)

@@ -17,6 +17,7 @@ LOOSE = 1e-4  # error that an answer may have where little accuracy is asked for
 POWER, MEMORY = 1.3, 2000.0  # with which times of a ladder may grow, and what 1000 loops take [MB]
 SOLVERS = HAND, "MuJoCo"  # of constrained dynamics, for any mechanism
 WIDTH = 56
+FORWARD = "forward_dynamics, reactions too"
 
 
 class Bar(NamedTuple):
@@ -78,6 +79,15 @@ BARS = (
         key("platform", 0, "simulate, engineering"), 1.5e-2),
     *(Bar(f"{robot} falling 10 s, {how}", key(robot, 0, f"simulate, {how}"), None, "energy")
       for robot in ("five-bar", "3-RRR") for how in ("engineering", "for_error(1e-4)")),
+    Bar("simulate A02, beside its one equation by hand", key("a02", 0, "simulate, engineering"),
+        None, [key("a02", 0, "one equation, SciPy DOP853 at 4e-12", "by hand")], 5.0),
+    *(Bar(f"sweep reduced RSSR, {n} values",
+          key("reduced", n, "sweep of reduce(mechanism, outputs)"), None,
+          [key("reduced", n, "the distance equation, tuned", "by hand")], 1.5)
+      for n in (360, 3600)),
+    *(Bar(f"forward_dynamics, {many} loops beside {few}", key("forward", many, FORWARD), None,
+          [key("forward", few, FORWARD)], ratio)
+      for many, few, ratio in ((200, 1, 300.0), (500, 50, 10.0**1.2))),
     Bar("import and load RSSR", key("start", 0, "import spatial_pin, load('rssr')"), 0.42),
     Bar("sensitivity RSSR, 4 dimensions", key("sensitivity", 0, "sensitivity"), 6e-2),
     Bar("gradient of a motion, 4 dimensions",

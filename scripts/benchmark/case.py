@@ -77,8 +77,6 @@ RSSR_NOTE = "closure [m]; rocker [rad, rad/s, rad/s²] and coupler's spin agains
 
 TASKS: dict[str, Task] = {
     "sweep": Task("RSSR four-bar, one turn in {} values, a value", "µs", RSSR, RSSR_NOTE),
-    "rspc": Task("RSPC four-bar, one turn in {} values, a value", "µs",
-                 ("closure", "q", "q'", "q''"), "all coordinates against the closed form"),
     "stewart": Task("Gough platform, one leg moved through {} values, a value", "µs",
                     ("closure", "x", "x'", "x''"),
                     "platform's centre [m, m/s, m/s²] against Newton on the six leg lengths"),
@@ -94,6 +92,12 @@ TASKS: dict[str, Task] = {
                      "rocker [rad, rad/s, rad/s²] against the closed form"),
     "reduced": Task("RSSR, the rocker alone asked for, {} values, a value", "µs", RSSR[1:4],
                     "rocker [rad, rad/s, rad/s²] against the closed form"),
+    "smaller": Task("sweep of a full and of a reduced model, {} values, a value", "µs",
+                    ("coordinates", "equations", "difference"),
+                    "how many there are, and how far outputs are apart with rates"),
+    "design": Task("published problems of dimensional synthesis", "s",
+                   ("published", "error", "designs", "evaluations"), "of the best design, and of "
+                   "the best published one; pylinkage solves those of its own tutorials"),
     "rates": Task("velocities and accelerations of one closed RSSR", "µs", RSSR[2:],
                   "rocker and coupler against the closed form"),
     "jacobian": Task("Jacobian of the RSSR's coupler with respect to its crank", "µs", ("ω",),
@@ -112,6 +116,8 @@ TASKS: dict[str, Task] = {
                    ("closure",), "of every state on the way [m]"),
     "forward": Task("forward dynamics of a ladder of {} four-bar loops", "µs", ("acceleration",),
                     "of the first rod [rad/s²] against the closed form"),
+    "chain": Task("open chain of {} hinges", "µs", ("acceleration",),
+                  "relative to the largest, by 40 digits"),
     "a02": Task("IFToMM A02, one loop, 10 s under gravity", "ms", ("angle", "closure"),
                 "rod's angle at the end [rad] by elliptic functions, closure [m]"),
     "a04": Task("IFToMM A04, overconstrained Bricard cube, 10 s under gravity", "ms",

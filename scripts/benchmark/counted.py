@@ -6,29 +6,24 @@ a base and a hand that is held [ManochaCanny1994].
 
 from __future__ import annotations
 
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
 import numpy as np
 import pinocchio as pin
+from dietmaier import dietmaier
+from published_models import ZERO, closure, joint, made, point
 
 import spatial_pin as sp
-from spatial_pin.accuracy.models import ZERO, closure, joint, made, point
 
-BASE = ((0, 0, 0), (1.107915, 0, 0), (0.549094, 0.756063, 0), (0.735077, -0.223935, 0.525991),
-        (0.514188, -0.526063, -0.368418), (0.590473, 0.094733, -0.205018))
-PLATFORM = ((0, 0, 0), (0.542805, 0, 0), (0.956919, -0.528915, 0),
-            (0.665885, -0.353482, 1.402538), (0.478359, 1.158742, 0.107672),
-            (-0.137087, -0.235121, 0.353913))
-LEGS = 1.0, 0.645275, 1.086284, 1.503439, 1.281933, 0.771071
 ARM = ((0.3, 0, 90), (1, 0, 1), (0, 0.2, 90), (1.5, 0, 1), (0, 0, 90), (0, 0, 1))  # a, d, alpha [°]
 HELD = -14, -104, -116, 2, 8, -78  # one configuration of the hand [°]
 
 
 def platform() -> sp.Mechanism:
     """Return a free platform, its legs as six distances."""
-    tree, toml = joint("floating", "pose", "ground", "platform"), ""
-    for k, (foot, tip, length) in enumerate(zip(BASE, PLATFORM, LEGS, strict=True)):
-        tree += point(f"a{k}", "ground", foot) + point(f"b{k}", "platform", tip)
-        toml += closure(f"leg{k}", "distance", f"a{k}", f"b{k}", f"length = {length}")
-    return made("dietmaier", tree, toml, ZERO)
+    with TemporaryDirectory() as folder:
+        return dietmaier(Path(folder))
 
 
 def arm() -> sp.Mechanism:

@@ -13,6 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from published_models import closure, inertial, joint, made, point
+
+import spatial_pin as sp
 
 Array = NDArray[np.float64]
 
@@ -21,41 +24,14 @@ UPPER, LOWER = 0.4, 0.5  # of a leg [m], 1 kg a metre
 THIRDS = [math.pi / 2.0 + 2.0 * math.pi * k / 3.0 for k in range(3)]
 
 
-class Rod(NamedTuple):
-    """A slender rod, or a platform of three corners.
+class Leg(NamedTuple):
+    """Two rods from a pin of the ground to a tip: URDF text, and values of their hinges [rad]."""
 
-    Attributes:
-        name: of the body.
-        parent: index of the body that it is pinned to, -1 for the ground.
-        at: (2,) where the pin stands in the parent's axes [m].
-        angle: of the body against its parent at the start [rad].
-        com: (2,) centre of mass in own axes [m].
-        mass: [kg].
-        inertia: about the centre of mass, normal to the plane [kg m²].
-    """
-
-    name: str
-    parent: int
-    at: tuple[float, float]
-    angle: float
-    com: tuple[float, float]
-    mass: float
-    inertia: float
+    tree: str
+    values: dict[str, float]
 
 
-class Robot(NamedTuple):
-    """Bodies, and closures: pins between a point of a body and a point of another one.
-
-    Attributes:
-        rods: the bodies, each after its parent and before its parent's other branches.
-        closures: (body, (2,) point, body, (2,) point).
-    """
-
-    rods: tuple[Rod, ...]
-    closures: tuple[tuple[int, tuple[float, float], int, tuple[float, float]], ...]
-
-
-def _leg(name: str, pin: Array, tip: Array, first: int, bend: float) -> tuple[Rod, Rod]:
+def leg(name: str, pin: Array, tip: Array, bend: float) -> Leg:
     """Return the rods from a pin to a tip; `bend` says on which side the knee is."""
     x, y = tip - pin
     far = math.hypot(x, y)
@@ -63,46 +39,54 @@ def _leg(name: str, pin: Array, tip: Array, first: int, bend: float) -> tuple[Ro
     upper = math.atan2(y, x) + knee
     elbow = pin + UPPER * np.array([math.cos(upper), math.sin(upper)])
     lower = math.atan2(*(tip - elbow)[::-1])
-    return (_rod(f"{name}_upper", -1, tuple(pin), upper, UPPER),
-            _rod(f"{name}_lower", first, (UPPER, 0.0), lower - upper, LOWER))
+    tree = joint("continuous", f"{name}_pin", "ground", f"{name}_upper", (*pin, 0.0),
+                 mass=slender(UPPER))
+    tree += joint("continuous", f"{name}_knee", f"{name}_upper", f"{name}_lower", (UPPER, 0.0, 0.0),
+                  mass=slender(LOWER))
+    tree += point(f"{name}_tip", f"{name}_lower", (LOWER, 0.0, 0.0))
+    return Leg(tree, {f"{name}_pin": upper, f"{name}_knee": lower - upper})
 
 
-def _rod(name: str, parent: int, at: tuple[float, ...], angle: float, length: float) -> Rod:
-    return Rod(name, parent, (float(at[0]), float(at[1])), angle, (length / 2.0, 0.0), length,
-               length**3 / 12.0)
+def slender(length: float) -> str:
+    """Return the inertia of a rod."""
+    across = length**3 / 12.0
+    return inertial(length, (length / 2.0, 0.0, 0.0), (across / 2.0, across / 2.0, across))
 
 
-def five_bar() -> Robot:
+def five_bar() -> sp.State:
     """Return two legs whose tips meet beside the middle."""
     tip = np.array([0.35, -0.55])
-    left = _leg("left", np.array([0.0, 0.0]), tip, 0, -1.0)
-    right = _leg("right", np.array([0.4, 0.0]), tip, 2, 1.0)
-    return Robot((*left, *right), ((1, (LOWER, 0.0), 3, (LOWER, 0.0)),))
+    left, right = leg("left", np.zeros(2), tip, -1.0), leg("right", np.array([0.4, 0.0]), tip, 1.0)
+    mechanism = made("five_bar", left.tree + right.tree,
+                     closure("tips", "revolute", "left_tip", "right_tip"), (0.0, -G, 0.0))
+    return sp.assemble(mechanism, left.values | right.values)
 
 
-def three_legs() -> Robot:
+def three_legs() -> sp.State:
     """Return three legs with a platform, pins on a circle, one of them on top."""
     side, radius, turned, centre = 0.2, 0.6, 0.2, np.array([0.05, -0.08])
-    corners = [side * np.array([math.cos(t), math.sin(t)]) for t in THIRDS]
     spin = np.array([[math.cos(turned), -math.sin(turned)], [math.sin(turned), math.cos(turned)]])
-    rods: list[Rod] = []
-    for k, (t, corner) in enumerate(zip(THIRDS, corners, strict=True)):
-        pin = radius * np.array([math.cos(t), math.sin(t)])
-        rods += _leg(f"leg_{k}", pin, centre + spin @ corner, len(rods), 1.0)
-        if not k:  # it hangs on the first leg, its axes from that corner
-            lower = rods[0].angle + rods[1].angle
-            rods.append(Rod("platform", 1, (LOWER, 0.0), turned - lower,
-                            (-corners[0][0], -corners[0][1]), 1.0, 0.02))
-    arms = [corner - corners[0] for corner in corners]
-    closures = tuple((2 * k + 2, (LOWER, 0.0), 2, (float(arms[k][0]), float(arms[k][1])))
-                     for k in (1, 2))
-    return Robot(tuple(rods), closures)
+    out = [np.array([math.cos(t), math.sin(t)]) for t in THIRDS]
+    legs = [leg(f"leg_{k}", radius * x, centre + spin @ (side * x), 1.0) for k, x in enumerate(out)]
+    tree = "".join(one.tree for one in legs)  # the platform hangs on the first, its axes from there
+    tree += joint("continuous", "platform_pin", "leg_0_lower", "platform", (LOWER, 0.0, 0.0),
+                  mass=inertial(1.0, (*(-side * out[0]), 0.0), (0.01, 0.01, 0.02)))
+    toml = ""
+    for k in (1, 2):
+        tree += point(f"corner_{k}", "platform", (*(side * (out[k] - out[0])), 0.0))
+        toml += closure(f"pin_{k}", "revolute", f"leg_{k}_tip", f"corner_{k}")
+    values = {"platform_pin": turned - sum(legs[0].values.values())}
+    for one in legs:
+        values |= one.values
+    return sp.assemble(made("three_legs", tree, toml, (0.0, -G, 0.0)), values)
 
 
 ROBOTS = {"five-bar": five_bar, "3-RRR": three_legs}
 
 
-def judge(robot: Robot, gained: float, closure: float | None) -> dict[str, float | None]:
+def judge(
+    mechanism: sp.Mechanism, gained: float, closure: float | None
+) -> dict[str, float | None]:
     """Return the error of energy, of which `gained` [J] came from nowhere, and the closure [m]."""
-    weight = G * sum(rod.mass for rod in robot.rods)
+    weight = G * sum(body.mass for body in mechanism.model.inertias)
     return {"energy": abs(gained) / (weight * (UPPER + LOWER)), "closure": closure}

@@ -29,9 +29,9 @@ STAGES = ("load", "assemble", "reactions", "sweep 100 values", "simulate 1 s")
 def stages(n: int) -> Iterator[str]:
     """Yield the name of every stage when it is done."""
     import numpy as np
+    import published_models as models
 
     import spatial_pin as sp
-    from spatial_pin.accuracy import models
 
     mechanism = models.ladder(n)
     yield STAGES[0]

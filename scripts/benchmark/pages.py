@@ -12,7 +12,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from benchmark.case import FACTORS, ROBOTS
+from benchmark.bars import FORWARD
+from benchmark.case import FACTORS, ROBOTS, TASKS
 from benchmark.report import HAND, OWN, key
 
 Rows = Mapping[str, Any]
@@ -41,14 +42,8 @@ SWEEPS = (
          ("sweep + states of all bodies",)),
     Line("Pinocchio by hand, tuned for this one mechanism", HAND, ("tuned",)),
     Line("Pinocchio by hand, plainly written", HAND, ("plain",)),
-    Line("Newton on MuJoCo's Jacobians, tuned / plain", "MuJoCo",
-         ("Newton on mj_jac, tuned", "Newton on mj_jac, plain")),
-    Line("Newton on Drake's Jacobians, tuned / plain", "Drake",
-         ("Newton on its Jacobians, tuned", "Newton on its Jacobians, plain")),
-    Line("Exudyn, integrated in time", "Exudyn",
-         ("integrated, generalized-α, index 3, a step each",)),
-    Line("placo, positions only", "placo", ("hard closing task, q only",)),
-    Line("pink, positions only", "pink", ("FrameTask to the end with daqp, q only",)),
+    Line("Newton on MuJoCo's Jacobians, tuned", "MuJoCo", ("Newton on mj_jac, tuned",)),
+    Line("Newton on Drake's Jacobians, tuned", "Drake", ("Newton on its Jacobians, tuned",)),
     Line("SciPy `fsolve`, three equations / one by hand, positions only", "by hand",
          ("SciPy fsolve, vector loop, q only", "SciPy fsolve, ψ alone, q only")),
 )
@@ -91,7 +86,6 @@ REACHES = {  # task: its lines
 REACHES["path"] = (Line("`sp.reach_path`, with rates", OWN, ("reach_path, with rates",)),
                    *REACHES["reach"][1:])
 ASKED = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10)  # errors
-FORWARD = "forward_dynamics, reactions too"
 SINGLE = (  # title, our row, what stands beside it, its row
     ("`sweep` of 1 value", key("sweep", 1, "sweep"), "Pinocchio by hand, tuned",
      key("sweep", 1, "tuned", HAND)),
@@ -130,6 +124,13 @@ def time(seconds: float) -> str:
 def power(value: float) -> str:
     """Return a number in one digit and a power of ten."""
     return f"{value:.0e}".replace("e-0", "e-")
+
+
+def number(value: float | None) -> str:
+    """Return a number in three digits, whole ones in all."""
+    if value is None:
+        return "-"
+    return f"{value:.0f}" if value >= 1.0 and value == int(value) else f"{value:.3g}"
 
 
 def joined(rows: Rows, keys: Sequence[str], word: Callable[[Any], str]) -> str:
@@ -203,6 +204,56 @@ def reaches(rows: Rows, kind: str) -> Iterator[str]:
             for robot in ROBOTS))
 
 
+def reduced(rows: Rows) -> Iterator[str]:
+    """Yield the table of sweeps of full and reduced models [µs a value]."""
+    own = {(row["how"], row["size"]): row for row in rows.values() if row["task"] == "smaller"}
+    yield cells("asked for", "coordinates", "equations", "361 values, µs each",
+                "3600 values, µs each", "difference")
+    yield cells(*["---"] * 6)
+    for title in dict.fromkeys(how.rpartition(", ")[0] for how, _ in own):
+        few, many = ([own[f"{title}, {which}", n] for which in ("full", "reduced")]
+                     for n in (361, 3600))
+        sizes = (" → ".join(f"{row['errors'][what]:g}" for row in few)
+                 for what in ("coordinates", "equations"))
+        times = (" → ".join(rounded(1e6 * row["least"]) for row in pair) for pair in (few, many))
+        yield cells(title, *sizes, *times, power(few[1]["errors"]["difference"]))
+
+
+def chains(rows: Rows) -> Iterator[str]:
+    """Yield the table of forces on open chains: one whole call."""
+    yield "| hinges | `forward_dynamics` | `pin.aba` | `inverse_dynamics` | `pin.rnea` | error |"
+    yield "|---|---|---|---|---|---|"
+    for n in sorted({row["size"] for row in rows.values() if row["task"] == "chain"}):
+        keys = [key("chain", n, how, tool) for how, tool in (
+            ("forward_dynamics", OWN), ("aba", HAND), ("inverse_dynamics", OWN), ("rnea", HAND))]
+        yield cells(str(n), *(joined(rows, [k], lambda row: time(row["least"])) for k in keys),
+                    largest(rows, keys[:1], "acceleration"))
+
+
+NUMBERS = ("published", "error", "designs", "evaluations")  # of a design; its others are defects
+
+
+def designed(rows: Rows) -> Iterator[str]:
+    """Yield the table of published problems of synthesis."""
+    yield cells("problem", "published", "sp.design", "designs", "evaluations", "s", "defects")
+    yield cells(*["---"] * 7)
+    for row in rows.values():
+        if row["task"] == "design" and row["tool"] == OWN:
+            defects = ", ".join(name for name in row["errors"] if name not in NUMBERS)
+            yield cells(row["how"], *(number(row["errors"][name]) for name in NUMBERS),
+                        number(row["least"]), defects or "none")
+
+
+def tutorials(rows: Rows) -> Iterator[str]:
+    """Yield the table of what pylinkage finds for the problems of its own tutorials."""
+    yield cells("pylinkage, its own tutorials", "error", "evaluations", "s")
+    yield cells(*["---"] * 4)
+    for row in rows.values():
+        if row["task"] == "design" and row["tool"] == "pylinkage":
+            yield cells(row["how"], *(number(row["errors"][x]) for x in ("error", "evaluations")),
+                        number(row["least"]))
+
+
 def excavated(rows: Rows) -> Iterator[str]:
     """Yield the table of an excavator's three cylinders along a dig."""
     yield "| | 1000 samples | closure | lengths [m] |"
@@ -234,12 +285,32 @@ TABLES: dict[str, Callable[[Rows], Iterator[str]]] = {
     "single": single,
     "reach": lambda rows: reaches(rows, "reach"),
     "path": lambda rows: reaches(rows, "path"),
+    "chain": chains,
+    "reduce": reduced,
+    "designs": designed,
+    "tutorials": tutorials,
     "excavator": excavated,
 }
 PAGES = {  # of docs/, with the tables that they have
-    "accuracy.md": ("sweep", "a02", "a04", "dial", "single"), "reach.md": ("reach",),
+    "accuracy.md": ("sweep", "a02", "a04", "dial", "single", "chain", "reduce"),
+    "design.md": ("designs", "tutorials"), "reach.md": ("reach",),
     "reach_path.md": ("path",), "follow.md": ("excavator",),
 }
+
+NEEDS = {  # table: tasks whose rows it shows
+    "sweep": ("sweep",), "a02": ("a02",), "a04": ("a04",), "dial": ("sweep", "a02"),
+    "single": ("sweep", "four_bar", "forward", "rates", "jacobian", "assembly"),
+    "reach": tuple(f"reach-{robot}" for robot in ROBOTS),
+    "path": tuple(f"path-{robot}" for robot in ROBOTS),
+    "chain": ("chain",), "reduce": ("smaller",), "designs": ("design",), "tutorials": ("design",),
+    "excavator": ("excavator",),
+}
+
+
+def tasks(page: Path) -> list[str]:
+    """Return the tasks whose rows the tables of a page show."""
+    wanted = {task for name in PAGES[page.name] for task in NEEDS[name]}
+    return [task for task in TASKS if task in wanted]
 
 
 def put(page: Path, name: str, lines: Sequence[str]) -> None:

@@ -1,4 +1,4 @@
-"""The table, the bars, and old results beside new ones."""
+"""The table, and old results beside new ones."""
 
 from __future__ import annotations
 
@@ -63,93 +63,9 @@ def line(row: Mapping[str, Any]) -> str:
             + " ".join(f"{'-':>8}" if e is None else f"{e:8.0e}" for e in errors))
 
 
-# ---------------------------------------------------------------- the bars
-
-
-def bars(report: Mapping[str, Any]) -> Iterator[str]:
-    """Yield what was promised beside what was measured, by medians of one run."""
-    rows = report["rows"]
-    measured = {row["task"] for row in rows.values()}
-    found = [text for task, text in promised(rows) if task in measured]
-    if found:
-        yield from ("", "bars, by medians (least times in brackets)", *found)
-
-
-def promised(rows: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield task and line of each bar."""
-    ours, tuned = key("sweep", 360, "sweep"), key("sweep", 360, "tuned", HAND)
-    yield "sweep", ratio(rows, "RSSR, 360 values, to the hand-tuned Pinocchio loop", 1.5,
-                         ours, tuned)
-    many = key("sweep", 3600, "sweep")
-    yield "sweep", at_most(rows, "RSSR, 3600 values with rates [µs a value]", 5.0, many, 1e6)
-    yield "sweep", ahead(rows, "sweep", 3600)
-    for n in (360, 3600):
-        ours = key("reduced", n, "sweep of reduce(mechanism, outputs)")
-        tuned = key("reduced", n, "the distance equation, tuned", "by hand")
-        yield "reduced", ratio(rows, f"reduced RSSR to its one equation by hand, {n} values", 1.5,
-                               ours, tuned)
-    ours = key("a02", 0, "simulate, engineering")
-    tuned = key("a02", 0, "one equation, SciPy DOP853 at 4e-12", "by hand")
-    yield "a02", ratio(rows, "A02 to one equation by DOP853 at the same error", 5.0, ours, tuned)
-    yield "forward", ratio(rows, "forward dynamics, 200 loops to 1", 300.0,
-                           forward(200), forward(1))
-    yield "forward", exponent(rows)
-
-
 def key(task: str, size: int, how: str, tool: str = OWN) -> str:
     """Return the key of a row."""
     return " / ".join((task, str(size), tool, how))
-
-
-def forward(loops: int) -> str:
-    """Return the key of our forward dynamics."""
-    return key("forward", loops, "forward_dynamics, reactions too")
-
-
-def verdict(value: float, bar: float) -> str:
-    """Return a value beside its bar."""
-    return f"{value:.3g} (bar {bar:g}) {'met' if value <= bar else 'NOT MET'}"
-
-
-def ratio(rows: Mapping[str, Any], title: str, bar: float, one: str, other: str) -> str:
-    """Return a line with the ratio of two rows."""
-    missing = [k for k in (one, other) if k not in rows]
-    if missing:
-        return f"  {title}: not measured: {missing[0]}"
-    median, least = (rows[one][w] / rows[other][w] for w in ("median", "least"))
-    return f"  {title}: {verdict(median, bar)} [{least:.3g}]"
-
-
-def at_most(rows: Mapping[str, Any], title: str, bar: float, row: str, factor: float) -> str:
-    """Return a line with the time of a row."""
-    if row not in rows:
-        return f"  {title}: not measured"
-    return (f"  {title}: {verdict(factor * rows[row]['median'], bar)} "
-            f"[{factor * rows[row]['least']:.3g}]")
-
-
-def ahead(rows: Mapping[str, Any], task: str, size: int) -> str:
-    """Return a line that names the fastest other row that gives rates too, and how we stand."""
-    own = key(task, size, "sweep")
-    others = [r for r in rows.values() if r["task"] == task and r["size"] == size
-              and r["tool"] != OWN and r["errors"].get("ψ''") is not None]
-    if own not in rows or not others:
-        return "  sweep against peers: not measured"
-    best = min(others, key=lambda r: r["median"])
-    value = rows[own]["median"] / best["median"]
-    return (f"  {size} values to the fastest other, {best['tool']}, {best['how']}: "
-            f"{verdict(value, 1.0)} [{rows[own]['least'] / best['least']:.3g}]")
-
-
-def exponent(rows: Mapping[str, Any]) -> str:
-    """Return a line with the growth of forward dynamics from 50 loops to 500."""
-    title = "forward dynamics, growth exponent from 50 to 500 loops"
-    few, many = forward(50), forward(500)
-    if few not in rows or many not in rows:
-        return f"  {title}: not measured"
-    grown = {w: math.log(rows[many][w] / rows[few][w]) / math.log(10.0) for w in (
-        "median", "least")}
-    return f"  {title}: {verdict(grown['median'], 1.2)} [{grown['least']:.3g}]"
 
 
 # ---------------------------------------------------------------- old beside new

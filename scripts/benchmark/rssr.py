@@ -139,12 +139,6 @@ def judge(problem: Problem, fields: Iterable[Any]) -> dict[str, float | None]:
     return errors
 
 
-def judge_positions(tool: Any, result: tuple[Array, Array]) -> dict[str, float | None]:
-    """Judge rocker angles and closure errors of a tool that gives no rates."""
-    angles, closures = result
-    return judge(tool.problem, (closures, angles, None, None, None, None))
-
-
 def judge_row(
     problem: Problem, fields: Iterable[Any], row: int
 ) -> dict[str, float | None]:
@@ -161,24 +155,3 @@ def spin_error(problem: Problem, turned: Array, row: int) -> float:
     """Return the error of the coupler's angular velocity (3,) per unit crank speed."""
     omega = problem.exact().omega
     return float(np.abs(turned - omega[row] / problem.speed).max())
-
-
-def check_closed_form(problem: Problem, every: int = 15) -> float:
-    """Return how far the closed form is from its 40-digit derivatives, per unit crank speed."""
-    import mpmath
-
-    lengths = problem.a, problem.b, problem.c, problem.d
-    a, b, c, d, w = (mpmath.mpf(x) for x in (*lengths, problem.speed))
-    rest = b**2 - a**2 - c**2 - d**2
-    exact, worst = problem.exact(), 0.0
-    with mpmath.workdps(40):
-        for i in range(0, problem.steps, every):
-
-            def psi(t: Any, phi: float = problem.phi[i]) -> Any:
-                u = mpmath.cos(phi + w * t)
-                return mpmath.acos((rest + 2 * a * d * u) / (2 * c * (d - a * u)))
-
-            for order, value in enumerate((exact.angle, exact.rate, exact.acceleration)):
-                off = abs(float(mpmath.diff(psi, 0, order) - value[i]))
-                worst = max(worst, off / problem.speed**order)
-    return worst

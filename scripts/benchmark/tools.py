@@ -31,22 +31,22 @@ class Tool(NamedTuple):
 
 OWN = Tool("this environment",
            ("with_spatial_pin", "with_spatial_pin_forces", "with_spatial_pin_search",
-            "with_spatial_pin_reach", "with_spatial_pin_pages",
-            "with_pinocchio", "with_pinocchio_forces", "with_scipy"),
+            "with_spatial_pin_reach", "with_pinocchio", "with_pinocchio_forces", "with_scipy"),
            ("pin", "numpy", "scipy"))
 
 PEERS = (
-    Tool("MuJoCo", ("with_mujoco", "with_mujoco_forces"), ("mujoco",), ("mujoco", "scipy"),
+    Tool("MuJoCo", ("with_mujoco",), ("mujoco",), ("mujoco", "scipy"),
          ("a02", "a04")),
-    Tool("Drake", ("with_drake", "with_drake_forces", "with_drake_reach"), ("drake",),
+    Tool("Drake", ("with_drake", "with_drake_reach"), ("drake",),
          ("drake", "scipy")),
-    Tool("Exudyn", ("with_exudyn", "with_exudyn_rssr", "with_exudyn_cube"), ("exudyn",),
+    Tool("Exudyn", ("with_exudyn",), ("exudyn",),
          ("exudyn", "scipy")),
-    Tool("placo", ("with_placo", "with_placo_reach"), ("placo",), ("placo", "scipy")),
-    Tool("pylinkage", ("with_pylinkage",), ("pylinkage", "numba"),
+    Tool("placo", ("with_placo_reach",), ("placo",), ("placo", "scipy")),
+    Tool("pylinkage", ("with_pylinkage", "with_pylinkage_design"),
+         ("pylinkage", "numba"),
          ("pylinkage", "numba", "scipy"),  # its synthesis imports SciPy and does not ask for it
          ("four_bar",)),
-    Tool("pink", ("with_pink", "with_pink_reach"), ("pin-pink",), ("pin-pink", "daqp", "scipy")),
+    Tool("pink", ("with_pink_reach",), ("pin-pink",), ("pin-pink", "daqp", "scipy")),
 )
 
 

@@ -1,6 +1,7 @@
-"""The RSSR on the Jacobians of Drake's MultibodyPlant, plain and tuned.
+"""Drake: the RSSR on the Jacobians of its MultibodyPlant, tuned, and its constrained dynamics.
 
-Drake closes loops in its discrete solver only, and softly; so Newton is ours, as for MuJoCo.
+Drake closes loops in its discrete solver SAP only, by ball constraints that are as stiff as a step
+of a fixed size allows; so for the RSSR Newton is ours, as for MuJoCo.
 """
 
 from __future__ import annotations
@@ -10,22 +11,27 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.plant import MultibodyPlant
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.multibody.plant import DiscreteContactApproximation, MultibodyPlant
 from pydrake.multibody.tree import (
     BallRpyJoint,
     FixedOffsetFrame,
     JacobianWrtVariable,
     RevoluteJoint,
+    RigidBody,
+    RotationalInertia,
     SpatialInertia,
+    WeldJoint,
 )
+from pydrake.systems.analysis import Simulator
 from scipy.linalg.blas import daxpy, dgemv
 from scipy.linalg.lapack import dgesv, dgetrf, dgetrs
 
-from benchmark import rssr
+from benchmark import cube, ladder, rssr
 from benchmark.case import Absent, Case
 from benchmark.rssr import MAX_CORRECTIONS, Array, Problem
 
+NAME = "Drake"
 ADAMS = (  # Adams-Bashforth weights of the last one to four rates, newest last
     (1.0,),
     (-1 / 2, 3 / 2),
@@ -56,72 +62,10 @@ def setup_drake(problem: Problem) -> SimpleNamespace:
     tool.world, tool.wrt = plant.world_frame(), JacobianWrtVariable.kV
     tool.q0 = np.array([0.0, problem.guess, 0.0, 0.0, 0.0])
     tool.tip, tool.pin = np.array([0.0, 0.0, -problem.b]), np.array([-problem.a, 0.0, 0.0])
-    tool.points = (coupler, tool.tip), (crank, tool.pin)
     order = [plant.GetJointByName(name).velocity_start() for name in ("crank", "rocker", "ball")]
     if order != [0, 1, 2]:
         raise RuntimeError(f"Drake ordered the joints differently: {order}")
     return tool
-
-
-def system(tool: SimpleNamespace, q: Array) -> tuple[Array, Array]:
-    """Return loop and spin at q, world axes: (4, 5) rows, and what is left of them."""
-    plant, context, world = tool.plant, tool.context, tool.world
-    rows, rhs = np.empty((4, 5)), np.zeros(4)
-    plant.SetPositions(context, q)
-    tool.axis = plant.CalcRelativeTransform(context, world, tool.coupler).rotation().matrix()[:, 2]
-    one, other = (
-        plant.CalcJacobianSpatialVelocity(context, tool.wrt, frame, p, world, world)
-        for frame, p in tool.points
-    )
-    tool.turn = one[:3]
-    rows[:3], rows[3] = one[3:] - other[3:], tool.axis @ one[:3]
-    p_tip, p_pin = (
-        plant.CalcPointsPositions(context, frame, p, world).ravel() for frame, p in tool.points
-    )
-    rhs[:3] = p_pin - p_tip
-    return rows, rhs
-
-
-def close(tool: SimpleNamespace, q: Array) -> tuple[Array, Array]:
-    """Return the closed configuration and its rows, by Newton."""
-    step = np.zeros(5)
-    for _ in range(MAX_CORRECTIONS):
-        rows, rhs = system(tool, q)
-        if np.linalg.norm(rhs) <= tool.problem.tolerance:
-            return q, rows
-        step[1:] = np.linalg.solve(rows[:, 1:], rhs)
-        q = q + tool.plant.MapVelocityToQDot(tool.context, step)
-    raise RuntimeError("loop open")
-
-
-def rates(tool: SimpleNamespace, rows: Array) -> tuple[Array, Array]:
-    """Return velocities, put into the context too, and accelerations."""
-    plant, context, world, speed = tool.plant, tool.context, tool.world, tool.problem.speed
-    v, a = np.zeros(5), np.zeros(5)
-    v[0] = speed
-    v[1:] = np.linalg.solve(rows[:, 1:], -rows[:, 0] * speed)
-    plant.SetVelocities(context, v)
-    one, other = (
-        plant.CalcBiasSpatialAcceleration(context, tool.wrt, frame, p, world, world)
-        for frame, p in tool.points
-    )
-    linear = one.translational() - other.translational()
-    a[1:] = np.linalg.solve(rows[:, 1:], -np.array([*linear, tool.axis @ one.rotational()]))
-    return v, a
-
-
-def run_drake(tool: SimpleNamespace) -> tuple[Array, Array, Array]:
-    """Newton on spatial velocity Jacobians, from the last position moved on by its rates."""
-    problem, q, moving, kept = tool.problem, tool.q0, np.zeros(5), []
-    for phi in problem.phi:
-        q = q + problem.time_step * moving
-        q[0] = phi
-        q, rows = close(tool, q)
-        v, a = rates(tool, rows)
-        moving = tool.plant.MapVelocityToQDot(tool.context, v)
-        kept.append((q, v, a))
-    positions, velocities, accelerations = (np.array(x) for x in zip(*kept, strict=True))
-    return positions, velocities, accelerations
 
 
 def run_drake_tuned(tool: SimpleNamespace) -> tuple[Array, Array, Array]:
@@ -200,58 +144,126 @@ def read_drake(tool: SimpleNamespace, result: tuple[Array, Array, Array]) -> tup
     return np.array(closure), q[:, 1], v[:, 1], a[:, 1], np.array(omega), np.array(alpha)
 
 
-# One state
-
-
-def at_one_angle() -> SimpleNamespace:
-    tool = setup_drake(Problem(steps=rssr.FEW))
-    tool.closed = run_drake(tool)[0][1]
-    return tool
-
-
-def run_rates(tool: SimpleNamespace) -> tuple[Array, Array]:
-    return rates(tool, system(tool, tool.closed)[0])
-
-
-def run_jacobian(tool: SimpleNamespace) -> Array:
-    rows = system(tool, tool.closed)[0]
-    return tool.turn @ np.concatenate([[1.0], np.linalg.solve(rows[:, 1:], -rows[:, 0])])
-
-
-def run_assembly(tool: SimpleNamespace) -> Array:
-    return close(tool, tool.q0)[0]
-
-
-def judge(tool: SimpleNamespace, result: Any) -> dict[str, float | None]:
+def judge_sweep(tool: SimpleNamespace, result: Any) -> dict[str, float | None]:
     return rssr.judge(tool.problem, read_drake(tool, result))
 
 
-def judge_rates(tool: SimpleNamespace, result: tuple[Array, Array]) -> dict[str, float | None]:
-    q, v, a = (np.array([x]) for x in (tool.closed, *result))
-    return rssr.judge_row(tool.problem, read_drake(tool, (q, v, a)), 1)
+# ---------------------------------------------------------------- forces
 
 
-def judge_jacobian(tool: SimpleNamespace, result: Array) -> dict[str, float | None]:
-    return {"ω": rssr.spin_error(tool.problem, result, 1)}
+TIP = np.array([1.0, 0.0, 0.0])
 
 
-def judge_assembly(tool: SimpleNamespace, q: Array) -> dict[str, float | None]:
-    zero = np.zeros((1, 5))
-    return rssr.judge_row(tool.problem, read_drake(tool, (q[None], zero, zero)), 0)
+def rod(plant: MultibodyPlant, name: str, mass: float, along: Array, moments: Array) -> RigidBody:
+    """Add a rod from its origin to `along`, with moments about its middle."""
+    central = RotationalInertia(*moments)
+    inertia = SpatialInertia.MakeFromCentralInertia(mass, along / 2.0, central)
+    return plant.AddRigidBody(name, inertia)
 
 
-NAME = "Drake"
+def hinge(plant: MultibodyPlant, name: str, parent: RigidBody, body: RigidBody, at: RigidTransform,
+          axis: Array) -> None:
+    frame = parent.body_frame()
+    placed = plant.AddFrame(FixedOffsetFrame(f"{name}_at", frame, at))
+    plant.AddJoint(RevoluteJoint(name, placed, body.body_frame(), axis))
+
+
+def ready(plant: MultibodyPlant, pairs: list, g: float) -> SimpleNamespace:
+    """Close the loops."""
+    plant.mutable_gravity_field().set_gravity_vector([0.0, -g, 0.0])
+    for one, p, other, r in pairs:
+        plant.AddBallConstraint(one, p, other, r)
+    plant.Finalize()
+    context = plant.CreateDefaultContext()
+    tool = SimpleNamespace(plant=plant, context=context, world=plant.world_frame())
+    tool.pairs = [(a.body_frame(), p, b.body_frame(), r) for a, p, b, r in pairs]
+    tool.simulator = Simulator(plant, context)
+    return tool
+
+
+def new_plant(h: float) -> MultibodyPlant:
+    plant = MultibodyPlant(h)
+    plant.set_discrete_contact_approximation(DiscreteContactApproximation.kSap)
+    return plant
+
+
+def setup_ladder(h: float) -> SimpleNamespace:
+    """Two rods along their x, upright at coordinate 0, and a level coupler."""
+    plant, axis = new_plant(h), np.array([0.0, 0.0, 1.0])
+    moments = np.array([1e-9, ladder.ROD, ladder.ROD])  # Drake wants physical ones
+    up, level = (RollPitchYaw(0.0, 0.0, s * np.pi / 2).ToRotationMatrix() for s in (1, -1))
+    first, coupler, last = (rod(plant, name, 1.0, TIP, moments)
+                            for name in ("first", "coupler", "last"))
+    world = plant.world_body()
+    hinge(plant, "first_pin", world, first, RigidTransform(up, [0.0, 0.0, 0.0]), axis)
+    hinge(plant, "knee", first, coupler, RigidTransform(level, TIP), axis)
+    hinge(plant, "last_pin", world, last, RigidTransform(up, TIP), axis)
+    tool = ready(plant, [(coupler, TIP, last, TIP)], ladder.G)
+    tool.q, tool.v = np.zeros(3), np.empty(3)
+    for name, sign in (("first_pin", -1.0), ("knee", 1.0), ("last_pin", -1.0)):
+        tool.v[plant.GetJointByName(name).velocity_start()] = sign * ladder.START
+    tool.first = plant.GetJointByName("first_pin").velocity_start()
+    return tool
+
+
+def setup_cube(h: float) -> SimpleNamespace:
+    """Close the last hinge by two points on its axis.
+
+    They stand on a post welded to the ground: constraints on the world itself end the process.
+    """
+    plant = new_plant(h)
+    parent, at = plant.world_body(), cube.CORNERS[0]
+    for i, (axis, edge) in enumerate(zip(cube.AXES, cube.edges(), strict=False)):
+        body = rod(plant, f"rod_{i}", cube.MASS, edge, cube.moments(edge))
+        hinge(plant, f"hinge_{i}", parent, body, RigidTransform(at), cube.unit(axis))
+        parent, at = body, edge
+    last = 0.5 * cube.unit(cube.AXES[-1])
+    post = rod(plant, "post", cube.MASS, TIP, cube.moments(TIP))
+    plant.AddJoint(WeldJoint("foot", plant.world_frame(), post.body_frame(), RigidTransform()))
+    pairs = [(parent, at + s * last, post, cube.POST + s * last) for s in (-1, 1)]
+    tool = ready(plant, pairs, cube.G)
+    tool.q, tool.v = np.zeros(5), np.zeros(5)
+    tool.corner = plant.GetBodyByName(f"rod_{cube.P3_ROD}").body_frame()
+    return tool
+
+
+def run(tool: SimpleNamespace, duration: float) -> Array:
+    tool.context.SetTime(0.0)
+    tool.plant.SetPositionsAndVelocities(tool.context, np.concatenate([tool.q, tool.v]))
+    tool.simulator.Initialize()
+    tool.simulator.AdvanceTo(duration)
+    return tool.plant.GetPositions(tool.context).copy()
+
+
+def opening(tool: SimpleNamespace) -> float:
+    """Return how far the worst pair of points is apart [m]."""
+    get, context, world = tool.plant.CalcPointsPositions, tool.context, tool.world
+    return max(float(np.linalg.norm(get(context, a, p, world) - get(context, b, r, world)))
+               for a, p, b, r in tool.pairs)
+
+
+def judge_a02(tool: SimpleNamespace, q: Array) -> dict[str, float | None]:
+    return ladder.judge_end(float(-q[tool.first]), opening(tool))
+
+
+def judge_a04(tool: SimpleNamespace, _: Array) -> dict[str, float | None]:
+    edge = cube.edges()[cube.P3_ROD]
+    corner = tool.plant.CalcPointsPositions(tool.context, tool.corner, edge, tool.world)
+    return cube.judge(corner.ravel(), opening(tool))
+
+
+STEPS = (5e-3, 1e-3)  # shorter ones are no better, and slow
 CASES = (
-    *(Case("sweep", NAME, f"Newton on its Jacobians, {how}",
-           partial(setup_drake, Problem(steps=n)), run, judge, n, n)
-      for n in rssr.STEPS for how, run in (("tuned", run_drake_tuned), ("plain", run_drake))),
-    Case("rates", NAME, "Jacobians, biases, two solves", at_one_angle, run_rates, judge_rates),
-    Case("jacobian", NAME, "Jacobians, one solve", at_one_angle, run_jacobian, judge_jacobian),
-    Case("assembly", NAME, "Newton on its Jacobians from the guess",
-         partial(setup_drake, Problem()), run_assembly, judge_assembly),
+    *(Case("sweep", NAME, "Newton on its Jacobians, tuned", partial(setup_drake, Problem(steps=n)),
+           run_drake_tuned, judge_sweep, n, n) for n in rssr.STEPS),
+    *(Case(task, NAME, f"SAP, {closures}, {h:g} s", partial(setup, h),
+           partial(run, duration=duration), judge)
+      for task, closures, setup, duration, judge in (
+          ("a02", "ball constraint", setup_ladder, ladder.DURATION, judge_a02),
+          ("a04", "two ball constraints", setup_cube, cube.DURATION, judge_a04))
+      for h in STEPS),
 )
 ABSENT = (
     Absent("sweep", NAME, "AddBallConstraint closes loops in the discrete SAP solver only, softly; "
            "InverseKinematics (NLopt, IPOPT, SNOPT) gives positions only"),
-    Absent("mobility", NAME, "has no such analysis"),
 )

@@ -1,10 +1,14 @@
-"""The RSSR on the Jacobians of MuJoCo, plain and tuned.
+"""MuJoCo: the RSSR on its Jacobians, tuned, and its constrained dynamics.
 
-The engine is used as its documentation says: kinematics, Jacobian of a point, bias of its
-acceleration; Newton and the linear algebra are ours, for MuJoCo's own closure (`connect`) is soft.
-The coupler hangs on the rocker and the loop is cut at A. The plain loop takes the difference of two
-Jacobians; the tuned one is tuned like the Pinocchio loop: A moves along the known path of the
-crank, views kept, a predictor, LAPACK called directly, results written in place.
+For the RSSR the engine is used as its documentation says: kinematics, Jacobian of a point, bias of
+its acceleration; Newton and the linear algebra are ours, for MuJoCo's own closure is soft. The
+coupler hangs on the rocker and the loop is cut at A. The loop is tuned like that of Pinocchio: A
+moves along the known path of the crank, views kept, a predictor, LAPACK called directly, results
+written in place.
+
+Under forces it closes loops by `connect`, which is soft by design. Its documentation's way to
+stiffen it is used: impedance at its highest (0.9999), time constant of two steps, the Newton solver
+to 1e-12.
 """
 
 from __future__ import annotations
@@ -18,10 +22,11 @@ import numpy as np
 from scipy.linalg.blas import daxpy, dcopy, dgemv
 from scipy.linalg.lapack import dgesv, dgetrf, dgetrs
 
-from benchmark import rssr
+from benchmark import cube, ladder, rssr
 from benchmark.case import Absent, Case
 from benchmark.rssr import MAX_CORRECTIONS, Array, Problem
 
+NAME = "MuJoCo"
 FOUR_BAR = """
 <mujoco>
   <compiler angle="radian"/>
@@ -54,66 +59,7 @@ def setup_mujoco(problem: Problem) -> SimpleNamespace:
     quaternion = np.empty(4)
     mujoco.mju_mat2Quat(quaternion, problem.rocker_to_coupler().ravel())
     tool.q0 = np.concatenate([[0.0, problem.guess], quaternion])
-    tool.jacobians = tuple(np.zeros((3, model.nv)) for _ in range(3))  # of tip, pin, spin
     return tool
-
-
-def system(tool: SimpleNamespace) -> tuple[Array, Array]:
-    """Return loop and spin at data.qpos: (4, nv) rows, and what is left of them."""
-    model, data = tool.model, tool.data
-    rows, rhs = np.empty((4, model.nv)), np.zeros(4)
-    on_tip, on_pin, turn = tool.jacobians
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_comPos(model, data)
-    mujoco.mj_jacSite(model, data, on_tip, turn, tool.tip)
-    mujoco.mj_jacSite(model, data, on_pin, None, tool.pin)
-    axis = data.xmat[tool.body].reshape(3, 3)[:, 0]
-    rows[:3], rows[3] = on_tip - on_pin, axis @ turn
-    rhs[:3] = data.site_xpos[tool.pin] - data.site_xpos[tool.tip]
-    return rows, rhs
-
-
-def close(tool: SimpleNamespace) -> Array:
-    """Move data.qpos to the closed configuration by Newton, and return its rows."""
-    model, data, step = tool.model, tool.data, np.zeros(tool.model.nv)
-    for _ in range(MAX_CORRECTIONS):
-        rows, rhs = system(tool)
-        if np.linalg.norm(rhs) <= tool.problem.tolerance:
-            return rows
-        step[1:] = np.linalg.solve(rows[:, 1:], rhs)
-        mujoco.mj_integratePos(model, data.qpos, step, 1.0)
-    raise RuntimeError("loop open")
-
-
-def rates(tool: SimpleNamespace, rows: Array) -> tuple[Array, Array]:
-    """Return velocities, put into data.qvel too, and accelerations."""
-    model, data, speed = tool.model, tool.data, tool.problem.speed
-    on_tip, on_pin, turn = tool.jacobians
-    data.qvel[0] = speed
-    data.qvel[1:] = np.linalg.solve(rows[:, 1:], -rows[:, 0] * speed)
-    mujoco.mj_comVel(model, data)
-    for linear, angular, site in ((on_tip, turn, tool.tip), (on_pin, None, tool.pin)):
-        point, body = data.site_xpos[site], model.site_bodyid[site]
-        mujoco.mj_jacDot(model, data, linear, angular, point, body)
-    a, v = np.zeros(model.nv), data.qvel.copy()
-    axis = data.xmat[tool.body].reshape(3, 3)[:, 0]
-    bias = np.array([*((on_tip - on_pin) @ v), axis @ turn @ v])
-    a[1:] = np.linalg.solve(rows[:, 1:], -bias)
-    return v, a
-
-
-def run_mujoco(tool: SimpleNamespace) -> tuple[Array, Array, Array]:
-    """Newton on the Jacobians of the two sites, from the last position moved on by its velocity."""
-    model, data, problem, kept = tool.model, tool.data, tool.problem, []
-    data.qpos, data.qvel = tool.q0, 0.0
-    for phi in problem.phi:
-        mujoco.mj_integratePos(model, data.qpos, data.qvel, problem.time_step)
-        data.qpos[0] = phi
-        rows = close(tool)
-        v, a = rates(tool, rows)
-        kept.append((data.qpos.copy(), v, a))
-    positions, velocities, accelerations = (np.array(x) for x in zip(*kept, strict=True))
-    return positions, velocities, accelerations
 
 
 def run_mujoco_tuned(tool: SimpleNamespace) -> tuple[Array, Array, Array]:
@@ -197,62 +143,108 @@ def read_mujoco(tool: SimpleNamespace, result: tuple[Array, Array, Array]) -> tu
     return np.array(closure), q[:, 1], v[:, 1], a[:, 1], np.array(omega), np.array(alpha)
 
 
-# One state
-
-
-def at_one_angle() -> SimpleNamespace:
-    tool = setup_mujoco(Problem(steps=rssr.FEW))
-    tool.closed = run_mujoco(tool)[0][1]
-    return tool
-
-
-def run_rates(tool: SimpleNamespace) -> tuple[Array, Array]:
-    tool.data.qpos = tool.closed
-    return rates(tool, system(tool)[0])
-
-
-def run_jacobian(tool: SimpleNamespace) -> Array:
-    tool.data.qpos = tool.closed
-    rows = system(tool)[0]
-    return tool.jacobians[2] @ np.concatenate([[1.0], np.linalg.solve(rows[:, 1:], -rows[:, 0])])
-
-
-def run_assembly(tool: SimpleNamespace) -> Array:
-    tool.data.qpos = tool.q0
-    close(tool)
-    return tool.data.qpos.copy()
-
-
-def judge(tool: SimpleNamespace, result: Any) -> dict[str, float | None]:
+def judge_sweep(tool: SimpleNamespace, result: Any) -> dict[str, float | None]:
     return rssr.judge(tool.problem, read_mujoco(tool, result))
 
 
-def judge_rates(tool: SimpleNamespace, result: tuple[Array, Array]) -> dict[str, float | None]:
-    q, v, a = (np.array([x]) for x in (tool.closed, *result))
-    return rssr.judge_row(tool.problem, read_mujoco(tool, (q, v, a)), 1)
+# ---------------------------------------------------------------- forces
 
 
-def judge_jacobian(tool: SimpleNamespace, result: Array) -> dict[str, float | None]:
-    return {"ω": rssr.spin_error(tool.problem, result, 1)}
+STIFFEST = 'solimp="0.9999 0.9999 0.001 0.5 2" solref="{} 1"'
+FRAME = """
+<mujoco>
+  <compiler angle="radian" autolimits="true"/>
+  <option timestep="{h!r}" gravity="0 {g!r} 0" integrator="RK4" solver="Newton" iterations="50"
+          tolerance="1e-12"><flag contact="disable"/></option>
+  <worldbody>{bodies}</worldbody>
+  <equality>{closures}</equality>
+</mujoco>
+"""
 
 
-def judge_assembly(tool: SimpleNamespace, q: Array) -> dict[str, float | None]:
-    zero = np.zeros((1, tool.model.nv))
-    return rssr.judge_row(tool.problem, read_mujoco(tool, (q[None], zero, zero)), 0)
+def words(values: Array) -> str:
+    return " ".join(repr(float(x)) for x in values)
 
 
-NAME = "MuJoCo"
+def load(h: float, g: float, bodies: str, closures: str) -> SimpleNamespace:
+    text = FRAME.format(h=h, g=-g, bodies=bodies, closures=closures)
+    model = mujoco.MjModel.from_xml_string(text)
+    return SimpleNamespace(model=model, data=mujoco.MjData(model), step=h)
+
+
+def setup_ladder(h: float) -> SimpleNamespace:
+    """Two rods along their x, upright at qpos 0, and a level coupler; hinges about z."""
+    inertial = (f'<inertial pos="0.5 0 0" mass="1" diaginertia="1e-12 {ladder.ROD!r} '
+                f'{ladder.ROD!r}"/><joint type="hinge" axis="0 0 1"/>')
+    right = repr(np.pi / 2)
+    bodies = (f'<body euler="0 0 {right}">{inertial}<body pos="1 0 0" euler="0 0 -{right}">'
+              f'{inertial}<site name="end" pos="1 0 0"/></body></body>'
+              f'<body pos="1 0 0" euler="0 0 {right}">{inertial}<site name="top" pos="1 0 0"/>'
+              "</body>")
+    tool = load(h, ladder.G, bodies, f'<connect site1="end" site2="top" {STIFFEST.format(2 * h)}/>')
+    tool.q, tool.v = np.zeros(3), ladder.START * np.array([-1.0, 1.0, -1.0])
+    tool.pairs = [(tool.model.site("end").id, tool.model.site("top").id)]
+    return tool
+
+
+def setup_cube(h: float) -> SimpleNamespace:
+    """Close the last hinge by two points on its axis."""
+    bodies, ends = "", ""
+    at, axis = cube.CORNERS[0], 0.5 * cube.unit(cube.AXES[-1])
+    for i, (hinge, edge) in enumerate(zip(cube.AXES, cube.edges(), strict=False)):
+        bodies += (
+            f'<body pos="{words(at)}"><inertial pos="{words(edge / 2)}" mass="{cube.MASS}" '
+            f'diaginertia="{words(cube.moments(edge))}"/>'
+            f'<joint type="hinge" axis="{words(cube.unit(hinge))}"/>')
+        if i == cube.P3_ROD:
+            bodies += f'<site name="p3" pos="{words(edge)}"/>'
+        at, ends = edge, ends + "</body>"
+    for k, side in enumerate((-axis, axis)):
+        bodies += f'<site name="last_{k}" pos="{words(at + side)}"/>'
+        ends += f'<site name="post_{k}" pos="{words(cube.POST + side)}"/>'
+    closures = "".join(f'<connect site1="last_{k}" site2="post_{k}" {STIFFEST.format(2 * h)}/>'
+                       for k in range(2))
+    tool = load(h, cube.G, bodies + ends, closures)
+    tool.q, tool.v = np.zeros(tool.model.nq), np.zeros(tool.model.nv)
+    tool.pairs = [(tool.model.site(f"last_{k}").id, tool.model.site(f"post_{k}").id)
+                  for k in range(2)]
+    return tool
+
+
+def run(tool: SimpleNamespace, duration: float) -> Array:
+    """All steps in one call."""
+    mujoco.mj_resetData(tool.model, tool.data)
+    tool.data.qpos, tool.data.qvel = tool.q, tool.v
+    mujoco.mj_step(tool.model, tool.data, round(duration / tool.step))
+    return tool.data.qpos.copy()
+
+
+def opening(tool: SimpleNamespace) -> float:
+    mujoco.mj_kinematics(tool.model, tool.data)
+    at = tool.data.site_xpos
+    return max(float(np.linalg.norm(at[i] - at[j])) for i, j in tool.pairs)
+
+
+def judge_a02(tool: SimpleNamespace, q: Array) -> dict[str, float | None]:
+    return ladder.judge_end(float(-q[0]), opening(tool))
+
+
+def judge_a04(tool: SimpleNamespace, _: Array) -> dict[str, float | None]:
+    closure = opening(tool)
+    return cube.judge(tool.data.site_xpos[tool.model.site("p3").id], closure)
+
+
+STEPS = (5e-3, 1e-3, 1e-4)
 CASES = (
-    *(Case("sweep", NAME, f"Newton on mj_jac, {how}", partial(setup_mujoco, Problem(steps=n)), run,
-           judge, n, n)
-      for n in rssr.STEPS for how, run in (("tuned", run_mujoco_tuned), ("plain", run_mujoco))),
-    Case("rates", NAME, "mj_jac, mj_jacDot, two solves", at_one_angle, run_rates, judge_rates),
-    Case("jacobian", NAME, "mj_jac, one solve", at_one_angle, run_jacobian, judge_jacobian),
-    Case("assembly", NAME, "Newton on mj_jac from the guess", partial(setup_mujoco, Problem()),
-         run_assembly, judge_assembly),
+    *(Case("sweep", NAME, "Newton on mj_jac, tuned", partial(setup_mujoco, Problem(steps=n)),
+           run_mujoco_tuned, judge_sweep, n, n) for n in rssr.STEPS),
+    *(Case(task, NAME, f"`connect` at its stiffest, RK4 at {h:g} s", partial(setup, h),
+           partial(run, duration=duration), judge, slow=h < 1e-3)
+      for task, setup, duration, judge in (("a02", setup_ladder, ladder.DURATION, judge_a02),
+                                           ("a04", setup_cube, cube.DURATION, judge_a04))
+      for h in STEPS),
 )
 ABSENT = (
     Absent("sweep", NAME, "its own closure, `connect`, is soft and gives no accelerations at given "
            "drivers; so Newton on its Jacobians"),
-    Absent("mobility", NAME, "has no such analysis"),
 )

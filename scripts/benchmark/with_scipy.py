@@ -10,7 +10,7 @@ import numpy as np
 import scipy.optimize
 from scipy.integrate import solve_ivp
 
-from benchmark import ladder, rssr, stewart
+from benchmark import ladder, rssr
 from benchmark.case import Case
 from benchmark.rssr import Answer, Array, Problem
 
@@ -115,18 +115,6 @@ def judge_distance(problem: Problem, kept: Array) -> dict[str, float | None]:
     return {name: found[name] for name in ("ψ", "ψ'", "ψ''")}
 
 
-# The Gough platform
-
-
-def run_platform(steps: int) -> Array:
-    return stewart.solve(stewart.lengths(steps), stewart.SPEED)
-
-
-def the_reference(*_: Any) -> dict[str, float | None]:
-    """Judge nothing: the other rows are judged by this one."""
-    return {}
-
-
 # IFToMM A02 as one equation
 
 
@@ -148,8 +136,6 @@ CASES = (
            run_fsolve_one, judge_fsolve, n, n) for n in rssr.STEPS),
     *(Case("reduced", NAME, "the distance equation, tuned", partial(Problem, steps=n),
            run_distance, judge_distance, n, n) for n in rssr.STEPS),
-    *(Case("stewart", NAME, "Newton on six leg lengths, NumPy (the reference)",
-           partial(int, n), run_platform, the_reference, n, n) for n in rssr.STEPS),
     *(Case("a02", NAME, f"one equation, SciPy DOP853 at {t:.0e}", partial(float, t), run_pendulum,
            judge_pendulum) for t in (1e-6, 1e-9, 4e-12, 1e-13)),
 )

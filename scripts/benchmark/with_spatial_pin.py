@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import tempfile
 from functools import partial
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,9 +14,10 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 import spatial_pin as sp
-from benchmark import excavator, four_bar, rspc, rssr, stewart
-from benchmark.case import Absent, Case
+from benchmark import excavator, four_bar, rssr, stewart
+from benchmark.case import Case
 from benchmark.rssr import Array, Problem
+from spatial_pin.view.page.drive import Drive
 
 NAME = "spatial_pin"
 
@@ -51,13 +54,50 @@ def judge_sweep(tool: SimpleNamespace, motion: sp.Motion) -> dict[str, float | N
 
 
 def setup_reduced(steps: int) -> SimpleNamespace:
-    reduced = sp.reduce(sp.load("rssr"), ["rocker_pin"])  # type: ignore[attr-defined]
+    reduced = sp.reduce(sp.load("rssr"), ["rocker_pin"])
     return SimpleNamespace(mechanism=reduced, problem=Problem(steps=steps), accuracy=None)
 
 
 def judge_reduced(tool: SimpleNamespace, motion: sp.Motion) -> dict[str, float | None]:
     found = rssr.judge(tool.problem, (None, *motion.coordinate("rocker_pin"), None, None))
     return {name: found[name] for name in ("ψ", "ψ'", "ψ''")}
+
+
+# Full and reduced models
+
+
+LEGS = {f"leg_{k}": f"slide_{k}" for k in range(2, 7)}
+REDUCED = {  # title: mechanism, outputs, what is locked, driver, first and last value
+    "RSSR: rocker": ("rssr", ["rocker_pin"], [], "crank", 0.0, 2 * np.pi),
+    "RSPC: guide": ("rspc", ["guide.slide"], [], "crank", 0.0, 2 * np.pi),
+    "RSPC: slide": ("rspc", ["slide"], [], "crank", 0.0, 2 * np.pi),
+    "Gough platform, one leg moves": ("stewart", ["platform"], list(LEGS), "leg_1", 0.385, 0.41),
+    "Gough platform, six legs": ("stewart", ["platform"], [], "leg_1", 0.385, 0.41),
+    "Delta: platform": ("delta", ["platform"], [], "arm_1", -0.2, 0.2),
+    "four-bar: rocker": ("four_bar", ["rocker_pin"], [], "crank", 0.0, 2 * np.pi),
+    "Watt six-bar: first rocker": ("watt_six_bar", ["rocker_pin"], [], "crank", 0.0, 2 * np.pi),
+    "Peaucellier: inner pin": ("peaucellier", ["upper_inner_pin"], [], "crank", -0.5, 0.5),
+}
+
+
+def setup_smaller(title: str, is_reduced: bool, values: int) -> SimpleNamespace:
+    name, outputs, lock, driver, first, last = REDUCED[title]
+    full = sp.load(name)
+    reduced = sp.reduce(full, outputs, lock=lock)
+    hold = {} if is_reduced else {LEGS[leg]: reduced.welds[LEGS[leg]] for leg in lock}
+    return SimpleNamespace(mechanism=reduced if is_reduced else full, reduced=reduced, hold=hold,
+                           driver=driver, values=np.linspace(first, last, values))
+
+
+def run_smaller(tool: SimpleNamespace) -> sp.Motion:
+    return sp.sweep(tool.mechanism, tool.driver, tool.values, hold=tool.hold)
+
+
+def judge_smaller(tool: SimpleNamespace, _: sp.Motion) -> dict[str, float | None]:
+    mechanism = tool.mechanism
+    rows = sp.closure_jacobian(mechanism, mechanism.neutral).shape[0]
+    worst = tool.reduced.verify(tool.driver, tool.values[::len(tool.values) // 360]).worst
+    return {"coordinates": len(mechanism.coordinates), "equations": rows, "difference": worst}
 
 
 # One state
@@ -136,13 +176,6 @@ def run_other(tool: SimpleNamespace) -> sp.Motion:
     return sp.sweep(tool.mechanism, tool.driver, tool.values, speed=tool.speed)
 
 
-def judge_rspc(tool: SimpleNamespace, motion: sp.Motion) -> dict[str, float | None]:
-    gap = motion.frame("crank_b").position - motion.frame("rod_b").position
-    found = [motion.coordinate(name) for name in rspc.COORDINATES]
-    errors = rspc.judge(tool.values, tool.speed, np.array([tuple(c) for c in found]))
-    return {"closure": float(np.linalg.norm(gap, axis=1).max()), **errors}
-
-
 def judge_four_bar(tool: SimpleNamespace, motion: sp.Motion) -> dict[str, float | None]:
     found = np.array(tuple(motion.coordinate("rocker_pin")))
     return four_bar.judge(tool.values, tool.speed, found)
@@ -177,6 +210,33 @@ def judge_excavator(tool: SimpleNamespace, motion: sp.Motion) -> dict[str, float
     return {"closure": float(motion.closure_error.max()), **errors}
 
 
+# Pages
+
+
+MOVES = 60  # of one slider
+MOVED = {"rssr": 0.0175, "delta": 0.0175, "stewart": 0.0002}  # by one move [rad, m]
+
+
+def run_page(motion: sp.Motion) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        sp.export_html(motion, Path(folder) / "page.html")
+
+
+def setup_slider(name: str) -> Drive:
+    state = sp.assemble(sp.load(name))
+    return Drive(state, state.mechanism.drivers)
+
+
+def run_slider(drive: Drive, step: float) -> float:
+    """Drag one slider to and fro; return the largest closure error."""
+    driver = next(iter(drive.state.mechanism.drivers))
+    start, worst = drive.value(driver), 0.0
+    for k in range(MOVES):
+        assert drive.move(driver, start + step * min(k + 1, MOVES - 1 - k)) is None
+        worst = max(worst, drive.state.closure_error)
+    return worst
+
+
 # A fresh process
 
 
@@ -196,8 +256,6 @@ CASES = (
       for n in rssr.STEPS for error in (1e-2, 1e-4, 1e-6, 1e-8, 1e-10)),
     *(Case("sweep", NAME, "sweep + states of all bodies", partial(setup_sweep, n),
            run_sweep_bodies, judge_sweep, n, n) for n in rssr.STEPS),
-    *(Case("rspc", NAME, "sweep", partial(setup_other, "rspc", "crank", rspc.angles(n), rspc.SPEED),
-           run_other, judge_rspc, n, n) for n in rssr.STEPS),
     *(Case("stewart", NAME, "sweep",
            partial(setup_other, "stewart", "leg_1", stewart.lengths(n), stewart.SPEED),
            run_other, judge_stewart, n, n) for n in rssr.STEPS),
@@ -206,6 +264,15 @@ CASES = (
            run_other, judge_four_bar, n, n) for n in four_bar.STEPS),
     Case("excavator", NAME, "follow", partial(setup_excavator, 1000), run_excavator,
          judge_excavator, 1000, 1000),
+    *(Case("reduced", NAME, "sweep of reduce(mechanism, outputs)", partial(setup_reduced, n),
+           run_sweep, judge_reduced, n, n) for n in rssr.STEPS),
+    *(Case("smaller", NAME, f"{title}, {'reduced' if is_reduced else 'full'}",
+           partial(setup_smaller, title, is_reduced, n), run_smaller, judge_smaller, n, n)
+      for n in (361, 3600) for title in REDUCED for is_reduced in (False, True)),
+    Case("page", NAME, "export_html", lambda: run_sweep(setup_sweep(361)), run_page, nothing),
+    *(Case("slider", NAME, f"live, {name}", partial(setup_slider, name),
+           partial(run_slider, step=step), lambda _, worst: {"closure": worst}, MOVES)
+      for name, step in MOVED.items()),
     Case("rates", NAME, "solve_rates", one_state, run_rates, judge_rates),
     Case("jacobian", NAME, "jacobian", one_state, run_jacobian, judge_jacobian),
     Case("mobility", NAME, "mobility: ranks, finite freedom, loops' orders, rows to spare",
@@ -220,10 +287,3 @@ CASES = (
     Case("start", "Pinocchio by hand", "import pinocchio", lambda: "import pinocchio", fresh,
          nothing),
 )
-ABSENT: tuple[Absent, ...] = ()
-if hasattr(sp, "reduce"):
-    CASES += tuple(Case("reduced", NAME, "sweep of reduce(mechanism, outputs)",
-                        partial(setup_reduced, n), run_sweep, judge_reduced, n, n)
-                   for n in rssr.STEPS)
-else:
-    ABSENT += (Absent("reduced", NAME, "this version has no `reduce`"),)

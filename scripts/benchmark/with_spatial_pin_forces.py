@@ -7,15 +7,19 @@ from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
+import pinocchio as pin
+import published_models as models
+from published_cases import CASES as PUBLISHED
+from recursion import accelerations
 
 import spatial_pin as sp
 from benchmark import cube, falling, ladder
 from benchmark.case import Case
-from spatial_pin.accuracy import models
-from spatial_pin.accuracy.cases import CASES as PUBLISHED
+from benchmark.rssr import Array
 
 NAME = "spatial_pin"
 SIZES = (1, 20, 50, 200, 500)  # the peers have those of `ladder`
+HINGES = (10, 100, 300, 1000, 2000)  # of open chains
 
 
 # Forward dynamics
@@ -40,6 +44,40 @@ def run_forward(tool: SimpleNamespace) -> float:
 
 def judge_forward(tool: SimpleNamespace, found: float) -> dict[str, float | None]:
     return ladder.judge_acceleration(tool.loops, found)
+
+
+# Open chains
+
+
+def setup_chain(n: int) -> SimpleNamespace:
+    """Return hinges about y and x in turn, 0.1 m apart, anyhow placed and moving."""
+    rng, model = np.random.default_rng(0), pin.Model()
+    body = pin.Inertia(1.0, np.array([0.05, 0.01, -0.02]), np.diag([1e-3, 2e-3, 2.5e-3]))
+    for k in range(n):
+        turned = pin.rpy.rpyToMatrix(*rng.uniform(-0.4, 0.4, 3))
+        hinge = (pin.JointModelRY(), pin.JointModelRX())[k % 2]
+        joint = model.addJoint(k, hinge, pin.SE3(turned, np.array([0.1, 0.0, 0.0])), f"j{k}")
+        model.appendBodyToJoint(joint, body, pin.SE3.Identity())
+    mechanism = sp.Mechanism.from_model(model)
+    q, v, a = rng.uniform(-0.5, 0.5, n), *rng.uniform(-1.0, 1.0, (2, n))
+    return SimpleNamespace(mechanism=mechanism,
+                           state=sp.State(mechanism, q, v, a, closure_error=0.0))
+
+
+def run_chain(tool: SimpleNamespace) -> Array:
+    return sp.forward_dynamics(tool.mechanism, tool.state).a
+
+
+def run_chain_inverse(tool: SimpleNamespace) -> None:
+    sp.inverse_dynamics(tool.mechanism, tool.state)
+
+
+def judge_chain(tool: SimpleNamespace, found: Array | None) -> dict[str, float | None]:
+    if found is None:
+        return {"acceleration": None}
+    q, v = tool.state.q, tool.state.v
+    exact = accelerations(tool.mechanism.model, q, v, np.zeros(len(q)))
+    return {"acceleration": float(np.abs(found - exact).max() / np.abs(exact).max())}
 
 
 # Simulation
@@ -68,29 +106,18 @@ def judge_a04(_: SimpleNamespace, motion: sp.Simulation) -> dict[str, float | No
     return cube.judge(motion.frame("p3").position[-1], float(closure.max()))
 
 
-def setup_falling(make: Callable[[], falling.Robot], accuracy: sp.Accuracy) -> SimpleNamespace:
-    robot, tree, toml = make(), "", ""
-    for rod in robot.rods:
-        parent = robot.rods[rod.parent].name if rod.parent >= 0 else "ground"
-        moments = 0.5 * rod.inertia, 0.5 * rod.inertia, rod.inertia
-        tree += models.joint("continuous", f"{rod.name}_pin", parent, rod.name, (*rod.at, 0.0),
-                             mass=models.inertial(rod.mass, (*rod.com, 0.0), moments))
-    for k, (one, at, other, there) in enumerate(robot.closures):
-        tree += models.point(f"from_{k}", robot.rods[one].name, (*at, 0.0))
-        tree += models.point(f"to_{k}", robot.rods[other].name, (*there, 0.0))
-        toml += models.closure(f"pin_{k}", "revolute", f"from_{k}", f"to_{k}")
-    mechanism = models.made("falling", tree, toml, (0.0, -falling.G, 0.0))
-    start = sp.assemble(mechanism, {f"{rod.name}_pin": rod.angle for rod in robot.rods})
-    return SimpleNamespace(mechanism=mechanism, state=start, accuracy=accuracy, robot=robot,
+def setup_falling(make: Callable[[], sp.State], accuracy: sp.Accuracy) -> SimpleNamespace:
+    state = make()
+    return SimpleNamespace(mechanism=state.mechanism, state=state, accuracy=accuracy,
                            duration=falling.DURATION)
 
 
 def judge_falling(tool: SimpleNamespace, motion: sp.Simulation) -> dict[str, float | None]:
-    gaps = [motion.frame(f"from_{k}").position - motion.frame(f"to_{k}").position
-            for k in range(len(tool.robot.closures))]
+    gaps = [motion.frame(one).position - motion.frame(other).position
+            for one, other in (closure.frames for closure in tool.mechanism.closures)]
     closure = np.linalg.norm(gaps, axis=-1)
     gained = float(motion.energy[-1] - motion.energy[0])
-    return falling.judge(tool.robot, gained, float(closure.max()))
+    return falling.judge(tool.mechanism, gained, float(closure.max()))
 
 
 def setup_platform(accuracy: sp.Accuracy) -> SimpleNamespace:
@@ -123,6 +150,9 @@ FEW = "engineering", "for_error(1e-4)"
 CASES = (
     *(Case("forward", NAME, "forward_dynamics, reactions too", partial(setup_forward, n),
            run_forward, judge_forward, size=n) for n in SIZES),
+    *(Case("chain", NAME, how, partial(setup_chain, n), run, judge_chain, size=n, slow=n > 300)
+      for how, run in (("forward_dynamics", run_chain), ("inverse_dynamics", run_chain_inverse))
+      for n in HINGES),
     *(Case(task, NAME, f"simulate, {name}", partial(setup_simulation, entry, accuracy),
            run_simulation, judge)
       for task, entry, judge in (("a02", "ladder_1", judge_a02), ("a04", "bricard", judge_a04))

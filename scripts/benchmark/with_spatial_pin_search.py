@@ -1,12 +1,15 @@
-"""This library, through its public interface: assembly modes, and what dimensions change."""
+"""This library, through its public interface: assembly modes, dimensions and their synthesis."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
+from published_designs import PROBLEMS
+from published_designs import Problem as DesignProblem
 
 import spatial_pin as sp
 from benchmark import counted, rssr
@@ -74,7 +77,24 @@ def derivative(problem: Problem, name: str) -> Array:
     return sum(w * (angles(k) - angles(-k)) for k, w in ((1, 0.75), (2, -0.15), (3, 1 / 60))) / h
 
 
+# Synthesis
+
+
+def run_design(problem: DesignProblem) -> Any:
+    return problem.solve(seed=0)
+
+
+def judge_design(problem: DesignProblem, found: Any) -> dict[str, float | None]:
+    """Return errors, evaluations and, of each kind of defect that the best design has, 1."""
+    defects = {defect.kind for defect in found[0].defects} if len(found) else ()
+    return {"published": problem.published, "designs": len(found),
+            "error": problem.error(found[0]) if len(found) else None,
+            "evaluations": found.evaluations, **dict.fromkeys(sorted(defects), 1.0)}
+
+
 CASES = (
+    *(Case("design", NAME, problem.title, lambda problem=problem: problem, run_design, judge_design,
+           slow=True) for problem in PROBLEMS.values()),
     *(Case("modes", NAME, f"assembly_modes, {name}", partial(setup_modes, make), run_modes,
            lambda _, modes, n=n: {"count": abs(len(modes) - n)}, slow=n > 2)
       for name, (make, n) in counted.COUNTS.items()),

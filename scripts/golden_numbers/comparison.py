@@ -6,8 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from golden_numbers.answer import NUMBER, Answer, Array, Numbers
-from golden_numbers.files import Golden
+from golden_numbers.answer import NUMBER, Answer, Array, Golden, Numbers
 
 MARGIN = 10.0  # by which promised errors exceed estimated ones, as in `scripts/accuracy_table.py`
 NOISE = 1e-10  # errors told in a sentence that are as good as none

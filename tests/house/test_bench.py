@@ -6,12 +6,13 @@ import json
 import sys
 from pathlib import Path
 
+import closed_forms
 import numpy as np
 import pytest
 from folders import ROOT
+from published_cases import CASES
 
 import spatial_pin as sp
-from spatial_pin.accuracy.cases import CASES
 
 SCRIPTS = ROOT / "scripts"
 
@@ -82,7 +83,9 @@ def test_every_line_of_a_page_has_its_rows(bench):
         assert {bench.report.key(f"{kind}-{robot}", 0, line.hows[0], line.tool)
                 for robot in bench.pages.ROBOTS} <= there
     assert {x for names in bench.pages.PAGES.values() for x in names} == set(bench.pages.TABLES)
-    for page, names in (*bench.pages.PAGES.items(), ("accuracy.md", ("reduce",))):
+    assert set(bench.pages.NEEDS) == set(bench.pages.TABLES)
+    assert {x for names in bench.pages.NEEDS.values() for x in names} <= set(bench.TASKS)
+    for page, names in bench.pages.PAGES.items():
         text = (SCRIPTS.parent / "docs" / page).read_text(encoding="utf-8")
         assert all(f"<!-- table: {name} -->" in text for name in names)
 
@@ -166,14 +169,14 @@ def test_the_cube_ends_where_the_published_case_does(bench):
     assert tuple(cube.P3) == CASES["bricard"].answers["position"].values
 
 
-def test_the_closed_forms_agree_with_their_derivatives(bench):
-    rssr, rspc = (importlib.import_module(f"benchmark.{name}") for name in ("rssr", "rspc"))
-    assert rssr.check_closed_form(rssr.Problem(), every=90) < 1e-15
-    phi, h, w = rspc.angles(7), 1e-5, 2.0
-    _, rate, acceleration = rspc.exact(phi, w).transpose(1, 0, 2)
-    ahead, behind = (rspc.exact(phi + s * w * h, w).transpose(1, 0, 2) for s in (1, -1))
-    np.testing.assert_allclose((ahead[0] - behind[0]) / (2 * h), rate, atol=1e-9)
-    np.testing.assert_allclose((ahead[1] - behind[1]) / (2 * h), acceleration, atol=1e-8)
+def test_the_closed_form_of_the_rssr_is_that_of_forty_digits(bench):
+    problem = importlib.import_module("benchmark.rssr").Problem()
+    exact = problem.exact()
+    for k in range(0, problem.steps, 90):
+        true = closed_forms.rates(closed_forms.rssr, problem.phi[k], problem.speed, 0.0)
+        for order, found in enumerate((exact.angle, exact.rate, exact.acceleration)):
+            off = float(true[order].coordinates["rocker_pin"] - found[k])
+            assert abs(off) < 1e-15 * problem.speed**order
 
 
 def test_the_bars_are_told_beside_what_was_measured(bench, capsys, tmp_path):
@@ -227,15 +230,14 @@ def test_the_plane_four_bar_turns_as_its_derivatives_say(bench):
 
 
 @pytest.mark.parametrize("robot", ["five-bar", "3-RRR"])
-def test_the_falling_robots_are_the_same_in_pinocchio(bench, robot):
-    falling, own, other = (importlib.import_module(f"benchmark.{name}") for name in (
-        "falling", "with_spatial_pin_forces", "with_pinocchio_forces"))
-    ours = own.setup_falling(falling.ROBOTS[robot], sp.Accuracy())
-    theirs = other.setup_falling(falling.ROBOTS[robot])
-    assert ours.state.closure_error < 1e-15 and other.opening(theirs, theirs.q) < 1e-15
-    order = [ours.mechanism.coordinate(f"{rod.name}_pin").v for rod in theirs.robot.rods]
+def test_the_falling_robots_fall_alike_in_pinocchio(bench, robot):
+    falling, other = (importlib.import_module(f"benchmark.{name}") for name in (
+        "falling", "with_pinocchio_forces"))
+    state = falling.ROBOTS[robot]()
+    theirs = other.setup(state)
+    assert state.closure_error < 1e-15 and other.opening(theirs, theirs.q) < 1e-15
     np.testing.assert_allclose(
-        sp.forward_dynamics(ours.mechanism, ours.state).a[order],
+        sp.forward_dynamics(state.mechanism, state).a,
         other.acceleration(theirs, theirs.q, theirs.v), rtol=0, atol=1e-9)
 
 

@@ -39,6 +39,15 @@ def test_every_folder_of_the_kernel_is_told_of():
     assert len(folders) > 5 and not {name for name in folders if f"`kernel/{name}`" not in text}
 
 
+def test_every_script_is_in_the_table_of_what_scripts_are_for():
+    text = (DOCS / "contributing.md").read_text(encoding="utf-8")
+    rows = text.partition("## What the scripts are for")[2].partition("\n## ")[0]
+    told = {name for row in re.findall(r"^\| (`.*?`) \|", rows, flags=re.MULTILINE)
+            for name in re.findall(r"`([\w.]+)`", row)}
+    there = {path.name for path in (ROOT / "scripts").iterdir() if path.name != "__pycache__"}
+    assert told == there, listed(told ^ there)
+
+
 # ---------------------------------------------------------------- the mechanism file
 
 

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from masses import simple_pendulum
+from published_cases import CASES
 from scipy.integrate import solve_ivp
 from scipy.special import ellipj, ellipk
 from variety import each, few
 
 import spatial_pin as sp
-from spatial_pin.accuracy.cases import CASES
 from spatial_pin.accuracy.exact import ExactRows
 from spatial_pin.accuracy.extended import EPS, Extended
 from spatial_pin.accuracy.reference import Astray, SimulationReference, SweepReference

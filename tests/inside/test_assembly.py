@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import published_models as models
 from rods_of_hinges import rssr
 
 import spatial_pin as sp
-from spatial_pin.accuracy import models
 from spatial_pin.assembly import rounding
 from spatial_pin.assembly.passive_freedoms import chain_links
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import mechanisms
 import numpy as np
+import published_models as models
 import pytest
 from kernel_checks import assert_same
 from loaded_library import library
@@ -13,7 +14,6 @@ from mpmath import mpf
 from variety import few
 
 import spatial_pin as sp
-from spatial_pin.accuracy import models
 from spatial_pin.continuation import singular_points
 from spatial_pin.continuation.cursor import Cursor
 from spatial_pin.continuation.evaluation_order import there_and_back

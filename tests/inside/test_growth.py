@@ -5,11 +5,12 @@ import sys
 
 import numpy as np
 import pinocchio as pin
+import published_models as models
 import pytest
+from folders import ROOT
 from variety import few
 
 import spatial_pin as sp
-from spatial_pin.accuracy import models
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.kernel_tree import KernelTree
@@ -25,7 +26,8 @@ WORK = """
 import pathlib, sys
 import numpy as np
 import spatial_pin as sp
-from spatial_pin.accuracy import models
+sys.path.append(sys.argv[2])
+import published_models as models
 
 mechanism = models.ladder(int(sys.argv[1]))
 start = {c: 0.3 if c.startswith("pin") else -0.3 for c in mechanism.coordinates}
@@ -46,8 +48,9 @@ print(next(line.split()[1] for line in status.splitlines() if line.startswith("V
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
 def test_many_loops_take_little_memory():
     """One `pin.Data` of their 401 freedoms would take 3 GB."""
-    found = subprocess.run([sys.executable, "-c", WORK, "200"], capture_output=True, text=True,
-                           check=True)
+    found = subprocess.run(
+        [sys.executable, "-c", WORK, "200", str(ROOT / "tests" / "support")],
+        capture_output=True, text=True, check=True)
     assert int(found.stdout) < 700_000  # kB
 
 

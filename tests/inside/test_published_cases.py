@@ -4,10 +4,10 @@
 import numpy as np
 import pytest
 from folders import DATA
+from published_cases import CASES, on_pair, run
 from variety import few
 
 import spatial_pin as sp
-from spatial_pin.accuracy.cases import CASES, on_pair, run
 
 SLOW = {"ladder_20", "ladder_40", "governor"}
 LENGTH = 1e-12  # closure error [-]

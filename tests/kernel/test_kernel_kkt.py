@@ -5,11 +5,11 @@ from __future__ import annotations
 import ctypes
 
 import numpy as np
+import published_models as models
 import pytest
 from closure_trees import somewhere
 from kernel_checks import everything
 
-from spatial_pin.accuracy import models
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.kernel.kernel import Kernel, address

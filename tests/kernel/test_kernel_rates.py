@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
+import published_models as models
 import pytest
 from loaded_library import library
 from mechanisms import four_bar, swung
 from variety import each
 
 import spatial_pin as sp
-from spatial_pin.accuracy import models
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 from folders import ROOT
+from published_models import joint, made, point, rod
 
 import spatial_pin as sp
-from spatial_pin.accuracy.models import joint, made, point, rod
 
 DIRECTION = np.array([0.1, 1.0, -0.37])
 

@@ -1,8 +1,7 @@
 """Designs of published problems, judged by closed forms and evaluators of their own."""
 
-import importlib
-
 import numpy as np
+import published_designs
 import pytest
 import synthesis_forms as forms
 from drawing_four_bars import at, bar, side
@@ -93,7 +92,7 @@ def plane(placements):
 
 @STARTS
 def test_dyads_of_four_poses_have_their_centres_on_the_cubic(problems, starts):
-    poses = plane(importlib.import_module("benchmark.designs").guided(4))
+    poses = plane(published_designs.guided(4))
     found = problems["burmester_four"].solve(starts=starts)
     assert len(found)
     for design in found:
@@ -115,7 +114,7 @@ def known_dyads(design, truth):
 
 @STARTS
 def test_dyads_of_five_poses_are_among_the_four_of_the_closed_form(problems, starts):
-    poses = plane(importlib.import_module("benchmark.designs").guided(5))
+    poses = plane(published_designs.guided(5))
     truth = forms.burmester_dyads(poses)
     found = problems["burmester_five"].solve(starts=starts)
     assert len(found)
@@ -125,7 +124,7 @@ def test_dyads_of_five_poses_are_among_the_four_of_the_closed_form(problems, sta
 
 @pytest.mark.slow
 def test_all_dyads_of_five_poses_are_found(problems):
-    truth = forms.burmester_dyads(plane(importlib.import_module("benchmark.designs").guided(5)))
+    truth = forms.burmester_dyads(plane(published_designs.guided(5)))
     found = problems["burmester_five"].solve(starts=60)
     assert {i for design in found for i in known_dyads(design, truth)} == {0, 1, 2, 3}
 
@@ -205,7 +204,7 @@ def assert_met(design, goals, tmp_path):
 @pytest.mark.parametrize(("count", "timed", "seed", "starts"), first(1, [
     (6, False, 0, 1), (5, True, 0, 4), (5, True, 2, 4), (6, False, 0, 4), (6, False, 1, 4)]))
 def test_points_of_a_drawn_four_bar_are_met_again(problems, tmp_path, count, timed, seed, starts):
-    problem = importlib.import_module("benchmark.designs").through_drawn(count, seed, timed)
+    problem = published_designs.through_drawn(count, seed, timed)
     found = problem.solve(starts=starts)
     assert len(found)
     assert_met(found[0], problem.goals(), tmp_path)
@@ -213,7 +212,7 @@ def test_points_of_a_drawn_four_bar_are_met_again(problems, tmp_path, count, tim
 
 @pytest.mark.slow
 def test_nine_points_of_a_drawn_four_bar_are_met_again(problems, tmp_path):
-    problem = importlib.import_module("benchmark.designs").through_drawn(9, 4)
+    problem = published_designs.through_drawn(9, 4)
     found = problem.solve(starts=8)
     assert len(found)
     assert_met(found[0], problem.goals(), tmp_path)

@@ -122,7 +122,7 @@ def test_pictures_are_small_and_every_library_mechanism_has_one():
 def test_pages_of_robots_say_what_their_files_have(page, monkeypatch):
     pytest.importorskip("mujoco")
     monkeypatch.syspath_prepend(ROOT / "scripts")
-    robots = importlib.import_module("gallery_robots")
+    robots = importlib.import_module("robots")
     files = {robot.name: (robot, path) for robot, path in
              robots.found([ROOT / "tests" / "data" / "mjcf", ROOT / "tests" / "data" / "gepetto"])}
     if page.stem not in files:
@@ -153,11 +153,16 @@ def test_every_verb_has_a_guide_with_a_picture():
 
 def test_how_every_picture_is_made_is_known():
     pictures = script("pictures")
+    robots = {robot.name for robot in pictures.robots.ROBOTS}
     for path in pictures.pictures():
         maker = pictures.made_by(path)
-        if isinstance(maker, pictures.Code):
-            assert path.name in maker.page_of(path).read_text(encoding="utf-8")
-        for file in re.findall(r"(?:scripts|examples)/\w+\.py", str(maker)):
+        if maker.make is pictures.of_code:
+            assert path.name in pictures.page_of(path).read_text(encoding="utf-8")
+        if maker.make is pictures.of_example:
+            assert (ROOT / "examples" / f"{path.stem}.py").is_file()
+        assert maker.make is not pictures.of_library or path.stem in sp.list_mechanisms()
+        assert maker.make is not pictures.of_robot or path.stem in robots
+        for file in re.findall(r"(?:scripts|examples)/\w+\.py", maker.words):
             assert (ROOT / file).is_file()
 
 

@@ -14,7 +14,7 @@ SCRIPTS = ROOT / "scripts"
 @pytest.fixture
 def script(monkeypatch):
     monkeypatch.syspath_prepend(SCRIPTS)
-    return importlib.import_module("gallery_robots")
+    return importlib.import_module("robots")
 
 
 def test_robots_are_found_below_the_folders_given(script, tmp_path, monkeypatch, capsys):

@@ -221,33 +221,27 @@ def test_mp4_has_every_frame(tmp_path):
 # ---------------------------------------------------------------- the gallery
 
 
-def gallery():
-    spec = importlib.util.spec_from_file_location(
-        "gallery", ROOT / "scripts" / "gallery.py"
-    )
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+@pytest.fixture
+def pictures(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "scripts")
+    return importlib.import_module("pictures")
 
 
 @pytest.mark.slow
-def test_gallery_has_a_picture_of_every_mechanism_asked_for(tmp_path, capsys):
-    path = tmp_path / "sheet.png"
-    gallery().main([str(path), "--only", "rssr", "oldham", "elliptic_trammel"])
-    image = pixels(path.read_bytes())
+def test_gallery_has_a_picture_of_every_mechanism_asked_for(pictures):
+    image = np.asarray(pictures.library_sheet(["rssr", "oldham", "elliptic_trammel"])) / 255
     assert image.shape == (390, 3 * 480, 3)
     for k in range(3):
         assert 0.05 < ink(image[20:340, 480 * k + 20 : 480 * k + 460]).mean() < 0.8
-    assert "wrote" in capsys.readouterr().out
 
 
 @pytest.mark.slow
-def test_animation_of_the_readme_is_small(tmp_path, monkeypatch):
-    script, path = gallery(), tmp_path / "rssr.gif"
-    monkeypatch.setattr(script, "FRAMES", 4)
-    script.main(["--animation", "rssr", str(path), "--trace", "coupler.com"])
+def test_animation_of_the_readme_is_small(pictures, tmp_path, monkeypatch):
+    path = tmp_path / "rssr.gif"
+    monkeypatch.setattr(pictures, "FRAMES", 4)
+    pictures.animate("rssr", path, ["coupler.com"])
     with Image.open(path) as animation:
-        assert (animation.size, animation.n_frames) == (script.ANIMATION, 4)
+        assert (animation.size, animation.n_frames) == (pictures.TILE, 4)
     assert path.stat().st_size < 60_000
 
 

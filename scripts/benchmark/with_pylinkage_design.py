@@ -1,22 +1,15 @@
-"""The tutorial problems of pylinkage's documentation, solved by pylinkage; prints JSON.
-
-    python tutorials_of_pylinkage.py [CRANK COUPLER ROCKER]
+"""The tutorial problems of pylinkage's documentation, solved by pylinkage.
 
 Evaluations are sets of dimensions: mechanisms that its swarm moved, four-bars that its search made
-of dyads, solutions of linear equations. Of links that are named, its measure of the quarter of a
-circle is told too. Run by the interpreter of an environment with pylinkage. Its documentation:
-"Complete example" (docs/examples/fourbar_linkage.py), notebook 06 on functions, tutorial "Linkage
-synthesis".
+of dyads, solutions of linear equations. Its documentation: "Complete example"
+(docs/examples/fourbar_linkage.py), notebook 06 on functions, tutorial "Linkage synthesis".
 """
 
 from __future__ import annotations
 
-import json
 import math
 import sys
-import time
-import warnings
-from collections.abc import Callable
+from unittest.mock import patch
 
 import numpy as np
 import pylinkage as pl
@@ -27,16 +20,13 @@ from pylinkage.simulation import Linkage
 from pylinkage.synthesis import function_generation, path_generation
 from scipy.optimize import minimize_scalar
 
+from benchmark.case import Case
+
+Pairs = tuple[tuple[float, float], ...]
 PAIRS = ((30, 75), (75, 90), (135, 135))
 FIVE = ((30, 75), (60, 85), (75, 90), (110, 118), (135, 135))
 POINTS = ((0.0, 1.0), (1.0, 2.0), (2.0, 1.5), (3.0, 0.5))
 CORNER = (0, 5, 2, 3)  # bounding box of a quarter of a circle: least y, most x, most y, least x
-
-
-def clocked(work: Callable) -> tuple:
-    begin = time.process_time()
-    found = work()
-    return found, time.process_time() - begin
 
 
 def four_bar() -> Linkage:
@@ -53,7 +43,8 @@ def quadrant(loci, **_):
     return sum((a - b) ** 2 for a, b in zip(box, CORNER, strict=True))
 
 
-def swarm() -> dict:
+def swarm(_: None) -> tuple[float, int]:
+    """Return the least error that its swarm, which is not seeded, finds, and how many it moved."""
     tried = []
 
     def counted(*given, **named):
@@ -62,10 +53,13 @@ def swarm() -> dict:
 
     linkage = four_bar()
     bounds = pl.generate_bounds(linkage.get_constraints())
-    found, seconds = clocked(lambda: pl.particle_swarm_optimization(
-        eval_func=counted, linkage=linkage, bounds=bounds, order_relation=min, verbose=False)[0])
-    return {"problem": "tutorial_quadrant", "error": float(found.score), "evaluations": len(tried),
-            "seconds": seconds, "dimensions": [float(x) for x in found.dimensions]}
+    found = pl.particle_swarm_optimization(
+        eval_func=counted, linkage=linkage, bounds=bounds, order_relation=min, verbose=False)[0]
+    return float(found.score), len(tried)
+
+
+def judge(_: object, found: tuple[float | None, int]) -> dict[str, float | None]:
+    return {"error": found[0], "evaluations": found[1]}
 
 
 def rocker_angles(solution, inputs) -> np.ndarray:
@@ -77,17 +71,21 @@ def rocker_angles(solution, inputs) -> np.ndarray:
     return np.angle(rest) + np.array([inner, -inner])
 
 
-def function(name: str, pairs) -> dict:
+def function(pairs: Pairs) -> list:
     given = [(math.radians(a), math.radians(b)) for a, b in pairs]
-    found, seconds = clocked(lambda: function_generation(
-        angle_pairs=given, ground_length=1.0, require_grashof=False))
+    return function_generation(angle_pairs=given, ground_length=1.0,
+                               require_grashof=False).raw_solutions
+
+
+def judge_function(pairs: Pairs, solutions: list) -> dict[str, float | None]:
+    """Return the root mean square by which the best solution misses the angles."""
+    inputs, outputs = np.radians(pairs).T
     best = []
-    for solution in found.raw_solutions:
-        away = rocker_angles(solution, [a for a, _ in given]) - np.array([b for _, b in given])
+    for solution in solutions:
+        away = rocker_angles(solution, inputs) - outputs
         away = abs(np.angle(np.exp(1j * away)))
         best.append(float(np.min(np.linalg.norm(away, axis=1))) / math.sqrt(len(pairs)))
-    return {"problem": name, "error": min(best, default=None),
-            "evaluations": len(found.raw_solutions), "seconds": seconds}
+    return judge(pairs, (min(best, default=None), len(solutions)))
 
 
 def missed(solution) -> float:
@@ -117,7 +115,8 @@ def missed(solution) -> float:
     return total
 
 
-def path() -> dict:
+def path(_: None) -> tuple[list, int]:
+    """Return the solutions, and how many four-bars its search made."""
     module, tried = sys.modules[path_generation.__module__], []
     made = module._dyads_to_fourbar
 
@@ -125,24 +124,21 @@ def path() -> dict:
         tried.append(1)
         return made(*given, **named)
 
-    module._dyads_to_fourbar = counted
-    found, seconds = clocked(lambda: path_generation(list(POINTS)))
-    best = min(map(missed, found.raw_solutions), default=None)
-    return {"problem": "tutorial_path", "error": best, "evaluations": len(tried),
-            "seconds": seconds}
+    with patch.object(module, "_dyads_to_fourbar", counted):
+        return path_generation(list(POINTS)).raw_solutions, len(tried)
 
 
-def judged(links: list[str]) -> dict:
-    """Return what the tutorial's own measure says of links that somebody else found."""
-    found, seconds = clocked(lambda: quadrant(four_bar(), [float(x) for x in links]))
-    return {"problem": "tutorial_quadrant, links of sp.design", "error": float(found),
-            "evaluations": None, "seconds": seconds}
+def judge_path(_: None, found: tuple[list, int]) -> dict[str, float | None]:
+    return judge(None, (min(map(missed, found[0]), default=None), found[1]))
 
 
-if __name__ == "__main__":
-    warnings.filterwarnings("ignore")
-    rows = [swarm() for _ in range(3)]  # its swarm is not seeded
-    rows += [function("tutorial_function", PAIRS),
-             function("tutorial_function_of_five", FIVE), path()]
-    rows += [judged(sys.argv[1:])] if sys.argv[1:] else []
-    print(json.dumps({"version": pl.__version__, "rows": rows}))
+NAME = "pylinkage"
+CASES = (
+    *(Case("design", NAME, f"pylinkage complete example: quarter of a circle, run {k}",
+           lambda: None, swarm, judge, slow=True) for k in (1, 2, 3)),
+    *(Case("design", NAME, f"pylinkage 06: function at {words} pairs",
+           lambda pairs=pairs: pairs, function, judge_function)
+      for words, pairs in (("three", PAIRS), ("five", FIVE))),
+    Case("design", NAME, "pylinkage synthesis: path through four points", lambda: None, path,
+         judge_path, slow=True),
+)

@@ -1,27 +1,17 @@
-"""Pictures of published robots with closed loops, all on one sheet, and a page of each.
-
-    python scripts/gallery_robots.py [robots.jpg] [--models FOLDER ...] [--width 1440]
-    python scripts/gallery_robots.py docs/robots.jpg --models FOLDER ... --pages docs
-
-`--pages docs` writes `docs/robots/NAME.md` and `docs/pictures/robots/NAME.jpg` of every robot.
+"""Published robots with closed loops: where their files are, how they stand, and a page of each.
 
 Robots of the installed package example-robot-data are always there; the others are sought in the
-folders given, such as clones of mujoco_menagerie and example-parallel-robots. Needs Chromium or
-Chrome.
+folders given, such as clones of mujoco_menagerie and example-parallel-robots. `pictures.py` makes
+their pictures, and writes their pages.
 """
 
 from __future__ import annotations
 
-import argparse
 import pprint
 import sys
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
-
-from gallery import pictures, sheet
-from PIL import Image
 
 import spatial_pin as sp
 
@@ -30,7 +20,6 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "docs" / "extensions"))
 from mechanism_words import loops, mobility
 
 DATA = "cmeel.prefix/share/example-robot-data/robots"
-COLUMNS = 3
 
 
 class Robot(NamedTuple):
@@ -149,41 +138,3 @@ def page(robot: Robot, state: sp.State) -> str:
         loops(mechanism),
         mobility(mechanism, state),
     )) + "\n"
-
-
-def write_pages(
-    docs: Path, robots: Sequence[Robot], states: Sequence[sp.State], images: Sequence[Image.Image]
-) -> None:
-    """Write a page and a picture of each robot."""
-    shown = docs / "pictures" / "robots"
-    for folder in (docs / "robots", shown):
-        folder.mkdir(exist_ok=True)
-    for robot, state, image in zip(robots, states, images, strict=True):
-        image.convert("RGB").save(shown / f"{robot.name}.jpg", quality=85, optimize=True)
-        (docs / "robots" / f"{robot.name}.md").write_text(page(robot, state), encoding="utf-8")
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description="Pictures of robots with closed loops.")
-    parser.add_argument("path", nargs="?", type=Path, default=Path("robots.jpg"),
-                        help="the sheet (robots.jpg)")
-    parser.add_argument("--models", nargs="+", type=Path, default=[], metavar="FOLDER",
-                        help="folders of models")
-    parser.add_argument("--pages", type=Path, metavar="DOCS", help="write the page of each there")
-    parser.add_argument("--width", type=int, help="of the sheet, to make it smaller [pixels]")
-    options = parser.parse_args(arguments)
-    robots = list(found(options.models))
-    states = [robot.posed(path) for robot, path in robots]
-    with tempfile.TemporaryDirectory() as folder:
-        images = list(pictures(states, Path(folder)))
-    if options.pages:
-        write_pages(options.pages, [robot for robot, _ in robots], states, images)
-    made = sheet([robot.caption for robot, _ in robots], images, COLUMNS)
-    if options.width:
-        made = made.resize((options.width, round(options.width * made.height / made.width)))
-    made.save(options.path, optimize=True)
-    print(f"wrote {options.path}")
-
-
-if __name__ == "__main__":
-    main()

@@ -16,7 +16,7 @@ import numpy as np
 
 import spatial_pin as sp
 
-DATA = Path(__file__).parent.parent.parent / "tests" / "data" / "synthesis"
+DATA = Path(__file__).parents[1] / "data" / "synthesis"
 PATHS = tomllib.loads((DATA / "cases.toml").read_text(encoding="utf-8"))
 TURN = 2.0 * np.pi
 
