@@ -15,7 +15,7 @@ from spatial_pin.cli import main
 
 __all__ = ["pytest_sessionfinish", "pytest_sessionstart"]  # a run that leaves files fails
 
-MOST_CASES = 6  # of a function, that run by default: its cases are alike, as a rule
+MOST_CASES = 6  # of a function whose cases are marked alike, that run by default
 
 # No test depends on time, or on what was drawn or kept before.
 hypothesis.settings.register_profile(
@@ -35,23 +35,23 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: Sequence[pytest.Item]) -> None:
-    """Leave out slow tests, and most of many cases, unless --all or a name selects them.
+    """Leave out slow tests, and most of cases alike, unless --all or a name selects them.
 
-    An expression of markers selects slow tests by itself. Of a function whose cases nobody has
-    chosen, the default runs a few, evenly apart, with the first and the last.
+    An expression of markers selects slow tests by itself. Of cases that are marked alike the
+    default runs a few, evenly apart, with the first and the last.
     """
     if config.option.all or config.option.keyword or any("::" in text for text in config.args):
         return
-    slow = {item for item in items if item.get_closest_marker("slow")}
+    left_out = set() if config.option.markexpr else {
+        item for item in items if item.get_closest_marker("slow")}
     by_function: dict[str, list[pytest.Item]] = {}
     for item in items:
-        by_function.setdefault(item.nodeid.partition("[")[0], []).append(item)
-    left_out = set() if config.option.markexpr else set(slow)
+        if item.get_closest_marker("alike"):
+            by_function.setdefault(item.nodeid.partition("[")[0], []).append(item)
     for cases in by_function.values():
-        last = len(cases) - 1
-        if last >= MOST_CASES and not slow.intersection(cases):
-            chosen = {round(k * last / (MOST_CASES - 1)) for k in range(MOST_CASES)}
-            left_out.update(x for k, x in enumerate(cases) if k not in chosen)
+        step = max(1.0, (len(cases) - 1) / (MOST_CASES - 1))
+        chosen = {round(k * step) for k in range(MOST_CASES)}
+        left_out.update(x for k, x in enumerate(cases) if k not in chosen)
     config.hook.pytest_deselected(items=[item for item in items if item in left_out])
     items[:] = [item for item in items if item not in left_out]
 

@@ -24,6 +24,7 @@ ROWS = [pytest.param(row, id=f"{row.name}: {row.tried}".replace(" ", "_"),
         for row in extremes.EXTREMES]
 
 
+@pytest.mark.alike
 @pytest.mark.parametrize("row", ROWS)
 def test_row_of_the_table(row):
     found = extremes.measure(row)

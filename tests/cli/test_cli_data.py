@@ -32,6 +32,7 @@ ARM = """<robot name="arm"><link name="base"/><link name="rod"/><joint name="pin
 <limit lower="-1" upper="0.5" effort="1" velocity="9"/></joint></robot>"""
 
 
+@pytest.mark.alike
 @pytest.mark.parametrize("command", TABLES)
 def test_tables_and_json_on_the_screen_are_all_there_is(run, command):
     words, rows = TABLES[command]
@@ -88,6 +89,7 @@ def test_a_range_of_a_full_turn_is_json_without_infinities(run):
 # ---------------------------------------------------------------- lines that fit
 
 
+@pytest.mark.alike
 @pytest.mark.parametrize("words", [
     ("list",), ("info", "excavator"), ("info", "stewart"), ("modes", "four_bar", "crank=1"),
     ("assemble", "delta"), ("limits", "four_bar", "rocker_pin"), ("--help",),

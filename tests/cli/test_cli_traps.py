@@ -21,6 +21,7 @@ def test_an_abbreviated_option_is_refused_and_writes_nothing(words, run, monkeyp
 # ---------------------------------------------------------------- ranges
 
 
+@pytest.mark.alike
 @pytest.mark.parametrize("words", [
     ("crank", "0", "720deg"), ("crank", "0..720deg"), ("crank=0..720deg",), ("crank=0", "720deg")])
 @pytest.mark.parametrize("before", [(), ("--stop",), ("--hold", "springs")])
@@ -75,6 +76,7 @@ def test_a_value_is_no_range(run):
 # ---------------------------------------------------------------- the screen
 
 
+@pytest.mark.alike
 @pytest.mark.parametrize("words", [
     ("assemble", "four_bar", "crank=1", "--json"), ("assemble", "four_bar", "--json", "crank=1"),
     ("list", "--json"), ("info", "four_bar", "--json"), ("limits", "four_bar", "crank", "--json"),

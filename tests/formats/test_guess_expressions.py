@@ -67,6 +67,7 @@ def stays_on_its_branch(name, sizes):
         assert farthest(state, nominal, size) < 1e-6, size
 
 
+@pytest.mark.alike
 @pytest.mark.delicate
 @pytest.mark.parametrize("name", sp.list_mechanisms())
 def test_every_library_mechanism_stands_on_the_same_branch_a_hundred_times_as_large(name):

@@ -187,6 +187,7 @@ MECHANISMS = ("four_bar", "bennett", "spherical_four_bar", "slider_crank", "oldh
               "crank_collar", "swash_plate", "watt_six_bar")
 
 
+@pytest.mark.alike
 @pytest.mark.parametrize("name", MECHANISMS)
 def test_a_loop_moves_as_our_own_in_every_dialect_that_can_say_it(name, tmp_path):
     opened = Opened(name)

@@ -96,6 +96,7 @@ def test_a_mesh_has_its_points_its_scale_and_its_place_among_the_shapes(load, na
     assert not getattr(mechanism, "collision_model" if kind == "visual" else "visual_model").ngeoms
 
 
+@pytest.mark.alike
 @pytest.mark.parametrize("name", [*SEEN, *BROKEN])
 def test_what_is_no_mesh_is_left_out_when_asked_for(load, name):
     mechanism = load(name, {**SEEN, **BROKEN}[name])

@@ -44,6 +44,7 @@ def opening(data):
     return np.abs(data.efc_pos[data.efc_type == 0]).max(initial=0.0)
 
 
+@pytest.mark.alike
 @pytest.mark.filterwarnings("ignore:mechanism")
 @pytest.mark.parametrize("name", EXACT + COMPOSED)
 def test_mujoco_has_the_links_where_they_are_and_the_loops_closed(name, tmp_path):

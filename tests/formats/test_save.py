@@ -63,6 +63,7 @@ IMPORTED = [p.relative_to(DATA) for ending in (".xml", ".sdf", ".usda", ".toml",
             if "far_starts" not in p.parts and p.name != "cases.toml"]  # numbers, no mechanisms
 
 
+@pytest.mark.alike
 @pytest.mark.parametrize("file", IMPORTED, ids=str)
 @pytest.mark.filterwarnings("ignore::spatial_pin.SpatialPinWarning")
 def test_so_is_what_was_imported(file, tmp_path):

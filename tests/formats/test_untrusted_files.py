@@ -139,6 +139,7 @@ HUGE = [  # what would take hours, or all memory
 ]
 
 
+@pytest.mark.alike
 @pytest.mark.parametrize("expression", HUGE, ids=lambda text: text[:30])
 def test_what_would_not_end_or_not_fit_is_refused(write, expression):
     with pytest.raises(sp.MechanismFileError, match=r"arm\.urdf\.xacro"):
@@ -171,6 +172,7 @@ def secret(tmp_path):
     return folder
 
 
+@pytest.mark.alike
 @pytest.mark.parametrize("file", ["../elsewhere/parts", "{folder}/parts", "link/parts", "parts"])
 @pytest.mark.parametrize("how", READING)
 def test_files_outside_the_folder_are_read_for_who_trusts(write, secret, tmp_path, how, file):

@@ -26,6 +26,7 @@ from spatial_pin.settings import MEASURED
 TURN = np.linspace(0.0, 2 * np.pi, 37)
 
 
+@pytest.mark.alike
 @pytest.mark.parametrize("name", [*each(sp.list_mechanisms()), *known.KNOWN])
 def test_rows_of_every_kind_and_their_rates_are_those_of_the_solvers(name, tmp_path):
     """Derivatives of the rows' definitions against Jacobians and biases, anywhere."""

@@ -204,6 +204,7 @@ def test_every_importer_and_every_way_of_stating_loops_has_a_case():
     assert len(BESIDE) == sum(name.startswith("statement") for name in CASES)
 
 
+@pytest.mark.alike
 @pytest.mark.parametrize("name", CASES)
 def test_what_was_imported_loads_as_it_was_saved(name, tmp_path):
     mech = sp.load(CASES[name](tmp_path / "source"))
@@ -214,6 +215,7 @@ def test_what_was_imported_loads_as_it_was_saved(name, tmp_path):
     same_answers(again, mech)
 
 
+@pytest.mark.alike
 @pytest.mark.parametrize("name", CASES)
 def test_and_as_it_was_exported_beside_other_robots_statements(name, tmp_path, run):
     path = CASES[name](tmp_path / "source")

@@ -153,6 +153,7 @@ def check(state: sp.State, deviations: dict[str, float], by_themselves: list,
 # ---------------------------------------------------------------- every kind
 
 
+@pytest.mark.alike
 @pytest.mark.parametrize("kind", TYPES)
 def test_every_closure_between_moving_bodies(tmp_path, by_themselves, kind):
     """What the closure leaves free follows from least motion alone, in which lengths count."""

@@ -141,12 +141,14 @@ def test_every_importer_that_can_name_files_has_a_case():
     assert {case.partition(":")[0] for case in CASES} == IMPORTERS.keys()
 
 
+@pytest.mark.alike
 @pytest.mark.parametrize("name", ["{part}", "./{part}", "inner/{part}", "../own/{part}"])
 def test_what_lies_below_the_folder_is_read(files, name):
     files.put("own", *name.split("/")[:-1][-1:]) if "inner" in name else files.put("own")
     files.is_read(name.format(part=files.part))
 
 
+@pytest.mark.alike
 @pytest.mark.parametrize("how", ["upwards", "absolute", "by a link", "by a linked folder"])
 def test_what_lies_elsewhere_is_read_for_who_trusts(files, how):
     far = files.put("far")
@@ -160,6 +162,7 @@ def test_what_lies_elsewhere_is_read_for_who_trusts(files, how):
     files.is_read(name, trusted=True)
 
 
+@pytest.mark.alike
 def test_what_lies_in_a_package_is_read(files, monkeypatch):
     far = files.put("far")
     (far.parent / "package.xml").write_text("<package><name>far</name></package>")

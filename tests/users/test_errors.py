@@ -54,6 +54,7 @@ WAYS = {"pickle": lambda x: pickle.loads(pickle.dumps(x)), "copy": copy.copy,
         "deepcopy": copy.deepcopy}
 
 
+@pytest.mark.alike
 @pytest.mark.parametrize("way", WAYS.values(), ids=WAYS)
 @pytest.mark.parametrize(("kind", "call"), [
     (sp.LimitError, too_far), (sp.AssemblyError, out_of_reach), (sp.UnknownNameError, misspelt),

@@ -45,6 +45,7 @@ def test_every_verb_that_starts_from_a_pose_calls_it_guess(verb):
     assert "guess" in inspect.signature(getattr(sp, verb)).parameters
 
 
+@pytest.mark.alike
 @pytest.mark.parametrize("start", STARTS)
 @pytest.mark.parametrize("verb", ["reach", "reach_path", "tolerance", "sweep", "follow", "limits",
                                   "assemble"])
