@@ -46,12 +46,12 @@ from spatial_pin.mobility.mobility import Mobility, mobility
 from spatial_pin.settings import Accuracy
 
 if TYPE_CHECKING:
+    from spatial_pin._support.columns import Quantity
     from spatial_pin.accuracy.reference import Errors
     from spatial_pin.accuracy.tradeoff import Measured, Tradeoff, tradeoff
     from spatial_pin.assembly.assemble import assemble
     from spatial_pin.assembly.export_mjcf import export_mjcf
     from spatial_pin.assembly.state import Gap, PointRates, RelativeMotion, State
-    from spatial_pin.columns import Quantity
     from spatial_pin.dimensions.calibrate import Calibration, calibrate
     from spatial_pin.dimensions.sensitivity import Sensitivity, sensitivity
     from spatial_pin.dimensions.tolerance import Tolerance, tolerance

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from spatial_pin.brief import counted
+from spatial_pin._support.brief import counted
 from spatial_pin.settings import LEVELS, Accuracy
 
 CLOSURES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-10, 1e-12, 1e-13, 1e-15)  # of order 3

@@ -12,6 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from spatial_pin._support.checks import checked, positive_number, whole_number
+from spatial_pin._support.outputs import named_path, write_text
+from spatial_pin._support.progress import progress_bar
 from spatial_pin.accuracy.grid import describe, simulation_settings, sweep_settings
 from spatial_pin.accuracy.reference import (
     Astray,
@@ -20,15 +23,12 @@ from spatial_pin.accuracy.reference import (
     SweepReference,
 )
 from spatial_pin.accuracy.tasks import SweepTask, Task, task_of
-from spatial_pin.checks import checked, positive_number, whole_number
 from spatial_pin.dynamics.simulation.simulate import Simulation
 from spatial_pin.errors import SingularError, SpatialPinError, unless_cut
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.outputs import named_path, write_text
-from spatial_pin.progress import progress_bar
 from spatial_pin.settings import Accuracy, accuracy_of
 
 if TYPE_CHECKING:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from spatial_pin._support.outputs import literal, save_figure
 from spatial_pin.accuracy.grid import describe
 from spatial_pin.accuracy.tradeoff import Measured, Tradeoff
-from spatial_pin.outputs import literal, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -101,7 +101,7 @@ def _short(text: str) -> str:
 
 def plot(tradeoff: Tradeoff, path: str | Path | None = None) -> Figure:
     """Draw error over time per step; see `Tradeoff.plot`."""
-    from spatial_pin.figures import ShownFigure
+    from spatial_pin._support.figures import ShownFigure
 
     figure = ShownFigure(figsize=(8.0, 5.5))
     axes = figure.subplots()

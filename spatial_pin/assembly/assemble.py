@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 from weakref import WeakSet
 
+from spatial_pin._support.checks import checked, mapping
 from spatial_pin.assembly.rounding import allowed_from, gap_allowed, rounded
 from spatial_pin.assembly.search.closing import Closing, Equations, gone_from
 from spatial_pin.assembly.search.counted_turns import led
@@ -17,7 +18,6 @@ from spatial_pin.assembly.search.search import Search
 from spatial_pin.assembly.search.straight import straight
 from spatial_pin.assembly.search.within_limits import beyond_words
 from spatial_pin.assembly.state import NO_ANGLES, State, made
-from spatial_pin.checks import checked, mapping
 from spatial_pin.errors import AssemblyError, warn
 from spatial_pin.mechanism.coordinates import (
     coordinate_value,

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from spatial_pin.checks import names_of
-from spatial_pin.lazy import made_once
+from spatial_pin._support.checks import names_of
+from spatial_pin._support.lazy import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry

@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from spatial_pin.columns import XYZ
+from spatial_pin._support.columns import XYZ
+from spatial_pin._support.lazy import made_once
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES

@@ -9,13 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin._support.brief import brief
+from spatial_pin._support.checks import finite_array, is_finite
+from spatial_pin._support.lazy import cached_property, made_once
 from spatial_pin.assembly.frames import Located, located
-from spatial_pin.brief import brief
-from spatial_pin.checks import finite_array, is_finite
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.lazy import cached_property, made_once
 from spatial_pin.mechanism.coordinates import CoordinateRates, coordinate_rates, needed
 from spatial_pin.mechanism.inertia import moving_mass
 from spatial_pin.mechanism.joint_limits import beyond_limits

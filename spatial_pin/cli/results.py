@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from spatial_pin._support.outputs import write_columns, write_csv, write_text
 from spatial_pin.cli.remedies import in_options
-from spatial_pin.outputs import write_columns, write_csv, write_text
 
 WIDTH = 80  # columns of a terminal
 SCREEN, STDOUT = "-", "/dev/stdout"

@@ -17,9 +17,9 @@ from importlib.metadata import PackageNotFoundError, metadata, version
 from pathlib import Path
 
 import spatial_pin as sp
+from spatial_pin._support.outputs import figure_suffix
 from spatial_pin.cli.parser import options_of
 from spatial_pin.cli.results import SCREEN, Told, unheard, worded
-from spatial_pin.outputs import figure_suffix
 
 DATA = ("json", "csv")  # options that take - for the screen
 FILES = ("csv", "npz", "plot", "html", "json", "movie", "urdf",

@@ -13,12 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin._support.outputs import plain_text
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.inverse_kinematics import targets
 from spatial_pin.inverse_kinematics.named_targets import is_angle, is_coordinate, is_part
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.outputs import plain_text
 from spatial_pin.units import UNITS, Quantity, quantity
 
 TIME = "time"

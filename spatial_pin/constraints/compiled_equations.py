@@ -22,11 +22,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from spatial_pin._support.lazy import made_once
 from spatial_pin.constraints.kinds import KINDS, Composed, Equation, Kind, Parts
 from spatial_pin.constraints.product_vectors import matrix_of, rate_matrix
 from spatial_pin.constraints.products import Products
 from spatial_pin.constraints.turns import turns_of
-from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.coordinates import needed
 from spatial_pin.mechanism.equations import ConstraintEquation
 from spatial_pin.mechanism.mechanism import Mechanism

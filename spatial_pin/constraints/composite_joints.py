@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.lazy import made_once
+from spatial_pin._support.lazy import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
 
 COMPOSITE = ("JointModelUniversal", "JointModelComposite")

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin._support.lazy import made_once
 from spatial_pin.constraints.product_vectors import frames_of
-from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.numerics.linalg import Array

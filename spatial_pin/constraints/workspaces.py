@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable
 from typing import Any, Generic, TypeVar, TypeVarTuple
 
-from spatial_pin.lazy import made_once
+from spatial_pin._support.lazy import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
 
 Workspace = TypeVar("Workspace")

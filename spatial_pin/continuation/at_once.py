@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.rounding import as_meant
 from spatial_pin.assembly.search.guesses import read_guess
@@ -21,7 +22,6 @@ from spatial_pin.continuation.start import moving_drivers
 from spatial_pin.kernel.beginning import Beginning
 from spatial_pin.kernel.closer import Closer
 from spatial_pin.kernel.paths import Samples, prescribed_places
-from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.rates.rates import check_not_held, prescribed_first

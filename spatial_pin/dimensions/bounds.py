@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from spatial_pin.checks import finite_number, names_of
+from spatial_pin._support.checks import finite_number, names_of
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.mechanism import Mechanism
 

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin._support.checks import checked, names_of, positive_number
+from spatial_pin._support.outputs import named_path, write_csv, write_text
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State
-from spatial_pin.checks import checked, names_of, positive_number
 from spatial_pin.dimensions.bounds import bounds_of
 from spatial_pin.dimensions.homotopy import followed, varied
 from spatial_pin.dimensions.measurements import (
@@ -32,7 +33,6 @@ from spatial_pin.motion.follow import follow
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array, decompose, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.outputs import named_path, write_csv, write_text
 
 EVALUATIONS = 300  # at most: ten are usual, some dozens with many outliers
 # Part of a residual's square over the margin's that counts, by loss: its derivative.

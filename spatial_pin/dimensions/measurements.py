@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.checks import finite_number, mapping, positive_number, rows_of
+from spatial_pin._support.checks import finite_number, mapping, positive_number, rows_of
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.inverse_kinematics.named_targets import read_targets

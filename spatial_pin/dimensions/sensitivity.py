@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from spatial_pin._support.brief import brief
+from spatial_pin._support.checks import checked, names_of
 from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State, of_mechanism
-from spatial_pin.brief import brief
-from spatial_pin.checks import checked, names_of
 from spatial_pin.dimensions.drive import Drive, end_of_range, with_forces, with_masses
 from spatial_pin.dimensions.samples import Samples
 from spatial_pin.dimensions.variants import Variants, idle_dimensions, tell_idle

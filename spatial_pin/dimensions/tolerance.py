@@ -13,22 +13,22 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from spatial_pin._support.checks import checked, generator, names_of, number_from_zero
+from spatial_pin._support.columns import Quantity, Tabular, chosen
+from spatial_pin._support.executors import in_order
+from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.held_start import starting_state
 from spatial_pin.assembly.state import State, of_mechanism
-from spatial_pin.checks import checked, generator, names_of, number_from_zero
-from spatial_pin.columns import Quantity, Tabular, chosen
 from spatial_pin.dimensions.drive import Drive, with_masses
 from spatial_pin.dimensions.samples import Near, Samples
 from spatial_pin.dimensions.sensitivity import sensitivities, with_spread, within_half_turn
 from spatial_pin.dimensions.variants import Variants, tell_idle
 from spatial_pin.errors import SpatialPinError, unless_cut
-from spatial_pin.executors import in_order
 from spatial_pin.formats.files import load
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.outputs import label_of
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.progress import progress_bar
 
 SOLVED_TOGETHER = 4096  # samples: fewer pay more for each call, more leave the cache
 MOST_DRAWN = 10_000_000  # which fit into a memory: spreads to 0.02 %

@@ -23,6 +23,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin._support.lazy import made_once
 from spatial_pin.dimensions.homotopy import varied
 from spatial_pin.errors import SpatialPinError, warn
 from spatial_pin.formats.faults import Faults
@@ -33,7 +34,6 @@ from spatial_pin.formats.xacro.dimensions import Values
 from spatial_pin.formats.xacro.expansion import expand, traced
 from spatial_pin.formats.xacro.parsing import parse_urdf
 from spatial_pin.formats.xacro.tracing import depends
-from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.inertia import inertia_as_given, put_inertias
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.checks import finite_number, mapping
+from spatial_pin._support.checks import finite_number, mapping
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.pinocchio_views import joint_jacobian

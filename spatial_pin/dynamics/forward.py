@@ -11,9 +11,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin._support.brief import first_names, words
+from spatial_pin._support.checks import checked
 from spatial_pin.assembly.state import State, moving_in_time
-from spatial_pin.brief import first_names, words
-from spatial_pin.checks import checked
 from spatial_pin.dynamics.forces import Law, joint_efforts, warn_of_no_inertia
 from spatial_pin.dynamics.reactions import why_not_unique
 from spatial_pin.dynamics.solvers.equations import Equations, equations_of

@@ -9,10 +9,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin._support.brief import first_names
+from spatial_pin._support.checks import checked, names_of, positive_number
+from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.holding import untied, velocity_entries
 from spatial_pin.assembly.state import State, moving_in_time
-from spatial_pin.brief import first_names
-from spatial_pin.checks import checked, names_of, positive_number
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.forward import Dynamics, Load
@@ -26,7 +27,6 @@ from spatial_pin.dynamics.solvers.freedoms import (
     round_off,
 )
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate

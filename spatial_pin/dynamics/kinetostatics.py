@@ -10,10 +10,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin._support.brief import first_names
+from spatial_pin._support.checks import checked, mapping
+from spatial_pin._support.columns import Quantity, Tabular, read_only
 from spatial_pin.assembly.state import State, moving_in_time
-from spatial_pin.brief import first_names
-from spatial_pin.checks import checked, mapping
-from spatial_pin.columns import Quantity, Tabular, read_only
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.inverse import Actuation, actuation_of, balance, pressing
 from spatial_pin.dynamics.reactions import Poses, one_of_many, why_not_unique

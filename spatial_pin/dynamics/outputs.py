@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
-from spatial_pin.checks import names_of
-from spatial_pin.columns import Quantity
+from spatial_pin._support.checks import names_of
+from spatial_pin._support.columns import Quantity
+from spatial_pin._support.lazy import cached_property
 from spatial_pin.dynamics.kinetostatics import Kinetostatics, kinetostatics
 from spatial_pin.dynamics.simulation.result import Simulation, driver_names
 from spatial_pin.errors import UnknownNameError
-from spatial_pin.lazy import cached_property
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Motion, Output
 from spatial_pin.motion.outputs import abscissas, component, component_of, is_force, named

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from spatial_pin._support.outputs import named_folder, named_path, replacing, write_text
 from spatial_pin.errors import MechanismFileError, SpatialPinError, warn
 from spatial_pin.formats.dialects import Reading, read_dialects
 from spatial_pin.formats.pinocchio_model.joints import joint_axis
@@ -28,7 +29,6 @@ from spatial_pin.mechanism.pairs import COUPLING, PAIRS
 from spatial_pin.mechanism.parts import Closure, Spring, drivers_of_tree
 from spatial_pin.mechanism.resistance import Resistance
 from spatial_pin.numerics.linalg import EPS, Array
-from spatial_pin.outputs import named_folder, named_path, replacing, write_text
 
 STANDARD_GRAVITY = [0.0, 0.0, -9.81]  # m/s², of a tree whose file says nothing
 MESHES = "meshes"

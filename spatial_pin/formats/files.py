@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from spatial_pin.checks import number_from_zero
+from spatial_pin._support.checks import number_from_zero
 from spatial_pin.errors import MechanismFileError, Mistakes, suggestion, warn
 from spatial_pin.formats import urdf_importer
 from spatial_pin.formats.checked_tables import Table

@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.holding import Hold, held_by
 from spatial_pin.assembly.state import State
 from spatial_pin.errors import Interrupted, ReachError, SpatialPinError
@@ -21,7 +22,6 @@ from spatial_pin.inverse_kinematics.target_tables import Table, targets_at
 from spatial_pin.motion.follow import follow
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.progress import progress_bar
 from spatial_pin.settings import Accuracy
 
 UNEVEN = 3.0  # by how much a step may be longer than most are, where they are gone anew

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin._support.checks import finite_array, finite_number
+from spatial_pin._support.columns import XYZ
 from spatial_pin.assembly.link_angle import ANGLE, LinkAngle, link_angle
 from spatial_pin.assembly.state import center_of_mass
-from spatial_pin.checks import finite_array, finite_number
-from spatial_pin.columns import XYZ
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.inverse_kinematics.targets import (

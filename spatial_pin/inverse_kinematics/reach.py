@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin._support.brief import counted
+from spatial_pin._support.checks import checked
 from spatial_pin.assembly.held_start import starting_state
 from spatial_pin.assembly.holding import BASE, Hold, held_by
 from spatial_pin.assembly.search.whole_turns import periodic
 from spatial_pin.assembly.state import State
-from spatial_pin.brief import counted
-from spatial_pin.checks import checked
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.errors import ReachError
 from spatial_pin.inverse_kinematics.named_targets import read_targets

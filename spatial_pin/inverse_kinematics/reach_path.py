@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from spatial_pin._support.brief import counted
+from spatial_pin._support.checks import checked, names_of
 from spatial_pin.assembly.held_start import starting_state
 from spatial_pin.assembly.holding import BASE, Hold, free_bases, held_by, is_base
 from spatial_pin.assembly.state import State
-from spatial_pin.brief import counted
-from spatial_pin.checks import checked, names_of
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.errors import ReachError, SingularError
 from spatial_pin.inverse_kinematics.driver_singularities import driver_singularities

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.checks import finite_array, finite_number, mapping
+from spatial_pin._support.checks import finite_array, finite_number, mapping
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.inverse_kinematics.named_targets import output_target
 from spatial_pin.inverse_kinematics.targets import Position, Target, check_rotations

@@ -23,9 +23,15 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin._support.checks import (
+    checked,
+    finite_array,
+    finite_number,
+    positive_number,
+    unit_vector,
+)
+from spatial_pin._support.columns import XYZ
 from spatial_pin.assembly.state import mass_shares
-from spatial_pin.checks import checked, finite_array, finite_number, positive_number, unit_vector
-from spatial_pin.columns import XYZ
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.mechanism.coordinates import coordinate_gradient, coordinate_value
 from spatial_pin.mechanism.mechanism import Mechanism

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin._support.lazy import made_once
 from spatial_pin.errors import MechanismFileError, Mistakes, SpatialPinError
-from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.mechanism import Mechanism, named, point_on_body, rigid_distance
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure, Driver, Passive, Spring

@@ -20,7 +20,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from spatial_pin.checks import finite_number, positive_number, unit_vector
+from spatial_pin._support.checks import finite_number, positive_number, unit_vector
 from spatial_pin.errors import ClosureTypeError, suggestion
 from spatial_pin.mechanism.pairs import (
     CLOSURE_TYPES,

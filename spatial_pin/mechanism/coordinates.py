@@ -16,10 +16,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.brief import brief
-from spatial_pin.checks import as_array, finite_array, finite_number
+from spatial_pin._support.brief import brief
+from spatial_pin._support.checks import as_array, finite_array, finite_number
+from spatial_pin._support.lazy import made_once
 from spatial_pin.errors import MechanismFileError, SpatialPinError, UnknownNameError
-from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mechanism.parts import Coordinate

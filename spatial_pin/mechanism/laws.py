@@ -21,7 +21,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from spatial_pin.checks import checked, finite_array, finite_number, positive_number
+from spatial_pin._support.checks import checked, finite_array, finite_number, positive_number
 
 __all__ = ["constant_speed", "cycloid", "polynomial", "ramp", "sine", "spline"]
 DriverLaw = Callable[[float], tuple[float, float, float]]

@@ -12,14 +12,14 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from spatial_pin.brief import counted
+from spatial_pin._support.brief import counted
+from spatial_pin._support.lazy import RESULTS, cached_property, made_once
 from spatial_pin.errors import (
     ClosureTypeError,
     MechanismFileError,
     SpatialPinError,
     UnknownNameError,
 )
-from spatial_pin.lazy import RESULTS, cached_property, made_once
 from spatial_pin.mechanism.extent import Extent, centred, extent_of
 from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.mechanism.named_frames import Frame, frames_by_name

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.checks import finite_array
+from spatial_pin._support.checks import finite_array
 from spatial_pin.errors import MechanismFileError, UnknownNameError
 
 

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from spatial_pin.checks import finite_number
-from spatial_pin.lazy import cached_property
+from spatial_pin._support.checks import finite_number
+from spatial_pin._support.lazy import cached_property
 from spatial_pin.mechanism.equations import ConstraintEquation
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS, Pair, PairGeometry
 

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from spatial_pin.checks import positive_number
+from spatial_pin._support.checks import positive_number
 from spatial_pin.mechanism.coordinates import coordinates_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array

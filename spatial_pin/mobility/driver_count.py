@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from spatial_pin._support.brief import counted
 from spatial_pin.assembly.holding import still_entries
 from spatial_pin.assembly.state import State
 from spatial_pin.assembly.undetermined import check_loops
-from spatial_pin.brief import counted
 from spatial_pin.constraints.closure_equations import evaluated
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.mechanism.coordinates import driver_coordinates

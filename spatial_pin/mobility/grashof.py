@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from spatial_pin._support.checks import checked
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State, of_mechanism
-from spatial_pin.checks import checked
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.errors import SpatialPinError

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin._support.brief import brief
 from spatial_pin.assembly.close import close, scaled_row
 from spatial_pin.assembly.holding import still_entries
 from spatial_pin.assembly.passive_freedoms import (
@@ -16,7 +17,6 @@ from spatial_pin.assembly.passive_freedoms import (
     moved_bodies,
     passive_freedoms,
 )
-from spatial_pin.brief import brief
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.mobility.loops import ALGEBRA_TOLERANCE

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from spatial_pin._support.checks import checked
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.holding import free_bases
 from spatial_pin.assembly.rounding import as_meant, gap_words, rounding_of
 from spatial_pin.assembly.state import State, all_angles, of_mechanism
-from spatial_pin.checks import checked
 from spatial_pin.constraints.closure_equations import Evaluation, evaluated
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SpatialPinError

@@ -7,7 +7,7 @@ from contextlib import suppress
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.checks import checked
+from spatial_pin._support.checks import checked
 from spatial_pin.continuation.cursor import Stopped, cursor_along
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.motion.motion import Event, Motion, motion_needed

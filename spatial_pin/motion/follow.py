@@ -8,10 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from spatial_pin._support.checks import as_array, checked, finite_array, mapping, names_of
+from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.held_start import held_start
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State
-from spatial_pin.checks import as_array, checked, finite_array, mapping, names_of
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.continuation.follow import followed_as_far
 from spatial_pin.continuation.pseudo_arclength import Arrival
@@ -27,7 +28,6 @@ from spatial_pin.motion.rated_limits import velocity_limit_events
 from spatial_pin.motion.sweep import ENDS, check_choice, crossed_event, stop_event, sweep
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.progress import progress_bar
 from spatial_pin.rates.depending import depending_on
 from spatial_pin.rates.rates import check_finite, check_not_held
 from spatial_pin.settings import Accuracy, accuracy_of

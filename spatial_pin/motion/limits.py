@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from spatial_pin._support.checks import checked
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
-from spatial_pin.checks import checked
 from spatial_pin.continuation.asymptotes import running_away
 from spatial_pin.continuation.curve_start import body_places, direction_of, not_spinning, system_at
 from spatial_pin.continuation.pseudo_arclength import towards

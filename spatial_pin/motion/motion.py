@@ -13,16 +13,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from spatial_pin._support.brief import brief, words
+from spatial_pin._support.checks import checked, is_finite
+from spatial_pin._support.columns import Quantity, Tabular, read_only, write_npz
+from spatial_pin._support.outputs import named_path
 from spatial_pin.assembly.holding import BASE, as_written, written
 from spatial_pin.assembly.state import State
-from spatial_pin.brief import brief, words
-from spatial_pin.checks import checked, is_finite
-from spatial_pin.columns import Quantity, Tabular, read_only, write_npz
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.coordinates import CoordinateRates, coordinate_rates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.outputs import named_path
 
 
 class Event(NamedTuple):

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin._support.checks import names_of
+from spatial_pin._support.columns import XYZ, Quantity
 from spatial_pin.assembly.link_angle import ANGLE, link_angle
 from spatial_pin.assembly.state import center_of_mass, mass_shares
-from spatial_pin.checks import names_of
-from spatial_pin.columns import XYZ, Quantity
 from spatial_pin.constraints.trees import tree_of
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.inertia import moving_mass

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.brief import brief
-from spatial_pin.lazy import made_anew
+from spatial_pin._support.brief import brief
+from spatial_pin._support.lazy import made_anew
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.motion.joint_limits import SLACK

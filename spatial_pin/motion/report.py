@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from spatial_pin._support.brief import counted
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State
-from spatial_pin.brief import counted
 from spatial_pin.errors import AssemblyError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING

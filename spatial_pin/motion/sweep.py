@@ -10,10 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from spatial_pin.assembly.held_start import held_start
-from spatial_pin.assembly.holding import BASE, Hold
-from spatial_pin.assembly.state import State
-from spatial_pin.checks import (
+from spatial_pin._support.checks import (
     FEW,
     as_array,
     checked,
@@ -22,6 +19,11 @@ from spatial_pin.checks import (
     is_finite,
     names_of,
 )
+from spatial_pin._support.lazy import made_once
+from spatial_pin._support.progress import progress_bar
+from spatial_pin.assembly.held_start import held_start
+from spatial_pin.assembly.holding import BASE, Hold
+from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.continuation.asymptotes import BEYOND_LINKS
 from spatial_pin.continuation.at_once import swept_at_once
@@ -32,7 +34,6 @@ from spatial_pin.continuation.start import Start, moving_drivers
 from spatial_pin.errors import Interrupted, LimitError, SingularError, SpatialPinError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.paths import Samples
-from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.coordinates import coordinate_value, driver_coordinates, needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
@@ -42,7 +43,6 @@ from spatial_pin.motion.rated_limits import velocity_limit_events
 from spatial_pin.motion.rounding import within_gap
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.progress import progress_bar
 from spatial_pin.rates.depending import depending_on
 from spatial_pin.rates.rates import SOLUTION_ERROR, check_finite, check_not_held
 from spatial_pin.settings import Accuracy, accuracy_of

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from spatial_pin._support.checks import checked, positive_number
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State
-from spatial_pin.checks import checked, positive_number
 from spatial_pin.continuation.branch_points import straight_on
 from spatial_pin.continuation.curve_start import body_places, direction_of, not_spinning, system_at
 from spatial_pin.continuation.pseudo_arclength import ArcLengthPath

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.checks import checked, finite_array, finite_number, rows_of
+from spatial_pin._support.checks import checked, finite_array, finite_number, rows_of
 from spatial_pin.errors import suggestion
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.operators.rotation import rotation_matrix

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.checks import checked, finite_array, finite_number, finite_points
+from spatial_pin._support.checks import checked, finite_array, finite_number, finite_points
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 

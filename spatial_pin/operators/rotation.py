@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.checks import checked, finite_array, finite_number, rows_of, unit_vector
+from spatial_pin._support.checks import checked, finite_array, finite_number, rows_of, unit_vector
 from spatial_pin.numerics.linalg import Array, aligned
 from spatial_pin.numerics.tolerances import TOLERANCES
 

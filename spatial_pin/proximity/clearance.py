@@ -8,14 +8,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from spatial_pin._support.brief import brief
+from spatial_pin._support.checks import checked, finite_number
+from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.state import State
-from spatial_pin.brief import brief
-from spatial_pin.checks import checked, finite_number
 from spatial_pin.errors import SpatialPinError, unless_cut
 from spatial_pin.motion.motion import Event, Motion, motion_needed
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.progress import progress_bar
 from spatial_pin.proximity.between import Between
 from spatial_pin.proximity.distances import Distances
 from spatial_pin.proximity.search import Found, Place, Search

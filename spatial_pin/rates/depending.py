@@ -13,17 +13,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from spatial_pin._support.checks import names_of
+from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.holding import Hold, free_bases, velocity_entries
 from spatial_pin.assembly.rank_loss import rank_loss
 from spatial_pin.assembly.search.loop_groups import LoopGroup, loop_groups, part_of
 from spatial_pin.assembly.state import State, made
-from spatial_pin.checks import names_of
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import Kernel, kernel_of
 from spatial_pin.kernel.paths import Samples
 from spatial_pin.kernel.rates import Chosen, Rates
-from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import Array, common_rows, independent_rows, null_space

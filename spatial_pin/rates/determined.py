@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
+from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.holding import FixedHold, Hold, divided, fixed, held_by
 from spatial_pin.assembly.square_system import SINGULAR_PIVOT, SquareSystem
 from spatial_pin.assembly.state import State
@@ -18,7 +19,6 @@ from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.paths import prescribed_places
 from spatial_pin.kernel.rates import Chosen, Rates, rates_of
-from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.rates.prescribed import driven_coordinates, rate_coordinates, siblings

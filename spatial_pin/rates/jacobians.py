@@ -8,16 +8,16 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin._support.brief import brief
+from spatial_pin._support.checks import checked, names_of
+from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.holding import BASE, FixedHold, Hold, fixed, free_bases, is_base
 from spatial_pin.assembly.state import WORLD_AXES, State, of_mechanism
-from spatial_pin.brief import brief
-from spatial_pin.checks import checked, names_of
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import Constraints
 from spatial_pin.constraints.pinocchio_views import frame_jacobian
 from spatial_pin.kernel.kernel import Kernel, kernel_of
 from spatial_pin.kernel.rates import Rates
-from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.coordinates import finite_array, needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS

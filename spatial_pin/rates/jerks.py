@@ -12,10 +12,10 @@ from collections.abc import Mapping
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin._support.brief import words
+from spatial_pin._support.checks import checked, finite_number
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State, center_of_mass, mass_shares, of_mechanism
-from spatial_pin.brief import words
-from spatial_pin.checks import checked, finite_number
 from spatial_pin.constraints.closure_equations import TWIST_MATRIX, Evaluation, evaluation_of
 from spatial_pin.constraints.composed_equations import composed_rates
 from spatial_pin.constraints.composite_joints import split_of

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from spatial_pin.checks import finite_array, finite_number
+from spatial_pin._support.checks import finite_array, finite_number
 from spatial_pin.mechanism.coordinates import coordinates_of, driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS

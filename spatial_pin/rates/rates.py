@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from spatial_pin._support.checks import checked, finite_number, is_finite, mapping
+from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.close import scaled_row
 from spatial_pin.assembly.holding import (
     BASE,
@@ -18,12 +20,10 @@ from spatial_pin.assembly.holding import (
     held_by,
 )
 from spatial_pin.assembly.state import State, made, of_mechanism
-from spatial_pin.checks import checked, finite_number, is_finite, mapping
 from spatial_pin.constraints.closure_equations import Evaluation, evaluated, evaluation_of
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.rates import Chosen, Solved
-from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import EPS, Array, decompose, independent_rows, rank

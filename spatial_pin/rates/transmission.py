@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from spatial_pin._support.brief import brief
+from spatial_pin._support.checks import checked
 from spatial_pin.assembly.close import pinned_rows
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State, of_mechanism
-from spatial_pin.brief import brief
-from spatial_pin.checks import checked
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.errors import SpatialPinError, UnknownNameError

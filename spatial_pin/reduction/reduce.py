@@ -9,13 +9,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from spatial_pin._support.checks import checked
+from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State, of_mechanism
-from spatial_pin.checks import checked
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.coordinates import coordinates_of, joint_values, needed
 from spatial_pin.mechanism.extent import Extent
 from spatial_pin.mechanism.mechanism import Mechanism

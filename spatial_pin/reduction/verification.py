@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from spatial_pin._support.brief import counted
+from spatial_pin._support.checks import as_array
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State
-from spatial_pin.brief import counted
-from spatial_pin.checks import as_array
 from spatial_pin.dynamics.forward import forward_dynamics
 from spatial_pin.dynamics.kinetostatics import kinetostatics
 from spatial_pin.errors import SpatialPinError

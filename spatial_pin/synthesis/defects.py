@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from spatial_pin._support.checks import checked
 from spatial_pin.assembly.state import State, of_mechanism
-from spatial_pin.checks import checked
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism

@@ -7,9 +7,9 @@ from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
+from spatial_pin._support.checks import checked, whole_number
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State
-from spatial_pin.checks import checked, whole_number
 from spatial_pin.dimensions.bounds import bounds_of
 from spatial_pin.dimensions.variants import tell_idle
 from spatial_pin.errors import unless_cut

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.checks import (
+from spatial_pin._support.checks import (
     checked,
     finite_array,
     finite_number,

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin._support.outputs import named_path, write_text
 from spatial_pin.assembly.state import State
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.outputs import named_path, write_text
 from spatial_pin.synthesis.problem import Found
 from spatial_pin.synthesis.settling import Samples
 

@@ -11,9 +11,9 @@ from typing import Any, NamedTuple, overload
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin._support.brief import brief, counted
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State
-from spatial_pin.brief import brief, counted
 from spatial_pin.dimensions.homotopy import followed
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.joint_limits import joint_limits

@@ -13,15 +13,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from spatial_pin.checks import whole_number
+from spatial_pin._support.checks import whole_number
+from spatial_pin._support.executors import in_order
+from spatial_pin._support.progress import progress_bar
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.executors import in_order
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mobility.mobility import mobility
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.progress import progress_bar
 from spatial_pin.synthesis.atlas import SHEETS, Atlas, Begin
 from spatial_pin.synthesis.kept import Kept, fingerprint
 from spatial_pin.synthesis.problem import Found, Problem, ProblemSpec

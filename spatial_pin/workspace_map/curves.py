@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from spatial_pin._support.checks import finite_number, mapping, positive_number
 from spatial_pin.assembly.search.whole_turns import turned_apart
-from spatial_pin.checks import finite_number, mapping, positive_number
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.checks import finite_number, positive_number
+from spatial_pin._support.checks import finite_number, positive_number
+from spatial_pin._support.outputs import literal, save_figure
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.motion.sweep import check_choice
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.outputs import literal, save_figure
 from spatial_pin.workspace_map.result import Curve, Workspace
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ def plot(
     at: float | None = None, thickness: float | None = None,
 ) -> Figure:
     """Draw points in a plane, coloured by dexterity; see `Workspace.plot`."""
-    from spatial_pin.figures import ShownFigure
+    from spatial_pin._support.figures import ShownFigure
 
     points = found.points[found.reached]
     if plane is None:

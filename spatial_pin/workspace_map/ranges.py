@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from spatial_pin.checks import finite_array, mapping, whole_number
+from spatial_pin._support.checks import finite_array, mapping, whole_number
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.workspace_map.poses import pose_parts

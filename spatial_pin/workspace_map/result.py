@@ -12,10 +12,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin._support.brief import brief
+from spatial_pin._support.checks import checked
+from spatial_pin._support.columns import Quantity, Tabular, chosen, quantities_of
 from spatial_pin.assembly.state import State
-from spatial_pin.brief import brief
-from spatial_pin.checks import checked
-from spatial_pin.columns import Quantity, Tabular, chosen, quantities_of
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array

@@ -9,10 +9,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from spatial_pin._support.checks import checked, names_of, positive_number
+from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State
-from spatial_pin.checks import checked, names_of, positive_number
 from spatial_pin.errors import SingularError, SpatialPinError, unless_cut
 from spatial_pin.mechanism.coordinates import coordinate_value, driver_coordinates, needed
 from spatial_pin.mechanism.joint_limits import beyond_limits
@@ -20,7 +21,6 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.follow import follow
 from spatial_pin.motion.sweep import check_choice
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.progress import progress_bar
 from spatial_pin.proximity.distances import Distances
 from spatial_pin.rates.jacobians import jacobian
 from spatial_pin.rates.rates import check_not_held

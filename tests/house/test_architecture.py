@@ -20,8 +20,7 @@ MOST = 20  # modules of a folder: files are found by name
 # rooms in the order of their layers, files of no room at the top among them; rooms inside of rooms
 # likewise, where files beside them may stand anywhere that makes no circle
 LAYERS = {
-    "": ["errors", "brief", "lazy", "outputs", "figures", "progress", "executors",
-         "checks", "columns", "settings", "units", "kernel.sources", "kernel.library", "numerics",
+    "": ["errors", "_support", "settings", "units", "kernel.sources", "kernel.library", "numerics",
          "operators", "mechanism", "formats", "constraints", "kernel", "assembly", "rates",
          "mobility", "continuation", "motion", "proximity", "inverse_kinematics", "workspace_map",
          "dynamics", "dimensions", "reduction", "accuracy", "synthesis", "view",

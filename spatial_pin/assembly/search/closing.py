@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin._support.lazy import cached_property, made_once
 from spatial_pin.assembly.close import NOTHING, close, closed, finite
 from spatial_pin.assembly.search.guesses import NEAR_GUESS, OPEN, Guess, far_ones
 from spatial_pin.assembly.search.loop_groups import LoopGroup, part_of
@@ -20,7 +21,6 @@ from spatial_pin.assembly.state import all_angles
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.kernel.closer import LOOSE, Closed, Examined, Meant, Reached, closer_of
-from spatial_pin.lazy import cached_property, made_once
 from spatial_pin.mechanism.coordinates import coordinate_round_off, coordinate_value, with_values
 from spatial_pin.mechanism.joint_limits import position_limits
 from spatial_pin.mechanism.mechanism import Mechanism

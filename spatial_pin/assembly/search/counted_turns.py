@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.close import closed
 from spatial_pin.assembly.holding import still_entries
 from spatial_pin.assembly.search.guesses import Guess
@@ -22,7 +23,6 @@ from spatial_pin.assembly.search.targets import free_but
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.closer import closer_of
-from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.coordinates import coordinate_value, with_values
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array

@@ -10,12 +10,12 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin._support.lazy import cached_property, made_anew, made_once
 from spatial_pin.assembly.search.loop_groups import LoopGroup
 from spatial_pin.assembly.search.whole_turns import periodic
 from spatial_pin.assembly.state import State
 from spatial_pin.kernel.closer import AT_ONCE, MOST_GROUPS, Shakes
 from spatial_pin.kernel.kernel import kernel_of
-from spatial_pin.lazy import cached_property, made_anew, made_once
 from spatial_pin.mechanism.coordinates import (
     by_joint,
     finite_array,

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from spatial_pin._support.lazy import made_once
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.coordinates import by_joint
 from spatial_pin.mechanism.mechanism import Mechanism
 

@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
+from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.search.closing import ACCEPTED
 from spatial_pin.assembly.search.counted_turns import uncounted
 from spatial_pin.assembly.search.guesses import (
@@ -24,7 +25,6 @@ from spatial_pin.assembly.search.targets import Left, asked_of, left_of
 from spatial_pin.assembly.state import State, made
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.kernel.closer import MOST_GROUPS, closer_of
-from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array

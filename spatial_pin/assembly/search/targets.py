@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.close import DAMPED_STEPS
 from spatial_pin.assembly.holding import still_entries
 from spatial_pin.assembly.search.guesses import Further, further_starts
 from spatial_pin.assembly.search.loop_groups import LoopGroup, loop_groups, loose_entries
 from spatial_pin.assembly.search.whole_turns import said_of
 from spatial_pin.kernel.closer import NAMED, Asked
-from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.coordinates import by_joint
 from spatial_pin.mechanism.joint_limits import position_limits
 from spatial_pin.mechanism.mechanism import Mechanism

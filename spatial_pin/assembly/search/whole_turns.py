@@ -8,9 +8,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin._support.lazy import made_once
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.kernel.closer import HELD, NAMED, TURNS, Meant, closer_of
-from spatial_pin.lazy import made_once
 from spatial_pin.mechanism.joint_limits import position_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 import spatial_pin as sp
+from spatial_pin._support.columns import heading
 from spatial_pin.accuracy.tradeoff_view import table
 from spatial_pin.cli.asked import as_far_as_found, held, loaded
 from spatial_pin.cli.commands.motions import beginning, sweep_task
@@ -23,7 +24,6 @@ from spatial_pin.cli.options import (
     sweep_arguments,
 )
 from spatial_pin.cli.results import finite, tell
-from spatial_pin.columns import heading
 
 UNITS = {"time_per_step": "s", "spread": "s", **dict.fromkeys(  # of others "-", of texts none
     ("setting", "steps", "solver_steps", "below_reference", "on_front", "said"), "")}

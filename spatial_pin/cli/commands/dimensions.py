@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 import spatial_pin as sp
+from spatial_pin._support.columns import heading
 from spatial_pin.cli.asked import (
     along,
     as_far_as_found,
@@ -29,7 +30,6 @@ from spatial_pin.cli.options import (
     workers_option,
 )
 from spatial_pin.cli.results import finite, tell
-from spatial_pin.columns import heading
 from spatial_pin.dimensions.sensitivity import unit_of_derivative
 from spatial_pin.errors import UnknownNameError
 from spatial_pin.motion.motion import first_samples

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import spatial_pin as sp
-from spatial_pin.brief import counted
+from spatial_pin._support.brief import counted
 from spatial_pin.cli.asked import loaded
 from spatial_pin.cli.completion import SHELLS, script
 from spatial_pin.cli.new_files import write_from, write_new

@@ -7,6 +7,7 @@ import argparse
 import numpy as np
 
 import spatial_pin as sp
+from spatial_pin._support.columns import Quantity, flat
 from spatial_pin.assembly.holding import held_by
 from spatial_pin.cli.asked import along, held, loaded, motion_over, state_at
 from spatial_pin.cli.names import check_names
@@ -19,7 +20,6 @@ from spatial_pin.cli.options import (
     over_options,
 )
 from spatial_pin.cli.results import finite, grid, tell
-from spatial_pin.columns import Quantity, flat
 from spatial_pin.motion.motion import first_samples
 from spatial_pin.motion.summary import tidy
 from spatial_pin.rates.rates import check_not_held

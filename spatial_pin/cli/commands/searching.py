@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import spatial_pin as sp
+from spatial_pin._support.outputs import write_columns
 from spatial_pin.cli.asked import (
     as_far_as_found,
     fitting,
@@ -38,7 +39,6 @@ from spatial_pin.cli.options import (
 )
 from spatial_pin.cli.readings import check_sigma, read_readings
 from spatial_pin.cli.results import finite, tell
-from spatial_pin.outputs import write_columns
 from spatial_pin.units import LENGTHS
 from spatial_pin.workspace_map.curves import curve_columns
 from spatial_pin.workspace_map.poses import PARTS

@@ -18,8 +18,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin._support.checks import checked
 from spatial_pin.assembly.state import State, moving_in_time
-from spatial_pin.checks import checked
 from spatial_pin.constraints.composite_joints import split_of
 from spatial_pin.dynamics.derivatives.closures import Rates, Rows
 from spatial_pin.dynamics.derivatives.forces import Outside, Pull, Slopes, Springs, spring_slopes

@@ -18,8 +18,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin._support.brief import brief
 from spatial_pin.assembly.state import State
-from spatial_pin.brief import brief
 from spatial_pin.constraints.composed_equations import combined_wrenches
 from spatial_pin.constraints.composite_joints import SplitModel
 from spatial_pin.constraints.pinocchio_views import acceleration_derivatives

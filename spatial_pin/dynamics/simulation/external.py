@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin._support.checks import as_array, is_finite, mapping
 from spatial_pin.assembly.state import State
-from spatial_pin.checks import as_array, is_finite, mapping
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 

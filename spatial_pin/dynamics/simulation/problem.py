@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from spatial_pin._support.checks import mapping
 from spatial_pin.assembly.state import State
-from spatial_pin.checks import mapping
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.dynamics.forces import (
     Forces,

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from spatial_pin.checks import checked
-from spatial_pin.columns import Quantity, write_npz
+from spatial_pin._support.checks import checked
+from spatial_pin._support.columns import Quantity, write_npz
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.joint_limits import JointLimit
 from spatial_pin.mechanism.mechanism import Mechanism

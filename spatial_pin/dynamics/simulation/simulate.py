@@ -9,8 +9,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from spatial_pin._support.checks import as_array, checked, positive_number
+from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.state import State, moving_in_time
-from spatial_pin.checks import as_array, checked, positive_number
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.simulation.external import WrenchLaw, external_forces
 from spatial_pin.dynamics.simulation.formulations.free_fall import FreeFall, floats
@@ -37,7 +38,6 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.motion.rounding import within_gap
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.progress import progress_bar
 from spatial_pin.settings import INTEGRATORS, Accuracy, accuracy_of
 
 __all__ = ["Projection", "Simulation", "simulate"]

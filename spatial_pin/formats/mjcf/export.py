@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin._support.outputs import named_path, write_text
 from spatial_pin.errors import SpatialPinError, warn
 from spatial_pin.formats.mjcf.compiling import some
 from spatial_pin.formats.mjcf.export_joints import add_joints
@@ -25,7 +26,6 @@ from spatial_pin.mechanism.checks import refuse_negative_inertias
 from spatial_pin.mechanism.coordinates import joint_values, with_values
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.outputs import named_path, write_text
 
 SUFFIXES = (".xml", ".mjcf")
 HOME = "home"  # the name of the key

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from spatial_pin.checks import finite_array, number_from_zero
+from spatial_pin._support.checks import finite_array, number_from_zero
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.formats.pinocchio_model.joints import (
     check_placement,

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.checks import finite_array
+from spatial_pin._support.checks import finite_array
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.formats.urdf.elements import UNBOUNDED
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS, axes_from_z, unit

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
+from spatial_pin._support.checks import checked, generator, mapping, positive_number
+from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.assemble import assembled, standing_drivers, tell
 from spatial_pin.assembly.holding import free_bases
 from spatial_pin.assembly.rounding import as_meant
 from spatial_pin.assembly.search.guesses import read_guess
-from spatial_pin.checks import checked, generator, mapping, positive_number
 from spatial_pin.errors import AssemblyError, unless_cut
 from spatial_pin.mechanism.coordinates import (
     coordinate_value,
@@ -22,7 +23,6 @@ from spatial_pin.mobility.modes.readings import answer
 from spatial_pin.mobility.modes.result import AssemblyModes
 from spatial_pin.mobility.modes.rods import Rod, core_of, rods_of
 from spatial_pin.mobility.modes.search import Search, moving
-from spatial_pin.progress import progress_bar
 from spatial_pin.settings import Accuracy, accuracy_of
 
 ENDLESS = 10**8  # starts: days, at a thousand a second

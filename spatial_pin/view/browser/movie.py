@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from spatial_pin.checks import checked, picture_size, positive_number
+from spatial_pin._support.checks import checked, picture_size, positive_number
+from spatial_pin._support.outputs import named_path, replacing
+from spatial_pin._support.progress import progress_bar
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.outputs import named_path, replacing
-from spatial_pin.progress import progress_bar
 from spatial_pin.view.browser.devtools import Browser
 from spatial_pin.view.page.html import export_html
 from spatial_pin.view.scene.film import film

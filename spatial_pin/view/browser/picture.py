@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from spatial_pin.checks import checked, picture_size
+from spatial_pin._support.checks import checked, picture_size
+from spatial_pin._support.outputs import named_path, write_bytes
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.outputs import named_path, write_bytes
 from spatial_pin.view.page.html import export_html
 from spatial_pin.view.scene.film import Film, film
 from spatial_pin.view.scene.overlay import overlaid

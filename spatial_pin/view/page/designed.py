@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from spatial_pin._support.outputs import literal
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.outputs import literal
 from spatial_pin.synthesis.goals import Function, Path, Poses
 from spatial_pin.synthesis.results import Design, Met
 from spatial_pin.view.page.markup import number, paragraph, table, tiny

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from spatial_pin.checks import checked, plain_text
-from spatial_pin.outputs import named_path, write_text
+from spatial_pin._support.checks import checked, plain_text
+from spatial_pin._support.outputs import named_path, write_text
 from spatial_pin.view.page.curves import curves_of
 from spatial_pin.view.scene.film import Film, Reading, film, length_words
 from spatial_pin.view.scene.framing import ASPECT, Framing

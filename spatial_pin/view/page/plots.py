@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.checks import checked, plain_text
+from spatial_pin._support.checks import checked, plain_text
+from spatial_pin._support.outputs import literal, save_figure
 from spatial_pin.motion.motion import Output, motion_needed
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.outputs import literal, save_figure
 from spatial_pin.view.scene.film import one_way
 
 if TYPE_CHECKING:
@@ -272,8 +272,8 @@ def plot(
         >>> len(figure.axes)
         2
     """
+    from spatial_pin._support.figures import ShownFigure
     from spatial_pin.dynamics.kinetostatics import Kinetostatics
-    from spatial_pin.figures import ShownFigure
 
     if not hasattr(motion, "output"):  # as a Mechanism or a State
         motion_needed(motion)

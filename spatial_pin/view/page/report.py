@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin._support.checks import checked, plain_text
+from spatial_pin._support.outputs import named_path, write_text
 from spatial_pin.assembly.state import State
-from spatial_pin.checks import checked, plain_text
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.motion.motion import Motion
-from spatial_pin.outputs import named_path, write_text
 from spatial_pin.synthesis.results import Design, Designs
 from spatial_pin.view.page.html import script_of
 from spatial_pin.view.page.markup import paragraph

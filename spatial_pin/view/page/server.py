@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import TYPE_CHECKING, Any
 
-from spatial_pin.checks import checked
+from spatial_pin._support.checks import checked
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.view.page.html import page
 from spatial_pin.view.page.notebook import framed, is_in_notebook, watched

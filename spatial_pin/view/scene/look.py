@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from spatial_pin.checks import check_kind, names_of
+from spatial_pin._support.checks import check_kind, names_of
 
 if TYPE_CHECKING:
     from spatial_pin.assembly.state import State

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from spatial_pin._support.checks import finite_number
 from spatial_pin.assembly.state import State
-from spatial_pin.checks import finite_number
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.running.rated_limits import RatedLimits
 from spatial_pin.dynamics.simulation.running.step import Step

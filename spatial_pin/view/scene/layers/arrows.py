@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from spatial_pin.brief import brief
-from spatial_pin.checks import as_array
+from spatial_pin._support.brief import brief
+from spatial_pin._support.checks import as_array
 from spatial_pin.errors import UnknownNameError
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array

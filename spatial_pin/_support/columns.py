@@ -16,15 +16,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TextIO, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.checks import names_of
-from spatial_pin.errors import SpatialPinError, UnknownNameError
-from spatial_pin.outputs import (
+from spatial_pin._support.checks import names_of
+from spatial_pin._support.outputs import (
     is_special,
     named_path,
     write_bytes,
     write_columns,
     write_csv,
 )
+from spatial_pin.errors import SpatialPinError, UnknownNameError
 
 if TYPE_CHECKING:
     import pandas
