@@ -960,3 +960,11 @@ def test_a_planar_joint_contains_slides_in_its_plane_and_turns_about_its_normal(
 def test_an_empty_folder_is_refused_in_words(tmp_path):
     with pytest.raises(sp.MechanismFileError, match="there is no URDF in this folder"):
         sp.load(tmp_path)
+
+
+def test_a_library_mechanism_that_is_loaded_again_is_another_one_of_the_same_numbers():
+    one, other, changed = sp.load("delta"), sp.load("delta"), sp.load("delta", sb=0.6)
+    assert one is not other and one.model is not other.model and one.urdf == other.urdf
+    assert changed.urdf != one.urdf and sp.load("delta").urdf == one.urdf
+    with pytest.raises(sp.MechanismFileError, match="no parameter 'sb2'"):
+        sp.load("delta", sb2=0.6)

