@@ -123,7 +123,7 @@ _ON_USE = {
     "assembly.assemble": "assemble",
     "assembly.export_mjcf": "export_mjcf",
     "assembly.state": "Gap PointRates RelativeMotion State",
-    "columns": "Quantity",
+    "_support.columns": "Quantity",
     "dimensions.calibrate": "Calibration calibrate",
     "dimensions.sensitivity": "Sensitivity sensitivity",
     "dimensions.tolerance": "Tolerance tolerance",
