@@ -33,6 +33,7 @@ def test_every_fault_finds_its_text_once_and_every_folder_has_one(mutants):
             ast.parse(text.replace(fault.old, fault.new))
 
 
+@pytest.mark.slow
 def test_a_fault_is_caught_by_the_test_that_fails_of_it_and_survives_if_none_does(
         mutants, tmp_path, monkeypatch):
     monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")  # which take a second to load

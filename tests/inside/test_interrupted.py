@@ -344,6 +344,7 @@ def test_modes_that_were_found_are_told(copies, monkeypatch, tmp_path, capsys):
     assert "64 closed; cut short" in " ".join(capsys.readouterr().out.split())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", ["together", "one by one"])
 def test_samples_that_were_drawn_before_tell_of_the_tolerance(part, monkeypatch, tmp_path, capsys):
     words = ["tolerance", "rssr", "rocker_pin", "--deviation", "b=1mm", "--samples", "40"]

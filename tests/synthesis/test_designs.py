@@ -146,6 +146,7 @@ def test_defects_are_judged_goal_by_goal():
     assert all("function of rocker_pin" in x.text for x in found.defects)
 
 
+@pytest.mark.slow
 def test_designs_are_a_sequence_of_which_the_first_is_the_best(path):
     assert isinstance(path, sp.Designs) and len(path[:1]) == 1 and next(iter(path)) is path[0]
     goal = sp.goals.path("coupler_b", POINTS[:1])

@@ -159,6 +159,7 @@ def test_a_force_on_the_hub_of_a_double_wishbone_works_as_much_as_the_arm(run):
 
 # ---------------------------------------------------------------- engine
 
+@pytest.mark.slow
 def test_four_cylinders_shake_as_lanchester_says_and_not_at_all_with_his_shafts(run):
     made = run("balanced_engine")
     r, length = 0.043, 0.145
@@ -384,6 +385,7 @@ def test_the_legs_of_a_hexapod_are_as_long_as_pythagoras_says(run):
     assert np.array_equal(np.reshape(made["found"].reached, (61, 61)), inside)
 
 
+@pytest.mark.slow
 def test_a_hexapod_gives_way_at_ninety_degrees(run):
     """Fichter 1986: legs in three pairs, turned by a right angle about the axis."""
     made = run("hexapod")

@@ -216,6 +216,7 @@ def test_end_of_the_film_begins_again_turns_back_or_stops(page):
 # ---------------------------------------------------------------- views
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("pressed", "towards"), [
     ("1", [0, -1, 0]), ("2", [0, 0, 1]), ("3", [1, 0, 0]), ("4", np.array([1, -1, 1]) / 3**0.5),
 ])
@@ -486,6 +487,7 @@ def numbers(text: str) -> list[float]:
     return [float(x.split()[0]) for x in plain.split(",")]
 
 
+@pytest.mark.slow
 def test_inspector_tells_where_a_link_is_and_what_it_weighs(page, motion):
     key(page, "i")
     page.click(*where(page, "coupler"))
@@ -612,6 +614,7 @@ def test_shadow_can_be_asked_for(one_browser, motion, tmp_path):
 # ---------------------------------------------------------------- curves
 
 
+@pytest.mark.slow
 def test_curve_is_the_output_and_its_cursor_moves_both_ways(page, motion, seconds):
     assert not page.evaluate("document.getElementById('curves').checkVisibility()")
     height = page.evaluate("pane.clientHeight")
@@ -889,6 +892,7 @@ def test_camera_goes_with_a_link(page):
     assert not page.evaluate("document.querySelector('[data-opens=chase].on')")
 
 
+@pytest.mark.slow
 def test_follow_key_takes_the_link_under_the_pointer(page):
     point_at(page, *where(page, "crank"))
     key(page, "t")
@@ -900,6 +904,7 @@ def test_follow_key_takes_the_link_under_the_pointer(page):
 # ---------------------------------------------------------------- the axes of the world
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("axis", "sign"), [("x", 1), ("y", -1), ("z", 1)])
 def test_click_on_an_axis_looks_along_it(page, axis, sign):
     k = 2 * "xyz".index(axis) + (sign < 0)

@@ -250,10 +250,23 @@ def test_viewer_is_a_context_manager():
 
 
 def test_ctrl_c_ends_the_wait_cleanly_and_a_page_that_is_served_holds_no_program_up():
-    program = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler);"
-    program += "from spatial_pin import Viewer; v, w = Viewer('page'), Viewer('other');"
-    program += "print(v.url, flush=True);"
-    program += "v.wait(); print(v)"  # programs begun in the background ignore Ctrl-C by default
+    program = """
+import signal, sys, threading, time, traceback
+from spatial_pin import Viewer
+
+signal.signal(signal.SIGINT, signal.default_int_handler)  # which background programs ignore
+v, w = Viewer("page"), Viewer("other")
+
+def tell():  # once the program waits
+    main = threading.main_thread().ident
+    while [f.name for f in traceback.extract_stack(sys._current_frames()[main])].count("wait") < 2:
+        time.sleep(0.01)
+    print(v.url, flush=True)
+
+threading.Thread(target=tell).start()
+v.wait()
+print(v)
+"""
     command = [sys.executable, "-W", "error", "-c", program]
     with subprocess.Popen(command, stdout=PIPE, stderr=PIPE, text=True) as process:
         url = process.stdout.readline().strip()
