@@ -55,7 +55,7 @@ def _rates(system: SquareSystem, q: np.ndarray, drive: np.ndarray, more: np.ndar
     return v, system.scale * np.linalg.solve(system.matrix, second)
 
 
-@pytest.mark.parametrize("name", each(LIBRARY))
+@pytest.mark.parametrize("name", LIBRARY)
 def test_rates_are_those_of_the_square_system(name: str) -> None:
     mechanism = library(name)
     state, system = _square(mechanism)
