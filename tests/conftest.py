@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import hypothesis
 import pytest
-from chromium import one_browser  # noqa: F401 - a fixture
+from chromium import browser, one_browser  # noqa: F401 - fixtures
 from published_designs import PROBLEMS
 from work_tree import pytest_sessionfinish, pytest_sessionstart
 

@@ -19,7 +19,7 @@ can be. Where none are, those that are so as far as possible from the guess.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from copy import copy
 from itertools import accumulate, combinations, takewhile
 from math import comb
@@ -314,23 +314,13 @@ def _nearby(
 
     They are half a radian long; of a mechanism of one freedom two radians.
     """
-    model, scale = evaluation.model, evaluation.mechanism.velocity_scale
     rng, tangents = np.random.default_rng(20115), null_space(first.jacobian, cut)
+    parts = PARTS_OF_MOTION * (LONGER_WAY if len(tangents) == 1 else 1)
     for _ in range(min(DIRECTIONS, len(tangents) ** 2)):
         direction = rng.standard_normal(len(tangents)) @ tangents
         for ahead in (direction, -direction):
-            path = [first]
-            for _ in range(PARTS_OF_MOTION * (LONGER_WAY if len(tangents) == 1 else 1)):
-                step = HALF_RADIAN / PARTS_OF_MOTION * ahead / np.abs(ahead).max()
-                found = _sample(
-                    evaluation, pin.integrate(model, path[-1].q, scale * step), cut, gap)
-                if found is None:
-                    break
-                ahead = pin.difference(model, path[-1].q, found.q) / scale
-                if ahead @ step < TOLERANCES.moved * (step @ step):
-                    break  # at a limit
-                path.append(found)
-            yield path
+            yield [first, *_walk(evaluation.mechanism, first.q, ahead, parts,
+                                 lambda q: _sample(evaluation, q, cut, gap))]
 
 
 def _oriented(first: Sample, path: list[Sample], rank: int = 0) -> list[Sample]:
@@ -358,10 +348,18 @@ def _opens_nearby(whole: Evaluation, reduced: Mechanism, first: Sample, gap: flo
     as they are independent: where they are not, the others open though nothing contradicts them.
     Equations that hardly are so at the first sample determine no motion at all.
     """
-    model, scale = whole.model, reduced.velocity_scale
-    rng, free = np.random.default_rng(20114), np.ones(model.nv, dtype=bool)
+    rng, free = np.random.default_rng(20114), np.ones(whole.model.nv, dtype=bool)
     with evaluation_of(reduced) as evaluation:
         n = evaluation.constraints.n_closure
+
+        def closed(q: Array) -> Sample | None:
+            q, error = close(evaluation, q, free, CLOSED)
+            if error > CLOSED:
+                return None
+            whole.update(q)
+            rows = whole.jacobian[: whole.constraints.n_closure]
+            return Sample(q, rows, singular_values(rows), whole.closure_error)
+
         start, _ = close(evaluation, first.q, free, CLOSED)
         tangents = null_space(evaluation.jacobian[:n], TOLERANCES.rank)
         independence = float(_independence([evaluation.jacobian[:n]], [first])[0])
@@ -370,25 +368,41 @@ def _opens_nearby(whole: Evaluation, reduced: Mechanism, first: Sample, gap: flo
         sign = math.copysign(1.0, independence)
         for _ in range(DIRECTIONS if len(tangents) else 0):
             direction = rng.standard_normal(len(tangents)) @ tangents
-            for here, ahead in ((start, direction), (start, -direction)):
+            for ahead in (direction, -direction):
                 seen = first
-                for _ in range(PARTS_OF_MOTION):
-                    step = HALF_RADIAN / PARTS_OF_MOTION * ahead / np.abs(ahead).max()
-                    there, error = close(
-                        evaluation, pin.integrate(model, here, scale * step), free, CLOSED)
-                    moved = pin.difference(model, here, there) / scale
-                    if error > CLOSED or moved @ step < TOLERANCES.moved * (step @ step):
-                        break  # at a limit
-                    whole.update(there)
-                    all_rows = whole.jacobian[: whole.constraints.n_closure]
-                    seen, = _oriented(seen, [Sample(
-                        there, all_rows, singular_values(all_rows), whole.closure_error)])
+                for x in _walk(reduced, start, ahead, PARTS_OF_MOTION, closed):
+                    seen, = _oriented(seen, [x])
                     if sign * _independence([evaluation.jacobian[:n]], [seen])[0] < USELESS:
                         break
-                    if whole.closure_error > gap:
+                    if seen.error > gap:
                         return True
-                    here, ahead = there, moved
     return False
+
+
+def _walk(
+    mechanism: Mechanism, q: Array, ahead: Array, parts: int,
+    closed: Callable[[Array], Sample | None],
+) -> Iterator[Sample]:
+    """Yield configurations from q (nq,) on, until a limit, one part of half a radian after another.
+
+    Args:
+        mechanism: the mechanism.
+        q: where the motion begins.
+        ahead: (nv,) its direction, scaled.
+        parts: how many configurations there are at most.
+        closed: closes the loops from a configuration; None where that fails.
+    """
+    model, scale = mechanism.model, mechanism.velocity_scale
+    for _ in range(parts):
+        step = HALF_RADIAN / PARTS_OF_MOTION * ahead / np.abs(ahead).max()
+        found = closed(pin.integrate(model, q, scale * step))
+        if found is None:
+            return
+        ahead = pin.difference(model, q, found.q) / scale
+        if ahead @ step < TOLERANCES.moved * (step @ step):
+            return
+        yield found
+        q = found.q
 
 
 def _on_the_way(

@@ -2,19 +2,12 @@
 
 import numpy as np
 import pytest
+from loaded_library import thrown
 from variety import few, first
 
 import spatial_pin as sp
 
 TIMES = np.linspace(0.0, 1.0, 201)
-
-
-def thrown(name, seed):
-    """A mechanism as its file has it, and a state with random speeds of its drivers."""
-    mechanism = sp.load(name)
-    speeds = np.random.default_rng(seed).uniform(-4.0, 4.0, len(mechanism.drivers))
-    return mechanism, sp.solve_rates(
-        mechanism, sp.assemble(mechanism), dict(zip(mechanism.drivers, speeds, strict=True)))
 
 
 @pytest.mark.parametrize(("name", "seed", "integrator"), first(3, [

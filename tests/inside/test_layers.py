@@ -8,7 +8,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from chromium import complaints, needs_browser
+from chromium import needs_browser
 from images import colour_mask, ink, near, page, z_axis
 from loaded_library import library
 from mechanisms import (
@@ -476,14 +476,6 @@ def seen_at(points: np.ndarray, framing: Framing, size: tuple[int, int]) -> np.n
     focus = height / 2 / math.tan(math.radians(FIELD_OF_VIEW) / 2)
     flat = np.stack([p @ right, -(p @ up)], axis=1) / (away - p @ v)[:, None]
     return flat * focus + [width / 2, height / 2]
-
-
-@pytest.fixture
-def browser(one_browser):
-    """The browser of all tests, which must have nothing to complain of after each."""
-    one_browser.resize(SIZE)
-    yield one_browser
-    assert complaints(one_browser) == []
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from chromium import READY, Browser, complaints, needs_browser
+from chromium import READY, Browser, needs_browser
 from live_pages import Page, opened
 from loaded_library import library
 from machines import limited_slider
@@ -32,14 +32,6 @@ from spatial_pin.view.page.sections import SECTIONS
 from spatial_pin.view.scene.stage import joint_poses
 
 SIZE = (480, 360)
-
-
-@pytest.fixture
-def browser(one_browser):
-    """The browser of all tests, which must have nothing to complain of after each."""
-    one_browser.resize(SIZE)
-    yield one_browser
-    assert complaints(one_browser) == []
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ import mechanisms as known
 import numpy as np
 import pytest
 from falling import four_bar
+from loaded_library import thrown
 from turning_back import arm_on_a_slider, rod_end_on_a_line
 from variety import few
 
@@ -132,14 +133,6 @@ def test_what_is_held_or_pulled_is_seen_from_the_world(tmp_path):
 
 
 TIMES = np.linspace(0.0, 1.0, 201)
-
-
-def thrown(name, seed):
-    """A mechanism as its file has it, and a state with random speeds of its drivers."""
-    mechanism = sp.load(name)
-    speeds = np.random.default_rng(seed).uniform(-4.0, 4.0, len(mechanism.drivers))
-    return mechanism, sp.solve_rates(
-        mechanism, sp.assemble(mechanism), dict(zip(mechanism.drivers, speeds, strict=True)))
 
 
 @pytest.mark.parametrize("integrator", few(["DOP853", "RK45", "Radau"], "DOP853", "RK45"))

@@ -13,8 +13,8 @@ from spatial_pin.view.browser.devtools import NEXT_PICTURE, Browser
 from spatial_pin.view.browser.movie import READY, open_page, shoot
 from spatial_pin.view.browser.picture import find_browser
 
-__all__ = ["NEXT_PICTURE", "READY", "Browser", "complaints", "find_browser", "needs_browser",
-           "one_browser", "open_page", "shoot"]
+__all__ = ["NEXT_PICTURE", "READY", "Browser", "browser", "complaints", "find_browser",
+           "needs_browser", "one_browser", "open_page", "shoot"]
 
 needs_browser = pytest.mark.skipif(
     find_browser() is None, reason="no Chromium or Chrome on this machine: pictures not checked"
@@ -45,3 +45,11 @@ def complaints(browser: Browser) -> list[str]:
             own = url.startswith(("file:", "data:", "blob:", "about:", "http://127.0.0.1:"))
             found += [] if own else [url]
     return found
+
+
+@pytest.fixture
+def browser(one_browser: Browser, request: pytest.FixtureRequest) -> Iterator[Browser]:
+    """The browser of all tests, as large as the module says, without a complaint after each."""
+    one_browser.resize(request.module.SIZE)
+    yield one_browser
+    assert complaints(one_browser) == []

@@ -4,7 +4,7 @@ import importlib.util
 
 import numpy as np
 import pytest
-from chromium import READY, complaints, needs_browser, open_page, shoot
+from chromium import READY, needs_browser, open_page, shoot
 from folders import ROOT
 from images import colour_mask, data_of, ink, middle, page, pixels
 from pictured import photograph, swept
@@ -16,14 +16,6 @@ SIZE = (480, 360)
 MAGENTA = (1.0, 0.0, 0.62)  # of open closures
 REPORT_READY = "frames.length === 1 && typeof frames[0].seek === 'function'"
 pytestmark = [pytest.mark.browser, needs_browser]
-
-
-@pytest.fixture
-def browser(one_browser):
-    """The browser of all tests, which must have nothing to complain of after each."""
-    one_browser.resize(SIZE)
-    yield one_browser
-    assert complaints(one_browser) == []
 
 
 # ---------------------------------------------------------------- the exported page
