@@ -363,3 +363,32 @@ print(lost / max(map(abs, efforts.values())), abs(found.a - a).max() / abs(a).ma
     lost, error, told, memory = map(float, words)
     assert lost < 1e-14 and error < told < 1e-3  # efforts of 1e7 N·m hold the chain up
     assert memory < 1e9
+
+
+@pytest.mark.delicate
+@pytest.mark.parametrize(("kind", "axes"), [("parallel", {"axis": (0.0, 0.6, 0.8)}),
+                                            ("spherical", {})])
+def test_an_arm_beside_loops_changes_nothing_of_a_link_without_inertia_in_them(kind, axes):
+    """Forces do not determine how that link moves: the least accelerations, that close the loop."""
+    answers, heavy_one = [], pin.Inertia(1e4, INERTIA.lever, 1e4 * INERTIA.inertia)
+    for arms in range(3):
+        model = pin.Model()
+        for name, joint, inertia in [
+                *((f"arm_{k}", pin.JointModelRY(), INERTIA) for k in range(arms)),
+                ("moved", pin.JointModelFreeFlyer(), heavy_one),
+                ("idle", pin.JointModelSpherical(), pin.Inertia.Zero())]:
+            made = model.addJoint(0, joint, pin.SE3.Identity(), name)
+            model.appendBodyToJoint(made, inertia, pin.SE3.Identity())
+        ends = [(name, pin.SE3.Identity()) for name in ("moved", "idle")]
+        mech = sp.Mechanism.from_model(model, [getattr(sp.closures, kind)(*ends, **axes)])
+        q, loops = mech.neutral, sp.closure_jacobian(mech, mech.neutral)[:, arms:]
+        wanted, v = np.array([0.3, -0.2, 0.5, 0.7, -0.4, 0.6, 0.2, 0.1, -0.3]), np.zeros(arms + 9)
+        v[arms:] = wanted - np.linalg.pinv(loops) @ (loops @ wanted)
+        found = sp.forward_dynamics(mech, sp.State(mech, q, v))
+        opening = [sp.closure_jacobian(mech, pin.integrate(mech.model, q, h * v)) @ v
+                   for h in (-1e-4, 1e-4)]
+        assert loops @ found.a[arms:] == pytest.approx((opening[0] - opening[1]) / 2e-4, abs=1e-6)
+        assert all(name.startswith("idle") for name in found.undetermined) and found.undetermined
+        answers.append(found.a[arms:])
+    for other in answers[1:]:
+        assert other == pytest.approx(answers[0], abs=1e-9)

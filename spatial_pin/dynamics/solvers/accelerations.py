@@ -80,7 +80,7 @@ class MotionEquations(Loops):
         self.check_rank(kkt.rank)
         if is_sure:
             return Solution(a, closures, error)
-        if is_in_kernel(self.model) and not self._is_large:
+        if is_in_kernel(self.model) and not self._is_large and kkt.pivot >= TOLERANCES.zero:
             corrected = self._corrected(a, closures, given)
             if corrected.error <= CORRECTED:
                 return corrected
@@ -136,8 +136,11 @@ class MotionEquations(Loops):
             self.check_rank(limbs.kkt.rank)
             if self._is_large and not limbs.kkt.pivot >= TOLERANCES.rank:
                 return False
-        return (limbs.error <= DOUBTFUL or self._is_large or limbs.is_of_forces
-                or (limbs.kkt is None and self.model.nv > PROBED))
+        if limbs.error <= DOUBTFUL or self._is_large:
+            return True
+        if limbs.kkt is None:
+            return self.model.nv > PROBED or limbs.is_of_forces
+        return limbs.kkt.error <= DOUBTFUL and limbs.is_of_forces
 
     @property
     def _is_sure(self) -> bool:

@@ -510,8 +510,10 @@ EXPORT Real tree_respond(Tree *s, const Real *force, Real *a)
     for (Int j = 1; j < k->n_joints; j++) {
         Real *motion = s->motion + 6 * j;
         memset(motion, 0, 6 * sizeof *motion);
-        if (s->is_core[j])
+        if (s->is_core[j]) {
+            memset(a + k->iv[j], 0, (size_t)joint_nv(k->kind[j]) * sizeof *a);
             continue;
+        }
         carry_motion(s->motion + 6 * k->parent[j], s->arm + 3 * j, motion);
         restore(s, j, motion, a);
     }
