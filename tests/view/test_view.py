@@ -259,7 +259,7 @@ v, w = Viewer("page"), Viewer("other")
 
 def tell():  # once the program waits
     main = threading.main_thread().ident
-    while [f.name for f in traceback.extract_stack(sys._current_frames()[main])].count("wait") < 2:
+    while "join" not in [f.name for f in traceback.extract_stack(sys._current_frames()[main])]:
         time.sleep(0.01)
     print(v.url, flush=True)
 
