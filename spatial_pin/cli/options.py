@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Callable, Collection, Sequence
 from typing import Any, NamedTuple
 
-from spatial_pin.cli.results import SCREEN
+from spatial_pin.cli.printing import SCREEN
 from spatial_pin.cli.tables import read_target
 from spatial_pin.dimensions.bounds import Bounds
 from spatial_pin.units import Quantity, quantity

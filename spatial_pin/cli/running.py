@@ -19,7 +19,7 @@ from pathlib import Path
 import spatial_pin as sp
 from spatial_pin._support.outputs import figure_suffix
 from spatial_pin.cli.parser import options_of
-from spatial_pin.cli.results import SCREEN, Told, unheard, worded
+from spatial_pin.cli.printing import SCREEN, CutShort, unheard, worded
 
 DATA = ("json", "csv")  # options that take - for the screen
 FILES = ("csv", "npz", "plot", "html", "json", "movie", "urdf",
@@ -66,7 +66,7 @@ def _run(words: Sequence[str]) -> int:
         print(f"spatial-pin: {what}{error.strerror or error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt as end:
-        if not isinstance(end, Told):
+        if not isinstance(end, CutShort):
             print("spatial-pin: interrupted before there was a result", file=sys.stderr)
         return 130
     for hint in _hints(options):

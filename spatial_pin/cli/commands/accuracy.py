@@ -10,7 +10,7 @@ import numpy as np
 import spatial_pin as sp
 from spatial_pin._support.columns import heading
 from spatial_pin.accuracy.tradeoff_view import table
-from spatial_pin.cli.asked import as_far_as_found, held, loaded
+from spatial_pin.cli.arguments import as_far_as_found, held, loaded
 from spatial_pin.cli.commands.motions import beginning, sweep_task
 from spatial_pin.cli.options import (
     SPRINGS_HELP,
@@ -23,7 +23,7 @@ from spatial_pin.cli.options import (
     start_options,
     sweep_arguments,
 )
-from spatial_pin.cli.results import finite, tell
+from spatial_pin.cli.printing import finite, print_result
 
 UNITS = {"time_per_step": "s", "spread": "s", **dict.fromkeys(  # of others "-", of texts none
     ("setting", "steps", "solver_steps", "below_reference", "on_front", "said"), "")}
@@ -60,8 +60,8 @@ def _tradeoff(options: argparse.Namespace) -> None:
         files.append(options.plot)
     content = finite(found.as_dict())
     keys = [key for key, x in content["rows"][0].items() if not isinstance(x, list | dict)]
-    tell(options, text, content, {heading(key, UNITS.get(key, "-")): [
-        row[key] for row in content["rows"]] for key in keys}, files, found.is_whole)
+    print_result(options, text, content, {heading(key, UNITS.get(key, "-")): [
+                row[key] for row in content["rows"]] for key in keys}, files, found.is_whole)
 
 
 def _task(options: argparse.Namespace, mechanism: sp.Mechanism) -> str | dict[str, Any]:

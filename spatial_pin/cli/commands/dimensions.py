@@ -9,7 +9,7 @@ import numpy as np
 
 import spatial_pin as sp
 from spatial_pin._support.columns import heading
-from spatial_pin.cli.asked import (
+from spatial_pin.cli.arguments import (
     along,
     as_far_as_found,
     in_units,
@@ -29,7 +29,7 @@ from spatial_pin.cli.options import (
     spread,
     workers_option,
 )
-from spatial_pin.cli.results import finite, tell
+from spatial_pin.cli.printing import finite, print_result
 from spatial_pin.dimensions.sensitivity import unit_of_derivative
 from spatial_pin.errors import UnknownNameError
 from spatial_pin.motion.motion import first_samples
@@ -90,15 +90,15 @@ def _sensitivity(options: argparse.Namespace) -> None:
         subject = first_samples(subject, len(found.value))
         content["driver"] = {"name": subject.driver_name, "unit": subject.driver_unit,
                              "values": np.asarray(subject.driver).tolist()}
-        tell(options, _along(subject, found), finite(content), _columns(subject, found))
+        print_result(options, _along(subject, found), finite(content), _columns(subject, found))
         return
     rows = [(name, *row) for name, x in found.derivatives.items() for row in zip(
         _numbers(found.output, x), _numbers("", x).values(),
         np.broadcast_to(found.errors[name], np.shape(x) or (1,)), strict=True)]
-    tell(options, f"{mechanism.name}: {found}", finite(content),
-         {"dimension": [row[0] for row in rows], "of": [row[1] for row in rows],
-          "derivative": [row[2] for row in rows], "error": [float(row[3]) for row in rows],
-          "unit": [unit_of_derivative(found.unit)] * len(rows)})
+    print_result(options, f"{mechanism.name}: {found}", finite(content),
+                 {"dimension": [row[0] for row in rows], "of": [row[1] for row in rows],
+                  "derivative": [row[2] for row in rows], "error": [float(row[3]) for row in rows],
+                  "unit": [unit_of_derivative(found.unit)] * len(rows)})
 
 
 def _columns(motion: sp.Motion, found: sp.Sensitivity) -> dict[str, Any]:
@@ -177,9 +177,10 @@ def _tolerance(options: argparse.Namespace) -> None:
                       for x in _numbers(name, value).values()] for kind, of in kinds.items()}
     names = [(one, found.units[name]) for name, value in found.nominal.items()
              for one in _numbers(name, value)]
-    tell(options, f"{mechanism.name}: {found}", finite(content),
-         {"output": [name for name, _ in names], "unit": [unit for _, unit in names], **columns},
-         is_whole=found.is_whole)
+    print_result(options, f"{mechanism.name}: {found}", finite(content),
+                 {"output": [name for name, _ in names], "unit": [unit for _, unit in names],
+                  **columns},
+                 is_whole=found.is_whole)
 
 
 COMMANDS = {

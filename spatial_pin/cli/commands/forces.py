@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 import spatial_pin as sp
-from spatial_pin.cli.asked import along, in_units, loaded, motion_over, state_at
+from spatial_pin.cli.arguments import along, in_units, loaded, motion_over, state_at
 from spatial_pin.cli.options import (
     Command,
     configuration_options,
@@ -17,7 +17,7 @@ from spatial_pin.cli.options import (
     numbers,
     over_options,
 )
-from spatial_pin.cli.results import finite, grid, tell
+from spatial_pin.cli.printing import finite, grid, print_result
 from spatial_pin.motion.summary import EFFORTS, tidy
 from spatial_pin.numerics.linalg import Array
 
@@ -105,7 +105,7 @@ def _tell_forces(
         "unique": {name: each.tolist() for name, each in found.unique.items()},
         "on_ground": [*found.on_ground.linear.tolist(), *found.on_ground.angular.tolist()],
     }
-    tell(options, "\n".join(lines), finite(content), _table(found, units))
+    print_result(options, "\n".join(lines), finite(content), _table(found, units))
 
 
 def _table(found: sp.Efforts, units: dict[str, str]) -> dict[str, list[Any]]:
@@ -134,7 +134,7 @@ def _tell_curve(options: argparse.Namespace, found: sp.Kinetostatics) -> None:
                "columns": {name: x.tolist() for name, x in table.items()},
                "reactions": {name: x.tolist() for name, x in found.reactions.items()},
                "on_ground": found.on_ground.tolist()}
-    tell(options, found, finite(content), table)
+    print_result(options, found, finite(content), table)
 
 
 COMMANDS = {

@@ -10,11 +10,11 @@ from typing import Any
 
 import spatial_pin as sp
 from spatial_pin._support.brief import counted
-from spatial_pin.cli.asked import loaded
+from spatial_pin.cli.arguments import loaded
 from spatial_pin.cli.completion import SHELLS, script
 from spatial_pin.cli.new_files import write_from, write_new
 from spatial_pin.cli.options import Command, data_options, package
-from spatial_pin.cli.results import WIDTH, finite, on_screen, say, tell
+from spatial_pin.cli.printing import WIDTH, finite, on_screen, print_result, say
 from spatial_pin.formats.export import export_urdf
 from spatial_pin.formats.files import library_titles
 from spatial_pin.mobility.driver_count import driver_advice
@@ -33,8 +33,8 @@ def _list(options: argparse.Namespace) -> None:
     width = max(len(name) for name, _, _ in (*rows, *operators))
     lines = [*(_line(width, *row) for row in rows), "", "in spatial_pin.operators:",
              *(_line(width, *row) for row in operators)]
-    tell(options, "\n".join(lines), [dict(zip(heads, row, strict=True)) for row in rows],
-         dict(zip(heads, zip(*rows, strict=True), strict=True)))
+    print_result(options, "\n".join(lines), [dict(zip(heads, row, strict=True)) for row in rows],
+                 dict(zip(heads, zip(*rows, strict=True), strict=True)))
 
 
 def _line(width: int, name: str, title: str, source: str) -> str:
@@ -49,7 +49,7 @@ def _info_options(sub: argparse.ArgumentParser) -> None:
 
 def _info(options: argparse.Namespace) -> None:
     report = info(loaded(options))
-    tell(options, report, finite(report.as_dict()), _parts(report))
+    print_result(options, report, finite(report.as_dict()), _parts(report))
 
 
 def _parts(report: Info) -> dict[str, list[str]]:
@@ -75,9 +75,9 @@ def _check(options: argparse.Namespace) -> None:
     except sp.SpatialPinError as error:
         mistakes = list(getattr(error, "mistakes", ())) or [str(error)]
         content = {"file": str(options.mechanism), "good": False, "mistakes": mistakes, "notes": []}
-        tell(options, "", content, _faults(content))
+        print_result(options, "", content, _faults(content))
         raise
-    tell(options, "\n".join(lines), content, _faults(content))
+    print_result(options, "\n".join(lines), content, _faults(content))
 
 
 def _faults(content: dict[str, Any]) -> dict[str, list[str]]:
@@ -126,8 +126,8 @@ def _export(options: argparse.Namespace) -> None:
         written = [sp.export_mjcf(mechanism, options.mjcf)]
     else:
         written = export_urdf(mechanism, options.urdf)
-    tell(options, "", {"mechanism": mechanism.name, "wrote": [str(path) for path in written]},
-         files=written)
+    wrote = [str(path) for path in written]
+    print_result(options, "", {"mechanism": mechanism.name, "wrote": wrote}, files=written)
 
 
 def _new_options(sub: argparse.ArgumentParser) -> None:
@@ -156,7 +156,7 @@ def _new(options: argparse.Namespace) -> None:
         tree = Path(options.tree)
         mechanism = sp.load(tree, trusted=options.trusted, packages=dict(options.packages))
         written = write_from(options.name, mechanism.path or tree, folder, mechanism)
-    tell(options, "", {"wrote": [str(path) for path in written]}, files=written)
+    print_result(options, "", {"wrote": [str(path) for path in written]}, files=written)
     if not on_screen(options):
         say(f"edit {written[0]}, then: spatial-pin check {written[0]}")
 

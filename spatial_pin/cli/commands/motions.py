@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 import spatial_pin as sp
-from spatial_pin.cli.asked import (
+from spatial_pin.cli.arguments import (
     RATES,
     as_far_as_found,
+    check_names,
     fitting,
     guess_of,
     held,
@@ -21,7 +22,6 @@ from spatial_pin.cli.asked import (
     loaded,
     unique,
 )
-from spatial_pin.cli.names import check_names
 from spatial_pin.cli.options import (
     SPRINGS_HELP,
     Command,
@@ -36,7 +36,7 @@ from spatial_pin.cli.options import (
     sweep_arguments,
     value,
 )
-from spatial_pin.cli.results import Told, finite, on_screen, say, tell
+from spatial_pin.cli.printing import CutShort, finite, on_screen, print_result, say
 from spatial_pin.cli.tables import name_of_column, read_table
 from spatial_pin.dynamics.outputs import with_forces
 from spatial_pin.motion.default_motion import default_motion
@@ -67,7 +67,7 @@ def write_followed(
         options.clearance = False
         motion = stopped.result
         write_motion(options, motion, f"cut short after {len(motion)} steps", False)
-        raise Told from None
+        raise CutShort from None
 
 
 def write_motion(
@@ -80,8 +80,8 @@ def write_motion(
         motion = found.motion
     lines = [motion_summary(motion), *([str(found)] if found is not None else []),
              *([last] if last else [])]
-    tell(options, "\n".join(lines), _content(motion, found, is_whole), motion.columns(),
-         _written(options, motion, found), found is None or found.is_whole)
+    print_result(options, "\n".join(lines), _content(motion, found, is_whole), motion.columns(),
+                 _written(options, motion, found), found is None or found.is_whole)
 
 
 def _written(
@@ -323,8 +323,8 @@ def _clearance(options: argparse.Namespace) -> None:
              "distance [m]": [float(p.distance) for p in found.pairs],
              **({over: [float(p.value) for p in found.pairs]} if over else {}),
              "touches": [bool(p.contacts) for p in found.pairs]}
-    tell(options, found, finite({"mechanism": mechanism.name, "over": over, **found.as_dict()}),
-         table, is_whole=found.is_whole)
+    content = {"mechanism": mechanism.name, "over": over, **found.as_dict()}
+    print_result(options, found, finite(content), table, is_whole=found.is_whole)
 
 
 def _name_of_value(motion: sp.Motion) -> str:

@@ -7,9 +7,16 @@ import contextlib
 from typing import Any
 
 import spatial_pin as sp
-from spatial_pin.cli.asked import as_far_as_found, fitting, guess_of, held, loaded, unique
+from spatial_pin.cli.arguments import (
+    as_far_as_found,
+    check_names,
+    fitting,
+    guess_of,
+    held,
+    loaded,
+    unique,
+)
 from spatial_pin.cli.commands.motions import look_of, write_followed
-from spatial_pin.cli.names import check_names
 from spatial_pin.cli.options import (
     AT_HELP,
     SPRINGS_HELP,
@@ -23,7 +30,7 @@ from spatial_pin.cli.options import (
     setting,
     target,
 )
-from spatial_pin.cli.results import SCREEN, finite, tell
+from spatial_pin.cli.printing import SCREEN, finite, print_result
 from spatial_pin.cli.tables import read_table, targets_of
 from spatial_pin.inverse_kinematics.named_targets import read_targets
 from spatial_pin.inverse_kinematics.targets import CoordinateValue
@@ -46,7 +53,7 @@ def _assemble(options: argparse.Namespace) -> None:
     values = fitting(options, mechanism, unique(options, options.values))
     state = sp.assemble(mechanism, values, guess_of(options, mechanism), limits=options.limits,
                         release=options.release, free=options.free)
-    tell(options, assembly_summary(state), _content(state), _table(state))
+    print_result(options, assembly_summary(state), _content(state), _table(state))
 
 
 def _content(state: sp.State) -> dict[str, Any]:
@@ -94,9 +101,10 @@ def _limits(options: argparse.Namespace) -> None:
     content = {"mechanism": mechanism.name, "driver": found.driver, "unit": found.unit,
                **{name: end._asdict() for name, end in ends.items()},
                "full_turn": found.full_turn, "grashof": grashof and grashof._asdict()}
-    tell(options, text, finite(content),
-         {"end": list(ends), f"value [{found.unit}]": [float(x.value) for x in ends.values()],
-          "kind": [x.kind for x in ends.values()]})
+    print_result(options, text, finite(content),
+                 {"end": list(ends),
+                  f"value [{found.unit}]": [float(x.value) for x in ends.values()],
+                  "kind": [x.kind for x in ends.values()]})
 
 
 def _modes_options(sub: argparse.ArgumentParser) -> None:
@@ -127,10 +135,10 @@ def _modes(options: argparse.Namespace) -> None:
     if options.html and modes:
         look = sp.Look(ghosts=tuple(modes[1:]), beside=True)
         files.append(sp.export_html(modes[0], options.html, look=look))
-    tell(options, "\n".join(lines), [
-        {"branch": mode.branch, "closure_error": mode.closure_error, "q": mode.q.tolist(),
-         "coordinates": _content(mode)["coordinates"]} for mode in modes],
-         _modes_table(mechanism, modes), files, modes.is_whole)
+    print_result(options, "\n".join(lines), [
+                {"branch": mode.branch, "closure_error": mode.closure_error, "q": mode.q.tolist(),
+                 "coordinates": _content(mode)["coordinates"]} for mode in modes],
+                 _modes_table(mechanism, modes), files, modes.is_whole)
 
 
 def _modes_table(mechanism: sp.Mechanism, modes: sp.AssemblyModes) -> dict[str, list[Any]]:
@@ -191,7 +199,7 @@ def _reach(options: argparse.Namespace) -> None:
     files = []
     if options.html:
         files.append(sp.export_html(found, options.html, look=look_of(options)))
-    tell(options, "\n".join(lines), _content(found), _table(found), files)
+    print_result(options, "\n".join(lines), _content(found), _table(found), files)
 
 
 def _targets(options: argparse.Namespace) -> dict[str, Any]:

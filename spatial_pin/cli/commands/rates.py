@@ -9,8 +9,7 @@ import numpy as np
 import spatial_pin as sp
 from spatial_pin._support.columns import Quantity, flat
 from spatial_pin.assembly.holding import held_by
-from spatial_pin.cli.asked import along, held, loaded, motion_over, state_at
-from spatial_pin.cli.names import check_names
+from spatial_pin.cli.arguments import along, check_names, held, loaded, motion_over, state_at
 from spatial_pin.cli.options import (
     SPRINGS_HELP,
     Command,
@@ -19,7 +18,7 @@ from spatial_pin.cli.options import (
     hold_option,
     over_options,
 )
-from spatial_pin.cli.results import finite, grid, tell
+from spatial_pin.cli.printing import finite, grid, print_result
 from spatial_pin.motion.motion import first_samples
 from spatial_pin.motion.summary import tidy
 from spatial_pin.rates.rates import check_not_held
@@ -54,10 +53,10 @@ def _jacobian(options: argparse.Namespace) -> None:
                    for k, row in enumerate(ROWS)], ("", "of", *heads))]
     table = {"component": list(ROWS), "of": [UNITS[row[0]] for row in ROWS],
              **{head: found[:, k].tolist() for k, head in enumerate(heads)}}
-    tell(options, "\n".join(lines), finite({
-        "mechanism": mechanism.name, "frame": options.frame, "rows": list(ROWS),
-        "drivers": names, "units": units, "matrix": found.tolist(),
-        "closure_error": state.closure_error}), table)
+    print_result(options, "\n".join(lines), finite({
+                "mechanism": mechanism.name, "frame": options.frame, "rows": list(ROWS),
+                "drivers": names, "units": units, "matrix": found.tolist(),
+                "closure_error": state.closure_error}), table)
 
 
 def _movers(options: argparse.Namespace, mechanism: sp.Mechanism) -> list[str]:
@@ -124,9 +123,9 @@ def _transmission(options: argparse.Namespace) -> None:
     head = f"{mechanism.name}: {driver.name} moves {output.name} at {found.at}"
     content = {"mechanism": mechanism.name, "output": output.name, "driver": driver.name,
                **found._asdict(), "units": units, "closure_error": state.closure_error}
-    tell(options, f"{head}\n{grid(rows)}", finite(content),
-         {"quantity": list(units), "value": [float(getattr(found, name)) for name in units],
-          "unit": list(units.values())})
+    print_result(options, f"{head}\n{grid(rows)}", finite(content),
+                 {"quantity": list(units), "value": [float(getattr(found, name)) for name in units],
+                  "unit": list(units.values())})
 
 
 def _tell_along(options: argparse.Namespace, motion: sp.Motion) -> None:
@@ -153,7 +152,7 @@ def _tell_along(options: argparse.Namespace, motion: sp.Motion) -> None:
     content = {"mechanism": mechanism.name, "output": options.output, "driver": driver,
                "at": found[0].at, "units": units,
                "columns": {name: x.tolist() for name, x in table.items()}}
-    tell(options, f"{head}\n{grid(rows)}", finite(content), table)
+    print_result(options, f"{head}\n{grid(rows)}", finite(content), table)
 
 
 def _each(options: argparse.Namespace, motion: sp.Motion, driver: str) -> list[sp.Transmission]:

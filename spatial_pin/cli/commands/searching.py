@@ -9,8 +9,9 @@ from typing import Any
 
 import spatial_pin as sp
 from spatial_pin._support.outputs import write_columns
-from spatial_pin.cli.asked import (
+from spatial_pin.cli.arguments import (
     as_far_as_found,
+    check_held,
     fitting,
     guess_of,
     held,
@@ -20,7 +21,6 @@ from spatial_pin.cli.asked import (
     workers,
 )
 from spatial_pin.cli.goal_files import check_bounds, read_goals
-from spatial_pin.cli.names import check_held
 from spatial_pin.cli.options import (
     SPRINGS_HELP,
     Command,
@@ -37,8 +37,8 @@ from spatial_pin.cli.options import (
     value,
     workers_option,
 )
+from spatial_pin.cli.printing import finite, print_result
 from spatial_pin.cli.readings import check_sigma, read_readings
-from spatial_pin.cli.results import finite, tell
 from spatial_pin.units import LENGTHS
 from spatial_pin.workspace_map.curves import curve_columns
 from spatial_pin.workspace_map.poses import PARTS
@@ -97,9 +97,9 @@ def _workspace(options: argparse.Namespace) -> None:
             sheets=options.sheets, executor=executor, progress=True))
     table = found.columns()
     columns = {name: column.tolist() for name, column in table.items()}
-    tell(options, found, finite({"mechanism": mechanism.name, "frame": found.frame,
-                                 "columns": columns}), table, _mapped(options, found),
-         found.is_whole)
+    print_result(options, found, finite({"mechanism": mechanism.name, "frame": found.frame,
+                                         "columns": columns}), table, _mapped(options, found),
+                 found.is_whole)
 
 
 def _mapped(options: argparse.Namespace, found: sp.Workspace) -> Iterator[Path | str]:
@@ -158,10 +158,11 @@ def _design(options: argparse.Namespace) -> None:
             method=options.method, seed=options.seed, executor=executor, progress=True,
             resume=options.resume, most=options.most))
     names = list(found[0].dimensions) if found else []
-    tell(options, found, found.as_dict(),
-         {"design": list(range(1, len(found) + 1)), "error": [float(x.error) for x in found],
-          **{name: [float(x.dimensions[name]) for x in found] for name in names}},
-         _designed(options, found), found.is_whole)
+    print_result(options, found, found.as_dict(),
+                 {"design": list(range(1, len(found) + 1)),
+                  "error": [float(x.error) for x in found],
+                  **{name: [float(x.dimensions[name]) for x in found] for name in names}},
+                 _designed(options, found), found.is_whole)
 
 
 def _designed(options: argparse.Namespace, found: sp.Designs) -> Iterator[Path | str]:
@@ -219,7 +220,7 @@ def _calibrate(options: argparse.Namespace) -> None:
     residuals = content["residuals"]
     table = {key: [row[key] for row in residuals] for key in residuals[0]} if residuals else {}
     files = [found.mechanism.save(options.folder)] if options.folder else []
-    tell(options, found, content, table, files, found.is_whole)
+    print_result(options, found, content, table, files, found.is_whole)
 
 
 COMMANDS = {

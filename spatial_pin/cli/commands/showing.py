@@ -5,9 +5,8 @@ from __future__ import annotations
 import argparse
 
 import spatial_pin as sp
-from spatial_pin.cli.asked import guess_of, loaded
+from spatial_pin.cli.arguments import check_names, guess_of, loaded
 from spatial_pin.cli.commands.motions import look_of, shown
-from spatial_pin.cli.names import check_names
 from spatial_pin.cli.options import (
     SPRINGS_HELP,
     Command,
@@ -16,7 +15,7 @@ from spatial_pin.cli.options import (
     look_options,
     sweep_arguments,
 )
-from spatial_pin.cli.results import tell, wrote
+from spatial_pin.cli.printing import print_result, wrote
 from spatial_pin.view import Viewer
 
 
@@ -77,7 +76,7 @@ def _report(options: argparse.Namespace) -> None:
     mechanism = loaded(options)
     path = sp.report(shown(options, mechanism), options.html, outputs=options.output or None,
                      title=options.title)
-    tell(options, "", {"mechanism": mechanism.name, "wrote": [str(path)]}, files=[path])
+    print_result(options, "", {"mechanism": mechanism.name, "wrote": [str(path)]}, files=[path])
 
 
 COMMANDS = {
