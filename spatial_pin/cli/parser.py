@@ -10,7 +10,7 @@ from typing import Any
 
 import spatial_pin as sp
 from spatial_pin.cli.commands import COMMANDS, GROUPS
-from spatial_pin.cli.options import as_taken, mechanism_options
+from spatial_pin.cli.options import MECHANISM, as_taken
 from spatial_pin.errors import suggestion
 
 DESCRIPTION = "Spatial mechanisms with closed loops: load, close, move, see."
@@ -88,8 +88,12 @@ def parser() -> argparse.ArgumentParser:
         sub = parsers[name] = commands.add_parser(name, description=command.text)
         sub.set_defaults(run=command.run, usage_error=sub.error, hints=[], cut_short="",
                          parsers=parsers)
-        if command.takes_mechanism:
-            mechanism_options(sub)
-        command.add_options(sub)
+        for flags, settings in MECHANISM if command.takes_mechanism else ():
+            sub.add_argument(*flags, **settings)
+        group = sub.add_mutually_exclusive_group(required=True) if command.one_of else sub
+        for flags, settings in command.one_of:
+            group.add_argument(*flags, **settings)
+        for flags, settings in command.options:
+            sub.add_argument(*flags, **settings)
     whole.set_defaults(parsers=parsers)
     return whole

@@ -19,6 +19,7 @@ from spatial_pin.cli.options import (
     count,
     data_options,
     hold_option,
+    option,
     positive,
     start_options,
     sweep_arguments,
@@ -30,21 +31,8 @@ UNITS = {"time_per_step": "s", "spread": "s", **dict.fromkeys(  # of others "-",
 PARTS = "errors of positions, velocities and accelerations one by one: --csv, --json"
 
 
-def _tradeoff_options(sub: argparse.ArgumentParser) -> None:
-    sweep_arguments(sub, needed=False)
-    hold_option(sub, SPRINGS_HELP)
-    sub.add_argument("--simulate", nargs="?", const=0.0, type=above_zero, metavar="DURATION",
-                     help="a simulation instead of a sweep, as 10 or 500ms "
-                          "(a few seconds under gravity)")
-    start_options(sub, "--begin")  # --speed is that of a sweep
-    sub.add_argument("--rows", type=count, help="number of its rows (201)")
-    sub.add_argument("--repeats", type=count, default=5, help="runs of each setting (5)")
-    sub.add_argument("--error", type=positive, help="name the cheapest setting for this error")
-    data_options(sub, "the table", "a setting in every row,")
-    sub.add_argument("--plot", metavar="F", help="write a figure (.png, .svg, .pdf)")
-
-
-def _tradeoff(options: argparse.Namespace) -> None:
+def tradeoff(options: argparse.Namespace) -> None:
+    """Measure what accuracy settings cost and lose on a motion of it."""
     mechanism = loaded(options)
     task = _task(options, mechanism)
     found = as_far_as_found(lambda: sp.tradeoff(
@@ -92,6 +80,17 @@ def _task(options: argparse.Namespace, mechanism: sp.Mechanism) -> str | dict[st
 
 
 COMMANDS = {
-    "tradeoff": Command("measure what accuracy settings cost and lose on a motion of it",
-                        _tradeoff_options, _tradeoff),
+    "tradeoff": Command(tradeoff, (
+        *sweep_arguments(needed=False),
+        *hold_option(SPRINGS_HELP),
+        option("--simulate", nargs="?", const=0.0, type=above_zero, metavar="DURATION",
+               help="a simulation instead of a sweep, as 10 or 500ms "
+                    "(a few seconds under gravity)"),
+        *start_options("--begin"),  # --speed is that of a sweep
+        option("--rows", type=count, help="number of its rows (201)"),
+        option("--repeats", type=count, default=5, help="runs of each setting (5)"),
+        option("--error", type=positive, help="name the cheapest setting for this error"),
+        *data_options("the table", "a setting in every row,"),
+        option("--plot", metavar="F", help="write a figure (.png, .svg, .pdf)"),
+    )),
 }

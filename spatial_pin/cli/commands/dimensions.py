@@ -20,14 +20,15 @@ from spatial_pin.cli.arguments import (
     workers,
 )
 from spatial_pin.cli.options import (
+    CONFIGURATION,
+    RATE_OPTIONS,
+    WORKERS,
     Command,
-    configuration_options,
     data_options,
     from_zero,
+    option,
     over_options,
-    rate_options,
     spread,
-    workers_option,
 )
 from spatial_pin.cli.printing import finite, print_result
 from spatial_pin.dimensions.sensitivity import unit_of_derivative
@@ -61,17 +62,8 @@ def _numbers(name: str, value: Any) -> dict[str, float]:
 # ---------------------------------------------------------------- sensitivity
 
 
-def _sensitivity_options(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("output", metavar="OUTPUT", help=OUTPUT_HELP)
-    configuration_options(sub)
-    rate_options(sub)
-    sub.add_argument("--to", action="append", default=[], metavar="NAME",
-                     help="a dimension that changes (all)")
-    over_options(sub)
-    data_options(sub, "the derivatives", "derivatives, along --over one a column,")
-
-
-def _sensitivity(options: argparse.Namespace) -> None:
+def sensitivity(options: argparse.Namespace) -> None:
+    """How an output changes with the dimensions."""
     mechanism = loaded(options)
     _check_dimensions(mechanism, options.to)
     if not mechanism.dimensions:
@@ -133,21 +125,6 @@ def _along(motion: sp.Motion, found: sp.Sensitivity) -> str:
 # ---------------------------------------------------------------- tolerance
 
 
-def _tolerance_options(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("output", metavar="OUTPUT", help=OUTPUT_HELP)
-    configuration_options(sub)
-    rate_options(sub)
-    sub.add_argument("--also", action="append", default=[], metavar="OUTPUT",
-                     help="another output, of the same samples")
-    sub.add_argument("--deviation", action="append", default=[], required=True, type=spread,
-                     metavar="NAME=VALUE", help="standard deviation of a dimension, as b=0.1mm")
-    sub.add_argument("--samples", type=from_zero, default=0,
-                     help="draw so many mechanisms, besides the linear estimate (0)")
-    sub.add_argument("--seed", type=from_zero, default=0, help="of random numbers (0)")
-    workers_option(sub)
-    data_options(sub, "means and spreads", "means and spreads")
-
-
 def _wide(mechanism: sp.Mechanism, spread: dict[str, float]) -> list[str]:
     """Return hints for deviations without a unit that no workshop would have."""
     return [f"{name} scatters by {x / abs(nominal):.0%} of its {nominal:.6g}: {x:g}mm?"
@@ -155,7 +132,8 @@ def _wide(mechanism: sp.Mechanism, spread: dict[str, float]) -> list[str]:
             and abs(nominal := mechanism.dimensions[name]) > 0.0 and x > WIDE_SPREAD * abs(nominal)]
 
 
-def _tolerance(options: argparse.Namespace) -> None:
+def tolerance(options: argparse.Namespace) -> None:
+    """How an output scatters when the dimensions do."""
     mechanism = loaded(options)
     spread = unique(options, options.deviation)
     _check_dimensions(mechanism, list(spread))
@@ -184,8 +162,27 @@ def _tolerance(options: argparse.Namespace) -> None:
 
 
 COMMANDS = {
-    "sensitivity": Command("how an output changes with the dimensions", _sensitivity_options,
-                           _sensitivity),
-    "tolerance": Command("how an output scatters when the dimensions do", _tolerance_options,
-                         _tolerance),
+    "sensitivity": Command(sensitivity, (
+        option("output", metavar="OUTPUT", help=OUTPUT_HELP),
+        *CONFIGURATION,
+        *RATE_OPTIONS,
+        option("--to", action="append", default=[], metavar="NAME",
+               help="a dimension that changes (all)"),
+        *over_options(),
+        *data_options("the derivatives", "derivatives, along --over one a column,"),
+    )),
+    "tolerance": Command(tolerance, (
+        option("output", metavar="OUTPUT", help=OUTPUT_HELP),
+        *CONFIGURATION,
+        *RATE_OPTIONS,
+        option("--also", action="append", default=[], metavar="OUTPUT",
+               help="another output, of the same samples"),
+        option("--deviation", action="append", default=[], required=True, type=spread,
+               metavar="NAME=VALUE", help="standard deviation of a dimension, as b=0.1mm"),
+        option("--samples", type=from_zero, default=0,
+               help="draw so many mechanisms, besides the linear estimate (0)"),
+        option("--seed", type=from_zero, default=0, help="of random numbers (0)"),
+        *WORKERS,
+        *data_options("means and spreads", "means and spreads"),
+    )),
 }

@@ -11,10 +11,11 @@ import pinocchio as pin
 import spatial_pin as sp
 from spatial_pin.cli.arguments import along, in_units, loaded, motion_over, state_at
 from spatial_pin.cli.options import (
+    CONFIGURATION,
     Command,
-    configuration_options,
     data_options,
     numbers,
+    option,
     over_options,
 )
 from spatial_pin.cli.printing import finite, grid, print_result
@@ -26,19 +27,8 @@ COMPONENTS = [(part, unit, axis) for part, unit in (("force", "N"), ("moment", "
 EFFORTS_OF_MANY = "* is one of many: the drivers can press against each other"
 
 
-def _statics_options(sub: argparse.ArgumentParser) -> None:
-    configuration_options(sub)
-    sub.add_argument("--load", dest="loads", action="append", default=[], type=numbers,
-                     metavar="NAME=FX,FY,FZ[,MX,MY,MZ]",
-                     help="a force [N], and moment [N·m], on a link or frame at its origin, "
-                          "world axes, as tip=0,0,-50N")
-    sub.add_argument("--actuated", action="append", default=[], metavar="NAME",
-                     help="a driver, joint or coordinate that holds it (all drivers)")
-    over_options(sub)
-    data_options(sub, "efforts and reactions", "efforts and reactions, along --over one a column,")
-
-
-def _statics(options: argparse.Namespace) -> None:
+def statics(options: argparse.Namespace) -> None:
+    """Efforts that hold it at rest against gravity, springs and loads."""
     mechanism = loaded(options)
     actuated = options.actuated or None
     for name in options.actuated:
@@ -138,6 +128,15 @@ def _tell_curve(options: argparse.Namespace, found: sp.Kinetostatics) -> None:
 
 
 COMMANDS = {
-    "statics": Command("efforts that hold it at rest against gravity, springs and loads",
-                       _statics_options, _statics),
+    "statics": Command(statics, (
+        *CONFIGURATION,
+        option("--load", dest="loads", action="append", default=[], type=numbers,
+               metavar="NAME=FX,FY,FZ[,MX,MY,MZ]",
+               help="a force [N], and moment [N·m], on a link or frame at its origin, "
+                    "world axes, as tip=0,0,-50N"),
+        option("--actuated", action="append", default=[], metavar="NAME",
+               help="a driver, joint or coordinate that holds it (all drivers)"),
+        *over_options(),
+        *data_options("efforts and reactions", "efforts and reactions, along --over one a column,"),
+    )),
 }

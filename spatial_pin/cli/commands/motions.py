@@ -23,14 +23,15 @@ from spatial_pin.cli.arguments import (
     unique,
 )
 from spatial_pin.cli.options import (
+    GUESS,
+    RESULT,
     SPRINGS_HELP,
     Command,
     above_zero,
     count,
     data_options,
-    guess_option,
     hold_option,
-    result_options,
+    option,
     setting,
     start_options,
     sweep_arguments,
@@ -121,17 +122,6 @@ def _with_ratios(motion: sp.Motion) -> list[str]:
 # ---------------------------------------------------------------- sweep
 
 
-def _sweep_options(sub: argparse.ArgumentParser) -> None:
-    sweep_arguments(sub)
-    sub.add_argument("--limits", action="store_true",
-                     help="a joint limit of the URDF, of any joint, is a limit position too")
-    hold_option(sub, SPRINGS_HELP)
-    sub.add_argument("--only", action="append", default=[], metavar="NAME",
-                     help="sweep the smallest model that yields this coordinate, link or frame, "
-                          "and say what it leaves out")
-    result_options(sub)
-
-
 def sweep_task(options: argparse.Namespace, mechanism: sp.Mechanism) -> dict[str, Any]:
     """Return the arguments of the sweep that was asked for."""
     for end in (options.first, options.last):
@@ -190,7 +180,8 @@ def _reduced(
     return found, found.state(state)
 
 
-def _sweep(options: argparse.Namespace) -> None:
+def sweep(options: argparse.Namespace) -> None:
+    """Follow one branch from one driver value to another."""
     mechanism = loaded(options)
     mechanism.coordinate(options.driver)
     check_names(options, mechanism)
@@ -214,17 +205,8 @@ def shown(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion | s
 # ---------------------------------------------------------------- follow
 
 
-def _follow_options(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("table", metavar="TABLE", help="a .csv file: a line of names, as time [s], "
-                     "boom [deg], arm; then a line of numbers for every sample")
-    hold_option(sub)
-    sub.add_argument("--stop", action="store_true",
-                     help="end before what cannot be reached instead of failing")
-    guess_option(sub)
-    result_options(sub)
-
-
-def _follow(options: argparse.Namespace) -> None:
+def follow(options: argparse.Namespace) -> None:
+    """Follow one branch as several drivers go along a table."""
     mechanism = loaded(options)
     check_names(options, mechanism)
     values, times = read_table(options.table, mechanism)
@@ -240,18 +222,6 @@ def _follow(options: argparse.Namespace) -> None:
 
 
 # ---------------------------------------------------------------- simulate
-
-
-def _simulate_options(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("--duration", type=above_zero, required=True, help="how long, as 10 or 500ms")
-    sub.add_argument("--rows", type=count, default=1001, help="number of rows (1001)")
-    start_options(sub, "--speed")
-    sub.add_argument("--on-joint-limit", choices=("report", "stop", "ignore"), default="report",
-                     help="where a joint passes a limit of the URDF (report)")
-    sub.add_argument("--accuracy", choices=("draft", "engineering", "reference"),
-                     default="engineering", help="of the integrator (engineering)")
-    guess_option(sub)
-    result_options(sub)
 
 
 def beginning(
@@ -272,7 +242,8 @@ def beginning(
     return state, efforts
 
 
-def _simulate(options: argparse.Namespace) -> None:
+def simulate(options: argparse.Namespace) -> None:
+    """Let it move under gravity, springs and efforts."""
     mechanism = loaded(options)
     check_names(options, mechanism)
     state, efforts = beginning(options, mechanism, options.speed, options.duration)
@@ -290,19 +261,8 @@ def _cost_of(motion: sp.Simulation) -> str:
 # ---------------------------------------------------------------- clearance
 
 
-def _clearance_options(sub: argparse.ArgumentParser) -> None:
-    sweep_arguments(sub, needed=False)
-    hold_option(sub, SPRINGS_HELP)
-    sub.add_argument("--at", action="append", default=[], type=setting, metavar="DRIVER=VALUE",
-                     help="at this configuration instead of along a sweep")
-    sub.add_argument("--between", nargs=2, action="append", default=[], metavar=("LINK", "LINK"),
-                     help="only these two links, joined ones too")
-    sub.add_argument("--tolerance", type=value, default=0.0, metavar="DISTANCE",
-                     help="links that are so near count as touching, as 2mm (0)")
-    data_options(sub, "the pairs of links", "the pairs of links")
-
-
-def _clearance(options: argparse.Namespace) -> None:
+def clearance(options: argparse.Namespace) -> None:
+    """How near links come to each other, and where they touch."""
     mechanism = loaded(options)
     in_units({"tolerance": options.tolerance}, "m", "cm", "mm", "um", "in")
     for link in (link for pair in options.between for link in pair):
@@ -335,11 +295,45 @@ def _name_of_value(motion: sp.Motion) -> str:
 
 
 COMMANDS = {
-    "sweep": Command("follow one branch from one driver value to another", _sweep_options, _sweep),
-    "follow": Command("follow one branch as several drivers go along a table", _follow_options,
-                      _follow),
-    "simulate": Command("let it move under gravity, springs and efforts", _simulate_options,
-                        _simulate),
-    "clearance": Command("how near links come to each other, and where they touch",
-                         _clearance_options, _clearance),
+    "sweep": Command(sweep, (
+        *sweep_arguments(),
+        option("--limits", action="store_true",
+               help="a joint limit of the URDF, of any joint, is a limit position too"),
+        *hold_option(SPRINGS_HELP),
+        option("--only", action="append", default=[], metavar="NAME",
+               help="sweep the smallest model that yields this coordinate, link or frame, "
+                    "and say what it leaves out"),
+        *RESULT,
+    )),
+    "follow": Command(follow, (
+        option("table", metavar="TABLE", help="a .csv file: a line of names, as time [s], "
+               "boom [deg], arm; then a line of numbers for every sample"),
+        *hold_option(),
+        option("--stop", action="store_true",
+               help="end before what cannot be reached instead of failing"),
+        *GUESS,
+        *RESULT,
+    )),
+    "simulate": Command(simulate, (
+        option("--duration", type=above_zero, required=True, help="how long, as 10 or 500ms"),
+        option("--rows", type=count, default=1001, help="number of rows (1001)"),
+        *start_options("--speed"),
+        option("--on-joint-limit", choices=("report", "stop", "ignore"), default="report",
+               help="where a joint passes a limit of the URDF (report)"),
+        option("--accuracy", choices=("draft", "engineering", "reference"),
+               default="engineering", help="of the integrator (engineering)"),
+        *GUESS,
+        *RESULT,
+    )),
+    "clearance": Command(clearance, (
+        *sweep_arguments(needed=False),
+        *hold_option(SPRINGS_HELP),
+        option("--at", action="append", default=[], type=setting, metavar="DRIVER=VALUE",
+               help="at this configuration instead of along a sweep"),
+        option("--between", nargs=2, action="append", default=[], metavar=("LINK", "LINK"),
+               help="only these two links, joined ones too"),
+        option("--tolerance", type=value, default=0.0, metavar="DISTANCE",
+               help="links that are so near count as touching, as 2mm (0)"),
+        *data_options("the pairs of links", "the pairs of links"),
+    )),
 }

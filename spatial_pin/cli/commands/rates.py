@@ -11,11 +11,12 @@ from spatial_pin._support.columns import Quantity, flat
 from spatial_pin.assembly.holding import held_by
 from spatial_pin.cli.arguments import along, check_names, held, loaded, motion_over, state_at
 from spatial_pin.cli.options import (
+    CONFIGURATION,
     SPRINGS_HELP,
     Command,
-    configuration_options,
     data_options,
     hold_option,
+    option,
     over_options,
 )
 from spatial_pin.cli.printing import finite, grid, print_result
@@ -27,16 +28,8 @@ UNITS = {"v": "m", "w": "rad"}  # of what rows are rates of
 ROWS = ("vx", "vy", "vz", "wx", "wy", "wz")
 
 
-def _jacobian_options(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("frame", metavar="FRAME", help="link, frame or joint whose twist is wanted")
-    configuration_options(sub)
-    sub.add_argument("--by", action="append", default=[], metavar="NAME",
-                     help="a driver or coordinate that moves it (all drivers)")
-    hold_option(sub, SPRINGS_HELP)
-    data_options(sub, "the matrix", "the matrix")
-
-
-def _jacobian(options: argparse.Namespace) -> None:
+def jacobian(options: argparse.Namespace) -> None:
+    """Twist of a frame per unit speed of every driver, loops closed."""
     mechanism = loaded(options)
     mechanism.frame_id(options.frame)
     check_names(options, mechanism)
@@ -92,17 +85,8 @@ def _per(unit: str, by: str) -> str:
 # ---------------------------------------------------------------- transmission
 
 
-def _transmission_options(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("output", metavar="OUTPUT", help="coordinate of a joint of one freedom")
-    configuration_options(sub)
-    sub.add_argument("--driver", metavar="NAME", help="what moves it (the only driver)")
-    sub.add_argument("--pair", metavar="NAME",
-                     help="closure or joint at which its link is moved, where there are several")
-    over_options(sub, SPRINGS_HELP)
-    data_options(sub, "it", "it, along --over one row a value,")
-
-
-def _transmission(options: argparse.Namespace) -> None:
+def transmission(options: argparse.Namespace) -> None:
+    """Speed ratio, mechanical advantage and transmission angle of an output."""
     mechanism = loaded(options)
     output = mechanism.driven_coordinate(options.output)
     for name in filter(None, [options.driver]):
@@ -174,8 +158,21 @@ def _each(options: argparse.Namespace, motion: sp.Motion, driver: str) -> list[s
 
 
 COMMANDS = {
-    "jacobian": Command("twist of a frame per unit speed of every driver, loops closed",
-                        _jacobian_options, _jacobian),
-    "transmission": Command("speed ratio, mechanical advantage and transmission angle of an "
-                            "output", _transmission_options, _transmission),
+    "jacobian": Command(jacobian, (
+        option("frame", metavar="FRAME", help="link, frame or joint whose twist is wanted"),
+        *CONFIGURATION,
+        option("--by", action="append", default=[], metavar="NAME",
+               help="a driver or coordinate that moves it (all drivers)"),
+        *hold_option(SPRINGS_HELP),
+        *data_options("the matrix", "the matrix"),
+    )),
+    "transmission": Command(transmission, (
+        option("output", metavar="OUTPUT", help="coordinate of a joint of one freedom"),
+        *CONFIGURATION,
+        option("--driver", metavar="NAME", help="what moves it (the only driver)"),
+        option("--pair", metavar="NAME",
+               help="closure or joint at which its link is moved, where there are several"),
+        *over_options(SPRINGS_HELP),
+        *data_options("it", "it, along --over one row a value,"),
+    )),
 }

@@ -8,32 +8,20 @@ import spatial_pin as sp
 from spatial_pin.cli.arguments import check_names, guess_of, loaded
 from spatial_pin.cli.commands.motions import look_of, shown
 from spatial_pin.cli.options import (
+    LOOK,
     SPRINGS_HELP,
     Command,
     data_options,
     hold_option,
-    look_options,
+    option,
     sweep_arguments,
 )
 from spatial_pin.cli.printing import print_result, wrote
 from spatial_pin.view import Viewer
 
 
-def _show_options(sub: argparse.ArgumentParser) -> None:
-    sweep_arguments(sub, needed=False)
-    hold_option(sub, SPRINGS_HELP)
-    sub.add_argument("--movie", metavar="F", help="write it as a film (.gif, .mp4) instead")
-    sub.add_argument("--live", action="store_true",
-                     help="move it by hand instead: a slider for every driver, or the one named")
-    sub.add_argument("--limits", action=argparse.BooleanOptionalAction,
-                     help="a joint limit of the URDF is a limit position too; --live keeps them "
-                          "at first unless it is told not to")
-    sub.add_argument("--output", action="append", default=[], metavar="NAME",
-                     help="what --live tells besides the drivers, as rocker_pin, coupler.position")
-    look_options(sub)
-
-
-def _show(options: argparse.Namespace) -> None:
+def show(options: argparse.Namespace) -> None:
+    """Animate a motion in the browser."""
     mechanism = loaded(options)
     if options.live:
         _wait(mechanism, _live(options, mechanism))
@@ -62,17 +50,8 @@ def _wait(mechanism: sp.Mechanism, viewer: Viewer) -> None:
         viewer.wait()
 
 
-def _report_options(sub: argparse.ArgumentParser) -> None:
-    sweep_arguments(sub, needed=False)
-    hold_option(sub, SPRINGS_HELP)
-    sub.add_argument("--html", metavar="F", required=True, help="the file to write")
-    sub.add_argument("--output", action="append", default=[], metavar="NAME",
-                     help="what its figures show, as rocker_pin or coupler.com.position")
-    sub.add_argument("--title", help="heading (the mechanism's title)")
-    data_options(sub, "the name of the file")
-
-
-def _report(options: argparse.Namespace) -> None:
+def report(options: argparse.Namespace) -> None:
+    """Write a page to send and to print: 3-D, curves, numbers."""
     mechanism = loaded(options)
     path = sp.report(shown(options, mechanism), options.html, outputs=options.output or None,
                      title=options.title)
@@ -80,7 +59,26 @@ def _report(options: argparse.Namespace) -> None:
 
 
 COMMANDS = {
-    "show": Command("animate a motion in the browser", _show_options, _show),
-    "report": Command("write a page to send and to print: 3-D, curves, numbers", _report_options,
-                      _report),
+    "show": Command(show, (
+        *sweep_arguments(needed=False),
+        *hold_option(SPRINGS_HELP),
+        option("--movie", metavar="F", help="write it as a film (.gif, .mp4) instead"),
+        option("--live", action="store_true",
+               help="move it by hand instead: a slider for every driver, or the one named"),
+        option("--limits", action=argparse.BooleanOptionalAction,
+               help="a joint limit of the URDF is a limit position too; --live keeps them "
+                    "at first unless it is told not to"),
+        option("--output", action="append", default=[], metavar="NAME",
+               help="what --live tells besides the drivers, as rocker_pin, coupler.position"),
+        *LOOK,
+    )),
+    "report": Command(report, (
+        *sweep_arguments(needed=False),
+        *hold_option(SPRINGS_HELP),
+        option("--html", metavar="F", required=True, help="the file to write"),
+        option("--output", action="append", default=[], metavar="NAME",
+               help="what its figures show, as rocker_pin or coupler.com.position"),
+        option("--title", help="heading (the mechanism's title)"),
+        *data_options("the name of the file"),
+    )),
 }
