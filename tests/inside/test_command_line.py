@@ -15,8 +15,8 @@ import pytest
 
 import spatial_pin as sp
 from spatial_pin.cli.completion import CALLED, KINDS, NAMED, kind_of
-from spatial_pin.cli.parser import parser
 from spatial_pin.cli.printing import fitted, in_options
+from spatial_pin.cli.running import parser
 from spatial_pin.cli.tables import read_table
 from spatial_pin.units import quantity
 from spatial_pin.workspace_map.poses import PARTS

@@ -1,4 +1,4 @@
-"""Commands of motions: sweep, follow, simulate, clearance; how motions are written."""
+"""Commands of motions: sweep, follow, simulate, clearance; show, report; how they are written."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from spatial_pin.cli.arguments import (
 )
 from spatial_pin.cli.options import (
     GUESS,
+    LOOK,
     RESULT,
     SPRINGS_HELP,
     Command,
@@ -37,7 +38,7 @@ from spatial_pin.cli.options import (
     sweep_arguments,
     value,
 )
-from spatial_pin.cli.printing import CutShort, finite, on_screen, print_result, say
+from spatial_pin.cli.printing import CutShort, finite, on_screen, print_result, say, wrote
 from spatial_pin.cli.tables import name_of_column, read_table
 from spatial_pin.dynamics.outputs import with_forces
 from spatial_pin.motion.default_motion import default_motion
@@ -92,9 +93,13 @@ def _written(
     if options.npz:
         yield motion.save(options.npz)
     if options.plot:
-        asked = with_forces(motion, options.output or _with_ratios(motion),
-                            lambda: sp.kinetostatics(motion.mechanism, motion))
-        sp.plot(motion, asked, options.plot)
+        outputs = options.output
+        if not outputs:  # those looked at first, each coordinate with its speed ratio
+            coordinates = {} if motion.driver is None else motion.mechanism.coordinate_table
+            outputs = [name for output in default_outputs(motion) for name in (
+                [output, f"{output}.ratio"] if output in coordinates else [output])]
+        sp.plot(motion, with_forces(motion, outputs, lambda: sp.kinetostatics(
+            motion.mechanism, motion)), options.plot)
         yield options.plot
     if options.html:
         yield sp.export_html(motion, options.html, look=look_of(options, found))
@@ -108,15 +113,6 @@ def _content(
     content = {"mechanism": motion.mechanism.name, "is_whole": is_whole, "columns": columns,
                "events": [event._asdict() for event in motion.events]}
     return finite(content if found is None else {**content, "clearance": found.as_dict()})
-
-
-def _with_ratios(motion: sp.Motion) -> list[str]:
-    """The outputs looked at first, each coordinate with its speed ratio."""
-    coordinates = motion.mechanism.coordinate_table
-    if motion.driver is None:
-        return default_outputs(motion)
-    return [name for output in default_outputs(motion)
-            for name in ([output, f"{output}.ratio"] if output in coordinates else [output])]
 
 
 # ---------------------------------------------------------------- sweep
@@ -250,12 +246,9 @@ def simulate(options: argparse.Namespace) -> None:
     times = np.linspace(0.0, options.duration, options.rows)
     write_followed(options, lambda: sp.simulate(
         mechanism, state, options.duration, efforts, times, sp.Accuracy.named(options.accuracy),
-        on_joint_limit=options.on_joint_limit, progress=True), _cost_of)
-
-
-def _cost_of(motion: sp.Simulation) -> str:
-    return (f"energy drift {motion.energy_drift:.1e} of what is exchanged; {motion.steps} steps of "
-            f"the integrator in {', '.join(motion.coordinates)}")
+        on_joint_limit=options.on_joint_limit, progress=True), lambda motion: (
+            f"energy drift {motion.energy_drift:.1e} of what is exchanged; {motion.steps} steps "
+            f"of the integrator in {', '.join(motion.coordinates)}"))
 
 
 # ---------------------------------------------------------------- clearance
@@ -277,7 +270,10 @@ def clearance(options: argparse.Namespace) -> None:
     found = as_far_as_found(lambda: sp.clearance(
         subject, [(a, b) for a, b in options.between] or None, tolerance=float(options.tolerance),
         progress=True))
-    over = _name_of_value(found.motion)
+    motion = found.motion  # what the nearest places are values of, with the unit
+    over = "" if motion.time is None or len(motion) == 1 else "time [s]"
+    if motion.driver is not None:
+        over = f"{motion.driver_name} [{motion.driver_unit}]"
     table = {"first": [p.links[0] for p in found.pairs],
              "second": [p.links[1] for p in found.pairs],
              "distance [m]": [float(p.distance) for p in found.pairs],
@@ -287,11 +283,36 @@ def clearance(options: argparse.Namespace) -> None:
     print_result(options, found, finite(content), table, is_whole=found.is_whole)
 
 
-def _name_of_value(motion: sp.Motion) -> str:
-    """Return what the nearest places of a clearance are values of, with the unit."""
-    if motion.driver is not None:
-        return f"{motion.driver_name} [{motion.driver_unit}]"
-    return "" if motion.time is None or len(motion) == 1 else "time [s]"
+# ---------------------------------------------------------------- show, report
+
+
+def show(options: argparse.Namespace) -> None:
+    """Animate a motion in the browser."""
+    mechanism = loaded(options)
+    if options.live:
+        if options.movie or options.last is not None or options.hold:
+            options.usage_error("--live takes no values to sweep, holds nothing and makes no film")
+        check_names(options, mechanism)
+        state = sp.assemble(mechanism, {}, guess_of(options, mechanism))
+        viewer = sp.live(mechanism, state, drivers=[options.driver] if options.driver else None,
+                         outputs=options.output, limits=options.limits is not False)
+    else:
+        subject, look = shown(options, mechanism), look_of(options)
+        if options.movie:
+            wrote([sp.movie(subject, options.movie, look=look, progress=True)])
+            return
+        viewer = sp.show(subject, look=look)
+    with viewer:
+        print(f"{mechanism.name}: {viewer.url} (Ctrl-C ends)", flush=True)
+        viewer.wait()
+
+
+def report(options: argparse.Namespace) -> None:
+    """Write a page to send and to print: 3-D, curves, numbers."""
+    mechanism = loaded(options)
+    path = sp.report(shown(options, mechanism), options.html, outputs=options.output or None,
+                     title=options.title)
+    print_result(options, "", {"mechanism": mechanism.name, "wrote": [str(path)]}, files=[path])
 
 
 COMMANDS = {
@@ -335,5 +356,29 @@ COMMANDS = {
         option("--tolerance", type=value, default=0.0, metavar="DISTANCE",
                help="links that are so near count as touching, as 2mm (0)"),
         *data_options("the pairs of links", "the pairs of links"),
+    )),
+}
+PAGES = {
+    "show": Command(show, (
+        *sweep_arguments(needed=False),
+        *hold_option(SPRINGS_HELP),
+        option("--movie", metavar="F", help="write it as a film (.gif, .mp4) instead"),
+        option("--live", action="store_true",
+               help="move it by hand instead: a slider for every driver, or the one named"),
+        option("--limits", action=argparse.BooleanOptionalAction,
+               help="a joint limit of the URDF is a limit position too; --live keeps them "
+                    "at first unless it is told not to"),
+        option("--output", action="append", default=[], metavar="NAME",
+               help="what --live tells besides the drivers, as rocker_pin, coupler.position"),
+        *LOOK,
+    )),
+    "report": Command(report, (
+        *sweep_arguments(needed=False),
+        *hold_option(SPRINGS_HELP),
+        option("--html", metavar="F", required=True, help="the file to write"),
+        option("--output", action="append", default=[], metavar="NAME",
+               help="what its figures show, as rocker_pin or coupler.com.position"),
+        option("--title", help="heading (the mechanism's title)"),
+        *data_options("the name of the file"),
     )),
 }

@@ -102,6 +102,10 @@ def modes(options: argparse.Namespace) -> None:
         lines += [f"{k}: branch {mode.branch or '?'}", assembly_summary(mode)]
     if any(mode.branch.startswith("singular") for mode in modes):
         lines.append("a singular mode can move to first order with the given values held")
+    table = {"mode": list(range(1, len(modes) + 1)), "branch": [m.branch for m in modes],
+             **{f"{name} [{c.unit}]": [float(m.coordinate(name).value) for m in modes]
+                for name, c in mechanism.coordinate_table.items()},
+             "closure error [-]": [float(m.closure_error) for m in modes]}
     files = []
     if options.html and modes:
         look = sp.Look(ghosts=tuple(modes[1:]), beside=True)
@@ -109,15 +113,7 @@ def modes(options: argparse.Namespace) -> None:
     print_result(options, "\n".join(lines), [
                 {"branch": mode.branch, "closure_error": mode.closure_error, "q": mode.q.tolist(),
                  "coordinates": _content(mode)["coordinates"]} for mode in modes],
-                 _modes_table(mechanism, modes), files, modes.is_whole)
-
-
-def _modes_table(mechanism: sp.Mechanism, modes: sp.AssemblyModes) -> dict[str, list[Any]]:
-    """Return the modes, one a row."""
-    return {"mode": list(range(1, len(modes) + 1)), "branch": [m.branch for m in modes],
-            **{f"{name} [{c.unit}]": [float(m.coordinate(name).value) for m in modes]
-               for name, c in mechanism.coordinate_table.items()},
-            "closure error [-]": [float(m.closure_error) for m in modes]}
+                 table, files, modes.is_whole)
 
 
 # ---------------------------------------------------------------- reach

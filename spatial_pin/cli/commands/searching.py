@@ -39,7 +39,7 @@ from spatial_pin.cli.options import (
     value,
 )
 from spatial_pin.cli.printing import finite, print_result
-from spatial_pin.cli.readings import check_sigma, read_readings
+from spatial_pin.cli.tables import check_sigma, read_measurements
 from spatial_pin.units import LENGTHS
 from spatial_pin.workspace_map.curves import curve_columns
 from spatial_pin.workspace_map.poses import PARTS
@@ -61,6 +61,17 @@ def workspace(options: argparse.Namespace) -> None:
             unit = unit_of(mechanism, name) if name in PARTS else ""
             if unit and not ends[k].is_for(unit):
                 raise ValueError(f"{name} is in {unit}, not in {ends[k].unit}")
+
+    def files() -> Iterator[Path | str]:
+        if options.curves:
+            yield write_columns(Path(options.curves), curve_columns(found, found.curves()))
+        if options.picture:
+            found.plot(options.picture, plane=options.plane, at=options.at)
+            yield options.picture
+        if options.html:
+            state = sp.assemble(found.mechanism, {}, guess_of(options, found.mechanism))
+            yield sp.export_html(state, options.html, look=sp.Look(workspace=found))
+
     with workers(options.workers) as executor:
         found = as_far_as_found(lambda: sp.workspace(
             mechanism, options.frame, ranges, points=options.points,
@@ -70,21 +81,8 @@ def workspace(options: argparse.Namespace) -> None:
     table = found.columns()
     columns = {name: column.tolist() for name, column in table.items()}
     print_result(options, found, finite({"mechanism": mechanism.name, "frame": found.frame,
-                                         "columns": columns}), table, _mapped(options, found),
+                                         "columns": columns}), table, files(),
                  found.is_whole)
-
-
-def _mapped(options: argparse.Namespace, found: sp.Workspace) -> Iterator[Path | str]:
-    """Write curves and pictures of a workspace, and yield the files."""
-    if options.curves:
-        yield write_columns(Path(options.curves), curve_columns(found, found.curves()))
-    if options.picture:
-        found.plot(options.picture, plane=options.plane, at=options.at)
-        yield options.picture
-    if options.html:
-        yield sp.export_html(sp.assemble(found.mechanism, {}, guess_of(
-            options, found.mechanism)), options.html,
-                             look=sp.Look(workspace=found))
 
 
 # ---------------------------------------------------------------- design
@@ -100,6 +98,15 @@ def design(options: argparse.Namespace) -> None:
     if not bounds:
         options.usage_error("nothing may change: name dimensions, as r2=50mm..0.6")
     check_bounds(bounds)
+
+    def files() -> Iterator[Path | str]:
+        if found and options.save:
+            yield found[0].mechanism.save(options.save)
+        if found and options.html:
+            yield sp.export_html(found, options.html)
+        if found and options.report:
+            yield sp.report(found, options.report)
+
     with workers(options.workers) as executor:
         found = as_far_as_found(lambda: sp.design(
             mechanism, goals, bounds, guess=guess_of(options, mechanism), starts=options.starts,
@@ -110,19 +117,7 @@ def design(options: argparse.Namespace) -> None:
                  {"design": list(range(1, len(found) + 1)),
                   "error": [float(x.error) for x in found],
                   **{name: [float(x.dimensions[name]) for x in found] for name in names}},
-                 _designed(options, found), found.is_whole)
-
-
-def _designed(options: argparse.Namespace, found: sp.Designs) -> Iterator[Path | str]:
-    """Write the mechanism and pages of the best design, and yield the files."""
-    if not found:
-        return
-    if options.save:
-        yield found[0].mechanism.save(options.save)
-    if options.html:
-        yield sp.export_html(found, options.html)
-    if options.report:
-        yield sp.report(found, options.report)
+                 files(), found.is_whole)
 
 
 # ---------------------------------------------------------------- calibrate
@@ -135,9 +130,9 @@ def calibrate(options: argparse.Namespace) -> None:
     if len(dimensions) < len(options.dimension):
         options.usage_error("a dimension is named twice")
     check_sigma(mechanism, sigma)
-    readings = read_readings(options.table, mechanism, options.read)
+    measurements = read_measurements(options.table, mechanism, options.read)
     found = as_far_as_found(lambda: sp.calibrate(
-        mechanism, readings, dimensions, offsets=options.offset, base=options.base,
+        mechanism, measurements, dimensions, offsets=options.offset, base=options.base,
         sigma=sigma or None, loss=options.loss, margin=options.margin,
         guess=guess_of(options, mechanism)))
     content: dict[str, Any] = found.as_dict()

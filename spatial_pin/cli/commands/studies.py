@@ -1,4 +1,4 @@
-"""Commands of what dimensions change: sensitivity, tolerance."""
+"""Commands of what dimensions change, and settings: sensitivity, tolerance, tradeoff."""
 
 from __future__ import annotations
 
@@ -9,9 +9,11 @@ import numpy as np
 
 import spatial_pin as sp
 from spatial_pin._support.columns import heading
+from spatial_pin.accuracy.tradeoff_view import table
 from spatial_pin.cli.arguments import (
     along,
     as_far_as_found,
+    held,
     in_units,
     loaded,
     motion_over,
@@ -19,16 +21,24 @@ from spatial_pin.cli.arguments import (
     unique,
     workers,
 )
+from spatial_pin.cli.commands.motions import beginning, sweep_task
 from spatial_pin.cli.options import (
     CONFIGURATION,
     RATE_OPTIONS,
+    SPRINGS_HELP,
     WORKERS,
     Command,
+    above_zero,
+    count,
     data_options,
     from_zero,
+    hold_option,
     option,
     over_options,
+    positive,
     spread,
+    start_options,
+    sweep_arguments,
 )
 from spatial_pin.cli.printing import finite, print_result
 from spatial_pin.dimensions.sensitivity import unit_of_derivative
@@ -40,6 +50,9 @@ OUTPUT_HELP = ("as rocker_pin, rocker_pin.rate, coupler.position, crank.effort, 
                "limit.lower.rocker_pin")
 WIDE_SPREAD = 0.1  # standard deviation relative to the dimension from which a unit may be missing
 XYZ = ("x", "y", "z")
+UNITS = {"time_per_step": "s", "spread": "s", **dict.fromkeys(  # of others "-", of texts none
+    ("setting", "steps", "solver_steps", "below_reference", "on_front", "said"), "")}
+PARTS = "errors of positions, velocities and accelerations one by one: --csv, --json"
 COMPONENTS = {3: XYZ, 6: tuple(f"{part} {axis}" for part in ("force", "moment") for axis in XYZ)}
 
 
@@ -95,14 +108,14 @@ def sensitivity(options: argparse.Namespace) -> None:
 
 def _columns(motion: sp.Motion, found: sp.Sensitivity) -> dict[str, Any]:
     """Return an output and its derivatives along a sweep, by name."""
-    table: dict[str, Any] = {heading(motion.driver_name, motion.driver_unit): motion.driver}
+    columns: dict[str, Any] = {heading(motion.driver_name, motion.driver_unit): motion.driver}
     unit = "-" if found.unit in ("", "1") else found.unit
     for name, of, x in [(label_of(found.output), unit, found.value),
                         *((f"d/d {k}", "", x) for k, x in found.derivatives.items())]:
         x = np.asarray(x)
-        table |= {heading(name, of): x} if x.ndim == 1 else {
+        columns |= {heading(name, of): x} if x.ndim == 1 else {
             heading(f"{name} {axis}", of): x[:, k] for k, axis in enumerate(COMPONENTS[x.shape[1]])}
-    return table
+    return columns
 
 
 def _along(motion: sp.Motion, found: sp.Sensitivity) -> str:
@@ -125,20 +138,17 @@ def _along(motion: sp.Motion, found: sp.Sensitivity) -> str:
 # ---------------------------------------------------------------- tolerance
 
 
-def _wide(mechanism: sp.Mechanism, spread: dict[str, float]) -> list[str]:
-    """Return hints for deviations without a unit that no workshop would have."""
-    return [f"{name} scatters by {x / abs(nominal):.0%} of its {nominal:.6g}: {x:g}mm?"
-            for name, x in spread.items() if not getattr(x, "unit", "")
-            and abs(nominal := mechanism.dimensions[name]) > 0.0 and x > WIDE_SPREAD * abs(nominal)]
-
-
 def tolerance(options: argparse.Namespace) -> None:
     """How an output scatters when the dimensions do."""
     mechanism = loaded(options)
     spread = unique(options, options.deviation)
     _check_dimensions(mechanism, list(spread))
     in_units(spread, "m", "cm", "mm", "um", "in", "rad", "deg", "°")
-    options.hints += _wide(mechanism, spread)
+    for name, x in spread.items():
+        nominal = abs(mechanism.dimensions[name])
+        if not getattr(x, "unit", "") and nominal > 0.0 and x > WIDE_SPREAD * nominal:
+            options.hints.append(f"{name} scatters by {x / nominal:.0%} of its "
+                                 f"{mechanism.dimensions[name]:.6g}: {x:g}mm?")
     state = state_at(options, mechanism)
     with workers(options.workers) as executor:
         found = as_far_as_found(lambda: sp.tolerance(
@@ -159,6 +169,57 @@ def tolerance(options: argparse.Namespace) -> None:
                  {"output": [name for name, _ in names], "unit": [unit for _, unit in names],
                   **columns},
                  is_whole=found.is_whole)
+
+
+# ---------------------------------------------------------------- tradeoff
+
+
+def tradeoff(options: argparse.Namespace) -> None:
+    """Measure what accuracy settings cost and lose on a motion of it."""
+    mechanism = loaded(options)
+    task = _task(options, mechanism)
+    found = as_far_as_found(lambda: sp.tradeoff(
+        mechanism, task, repeats=options.repeats, progress=True))
+    text, files = f"{table(found, is_narrow=True)}\n{PARTS}", []
+    if not found.is_whole:
+        text += "\ncut short"
+    elif options.error is not None:
+        pick = sp.Accuracy.for_error(options.error, measured=found)
+        text += f"\ncheapest for an error of {options.error:.3g}: {pick}"
+    if options.plot:
+        found.plot(options.plot)
+        files.append(options.plot)
+    content = finite(found.as_dict())
+    keys = [key for key, x in content["rows"][0].items() if not isinstance(x, list | dict)]
+    print_result(options, text, content, {heading(key, UNITS.get(key, "-")): [
+                row[key] for row in content["rows"]] for key in keys}, files, found.is_whole)
+
+
+def _task(options: argparse.Namespace, mechanism: sp.Mechanism) -> str | dict[str, Any]:
+    """What a trade-off is measured on."""
+    if options.simulate is None:
+        if options.at or options.begin or options.effort or options.rows:
+            options.usage_error("--at, --begin, --effort and --rows need --simulate")
+        if options.driver is None:
+            if options.hold:
+                options.usage_error("--hold needs a driver, a first and a last value")
+            return "sweep"
+        if options.last is None:
+            options.usage_error("a sweep needs a driver, a first and a last value")
+        still = {"hold": held(options)} if options.hold else {}
+        return sweep_task(options, mechanism) | still
+    if options.driver is not None or options.speed is not None or options.acceleration:
+        options.usage_error("--simulate takes no driver to sweep: its speeds are given by --begin")
+    if options.hold:
+        options.usage_error("--hold is of a sweep: in a simulation forces move all")
+    said = options.at or options.begin or options.effort or options.rows or options.guess
+    if not options.simulate:
+        if said:
+            options.usage_error("--simulate needs a duration where more is said")
+        return "simulate"
+    state, efforts = beginning(options, mechanism, options.begin, options.simulate)
+    return {"state": state, "duration": options.simulate, "efforts": efforts,
+            "times": np.linspace(0.0, options.simulate, options.rows or 201)}
 
 
 COMMANDS = {
@@ -184,5 +245,20 @@ COMMANDS = {
         option("--seed", type=from_zero, default=0, help="of random numbers (0)"),
         *WORKERS,
         *data_options("means and spreads", "means and spreads"),
+    )),
+}
+ACCURACY = {
+    "tradeoff": Command(tradeoff, (
+        *sweep_arguments(needed=False),
+        *hold_option(SPRINGS_HELP),
+        option("--simulate", nargs="?", const=0.0, type=above_zero, metavar="DURATION",
+               help="a simulation instead of a sweep, as 10 or 500ms "
+                    "(a few seconds under gravity)"),
+        *start_options("--begin"),  # --speed is that of a sweep
+        option("--rows", type=count, help="number of its rows (201)"),
+        option("--repeats", type=count, default=5, help="runs of each setting (5)"),
+        option("--error", type=positive, help="name the cheapest setting for this error"),
+        *data_options("the table", "a setting in every row,"),
+        option("--plot", metavar="F", help="write a figure (.png, .svg, .pdf)"),
     )),
 }

@@ -1,31 +1,46 @@
-"""Commands of how motion is passed on: jacobian, transmission."""
+"""Commands of how motion is passed on, and of forces at rest: jacobian, transmission, statics."""
 
 from __future__ import annotations
 
 import argparse
+from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 import spatial_pin as sp
 from spatial_pin._support.columns import Quantity, flat
 from spatial_pin.assembly.holding import held_by
-from spatial_pin.cli.arguments import along, check_names, held, loaded, motion_over, state_at
+from spatial_pin.cli.arguments import (
+    along,
+    check_names,
+    held,
+    in_units,
+    loaded,
+    motion_over,
+    state_at,
+)
 from spatial_pin.cli.options import (
     CONFIGURATION,
     SPRINGS_HELP,
     Command,
     data_options,
     hold_option,
+    numbers,
     option,
     over_options,
 )
 from spatial_pin.cli.printing import finite, grid, print_result
 from spatial_pin.motion.motion import first_samples
-from spatial_pin.motion.summary import tidy
+from spatial_pin.motion.summary import EFFORTS, tidy
+from spatial_pin.numerics.linalg import Array
 from spatial_pin.rates.rates import check_not_held
 
 UNITS = {"v": "m", "w": "rad"}  # of what rows are rates of
 ROWS = ("vx", "vy", "vz", "wx", "wy", "wz")
+COMPONENTS = [(part, unit, axis) for part, unit in (("force", "N"), ("moment", "N·m"))
+              for axis in "xyz"]
+EFFORTS_OF_MANY = "* is one of many: the drivers can press against each other"
 
 
 def jacobian(options: argparse.Namespace) -> None:
@@ -157,6 +172,102 @@ def _each(options: argparse.Namespace, motion: sp.Motion, driver: str) -> list[s
     return found
 
 
+# ---------------------------------------------------------------- statics
+
+
+def statics(options: argparse.Namespace) -> None:
+    """Efforts that hold it at rest against gravity, springs and loads."""
+    mechanism = loaded(options)
+    actuated = options.actuated or None
+    for name in options.actuated:
+        mechanism.driven_coordinate(name)
+    external = _external_forces(options, mechanism)
+    motion = motion_over(options, mechanism)
+    if motion is None:
+        _print_efforts(options, mechanism, sp.inverse_dynamics(
+            mechanism, state_at(options, mechanism), actuated, external=external))
+        return
+    found: sp.Kinetostatics = along(options, lambda: sp.kinetostatics(
+        mechanism, motion, actuated, external=external))
+    table = found.columns()
+    content = {"mechanism": mechanism.name,
+               "columns": {name: x.tolist() for name, x in table.items()},
+               "reactions": {name: x.tolist() for name, x in found.reactions.items()},
+               "on_ground": found.on_ground.tolist()}
+    print_result(options, found, finite(content), table)
+
+
+def _external_forces(
+    options: argparse.Namespace, mechanism: sp.Mechanism
+) -> dict[str, pin.Force]:
+    """Return the loads by link or frame."""
+    if len(dict(options.loads)) < len(options.loads):
+        options.usage_error("a name is given two loads")
+    found = {}
+    for name, given in options.loads:
+        mechanism.frame_id(name)
+        if len(given) not in (3, 6):
+            options.usage_error(f"--load {name}: a force has 3 numbers, with a moment 6, not "
+                                f"{len(given)}")
+        force, moment = given[:3], given[3:] or (0.0, 0.0, 0.0)
+        for x in force:
+            in_units({f"a force on {name}": x}, "N", "kN")
+        for x in moment:
+            in_units({f"a moment on {name}": x}, "Nm", "N·m")
+        found[name] = pin.Force(np.array(force, dtype=float), np.array(moment, dtype=float))
+    return found
+
+
+def _print_efforts(
+    options: argparse.Namespace, mechanism: sp.Mechanism, found: sp.Efforts
+) -> None:
+    """Answer with efforts and reactions of one configuration."""
+    units = {name: EFFORTS[mechanism.coordinate(name).unit] for name in found.efforts}
+    alone = found.unique_efforts
+    efforts = [[name, f"{x:.9g}{'*' * (not alone[name])}", units[name]]
+               for name, x in found.efforts.items()]
+    whole = np.array([force.vector for force in found.reactions.values()])
+    pairs = [[name, *_marked(force.linear, found.unique[name][:3], whole),
+              *_marked(force.angular, found.unique[name][3:], whole)]
+             for name, force in found.reactions.items()]
+    lines = [f"{mechanism.name} at rest, closed to {found.state.closure_error:.1e}", "efforts:",
+             grid(efforts), "reactions of pairs, world axes [N, N·m]:",
+             grid(pairs, ("", "fx", "fy", "fz", "mx", "my", "mz"))]
+    if not all(alone.values()):
+        lines.append(EFFORTS_OF_MANY)
+    lines += found.why_not_unique()
+    content = {
+        "mechanism": mechanism.name, "closure_error": found.state.closure_error,
+        "coordinates": {name: found.state.coordinate(name).value
+                        for name in mechanism.coordinates},
+        "efforts": found.efforts, "units": units, "unique_efforts": alone,
+        "reactions": {name: [*force.linear.tolist(), *force.angular.tolist()]
+                      for name, force in found.reactions.items()},
+        "unique": {name: each.tolist() for name, each in found.unique.items()},
+        "on_ground": [*found.on_ground.linear.tolist(), *found.on_ground.angular.tolist()],
+    }
+    print_result(options, "\n".join(lines), finite(content), _table(found, units))
+
+
+def _table(found: sp.Efforts, units: dict[str, str]) -> dict[str, list[Any]]:
+    """Return efforts and reactions, a number a row; named as `Kinetostatics.columns` names them."""
+    rows = [(f"{name} effort", x, units[name], found.unique_efforts[name])
+            for name, x in found.efforts.items()]
+    ground = {"on ground": (found.on_ground, np.ones(6, dtype=bool))}
+    for name, (force, unique) in ({f"{name} reaction": (x, found.unique[name])
+                                  for name, x in found.reactions.items()} | ground).items():
+        rows += [(f"{name} {part} {axis}", float(x), unit, bool(one)) for (part, unit, axis), x, one
+                 in zip(COMPONENTS, force.vector, unique, strict=True)]
+    return dict(zip(("quantity", "value", "unit", "unique"), map(list, zip(*rows, strict=True)),
+                    strict=True))
+
+
+def _marked(x: Array, unique: Any, whole: Array) -> list[str]:
+    """Return components, 0 where they are round-off of the whole, * where they are of many."""
+    return [f"{float(tidy(c, whole)):.4g}{'*' * (not one)}"
+            for c, one in zip(x, unique, strict=True)]
+
+
 COMMANDS = {
     "jacobian": Command(jacobian, (
         option("frame", metavar="FRAME", help="link, frame or joint whose twist is wanted"),
@@ -174,5 +285,16 @@ COMMANDS = {
                help="closure or joint at which its link is moved, where there are several"),
         *over_options(SPRINGS_HELP),
         *data_options("it", "it, along --over one row a value,"),
+    )),
+    "statics": Command(statics, (
+        *CONFIGURATION,
+        option("--load", dest="loads", action="append", default=[], type=numbers,
+               metavar="NAME=FX,FY,FZ[,MX,MY,MZ]",
+               help="a force [N], and moment [N·m], on a link or frame at its origin, "
+                    "world axes, as tip=0,0,-50N"),
+        option("--actuated", action="append", default=[], metavar="NAME",
+               help="a driver, joint or coordinate that holds it (all drivers)"),
+        *over_options(),
+        *data_options("efforts and reactions", "efforts and reactions, along --over one a column,"),
     )),
 }
