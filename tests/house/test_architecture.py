@@ -34,7 +34,7 @@ LAYERS = {
     "dynamics": ["solvers", "derivatives", "simulation"],
     "dynamics.simulation": ["formulations", "running"],
     "synthesis": ["demands"],
-    "view": ["scene", "page", "browser"],
+    "view": ["scene", "page"],
     "cli": ["commands"],
     "view.scene": ["layers"],
 }

@@ -105,7 +105,7 @@ OF_CALLERS = (
     ("influence.py", "dynamics=True"), ("reduce.py", "lump=True"), ("design.py", "goals"),
     ("stepping.py", "explicit integrator"), ("integrators.py", "needs a step"),
     ("simulate.py", "take a longer step"), ("jerks.py", "j="), ("forward.py", "a="),
-    ("coordinates.py", "CoordinateRates"), ("picture.py", ""), ("devtools.py", ""),
+    ("coordinates.py", "CoordinateRates"), ("pictures.py", ""), ("browser.py", ""),
     ("model.py", "canonical_link="),  # an attribute of SDFormat
 )
 

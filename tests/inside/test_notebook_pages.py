@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from images import needs_browser
 
-from spatial_pin.view.browser.devtools import Browser
+from spatial_pin.view.browser import Browser
 from spatial_pin.view.page.notebook import PagePath, watched
 
 CELLS = (

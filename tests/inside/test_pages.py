@@ -73,7 +73,7 @@ def test_closed_browser_leaves_nothing_behind():
 
 FILMING = """
 import sys, time, numpy as np, spatial_pin as sp
-movie = __import__("importlib").import_module("spatial_pin.view.browser.movie")
+movie = __import__("importlib").import_module("spatial_pin.view.pictures")
 def shoot(browser, seconds):
     print(browser._process.pid, browser._folder.name, flush=True)
     time.sleep(600)
@@ -124,7 +124,7 @@ def test_browser_that_does_not_start_is_a_clear_error(monkeypatch, tmp_path):
     program = tmp_path / "chromium"
     program.write_text("#!/bin/sh\necho no display >&2\nexit 3\n")
     program.chmod(0o755)
-    monkeypatch.setattr("spatial_pin.view.browser.devtools.find_browser", lambda: str(program))
+    monkeypatch.setattr("spatial_pin.view.browser.find_browser", lambda: str(program))
     with pytest.raises(sp.SpatialPinError, match=r"ended at once:\s+no display"):
         Browser(SIZE)
 
