@@ -21,7 +21,7 @@ from spatial_pin.errors import SpatialPinError
 from spatial_pin.view.browser import Browser
 from spatial_pin.view.page.html import export_html
 from spatial_pin.view.scene.film import film
-from spatial_pin.view.scene.overlay import overlaid
+from spatial_pin.view.scene.look import overlaid
 
 if TYPE_CHECKING:
     from PIL import Image

@@ -97,7 +97,7 @@ OF_CALLERS = (
     ("checks.py", ""), ("lazy.py", ""), ("__init__.py", ""), ("settings.py", "tradeoff("),
     ("columns.py", "pip install"), ("state.py", "a State is needed"),
     ("motion.py", "a Motion is needed"), ("coordinates.py", "a Mechanism is needed"),
-    ("film.py", ""), ("clearances.py", "another motion"), ("workspaces.py", "another one"),
+    ("film.py", ""), ("overlays.py", "another motion"), ("overlays.py", "another one"),
     ("joints.py", "sp.closures"), ("closures.py", "sp.closures"), ("export.py", "from_model"),
     ("tolerance.py", "to make a table of"), ("sweep.py", "speed=0.0 at rest"),
     ("sweep.py", "a sweep goes through a list"),

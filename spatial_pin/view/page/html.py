@@ -20,7 +20,7 @@ from spatial_pin._support.outputs import named_path, write_text
 from spatial_pin.view.page.curves import curves_of
 from spatial_pin.view.scene.film import Film, Reading, film, length_words
 from spatial_pin.view.scene.framing import ASPECT, Framing
-from spatial_pin.view.scene.overlay import overlaid
+from spatial_pin.view.scene.look import overlaid
 
 if TYPE_CHECKING:
     from spatial_pin.assembly.state import State

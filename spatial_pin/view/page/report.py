@@ -19,14 +19,13 @@ from spatial_pin.assembly.state import State
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.motion.motion import Motion
 from spatial_pin.synthesis.results import Design, Designs
+from spatial_pin.view.page.cards import PagePath
 from spatial_pin.view.page.html import script_of
 from spatial_pin.view.page.markup import paragraph
-from spatial_pin.view.page.notebook import PagePath
 from spatial_pin.view.page.plots import default_outputs
 from spatial_pin.view.page.sections import SECTIONS, Subject
 from spatial_pin.view.scene.film import not_shown
-from spatial_pin.view.scene.look import Look
-from spatial_pin.view.scene.overlay import overlaid
+from spatial_pin.view.scene.look import Look, overlaid
 
 COUNTED_AT = 0.29  # part of a motion after which its freedoms are counted: no round driver value
 

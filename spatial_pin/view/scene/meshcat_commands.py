@@ -13,21 +13,15 @@ import umsgpack
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.scene.film import Film
 from spatial_pin.view.scene.framing import FIELD_OF_VIEW, Framing, direction, frame, occupied
-from spatial_pin.view.scene.layers.arrows import arrows
+from spatial_pin.view.scene.layers.arrows import arrows, traces
 from spatial_pin.view.scene.layers.axes import axes
-from spatial_pin.view.scene.layers.bodies import bodies, colour
-from spatial_pin.view.scene.layers.centres import centres
-from spatial_pin.view.scene.layers.clearances import clearances
-from spatial_pin.view.scene.layers.designs import designs
 from spatial_pin.view.scene.layers.gaps import gaps
 from spatial_pin.view.scene.layers.ghosts import beside, ghosts
 from spatial_pin.view.scene.layers.glyphs import glyphs
-from spatial_pin.view.scene.layers.springs import springs
-from spatial_pin.view.scene.layers.traces import traces
-from spatial_pin.view.scene.layers.workspaces import workspaces
+from spatial_pin.view.scene.layers.overlays import clearances, designs, workspaces
+from spatial_pin.view.scene.layers.visuals import bodies, centres, colour, springs, with_skeleton
 from spatial_pin.view.scene.look import Look
-from spatial_pin.view.scene.quiet_meshcat import meshcat, mg
-from spatial_pin.view.scene.skeleton import with_skeleton
+from spatial_pin.view.scene.shapes import meshcat, mg
 from spatial_pin.view.scene.stage import (
     Item,
     Layer,

@@ -16,9 +16,8 @@ from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.scene.film import driver_readings, film, moments
 from spatial_pin.view.scene.framing import axes_of_view, occupied
-from spatial_pin.view.scene.layers.bodies import body_items
+from spatial_pin.view.scene.layers.visuals import body_items, with_skeleton
 from spatial_pin.view.scene.shapes import moved
-from spatial_pin.view.scene.skeleton import with_skeleton
 from spatial_pin.view.scene.stage import Entry, Item, Label, Layer, Stage, Track, joint_poses
 
 OPACITY = 0.28  # of four that lie on each other a body behind is still seen
