@@ -26,9 +26,9 @@ from spatial_pin.mobility.modes.modes import assembly_modes
 from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.outputs import is_force
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.view.page.curves import NO_RATES, growing_curves, points_now
 from spatial_pin.view.page.html import filled, packed_script, page, parts_of
 from spatial_pin.view.page.jog import STOPS, Grip, Jog, Reach, Stop, pulled
+from spatial_pin.view.page.plots import NO_RATES, growing_curves, points_now
 from spatial_pin.view.page.server import Service, Viewer, open_in_browser
 from spatial_pin.view.scene.film import Film, as_motion, film, length_words, reading, unit_of_length
 
