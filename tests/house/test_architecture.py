@@ -29,7 +29,6 @@ LAYERS = {
                 "pinocchio_model"],
     "formats.dialects": ["beside"],
     "assembly": ["search"],
-    "mobility": ["modes"],
     "reduction": ["model"],
     "dynamics": ["solvers", "derivatives", "simulation"],
     "dynamics.simulation": ["formulations", "running"],

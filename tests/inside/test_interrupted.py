@@ -17,7 +17,7 @@ from spatial_pin.dimensions.sensitivity import _Around
 from spatial_pin.dynamics.kinetostatics import _Rows
 from spatial_pin.dynamics.simulation.running.run import Run
 from spatial_pin.inverse_kinematics import least_motion, reach_path
-from spatial_pin.mobility.modes.search import Search as ModeSearch
+from spatial_pin.mobility.mode_search import ModeSearch
 from spatial_pin.proximity.search import Search
 from spatial_pin.synthesis.kept import Kept
 from spatial_pin.workspace_map import workspace as workspace_map

@@ -22,7 +22,7 @@ from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.outputs import Told
 from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.joint_limits import joint_limits
-from spatial_pin.mobility.modes.modes import assembly_modes
+from spatial_pin.mobility.assembly_modes import assembly_modes
 from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.outputs import is_force
 from spatial_pin.numerics.linalg import Array
