@@ -197,8 +197,16 @@ class Desk:
 
     def ranges(self, question: Mapping[str, Any]) -> Answer:
         """Tell how far every slider goes."""
-        found = self.reaches().items()
-        return {"ranges": {name: _range(self.dials[name], reach) for name, reach in found}}
+        ranges = {}
+        for name, reach in self.reaches().items():  # beyond its limits, and the marks of these
+            dial = self.dials[name]
+            lower, upper = (end / dial.size for end in reach.ends)
+            room = BEYOND_LIMIT * max(upper - lower, 1e-9)
+            marks = [{"at": s.value / dial.size, "text": dial.stop(s), "kind": s.kind}
+                     for s in reach.stops if s]
+            ranges[name] = {"ends": (lower - room * (reach.stops[0] is not None),
+                                     upper + room * (reach.stops[1] is not None)), "marks": marks}
+        return {"ranges": ranges}
 
     def limits(self, question: Mapping[str, Any]) -> Answer:
         """Let joint limits be in the way, or not."""
@@ -275,9 +283,19 @@ def drag(desk: Desk, question: Mapping[str, Any]) -> Answer:
 
 
 def _words(told: Told, name: str) -> str:
-    """Return an output of a motion of one sample."""
+    """Return an output of a motion of one sample; a force is that at rest."""
     if is_force(name):
-        return _force_words(told, name)
+        if name.endswith(".power"):
+            raise SpatialPinError(NO_RATES.format(name))
+        try:
+            parts = told.output(name).parts()
+        except SingularError:
+            return f"{name}: not determined here"
+        words = []
+        for values, label, unit in parts:
+            numbers = ", ".join(f"{x:z.4g}" for x in np.atleast_1d(values[0])).replace("-", "−")
+            words.append(f"{label} = {f'({numbers})' if values.ndim > 1 else numbers} {unit}")
+        return "; ".join(words)
     value, label, unit = told.output(name)
     if unit not in ("rad", "m", "kg"):
         raise SpatialPinError(NO_RATES.format(name))
@@ -286,31 +304,6 @@ def _words(told: Told, name: str) -> str:
     size, word = unit_of_length(float(np.abs(value).max()))
     numbers = ", ".join(f"{x / size:z.2f}" for x in value[0]).replace("-", "−")
     return f"{label} = ({numbers}) {word}"
-
-
-def _force_words(told: Told, name: str) -> str:
-    """Return a force at rest of a motion of one sample."""
-    if name.endswith(".power"):
-        raise SpatialPinError(NO_RATES.format(name))
-    try:
-        found = told.output(name)
-    except SingularError:
-        return f"{name}: not determined here"
-    words = []
-    for values, label, unit in found.parts():
-        numbers = ", ".join(f"{x:z.4g}" for x in np.atleast_1d(values[0])).replace("-", "−")
-        words.append(f"{label} = {f'({numbers})' if values.ndim > 1 else numbers} {unit}")
-    return "; ".join(words)
-
-
-def _range(dial: Dial, reach: Reach) -> Answer:
-    """Return the ends of a slider, beyond its limits, and the marks of these."""
-    lower, upper = (end / dial.size for end in reach.ends)
-    room = BEYOND_LIMIT * max(upper - lower, 1e-9)
-    ends = lower - room * (reach.stops[0] is not None), upper + room * (reach.stops[1] is not None)
-    marks = [{"at": s.value / dial.size, "text": dial.stop(s), "kind": s.kind}
-             for s in reach.stops if s]
-    return {"ends": ends, "marks": marks}
 
 
 def _nearest(state: State, modes: list[State]) -> int:

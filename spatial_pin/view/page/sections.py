@@ -12,7 +12,6 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -35,9 +34,6 @@ from spatial_pin.view.page.markup import number, paragraph, section, table, tiny
 from spatial_pin.view.page.plots import abscissa, plot, svg
 from spatial_pin.view.scene.film import loads
 from spatial_pin.view.scene.look import Look
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 FIGURE_WIDTH, PANEL, LOWEST = 7.5, 1.4, 2.4  # of a figure, of each panel of it; least height [in]
 FREEZE = """<style>#says h1 { display: none; }</style>
@@ -112,21 +108,13 @@ def _drawn(
     vectors = any(output.values.ndim > 1 for output in found)
     caption = "<figcaption>x, y and z are world axes.</figcaption>" * vectors
     words = paragraph(note) if note else ""
-    panels = json.dumps(_panels(figure))
-    return section(title, f"{words}<figure data-panels='{panels}'>{drawing}{caption}</figure>")
-
-
-def _panels(figure: Figure) -> list[list[float]]:
-    """Return where the panels of a drawn figure are, for the cursors of the page.
-
-    Left, top, width and height are parts of those of the figure; then the ends of the abscissa.
-    """
-    found = []
+    panels = []  # for the cursors of the page: parts of the figure, and the ends of the abscissa
     for axes in figure.axes:
         left, bottom, width, height = axes.get_position().bounds
-        ends = [float(x) for x in axes.get_xlim()]
-        found.append([*(round(x, 4) for x in (left, 1 - bottom - height, width, height)), *ends])
-    return found
+        panels.append([*(round(x, 4) for x in (left, 1 - bottom - height, width, height)),
+                       *(float(x) for x in axes.get_xlim())])
+    data = json.dumps(panels)
+    return section(title, f"{words}<figure data-panels='{data}'>{drawing}{caption}</figure>")
 
 
 def _derived(subject: Subject, of_coordinate: str = "", of_position: str = "") -> list[str]:

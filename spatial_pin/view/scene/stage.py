@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from spatial_pin.constraints.pinocchio_views import placements
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.view.scene.film import Film, Reading
+from spatial_pin.view.scene.film import Film, Readout
 from spatial_pin.view.scene.framing import rotate
 from spatial_pin.view.scene.shapes import Solid
 
@@ -97,7 +97,7 @@ class Layer:
     items: tuple[Item, ...] = ()
     points: Array = field(default_factory=lambda: np.zeros((0, 3)))
     legend: tuple[Entry, ...] = ()
-    alarms: tuple[Reading, ...] = ()
+    alarms: tuple[Readout, ...] = ()
     labels: tuple[Label, ...] = ()
 
 

@@ -152,14 +152,6 @@ def rates(motion: Motion, spec: str) -> Vectors:
                    motion.frame_unit(kind))
 
 
-def _head(heads: int, size: float) -> Solid:
-    """Return a cone, or two one behind the other, with the last tip at 0 and the base below."""
-    r, h = HEAD_RADIUS * size, HEAD_LENGTH * size
-    below = [-(heads - k) * 0.7 * h - 0.3 * h for k in range(heads)]
-    corners = [p for z in below for p in ((0.0, z), (r, z), (0.0, z + h))]
-    return turned(*corners)
-
-
 def _items(stage: Stage, v: Vectors, per_unit: float) -> tuple[tuple[Item, ...], Array]:
     """Return shaft and head of an arrow, and its tips (N, 3) [m]."""
     start, along = stage.seen(v.point), per_unit * stage.seen(v.vector)
@@ -177,7 +169,9 @@ def _items(stage: Stage, v: Vectors, per_unit: float) -> tuple[tuple[Item, ...],
     shaft = rod_between(start, start + part[:, None] * along)
     thin = scale[:, None] * shaft.scales[:, :2]  # type: ignore[index]
     shaft = Track(shaft.poses, np.concatenate([thin, shaft.scales[:, 2:]], axis=1))  # type: ignore[index]
-    cone = _head(heads, stage.size)
+    r, h = HEAD_RADIUS * stage.size, HEAD_LENGTH * stage.size
+    below = [-(heads - k) * 0.7 * h - 0.3 * h for k in range(heads)]  # one behind the other
+    cone = turned(*(p for z in below for p in ((0.0, z), (r, z), (0.0, z + h))))
     items = (
         Item(name, rod(SHAFT_RADIUS * stage.size), colour, track=shaft, through=True),
         Item(f"head, {name}", cone, colour, track=head, through=True),

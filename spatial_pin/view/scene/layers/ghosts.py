@@ -77,14 +77,6 @@ def _other(stage: Stage, shown: State | Motion, name: str) -> Other:
     return Other(items, points, f"another motion, {how}")
 
 
-def _shifted(item: Item, shift: Array) -> Item:
-    """Return an item moved by shift (3,) [m] in the view."""
-    if item.track is not None:
-        poses = item.track.poses + np.concatenate([shift, np.zeros(4)])
-        return replace(item, track=item.track._replace(poses=poses))
-    return replace(item, joint=None, placement=moved(shift) @ item.placement)
-
-
 def ghosts(stage: Stage, shown: tuple[State | Motion, ...]) -> Layer:
     """Return other states and motions in the same place, half transparent.
 
@@ -100,15 +92,6 @@ def ghosts(stage: Stage, shown: tuple[State | Motion, ...]) -> Layer:
     return Layer(tuple(items), points, legend)
 
 
-def _steps(points: Array, direction: Array, n: int) -> Array:
-    """Return where n pictures stand in rows and columns, shape (n, 3) [m], the first at 0."""
-    axes = axes_of_view(direction)
-    wide, high = SPACING * np.ptp(points @ axes.T, axis=0)
-    columns = min(range(1, n + 1), key=lambda c: max(c * wide / 4, math.ceil(n / c) * high / 3))
-    row, column = np.divmod(np.arange(n), columns)
-    return column[:, None] * wide * axes[0] - row[:, None] * high * axes[1]
-
-
 def beside(stage: Stage, shown: tuple[State | Motion, ...], direction: Array) -> Layer:
     """Return other states and motions side by side with the first, which is the film itself.
 
@@ -122,9 +105,19 @@ def beside(stage: Stage, shown: tuple[State | Motion, ...], direction: Array) ->
     """
     others = others_of(stage, shown, "beside")
     corners = [occupied(list(stage.visuals), stage.poses), *(other.points for other in others)]
-    steps = _steps(np.concatenate(corners), direction, len(corners))
-    items = [_shifted(item, step) for other, step in zip(others, steps[1:], strict=True)
-             for item in other.items]
+    axes, n = axes_of_view(direction), len(corners)  # they stand in rows and columns
+    wide, high = SPACING * np.ptp(np.concatenate(corners) @ axes.T, axis=0)
+    columns = min(range(1, n + 1), key=lambda c: max(c * wide / 4, math.ceil(n / c) * high / 3))
+    row, column = np.divmod(np.arange(n), columns)
+    steps = column[:, None] * wide * axes[0] - row[:, None] * high * axes[1]
+    items = []
+    for other, step in zip(others, steps[1:], strict=True):
+        for item in other.items:
+            if item.track is None:
+                items.append(replace(item, joint=None, placement=moved(step) @ item.placement))
+                continue
+            poses = item.track.poses + np.concatenate([step, np.zeros(4)])
+            items.append(replace(item, track=item.track._replace(poses=poses)))
     placed = [points + step for points, step in zip(corners, steps, strict=True)]
     source = stage.film.source
     first = words(source) if isinstance(source, State) else "the motion"

@@ -12,7 +12,7 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.proximity.clearance import Clearance, PairClearance
 from spatial_pin.synthesis.goals import Path, Poses
 from spatial_pin.synthesis.results import Design
-from spatial_pin.view.scene.film import Reading, length_words, unit_of_length
+from spatial_pin.view.scene.film import Readout, length_words, unit_of_length
 from spatial_pin.view.scene.layers.arrows import traces
 from spatial_pin.view.scene.layers.visuals import body_items
 from spatial_pin.view.scene.shapes import Solid, ball, mg, moved, rod
@@ -77,7 +77,7 @@ def clearances(stage: Stage, found: Clearance) -> Layer:
         distances = pair.distances[film.rows]
         depth = np.where(distances <= found.tolerance, -distances, 0.0)
         size, unit = unit_of_length(float(np.abs(depth).max()) or 1.0)
-        alarms.append(Reading(_names(pair), depth / size, f" {unit}", 2, says=" overlap by "))
+        alarms.append(Readout(_names(pair), depth / size, f" {unit}", 2, says=" overlap by "))
     return Layer(tuple(items), np.zeros((0, 3)), tuple(legend), tuple(alarms))
 
 
