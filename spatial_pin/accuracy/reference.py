@@ -9,6 +9,7 @@ coordinates, method or step; their largest difference tells how good it is.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -166,12 +167,17 @@ class ExactRows:
         closed = np.array(q, dtype=float)
         found: dict[int, SquareSystem] = {}
         inverses = np.zeros((n, nv, nv))
+        free = np.ones(nv, dtype=bool)
+        free[self.moved] = False
         for k in range(n):
             closed[k, self.at] = self.values[k]
             evaluation.angle_reference[:] = turns[k]
-            system = self._system(evaluation, closed, k)
-            if system is not None:
-                found[k], inverses[k] = system, np.linalg.inv(system.matrix)
+            closed[k], error = close(evaluation, closed[k], free, TOLERANCES.round_off)
+            with contextlib.suppress(SingularError):
+                if error <= TOLERANCES.closed:
+                    system = SquareSystem(evaluation, self.driven, closed[k])
+                    if system.pivot > SINGULAR_PIVOT:
+                        found[k], inverses[k] = system, np.linalg.inv(system.matrix)
         shapes = [(len(s.equations), len(s.passive)) for s in found.values()]
         r, p = max(shapes, default=(0, 0))
         rows, null = np.zeros((n, r), dtype=np.intp), np.zeros((n, p, nv))
@@ -181,19 +187,6 @@ class ExactRows:
                 rows[k], null[k], good[k] = system.equations, system.passive, True
         inverses[~good] = 0.0
         return _Systems(closed, inverses, rows, null, good)
-
-    def _system(self, evaluation: Evaluation, q: Array, k: int) -> SquareSystem | None:
-        """Close sample k of q, and return its system; None where there is none."""
-        free = np.ones(self.mechanism.model.nv, dtype=bool)
-        free[self.moved] = False
-        q[k], error = close(evaluation, q[k], free, TOLERANCES.round_off)
-        if error > TOLERANCES.closed:
-            return None
-        try:
-            system = SquareSystem(evaluation, self.driven, q[k])
-        except SingularError:
-            return None
-        return system if system.pivot > SINGULAR_PIVOT else None
 
 
 # ---------------------------------------------------------------- sweeps

@@ -70,17 +70,12 @@ def _bounds(path: Path, name: str, given: Any) -> Bounds:
     if given == "free":
         return None
     try:
-        low, high = map(_end, map(_plain, given))
+        low, high = (None if x == "free" else x if isinstance(x, Quantity) else float(x)
+                     for x in map(_plain, given))
     except (TypeError, ValueError):
         raise SpatialPinError(f"{path}: dimension {name} is [least, most] or \"free\", as either "
                               f"of both may be, not {given!r}") from None
     return low, high
-
-
-def _end(given: Any) -> float | None:
-    if given == "free":
-        return None
-    return given if isinstance(given, Quantity) else float(given)
 
 
 def check_bounds(bounds: Mapping[str, Bounds]) -> None:
@@ -103,7 +98,8 @@ def check_bounds(bounds: Mapping[str, Bounds]) -> None:
 def _goals(path: Path, mechanism: Mechanism, table: dict[str, Any]) -> list[Goal]:
     """Return the goal of a table, or those of the .csv file that it names."""
     if "weight" in table:
-        table["weight"] = _weight(table["weight"])
+        given = table["weight"]
+        table["weight"] = None if given == EXACT else _plain(given)
     if "table" in table:
         kind, name = table.pop("kind", None), table.pop("table")
         found = _goals_of_table(path.parent / str(name), mechanism, table)
@@ -125,10 +121,6 @@ def _goals(path: Path, mechanism: Mechanism, table: dict[str, Any]) -> list[Goal
             raise ValueError(f"{kind} needs {key!r}")
     arguments = {key: _argument(mechanism, str(kind), key, table) for key in table}
     return [make(**arguments)]
-
-
-def _weight(given: Any) -> float | None:
-    return None if given == EXACT else _plain(given)
 
 
 def _argument(mechanism: Mechanism, kind: str, key: str, table: Mapping[str, Any]) -> Any:

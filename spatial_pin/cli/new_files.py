@@ -67,7 +67,12 @@ def write_from(name: str, tree: Path, folder: Path, mechanism: sp.Mechanism) -> 
     place = folder / f"{name}.toml"
     _refuse_existing([place])
     beside = Path(os.path.relpath(tree.resolve(), folder.resolve())).as_posix()
-    return [write_text(place, _text(name, beside, mechanism))]
+    title = {"title": mechanism.title} if mechanism.title else {}
+    parts = [HEAD + toml_text({"name": name, **title, "tree": beside}),
+             _joints(mechanism), _closures(mechanism), _drivers(mechanism),
+             MORE.format(link=_ends(mechanism)[0], joint=[*mechanism.model.names, "joint"][1]),
+             _guess(mechanism)]
+    return [write_text(place, "\n".join(part for part in parts if part))]
 
 
 def write_new(name: str, folder: Path) -> list[Path]:
@@ -94,15 +99,6 @@ def _refuse_existing(paths: Iterable[Path]) -> None:
 
 
 # ---------------------------------------------------------------- of a tree that there is
-
-
-def _text(name: str, tree: str, mechanism: sp.Mechanism) -> str:
-    title = {"title": mechanism.title} if mechanism.title else {}
-    parts = [HEAD + toml_text({"name": name, **title, "tree": tree}),
-             _joints(mechanism), _closures(mechanism), _drivers(mechanism),
-             MORE.format(link=_ends(mechanism)[0], joint=[*mechanism.model.names, "joint"][1]),
-             _guess(mechanism)]
-    return "\n".join(part for part in parts if part)
 
 
 def _joints(mechanism: sp.Mechanism) -> str:
@@ -164,7 +160,12 @@ def _drivers(mechanism: sp.Mechanism) -> str:
 
 def _guess(mechanism: sp.Mechanism) -> str:
     """Return where the joints of one freedom stand."""
-    state = _standing(mechanism)
+    state = None
+    for limits in (True, False):  # within the joint limits where there is such a configuration
+        with contextlib.suppress(sp.AssemblyError), warnings.catch_warnings():
+            warnings.simplefilter("ignore", sp.SpatialPinWarning)
+            state = sp.assemble(mechanism, limits=limits)
+            break
     if state is None:
         return ""
     values = {}
@@ -174,15 +175,6 @@ def _guess(mechanism: sp.Mechanism) -> str:
             values[c.name] = value + 0.0
     head = "# A rough configuration on the wanted branch [rad, m].\n"
     return head + toml_text({"guess": values}).lstrip() if values else ""
-
-
-def _standing(mechanism: sp.Mechanism) -> sp.State | None:
-    """Return a closed configuration, within the joint limits where there is one."""
-    for limits in (True, False):
-        with contextlib.suppress(sp.AssemblyError), warnings.catch_warnings():
-            warnings.simplefilter("ignore", sp.SpatialPinWarning)
-            return sp.assemble(mechanism, limits=limits)
-    return None
 
 
 HEAD = """\

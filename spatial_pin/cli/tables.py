@@ -115,21 +115,19 @@ def _lines(path: str | Path) -> list[tuple[int, list[str]]]:
 
 def _check_unit(path: str | Path, mechanism: Mechanism | None, name: str, unit: str) -> None:
     """Refuse a unit that does not go with what a column is about."""
-    base = "s" if name == TIME else mechanism and _base(mechanism, name)
+    last, base = name.rpartition(".")[2], ""
+    if name == TIME:
+        base = "s"
+    elif mechanism and is_coordinate(mechanism, name):
+        base = mechanism.coordinate(name).unit
+    elif mechanism and (is_angle(mechanism, name) or last in TURNED):
+        base = "rad"
+    elif mechanism and last in POINT:
+        base = "m"
     given = Quantity(1.0)
     given.unit = unit
     if base and not given.is_for(base):
         raise SpatialPinError(f"{path}: column {name!r} is in {base}, not in {unit}")
-
-
-def _base(mechanism: Mechanism, name: str) -> str:
-    """Return "rad" or "m" of a coordinate, driver or a frame's column; "" if it is none."""
-    if is_coordinate(mechanism, name):
-        return mechanism.coordinate(name).unit
-    if is_angle(mechanism, name):
-        return "rad"
-    last = name.rpartition(".")[2]
-    return "m" if last in POINT else "rad" if last in TURNED else ""
 
 
 def targets_of(
@@ -347,7 +345,8 @@ def read_target(text: str) -> tuple[str, Any]:
     if len(words) != len(units):
         raise ValueError(f"{text!r}: {of_kind} has {len(units)} numbers, not {len(words)}")
     numbers = [quantity(word) for word in words]
-    if not all(map(_fits, numbers, units)):
+    if not all(x.is_for(unit) if unit != " " else not x.unit for x, unit in zip(
+            numbers, units, strict=True)):
         raise ValueError(f"{text!r}: {of_kind} has numbers in {', '.join(units)}")
     if kind == "position" and f".{frame}".endswith(f".{CENTRE}"):  # of a link, or of the whole
         frame = name.strip()
@@ -392,7 +391,3 @@ def _centre(text: str, words: list[str], weight: float | None) -> targets.Target
         raise ValueError(f"{text!r}: the centre of mass has numbers in m")
     x, y, z = (None if v is None else float(v) for v in point)
     return targets.centre_of_mass(x, y, z, weight)
-
-
-def _fits(number: Quantity, unit: str) -> bool:
-    return not number.unit if unit == " " else number.is_for(unit)

@@ -86,8 +86,11 @@ def _together(
     choices = (zip(own, own.found, strict=True) for own in found)
     for choice in islice(product(*choices), MOST_MODES):
         states, counts = zip(*choice, strict=True)
+        # the sign of a determinant from the labels of its blocks, in words
+        blocks = [state.branch.rstrip("0123456789 ") for state in states]
+        sign = "" if "" in blocks else "+-"[blocks.count("-") % 2]
         modes.append((_put(base, groups, [state.q for state in states]),
-                      _sign([state.branch for state in states]), min(counts)))
+                      "singular" if "singular" in blocks else sign, min(counts)))
     if modes:
         kind = check.kind(modes[0][0])
         loose = {joint for joint, _ in kind.idle}
@@ -101,14 +104,6 @@ def _together(
         closed=sum(own.closed for own in found), found=[count for _, _, count in modes],
         missing=math.prod(len(own) + own.missing for own in found) - len(modes),
         continua=continua, is_whole=found[-1].is_whole)
-
-
-def _sign(branches: Iterable[str]) -> str:
-    """Return the sign of a determinant from the labels of its blocks, in words."""
-    signs = [branch.rstrip("0123456789 ") for branch in branches]
-    if "singular" in signs:
-        return "singular"
-    return "" if "" in signs else "+-"[signs.count("-") % 2]
 
 
 def _as_together(check: ModeCheck, modes: Sequence[tuple[Array, str, int]]) -> list[str]:

@@ -57,39 +57,30 @@ def _solid(
 ) -> ConvexSolid:
     place = geometry.placement
     shape.computeLocalAABB()
-    half, thickness = _segment(shape)
+    # half a segment through the middle, and how far the solid reaches from that: rods lie along
+    # their axes, other solids along the longest edge of the box about them
+    if isinstance(shape, coal.Cylinder | coal.Capsule | coal.Cone):
+        half, thickness = np.array([0.0, 0.0, shape.halfLength]), float(shape.radius)
+    elif isinstance(shape, coal.Sphere):
+        half, thickness = np.zeros(3), float(shape.radius)
+    else:
+        box = 0.5 * (shape.aabb_local.max_ - shape.aabb_local.min_)
+        half = np.where(np.arange(3) == np.argmax(box), box, 0.0)
+        thickness = float(np.linalg.norm(box - half))
     return ConvexSolid(mechanism.model.frames[geometry.parentFrame].name, int(geometry.parentJoint),
                  place.rotation, place.translation, shape, place.act(np.array(shape.aabb_center)),
                  float(shape.aabb_radius), place.rotation @ half, thickness)
 
 
-def _segment(shape: coal.ShapeBase) -> tuple[Array, float]:
-    """Return half a segment (3,) through a solid's middle, and how far it reaches from that.
-
-    Rods lie along their axes, other solids along the longest edge of the box about them.
-    """
-    if isinstance(shape, coal.Cylinder | coal.Capsule | coal.Cone):
-        return np.array([0.0, 0.0, shape.halfLength]), float(shape.radius)
-    if isinstance(shape, coal.Sphere):
-        return np.zeros(3), float(shape.radius)
-    box = 0.5 * (shape.aabb_local.max_ - shape.aabb_local.min_)
-    along = np.where(np.arange(3) == np.argmax(box), box, 0.0)
-    return along, float(np.linalg.norm(box - along))
-
-
 def _convex(geometry: pin.GeometryObject) -> Iterator[coal.ShapeBase]:
     shape = geometry.geometry
     if isinstance(shape, coal.BVHModelBase):
-        yield from hulls(np.array(shape.vertices()), _triangles(shape))
+        corners = [(t[0], t[1], t[2]) for t in map(shape.tri_indices, range(shape.num_tris))]
+        yield from hulls(np.array(shape.vertices()), np.array(corners).reshape(-1, 3))
     elif type(shape) in SUPPORTS:
         yield shape
     else:
         warn(f"{geometry.name!r} has no clearance: a {type(shape).__name__} is no convex solid")
-
-
-def _triangles(mesh: Any) -> Array:
-    corners = (mesh.tri_indices(k) for k in range(mesh.num_tris))
-    return np.array([(t[0], t[1], t[2]) for t in corners]).reshape(-1, 3)
 
 
 def hulls(points: Array, corners: Array) -> Iterator[coal.ShapeBase]:

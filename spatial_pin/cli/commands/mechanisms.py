@@ -18,7 +18,6 @@ from spatial_pin.cli.printing import WIDTH, finite, on_screen, print_result, say
 from spatial_pin.formats.export import export_urdf
 from spatial_pin.formats.files import library_titles
 from spatial_pin.mobility.mobility import driver_advice
-from spatial_pin.motion.report import Info
 from spatial_pin.motion.report import info as info_of
 from spatial_pin.operators import OPERATORS
 
@@ -44,11 +43,6 @@ def _line(width: int, name: str, title: str, source: str) -> str:
 def info(options: argparse.Namespace) -> None:
     """Links, joints, closures, coordinates and freedoms."""
     report = info_of(loaded(options))
-    print_result(options, report, finite(report.as_dict()), _parts(report))
-
-
-def _parts(report: Info) -> dict[str, list[str]]:
-    """Return the parts of a mechanism, one a row."""
     rows: list[tuple[str, str, str]] = [("link", name, "") for name in report.links]
     for kind, parts in (
         ("dimension", report.dimensions), ("joint", report.joints), ("closure", report.closures),
@@ -57,7 +51,9 @@ def _parts(report: Info) -> dict[str, list[str]]:
     ):
         found: dict[str, Any] = dict(parts)
         rows += [(kind, name, x if isinstance(x, str) else repr(x)) for name, x in found.items()]
-    return dict(zip(("part", "name", "what"), map(list, zip(*rows, strict=True)), strict=True))
+    columns = map(list, zip(*rows, strict=True))
+    print_result(options, report, finite(report.as_dict()),
+                 dict(zip(("part", "name", "what"), columns, strict=True)))
 
 
 def check(options: argparse.Namespace) -> None:

@@ -82,7 +82,12 @@ def write_motion(
         motion = found.motion
     lines = [motion_summary(motion), *([str(found)] if found is not None else []),
              *([last] if last else [])]
-    print_result(options, "\n".join(lines), _content(motion, found, is_whole), motion.columns(),
+    columns = {name: column.tolist() for name, column in motion.columns().items()}
+    content = {"mechanism": motion.mechanism.name, "is_whole": is_whole, "columns": columns,
+               "events": [event._asdict() for event in motion.events]}
+    if found is not None:
+        content["clearance"] = found.as_dict()
+    print_result(options, "\n".join(lines), finite(content), motion.columns(),
                  _written(options, motion, found), found is None or found.is_whole)
 
 
@@ -103,16 +108,6 @@ def _written(
         yield options.plot
     if options.html:
         yield sp.export_html(motion, options.html, look=look_of(options, found))
-
-
-def _content(
-    motion: sp.Motion, found: sp.Clearance | None, is_whole: bool
-) -> dict[str, Any]:
-    """Return what a motion is, as JSON has it."""
-    columns = {name: column.tolist() for name, column in motion.columns().items()}
-    content = {"mechanism": motion.mechanism.name, "is_whole": is_whole, "columns": columns,
-               "events": [event._asdict() for event in motion.events]}
-    return finite(content if found is None else {**content, "clearance": found.as_dict()})
 
 
 # ---------------------------------------------------------------- sweep
