@@ -57,7 +57,6 @@ def _equality(writing: Writing, kind: str, name: str, site1: str, site2: str) ->
 
 def _axes(closure: Closure) -> tuple[pin.SE3, pin.SE3]:
     """Return the pair's axes in frame 1 and in frame 2, z its axis."""
-    assert closure.geometry is not None
     return (pin.SE3(closure.geometry.axes1, np.zeros(3)),
             pin.SE3(closure.geometry.axes2, np.zeros(3)))
 
@@ -86,7 +85,6 @@ def _hinge(writing: Writing, closure: Closure) -> None:
 
 def _rope(writing: Writing, closure: Closure) -> None:
     """A distance is a straight tendon whose length is held, or is that of another."""
-    assert closure.geometry is not None
     rest = _tendon(writing, closure.name, closure.frames)
     attributes = {"name": closure.name, "tendon1": closure.name}
     length: float | None = closure.geometry.length
@@ -118,7 +116,6 @@ def _tendon(writing: Writing, name: str, frames: tuple[str, ...]) -> float:
 def _compose(writing: Writing, closure: Closure, q: Array) -> None:
     """Add a body that moves on frame 1 as the pair does, and weld it to frame 2."""
     mech, geometry = writing.mechanism, closure.geometry
-    assert geometry is not None
     (joint1, at1), (joint2, at2) = (
         (joint, place * axes) for (joint, place), axes in
         zip(map(mech.frame_on_joint, closure.frames), _axes(closure), strict=True))
