@@ -12,11 +12,11 @@ import numpy as np
 
 from spatial_pin._support.outputs import named_folder, named_path, replacing, write_text
 from spatial_pin.errors import MechanismFileError, SpatialPinError, warn
-from spatial_pin.formats.dialects import Reading, read_dialects
-from spatial_pin.formats.pinocchio_model.joints import joint_axis
-from spatial_pin.formats.sources import Trust, is_file
+from spatial_pin.formats.dialects import RobotReading, read_dialects
+from spatial_pin.formats.file_access import Trust, is_file
+from spatial_pin.formats.pinocchio_model.pair_tree import joint_axis
 from spatial_pin.formats.toml_files import toml_text
-from spatial_pin.formats.urdf.model import (
+from spatial_pin.formats.urdf.urdf_model import (
     LIMITS,
     PAIR_OF_URDF_TYPE,
     joint_axes,
@@ -93,7 +93,7 @@ def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
 
 def _states_more(mechanism: Mechanism, path: Path) -> bool:
     """Return whether readers find loops or motors in the URDF of a tree, or beside its file."""
-    reading = Reading(robot_of(mechanism), path)
+    reading = RobotReading(robot_of(mechanism), path)
     try:
         read_dialects(reading)
     except MechanismFileError:

@@ -30,20 +30,19 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.formats.dialects.reading import Reading
-from spatial_pin.formats.dialects.tree import said
-from spatial_pin.formats.sdf.poses import MODEL, pose
-from spatial_pin.formats.sdf.unread import OWN, is_detachable
-from spatial_pin.formats.urdf.checks import end_of
-from spatial_pin.formats.urdf.elements import local
-from spatial_pin.formats.urdf.leaving_out import without_it
+from spatial_pin.formats.dialects.robot import RobotReading, said
+from spatial_pin.formats.sdf.sdf_elements import MODEL, link_elements, pose
+from spatial_pin.formats.sdf.sdf_model import OWN, is_detachable
+from spatial_pin.formats.urdf.elements import joint_element, local, without_it
+from spatial_pin.formats.urdf.validation import end_of
+from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.numerics.linalg import Array
 
 WORLD = "world"
 OLD = {"hinge": "revolute", "slider": "prismatic", "ball": "spherical"}
 
 
-def read_gazebo(element: ET.Element, reading: Reading) -> None:
+def read_gazebo(element: ET.Element, reading: RobotReading) -> None:
     """Read the joints of a `<gazebo>` element."""
     for joint in element.findall("joint"):
         if joint.find("parent") is not None or joint.find("child") is not None:
@@ -60,7 +59,7 @@ def read_gazebo(element: ET.Element, reading: Reading) -> None:
             element.remove(joint)
 
 
-def _read_joint(joint: ET.Element, reading: Reading) -> None:
+def _read_joint(joint: ET.Element, reading: RobotReading) -> None:
     links = []
     for role in ("parent", "child"):
         name = linked(joint, role)
@@ -73,7 +72,7 @@ def _read_joint(joint: ET.Element, reading: Reading) -> None:
     reading.close(reading.name_of(joint), kind, "<gazebo><joint>", ends, (axes[0], axes[0]), **more)
 
 
-def geometry(joint: ET.Element, links: list[str], reading: Reading
+def geometry(joint: ET.Element, links: list[str], reading: RobotReading
              ) -> tuple[str, pin.SE3, list[Array], dict[str, Any]]:
     """Return a joint's pair, where its frame stands, its two axes there, and what else it needs."""
     kind, stands = reading.pair(joint), _pose(joint, links[1], reading)
@@ -85,7 +84,7 @@ def geometry(joint: ET.Element, links: list[str], reading: Reading
     return kind, stands, axes, more
 
 
-def _read_mimic_plugin(plugin: ET.Element, reading: Reading) -> None:
+def _read_mimic_plugin(plugin: ET.Element, reading: RobotReading) -> None:
     """Read the plugin that couples two joints where Gazebo passes over <mimic>."""
     names = [plugin.findtext(tag, "").strip() for tag in ("joint", "mimicJoint")]
     if all(names):
@@ -94,7 +93,7 @@ def _read_mimic_plugin(plugin: ET.Element, reading: Reading) -> None:
         reading.couple(names[0], names[1], ratio, offset, "<gazebo><plugin> with <mimicJoint>")
 
 
-def _read_detachable(plugin: ET.Element, reading: Reading) -> None:
+def _read_detachable(plugin: ET.Element, reading: RobotReading) -> None:
     """Read the plugin that holds a link on another where both stand."""
     parent, child, model = (plugin.findtext(tag, "").strip()
                             for tag in ("parent_link", "child_link", "child_model"))
@@ -114,7 +113,7 @@ def _read_detachable(plugin: ET.Element, reading: Reading) -> None:
                       [(link, reading.world[link].actInv(at)) for link in links])
 
 
-def _read_old_joint(joint: ET.Element, reading: Reading) -> None:
+def _read_old_joint(joint: ET.Element, reading: RobotReading) -> None:
     links = [reading.link(linked(joint, key), joint) for key in ("body1", "body2")]
     anchor = reading.link(linked(joint, "anchor") or links[1], joint)
     world, stands = reading.world, pin.SE3.Identity()
@@ -131,13 +130,13 @@ def _read_old_joint(joint: ET.Element, reading: Reading) -> None:
     reading.drop_mimics(moved, f"{said(joint)} closes that loop itself")
 
 
-def _pose(joint: ET.Element, child: str, reading: Reading) -> pin.SE3:
+def _pose(joint: ET.Element, child: str, reading: RobotReading) -> pin.SE3:
     place = joint.find("pose")
     base = (place.get("relative_to") if place is not None else None) or child
     return frame(base, joint, reading) * pose(place, reading.where(joint))
 
 
-def _axes(joint: ET.Element, kind: str, stands: pin.SE3, reading: Reading) -> list[Array]:
+def _axes(joint: ET.Element, kind: str, stands: pin.SE3, reading: RobotReading) -> list[Array]:
     """Return the unit vectors of <axis> and <axis2> in the joint's frame, z by default."""
     axes = []
     for tag in ("axis", "axis2"):
@@ -156,7 +155,7 @@ def _axes(joint: ET.Element, kind: str, stands: pin.SE3, reading: Reading) -> li
     return axes
 
 
-def _lead(joint: ET.Element, reading: Reading) -> float:
+def _lead(joint: ET.Element, reading: RobotReading) -> float:
     """Return the translation of a screw per turn [m]."""
     pitch, old = joint.find("screw_thread_pitch"), joint.find("thread_pitch")
     if pitch is not None:
@@ -168,7 +167,7 @@ def _lead(joint: ET.Element, reading: Reading) -> float:
     raise reading.fail(joint, "a screw needs <screw_thread_pitch>, in metres per turn")
 
 
-def frame(name: str, joint: ET.Element, reading: Reading) -> pin.SE3:
+def frame(name: str, joint: ET.Element, reading: RobotReading) -> pin.SE3:
     """Return where a link, a joint of the tree, or the model stands when all joints are at zero."""
     if name not in reading.links and name in reading.joints:
         name = end_of(reading.joints[name], "child")
@@ -184,3 +183,54 @@ def linked(joint: ET.Element, tag: str) -> str:
     found = joint.find(tag)
     return ((found.text or "").strip() or found.get("link", "")) if found is not None else ""
 
+
+def hang_links(reading: RobotReading) -> None:
+    """Hang the links of all `<gazebo>` elements on the tree, as far as joints do so."""
+    holders = [e for e in reading.robot if e.tag == "gazebo"]
+    loose = {link.get("name", ""): link for e in holders for link in e.findall("link")}
+    for name in loose.keys() & reading.links.keys():
+        raise reading.fail(loose[name], "there is a link of that name in the URDF already")
+    hung = bool(loose)
+    while hung:
+        hung = False
+        for holder in holders:
+            for joint in holder.findall("joint"):
+                ends = [linked(joint, role) for role in ("parent", "child")]
+                new = [end for end in ends if end in loose]
+                if len(new) == 1 and all(end in reading.links for end in ends if end not in new):
+                    _hang(loose.pop(new[0]), joint, ends, reading)
+                    holder.remove(joint)
+                    hung = True
+
+
+def _hang(link: ET.Element, joint: ET.Element, ends: list[str], reading: RobotReading) -> None:
+    """Put a link, and the joint that carries it, into the tree."""
+    name, where = link.get("name", ""), reading.where(link)
+    place = link.find("pose")
+    base = frame(place.get("relative_to") or MODEL, link, reading) \
+        if place is not None else pin.SE3.Identity()
+    stands = base * pose(place, where)
+    reading.put_link(name, link_elements(link, lambda e, at: pose(e, at), where, reading.notices))
+    reading.world[name] = stands
+    kind, at, axes, more = geometry(joint, ends, reading)
+    carried, carrier = (ends[1], ends[0]) if ends[1] == name else (ends[0], ends[1])
+    between = reading.names["frames"].free(f"{name}_carrier")
+    tree_joint = reading.names["frames"].free(reading.name_of(joint))
+    _join(between, tree_joint, carrier, reading.world[carrier].actInv(at), reading)
+    _join(carried, reading.names["frames"].free(f"{name}_fixed"), between, at.actInv(stands),
+          reading)
+    sense = 1.0 if carried == ends[1] else -1.0  # the coordinate is the child's against the parent
+    if kind != "weld":
+        if PAIRS[kind].uses_axis:
+            more["axis"] = (sense * axes[0]).tolist()
+        for key in ("damping", "friction"):
+            found = joint.find(f"axis/dynamics/{key}")
+            if found is not None:
+                more[key] = reading.number(found, joint, 0.0)
+        reading.refine(tree_joint, type=kind, **more)
+
+
+def _join(child: str, name: str, parent: str, placement: pin.SE3, reading: RobotReading) -> None:
+    if child not in reading.links:
+        reading.put_link(child, ())
+    reading.put_joint(joint_element(reading.robot, name, "fixed", parent, child, placement))

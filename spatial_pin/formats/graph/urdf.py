@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 
 from spatial_pin.formats.faults import Faults
-from spatial_pin.formats.graph.chains import in_loops
-from spatial_pin.formats.graph.joints import WORLD, Joint, JointGraph, Link
+from spatial_pin.formats.graph.joint_graph import WORLD, GraphJoint, JointGraph, Link
 from spatial_pin.formats.graph.open_tree import open_tree
-from spatial_pin.formats.imported import Imported
-from spatial_pin.formats.urdf.checks import check_joint, end_of, placement
-from spatial_pin.formats.urdf.model import (
+from spatial_pin.formats.graph.spanning import in_loops
+from spatial_pin.formats.importers import Imported
+from spatial_pin.formats.urdf.urdf_model import (
     CONTAINED_PAIRS,
     PAIR_OF_URDF_TYPE,
     JointRefinement,
     joint_axes,
 )
+from spatial_pin.formats.urdf.validation import check_joint, end_of, placement
 from spatial_pin.formats.xacro.parsing import parse_urdf
 from spatial_pin.mechanism.pairs import PAIRS
 
@@ -76,14 +76,16 @@ def _has_loop(robot: ET.Element) -> bool:
             parent == child or not {parent, child} <= known for parent, child in ends):
         return False  # other faults, which the reader of URDF refuses by name
     roots = known - {child for _, child in ends}  # they stand on the same ground
-    joints = [Joint(name, "fixed", WORLD if parent in roots else parent, child)
+    joints = [GraphJoint(name, "fixed", WORLD if parent in roots else parent, child)
               for name, (parent, child) in zip(names, ends, strict=True)]
     return bool(in_loops(joints))
 
 
-def _joint(element: ET.Element, pair: str, refined: JointRefinement | None, where: str) -> Joint:
+def _joint(
+    element: ET.Element, pair: str, refined: JointRefinement | None, where: str
+) -> GraphJoint:
     axis, axis2 = joint_axes(PAIRS[pair], element, refined, where)
-    joint = Joint(
+    joint = GraphJoint(
         element.get("name", ""), pair, end_of(element, "parent"), end_of(element, "child"),
         placement(element.find("origin"), where), axis=axis, axis2=axis2,
         lead=refined.lead if refined else 0.0, element=element, **_resistance(element, refined))

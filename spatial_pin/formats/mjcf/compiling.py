@@ -20,9 +20,9 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats.meshes.meshes import OUTSIDE
-from spatial_pin.formats.sources import Trust, check_file, is_file, shown
-from spatial_pin.formats.urdf.leaving_out import notice_of
+from spatial_pin.formats.file_access import Trust, check_file, is_file, shown
+from spatial_pin.formats.mesh_files import OUTSIDE
+from spatial_pin.formats.urdf.elements import notice_of
 from spatial_pin.formats.xacro.parsing import PROLOGUE, parse_xml, without
 from spatial_pin.numerics.linalg import Array
 

@@ -12,13 +12,13 @@ from numpy.typing import ArrayLike
 
 from spatial_pin._support.checks import finite_array, number_from_zero
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.formats.pinocchio_model.joints import (
+from spatial_pin.formats.pinocchio_model.pair_tree import (
     check_placement,
     own_configuration,
     pair_tree,
 )
 from spatial_pin.formats.pinocchio_model.urdf_text import Bodies, urdf_of
-from spatial_pin.formats.urdf.writing import fresh
+from spatial_pin.formats.urdf.elements import fresh
 from spatial_pin.mechanism.checks import check_mechanism
 from spatial_pin.mechanism.closures import FramePlace, of_native
 from spatial_pin.mechanism.coordinates import check_guess, joint_vector
@@ -45,7 +45,7 @@ def mechanism_of(
     where = f"{WHERE} {title!r}"
     model, pairs, mimics = pair_tree(given, where)
     bodies = Completed(model).bodies()
-    names = _Names(model, bodies, where)
+    names = _FrameNames(model, bodies, where)
     names.keep_frames()
     for key, place in _mapping(frames, "frames").items():
         names.add(key, place)
@@ -225,7 +225,7 @@ def _inertias(model: pin.Model) -> dict[str, pin.Inertia]:
 # ---------------------------------------------------------------- frames and closures
 
 
-class _Names:
+class _FrameNames:
     """Gives names to frames that are given by a placement, and to closures that have none."""
 
     def __init__(self, model: pin.Model, bodies: Bodies, where: str) -> None:

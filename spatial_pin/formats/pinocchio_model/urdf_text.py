@@ -16,8 +16,8 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import warn
-from spatial_pin.formats.pinocchio_model.joints import joint_axis
-from spatial_pin.formats.sources import is_file
+from spatial_pin.formats.file_access import is_file
+from spatial_pin.formats.pinocchio_model.pair_tree import joint_axis
 from spatial_pin.formats.urdf.elements import (
     finite_text,
     inertial,

@@ -9,9 +9,9 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.formats.pinocchio_model.from_model import Completed
-from spatial_pin.formats.pinocchio_model.joints import copy_numbers
+from spatial_pin.formats.pinocchio_model.pair_tree import copy_numbers
 from spatial_pin.formats.pinocchio_model.urdf_text import urdf_of
-from spatial_pin.formats.urdf.writing import fresh
+from spatial_pin.formats.urdf.elements import fresh
 from spatial_pin.mechanism.checks import check_mechanism
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.named_frames import add_frames
