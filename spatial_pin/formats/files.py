@@ -26,7 +26,7 @@ from spatial_pin.formats.file_access import (
     shown,
 )
 from spatial_pin.formats.importers import IMPORTERS, Importer, Request, endings, importer_of
-from spatial_pin.formats.mechanism_file import Said, mechanism_of
+from spatial_pin.formats.mechanism_file import MechanismSpec, mechanism_of
 from spatial_pin.formats.toml_files import parse_toml
 from spatial_pin.formats.urdf.validation import end_of
 from spatial_pin.formats.xacro.arguments import arguments
@@ -76,12 +76,6 @@ def merged(own: Mapping[str, Any], stated: Mapping[str, Any]) -> tuple[dict[str,
     return both, notices
 
 
-def without_loops_and_motors(stated: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a tree's file says of joints and frames, where a mechanism file is complete."""
-    return {key: x for key, x in stated.items() if key not in (*LISTS, "drivers", "passive",
-                                                               "guess")}
-
-
 def _replaced(entry: Mapping[str, Any], mine: Any) -> str:
     """Return why an entry gives way to one of the mechanism file's, "" where it does not."""
     for other in mine if isinstance(mine, list) else ():
@@ -114,48 +108,34 @@ def with_free_flyer(urdf: str, path: Path, refined: Container[str] = ()) -> str:
         MechanismFileError: all that the root carries floats already.
     """
     robot = parse_urdf(urdf, path)
-    joints = robot.findall("joint")
-    roots = _roots(robot)
+    joints, links = robot.findall("joint"), robot.findall("link")
+    children = {end_of(joint, "child") for joint in joints}
+    roots = [link for link in links if link.get("name", "") not in children]
     where = f"{shown(path)}: free_flyer=True"
     if not roots:
         return urdf  # no tree: told by whoever reads it
+    root = roots[0].get("name", "")
     if len(roots) > 1:
-        raise MechanismFileError(f"{where}: several links have no parent: {', '.join(roots)}; join "
-                                 "those that float together by a fixed joint")
-    on_root = [joint for joint in joints if end_of(joint, "parent") == roots[0]]
-    if on_root and _is_bare(robot, roots[0]) and all(
+        names = ", ".join(link.get("name", "") for link in roots)
+        raise MechanismFileError(f"{where}: several links have no parent: {names}; join those that "
+                                 "float together by a fixed joint")
+    on_root = [joint for joint in joints if end_of(joint, "parent") == root]
+    if on_root and roots[0].find("inertial") is None and all(
             x.get("type") == "floating" and x.get("name", "") not in refined for x in on_root):
         link, name = end_of(on_root[0], "child"), on_root[0].get("name")
         raise MechanismFileError(
             f"{where}: link {link!r} floats on joint {name!r} already; leave free_flyer out")
     if ROOT_JOINT in {joint.get("name") for joint in joints}:
         raise MechanismFileError(f"{where}: there is a joint {ROOT_JOINT!r} already; rename it")
-    _put_below(robot, roots[0])
-    return ET.tostring(robot, encoding="unicode")
-
-
-def _roots(robot: ET.Element) -> list[str]:
-    children = {end_of(joint, "child") for joint in robot.findall("joint")}
-    names = [link.get("name", "") for link in robot.findall("link")]
-    return [name for name in names if name not in children]
-
-
-def _is_bare(robot: ET.Element, link: str) -> bool:
-    """Whether a link weighs nothing, as one does that stands for the world."""
-    return all(x.find("inertial") is None for x in robot.findall("link") if x.get("name") == link)
-
-
-def _put_below(robot: ET.Element, root: str) -> None:
-    """Put a new root below the old one, with a floating joint between them."""
-    taken = {link.get("name") for link in robot.findall("link")}
-    free = [name for name in GROUNDS if name not in taken]
-    ground = free[0] if free else next(
-        name for k in range(len(taken) + 1) if (name := f"{GROUNDS[-1]}_{k}") not in taken)
+    taken = {link.get("name") for link in links}
+    numbered = (f"{GROUNDS[-1]}_{k}" for k in range(len(taken) + 1))
+    ground = next(name for name in (*GROUNDS, *numbered) if name not in taken)
     joint = ET.Element("joint", name=ROOT_JOINT, type="floating")
     ET.SubElement(joint, "parent", link=ground)
     ET.SubElement(joint, "child", link=root)
     robot.insert(0, ET.Element("link", name=ground))
     robot.insert(1, joint)
+    return ET.tostring(robot, encoding="unicode")
 
 
 def list_mechanisms() -> list[str]:
@@ -337,10 +317,11 @@ def _load_toml(request: Request) -> Mechanism:
         request = _choosing_model(request, file, importer)
         tree = importer.read(replace(request, path=file, complete=complete,
                                      alone=not complete and "closures" not in top))
-        stated = without_loops_and_motors(tree.content) if complete else tree.content
+        stated = {key: x for key, x in tree.content.items()
+                  if not complete or key not in (*LISTS, "drivers", "passive", "guess")}
         content, left_out = merged(top.content, stated)
     if mistakes:
-        Said(top, mistakes)
+        MechanismSpec(top, mistakes)
         mistakes.tell()
     for notice in (*tree.notices, *left_out):
         faults.note(notice)

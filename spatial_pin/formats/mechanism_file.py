@@ -42,8 +42,8 @@ from spatial_pin.mechanism.pairs import (
 from spatial_pin.mechanism.parts import Closure, Driver, Passive, Spring, drivers_of_tree
 
 
-class Said:
-    """What a mechanism file says, read key by key; mistakes are kept.
+class MechanismSpec:
+    """What a mechanism file says, read key by key; mistakes are collected.
 
     Attributes:
         refinements: of the tree's joints.
@@ -149,38 +149,34 @@ def mechanism_of(
         MechanismFileError: it is none; has all mistakes that could be found at once.
     """
     mistakes = Mistakes(top.where)
-    said = Said(top, mistakes)
-    if not said.is_whole["joints"]:
+    spec = MechanismSpec(top, mistakes)
+    if not spec.is_whole["joints"]:
         mistakes.tell()  # what the tree is, is not known
     with mistakes.each():
-        cut = without_loops(urdf, top.content, said.refinements, file, faults)
+        cut = without_loops(urdf, top.content, spec.refinements, file, faults)
         if cut is not None:
             mistakes.tell()
             for notice in cut.notices:
                 faults.note(notice)
             urdf, top = cut.urdf, TomlTable(cut.content, top.where)
-            said = Said(top, mistakes)
+            spec = MechanismSpec(top, mistakes)
         trust = Trust.of(file, request.packages, request.trusted)
-        tree = tree_of(urdf, file, said.refinements, faults, trust, said.order, top.where)
-        if said.gravity is not None:
-            tree.model.gravity.linear = said.gravity
-        return _build(top, tree, said, file, request, faults, mistakes)
+        tree = tree_of(urdf, file, spec.refinements, faults, trust, spec.order, top.where)
+        if spec.gravity is not None:
+            tree.model.gravity.linear = spec.gravity
+        return _build(top, tree, spec, file, request, faults, mistakes)
     mistakes.tell()
     raise AssertionError  # a mistake was kept
 
 
 def _build(
-    top: TomlTable, tree: OpenTree, said: Said, file: Path, request: Request, faults: Faults,
-    mistakes: Mistakes,
+    top: TomlTable, tree: OpenTree, spec: MechanismSpec, file: Path, request: Request,
+    faults: Faults, mistakes: Mistakes,
 ) -> Mechanism:
-    where, parts = str(request.path), said.parts
-    if said.is_whole["frames"]:
+    where, parts = str(request.path), spec.parts
+    if spec.is_whole["frames"]:
         add_frames(tree.model, parts["frames"], where)
-    mimics = tuple(
-        Closure(f"mimic_{joint}", COUPLING, joints=(source, joint), ratio=ratio, offset=offset)
-        for joint, source, ratio, offset in tree.mimics
-    )
-    parts["closures"] = (*parts["closures"], *mimics)
+    parts["closures"] = (*parts["closures"], *tree.mimics)
     if "drivers" not in top:
         joints = dict(zip(list(tree.model.names)[1:], tree.pairs, strict=True))
         parts["drivers"] = drivers_of_tree(joints, parts["closures"])
@@ -191,24 +187,19 @@ def _build(
         parts["guess"] = written.values()
     mechanism = Mechanism(
         name=top.content.get("name", ""), tree=file, model=tree.model,
-        visual_model=tree.shapes.visual,
-        collision_model=tree.shapes.collision, pairs=tree.pairs, inertias=tree.inertias,
+        visual_model=partial(tree.shapes, "visual"),
+        collision_model=partial(tree.shapes, "collision"), pairs=tree.pairs, inertias=tree.inertias,
         parameters=dict(request.parameters), path=request.path, urdf=tree.urdf,
         slip_speeds=tree.slip_speeds, trusted=request.trusted, packages=request.packages,
         free_flyer=request.free_flyer, model_of_file=request.model, without=request.without,
         **parts,
     )
     mechanism.characteristic_length  # noqa: B018 - refused here where it is no number
-    if said.is_whole["frames"]:  # else names of those are missing
+    if spec.is_whole["frames"]:  # else names of those are missing
         check_mechanism(mechanism, where, mistakes)
-        if said.is_whole["drivers"]:
+        if spec.is_whole["drivers"]:
             _check_guess(mechanism, where, mistakes)
     mistakes.tell()
-    _judge_inertias(mechanism, faults)
-    return mechanism.with_fields(notices=faults.notices())
-
-
-def _judge_inertias(mechanism: Mechanism, faults: Faults) -> None:
     found = impossible_inertias(mechanism)
     for kind, links in (
         ("below zero, which no body has: motion is computed, forces are refused", found.negative),
@@ -217,6 +208,7 @@ def _judge_inertias(mechanism: Mechanism, faults: Faults) -> None:
     ):
         for link, words in links.items():
             faults.note(kind, f"link {link!r}: {words}")
+    return mechanism.with_fields(notices=faults.notices())
 
 
 def _check_guess(mechanism: Mechanism, where: str, mistakes: Mistakes) -> None:

@@ -52,44 +52,32 @@ def _seen(file: str) -> Seen:
     return file, status.st_size, status.st_mtime_ns
 
 
-def _runs(colours: Array) -> Colours:
-    """Return equal colours (M, 4) that follow each other once, with their number."""
-    known = np.where(np.isnan(colours).any(axis=1, keepdims=True), -1.0, colours)
-    starts = np.flatnonzero(np.r_[True, np.any(known[1:] != known[:-1], axis=1)])
-    counts = np.diff(np.r_[starts, len(known)])
-    return tuple((int(n), None if known[k, 0] < 0.0 else tuple(np.clip(known[k], 0, 1).tolist()))
-                 for k, n in zip(starts, counts, strict=True))
-
-
 def read_meshes(files: Iterable[str]) -> dict[str, tuple[Array, Array] | str]:
     """Return points (N, 3) and triangles (M, 3) of mesh files, or why one cannot be read."""
     read: dict[str, tuple[Array, Array] | str] = {file: fault(Path(file)) for file in files}
     names = [name for name, why in read.items() if not why]
     if not names:
         return read
+    import subprocess  # on use: it takes 3 ms to import
+
+    paths = os.pathsep.join(path for path in sys.path if path)
+    environment = {**os.environ, "PYTHONPATH": paths}
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-P", mesh_reader.__file__, folder, *names]
         time = LEAST_TIME + TIME_OF_A_BYTE * sum(map(os.path.getsize, names))
         for _ in names:  # each run that ends too soon has at least begun one more
-            if not _ended_too_soon(command, time):
+            try:
+                run = subprocess.run(
+                    command, timeout=time, check=False, stdin=subprocess.DEVNULL,
+                    stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment)
+            except subprocess.TimeoutExpired:
+                continue
+            except OSError as error:
+                raise MechanismFileError(
+                    f"no process can be started that reads meshes: {error}") from error
+            if run.returncode == 0:
                 break
         return read | {name: _outcome(Path(folder), k, name) for k, name in enumerate(names)}
-
-
-def _ended_too_soon(command: list[str], time: float) -> bool:
-    import subprocess  # on use: it takes 3 ms to import
-
-    paths = os.pathsep.join(path for path in sys.path if path)
-    try:
-        run = subprocess.run(
-            command, timeout=time, check=False, stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-            env={**os.environ, "PYTHONPATH": paths})
-    except subprocess.TimeoutExpired:
-        return True
-    except OSError as error:
-        raise MechanismFileError(f"no process can be started that reads meshes: {error}") from error
-    return run.returncode != 0
 
 
 def _outcome(folder: Path, k: int, name: str) -> tuple[Array, Array] | str:
@@ -105,7 +93,12 @@ def _outcome(folder: Path, k: int, name: str) -> tuple[Array, Array] | str:
         return "it has points that are NaN or infinite"
     if corners.min() < 0 or corners.max() >= len(points):
         return "it has triangles of points that it does not have"
-    _COLOURS[_seen(name)] = _runs(colours)
+    known = np.where(np.isnan(colours).any(axis=1, keepdims=True), -1.0, colours)
+    starts = np.flatnonzero(np.r_[True, np.any(known[1:] != known[:-1], axis=1)])
+    counts = np.diff(np.r_[starts, len(known)])
+    _COLOURS[_seen(name)] = tuple(
+        (int(n), None if known[k, 0] < 0.0 else tuple(np.clip(known[k], 0, 1).tolist()))
+        for k, n in zip(starts, counts, strict=True))
     return points, corners
 
 
@@ -216,14 +209,11 @@ def _is_ply(head: bytes, size: int) -> bool:
             and 0 < int(points[1]) * least <= size - end)
 
 
-def _is_obj(head: bytes, size: int) -> bool:
-    return re.search(rb"^[ \t]*v[ \t]", head, re.M) is not None or size > len(head)
-
-
 ALONE = (".stl", ".ply", ".off", ".obj", ".dae", ".3ds")  # of which no other file is opened
 OF_PARTS = (".gltf", ".glb")  # which name other files
-FORMATS: dict[str, Callable[[bytes, int], bool]] = {
-    ".stl": _is_stl, ".ply": _is_ply, ".obj": _is_obj,
+FORMATS: dict[str, Callable[[bytes, int], Any]] = {
+    ".stl": _is_stl, ".ply": _is_ply,
+    ".obj": lambda head, size: size > len(head) or re.search(rb"^[ \t]*v[ \t]", head, re.M),
     ".dae": lambda head, size: b"<COLLADA" in head,
     ".glb": lambda head, size: head[:4] == b"glTF",
 }

@@ -239,19 +239,16 @@ def _corners(primitive: ET.Element) -> Any:
     if primitive.tag == "polylist":
         counts = np.array((primitive.findtext("vcount") or "").split(), dtype=np.int64)
         faces = np.split(np.concatenate(faces), np.cumsum(counts)[:-1]) if faces else []
-    strip = primitive.tag == "tristrips"
-    found = [_strip(face) if strip else _fan(face) for face in faces if len(face) > 2]
-    return np.concatenate(found) if found else np.empty((0, 3), np.int64)
-
-
-def _fan(face: Any) -> Any:
-    return np.stack([np.repeat(face[:1], len(face) - 2), face[1:-1], face[2:]], axis=1)
-
-
-def _strip(face: Any) -> Any:
-    triangles = np.stack([face[:-2], face[1:-1], face[2:]], axis=1)
-    triangles[1::2] = triangles[1::2, ::-1]
-    return triangles
+    found = [np.empty((0, 3), np.int64)]
+    for face in faces:
+        if primitive.tag == "tristrips":
+            triangles = np.stack([face[:-2], face[1:-1], face[2:]], axis=1)
+            triangles[1::2] = triangles[1::2, ::-1]
+        else:  # a fan, or a polygon as one
+            first = np.repeat(face[:1], max(len(face) - 2, 0))
+            triangles = np.stack([first, face[1:-1], face[2:]], axis=1)
+        found.append(triangles)
+    return np.concatenate(found)
 
 
 PRIMITIVES = ("triangles", "polylist", "polygons", "trifans", "tristrips")

@@ -31,17 +31,6 @@ def is_urdf(path: Path) -> bool:
     return root is not None and root[0].endswith("<robot")
 
 
-def _put_world(robot: ET.Element) -> list[str]:
-    """Put in the link `world` where something hangs on it that nothing defines, as Drake has it."""
-    links = {link.get("name") for link in robot.findall("link")}
-    named = {end_of(x, "parent") for x in robot.iter() if local(x) == "joint"}
-    named |= {x.get("name", "") for x in robot.iter() if local(x).endswith(("_body_A", "_body_B"))}
-    if WORLD in links or WORLD not in named:
-        return []
-    robot.insert(0, ET.Element("link", name=WORLD))
-    return [f"link {WORLD!r} is not defined: it is what stands still"]
-
-
 def read_urdf(request: Request, beside: Path | None = None) -> Imported:
     """Read a URDF or xacro file.
 
@@ -61,7 +50,13 @@ def read_urdf(request: Request, beside: Path | None = None) -> Imported:
     if request.path.suffix != ".xacro" and (written := re.search(r"\$\{[^}]*\}", before)):
         notices.append(f"{written[0]} stands in it as it is written: xacro puts values in, where "
                        "the file's name ends in .urdf.xacro")
-    reading = RobotReading(robot, request.path, notices=[*notices, *_put_world(robot)])
+    links = {link.get("name") for link in robot.findall("link")}
+    named = {end_of(x, "parent") for x in robot.iter() if local(x) == "joint"}
+    named |= {x.get("name", "") for x in robot.iter() if local(x).endswith(("_body_A", "_body_B"))}
+    if WORLD in named - links:  # as Drake has it
+        robot.insert(0, ET.Element("link", name=WORLD))
+        notices.append(f"link {WORLD!r} is not defined: it is what stands still")
+    reading = RobotReading(robot, request.path, notices=notices)
     if request.complete:
         refuse_unread(reading)
     else:

@@ -1,6 +1,7 @@
 """SDFormat joints in the `<gazebo>` extension of a URDF, as Gazebo's own tutorial closes a loop.
 
     <gazebo>
+      <link name> <pose>x y z r p y</pose> <inertial/> <visual/> <collision/> </link>
       <joint name type>
         <parent>LINK</parent> <child>LINK</child>
         <pose relative_to="...">x y z r p y</pose>
@@ -10,6 +11,10 @@ SDFormat's rules: the pose is that of the joint's frame when all joints of the t
 the axes of the child link unless `relative_to` names another link (or joint, or `__model__`); the
 axis is in the joint's frame unless `expressed_in` names another. The joint is attached to both
 links where it stands then.
+
+The pose of a link is in the axes of the model, which are those of the root link, or of what
+`relative_to` names. The first joint between such a link and one of the tree becomes a joint of the
+tree, whose coordinate turns the joint's child against its parent; further joints are loops.
 
 A plugin with `<joint>` and `<mimicJoint>` couples these two; where the joint has a `<mimic>` of
 its own, that says the same. The plugin DetachableJoint holds `<child_link>` on `<parent_link>`
@@ -48,8 +53,13 @@ def read_gazebo(element: ET.Element, reading: RobotReading) -> None:
         if joint.find("parent") is not None or joint.find("child") is not None:
             _read_joint(joint, reading)
             element.remove(joint)
-    for plugin in element.iter("plugin"):
-        _read_mimic_plugin(plugin, reading)
+    for plugin in element.iter("plugin"):  # that couples two joints where <mimic> is passed over
+        names = [plugin.findtext(tag, "").strip() for tag in ("joint", "mimicJoint")]
+        if all(names):
+            ratio, offset = (reading.number(plugin.find(tag), plugin, default)
+                             for tag, default in (("multiplier", 1.0), ("offset", 0.0)))
+            reading.couple(names[0], names[1], ratio, offset,
+                           "<gazebo><plugin> with <mimicJoint>")
     for plugin in filter(is_detachable, element.findall("plugin")):
         _read_detachable(plugin, reading)
         element.remove(plugin)
@@ -75,22 +85,22 @@ def _read_joint(joint: ET.Element, reading: RobotReading) -> None:
 def geometry(joint: ET.Element, links: list[str], reading: RobotReading
              ) -> tuple[str, pin.SE3, list[Array], dict[str, Any]]:
     """Return a joint's pair, where its frame stands, its two axes there, and what else it needs."""
-    kind, stands = reading.pair(joint), _pose(joint, links[1], reading)
-    axes, more = _axes(joint, kind, stands, reading), {}
+    kind, place = reading.pair(joint), joint.find("pose")
+    base = (place.get("relative_to") if place is not None else None) or links[1]
+    stands = frame(base, joint, reading) * pose(place, reading.where(joint))
+    axes = _axes(joint, kind, stands, reading)
     if kind == "universal":
-        more = {"axis2": axes[1].tolist()}
-    elif kind == "screw":
-        more = {"lead": _lead(joint, reading)}
-    return kind, stands, axes, more
-
-
-def _read_mimic_plugin(plugin: ET.Element, reading: RobotReading) -> None:
-    """Read the plugin that couples two joints where Gazebo passes over <mimic>."""
-    names = [plugin.findtext(tag, "").strip() for tag in ("joint", "mimicJoint")]
-    if all(names):
-        ratio, offset = (reading.number(plugin.find(tag), plugin, default)
-                         for tag, default in (("multiplier", 1.0), ("offset", 0.0)))
-        reading.couple(names[0], names[1], ratio, offset, "<gazebo><plugin> with <mimicJoint>")
+        return kind, stands, axes, {"axis2": axes[1].tolist()}
+    if kind != "screw":
+        return kind, stands, axes, {}
+    if joint.find("screw_thread_pitch") is not None:
+        lead = reading.number(joint.find("screw_thread_pitch"), joint, 0.0)
+    else:  # turns per metre, against the right-handed sense
+        pitch = reading.number(joint.find("thread_pitch"), joint, 0.0)
+        if not pitch:
+            raise reading.fail(joint, "a screw needs <screw_thread_pitch>, in metres per turn")
+        lead = -2.0 * math.pi / pitch
+    return kind, stands, axes, {"lead": lead}
 
 
 def _read_detachable(plugin: ET.Element, reading: RobotReading) -> None:
@@ -115,25 +125,18 @@ def _read_detachable(plugin: ET.Element, reading: RobotReading) -> None:
 
 def _read_old_joint(joint: ET.Element, reading: RobotReading) -> None:
     links = [reading.link(linked(joint, key), joint) for key in ("body1", "body2")]
-    anchor = reading.link(linked(joint, "anchor") or links[1], joint)
-    world, stands = reading.world, pin.SE3.Identity()
+    stands = reading.world[reading.link(linked(joint, "anchor") or links[1], joint)]
     offset, along = joint.find("anchorOffset"), joint.find("axis")
     if offset is not None:
-        stands.translation = reading.texts(offset, 3, joint)
+        stands = stands * pin.SE3(np.eye(3), reading.texts(offset, 3, joint))
     axis = np.array([0.0, 0.0, 1.0])
     if along is not None:
         axis = reading.unit(reading.texts(along, 3, joint), joint)
-    ends = [(link, world[link].actInv(world[anchor] * stands)) for link in links]
+    ends = [(link, reading.world[link].actInv(stands)) for link in links]
     reading.close(reading.name_of(joint), OLD[local(joint)], "<gazebo><joint:" + local(joint) + ">",
                   ends, (axis, axis))
     moved = [name for chain in reading.between(links) for name in chain]
     reading.drop_mimics(moved, f"{said(joint)} closes that loop itself")
-
-
-def _pose(joint: ET.Element, child: str, reading: RobotReading) -> pin.SE3:
-    place = joint.find("pose")
-    base = (place.get("relative_to") if place is not None else None) or child
-    return frame(base, joint, reading) * pose(place, reading.where(joint))
 
 
 def _axes(joint: ET.Element, kind: str, stands: pin.SE3, reading: RobotReading) -> list[Array]:
@@ -153,18 +156,6 @@ def _axes(joint: ET.Element, kind: str, stands: pin.SE3, reading: RobotReading) 
             raise reading.fail(joint, f"a universal joint needs <{tag}><xyz>")
         axes.append(axis)
     return axes
-
-
-def _lead(joint: ET.Element, reading: RobotReading) -> float:
-    """Return the translation of a screw per turn [m]."""
-    pitch, old = joint.find("screw_thread_pitch"), joint.find("thread_pitch")
-    if pitch is not None:
-        return float(reading.texts(pitch, 1, joint)[0])
-    if old is not None:  # turns per metre, against the right-handed sense
-        value = float(reading.texts(old, 1, joint)[0])
-        if value:
-            return -2.0 * math.pi / value
-    raise reading.fail(joint, "a screw needs <screw_thread_pitch>, in metres per turn")
 
 
 def frame(name: str, joint: ET.Element, reading: RobotReading) -> pin.SE3:
@@ -214,11 +205,13 @@ def _hang(link: ET.Element, joint: ET.Element, ends: list[str], reading: RobotRe
     reading.world[name] = stands
     kind, at, axes, more = geometry(joint, ends, reading)
     carried, carrier = (ends[1], ends[0]) if ends[1] == name else (ends[0], ends[1])
-    between = reading.names["frames"].free(f"{name}_carrier")
-    tree_joint = reading.names["frames"].free(reading.name_of(joint))
-    _join(between, tree_joint, carrier, reading.world[carrier].actInv(at), reading)
-    _join(carried, reading.names["frames"].free(f"{name}_fixed"), between, at.actInv(stands),
-          reading)
+    names = reading.names["frames"]
+    between, tree_joint = names.free(f"{name}_carrier"), names.free(reading.name_of(joint))
+    reading.put_link(between, ())
+    for own_name, parent, child, placement in (
+            (tree_joint, carrier, between, reading.world[carrier].actInv(at)),
+            (names.free(f"{name}_fixed"), between, carried, at.actInv(stands))):
+        reading.put_joint(joint_element(reading.robot, own_name, "fixed", parent, child, placement))
     sense = 1.0 if carried == ends[1] else -1.0  # the coordinate is the child's against the parent
     if kind != "weld":
         if PAIRS[kind].uses_axis:
@@ -228,9 +221,3 @@ def _hang(link: ET.Element, joint: ET.Element, ends: list[str], reading: RobotRe
             if found is not None:
                 more[key] = reading.number(found, joint, 0.0)
         reading.refine(tree_joint, type=kind, **more)
-
-
-def _join(child: str, name: str, parent: str, placement: pin.SE3, reading: RobotReading) -> None:
-    if child not in reading.links:
-        reading.put_link(child, ())
-    reading.put_joint(joint_element(reading.robot, name, "fixed", parent, child, placement))

@@ -1,4 +1,6 @@
-"""URDF+ (Chignoli et al., 2024): `<loop>`, `<coupling>`, and what they were called before.
+"""Loops and motors that elements of a URDF, or the names of its links, state.
+
+URDF+ (Chignoli et al., 2024):
 
     <loop name type>                      <coupling name>
       <predecessor link><origin/>           <predecessor link/>
@@ -9,6 +11,37 @@ An origin is the loop's frame in the axes of its link, the axis holds in both fr
 says ratio * (angle of the predecessor) = angle of the successor, each counted from the nearest
 link that carries both. Before 2024 both were `<constraint type="position">` (a common point) and
 `<constraint type="rolling">`. A joint with `independent="true"` is a driver.
+
+`<constraint>` with parent and child, each with an origin and an axis of its own:
+
+    <constraint name type>
+      <parent link/> <parent_origin xyz rpy/> <parent_axis xyz/>
+      <child link/> <child_origin xyz rpy/> <child_axis xyz/>
+
+The type is that of a joint, with or without "_joint" behind it; of a cut link it is "link", which
+holds both frames together. The child's axis is the parent's where it is not stated; of a universal
+joint the axes are the pin in the parent and the pin in the child. An older form,
+`<loop_constraint>`, has no type: a common point.
+
+`<loop_joint>` of Isaac Sim's URDF importer, and of Drake and RigidBodyDynamics.jl before it:
+
+    <loop_joint name type>
+      <link1 link xyz rpy/>
+      <link2 link xyz rpy/>
+      <axis xyz/>
+
+The joint's frame in the axes of either link; Isaac itself keeps the spherical ones only. Its
+manual writes `<link1>` twice.
+
+onshape-to-robot makes the mate `closing_NAME` a link on either part, `closing_NAME_1` and
+`closing_NAME_2`, whose origins coincide. A revolute mate writes also `closing_NAME_1_z` and
+`closing_NAME_2_z`, 0.1 m along the mate's axis, which coincide too. The kinds of all other mates
+(ball, fastened, slider) are not written: they are balls. A closure of the same name in a mechanism
+file says otherwise.
+
+Motors: the joints of `<transmission>` and of `<ros2_control>` are drivers of their own names. A
+joint of `<ros2_control>` with `<param name="mimic">` follows another instead, as with `<mimic>`.
+Few robots state all their motors: joints in no loop are drivers too, and joints that others follow.
 """
 
 from __future__ import annotations
@@ -32,18 +65,6 @@ def read_loop(element: ET.Element, reading: RobotReading) -> None:
     axis = reading.axis(element.find("axis"), element)
     reading.close(reading.name_of(element), reading.pair(element), "URDF+ <loop>",
                   _ends(element, reading), (axis, axis))
-
-
-def _read_urdf_plus_constraint(element: ET.Element, reading: RobotReading) -> None:
-    """Read a `<constraint>` with predecessor and successor."""
-    kind = element.get("type", "")
-    if kind == "rolling":
-        read_coupling(element, reading)
-    elif kind == "position":
-        reading.close(reading.name_of(element), "spherical", "URDF+ <constraint>",
-                      _ends(element, reading))
-    else:
-        read_loop(element, reading)
 
 
 def read_coupling(element: ET.Element, reading: RobotReading) -> None:
@@ -87,10 +108,16 @@ OTHERS = {None: "spherical", "position": "spherical", "link": "weld"}  # types t
 
 def read_constraint(element: ET.Element, reading: RobotReading) -> None:
     """Read a `<constraint>`; one with predecessor and successor is URDF+."""
-    if element.find("predecessor") is not None:
-        _read_urdf_plus_constraint(element, reading)
-        return
     stated = element.get("type")
+    if element.find("predecessor") is not None:
+        if stated == "rolling":
+            read_coupling(element, reading)
+        elif stated == "position":
+            reading.close(reading.name_of(element), "spherical", "URDF+ <constraint>",
+                          _ends(element, reading))
+        else:
+            read_loop(element, reading)
+        return
     kind = OTHERS[stated] if stated in OTHERS else reading.pair(element)
     ends, axes = [], list[Array]()
     for side in SIDES:
@@ -122,6 +149,7 @@ def read_loop_joint(element: ET.Element, reading: RobotReading) -> None:
                   (axis, axis))
 
 
+ONSHAPE = "onshape-to-robot closing frames"
 FRAME = re.compile(r"closing_(?P<name>.+)_(?P<side>[12])")
 ROUNDED_ANGLE = 1e-5  # rad; of a mate's z axis to the point on it where files have six digits
 
@@ -129,7 +157,7 @@ ROUNDED_ANGLE = 1e-5  # rad; of a mate's z axis to the point on it where files h
 def read_closing_frames(reading: RobotReading) -> None:
     """Read the closing frames of a robot."""
     links = reading.links
-    names = dict.fromkeys(found["name"] for found in map(FRAME.fullmatch, reading.links) if found)
+    names = dict.fromkeys(found["name"] for found in map(FRAME.fullmatch, links) if found)
     world = reading.world if names else {}
     for name in names:
         pair = [f"closing_{name}_{side}" for side in (1, 2)]
@@ -143,26 +171,16 @@ def read_closing_frames(reading: RobotReading) -> None:
             raise reading.fail(f"closing frame {on_axis[present.index(True)]!r}",
                                f"there is no {on_axis[present.index(False)]!r}, with which it "
                                "would coincide")
-        _close(f"closing_{name}", pair, on_axis if all(present) else None, world, reading)
-
-
-def _close(name: str, pair: list[str], on_axis: list[str] | None, world: dict[str, pin.SE3],
-           reading: RobotReading) -> None:
-    source, kind = "onshape-to-robot closing frames", "spherical"
-    if on_axis is not None:
-        axes = [_axis(*both, world, reading) for both in zip(pair, on_axis, strict=True)]
+        kind = "revolute" if all(present) else "spherical"
+        axes = [reading.unit(np.array(world[frame].actInv(world[tip]).translation),
+                             f"closing frame {tip!r}")
+                for frame, tip in zip(pair, on_axis, strict=True) if all(present)]
         if any(abs(axis[:2]).max() >= ROUNDED_ANGLE or axis[2] <= 0.0 for axis in axes):
             ends = [(frame, pin.SE3.Identity()) for frame in pair]
-            reading.close(name, "revolute", source, ends, (axes[0], axes[1]))
-            return
-        kind = "revolute"
-    reading.add("closures", {"name": name, "type": kind, "frames": pair, "source": source})
-
-
-def _axis(frame: str, tip: str, world: dict[str, pin.SE3], reading: RobotReading) -> Array:
-    """Return the direction from a frame to the point on the mate's axis, in the frame's axes."""
-    offset = world[frame].actInv(world[tip]).translation
-    return reading.unit(np.array(offset), f"closing frame {tip!r}")
+            reading.close(f"closing_{name}", kind, ONSHAPE, ends, (axes[0], axes[1]))
+        else:
+            reading.add("closures", {"name": f"closing_{name}", "type": kind, "frames": pair,
+                                     "source": ONSHAPE})
 
 
 ACTUATED = ("joint", "flexJoint", "rollJoint")  # the latter of PR2's wrist

@@ -1,4 +1,29 @@
-"""Files beside a URDF that state its loops: where they lie, and their text."""
+"""YAML files that state the loops of the URDF beside them.
+
+`robot.yaml`, as the repository example-parallel-robots of Gepetto has it:
+
+    closed_loop: [[FRAME, FRAME], ...]   frames that coincide
+    type: ["3d", "6d", ...]              3d: their origins only; otherwise they are welded
+    name_mot: [JOINT, ...]               actuated joints
+    joint_name: [JOINT, ...]             joints of the URDF whose type is replaced
+    joint_type: [SPHERICAL, UJOINT_XY, FIXED, ...]
+
+A `UJOINT_AB` turns about axis A of the joint's frame and then about axis B that turns with it;
+FIXED stays at its zero. `urdf` may name the file that all this is said of. Joints that do not exist
+are told and passed over, as their authors' reader does: published files have such names.
+
+`loop_closures.yaml`, which sw2robot and scikit-robot write beside the URDF of a cut linkage:
+
+    closures:                            hinges that the tree had to drop
+      - {link_a, link_b, point: [x, y, z], axis: [x, y, z]}
+    independent: [JOINT, ...]            driven
+    dependent: [JOINT, ...]              solved for; a <mimic> of theirs says the loop a second time
+
+Point and axis are in the axes of the root link when all joints are at zero. RoboNex has another
+layout under the same name: `pin_loops` and `ball_loops` with the point in the axes of either link
+(parent, child, parent_xyz, child_xyz, and the pin's axis), `ball_upgrades` (joints that are balls)
+and `actuated_joints`.
+"""
 
 from __future__ import annotations
 
@@ -66,14 +91,11 @@ def is_robot(path: Path) -> bool:
     try:
         return SOURCE in table_of(path)
     except MechanismFileError:
-        return SOURCE in _text(path)
-
-
-def _text(path: Path) -> str:
+        pass
     try:
-        return read_text(path)
+        return SOURCE in read_text(path)
     except MechanismFileError:
-        return ""
+        return False
 
 
 def urdf_of(path: Path, trust: Trust | None = None) -> Path:
@@ -109,7 +131,8 @@ def robot_beside(urdf: Path) -> Path | None:
     own = [urdf.with_suffix(ending) for ending in ENDINGS]
     shared = [urdf.parent / f"robot{ending}" for ending in ENDINGS]
     for path in dict.fromkeys([*own, *shared]):
-        if Trust.of(urdf).allows(path) and is_robot(path) and _same(urdf_of(path), urdf):
+        if Trust.of(urdf).allows(path) and is_robot(path) and os.path.realpath(
+                urdf_of(path)) == os.path.realpath(urdf):
             return path
     return None
 
@@ -189,10 +212,6 @@ def _common_name(pair: list[str], k: int) -> str:
     return name or f"closed_loop_{k + 1}"
 
 
-def _same(a: Path, b: Path) -> bool:
-    return os.path.realpath(a) == os.path.realpath(b)
-
-
 NAME = "loop_closures.yaml"
 LOOPS = ("closures", "pin_loops", "ball_loops")
 CLOSURE_NAMES = ("independent", "dependent", "ball_upgrades", "actuated_joints")
@@ -224,16 +243,17 @@ def read_closures(path: Path, reading: RobotReading) -> None:
     """
     table = {key: value for key, value in table_of(path).items() if key not in LIMITS}
     lists = lists_of(table, (*LOOPS, *CLOSURE_NAMES), CLOSURE_NAMES, path)
-    named = _links_of(lists)
+    loops = [entry for key in LOOPS for entry in lists[key] if isinstance(entry, dict)]
+    named = {entry[key] for entry in loops for key in ("link_a", "link_b", "parent", "child")
+             if isinstance(entry.get(key), str)}
     if named and not named & reading.links.keys():
         reading.notices.append(f"{path.name} beside it is about other links, "
                                f"{', '.join(sorted(named))}: its loops are not closed here")
         return
-    for k, entry in enumerate(lists["closures"]):
-        _read_hinge(_LoopEntry(entry, f"closures[{k}]", path, reading), reading.world)
-    for key, kind in (("pin_loops", "revolute"), ("ball_loops", "spherical")):
-        for k, entry in enumerate(lists[key]):
-            _read_pin(_LoopEntry(entry, f"{key}[{k}]", path, reading), kind, reading.world)
+    for key, kind in zip(LOOPS, ("revolute", "revolute", "spherical"), strict=True):
+        for k, content in enumerate(lists[key]):
+            entry = _LoopEntry(content, f"{key}[{k}]", path, reading)
+            (entry.close_hinge if key == "closures" else entry.close_pair)(kind)
     for name in lists["ball_upgrades"]:
         reading.joint(name, f"ball_upgrades of {path.name}")
         reading.refine(name, type="spherical")
@@ -247,13 +267,6 @@ def read_closures(path: Path, reading: RobotReading) -> None:
         reading.joint(name, f"dependent of {path.name}")
     reading.drop_mimics(lists["dependent"], f"{path.name} has the loop itself, of which it is a "
                                             "copy or an approximation")
-
-
-def _links_of(lists: dict[str, list[Any]]) -> set[str]:
-    """Return the links that the loops of a file join."""
-    entries = [entry for key in LOOPS for entry in lists[key] if isinstance(entry, dict)]
-    return {entry[key] for entry in entries for key in ("link_a", "link_b", "parent", "child")
-            if isinstance(entry.get(key), str)}
 
 
 class _LoopEntry:
@@ -278,26 +291,25 @@ class _LoopEntry:
                                      "three finite numbers")
         return np.array(value, dtype=float)
 
-    def axis(self) -> Array:
-        return self.reading.unit(self.vector("axis"), self.where)
+    def close_hinge(self, kind: str) -> None:
+        """Close a loop of which point and axis are as the root stands."""
+        links, world = [self.link("link_a"), self.link("link_b")], self.reading.world
+        at = pin.SE3(np.eye(3), self.vector("point"))
+        axis = self.reading.unit(self.vector("axis"), self.where)
+        self.close(kind, [(link, world[link].actInv(at)) for link in links], (axis, axis))
 
+    def close_pair(self, kind: str) -> None:
+        """Close a loop of which the point is given on either link."""
+        links, world = [self.link("parent"), self.link("child")], self.reading.world
+        ends = [(link, pin.SE3(np.eye(3), self.vector(f"{side}_xyz")))
+                for link, side in zip(links, ("parent", "child"), strict=True)]
+        axes = None
+        if kind == "revolute":
+            axis = self.reading.unit(self.vector("axis"), self.where)
+            axes = axis, world[links[1]].rotation.T @ world[links[0]].rotation @ axis
+        self.close(kind, ends, axes)
 
-def _read_hinge(entry: _LoopEntry, world: dict[str, pin.SE3]) -> None:
-    links = [entry.link("link_a"), entry.link("link_b")]
-    at = pin.SE3(np.eye(3), entry.vector("point"))  # as the root stands
-    axis = entry.axis()
-    name = str(entry.content.get("name") or "__".join(links))
-    ends = [(link, world[link].actInv(at)) for link in links]
-    entry.reading.close(name, "revolute", entry.source, ends, (axis, axis))
-
-
-def _read_pin(entry: _LoopEntry, kind: str, world: dict[str, pin.SE3]) -> None:
-    links = [entry.link("parent"), entry.link("child")]
-    ends = [(link, pin.SE3(np.eye(3), entry.vector(f"{side}_xyz")))
-            for link, side in zip(links, ("parent", "child"), strict=True)]
-    axes = None
-    if kind == "revolute":
-        axis = entry.axis()
-        axes = axis, world[links[1]].rotation.T @ world[links[0]].rotation @ axis
-    name = str(entry.content.get("name") or "__".join(links))
-    entry.reading.close(name, kind, entry.source, ends, axes)
+    def close(self, kind: str, ends: list[tuple[str, pin.SE3]],
+              axes: tuple[Array, Array] | None) -> None:
+        name = str(self.content.get("name") or "__".join(link for link, _ in ends))
+        self.reading.close(name, kind, self.source, ends, axes)

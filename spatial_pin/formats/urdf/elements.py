@@ -71,11 +71,13 @@ def inertial(inertia: pin.Inertia) -> ET.Element:
 
 
 def joint_element(
-    robot: ET.Element, name: str, kind: str, parent: str, child: str, placement: pin.SE3
+    robot: ET.Element, name: str, kind: str, parent: str, child: str,
+    placement: pin.SE3 | None = None,
 ) -> ET.Element:
     """Add a joint between two links to a <robot>, and return it."""
     element = ET.SubElement(robot, "joint", name=name, type=kind)
-    element.append(origin(placement))
+    if placement is not None:
+        element.append(origin(placement))
     ET.SubElement(element, "parent", link=parent)
     ET.SubElement(element, "child", link=child)
     return element

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import os
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import coal
 import numpy as np
@@ -66,57 +65,42 @@ class Shape:
     overrides: bool = False
 
 
-@dataclass(frozen=True, eq=False)
-class Shapes:
-    """The shapes of an open tree.
+def geometry_of(
+    model: pin.Model, shapes: Iterable[Shape], where: str, kind: str
+) -> pin.GeometryModel:
+    """Return the shapes of an open tree of one kind, "visual" or "collision"; meshes are read.
 
-    Attributes:
+    Args:
         model: the open tree.
         shapes: all of them.
         where: the file, for messages.
+        kind: which of them.
     """
-
-    model: pin.Model
-    shapes: tuple[Shape, ...]
-    where: str
-
-    def visual(self) -> pin.GeometryModel:
-        """What is drawn."""
-        return self._made("visual")
-
-    def collision(self) -> pin.GeometryModel:
-        """What bodies collide with."""
-        return self._made("collision")
-
-    def _made(self, kind: str) -> pin.GeometryModel:
-        by_link: dict[str, list[Shape]] = {}
-        for shape in self.shapes:
-            if shape.kind == kind:
-                by_link.setdefault(shape.link, []).append(shape)
-        read = read_meshes(str(shape.path) for shapes in by_link.values() for shape in shapes
-                           if shape.path is not None)
-        geometry, faults = pin.GeometryModel(), Faults()
-        for k, frame in enumerate(self.model.frames):
-            if frame.type != pin.FrameType.BODY:
+    by_link: dict[str, list[Shape]] = {}
+    for shape in shapes:
+        if shape.kind == kind:
+            by_link.setdefault(shape.link, []).append(shape)
+    read = read_meshes(str(shape.path) for own in by_link.values() for shape in own
+                       if shape.path is not None)
+    geometry, faults = pin.GeometryModel(), Faults()
+    for k, frame in enumerate(model.frames):
+        if frame.type != pin.FrameType.BODY:
+            continue
+        for shape in by_link.get(frame.name, ()):
+            solid = _solid(shape, read, faults)
+            if solid is None:
                 continue
-            for shape in by_link.get(frame.name, ()):
-                solid = _solid(shape, read, faults)
-                if solid is not None:
-                    geometry.addGeometryObject(_object(shape, solid, k, frame))
-        if faults.told():
-            warn(f"{self.where}: {faults.told()}")
-        return geometry
-
-
-def _object(shape: Shape, solid: Any, frame_id: int, frame: pin.Frame) -> pin.GeometryObject:
-    is_mesh = shape.solid == "mesh"
-    path = str(shape.path) if is_mesh else shape.solid.upper()
-    painted = is_mesh and any(colour for _, colour in mesh_colours(path))
-    return pin.GeometryObject(
-        shape.name, frame.parentJoint, frame_id, frame.placement * shape.place, solid, path,
-        np.array(shape.sizes) if is_mesh else np.ones(3),
-        shape.colour is not None and (shape.overrides or not painted),
-        np.array(shape.colour or NO_COLOUR), "")
+            is_mesh = shape.solid == "mesh"
+            path = str(shape.path) if is_mesh else shape.solid.upper()
+            painted = is_mesh and any(colour for _, colour in mesh_colours(path))
+            geometry.addGeometryObject(pin.GeometryObject(
+                shape.name, frame.parentJoint, k, frame.placement * shape.place, solid, path,
+                np.array(shape.sizes) if is_mesh else np.ones(3),
+                shape.colour is not None and (shape.overrides or not painted),
+                np.array(shape.colour or NO_COLOUR), ""))
+    if faults.told():
+        warn(f"{where}: {faults.told()}")
+    return geometry
 
 
 def _solid(
@@ -132,13 +116,9 @@ def _solid(
                     f"link {shape.link!r}: mesh {shown(shape.file)!r} cannot be read ({found})")
         return None
     points, corners = found
-    return _surface(points * np.array(shape.sizes), corners)
-
-
-def _surface(points: Array, corners: Array) -> pin.CollisionGeometry:
     solid = coal.BVHModelOBBRSS()
     solid.beginModel(len(corners), len(points))
-    solid.addVertices(points)
+    solid.addVertices(points * np.array(shape.sizes))
     solid.addTriangles(corners)
     solid.endModel()
     solid.computeLocalAABB()
@@ -168,6 +148,7 @@ def take_shapes(
     for link in robot.findall("link"):
         name = link.get("name", "")
         where = f"{path}: link {name!r}"
+        capsules = [x.get("name") for x in link.iterfind("collision_checking/capsule")]
         for kind in KINDS:
             count = 0
             for element in link.findall(kind):
@@ -178,7 +159,10 @@ def take_shapes(
                     faults.note(f"none of {', '.join(SIZES)}, left out",
                                 f"a <{kind}> of link {name!r}")
                     continue
-                tag = "capsule" if kind == "collision" and _is_capsule(element, link) else solid.tag
+                tag = solid.tag
+                if kind == "collision" and element.find("geometry/cylinder") is not None \
+                        and element.get("name") in capsules:
+                    tag = "capsule"  # as Pinocchio's users write it
                 overrides = element.find("material[@override='true']") is not None
                 shape = Shape(kind, name, f"{name}_{count}", place, tag, _sizes(solid, where),
                               colour=colour, overrides=overrides)
@@ -186,22 +170,26 @@ def take_shapes(
                     shape = _sought(shape, solid, folder, trust, faults)
                 taken.append(shape)
                 count += 1
-    _tell_lost([x for x in taken if x.solid == "mesh" and x.path is None and not x.is_barred],
-               faults)
+    lost = [x for x in taken if x.solid == "mesh" and x.path is None and not x.is_barred]
+    packages = dict.fromkeys(
+        package[0] for shape in lost
+        if (package := package_of(shape.file)) is not None and package[1])  # not beside the URDF
+    named = ", ".join(f"{name!r}: FOLDER" for name in packages)
+    remedy = f"; say where it lies: load(..., packages={{{named}}})" if named else ""
+    for shape in lost:
+        faults.note(f"not found, left out of pictures{remedy}",
+                    f"link {shape.link!r}: mesh {shown(shape.file)!r}")
     return tuple(taken)
-
-
-def _is_capsule(element: ET.Element, link: ET.Element) -> bool:
-    """Return whether a cylinder stands for a capsule, as Pinocchio's users write it."""
-    return element.find("geometry/cylinder") is not None and any(
-        capsule.get("name") == element.get("name")
-        for capsule in link.iterfind("collision_checking/capsule"))
 
 
 def _sizes(solid: ET.Element, where: str) -> tuple[float, ...]:
     """Return the numbers of a shape, which must not be negative; of a mesh its scale."""
-    if solid.tag == "mesh":
-        return _scale(solid, where)
+    if solid.tag == "mesh":  # one number for all three, of more the first
+        count = len(solid.get("scale", "1 1 1").split())
+        if "scale" not in solid.attrib:
+            return (1.0, 1.0, 1.0)
+        given = numbers(solid, "scale", count if count > 3 or count == 1 else 3, where).tolist()
+        return tuple((given * 3)[:3])
     found: list[float] = []
     for attribute, count in SIZES[solid.tag].items():
         values = numbers(solid, attribute, count, where)
@@ -209,15 +197,6 @@ def _sizes(solid: ET.Element, where: str) -> tuple[float, ...]:
             raise MechanismFileError(f"{where}: <{solid.tag}> has a negative {attribute}")
         found += values.tolist()
     return tuple(found)
-
-
-def _scale(mesh: ET.Element, where: str) -> tuple[float, ...]:
-    """Return the scale of a mesh along x, y and z: of one number all three, of more the first."""
-    count = len(mesh.get("scale", "1 1 1").split())
-    if "scale" not in mesh.attrib:
-        return (1.0, 1.0, 1.0)
-    given = numbers(mesh, "scale", count if count > 3 or count == 1 else 3, where).tolist()
-    return tuple((given * 3)[:3])
 
 
 def _sought(
@@ -232,18 +211,6 @@ def _sought(
     if path:
         faults.note(f"left out of pictures ({path})", f"link {shape.link!r}: mesh {shown(file)!r}")
     return replace(shape, file=file, is_barred=bool(path))
-
-
-def _tell_lost(meshes: Sequence[Shape], faults: Faults) -> None:
-    """Note meshes that are not found, and which packages would have them."""
-    packages = dict.fromkeys(
-        package[0] for shape in meshes
-        if (package := package_of(shape.file)) is not None and package[1])  # not beside the URDF
-    named = ", ".join(f"{name!r}: FOLDER" for name in packages)
-    remedy = f"; say where it lies: load(..., packages={{{named}}})" if named else ""
-    for shape in meshes:
-        faults.note(f"not found, left out of pictures{remedy}",
-                    f"link {shape.link!r}: mesh {shown(shape.file)!r}")
 
 
 class _Materials:

@@ -11,8 +11,9 @@ from __future__ import annotations
 import math
 import sys
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,7 @@ from spatial_pin.errors import MechanismFileError, Mistakes, suggestion
 from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.file_access import Trust
 from spatial_pin.formats.urdf.elements import UNBOUNDED, URDF_AXIS, numbers_text
-from spatial_pin.formats.urdf.geometry import Shapes, take_shapes
+from spatial_pin.formats.urdf.geometry import geometry_of, take_shapes
 from spatial_pin.formats.urdf.validation import (
     INERTIAL,
     check_joint,
@@ -33,7 +34,8 @@ from spatial_pin.formats.urdf.validation import (
 )
 from spatial_pin.formats.xacro.parsing import parse_urdf
 from spatial_pin.mechanism.inertia import put_inertias
-from spatial_pin.mechanism.pairs import JOINT_TYPES, PAIRS, Pair, hint_at_type, unit
+from spatial_pin.mechanism.pairs import COUPLING, JOINT_TYPES, PAIRS, Pair, hint_at_type, unit
+from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
 
 CONTAINED_PAIRS = {  # URDF type -> pairs that a refinement may make of it
@@ -86,19 +88,19 @@ class OpenTree:
 
     Attributes:
         model: Pinocchio model with the refined joints.
-        shapes: what is drawn and what collides, same joint numbering.
+        shapes: gives what is drawn ("visual") and what collides ("collision").
         pairs: pair name of every joint of the model, in the order of `model.joints[1:]`.
         inertias: inertia of every link that has one, in the link's frame.
-        mimics: (mimicking joint, mimicked joint, multiplier, offset).
+        mimics: couplings of the joints that mimic others.
         urdf: the expanded URDF text.
         slip_speeds: (nv,) speeds at which dry friction is nearly whole; NaN where none is given.
     """
 
     model: pin.Model
-    shapes: Shapes
+    shapes: Callable[[str], pin.GeometryModel]
     pairs: tuple[str, ...]
     inertias: dict[str, pin.Inertia]
-    mimics: tuple[tuple[str, str, float, float], ...]
+    mimics: tuple[Closure, ...]
     urdf: str
     slip_speeds: Array
 
@@ -123,7 +125,11 @@ def tree_of(
         MechanismFileError: it is not a tree, or has impossible numbers.
     """
     robot = parse_urdf(urdf, path)
-    _drop_foreign(robot)
+    for parent in list(robot.iter()):  # what is no URDF: of other namespaces, left by xacro
+        for key in [key for key in parent.attrib if "}" in key]:
+            del parent.attrib[key]
+        for child in [child for child in parent if "}" in child.tag]:
+            parent.remove(child)
     check_structure(robot, path, faults)
     mistakes = Mistakes(str(path))
     with mistakes.each():
@@ -140,8 +146,7 @@ def tree_of(
     elements = {joint.get("name", ""): joint for joint in robot.findall("joint")}
     plain = _read(robot, path)
     model = _rebuild(plain, pairs, elements, refinements, _ordered(plain, order, order_of), path)
-    _limit(model, refinements)
-    slip_speeds = _resist(model, refinements)
+    slip_speeds = _put_numbers(model, refinements)
     try:
         put_inertias(model, inertias)
     except (RuntimeError, ValueError) as error:
@@ -149,17 +154,8 @@ def tree_of(
             f"{path}: inertias leave the range of numbers: it is too large or too heavy"
         ) from error
     of_joints = tuple(pairs[name] for name in list(model.names)[1:])
-    return OpenTree(model, Shapes(model, shapes, str(path)), of_joints, inertias, mimics, whole,
-                slip_speeds)
-
-
-def _drop_foreign(robot: ET.Element) -> None:
-    """Take out what is no URDF: elements and attributes of other namespaces, left by xacro."""
-    for parent in list(robot.iter()):
-        for key in [key for key in parent.attrib if "}" in key]:
-            del parent.attrib[key]
-        for child in [child for child in parent if "}" in child.tag]:
-            parent.remove(child)
+    geometry = partial(geometry_of, model, shapes, str(path))
+    return OpenTree(model, geometry, of_joints, inertias, mimics, whole, slip_speeds)
 
 
 def _plain(element: ET.Element) -> ET.Element:
@@ -356,7 +352,13 @@ def joint_axes(
     kind = refined.type if refined is not None else None
     said = refined.where if refined and refined.where else where
     if element.get("type") == "planar" and kind not in (None, "planar"):
-        _check_within_plane(str(kind), axis, tag, said)
+        normal = numbers(tag, "xyz", 3, where) if tag is not None else np.array(URDF_AXIS)
+        cosine, turns = abs(float(axis @ unit(normal))), kind == "revolute"
+        if abs(cosine - turns) > 1e-9:
+            raise MechanismFileError(
+                f"{said} is planar in the URDF: a {kind} pair in it must have its axis "
+                f"{'about' if turns else 'square to'} the plane's normal; make it \"floating\" "
+                "there")
     if pair.uses_axis2:
         axis2 = unit(axis2)
         if abs(axis @ axis2) > 1e-9:
@@ -364,17 +366,6 @@ def joint_axes(
                 f"{said}: the pins {axis} and {axis2} of a universal joint must be perpendicular"
             )
     return axis, axis2
-
-
-def _check_within_plane(kind: str, axis: Array, tag: ET.Element | None, where: str) -> None:
-    normal = numbers(tag, "xyz", 3, where) if tag is not None else np.array(URDF_AXIS)
-    cosine = abs(float(axis @ unit(normal)))
-    if abs(cosine - (1.0 if kind == "revolute" else 0.0)) > 1e-9:
-        along = "about" if kind == "revolute" else "square to"
-        raise MechanismFileError(
-            f"{where} is planar in the URDF: a {kind} pair in it must have its axis {along} the "
-            f"plane's normal; make it \"floating\" there"
-        )
 
 
 def stated_limits(element: ET.Element, nq: int, nv: int) -> tuple[Array, ...]:
@@ -415,65 +406,50 @@ def own_entries(model: pin.Model, joint: int, array: str) -> slice:
     return slice(at[joint], at[joint] + count[joint])
 
 
-def _limit(model: pin.Model, refinements: Mapping[str, JointRefinement]) -> None:
-    """Put the limits of a mechanism file into a model, in the order of `LIMITS`.
+def _put_numbers(model: pin.Model, refinements: Mapping[str, JointRefinement]) -> Array:
+    """Put limits, damping, friction and armature of a mechanism file into a model.
+
+    Those of the URDF stand in it already. Limits go in the order of `LIMITS`.
+
+    Returns:
+        (nv,) slip speeds, NaN where there are none.
 
     Raises:
         MechanismFileError: there are more or fewer numbers than coordinates, or a lower limit is
             above the upper one.
     """
-    for name, refined in refinements.items():
-        joint = model.getJointId(name) if refined.limits else 0
-        for key in [key for key in LIMITS if key in refined.limits]:
-            values = refined.limits[key]
-            for array, factor in LIMITS[key].items():
-                own = own_entries(model, joint, array)
-                _check_count(values, own.stop - own.start, key, refined.where)
-                getattr(model, array)[own] = factor * values
+    slip_speeds = np.full(model.nv, math.nan)
+    of_resistances = {
+        "friction": ((model.upperDryFrictionLimit, 1.0), (model.lowerDryFrictionLimit, -1.0)),
+        "damping": ((model.damping, 1.0),), "armature": ((model.armature, 1.0),),
+        "slip_speed": ((slip_speeds, 1.0),)}
+    stated = {name: x for name, x in refinements.items() if x.limits or x.resistances}
+    for name, refined in stated.items():
+        joint = model.getJointId(name)
+        given = {key: refined.limits[key] for key in LIMITS if key in refined.limits}
+        for key, values in {**given, **refined.resistances}.items():
+            targets = of_resistances.get(key) or [
+                (getattr(model, array), factor) for array, factor in LIMITS[key].items()]
+            own = own_entries(model, joint, next(iter(LIMITS.get(key, {key: 1.0}))))
+            count = own.stop - own.start
+            if values.size not in (1, count):
+                raise MechanismFileError(
+                    f"{refined.where}: {key} has {values.size} numbers; give one for all, or one "
+                    f"for each of the {count} coordinate(s) of the joint")
+            for array, factor in targets:
+                array[own] = factor * values
         for kind in ("Position", "Velocity", "Effort") if refined.limits else ():
             own = own_entries(model, joint, kind)
             if np.any(getattr(model, f"lower{kind}Limit")[own]
                       > getattr(model, f"upper{kind}Limit")[own]):
                 raise MechanismFileError(
                     f"{refined.where}: a lower {kind.lower()} limit is above the upper one")
-
-
-def _check_count(values: Array, count: int, key: str, where: str) -> None:
-    if values.size not in (1, count):
-        raise MechanismFileError(
-            f"{where}: {key} has {values.size} numbers; give one for all, or one for each of the "
-            f"{count} coordinate(s) of the joint")
-
-
-def _resist(model: pin.Model, refinements: Mapping[str, JointRefinement]) -> Array:
-    """Put damping, friction and armature of a mechanism file into a model; return slip speeds.
-
-    Those of the URDF stand in it already.
-
-    Returns:
-        (nv,) slip speeds, NaN where there are none.
-
-    Raises:
-        MechanismFileError: there are more or fewer numbers than coordinates.
-    """
-    slip_speeds = np.full(model.nv, math.nan)
-    for name, refined in refinements.items():
-        joint = model.getJointId(name) if refined.resistances else 0
-        for key, values in refined.resistances.items():
-            own = own_entries(model, joint, key)
-            _check_count(values, own.stop - own.start, key, refined.where)
-            if key == "friction":
-                model.lowerDryFrictionLimit[own] = -values
-                model.upperDryFrictionLimit[own] = values
-            else:
-                {"damping": model.damping, "armature": model.armature,
-                 "slip_speed": slip_speeds}[key][own] = values
     return slip_speeds
 
 
 def _mimics(
     robot: ET.Element, pairs: Mapping[str, str], path: Path, faults: Faults
-) -> tuple[tuple[str, str, float, float], ...]:
+) -> tuple[Closure, ...]:
     mimics = []
     for joint in robot.findall("joint"):
         mimic, name = joint.find("mimic"), joint.get("name", "")
@@ -490,5 +466,6 @@ def _mimics(
         elif pairs[source] == "fixed" or source == name:
             faults.note("mimics a fixed joint or itself, moves on its own", f"joint {name!r}")
         else:
-            mimics.append((name, source, float(ratio), float(offset)))
+            mimics.append(Closure(f"mimic_{name}", COUPLING, joints=(source, name),
+                                  ratio=float(ratio), offset=float(offset)))
     return tuple(mimics)

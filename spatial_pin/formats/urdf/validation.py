@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Container, Iterable, Sequence
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError, suggestion
 from spatial_pin.formats.faults import Faults
-from spatial_pin.formats.urdf.elements import UNBOUNDED, finite_numbers, local
+from spatial_pin.formats.urdf.elements import UNBOUNDED, finite_numbers, joint_element, local
 from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.numerics.linalg import Array
 
@@ -60,9 +61,33 @@ def check_structure(robot: ET.Element, path: Path, faults: Faults) -> None:
     children = {end_of(joint, "child") for joint in joints}
     roots = [link for link in links if link not in children]
     _check_depth(roots, joints, path)
-    _tell_doubled(robot, faults)
+    _note_doubled(robot, faults)
     if len(roots) > 1:
-        _join(robot, roots, {*links, *names} - set(roots), faults)
+        _fix_roots(robot, roots, {*links, *names} - set(roots), faults)
+
+
+def _note_doubled(robot: ET.Element, faults: Faults) -> None:
+    """Note what is stated again; readers of URDF take the first."""
+    elements = [(kind, x) for kind in ("link", "joint") for x in robot.findall(kind)]
+    for below, tags in ONCE.items():
+        for kind, element in elements:
+            for part, tag in product(element.iterfind(below), tags):
+                if len(part.findall(tag)) > 1:
+                    faults.note("stated more than once, the first counts",
+                                f"{kind} {element.get('name')!r}: <{tag}>")
+
+
+def _fix_roots(
+    robot: ET.Element, roots: Sequence[str], taken: Container[str], faults: Faults
+) -> None:
+    """Fix several roots to one link, the world."""
+    world = _free("world", taken)
+    if world not in roots:
+        ET.SubElement(robot, "link", name=world)
+    for root in roots:
+        if root != world:
+            joint_element(robot, _free(f"{world}_to_{root}", taken), "fixed", world, root)
+            faults.note("no parent, fixed to the ground at its origin", f"link {root!r}")
 
 
 def _check_names(links: Iterable[str], joints: Sequence[ET.Element], path: Path) -> None:
@@ -91,32 +116,6 @@ def _check_depth(roots: Iterable[str], joints: Iterable[ET.Element], path: Path)
             raise MechanismFileError(f"{path}: more than {DEEPEST_LINK} joints one after another "
                                      f"below the root, as at link {level[0]!r}; readers of URDF "
                                      "take no longer chains")
-
-
-def _tell_doubled(robot: ET.Element, faults: Faults) -> None:
-    """Tell of what is stated again; readers of URDF take the first."""
-    for path, tags in ONCE.items():
-        for kind in ("link", "joint"):
-            for element in robot.findall(kind):
-                for part in element.iterfind(path):
-                    for tag in tags:
-                        if len(part.findall(tag)) > 1:
-                            faults.note("stated more than once, the first counts",
-                                        f"{kind} {element.get('name')!r}: <{tag}>")
-
-
-def _join(robot: ET.Element, roots: Sequence[str], taken: Container[str], faults: Faults) -> None:
-    """Fix several roots to one link, the world."""
-    world = _free("world", taken)
-    if world not in roots:
-        ET.SubElement(robot, "link", name=world)
-    for root in roots:
-        if root == world:
-            continue
-        joint = ET.SubElement(robot, "joint", name=_free(f"{world}_to_{root}", taken), type="fixed")
-        ET.SubElement(joint, "parent", link=world)
-        ET.SubElement(joint, "child", link=root)
-        faults.note("no parent, fixed to the ground at its origin", f"link {root!r}")
 
 
 def _free(name: str, taken: Container[str]) -> str:
@@ -175,16 +174,11 @@ def placement(element: ET.Element | None, where: str) -> pin.SE3:
         return pin.SE3.Identity()
     xyz = numbers(element, "xyz", 3, where) if "xyz" in element.attrib else np.zeros(3)
     rpy = numbers(element, "rpy", 3, where) if "rpy" in element.attrib else np.zeros(3)
-    return pin.SE3(_quaternion(*(0.5 * rpy).tolist()).matrix(), xyz)
-
-
-def _quaternion(a: float, b: float, c: float) -> pin.Quaternion:
-    """Return the turn of half roll, pitch and yaw [rad], rounded as URDF readers round it."""
-    (sa, ca), (sb, cb), (sc, cc) = ((math.sin(x), math.cos(x)) for x in (a, b, c))
+    (sa, ca), (sb, cb), (sc, cc) = ((math.sin(x), math.cos(x)) for x in (0.5 * rpy).tolist())
     turn = pin.Quaternion(ca * cb * cc + sa * sb * sc, sa * cb * cc - ca * sb * sc,
                           ca * sb * cc + sa * cb * sc, ca * cb * sc - sa * sb * cc)
-    turn.normalize()
-    return turn
+    turn.normalize()  # rounded as URDF readers round it
+    return pin.SE3(turn.matrix(), xyz)
 
 
 def check_links(robot: ET.Element, path: Path, faults: Faults) -> dict[str, pin.Inertia]:
