@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from spatial_pin.formats.graph import WORLD, GraphJoint, JointGraph, Link, span
+from spatial_pin.formats.graph import WORLD, GraphJoint, JointGraph, Link, SpanningTree
 from spatial_pin.formats.graph.open_tree import coordinates_at
 from spatial_pin.formats.graph.spanning import in_loops
 from spatial_pin.mechanism.pairs import JOINT_TYPES, PAIRS
@@ -79,7 +79,7 @@ def ring(kinds, **changes) -> JointGraph:
 
 
 def cut_of(graph: JointGraph) -> str:
-    joint, = span(graph).cut
+    joint, = SpanningTree(graph).cut
     return joint.name
 
 
@@ -125,7 +125,7 @@ def test_the_order_of_the_file_does_not_change_which_kind_is_cut():
 
 def test_branches_of_the_tree_are_short():
     """A ring of 101 equal joints is cut in its middle."""
-    tree = span(ring(("revolute",) * 101))
+    tree = SpanningTree(ring(("revolute",) * 101))
     depth = {WORLD: 0}
     for joint in tree.joints:
         depth[joint.child] = depth[joint.parent] + 1
@@ -163,8 +163,9 @@ def test_every_link_is_reached_once_whatever_the_graph():
             one, two = rng.choice(n + 1, 2, replace=False)
             kind = str(rng.choice(["revolute", "spherical", "fixed", "distance", "prismatic"]))
             joints.append(GraphJoint(f"j{k}", kind, names[one], names[two],
-                                damping=float(rng.integers(2))))
-        tree = span(JointGraph(tuple(Link(x, massless=False) for x in names[1:]), tuple(joints)))
+                                     damping=float(rng.integers(2))))
+        links = tuple(Link(x, massless=False) for x in names[1:])
+        tree = SpanningTree(JointGraph(links, tuple(joints)))
         reached = [*tree.roots, *(joint.child for joint in tree.joints)]
         assert sorted(reached) == sorted(names[1:])
         assert len(tree.joints) + len(tree.cut) == m

@@ -2,6 +2,6 @@
 
 from spatial_pin.formats.graph.joint_graph import WORLD, GraphJoint, JointGraph, Link
 from spatial_pin.formats.graph.open_tree import open_tree
-from spatial_pin.formats.graph.spanning import SpanningTree, span
+from spatial_pin.formats.graph.spanning import SpanningTree
 
-__all__ = ["WORLD", "GraphJoint", "JointGraph", "Link", "SpanningTree", "open_tree", "span"]
+__all__ = ["WORLD", "GraphJoint", "JointGraph", "Link", "SpanningTree", "open_tree"]

@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.graph.joint_graph import WORLD, GraphJoint, JointGraph, Link
-from spatial_pin.formats.graph.spanning import SpanningTree, span
+from spatial_pin.formats.graph.spanning import SpanningTree
 from spatial_pin.formats.importers import Imported
 from spatial_pin.formats.urdf.elements import (
     finite_text,
@@ -152,13 +152,20 @@ def open_tree(
         MechanismFileError: two fixed joints hold a link in two places, or something refers to the
             coordinate of every joint at which a loop could be cut.
     """
-    writer = _Writer(span(graph), where, content)
+    writer = _Writer(SpanningTree(graph), where, content)
     if robot is not None:
         writer.robot.attrib.update(robot.attrib)
         writer.robot.extend(x for x in robot if x.tag not in ("link", "joint"))
     writer.write()
     ET.indent(writer.robot)
-    return Imported(ET.tostring(writer.robot, encoding="unicode"), writer.merged(),
+    gone = {joint.name for joint in writer.tree.cut}
+    joints = {k: x for k, x in content.get("joints", {}).items() if k not in gone}
+    joints |= {k: {**joints.get(k, {}), **x} for k, x in writer.joints.items()}
+    merged = {**content, "joints": joints,
+              "closures": [*content.get("closures", []), *writer.closures],
+              "springs": [*content.get("springs", []), *writer.springs],
+              "guess": {**writer.guess, **content.get("guess", {})}}
+    return Imported(ET.tostring(writer.robot, encoding="unicode"), merged,
                     (*notices, *writer.notices))
 
 
@@ -196,15 +203,31 @@ class _Writer:
             self.joint(joint)
         for joint in self.tree.cut:
             self.closure(joint)
-        self.tell_parallel()
+        self.tell()
+
+    def tell(self) -> None:
+        """Tell of parallel joints, links that are drawn elsewhere, bases that float, and loops."""
+        between: dict[frozenset[str], list[str]] = {}
+        for joint in self.graph.joints:
+            between.setdefault(frozenset((joint.parent, joint.child)), []).append(joint.name)
+        several = "; ".join(", ".join(x) for x in between.values() if len(x) > 1)
+        if several:
+            self.notices.append("several joints join the same two links, and each of them holds: "
+                                f"{several}")
         self.guess, off = drawn(self.tree)
         self.notices += off
         if self.bases:
             self.notices.append(f"not joined to the world, so that it floats there: "
                                 f"{', '.join(self.bases)}")
-        self.tell_cut()
-
-    # ------------------------------------------------------------ names
+        cut = [f"{table['name']!r} ({table['type']})" for table in self.closures]
+        if len(cut) == 1:
+            self.notices.append(f"a loop is cut at joint {cut[0]}, which becomes a closure")
+        elif cut:
+            self.notices.append(f"{len(cut)} loops are cut at the joints {', '.join(cut)}, which "
+                                "become closures")
+        if self.lost:
+            self.notices.append("a closure has no coordinate, so that this does not act: "
+                                f"{', '.join(self.lost)}")
 
     def fresh(self, wanted: str) -> str:
         """Return a name that no link or joint has."""
@@ -213,8 +236,6 @@ class _Writer:
     def link_of(self, link: str) -> str:
         """Return the name of a link in the URDF."""
         return self.ground if link == WORLD else link
-
-    # ------------------------------------------------------------ elements
 
     def frame(self, wanted: str, link: str, place: pin.SE3) -> str:
         """Return the name of a link that stands at a place on another, that itself if it does."""
@@ -236,8 +257,6 @@ class _Writer:
             self.bases.append(f"link {root.name!r} (joint {name!r})")
         else:
             self.bodies[root.name] = WORLD, place
-
-    # ------------------------------------------------------------ joints of the tree
 
     def joint(self, joint: GraphJoint) -> None:
         """Write a joint of the tree, and what hangs on it."""
@@ -288,13 +307,13 @@ class _Writer:
             self.springs.append({"name": f"{joint.name}_spring", "joint": joint.name,
                                  "stiffness": joint.stiffness, free: joint.reference})
 
-    # ------------------------------------------------------------ cut joints
-
     def closure(self, joint: GraphJoint) -> None:
         """Write the closure that a cut joint becomes."""
         (one, place1), (two, place2) = self.bodies[joint.parent], self.bodies[joint.child]
         if one == two:
-            self.redundant(joint, place1 * joint.on_parent, place2 * joint.on_child)
+            self.check_redundant(joint, place1 * joint.on_parent, place2 * joint.on_child)
+            self.notices.append(f"joint {joint.name!r} joins links that are fixed to each other "
+                                "already: it is left out")
             return
         if joint.type == "floating":
             self.notices.append(f"joint {joint.name!r} is floating and closes a loop: it holds "
@@ -313,20 +332,17 @@ class _Writer:
                 for link, place in ((joint.parent, joint.on_parent), (joint.child, joint.on_child))
             ], **_pair_table(joint)}
         self.closures.append(table)
-        lost = _lost(joint)
+        lost = [f"{key} {getattr(joint, key):g}" for key in (*RESISTANCES, "stiffness")
+                if getattr(joint, key)]
+        if joint.is_limited:
+            lost.append(f"limits {joint.lower:g} to {joint.upper:g}")
         if lost:
             self.lost.append(f"{joint.name!r} ({', '.join(lost)})")
 
-    def redundant(self, joint: GraphJoint, one: pin.SE3, two: pin.SE3) -> None:
-        """Tell of a joint between links that are fixed to each other.
+    def check_redundant(self, joint: GraphJoint, one: pin.SE3, two: pin.SE3) -> None:
+        """Refuse a fixed joint between links that other fixed joints hold otherwise.
 
-        Args:
-            joint: the joint.
-            one: placement of its frame on the body of both, by its parent.
-            two: the same by its child.
-
-        Raises:
-            MechanismFileError: it is fixed, too, and holds them otherwise.
+        `one` and `two` are the joint's frame by its parent and by its child on the body of both.
         """
         gap = one.inverse() * two
         size = float(np.abs([one.translation, two.translation]).max()) or 1.0
@@ -335,41 +351,6 @@ class _Writer:
             raise MechanismFileError(
                 f"{self.where}: fixed joint {joint.name!r} holds {joint.child!r} on "
                 f"{joint.parent!r} in another place than the other fixed joints do, by {most:.3g}")
-        self.notices.append(f"joint {joint.name!r} joins links that are fixed to each other "
-                            "already: it is left out")
-
-    def tell_parallel(self) -> None:
-        """Tell of several joints between the same two links: each of them holds."""
-        between: dict[frozenset[str], list[str]] = {}
-        for joint in self.graph.joints:
-            between.setdefault(frozenset((joint.parent, joint.child)), []).append(joint.name)
-        several = "; ".join(", ".join(x) for x in between.values() if len(x) > 1)
-        if several:
-            self.notices.append("several joints join the same two links, and each of them holds: "
-                                f"{several}")
-
-    def tell_cut(self) -> None:
-        """Tell which joints are cut."""
-        cut = [f"{table['name']!r} ({table['type']})" for table in self.closures]
-        if len(cut) == 1:
-            self.notices.append(f"a loop is cut at joint {cut[0]}, which becomes a closure")
-        elif cut:
-            self.notices.append(f"{len(cut)} loops are cut at the joints {', '.join(cut)}, which "
-                                "become closures")
-        if self.lost:
-            self.notices.append("a closure has no coordinate, so that this does not act: "
-                                f"{', '.join(self.lost)}")
-
-    def merged(self) -> dict[str, Any]:
-        """Return what a mechanism file says, with what is new."""
-        gone = {joint.name for joint in self.tree.cut}
-        given = {k: x for k, x in self.given.get("joints", {}).items() if k not in gone}
-        joints = {**given, **{k: {**given.get(k, {}), **x} for k, x in self.joints.items()}}
-        merged = {**self.given, "joints": joints}
-        for key, new in (("closures", self.closures), ("springs", self.springs)):
-            merged[key] = [*self.given.get(key, []), *new]
-        merged["guess"] = {**self.guess, **self.given.get("guess", {})}
-        return merged
 
 
 def _urdf_type(joint: GraphJoint) -> str:
@@ -386,12 +367,3 @@ def _pair_table(joint: GraphJoint) -> dict[str, Any]:
     """Return what a mechanism file says of a joint's pair."""
     return {"type": "weld" if joint.type == "fixed" else joint.type,
             **PAIRS[joint.type].told(joint.axis, joint.axis2, joint.lead, joint.length)}
-
-
-def _lost(joint: GraphJoint) -> list[str]:
-    """Return what a closure cannot have of a joint."""
-    lost = [f"{key} {getattr(joint, key):g}" for key in (*RESISTANCES, "stiffness")
-            if getattr(joint, key)]
-    if joint.is_limited:
-        lost.append(f"limits {joint.lower:g} to {joint.upper:g}")
-    return lost

@@ -85,39 +85,31 @@ def _joint(
     element: ET.Element, pair: str, refined: JointRefinement | None, where: str
 ) -> GraphJoint:
     axis, axis2 = joint_axes(PAIRS[pair], element, refined, where)
+    dynamics, resistance = element.find("dynamics"), dict[str, Any]()
+    if dynamics is not None:
+        resistance = {key: float(dynamics.get(key, 0.0)) for key in ("damping", "friction")}
+    for key, values in refined.resistances.items() if refined else ():
+        if key != "slip_speed":
+            resistance[key] = float(np.max(values))  # the largest of several
     joint = GraphJoint(
         element.get("name", ""), pair, end_of(element, "parent"), end_of(element, "child"),
         placement(element.find("origin"), where), axis=axis, axis2=axis2,
-        lead=refined.lead if refined else 0.0, element=element, **_resistance(element, refined))
+        lead=refined.lead if refined else 0.0, element=element, **resistance)
     limit = element.find("limit")
     if limit is None or element.get("type") not in LIMITED:
         return joint
     return joint.but(lower=float(limit.get("lower", 0.0)), upper=float(limit.get("upper", 0.0)))
 
 
-def _resistance(element: ET.Element, refined: JointRefinement | None) -> dict[str, Any]:
-    """Return damping, friction and armature of a joint, the largest of several."""
-    dynamics = element.find("dynamics")
-    stated = {key: float(dynamics.get(key, 0.0)) for key in ("damping", "friction")
-              } if dynamics is not None else {}
-    given = refined.resistances.items() if refined else ()
-    return {**stated, **{key: float(np.max(values)) for key, values in given
-                         if key != "slip_speed"}}
-
-
 def _link(element: ET.Element, named: set[str]) -> Link:
     """Return a link; one that something refers to counts as a body, which stays."""
     values = [x.get(key, "0") for x in element.iterfind("inertial/*")
               for key in ("value", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")]
-    massless = element.get("name") not in named and all(_is_zero(x) for x in values)
-    return Link(element.get("name", ""), None, tuple(element), massless)
-
-
-def _is_zero(text: str) -> bool:
     try:
-        return float(text) == 0.0
-    except ValueError:
-        return False
+        massless = element.get("name") not in named and not any(map(float, values))
+    except ValueError:  # refused later
+        massless = False
+    return Link(element.get("name", ""), None, tuple(element), massless)
 
 
 def _named(robot: ET.Element, content: Mapping[str, Any]) -> Iterator[str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,9 +22,8 @@ THIN = 1e-6  # of the characteristic length: its radius of gyration
 LEAST_MOMENT = 1e-14  # kg·m² and kg: below 1e-15 MuJoCo refuses a body that moves
 
 
-@dataclass(eq=False)
-class Writing:
-    """What is written so far.
+class MjcfDocument:
+    """An MJCF document that is being written.
 
     Attributes:
         mechanism: what is written.
@@ -38,15 +36,18 @@ class Writing:
         light: names of bodies that have got a mass.
     """
 
-    mechanism: Mechanism
-    root: ET.Element
-    parts: dict[str, ET.Element] = field(default_factory=dict)
-    bodies: dict[int, ET.Element] = field(default_factory=dict)
-    links: dict[str, ET.Element] = field(default_factory=dict)
-    joints: set[str] = field(default_factory=set)
-    home: dict[str, list[float]] = field(default_factory=dict)
-    sites: dict[str, tuple[int, pin.SE3]] = field(default_factory=dict)
-    light: list[str] = field(default_factory=list)
+    def __init__(self, mechanism: Mechanism) -> None:
+        self.mechanism = mechanism
+        self.root = ET.Element("mujoco", model=mechanism.name)
+        ET.SubElement(self.root, "compiler", angle="radian", inertiafromgeom="false")
+        ET.SubElement(self.root, "option", gravity=numbers_text(mechanism.model.gravity.linear))
+        self.parts = {tag: ET.SubElement(self.root, tag) for tag in ("asset", "worldbody")}
+        self.bodies = {0: self.parts["worldbody"]}
+        self.links: dict[str, ET.Element] = {}
+        self.joints: set[str] = set()
+        self.home: dict[str, list[float]] = {}
+        self.sites: dict[str, tuple[int, pin.SE3]] = {}
+        self.light: list[str] = []
 
     def part(self, tag: str) -> ET.Element:
         """Return the child of <mujoco> of that tag."""
@@ -189,28 +190,28 @@ def parts_of(name: str, pair: str, axis: Array, axis2: Array) -> list[MjcfJoint]
             MjcfJoint(f"{name}.turn", BALL, np.zeros(3))]
 
 
-def add_joints(writing: Writing, i: int, body: ET.Element, q: Array) -> None:
+def add_joints(document: MjcfDocument, i: int, body: ET.Element, q: Array) -> None:
     """Add the joints of tree joint i to its body, and their values at q (nq,) to the key.
 
     Raises:
         SpatialPinError: a joint resists in each of its directions otherwise.
     """
-    mech, model = writing.mechanism, writing.mechanism.model
+    mech, model = document.mechanism, document.mechanism.model
     name, pair, at = model.names[i], mech.pairs[i - 1], model.idx_qs[i]
     own = q[at:at + model.nqs[i]]
     if pair == "floating" and model.parents[i] == 0:
         ET.SubElement(body, "joint", {"name": name, "type": FREE, **_resistances(mech, i, 0, 6)})
         placement = model.jointPlacements[i] * pin.SE3(
             pin.Quaternion(own[3:]).matrix(), own[:3])
-        writing.home[name] = [*placement.translation, *quaternion(placement.rotation)]
+        document.home[name] = [*placement.translation, *quaternion(placement.rotation)]
         return
     axis, axis2, lead = tree_axes(mech, i)
     parts = parts_of(name, pair, axis, axis2)
     if pair == "screw":
         own = own[[0, 0]] * [1.0, lead / (2.0 * np.pi)]
-    elements = add_parts(writing, body, parts, own)
+    elements = add_parts(document, body, parts, own)
     if pair == "screw":  # its slide is tied to the turn, which carries all else
-        tie_screw(writing, parts, lead)
+        tie_screw(document, parts, lead)
         elements, parts = elements[:1], parts[:1]
     for k, (element, part) in enumerate(zip(elements, parts, strict=True)):
         count = 3 if part.kind == BALL else 1
@@ -220,26 +221,26 @@ def add_joints(writing: Writing, i: int, body: ET.Element, q: Array) -> None:
 
 
 def add_parts(
-    writing: Writing, body: ET.Element, parts: list[MjcfJoint], values: Array
+    document: MjcfDocument, body: ET.Element, parts: list[MjcfJoint], values: Array
 ) -> list[ET.Element]:
     """Add joints to a body, and their values to the key; a ball, as the last, has four."""
     elements = []
     for k, part in enumerate(parts):
         attributes = {"name": part.name, "type": part.kind}
         if part.kind == BALL:
-            writing.home[part.name] = values[k:][[3, 0, 1, 2]].tolist()
+            document.home[part.name] = values[k:][[3, 0, 1, 2]].tolist()
         else:
             attributes["axis"] = numbers_text(part.axis)
-            writing.joints.add(part.name)
-            writing.home[part.name] = [float(values[k])]
+            document.joints.add(part.name)
+            document.home[part.name] = [float(values[k])]
         elements.append(ET.SubElement(body, "joint", attributes))
     return elements
 
 
-def tie_screw(writing: Writing, parts: list[MjcfJoint], lead: float) -> None:
+def tie_screw(document: MjcfDocument, parts: list[MjcfJoint], lead: float) -> None:
     """Tie the slide of a screw to its turn."""
     turn, slide = (part.name for part in parts)
-    writing.tie(f"{turn}.lead", slide, turn, lead / (2.0 * np.pi))
+    document.tie(f"{turn}.lead", slide, turn, lead / (2.0 * np.pi))
 
 
 def _resistances(mech: Mechanism, i: int, k: int, count: int) -> dict[str, str]:
@@ -252,10 +253,11 @@ def _resistances(mech: Mechanism, i: int, k: int, count: int) -> dict[str, str]:
             raise SpatialPinError(
                 f"mechanism {mech.name!r}: joint {model.names[i]!r} has {key} "
                 f"{values[own].tolist()}; a {mech.pairs[i - 1]} joint of MuJoCo has one number")
-    at = own.start
-    added = _spring_damping(mech, model.names[i], k) if count == 1 else 0.0
-    found = {key: float(x[at]) for key, x in table.items()}
-    found["damping"] += added
+    found = {key: float(x[own.start]) for key, x in table.items()}
+    if count == 1:  # springs of the coordinate damp it, too
+        about = ((s, mech.coordinate(s.joint)) for s in mech.springs if s.joint is not None)
+        found["damping"] += sum(s.damping for s, c in about
+                                if (c.joint, c.place) == (model.names[i], k))
     return {key: repr(x) for key, x in found.items() if x}
 
 
@@ -285,9 +287,3 @@ def _spring(mech: Mechanism, name: str) -> dict[str, str]:
         return {}
     free = sum(s.stiffness * s.free for s in own) / stiffness
     return {"stiffness": repr(float(stiffness)), "springref": repr(float(free))}
-
-
-def _spring_damping(mech: Mechanism, joint: str, k: int) -> float:
-    """Return what the springs of the k-th coordinate of a joint add to its damping."""
-    own = ((s, mech.coordinate(s.joint)) for s in mech.springs if s.joint is not None)
-    return sum(s.damping for s, c in own if (c.joint, c.place) == (joint, k))

@@ -37,12 +37,7 @@ class EqualityEnd(NamedTuple):
     link: str = ""
 
 
-class Connect(NamedTuple):
-    """A ball between two bodies: its number, name and ends."""
-
-    eq: int
-    name: str
-    ends: tuple[EqualityEnd, EqualityEnd]
+Connect = tuple[int, str, tuple[EqualityEnd, EqualityEnd]]  # a ball: its number, name and ends
 
 
 def read_closures(reading: MjcfReading, where: str) -> list[dict[str, Any]]:
@@ -57,7 +52,11 @@ def read_closures(reading: MjcfReading, where: str) -> list[dict[str, Any]]:
     """
     model, closures = reading.model, []
     connects: dict[frozenset[int], list[Connect]] = {}
-    for eq in _active(reading):
+    off = reading.is_off("EQUALITY") or reading.is_off("CONSTRAINT")
+    active = [eq for eq in range(model.neq) if model.eq_active0[eq] and not off]
+    reading.notices += [f"equality {_called(reading, eq)} is not active: left out"
+                        for eq in range(model.neq) if eq not in active]
+    for eq in active:
         kind, name = _kind(reading, eq), model.equality(eq).name
         if kind in ("joint", "tendon"):
             couple = _coupling if kind == "joint" else _tendon_coupling
@@ -77,22 +76,12 @@ def read_closures(reading: MjcfReading, where: str) -> list[dict[str, Any]]:
             holds = "weld" if model.eq_data[eq, TORQUE_SCALE] else "spherical"
             closures.append((eq, _closure(reading, name, holds, *ends)))
         else:
-            connects.setdefault(rigid, []).append(Connect(eq, name, ends))
+            connects.setdefault(rigid, []).append((eq, name, ends))
     for group in connects.values():
-        closures += [(group[0].eq, closure) for closure in _balls(reading, group)]
+        closures += [(group[0][0], closure) for closure in _balls(reading, group)]
     closures.sort(key=lambda pair: pair[0])  # as in the file
     taken: set[str] = set()
     return [{**closure, "name": fresh(closure["name"], taken)} for _, closure in closures]
-
-
-def _active(reading: MjcfReading) -> list[int]:
-    """Return the numbers of the equalities that hold; tell the others."""
-    model = reading.model
-    off = reading.is_off("EQUALITY") or reading.is_off("CONSTRAINT")
-    active = [eq for eq in range(model.neq) if model.eq_active0[eq] and not off]
-    reading.notices += [f"equality {_called(reading, eq)} is not active: left out"
-                        for eq in range(model.neq) if eq not in active]
-    return active
 
 
 def _kind(reading: MjcfReading, eq: int) -> str:
@@ -139,18 +128,20 @@ def _balls(reading: MjcfReading, group: list[Connect]) -> list[dict[str, Any]]:
     Two points of an axis are a hinge; three that are not on a line are a weld. Points whose
     distances differ between the bodies stay what they are.
     """
-    first, *others = group
-    points = [np.array([end.at.translation]) for end in first.ends]
-    for other in others:
-        moved = [_seen_from(reading, end.body, other.ends) for end in first.ends]
+    _, name, ends = group[0]
+    points = [np.array([end.at.translation]) for end in ends]
+    for _, _, others in group[1:]:
+        moved = [_seen_from(reading, end.body, others) for end in ends]
         points = [np.vstack([p, q]) for p, q in zip(points, moved, strict=True)]
     axes = [_axes(p - p[0]) for p in points]
     kinds = {kind for kind, _ in axes}
-    if kinds == {"spherical"} or len(kinds) > 1 or not _is_same_shape(*points):
-        return [_closure(reading, c.name, "spherical", *c.ends) for c in group]
+    gaps = [np.linalg.norm(p[:, None] - p[None], axis=2) for p in points]
+    fit = np.all(np.abs(gaps[0] - gaps[1]) <= SAME_SHAPE * gaps[0].max(initial=0.0))
+    if kinds == {"spherical"} or len(kinds) > 1 or not fit:
+        return [_closure(reading, own, "spherical", *both) for _, own, both in group]
     kind = kinds.pop()
-    ends = [_turned(end, turn, kind) for end, (_, turn) in zip(first.ends, axes, strict=True)]
-    return [_closure(reading, first.name, kind, *ends)]
+    turned = [_turned(end, turn, kind) for end, (_, turn) in zip(ends, axes, strict=True)]
+    return [_closure(reading, name, kind, *turned)]
 
 
 def _turned(end: EqualityEnd, axes: Array, kind: str) -> EqualityEnd:
@@ -176,12 +167,6 @@ def _in_rigid(reading: MjcfReading, body: int) -> pin.SE3:
         placement = pose(model.body_pos[body], model.body_quat[body]) * placement
         body = int(model.body_parentid[body])
     return placement
-
-
-def _is_same_shape(first: Array, second: Array) -> bool:
-    """Whether points (n, 3) of one body can all be on those of the other."""
-    gaps = [np.linalg.norm(p[:, None] - p[None], axis=2) for p in (first, second)]
-    return bool(np.all(np.abs(gaps[0] - gaps[1]) <= SAME_SHAPE * gaps[0].max(initial=0.0)))
 
 
 def _axes(points: Array) -> tuple[str, Array]:

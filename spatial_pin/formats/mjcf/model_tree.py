@@ -6,6 +6,7 @@ that the file shows.
 
 from __future__ import annotations
 
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.formats.mjcf.compiling import Compiled
+from spatial_pin.formats.mjcf.compiling import MeshFile
 from spatial_pin.formats.urdf.elements import UrdfText, fresh, numbers_text
 from spatial_pin.numerics.linalg import Array
 
@@ -48,7 +49,8 @@ class MjcfReading:
     Attributes:
         mujoco: the module.
         model: `mujoco.MjModel`.
-        source: where it came from.
+        meshes: the file of every mesh asset, by its name.
+        massless: names of bodies whose inertia is not known.
         urdf: the open tree so far.
         links: name of the link of every body.
         joints: place of every joint.
@@ -60,7 +62,8 @@ class MjcfReading:
 
     mujoco: Any
     model: Any
-    source: Compiled
+    meshes: Mapping[str, MeshFile]
+    massless: Container[str]
     urdf: UrdfText
     links: list[str] = field(default_factory=lambda: [WORLD])
     joints: list[PlacedJoint] = field(default_factory=list)
@@ -90,17 +93,29 @@ def shift(position: Array) -> pin.SE3:
     return pin.SE3(np.eye(3), np.array(position))
 
 
-def read_tree(mujoco: Any, source: Compiled, name: str) -> MjcfReading:
+def read_tree(
+    mujoco: Any, model: Any, meshes: Mapping[str, MeshFile], massless: Container[str], name: str
+) -> MjcfReading:
     """Read bodies, joints, geoms and sites."""
-    model = source.model
     bodies = [model.body(b).name for b in range(model.nbody)]
     joints = _joint_names(mujoco, model)
-    reading = MjcfReading(mujoco, model, source, UrdfText(name, WORLD, [*bodies, *joints]))
+    reading = MjcfReading(mujoco, model, meshes, massless,
+                          UrdfText(name, WORLD, [*bodies, *joints]))
     for body in range(1, model.nbody):
         reading.links.append(_add_body(reading, body, joints))
-        _add_inertia(reading, body)
-    for site in range(model.nsite):
-        _add_site(reading, site)
+        mass, moments = float(model.body_mass[body]), np.array(model.body_inertia[body])
+        if (mass or np.any(moments)) and bodies[body] not in massless:
+            placement = pose(model.body_ipos[body], model.body_iquat[body])
+            reading.urdf.inertia(reading.links[body], mass, placement, moments)
+    for site in range(model.nsite):  # one with name and frame of its body is this body
+        name, body = model.site(site).name, model.site_bodyid[site]
+        placement = pose(model.site_pos[site], model.site_quat[site])
+        if name == bodies[body] and placement.isIdentity(0.0):
+            reading.sites[site] = reading.links[body]
+        elif name:
+            known = {*reading.links, *(place.name for place in reading.joints)}
+            wanted = name if name not in known else f"{name}_site"
+            reading.sites[site] = reading.urdf.frame(wanted, reading.links[body], placement)
     for geom in range(model.ngeom):
         _add_geom(reading, geom)
     return reading
@@ -146,12 +161,15 @@ def _add_joint(
     model, kinds = reading.model, reading.mujoco.mjtJoint
     kind, axis = model.jnt_type[joint], np.array(model.jnt_axis[joint])
     ref = model.qpos0[model.jnt_qposadr[joint]]
-    limits = model.jnt_range[joint] if _is_limited(reading, joint, wanted) else None
+    limits = model.jnt_range[joint] \
+        if model.jnt_limited[joint] and not reading.is_off("LIMIT") else None
     written = "floating"
     refinement: dict[str, Any] = {}
     if kind == kinds.mjJNT_FREE:
         placement, limits = pin.SE3.Identity(), None
     elif kind == kinds.mjJNT_BALL:
+        if limits is not None:
+            reading.notices.append(f"ball joint {wanted!r}: its range is left out")
         refinement, limits = {"type": "spherical"}, None
     elif kind == kinds.mjJNT_HINGE:
         placement = placement * pin.SE3(pin.exp3(-ref * axis), np.zeros(3))
@@ -167,13 +185,6 @@ def _add_joint(
     if refinement:
         reading.refined[name] = refinement
     return link
-
-
-def _is_limited(reading: MjcfReading, joint: int, name: str) -> bool:
-    limited = bool(reading.model.jnt_limited[joint]) and not reading.is_off("LIMIT")
-    if limited and reading.model.jnt_type[joint] == reading.mujoco.mjtJoint.mjJNT_BALL:
-        reading.notices.append(f"ball joint {name!r}: its range is left out")
-    return limited
 
 
 def _resistances(reading: MjcfReading, joint: int) -> dict[str, float]:
@@ -228,27 +239,6 @@ def _forces(reading: MjcfReading, joint: int) -> tuple[float, float]:
     return float(ends.min(axis=1).sum()) + 0.0, float(ends.max(axis=1).sum()) + 0.0
 
 
-def _add_inertia(reading: MjcfReading, body: int) -> None:
-    model = reading.model
-    mass, moments = float(model.body_mass[body]), np.array(model.body_inertia[body])
-    if (mass or np.any(moments)) and model.body(body).name not in reading.source.massless:
-        placement = pose(model.body_ipos[body], model.body_iquat[body])
-        reading.urdf.inertia(reading.links[body], mass, placement, moments)
-
-
-def _add_site(reading: MjcfReading, site: int) -> None:
-    """Add a site as a frame; one that has the name and the frame of its body is this body."""
-    model = reading.model
-    name, body = model.site(site).name, model.site_bodyid[site]
-    placement = pose(model.site_pos[site], model.site_quat[site])
-    if name == model.body(body).name and placement.isIdentity(0.0):
-        reading.sites[site] = reading.links[body]
-    elif name:
-        known = {*reading.links, *(place.name for place in reading.joints)}
-        wanted = name if name not in known else f"{name}_site"
-        reading.sites[site] = reading.urdf.frame(wanted, reading.links[body], placement)
-
-
 # ---------------------------------------------------------------- shapes
 
 
@@ -295,7 +285,7 @@ def _solid(reading: MjcfReading, geom: int) -> tuple[str, dict[str, str], pin.SE
 def _mesh(reading: MjcfReading, geom: int) -> tuple[str, dict[str, str], pin.SE3] | None:
     model, mesh = reading.model, reading.model.geom_dataid[geom]
     name = model.mesh(mesh).name
-    asset = reading.source.meshes[name]
+    asset = reading.meshes[name]
     if asset.file is None:
         told = f"mesh {name!r} is left out: {asset.fault}"
         if asset.fault and told not in reading.notices:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -152,44 +152,45 @@ def read(request: Request) -> Imported:
             exact counterpart.
     """
     trust = Trust.of(request.path, request.packages, request.trusted)
-    source = compiled(request.path, trust, request.without)
+    model, meshes, massless, notices = compiled(request.path, trust, request.without)
     import mujoco
 
-    names = source.model.names
+    names = model.names
     said = names[:names.index(b"\0")].decode()
     name = said if said and said != UNNAMED else request.path.stem
-    reading = read_tree(mujoco, source, name)
+    reading = read_tree(mujoco, model, meshes, massless, name)
     closures = read_closures(reading, shown(request.path))
     content: dict[str, Any] = {
-        "name": name, "gravity": _gravity(reading),
+        "name": name,
+        "gravity": [0.0] * 3 if reading.is_off("GRAVITY") else model.opt.gravity.tolist(),
         "order": [place.name for place in reading.joints], "joints": reading.refined,
         "closures": closures,
         "springs": read_springs(reading), "guess": read_guess(reading),
     }
     if reading.model.nu:
         content["drivers"] = read_drivers(reading, closures)
-    notices = (*source.notices, *reading.notices, *_left_out(reading))
-    return Imported(reading.urdf.text(), content, notices)
+    notices += [*reading.notices, *_unread_of(reading)]
+    return Imported(reading.urdf.text(), content, tuple(notices))
 
 
-def _gravity(reading: MjcfReading) -> list[float]:
-    gravity = np.zeros(3) if reading.is_off("GRAVITY") else reading.model.opt.gravity
-    return [float(x) for x in gravity]
-
-
-def _left_out(reading: MjcfReading) -> Iterator[str]:
+def _unread_of(reading: MjcfReading) -> Iterator[str]:
     """Yield a notice for everything of a model that acts on it and is not read."""
     model = reading.model
     for tendon in range(model.ntendon):
-        words = list(_of_tendon(reading, tendon))
-        if words:
+        lost = {} if tendon in reading.tendons else {
+            "tendon_stiffness": "stiffness", "tendon_damping": "damping"}
+        lost |= {"tendon_frictionloss": "friction", "tendon_limited": "range",
+                 "tendon_armature": "armature"}
+        if words := _nonzero(reading, tendon, lost):
             name = repr(model.tendon(tendon).name or tendon)
             yield f"tendon {name}: its {', '.join(words)} is left out"
-    for flex in range(model.nflex):
-        yield f"flex number {flex}: its elasticity is left out"
+    yield from (f"flex number {k}: its elasticity is left out" for k in range(model.nflex))
     for actuator in range(len(model.actuator_trntype)):
-        words = list(_of_actuator(reading, actuator))
-        if words:
+        lost = {"actuator_dampingpoly": "damping of higher order"}
+        if not (moves_joint(reading)[actuator]
+                and reading.is_single(model.actuator_trnid[actuator, 0])):
+            lost = {"actuator_armature": "armature", "actuator_damping": "damping", **lost}
+        if words := _nonzero(reading, actuator, lost):
             name = repr(model.actuator(actuator).name or actuator)
             yield f"actuator {name}: its {', '.join(words)} is left out"
     floats = [model.body(b).name for b in np.flatnonzero(model.body_gravcomp)]
@@ -198,36 +199,16 @@ def _left_out(reading: MjcfReading) -> Iterator[str]:
     if model.opt.density or model.opt.viscosity:
         yield "the fluid around the bodies (density, viscosity) is left out"
     for joint, place in enumerate(reading.joints):
-        words = list(_of_joint(reading, joint))
+        of_dof = {"dof_dampingpoly": "damping of higher order"}
+        of_joint = {"jnt_stiffnesspoly": "stiffness of higher order",
+                    "jnt_springyield": "yielding spring"}
+        words = [*_nonzero(reading, int(model.jnt_dofadr[joint]), of_dof),
+                 *_nonzero(reading, joint, of_joint)]
         if words:
             yield f"joint {place.name!r}: its {', '.join(words)} is left out"
 
 
-def _of_tendon(reading: MjcfReading, tendon: int) -> Iterator[str]:
-    model = reading.model
-    lost = {"friction": model.tendon_frictionloss, "range": model.tendon_limited}
-    if tendon not in reading.tendons:
-        lost = {"stiffness": model.tendon_stiffness, "damping": model.tendon_damping, **lost}
-    yield from (word for word, values in lost.items() if values[tendon])
-    yield from _nonzero(reading, tendon, {"tendon_armature": "armature"})
-
-
-def _of_actuator(reading: MjcfReading, actuator: int) -> Iterator[str]:
-    joint = reading.model.actuator_trnid[actuator, 0]
-    if not (moves_joint(reading)[actuator] and reading.is_single(joint)):
-        yield from _nonzero(reading, actuator, {"actuator_armature": "armature",
-                                                "actuator_damping": "damping"})
-    yield from _nonzero(reading, actuator, {"actuator_dampingpoly": "damping of higher order"})
-
-
-def _of_joint(reading: MjcfReading, joint: int) -> Iterator[str]:
-    dof = int(reading.model.jnt_dofadr[joint])
-    yield from _nonzero(reading, dof, {"dof_dampingpoly": "damping of higher order"})
-    yield from _nonzero(reading, joint, {"jnt_stiffnesspoly": "stiffness of higher order",
-                                         "jnt_springyield": "yielding spring"})
-
-
-def _nonzero(reading: MjcfReading, place: int, words: dict[str, str]) -> Iterable[str]:
+def _nonzero(reading: MjcfReading, place: int, words: dict[str, str]) -> list[str]:
     """Return the words of the arrays of a model, some of which older MuJoCo has not."""
     arrays = {key: getattr(reading.model, key, None) for key in words}
     return [words[key] for key, x in arrays.items() if x is not None and np.any(x[place])]

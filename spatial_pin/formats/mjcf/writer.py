@@ -1,4 +1,4 @@
-"""Writing a mechanism as MJCF, its closures as equalities between sites.
+"""MjcfDocument a mechanism as MJCF, its closures as equalities between sites.
 
 A body stands for every link, its frame the link's. Joints keep their names and coordinates; those
 of several coordinates become several joints, named as the coordinates. MuJoCo is not needed.
@@ -7,7 +7,6 @@ of several coordinates become several joints, named as the coordinates. MuJoCo i
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,7 @@ from spatial_pin.errors import ClosureTypeError, SpatialPinError, warn
 from spatial_pin.formats.file_access import is_file
 from spatial_pin.formats.mjcf.compiling import some
 from spatial_pin.formats.mjcf.document import (
-    Writing,
+    MjcfDocument,
     add_joints,
     add_parts,
     is_movable,
@@ -41,18 +40,18 @@ GROUPS = {"visual": {"group": "2", "contype": "0", "conaffinity": "0"},
           "collision": {"group": "3"}}
 
 
-def add_shapes(writing: Writing) -> None:
+def add_shapes(document: MjcfDocument) -> None:
     """Add the geoms of all links; tell which meshes MuJoCo cannot read."""
-    robot = ET.fromstring(writing.mechanism.urdf)
+    robot = ET.fromstring(document.mechanism.urdf)
     colours = {m.get("name", ""): m.find("color") for m in robot.iter("material")
                if m.find("color") is not None}
     assets: dict[tuple[str, str], str] = {}
     lost: set[str] = set()
     for link in robot.findall("link"):
-        body = writing.links.get(link.get("name", ""))
+        body = document.links.get(link.get("name", ""))
         for kind in GROUPS if body is not None else ():
             for shape in link.findall(kind):
-                geom = _geom(writing, shape, assets)
+                geom = _geom(document, shape, assets)
                 if geom is None:
                     lost.add(shape.find("geometry/mesh").get("filename", ""))  # type: ignore[union-attr]
                     continue
@@ -63,19 +62,25 @@ def add_shapes(writing: Writing) -> None:
                 ET.SubElement(body, "geom", {**geom, **GROUPS[kind], **rgba})
     if lost:
         some = ", ".join(sorted(Path(x).name for x in lost)[:3])
-        warn(f"mechanism {writing.mechanism.name!r}: {len(lost)} meshes are not there or in "
+        warn(f"mechanism {document.mechanism.name!r}: {len(lost)} meshes are not there or in "
              f"formats that MuJoCo does not read ({some}): left out")
 
 
 def _geom(
-    writing: Writing, shape: ET.Element, assets: dict[tuple[str, str], str]
+    document: MjcfDocument, shape: ET.Element, assets: dict[tuple[str, str], str]
 ) -> dict[str, str] | None:
     """Return the attributes of the geom of a URDF shape; None for a mesh that is not readable."""
     solid = next(iter(shape.find("geometry")))  # type: ignore[arg-type]
     geom = placed(placement(shape.find("origin"), ""))
     if solid.tag == "mesh":
-        name = _asset(writing, solid, assets)
-        return None if name is None else {**geom, "type": "mesh", "mesh": name}
+        file, scale = solid.get("filename", ""), solid.get("scale", "1 1 1")
+        if Path(file).suffix.lower() not in MESHES or not is_file(Path(file)):
+            return None
+        if (file, scale) not in assets:
+            assets[file, scale] = unique(Path(file).stem, assets.values())
+            ET.SubElement(document.part("asset"), "mesh", name=assets[file, scale], file=file,
+                          scale=scale, inertia="shell")
+        return {**geom, "type": "mesh", "mesh": assets[file, scale]}
     if solid.tag == "box":
         size = _numbers(solid.get("size", "")) / 2.0
     elif solid.tag == "sphere":
@@ -83,17 +88,6 @@ def _geom(
     else:  # cylinder or capsule
         size = np.array([float(solid.get("radius", "")), float(solid.get("length", "")) / 2.0])
     return {**geom, "type": solid.tag, "size": numbers_text(size)}
-
-
-def _asset(writing: Writing, mesh: ET.Element, assets: dict[tuple[str, str], str]) -> str | None:
-    file, scale = mesh.get("filename", ""), mesh.get("scale", "1 1 1")
-    if Path(file).suffix.lower() not in MESHES or not is_file(Path(file)):
-        return None
-    if (file, scale) not in assets:
-        assets[file, scale] = unique(Path(file).stem, assets.values())
-        ET.SubElement(writing.part("asset"), "mesh", name=assets[file, scale], file=file,
-                      scale=scale, inertia="shell")
-    return assets[file, scale]
 
 
 def _numbers(text: str) -> Array:
@@ -104,38 +98,38 @@ WELDED = ("weld", "fixed")
 COMPOSED = ("prismatic", "cylindrical", "planar", "universal", "screw")
 
 
-def add_closures(writing: Writing, q: Array) -> None:
+def add_closures(document: MjcfDocument, q: Array) -> None:
     """Add an equality for every closure.
 
     Args:
-        writing: the document, its bodies in place.
+        document: the document, its bodies in place.
         q: (nq,) where the key is.
 
     Raises:
         ClosureTypeError: MuJoCo has no equality that is exactly that closure.
     """
-    for closure in writing.mechanism.closures:
+    for closure in document.mechanism.closures:
         if closure.type == COUPLING:
-            first, second = (writing.mechanism.coordinate(name).name for name in closure.joints)
-            writing.tie(closure.name, second, first, closure.ratio, closure.offset)
+            first, second = (document.mechanism.coordinate(name).name for name in closure.joints)
+            document.tie(closure.name, second, first, closure.ratio, closure.offset)
         elif closure.type == "spherical":
-            _equality(writing, "connect", closure.name, *_sites(writing, closure, closure.name))
+            _equality(document, "connect", closure.name, *_sites(document, closure, closure.name))
         elif closure.type in WELDED:
-            _equality(writing, "weld", closure.name, *_sites(writing, closure, closure.name))
+            _equality(document, "weld", closure.name, *_sites(document, closure, closure.name))
         elif closure.type == "revolute":
-            _hinge(writing, closure)
+            _hinge(document, closure)
         elif closure.type == "distance":
-            _rope(writing, closure)
+            _rope(document, closure)
         elif closure.type in COMPOSED:
-            _compose(writing, closure, q)
+            _compose(document, closure, q)
         else:
             raise ClosureTypeError(
-                f"mechanism {writing.mechanism.name!r}: closure {closure.name!r} is "
+                f"mechanism {document.mechanism.name!r}: closure {closure.name!r} is "
                 f"{closure.type}; MuJoCo has no equality that is exactly this")
 
 
-def _equality(writing: Writing, kind: str, name: str, site1: str, site2: str) -> None:
-    ET.SubElement(writing.part("equality"), kind, name=name, site1=site1, site2=site2)
+def _equality(document: MjcfDocument, kind: str, name: str, site1: str, site2: str) -> None:
+    ET.SubElement(document.part("equality"), kind, name=name, site1=site1, site2=site2)
 
 
 def _frames_of(closure: Closure) -> tuple[pin.SE3, pin.SE3]:
@@ -146,62 +140,62 @@ def _frames_of(closure: Closure) -> tuple[pin.SE3, pin.SE3]:
 
 
 def _sites(
-    writing: Writing, closure: Closure, name: str, shift: pin.SE3 | None = None
+    document: MjcfDocument, closure: Closure, name: str, shift: pin.SE3 | None = None
 ) -> tuple[str, str]:
     """Return sites at a closure's frames, turned to the pair's axes and shifted then."""
     shift = pin.SE3.Identity() if shift is None else shift
     names = []
     ends = zip(closure.frames, _frames_of(closure), strict=True)
     for k, (frame, axes) in enumerate(ends, start=1):
-        joint, placement = writing.mechanism.frame_on_joint(frame)
+        joint, placement = document.mechanism.frame_on_joint(frame)
         moved = axes * shift
-        names.append(writing.frame(frame) if moved.isIdentity(0.0)
-                     else writing.site(f"{name}_{k}", joint, placement * moved))
+        names.append(document.frame(frame) if moved.isIdentity(0.0)
+                     else document.site(f"{name}_{k}", joint, placement * moved))
     return names[0], names[1]
 
 
-def _hinge(writing: Writing, closure: Closure) -> None:
+def _hinge(document: MjcfDocument, closure: Closure) -> None:
     """A hinge is two points of its axis, as far apart as the mechanism is large."""
-    along = pin.SE3(np.eye(3), np.array([0.0, 0.0, writing.mechanism.characteristic_length]))
-    _equality(writing, "connect", closure.name, *_sites(writing, closure, closure.name))
+    along = pin.SE3(np.eye(3), np.array([0.0, 0.0, document.mechanism.characteristic_length]))
+    _equality(document, "connect", closure.name, *_sites(document, closure, closure.name))
     end = f"{closure.name}_end"
-    _equality(writing, "connect", end, *_sites(writing, closure, end, along))
+    _equality(document, "connect", end, *_sites(document, closure, end, along))
 
 
-def _rope(writing: Writing, closure: Closure) -> None:
+def _rope(document: MjcfDocument, closure: Closure) -> None:
     """A distance is a straight tendon whose length is held, or is that of another."""
     assert closure.geometry is not None
-    rest = _tendon(writing, closure.name, closure.frames)
+    rest = _tendon(document, closure.name, closure.frames)
     attributes = {"name": closure.name, "tendon1": closure.name}
     length: float | None = closure.geometry.length
     if closure.between:
-        length = rigid_distance(*map(writing.mechanism.frame_on_joint, closure.between))
+        length = rigid_distance(*map(document.mechanism.frame_on_joint, closure.between))
     if length is not None:
         offset, ratio = length - rest, 0.0
     else:
         attributes["tendon2"] = f"{closure.name}_other"
-        offset, ratio = _tendon(writing, attributes["tendon2"], closure.between) - rest, 1.0
+        offset, ratio = _tendon(document, attributes["tendon2"], closure.between) - rest, 1.0
     attributes["polycoef"] = numbers_text(np.array([offset, ratio, 0.0, 0.0, 0.0]))
-    ET.SubElement(writing.part("equality"), "tendon", attributes)
+    ET.SubElement(document.part("equality"), "tendon", attributes)
 
 
-def _tendon(writing: Writing, name: str, frames: tuple[str, ...]) -> float:
+def _tendon(document: MjcfDocument, name: str, frames: tuple[str, ...]) -> float:
     """Add a straight tendon between two frames; return its length [m] where joints are at zero."""
-    mech = writing.mechanism
-    tendon = ET.SubElement(writing.part("tendon"), "spatial", name=name)
+    mech = document.mechanism
+    tendon = ET.SubElement(document.part("tendon"), "spatial", name=name)
     data = mech.model.createData()
     pin.forwardKinematics(mech.model, data, mech.neutral)
     points = []
     for frame in frames:
-        ET.SubElement(tendon, "site", site=writing.frame(frame))
+        ET.SubElement(tendon, "site", site=document.frame(frame))
         joint, placement = mech.frame_on_joint(frame)
         points.append(data.oMi[joint].act(placement.translation))
     return float(np.linalg.norm(points[1] - points[0]))
 
 
-def _compose(writing: Writing, closure: Closure, q: Array) -> None:
+def _compose(document: MjcfDocument, closure: Closure, q: Array) -> None:
     """Add a body that moves on frame 1 as the pair does, and weld it to frame 2."""
-    mech, geometry = writing.mechanism, closure.geometry
+    mech, geometry = document.mechanism, closure.geometry
     assert geometry is not None
     (joint1, at1), (joint2, at2) = (
         (joint, place * axes) for (joint, place), axes in
@@ -209,19 +203,19 @@ def _compose(writing: Writing, closure: Closure, q: Array) -> None:
     x, y, z = np.eye(3)
     if closure.type == "universal":  # the second pin, z of frame 2, is the body's x
         at2 = at2 * pin.SE3(np.column_stack([z, x, y]), np.zeros(3))
-    name = unique(closure.name, [*mech.model.names, *writing.links])
-    body = ET.SubElement(writing.bodies[joint1], "body", placed(at1, name=name))
+    name = unique(closure.name, [*mech.model.names, *document.links])
+    body = ET.SubElement(document.bodies[joint1], "body", placed(at1, name=name))
     data = mech.model.createData()
     pin.forwardKinematics(mech.model, data, q)
     moved = (data.oMi[joint1] * at1).inverse() * data.oMi[joint2] * at2
     parts = parts_of(name, closure.type, z, x)
-    add_parts(writing, body, parts, _values(closure.type, moved))
+    add_parts(document, body, parts, _values(closure.type, moved))
     if closure.type == "screw":
-        tie_screw(writing, parts, geometry.lead)
-    writing.least_inertia(name, body)
-    site1 = writing.new_site(f"{closure.name}_1", -1, pin.SE3.Identity(), body)
-    _equality(writing, "weld", closure.name, site1,
-              writing.site(f"{closure.name}_2", joint2, at2))
+        tie_screw(document, parts, geometry.lead)
+    document.least_inertia(name, body)
+    site1 = document.new_site(f"{closure.name}_1", -1, pin.SE3.Identity(), body)
+    _equality(document, "weld", closure.name, site1,
+              document.site(f"{closure.name}_2", joint2, at2))
 
 
 def _values(pair: str, moved: pin.SE3) -> Array:
@@ -238,27 +232,27 @@ def _values(pair: str, moved: pin.SE3) -> Array:
 # ---------------------------------------------------------------- springs and drivers
 
 
-def add_springs(writing: Writing) -> None:
+def add_springs(document: MjcfDocument) -> None:
     """Add a straight tendon for every spring between two frames."""
-    mech = writing.mechanism
+    mech = document.mechanism
     for spring in mech.springs:
         if not spring.frames:
             continue
-        tendon = ET.SubElement(writing.part("tendon"), "spatial", {
+        tendon = ET.SubElement(document.part("tendon"), "spatial", {
             "name": spring.name, "stiffness": repr(float(spring.stiffness)),
             "damping": repr(float(spring.damping)),
             "springlength": repr(float(spring.free_length))})
         for frame in spring.frames:
-            ET.SubElement(tendon, "site", site=writing.frame(frame))
+            ET.SubElement(tendon, "site", site=document.frame(frame))
 
 
-def add_drivers(writing: Writing) -> None:
+def add_drivers(document: MjcfDocument) -> None:
     """Add a motor for every driver; tell which has none."""
-    mech, lost = writing.mechanism, []
+    mech, lost = document.mechanism, []
     for driver in mech.drivers.values():
         name = mech.coordinate(driver.joint).name
-        if name in writing.joints:
-            ET.SubElement(writing.part("actuator"), "motor", name=driver.name, joint=name)
+        if name in document.joints:
+            ET.SubElement(document.part("actuator"), "motor", name=driver.name, joint=name)
         else:
             lost.append(driver.name)
     if lost:
@@ -301,96 +295,66 @@ def write_mjcf(mechanism: Mechanism, path: str | Path, q: Array | None = None) -
 def mjcf_text(mechanism: Mechanism, q: Array) -> str:
     """Return a mechanism as MJCF text, its key at q (nq,)."""
     refuse_negative_inertias(mechanism)
-    root = ET.Element("mujoco", model=mechanism.name)
-    ET.SubElement(root, "compiler", angle="radian", inertiafromgeom="false")
-    ET.SubElement(root, "option", gravity=numbers_text(mechanism.model.gravity.linear))
-    writing = Writing(mechanism, root)
-    writing.part("asset")
-    writing.bodies[0] = writing.part("worldbody")
-    _add_links(writing, 0, writing.bodies[0])
-    for i in _children(mechanism.model, 0):
-        _add_tree(writing, i, q)
-    add_shapes(writing)
-    _add_points(writing)
-    add_closures(writing, q)
-    add_springs(writing)
-    add_drivers(writing)
-    _add_key(writing)
-    _tell(writing)
-    ET.indent(root)
-    return ET.tostring(root, encoding="unicode") + "\n"
+    document, model = MjcfDocument(mechanism), mechanism.model
+    _add_links(document, 0, document.bodies[0])
+    waiting = _children(model, 0)
+    while waiting:
+        i = waiting.pop(0)
+        body = ET.SubElement(document.bodies[model.parents[i]], "body",
+                             placed(model.jointPlacements[i]))
+        document.bodies[i] = body
+        add_joints(document, i, body, q)
+        _add_links(document, i, body)
+        waiting += _children(model, i)
+    add_shapes(document)
+    points = [f.name for f in model.frames if f.type == pin.FrameType.OP_FRAME]
+    for name in dict.fromkeys([*mechanism.frames, *points]):
+        document.frame(name)
+    add_closures(document, q)
+    add_springs(document)
+    add_drivers(document)
+    values = [x for joint in document.parts["worldbody"].iter("joint")
+              for x in document.home[joint.get("name", "")]]
+    if values:
+        ET.SubElement(document.part("keyframe"), "key", name=HOME,
+                      qpos=numbers_text(np.array(values)))
+    if document.light:
+        warn(f"mechanism {mechanism.name!r}: MuJoCo moves no body without mass and moments of "
+             f"inertia: {some(document.light)} have got as much as nobody feels")
+    if mechanism.passives:
+        spins = some(passive.name for passive in mechanism.passives)
+        warn(f"mechanism {mechanism.name!r}: passive spins ({spins}) are free in MuJoCo")
+    ET.indent(document.root)
+    return ET.tostring(document.root, encoding="unicode") + "\n"
 
 
-def _children(model: pin.Model, i: int) -> Iterator[int]:
-    return (k for k in range(1, model.njoints) if model.parents[k] == i)
+def _children(model: pin.Model, i: int) -> list[int]:
+    return [k for k in range(1, model.njoints) if model.parents[k] == i]
 
 
-def _add_tree(writing: Writing, i: int, q: Array) -> None:
-    """Add tree joint i and all that it carries."""
-    model, waiting = writing.mechanism.model, [i]
-    for k in waiting:
-        body = ET.SubElement(writing.bodies[model.parents[k]], "body",
-                             placed(model.jointPlacements[k]))
-        writing.bodies[k] = body
-        add_joints(writing, k, body, q)
-        _add_links(writing, k, body)
-        waiting += _children(model, k)
-
-
-def _add_links(writing: Writing, i: int, body: ET.Element) -> None:
+def _add_links(document: MjcfDocument, i: int, body: ET.Element) -> None:
     """Add the links of tree joint i: one is its body, the others are fixed in that."""
-    mech = writing.mechanism
+    mech = document.mechanism
     frames = [f for f in mech.model.frames
               if f.type == pin.FrameType.BODY and f.parentJoint == i]
-    own = [f.name for f in frames if _is_body(f)][:1]
+    own = [f.name for f in frames  # the body of the joint; the world's only where it has its name
+           if (f.placement.isIdentity(0.0) if i > 0 else f.name == WORLD)][:1]
     name = own[0] if own else mech.model.names[i]
     if i > 0:
         body.set("name", _unlike_world(name))
     inertias = {}
     for frame in frames:
-        writing.links[frame.name] = body if [frame.name] == own else ET.SubElement(
+        document.links[frame.name] = body if [frame.name] == own else ET.SubElement(
             body, "body", placed(frame.placement, name=_unlike_world(frame.name)))
         inertias[frame.name] = mech.inertias.get(frame.name, pin.Inertia.Zero())
     if i > 0 and not any(map(is_movable, inertias.values())):
         carries = any(mech.model.inertias[k].mass for k in mech.model.subtrees[i].tolist()[1:])
-        writing.least_inertia(name, body, inertias.pop(name, None), carries=carries)
+        document.least_inertia(name, body, inertias.pop(name, None), carries=carries)
     for link, inertia in inertias.items():
-        element = writing.links[link]
+        element = document.links[link]
         if element.tag == "body" and (inertia.mass or np.any(inertia.inertia)):
-            writing.inertia(element, inertia)
-
-
-def _is_body(frame: pin.Frame) -> bool:
-    """Whether a link is the body of its joint; the world's only where it has its name."""
-    at_joint = bool(np.array_equal(frame.placement.homogeneous, np.eye(4)))
-    return at_joint if frame.parentJoint > 0 else frame.name == WORLD
+            document.inertia(element, inertia)
 
 
 def _unlike_world(name: str) -> str:
     return f"{name}_link" if name == WORLD else name  # MuJoCo keeps that name for itself
-
-
-def _add_points(writing: Writing) -> None:
-    """Add a site for every named frame that is no link."""
-    mech = writing.mechanism
-    points = [f.name for f in mech.model.frames if f.type == pin.FrameType.OP_FRAME]
-    for name in dict.fromkeys([*mech.frames, *points]):
-        writing.frame(name)
-
-
-def _add_key(writing: Writing) -> None:
-    values = [x for joint in writing.parts["worldbody"].iter("joint")
-              for x in writing.home[joint.get("name", "")]]
-    if values:
-        ET.SubElement(writing.part("keyframe"), "key", name=HOME,
-                      qpos=numbers_text(np.array(values)))
-
-
-def _tell(writing: Writing) -> None:
-    mech = writing.mechanism
-    if writing.light:
-        warn(f"mechanism {mech.name!r}: MuJoCo moves no body without mass and moments of inertia: "
-             f"{some(writing.light)} have got as much as nobody feels")
-    if mech.passives:
-        spins = some(passive.name for passive in mech.passives)
-        warn(f"mechanism {mech.name!r}: passive spins ({spins}) are free in MuJoCo")

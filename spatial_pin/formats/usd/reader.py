@@ -9,7 +9,7 @@ from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.file_access import Trust
 from spatial_pin.formats.graph.joint_graph import WORLD, GraphJoint, JointGraph, Link
 from spatial_pin.formats.graph.open_tree import open_tree
-from spatial_pin.formats.graph.spanning import span
+from spatial_pin.formats.graph.spanning import SpanningTree
 from spatial_pin.formats.importers import Imported, Request
 from spatial_pin.formats.usd.rigid_bodies import Body, link_elements, read_bodies
 from spatial_pin.formats.usd.usd_joints import Joints, read_joints
@@ -61,7 +61,7 @@ def _held(bodies: dict[str, Body]) -> list[GraphJoint]:
 
 def _drivers(stage: UsdStage, joints: Joints, graph: JointGraph) -> dict[str, dict[str, str]]:
     """Return a driver for each joint with a drive that keeps its one coordinate."""
-    tree = {joint.name: joint.type for joint in span(graph).joints}
+    tree = {joint.name: joint.type for joint in SpanningTree(graph).joints}
     drivers, others = {}, []
     for name in joints.driven:
         if tree.get(name) in ("revolute", "prismatic"):
