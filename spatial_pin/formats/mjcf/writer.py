@@ -94,7 +94,7 @@ def _numbers(text: str) -> Array:
     return np.array([float(word) for word in text.split()])
 
 
-WELDED = ("weld", "fixed")
+EQUALITIES = {"spherical": "connect", "weld": "weld", "fixed": "weld"}
 COMPOSED = ("prismatic", "cylindrical", "planar", "universal", "screw")
 
 
@@ -112,12 +112,12 @@ def add_closures(document: MjcfDocument, q: Array) -> None:
         if closure.type == COUPLING:
             first, second = (document.mechanism.coordinate(name).name for name in closure.joints)
             document.tie(closure.name, second, first, closure.ratio, closure.offset)
-        elif closure.type == "spherical":
-            _equality(document, "connect", closure.name, *_sites(document, closure, closure.name))
-        elif closure.type in WELDED:
-            _equality(document, "weld", closure.name, *_sites(document, closure, closure.name))
-        elif closure.type == "revolute":
-            _hinge(document, closure)
+        elif closure.type in EQUALITIES:
+            _equality(document, EQUALITIES[closure.type], closure)
+        elif closure.type == "revolute":  # two points of its axis, far apart
+            along = np.array([0.0, 0.0, document.mechanism.characteristic_length])
+            _equality(document, "connect", closure)
+            _equality(document, "connect", closure, "_end", pin.SE3(np.eye(3), along))
         elif closure.type == "distance":
             _rope(document, closure)
         elif closure.type in COMPOSED:
@@ -128,10 +128,6 @@ def add_closures(document: MjcfDocument, q: Array) -> None:
                 f"{closure.type}; MuJoCo has no equality that is exactly this")
 
 
-def _equality(document: MjcfDocument, kind: str, name: str, site1: str, site2: str) -> None:
-    ET.SubElement(document.part("equality"), kind, name=name, site1=site1, site2=site2)
-
-
 def _frames_of(closure: Closure) -> tuple[pin.SE3, pin.SE3]:
     """Return the pair's axes in frame 1 and in frame 2, z its axis."""
     assert closure.geometry is not None
@@ -139,27 +135,19 @@ def _frames_of(closure: Closure) -> tuple[pin.SE3, pin.SE3]:
             pin.SE3(closure.geometry.axes2, np.zeros(3)))
 
 
-def _sites(
-    document: MjcfDocument, closure: Closure, name: str, shift: pin.SE3 | None = None
-) -> tuple[str, str]:
-    """Return sites at a closure's frames, turned to the pair's axes and shifted then."""
-    shift = pin.SE3.Identity() if shift is None else shift
-    names = []
+def _equality(
+    document: MjcfDocument, kind: str, closure: Closure, suffix: str = "",
+    shift: pin.SE3 | None = None,
+) -> None:
+    """Add an equality of sites at a closure's frames, turned to the pair's axes, then shifted."""
+    name, sites = f"{closure.name}{suffix}", {}
     ends = zip(closure.frames, _frames_of(closure), strict=True)
     for k, (frame, axes) in enumerate(ends, start=1):
         joint, placement = document.mechanism.frame_on_joint(frame)
-        moved = axes * shift
-        names.append(document.frame(frame) if moved.isIdentity(0.0)
-                     else document.site(f"{name}_{k}", joint, placement * moved))
-    return names[0], names[1]
-
-
-def _hinge(document: MjcfDocument, closure: Closure) -> None:
-    """A hinge is two points of its axis, as far apart as the mechanism is large."""
-    along = pin.SE3(np.eye(3), np.array([0.0, 0.0, document.mechanism.characteristic_length]))
-    _equality(document, "connect", closure.name, *_sites(document, closure, closure.name))
-    end = f"{closure.name}_end"
-    _equality(document, "connect", end, *_sites(document, closure, end, along))
+        moved = axes if shift is None else axes * shift
+        sites[f"site{k}"] = (document.frame(frame) if moved.isIdentity(0.0)
+                             else document.site(f"{name}_{k}", joint, placement * moved))
+    ET.SubElement(document.part("equality"), kind, {"name": name, **sites})
 
 
 def _rope(document: MjcfDocument, closure: Closure) -> None:
@@ -214,8 +202,8 @@ def _compose(document: MjcfDocument, closure: Closure, q: Array) -> None:
         tie_screw(document, parts, geometry.lead)
     document.least_inertia(name, body)
     site1 = document.new_site(f"{closure.name}_1", -1, pin.SE3.Identity(), body)
-    _equality(document, "weld", closure.name, site1,
-              document.site(f"{closure.name}_2", joint2, at2))
+    ET.SubElement(document.part("equality"), "weld", name=closure.name, site1=site1,
+                  site2=document.site(f"{closure.name}_2", joint2, at2))
 
 
 def _values(pair: str, moved: pin.SE3) -> Array:

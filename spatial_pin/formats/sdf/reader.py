@@ -61,8 +61,7 @@ def _parts(inner: ET.Element, where: str, version: tuple[int, int]) -> list[ET.E
     at = ET.SubElement(frame, "pose", rotation_format="quat_xyzw",
                        relative_to=reader.frames.relative_to(stated, MODEL))
     at.text = numbers_text(np.concatenate([placement.translation, turn]))
-    brought = [x for x in inner if x.tag in NAMED or "}" in str(x.tag)]
-    return [frame, *(_scoped(x, name) for x in brought)]
+    return [frame, *(_scoped(x, name) for x in inner if x.tag in NAMED or "}" in str(x.tag))]
 
 
 def _scoped(element: ET.Element, scope: str) -> ET.Element:

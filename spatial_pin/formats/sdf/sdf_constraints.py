@@ -1,4 +1,7 @@
-"""SDFormat: what holds links together beside joints. It closes loops, so that it is cut.
+"""SDFormat: what holds links together beside joints, and what couples joints.
+
+What holds links together closes loops, so that it is cut. Gearboxes and mimicking axes, Drake's
+too, are couplings of joint coordinates.
 
 | element | becomes |
 |---|---|
@@ -20,7 +23,15 @@ import pinocchio as pin
 from spatial_pin.errors import MechanismFileError, suggestion
 from spatial_pin.formats.graph.joint_graph import GraphJoint
 from spatial_pin.formats.sdf.sdf_elements import SCOPE, number, number_list
-from spatial_pin.formats.sdf.sdf_model import AXES, GEARBOX, OWN, PAIR_OF, SdfModel, is_detachable
+from spatial_pin.formats.sdf.sdf_model import (
+    AXES,
+    GEARBOX,
+    OF_DRAKE,
+    OWN,
+    PAIR_OF,
+    SdfModel,
+    is_detachable,
+)
 from spatial_pin.formats.urdf.elements import is_prefixed, local, unique, without_it
 from spatial_pin.numerics.linalg import Array
 
@@ -38,8 +49,8 @@ def constraints(model: SdfModel) -> list[GraphJoint]:
         joint = None
         if element.tag == "plugin" and is_detachable(element):
             joint = _detachable(model, element)
-        elif is_prefixed(element) and local(element) in READERS:
-            joint = READERS[local(element)](model, element)
+        elif is_prefixed(element) and local(element) in OF_DRAKE:
+            joint = _of_drake(model, element)
         if joint is not None:
             name = unique(joint.name, [*model.joints, *joints])
             joints[name] = joint.but(name=name, cut=True)
@@ -71,19 +82,17 @@ def _detachable(model: SdfModel, plugin: ET.Element) -> GraphJoint | None:
                                                         for x in (one, two)))
 
 
-def _weld(model: SdfModel, element: ET.Element) -> GraphJoint:
-    names = [element.findtext(tag, "").strip() for tag in ("parent", "child")]
-    one, two = (model.link_of(name, f"<{local(element)}>") for name in names)
-    return GraphJoint(_name(element), "fixed", one, two, model.on_link(names[0], one),
-                 model.on_link(names[1], two))
-
-
-def _ball(model: SdfModel, element: ET.Element) -> GraphJoint:
-    return GraphJoint(_name(element), "spherical", *_points(model, element))
-
-
-def _distance(model: SdfModel, element: ET.Element) -> GraphJoint:
+def _of_drake(model: SdfModel, element: ET.Element) -> GraphJoint:
+    """Return the joint that a constraint of Drake's is."""
     kind, where = local(element), f"{model.where}: <{local(element)}>"
+    name = element.get("name") or kind
+    if kind == "weld_constraint":
+        names = [element.findtext(tag, "").strip() for tag in ("parent", "child")]
+        one, two = (model.link_of(frame, f"<{kind}>") for frame in names)
+        return GraphJoint(name, "fixed", one, two, model.on_link(names[0], one),
+                          model.on_link(names[1], two))
+    if kind == "ball_constraint":
+        return GraphJoint(name, "spherical", *_points(model, element))
     values = {local(x).removeprefix(f"{kind}_"): (x.text or "").strip() for x in element}
     if values.get("stiffness", "inf").lstrip("+").lower() not in ("inf", "infinity"):
         raise MechanismFileError(f"{where} yields: it is a spring, which is not read here; write "
@@ -91,10 +100,7 @@ def _distance(model: SdfModel, element: ET.Element) -> GraphJoint:
     length = float(number_list(values.get("distance"), 1, f"{where}: <{kind}_distance>")[0])
     if not 0.0 < length < math.inf:
         raise MechanismFileError(f"{where}: <{kind}_distance> is {length}; it must be positive")
-    return GraphJoint(_name(element), "distance", *_points(model, element), length=length)
-
-
-READERS = {"weld_constraint": _weld, "ball_constraint": _ball, "distance_constraint": _distance}
+    return GraphJoint(name, "distance", *_points(model, element), length=length)
 
 
 def _points(model: SdfModel, element: ET.Element) -> tuple[str, str, pin.SE3, pin.SE3]:
@@ -110,10 +116,6 @@ def _points(model: SdfModel, element: ET.Element) -> tuple[str, str, pin.SE3, pi
         at = number_list(texts.get(f"{kind}_p_{point}"), 3, f"{where}: <{kind}_p_{point}>")
         places.append(pin.SE3(np.eye(3), at))
     return links[0], links[1], places[0], places[1]
-
-
-def _name(element: ET.Element) -> str:
-    return element.get("name") or local(element)
 
 
 PARALLEL_AXES = 1e-2  # sine of the angle of two axes: files write 1.57 for a right angle

@@ -196,7 +196,17 @@ def link_elements(link: ET.Element, place_of: PlaceOf, where: str, left_out: lis
     Raises:
         MechanismFileError: a number is none.
     """
-    elements = [_inertial(link, place_of, where, left_out)]
+    inertial, inside = link.find("inertial"), f"{where}: <inertial>"
+    if inertial is not None and inertial.get("auto", "").lower() in TRUE:
+        elements = [inertial_element(_of_shapes(link, inertial, place_of, where, left_out))]
+    else:  # a link that has none has one kilogram, as SDFormat says
+        inertia = link.find("inertial/inertia")
+        elements = [ET.Element("inertial")]
+        elements[0].append(origin(pose(link.find("inertial/pose"), inside)))
+        mass = number(inertial, "mass", 1.0, inside)
+        ET.SubElement(elements[0], "mass", value=repr(mass))
+        ET.SubElement(elements[0], "inertia", {
+            key: repr(number(inertia, key, default, inside)) for key, default in MOMENTS.items()})
     for kind in ("visual", "collision"):
         for shape in link.findall(kind):
             name = f"{kind} {shape.get('name', '')!r}"
@@ -221,23 +231,6 @@ def is_massless(link: ET.Element, where: str) -> bool:
     inertial, inertia = link.find("inertial"), link.find("inertial/inertia")
     moments = [number(inertia, key, default, where) for key, default in MOMENTS.items()]
     return number(inertial, "mass", 1.0, where) == 0.0 and not any(moments)
-
-
-def _inertial(
-    link: ET.Element, place_of: PlaceOf, where: str, left_out: list[str]
-) -> ET.Element:
-    """Return the <inertial>; a link that has none has one kilogram, as SDFormat says."""
-    inertial = link.find("inertial")
-    if inertial is not None and inertial.get("auto", "").lower() in TRUE:
-        return inertial_element(_of_shapes(link, inertial, place_of, where, left_out))
-    where = f"{where}: <inertial>"
-    element = ET.Element("inertial")
-    element.append(origin(pose(link.find("inertial/pose"), where)))
-    ET.SubElement(element, "mass", value=repr(number(inertial, "mass", 1.0, where)))
-    inertia = link.find("inertial/inertia")
-    ET.SubElement(element, "inertia", {
-        key: repr(number(inertia, key, default, where)) for key, default in MOMENTS.items()})
-    return element
 
 
 def _of_shapes(

@@ -66,8 +66,16 @@ def unread(model: ET.Element, where: str) -> list[str]:
     """
     for include in model.findall("include"):
         refuse_include(where, (include.findtext("uri") or "").strip())
-    found = [_plugin(plugin, where) for plugin in model.iter("plugin")
-             if not is_detachable(plugin)]
+    found = []
+    for plugin in model.iter("plugin"):
+        if is_detachable(plugin):
+            continue
+        name, file = plugin.get("name", ""), plugin.get("filename", "")
+        found.append(f"<plugin name={name!r} filename={file!r}>")
+        if JOINERS.search(f"{name} {file}"):
+            raise MechanismFileError(f"{where}: {found[-1]} joins links or joints when it runs, "
+                                     "which is not read here; write a <joint>, or <mimic>, in its "
+                                     f"place, or {without_it(plugin)}")
     names = {x.get("name", "") for tag in ("link", "frame", "joint") for x in model.findall(tag)}
     found += [_unknown(element, names, 2, where) for element in model
               if element.tag not in OF_MODEL and not _is_drakes(element, OF_DRAKE)]
@@ -79,16 +87,6 @@ def unread(model: ET.Element, where: str) -> list[str]:
 
 def _is_drakes(element: ET.Element, names: tuple[str, ...]) -> bool:
     return is_prefixed(element) and local(element) in names
-
-
-def _plugin(plugin: ET.Element, where: str) -> str:
-    name, file = plugin.get("name", ""), plugin.get("filename", "")
-    shown = f"<plugin name={name!r} filename={file!r}>"
-    if JOINERS.search(f"{name} {file}"):
-        raise MechanismFileError(f"{where}: {shown} joins links or joints when it runs, which is "
-                                 "not read here; write a <joint>, or <mimic>, in its place, or "
-                                 f"{without_it(plugin)}")
-    return shown
 
 
 def _unknown(element: ET.Element, names: set[str], joins: int, where: str) -> str:
@@ -142,9 +140,15 @@ class SdfModel:
         self.frames = SdfFrames(where, pin.SE3.Identity())
         self.frame_of: dict[str, str] = {}  # joint -> its frame
         self._put_frames()
-        self._put_model()
-
-    # ------------------------------------------------------------ frames
+        stated = model.find("pose")  # of the model's own frame in the world, or another's
+        relative = self.frames.relative_to(stated, "world")
+        if relative not in WORLDS:
+            raise MechanismFileError(f"{where}: its <pose> is relative to {relative!r}; only to "
+                                     "the world can it be read")
+        placement = pose(stated, where)
+        if by := model.get("placement_frame"):
+            placement = placement * self.frames.in_world(by, "placement_frame").inverse()
+        self.frames = SdfFrames(where, placement, self.frames.table)
 
     def _put_frames(self) -> None:
         """Put all frames in one table."""
@@ -170,24 +174,9 @@ class SdfModel:
                     self.frames.relative_to(stated, default),
                     pose(stated, f"{self.where}: {kind} {name!r}"), attached)
 
-    def _put_model(self) -> None:
-        """Place the model in the world: its own frame, or another of its frames."""
-        stated = self.model.find("pose")
-        relative = self.frames.relative_to(stated, "world")
-        if relative not in WORLDS:
-            raise MechanismFileError(f"{self.where}: its <pose> is relative to {relative!r}; only "
-                                     "to the world can it be read")
-        placement = pose(stated, self.where)
-        by = self.model.get("placement_frame")
-        if by:
-            placement = placement * self.frames.in_world(by, "placement_frame").inverse()
-        self.frames = SdfFrames(self.where, placement, self.frames.table)
-
     def link_of(self, name: str, asking: str) -> str:
         """Return the link that a link, joint or frame moves with."""
         return self.frames.link(name, asking, self.canonical)
-
-    # ------------------------------------------------------------ links
 
     def graph(self) -> JointGraph:
         """Return links, frames and joints."""
@@ -202,7 +191,17 @@ class SdfModel:
             links.append(Link(name, self.frames.in_world(name, "frame")))
             at = self.link_of(name, f"frame {name!r}")
             joints.append(GraphJoint(f"{name}_frame", "fixed", at, name, self.on_link(name, at)))
-        self._tell_links(left_out)
+        if left_out:
+            self.notices.append(f"not drawn or not weighed: {', '.join(left_out)}")
+        bare = [name for name, link in self.links.items() if link.find("inertial") is None]
+        if bare:
+            self.notices.append(
+                f"no <inertial>: {', '.join(bare)}; SDFormat gives them 1 kg and 1 kg·m²")
+        weightless = [name for name, link in self.links.items()
+                      if (link.findtext("gravity") or "1").strip().lower() not in TRUE]
+        if weightless:
+            self.notices.append(f"gravity acts on {', '.join(weightless)}, too; the file says it "
+                                "does not")
         if is_true(self.model, "static"):
             self.notices.append("the model is static: it is fixed to the world; its joints can "
                                 "move all the same")
@@ -220,27 +219,12 @@ class SdfModel:
         massless = is_massless(element, where)
         return Link(name, self.frames.in_world(name, "link"), elements[massless:], massless)
 
-    def _tell_links(self, left_out: list[str]) -> None:
-        if left_out:
-            self.notices.append(f"not drawn or not weighed: {', '.join(left_out)}")
-        bare = [name for name, link in self.links.items() if link.find("inertial") is None]
-        if bare:
-            self.notices.append(
-                f"no <inertial>: {', '.join(bare)}; SDFormat gives them 1 kg and 1 kg·m²")
-        weightless = [name for name, link in self.links.items()
-                      if (link.findtext("gravity") or "1").strip().lower() not in TRUE]
-        if weightless:
-            self.notices.append(f"gravity acts on {', '.join(weightless)}, too; the file says it "
-                                "does not")
-
     def on_link(self, name: str, link: str) -> pin.SE3:
         """Return the placement of a frame on a link."""
         if name in self.frames.table and self.frames.table[name].relative_to == link:
             return self.frames.table[name].placement  # every digit of it
         at = self.frames.in_world(name, "pose")
         return at if link == WORLD else self.frames.in_world(link, "pose").inverse() * at
-
-    # ------------------------------------------------------------ joints
 
     def _joint(self, name: str, element: ET.Element) -> tuple[list[Link], list[GraphJoint]]:
         """Return a joint; one with two axes of which more is said as two, and a link between."""

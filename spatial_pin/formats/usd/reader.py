@@ -11,9 +11,9 @@ from spatial_pin.formats.graph.joint_graph import WORLD, GraphJoint, JointGraph,
 from spatial_pin.formats.graph.open_tree import open_tree
 from spatial_pin.formats.graph.spanning import SpanningTree
 from spatial_pin.formats.importers import Imported, Request
-from spatial_pin.formats.usd.rigid_bodies import Body, link_elements, read_bodies
-from spatial_pin.formats.usd.usd_joints import Joints, read_joints
-from spatial_pin.formats.usd.usd_stage import UsdStage, leave_out, open_stage, quietly
+from spatial_pin.formats.usd.rigid_bodies import link_elements, read_bodies
+from spatial_pin.formats.usd.usd_joints import read_joints
+from spatial_pin.formats.usd.usd_stage import leave_out, open_stage, quietly
 
 SINGLE_PRECISION = 1e-6  # of numbers of 32 bits, after a few of them were put together
 
@@ -31,44 +31,25 @@ def read_stage(request: Request) -> Imported:
         bodies = read_bodies(stage)
         if not bodies:
             raise MechanismFileError(f"{stage.where}: no rigid body (PhysicsRigidBodyAPI) in it")
-        joints = read_joints(stage, bodies)
-        links = [*_links(stage, bodies), *joints.links]
+        joints, between, driven, couplings = read_joints(stage, bodies)
+        links = []
+        for body in bodies.values():
+            elements, massless = link_elements(stage, body, bodies)
+            links.append(Link(body.name, body.placement, elements, massless))
         gravity = stage.gravity().tolist()
-    coupled = frozenset(name for table in joints.couplings for name in table["joints"])
-    graph = JointGraph(tuple(links), (*_held(bodies), *joints.found), rounding=SINGLE_PRECISION,
-                       needed=coupled | set(joints.driven))
-    drivers = _drivers(stage, joints, graph)
-    content: dict[str, Any] = {
-        "name": request.path.stem, "gravity": gravity,
-        "closures": joints.couplings, **({"drivers": drivers} if joints.driven else {})}
-    graph = replace(graph, needed=coupled | set(drivers))
-    return open_tree(graph, stage.where, content, stage.notices)
-
-
-def _links(stage: UsdStage, bodies: dict[str, Body]) -> list[Link]:
-    links = []
-    for body in bodies.values():
-        elements, massless = link_elements(stage, body, bodies)
-        links.append(Link(body.name, body.placement, elements, massless))
-    return links
-
-
-def _held(bodies: dict[str, Body]) -> list[GraphJoint]:
-    """Return fixed joints that hold the kinematic bodies."""
-    return [GraphJoint(f"{body.name}_held", "fixed", WORLD, body.name, body.placement)
-            for body in bodies.values() if body.held]
-
-
-def _drivers(stage: UsdStage, joints: Joints, graph: JointGraph) -> dict[str, dict[str, str]]:
-    """Return a driver for each joint with a drive that keeps its one coordinate."""
-    tree = {joint.name: joint.type for joint in SpanningTree(graph).joints}
-    drivers, others = {}, []
-    for name in joints.driven:
-        if tree.get(name) in ("revolute", "prismatic"):
-            drivers[name] = {"joint": name}
-        else:
-            others.append(name)
+    held = [GraphJoint(f"{body.name}_held", "fixed", WORLD, body.name, body.placement)
+            for body in bodies.values() if body.held]  # the kinematic bodies
+    coupled = frozenset(name for table in couplings for name in table["joints"])
+    graph = JointGraph((*links, *between), (*held, *joints), rounding=SINGLE_PRECISION,
+                       needed=coupled | set(driven))
+    pairs = {joint.name: joint.type for joint in SpanningTree(graph).joints}
+    drivers = {x: {"joint": x} for x in driven if pairs.get(x) in ("revolute", "prismatic")}
+    others = [x for x in driven if x not in drivers]
     if others:
         stage.notices.append("no driver, as it has no single coordinate or closes a loop: "
                              f"{', '.join(others)}")
-    return drivers
+    content: dict[str, Any] = {
+        "name": request.path.stem, "gravity": gravity, "closures": couplings,
+        **({"drivers": drivers} if driven else {})}
+    graph = replace(graph, needed=coupled | set(drivers))
+    return open_tree(graph, stage.where, content, stage.notices)

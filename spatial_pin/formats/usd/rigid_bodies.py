@@ -68,19 +68,7 @@ def body_of(prim: Any, bodies: dict[str, Body]) -> Body | None:
 # ---------------------------------------------------------------- shapes
 
 
-@dataclass(frozen=True, eq=False)
-class UsdSolid:
-    """A shape.
-
-    Attributes:
-        element: of URDF.
-        placement: on its body [m].
-        shape: in its own axes [m].
-    """
-
-    element: ET.Element
-    placement: pin.SE3
-    shape: pin.CollisionGeometry
+UsdSolid = tuple[ET.Element, pin.SE3, pin.CollisionGeometry]  # of URDF, on its body [m], itself
 
 
 def solid_of(stage: UsdStage, prim: Any, body: Body) -> UsdSolid | None:
@@ -94,14 +82,14 @@ def solid_of(stage: UsdStage, prim: Any, body: Body) -> UsdSolid | None:
     numbers = {key: stage.metre * value for key, value in numbers.items()}
     if kind == "box":
         sides = numbers["size"] * scale
-        return UsdSolid(ET.Element("box", size=numbers_text(sides)), on_body, SOLIDS["box"](*sides))
+        return ET.Element("box", size=numbers_text(sides)), on_body, SOLIDS["box"](*sides)
     if np.ptp(scale) > TOLERANCES.half_precision * scale.max():
         return None
     numbers = {key: value * float(scale.mean()) for key, value in numbers.items()}
     axis = "Z" if kind == "sphere" else stage.word(prim.GetAttribute("axis"), AXES)
     turn = pin.SE3(AXES[axis], np.zeros(3))
     element = ET.Element(kind, {key: repr(value) for key, value in numbers.items()})
-    return UsdSolid(element, on_body * turn, SOLIDS[kind](*numbers.values()))
+    return element, on_body * turn, SOLIDS[kind](*numbers.values())
 
 
 def _size(stage: UsdStage, prim: Any) -> tuple[str, dict[str, float]] | None:
@@ -137,8 +125,8 @@ def link_elements(stage: UsdStage, body: Body, bodies: dict[str, Body]
             continue
         for kind in kinds:
             element = ET.Element(kind, name=prim.GetName())
-            element.append(origin(solid.placement))
-            ET.SubElement(element, "geometry").append(solid.element)
+            element.append(origin(solid[1]))
+            ET.SubElement(element, "geometry").append(solid[0])
             colour = _colour(prim) if kind == "visual" else None
             if colour is not None:
                 element.append(colour)
@@ -219,8 +207,8 @@ def _from_shapes(
         if solid is None:
             unknown.append(prim.GetName())
         else:  # at density 1
-            volume, moments = solid.shape.computeVolume(), solid.shape.computeMomentofInertia()
-            placement = solid.placement
+            _, placement, shape = solid
+            volume, moments = shape.computeVolume(), shape.computeMomentofInertia()
         turn = pin.Quaternion(placement.rotation)
         info.volume = volume * unit ** 3
         info.inertia = Gf.Matrix3f(*(moments * unit ** 5).ravel().tolist())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -140,29 +139,18 @@ def in_series(
 
 DIRECTIONS = {"X": np.eye(3)[0], "Y": np.eye(3)[1], "Z": np.eye(3)[2]}
 FREEDOMS = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
+PAIR_OF_FREEDOMS = {  # by the axes that several coordinates slide along and turn about
+    **{("", turns): "universal" for turns in ("XY", "XZ", "YZ")}, ("", "XYZ"): "spherical",
+    **{(axis, axis): "cylindrical" for axis in "XYZ"},
+    ("XY", "Z"): "planar", ("XZ", "Y"): "planar", ("YZ", "X"): "planar"}
 UNREAD = ("Joint", "Attachment", "Constraint")  # endings of types that join bodies
 LARGEST_FLOAT = 3.4e38  # of a 32-bit number: USD's own for a force without limit
 
 
-@dataclass
-class Joints:
-    """The joints of a stage.
-
-    Attributes:
-        found: them, in the stage's order.
-        links: massless ones between joints in series.
-        driven: names of the joints that a drive moves.
-        couplings: mimics, as a mechanism file has couplings.
-    """
-
-    found: list[GraphJoint] = field(default_factory=list)
-    links: list[Link] = field(default_factory=list)
-    driven: list[str] = field(default_factory=list)
-    couplings: list[dict[str, Any]] = field(default_factory=list)
-
-
-def read_joints(stage: UsdStage, bodies: dict[str, Body]) -> Joints:
-    """Read all joints.
+def read_joints(
+    stage: UsdStage, bodies: dict[str, Body]
+) -> tuple[list[GraphJoint], list[Link], list[str], list[dict[str, Any]]]:
+    """Return all joints, massless links between those in series, names of driven ones, couplings.
 
     Raises:
         MechanismFileError: one is of a kind that cannot be read, or has impossible numbers.
@@ -172,7 +160,8 @@ def read_joints(stage: UsdStage, bodies: dict[str, Body]) -> Joints:
                if any("Tendon" in schema for schema in applied(prim))]
     if tendons:
         stage.notices.append(f"tendons pull on {', '.join(tendons)}: they are left out")
-    joints, passive, series = Joints(), [], []
+    joints, driven, passive, series = list[GraphJoint](), list[str](), list[str](), list[str]()
+    couplings: list[dict[str, Any]] = []
     for path, name in of_path.items():
         prim = stage.usd.GetPrimAtPath(path)
         joint = _joint(stage, prim, name, bodies)
@@ -181,22 +170,22 @@ def read_joints(stage: UsdStage, bodies: dict[str, Body]) -> Joints:
         if MUJOCO in applied(prim):
             joint = with_resistance(stage, prim, joint)
             series.append(name)
-        joints.found.append(joint)
+        joints.append(joint)
         drives = _drives(stage, prim)
         if any(drive["stiffness"] or drive["damping"] for drive in drives.values()):
-            joints.driven.append(name)
+            driven.append(name)
         elif drives:
             passive.append(name)
-        joints.couplings += mimics(stage, prim, name, of_path)
-    joints.driven += [x for x in actuated(stage, of_path) if x not in joints.driven]
-    joints.links, joints.found = in_series(joints.found, series)
-    if joints.driven:
+        couplings += mimics(stage, prim, name, of_path)
+    driven += [x for x in actuated(stage, of_path) if x not in driven]
+    links, joints = in_series(joints, series)
+    if driven:
         stage.notices.append("drives move joints as drivers; their stiffness and damping are no "
-                             f"springs here: {', '.join(joints.driven)}")
+                             f"springs here: {', '.join(driven)}")
     if passive:
         stage.notices.append("drives without stiffness and damping are no drivers: "
                              f"{', '.join(passive)}")
-    return joints
+    return joints, links, driven, couplings
 
 
 def _names(stage: UsdStage) -> dict[str, str]:
@@ -345,8 +334,8 @@ def _generic(stage: UsdStage, prim: Any, joint: GraphJoint) -> GraphJoint | None
         kind = "revolute" if turns else "prismatic"
         joint = joint.but(type=kind, axis=DIRECTIONS[free[0][-1]])
         return _one(stage, prim, joint, *limits.get(free[0], (-math.inf, math.inf)))
-    pair = _pair_of("".join(slides), "".join(turns))
-    if not pair:
+    pair = PAIR_OF_FREEDOMS.get(("".join(slides), "".join(turns)))
+    if pair is None:
         stage.fail(prim, f"a joint free in {', '.join(free)} is no pair that is known here; "
                            "write it as several joints with bodies between them")
     if any(abs(x) < LARGEST_FLOAT for name in free for x in limits.get(name, ())):
@@ -356,17 +345,6 @@ def _generic(stage: UsdStage, prim: Any, joint: GraphJoint) -> GraphJoint | None
         stage.notices.append(f"joint {joint.name!r} is a universal joint: it turns about "
                              f"{turns[0]} of body0 first, then about {turns[1]} of body1")
     return joint.but(type=pair, axis=DIRECTIONS[turns[0]], axis2=DIRECTIONS[turns[-1]])
-
-
-def _pair_of(slides: str, turns: str) -> str:
-    """Return the pair of several coordinates along and about some of X, Y, Z; "" for none."""
-    if not slides:
-        return {2: "universal", 3: "spherical"}[len(turns)]
-    if len(turns) != 1:
-        return ""
-    if slides == turns:
-        return "cylindrical"
-    return "planar" if len(slides) == 2 and turns not in slides else ""
 
 
 # ---------------------------------------------------------------- drives and mimics

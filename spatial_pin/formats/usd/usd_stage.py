@@ -236,7 +236,8 @@ def _layers(path: Path, trust: Trust) -> list[Any]:
             if not trust.trusted and Sdf.VariableExpression.IsExpression(asset):
                 raise MechanismFileError(f"{where}: it is composed of {shown(asset)}, a name that "
                                          f"is worked out; {REMEDY}")
-            waiting.append(_anchored(layer, asset))
+            name = layer.ComputeAbsolutePath(asset)  # and where USD looks for it
+            waiting.append(str(Ar.GetResolver().Resolve(name)) or name)
     return list(layers.values())
 
 
@@ -255,12 +256,6 @@ def _named(layer: Any) -> Iterator[str]:
             for value in values:
                 several = value if isinstance(value, Sdf.AssetPathArray) else [value]
                 yield from (getattr(x, "path", x) for x in several if x)
-
-
-def _anchored(layer: Any, asset: str) -> str:
-    """Return where USD looks for a file that a layer names."""
-    name = layer.ComputeAbsolutePath(asset)
-    return str(Ar.GetResolver().Resolve(name)) or name
 
 
 def open_stage(path: Path, trust: Trust) -> UsdStage:
