@@ -133,7 +133,18 @@ def _check_names(model: pin.Model, where: str) -> None:
 def _recognised(model: pin.Model, i: int, where: str) -> Recognised:
     """Return the pair that joint i of a model is, and the joint that stands for it."""
     joint = model.joints[i].extract()
-    made = _mimicked(model, i) if joint.shortname() == "JointModelMimic" else _pair(joint)
+    made = None
+    if joint.shortname() != "JointModelMimic":
+        made = _pair(joint)
+    elif joint.scaling != 0.0 and math.isfinite(joint.scaling):  # its motion has its ratio in it
+        data = model.createData()
+        pin.forwardKinematics(model, data, pin.neutral(model))
+        column = np.array(data.joints[i].S).reshape(6, -1)[:, 0] / float(joint.scaling)
+        if column[3:].any():
+            pitch = float(column[:3] @ column[3:])
+            made = _made("screw" if pitch else "revolute", column[3:], 2.0 * math.pi * pitch)
+        else:
+            made = _made("prismatic", column[:3])
     if made is None:
         kind = joint.shortname()
         parts = ([part.shortname() for part in joint.joints]
@@ -195,19 +206,6 @@ def _composite(joint: Any) -> Recognised | None:
     return None
 
 
-def _mimicked(model: pin.Model, i: int) -> Recognised | None:
-    """Return the pair of a mimicking joint, whose motion has its ratio in it."""
-    ratio, data = float(model.joints[i].extract().scaling), model.createData()
-    if ratio == 0.0 or not math.isfinite(ratio):
-        return None
-    pin.forwardKinematics(model, data, pin.neutral(model))
-    column = np.array(data.joints[i].S).reshape(6, -1)[:, 0] / ratio
-    if not column[3:].any():
-        return _made("prismatic", column[:3])
-    pitch = float(column[:3] @ column[3:])
-    return _made("screw" if pitch else "revolute", column[3:], 2.0 * math.pi * pitch)
-
-
 KINDS: dict[str, Callable[[Any], Recognised | None]] = {  # by how names begin, the first that does
     **dict.fromkeys(("RUB", "RevoluteUnbounded"), lambda x: _made("revolute", joint_axis(x))),
     "R": _as_it_is("revolute"),
@@ -237,17 +235,13 @@ def copy_numbers(given: pin.Model, i: int, new: pin.Model, k: int) -> None:
         for name in names:
             values = getattr(given, name)[there : there + had - free]
             if had != has:
-                values = np.append(values, [_none(name)] * (has - len(values)))
+                none = math.copysign(math.inf, -1.0 if name.startswith("lower") else 1.0)
+                if "Limit" not in name or "Friction" in name or "Margin" in name:
+                    none = 0.0
+                values = np.append(values, [none] * (has - len(values)))
             if "Limit" in name and "Friction" not in name:  # the largest number is none
                 values = np.where(np.abs(values) >= UNBOUNDED, np.copysign(np.inf, values), values)
             getattr(new, name)[here : here + has] = values
-
-
-def _none(name: str) -> float:
-    """Return what an array of a model holds for a coordinate that it says nothing of."""
-    if "Limit" not in name or "Friction" in name or "Margin" in name:
-        return 0.0
-    return -math.inf if name.startswith("lower") else math.inf
 
 
 def _check_numbers(model: pin.Model, where: str) -> None:
