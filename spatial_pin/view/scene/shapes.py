@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.formats.meshes.meshes import mesh_colours
+from spatial_pin.formats.mesh_files import mesh_colours
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.scene.quiet_meshcat import mg
 
