@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.formats.pinocchio_model.from_model import Completed
-from spatial_pin.formats.pinocchio_model.joints import copy_numbers
-from spatial_pin.formats.pinocchio_model.urdf_text import urdf_of
-from spatial_pin.formats.urdf.writing import fresh
+from spatial_pin.formats.pinocchio_model.pair_tree import copy_numbers
+from spatial_pin.formats.pinocchio_model.urdf_text import LinkTree, urdf_of
+from spatial_pin.formats.urdf.elements import fresh
 from spatial_pin.mechanism.checks import check_mechanism
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.named_frames import add_frames
@@ -112,7 +111,7 @@ class Tree:
                          source=full.source, inertias=self.inertias, frames=kept,
                          slip_speeds=self._slip_speeds(), **parts)
         check_mechanism(made, f"{full.name} (reduced)")
-        return made.with_fields(urdf=urdf_of(made, Completed(self.model).bodies()))
+        return made.with_fields(urdf=urdf_of(made, LinkTree(self.model)))
 
     def _slip_speeds(self) -> Array:
         full = self.full

@@ -14,7 +14,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.formats.meshes.meshes import mesh_colours
+from spatial_pin.formats.mesh_files import mesh_colours
 from spatial_pin.numerics.linalg import Array
 
 with warnings.catch_warnings():  # of a deprecated part of zmq

@@ -8,7 +8,7 @@ import numpy as np
 
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.mechanism.equations import Distance, Square
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -45,22 +45,23 @@ def _pair_gap(stage: Stage, closure: Closure, residual: Array) -> ClosureGap:
     it is off by: that takes frame 2 to the nearest place where the closure holds.
     """
     mechanism = stage.film.mechanism
-    (i1, m1), (i2, m2) = (mechanism.frame_on_joint(name) for name in closure.frames)
+    (i1, m1), (i2, m2) = (mechanism.frame_on_joint(name) for name in closure.frames[:2])
     turn = stage.rotations(i1, m1.rotation)
     apart = stage.points(i2, m2.translation) - stage.points(i1, m1.translation)
     lengths = residual * mechanism.characteristic_length
     offset, angular = np.zeros_like(apart), np.zeros(len(apart))
     for row, off in zip(closure.rows, lengths.T, strict=True):
-        if row.u is None:  # distance: along the line between the frames
-            far, length = np.linalg.norm(apart, axis=1), row.offset
+        first = row.first
+        if isinstance(first, Square):  # along the line between the frames
+            far, length = np.linalg.norm(apart, axis=1), closure.geometry.length
             if closure.between:  # other frames tell how long it is to be
                 ends = (stage.points(i, m.translation) for i, m in map(
                     mechanism.frame_on_joint, closure.between))
                 length = np.linalg.norm(np.subtract(*ends), axis=1)
             wrong = np.where(off != 0.0, far - length, 0.0)
             offset += apart * (wrong / np.where(far > 0, far, 1.0))[:, None]
-        elif row.is_length:
-            offset += off[:, None] * (turn @ row.u)
+        elif isinstance(first, Distance):
+            offset += off[:, None] * (turn @ first.u)
         else:
             angular = np.hypot(angular, off / mechanism.characteristic_length)
     angles = np.arcsin(np.minimum(angular, 1.0))
@@ -83,11 +84,11 @@ def gaps_of(stage: Stage) -> list[ClosureGap]:
     for closure in mechanism.closures:
         own = residuals[:, labels == closure.name]
         if np.any(own):
-            if closure.type != COUPLING:
+            if closure.frames:
                 found.append(_pair_gap(stage, closure, own))
                 continue
-            error, none = np.abs(own[:, 0]), np.zeros((len(own), 3))  # of the second coordinate
-            is_angle = mechanism.coordinate(closure.joints[1]).unit == "rad"
+            error, none = np.abs(own[:, 0]), np.zeros((len(own), 3))  # of the last coordinate
+            is_angle = mechanism.coordinate(closure.joints[-1]).unit == "rad"
             lengths = 0 * error if is_angle else error * mechanism.characteristic_length
             found.append(ClosureGap(closure, lengths, error if is_angle else 0 * error, none))
     return found
@@ -112,8 +113,7 @@ def _length_items(stage: Stage, gap: ClosureGap) -> tuple[list[Item], Array]:
 def _angle_items(stage: Stage, gap: ClosureGap) -> tuple[list[Item], Array]:
     """Return the direction of each frame that is off the most, as rods from the second frame."""
     mechanism, geometry = stage.film.mechanism, gap.closure.geometry
-    assert geometry is not None
-    (i1, m1), (i2, m2) = (mechanism.frame_on_joint(name) for name in gap.closure.frames)
+    (i1, m1), (i2, m2) = (mechanism.frame_on_joint(name) for name in gap.closure.frames[:2])
     axes1 = stage.rotations(i1, m1.rotation @ geometry.axes1)
     axes2 = stage.rotations(i2, m2.rotation @ geometry.axes2)
     cosines = np.sum(axes1 * axes2, axis=1)  # (N, 3), of x, y and z
