@@ -14,7 +14,7 @@ from spatial_pin.cli.arguments import loaded
 from spatial_pin.cli.completion import SHELLS, script
 from spatial_pin.cli.new_files import write_from, write_new
 from spatial_pin.cli.options import Command, data_options, option, package
-from spatial_pin.cli.printing import WIDTH, finite, on_screen, print_result, say
+from spatial_pin.cli.printing import WIDTH, on_screen, print_result, say
 from spatial_pin.formats.export import export_urdf
 from spatial_pin.formats.files import library_titles
 from spatial_pin.mobility.mobility import driver_advice
@@ -52,7 +52,7 @@ def info(options: argparse.Namespace) -> None:
         found: dict[str, Any] = dict(parts)
         rows += [(kind, name, x if isinstance(x, str) else repr(x)) for name, x in found.items()]
     columns = map(list, zip(*rows, strict=True))
-    print_result(options, report, finite(report.as_dict()),
+    print_result(options, report, report.as_dict(),
                  dict(zip(("part", "name", "what"), columns, strict=True)))
 
 

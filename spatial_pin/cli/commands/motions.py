@@ -38,7 +38,7 @@ from spatial_pin.cli.options import (
     sweep_arguments,
     value,
 )
-from spatial_pin.cli.printing import CutShort, finite, on_screen, print_result, say, wrote
+from spatial_pin.cli.printing import CutShort, on_screen, print_result, say, wrote
 from spatial_pin.cli.tables import name_of_column, read_table
 from spatial_pin.dynamics.outputs import with_forces
 from spatial_pin.motion.default_motion import default_motion
@@ -87,7 +87,7 @@ def write_motion(
                "events": [event._asdict() for event in motion.events]}
     if found is not None:
         content["clearance"] = found.as_dict()
-    print_result(options, "\n".join(lines), finite(content), motion.columns(),
+    print_result(options, "\n".join(lines), content, motion.columns(),
                  _written(options, motion, found), found is None or found.is_whole)
 
 
@@ -275,7 +275,7 @@ def clearance(options: argparse.Namespace) -> None:
              **({over: [float(p.value) for p in found.pairs]} if over else {}),
              "touches": [bool(p.contacts) for p in found.pairs]}
     content = {"mechanism": mechanism.name, "over": over, **found.as_dict()}
-    print_result(options, found, finite(content), table, is_whole=found.is_whole)
+    print_result(options, found, content, table, is_whole=found.is_whole)
 
 
 # ---------------------------------------------------------------- show, report
