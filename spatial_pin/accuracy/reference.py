@@ -122,13 +122,17 @@ class ExactRows:
         x = systems.q.astype(Long)
         v, a = np.zeros((n, nv), dtype=Long), np.zeros((n, nv), dtype=Long)
         last = np.full(3, np.inf)
+        r, k = systems.rows.shape[1], self.extended.n_spins
+        spins = np.swapaxes(systems.inverses[:, :, r : r + k], 1, 2)
+        length = np.sqrt((spins**2).sum(axis=2, keepdims=True))
+        passive = np.concatenate([spins / np.where(length > 0, length, 1), systems.null], axis=1)
         for _ in range(REFINEMENTS):
             x[:, self.at] = self.values
             missing = self._missing(x, v, a, turns, systems)
             steps = np.einsum("nij,knj->kni", systems.inverses, missing)
             x = self.extended.integrate(x, steps[0] * self.scale)
             v, a = v + steps[1] * self.scale, a + steps[2] * self.scale
-            found = Exact(x, v, a, good, last, self._passive(systems))
+            found = Exact(x, v, a, good, last, passive)
             now = np.abs(steps[:, good]).max(axis=(1, 2), initial=0.0).astype(float)
             now /= found.sizes(self.scale)
             if np.all((now <= EPS) | (now > 0.5 * last)):
@@ -152,13 +156,6 @@ class ExactRows:
         rows = np.broadcast_to(systems.rows, (3, *systems.rows.shape))
         chosen = np.take_along_axis(closure, rows, axis=2)
         return -np.concatenate([chosen, spins, drive, fill], axis=2)
-
-    def _passive(self, systems: _Systems) -> Array:
-        """Return the passive freedoms (N, k, nv): what the spin rows leave, and the unresolved."""
-        r, k = systems.rows.shape[1], self.extended.n_spins
-        spins = np.swapaxes(systems.inverses[:, :, r : r + k], 1, 2)
-        length = np.sqrt((spins**2).sum(axis=2, keepdims=True))
-        return np.concatenate([spins / np.where(length > 0, length, 1), systems.null], axis=1)
 
     def _systems(self, q: Array, turns: Array) -> _Systems:
         """Close samples in double precision, and take their systems."""

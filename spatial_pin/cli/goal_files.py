@@ -131,7 +131,15 @@ def _argument(mechanism: Mechanism, kind: str, key: str, table: Mapping[str, Any
                 for name, values in given.items()}
     found = given if key == "weight" else _plain(given)
     if key == "placements" and isinstance(found, list):
-        return [_placement(x, i) for i, x in enumerate(found)]
+        placements = []  # x, y, z, rx, ry, rz (rotation vector); a matrix as it is
+        for i, x in enumerate(found):
+            if isinstance(x, list) and len(x) == 6:
+                for number, base in zip(x, ("m", "m", "m", "rad", "rad", "rad"), strict=True):
+                    _in_units(f"placement {i}", number, base)
+                numbers = np.array(x, dtype=float)
+                x = pin.SE3(pin.exp3(numbers[3:]), numbers[:3])
+            placements.append(x)
+        return placements
     base = BASES.get((kind, key), "")
     if base == "output":
         base = mechanism.coordinate(str(table.get("output"))).unit
@@ -157,16 +165,6 @@ def _in_units(key: str, given: Any, base: str) -> Any:
         for x in given:
             _in_units(key, x, base)
     return given
-
-
-def _placement(given: Any, i: int) -> Any:
-    """Return a placement x, y, z, rx, ry, rz (rotation vector); a matrix as it is."""
-    if not (isinstance(given, list) and len(given) == 6):
-        return given
-    for k, base in enumerate(("m", "m", "m", "rad", "rad", "rad")):
-        _in_units(f"placement {i}", given[k], base)
-    numbers = np.array(given, dtype=float)
-    return pin.SE3(pin.exp3(numbers[3:]), numbers[:3])
 
 
 # ---------------------------------------------------------------- goals in a table

@@ -95,7 +95,12 @@ def _together(
         kind = check.kind(modes[0][0])
         loose = {joint for joint, _ in kind.idle}
         modes.sort(key=lambda x: order(check.state(x[0]), loose))
-    signs = _as_together(check, modes)
+    signs = [sign for _, sign, _ in modes]  # as those of the whole: all may be the other ones
+    known = next((k for k, sign in enumerate(signs) if sign in ("+", "-")), None)
+    if known is not None:
+        q = modes[known][0]
+        if check.signs([(q, check.kind(q))]) != [signs[known]]:
+            signs = [{"+": "-", "-": "+"}.get(sign, sign) for sign in signs]
     continua = [_of_whole(check, base, group, x)
                 for group, own in zip(groups, found, strict=True) for x in own.continua]
     return AssemblyModes(
@@ -104,15 +109,3 @@ def _together(
         closed=sum(own.closed for own in found), found=[count for _, _, count in modes],
         missing=math.prod(len(own) + own.missing for own in found) - len(modes),
         continua=continua, is_whole=found[-1].is_whole)
-
-
-def _as_together(check: ModeCheck, modes: Sequence[tuple[Array, str, int]]) -> list[str]:
-    """Return the signs of modes as those of the whole: all may be the other ones."""
-    signs = [sign for _, sign, _ in modes]
-    known = next((k for k, sign in enumerate(signs) if sign in ("+", "-")), None)
-    if known is None:
-        return signs
-    q = modes[known][0]
-    if check.signs([(q, check.kind(q))]) == [signs[known]]:
-        return signs
-    return [{"+": "-", "-": "+"}.get(sign, sign) for sign in signs]

@@ -128,24 +128,19 @@ def sweep_task(options: argparse.Namespace, mechanism: sp.Mechanism) -> dict[str
 
 
 def run_sweep(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion:
-    """Return the sweep that was asked for."""
+    """Return the sweep that was asked for, up to the first joint limit if these are kept.
+
+    Raises:
+        LimitError: it passes one, and is not to stop there.
+    """
     task = sweep_task(options, mechanism)
     if getattr(options, "only", None):
         mechanism, task["guess"] = _reduced(options, mechanism)
     if getattr(options, "hold", None):
         task["hold"] = held(options)
     motion = sp.sweep(mechanism, progress=True, **task)
-    return _within(options, motion, task) if getattr(options, "limits", False) else motion
-
-
-def _within(options: argparse.Namespace, motion: sp.Motion, task: dict[str, Any]) -> sp.Motion:
-    """Return a sweep up to the first joint limit that it passes.
-
-    Raises:
-        LimitError: it passes one, and is not to stop there.
-    """
     passed = next((event for event in motion.events if event.kind == JOINT_LIMIT), None)
-    if passed is None:
+    if passed is None or not getattr(options, "limits", False):
         return motion
     if not options.stop or not passed.row:
         remedy = "; --stop ends the sweep before it" if passed.row else ""

@@ -96,8 +96,8 @@ def _data(
         "readings": _rows(shown.readings),
         "alarms": _rows(drawn.layer.alarms),
         "marks": [mark._asdict() for mark in shown.marks],
-        "labels": [{"text": label.text, "at": framing.scaled(label.point).tolist()}
-                   for label in drawn.layer.labels],
+        "labels": [{"text": text, "at": framing.scaled(point).tolist()}
+                   for text, point in drawn.layer.labels],
         "aspect": ASPECT,
     }
     return json.dumps(data, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")

@@ -223,12 +223,21 @@ class Desk:
 
     def mode(self, question: Mapping[str, Any]) -> Answer:
         """Go to the next assembly mode at the same driver values."""
+        from spatial_pin.view.scene.stage import joint_poses
+
         held = self.jog.held()
         if self._modes is None or self._modes[0] != held:
             self._modes = held, assembly_modes(
                 self.jog.mechanism, held, patience=FRUITLESS, most_starts=MOST_STARTS)
-        modes = self._modes[1]
-        here = _nearest(self.jog.state, modes)
+        modes, mechanism = self._modes[1], self.jog.mechanism
+        here = -1
+        if modes:  # which of them this is, by the placements of its bodies
+            q = np.array([self.jog.state.q, *(mode.q for mode in modes)])
+            own, *others = joint_poses(mechanism.model, q)
+            there = np.array(others)
+            apart = np.linalg.norm(there[..., :3] - own[:, :3], axis=2)
+            turned = 1.0 - np.abs(np.sum(there[..., 3:] * own[:, 3:], axis=2))
+            here = int((apart / mechanism.characteristic_length + turned).sum(axis=1).argmin())
         for step in range(1, len(modes)):
             k = (here + step) % len(modes)
             try:
@@ -304,20 +313,6 @@ def _words(told: Told, name: str) -> str:
     size, word = unit_of_length(float(np.abs(value).max()))
     numbers = ", ".join(f"{x / size:z.2f}" for x in value[0]).replace("-", "−")
     return f"{label} = ({numbers}) {word}"
-
-
-def _nearest(state: State, modes: list[State]) -> int:
-    """Return which of the modes a state is, by the placements of its bodies."""
-    from spatial_pin.view.scene.stage import joint_poses
-
-    if not modes:
-        return -1
-    mechanism = state.mechanism
-    poses = joint_poses(mechanism.model, np.array([state.q, *(mode.q for mode in modes)]))
-    here, there = poses[0], poses[1:]
-    apart = np.linalg.norm(there[..., :3] - here[:, :3], axis=2) / mechanism.characteristic_length
-    turned = 1.0 - np.abs(np.sum(there[..., 3:] * here[:, 3:], axis=2))
-    return int((apart + turned).sum(axis=1).argmin())
 
 
 def _page(desk: Desk, token: str, title: str | None, look: Look | None) -> str:

@@ -196,23 +196,6 @@ def _outputs(subject: Subject) -> str | None:
         motion, subject.outputs, lambda: subject.loads or loads(subject.shown, motion)))
 
 
-def _ratios(subject: Subject) -> str | None:
-    """Draw the outputs' rates by the driver's."""
-    if subject.motion is None or subject.motion.driver is None:
-        return None
-    return _drawn(subject, "Speed ratios", _derived(subject, of_coordinate="ratio"))
-
-
-def _velocities(subject: Subject) -> str | None:
-    """Draw the velocities of the outputs that are positions."""
-    return _drawn(subject, "Velocities", _derived(subject, of_position="velocity"))
-
-
-def _accelerations(subject: Subject) -> str | None:
-    """Draw the outputs' accelerations."""
-    return _drawn(subject, "Accelerations", _derived(subject, "acceleration", "acceleration"))
-
-
 def _ranges(subject: Subject) -> str | None:
     """Tell between which values every coordinate moves, and where."""
     motion = subject.motion
@@ -369,9 +352,11 @@ SECTIONS: tuple[Callable[[Subject], str | None], ...] = (
     _view,
     _design,
     _outputs,
-    _ratios,
-    _velocities,
-    _accelerations,
+    lambda subject: None if subject.motion is None or subject.motion.driver is None else _drawn(
+        subject, "Speed ratios", _derived(subject, of_coordinate="ratio")),
+    lambda subject: _drawn(subject, "Velocities", _derived(subject, of_position="velocity")),
+    lambda subject: _drawn(subject, "Accelerations", _derived(
+        subject, "acceleration", "acceleration")),
     _ranges,
     _coordinates,
     _events,

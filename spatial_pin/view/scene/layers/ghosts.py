@@ -18,7 +18,7 @@ from spatial_pin.view.scene.film import driver_readings, film, moments
 from spatial_pin.view.scene.framing import axes_of_view, occupied
 from spatial_pin.view.scene.layers.visuals import body_items, with_skeleton
 from spatial_pin.view.scene.shapes import moved
-from spatial_pin.view.scene.stage import Entry, Item, Label, Layer, Stage, Track, joint_poses
+from spatial_pin.view.scene.stage import Entry, Item, Layer, Stage, Track, joint_poses
 
 OPACITY = 0.28  # of four that lie on each other a body behind is still seen
 SPACING = 1.12  # from one picture to the next relative to their width and height
@@ -52,29 +52,29 @@ def others_of(stage: Stage, shown: Iterable[State | Motion], name: str) -> list[
     Raises:
         SpatialPinError: one is a state of another mechanism.
     """
-    return [_other(stage, one, f"{name} {k}") for k, one in enumerate(shown, start=1)]
-
-
-def _other(stage: Stage, shown: State | Motion, name: str) -> Other:
-    own, mechanism = film(shown), shown.mechanism
-    visuals = tuple(with_skeleton(mechanism.model, mechanism.visual_model, None))
-    poses = joint_poses(mechanism.model, own.q)
-    there = Stage(own, visuals, poses, stage.upright, stage.size)
-    parts = [replace(part, name=f"{name} {part.name}") for part in body_items(visuals, there)]
-    points = occupied(list(visuals), poses)
-    if isinstance(shown, State):
-        if mechanism.coordinates != stage.film.mechanism.coordinates:
-            raise SpatialPinError(
-                f"a ghost is a state of mechanism {mechanism.name!r}; "
-                f"the picture is of {stage.film.mechanism.name!r}"
-            )
-        items = [part if part.joint == 0 else replace(part, joint=None, placement=pin.XYZQUATToSE3(
-            poses[0, part.joint]).homogeneous @ part.placement) for part in parts]
-        return Other(items, points, words(shown))
-    seconds, rows, how = moments(stage.film, own)
-    items = [part if part.joint == 0 else replace(part, joint=None, track=Track(
-        poses[rows, part.joint], None, seconds)) for part in parts]
-    return Other(items, points, f"another motion, {how}")
+    others = []
+    for k, one in enumerate(shown, start=1):
+        own, mechanism = film(one), one.mechanism
+        visuals = tuple(with_skeleton(mechanism.model, mechanism.visual_model, None))
+        poses = joint_poses(mechanism.model, own.q)
+        there = Stage(own, visuals, poses, stage.upright, stage.size)
+        parts = [replace(x, name=f"{name} {k} {x.name}") for x in body_items(visuals, there)]
+        if isinstance(one, State):
+            if mechanism.coordinates != stage.film.mechanism.coordinates:
+                raise SpatialPinError(
+                    f"a ghost is a state of mechanism {mechanism.name!r}; "
+                    f"the picture is of {stage.film.mechanism.name!r}"
+                )
+            text = words(one)
+            items = [x if x.joint == 0 else replace(x, joint=None, placement=pin.XYZQUATToSE3(
+                poses[0, x.joint]).homogeneous @ x.placement) for x in parts]
+        else:
+            seconds, rows, how = moments(stage.film, own)
+            text = f"another motion, {how}"
+            items = [x if x.joint == 0 else replace(x, joint=None, track=Track(
+                poses[rows, x.joint], None, seconds)) for x in parts]
+        others.append(Other(items, occupied(list(visuals), poses), text))
+    return others
 
 
 def ghosts(stage: Stage, shown: tuple[State | Motion, ...]) -> Layer:
@@ -123,7 +123,7 @@ def beside(stage: Stage, shown: tuple[State | Motion, ...], direction: Array) ->
     first = words(source) if isinstance(source, State) else "the motion"
     names = [first, *(other.words for other in others)]
     labels = [
-        Label(name, _foot(points, direction)) for name, points in zip(names, placed, strict=True)
+        (name, _foot(points, direction)) for name, points in zip(names, placed, strict=True)
     ]
     return Layer(tuple(items), np.concatenate(placed), labels=tuple(labels))
 
