@@ -7,6 +7,7 @@ import re
 import shlex
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple
 
@@ -99,50 +100,22 @@ def _places(words: list[_Command], first: int, line: Callable[[str, str], str]) 
     return "\n".join(line(pattern, kind) for pattern, kind in patterns.items() if kind)
 
 
+def _filled(shell: str, mechanisms: list[str], **parts: str) -> str:
+    """Return the template of a script with its marks replaced."""
+    template = files("spatial_pin.cli").joinpath(f"templates/completion.{shell}").read_text("utf-8")
+    parts |= {"NAMES": NAMES, "SHELLS": " ".join(SHELLS), "MECHANISMS": " ".join(mechanisms)}
+    return re.sub("@([A-Z]+)@", lambda mark: parts[mark[1]], template)
+
+
 def _bash(words: list[_Command], mechanisms: list[str]) -> str:
     taking = [word.name for word in words if word.takes_mechanism]
     values = _values(words, lambda at, option: f'        {at} kind="{option.kind}"; '
                      f'words="{" ".join(option.choices)}"; value=yes ;;')
     flags = "\n".join(f'        {word.name}) words="{word.flags}" ;;' for word in words)
     places = _places(words, 3, lambda at, kind: f'        {at} kind="{kind}" ;;')
-    return f"""\
-# Completion of spatial-pin; in ~/.bashrc: eval "$(spatial-pin completion bash)"
-_spatial_pin() {{
-    local current=${{COMP_WORDS[COMP_CWORD]}} before=${{COMP_WORDS[COMP_CWORD-1]}}
-    local command=${{COMP_WORDS[1]}} words="" value="" kind=""
-    COMPREPLY=()
-    if ((COMP_CWORD == 1)); then
-        words="{' '.join(word.name for word in words)} --help --version"
-        COMPREPLY=($(compgen -W "$words" -- "$current"))
-        return
-    fi
-    case "$command $before" in
-{values}
-    esac
-    if [[ -z $value && $current == -* ]]; then
-        case "$command" in
-{flags}
-        esac
-        COMPREPLY=($(compgen -W "$words" -- "$current"))
-        return
-    fi
-    [[ -n $value ]] || case "$COMP_CWORD $command" in
-        {'|'.join(f'"2 {name}"' for name in taking)})
-            compopt -o filenames 2>/dev/null || true
-            COMPREPLY=($(compgen -W "{' '.join(mechanisms)}" -- "$current") \\
-                       $(compgen -f -- "$current")) ;;
-        "2 completion") COMPREPLY=($(compgen -W "{' '.join(SHELLS)}" -- "$current")) ;;
-{places}
-    esac
-    if [[ -n $kind && $current != "=" && $before != "=" ]]; then
-        [[ $kind != *= ]] || compopt -o nospace 2>/dev/null || true
-        words="$(spatial-pin {NAMES} "$kind" "${{COMP_WORDS[2]}}" 2>/dev/null)"
-    fi
-    # without words: names of files, by -o default
-    [[ -z $words ]] || COMPREPLY=($(compgen -W "$words" -- "$current"))
-}}
-complete -o default -F _spatial_pin spatial-pin
-"""
+    return _filled("bash", mechanisms, VALUES=values, FLAGS=flags, PLACES=places,
+                   WORDS=" ".join(word.name for word in words),
+                   TAKING="|".join(f'"2 {name}"' for name in taking))
 
 
 def _zsh(words: list[_Command], mechanisms: list[str]) -> str:
@@ -155,42 +128,8 @@ def _zsh(words: list[_Command], mechanisms: list[str]) -> str:
         "_files; return") + " ;;")
     flags = "\n".join(f"            {word.name}) compadd -- {word.flags} ;;" for word in words)
     places = _places(words, 4, lambda at, kind: f"        {at} kind={kind} ;;")
-    return f"""\
-#compdef spatial-pin
-# Completion of spatial-pin; in ~/.zshrc, behind compinit: eval "$(spatial-pin completion zsh)"
-_spatial_pin() {{
-    local kind=""
-    local -a commands equals
-    commands=(
-{described}
-    )
-    if (( CURRENT == 2 )); then
-        _describe command commands
-        return
-    fi
-    case "$words[2] $words[CURRENT-1]" in
-{values}
-    esac
-    if [[ -z $kind && $words[CURRENT] == -* ]]; then
-        case "$words[2]" in
-{flags}
-        esac
-        return
-    fi
-    [[ -n $kind ]] || case "$CURRENT $words[2]" in
-        {'|'.join(f'"3 {name}"' for name in taking)})
-            compadd -- {' '.join(mechanisms)} ;;
-        "3 completion") compadd -- {' '.join(SHELLS)}; return ;;
-{places}
-    esac
-    if [[ -n $kind && $words[CURRENT] != *=* ]]; then
-        [[ $kind != *= ]] || equals=(-S "")
-        compadd $equals -- ${{(f)"$(spatial-pin {NAMES} $kind "$words[3]" 2>/dev/null)"}} && return
-    fi
-    _files
-}}
-compdef _spatial_pin spatial-pin
-"""
+    return _filled("zsh", mechanisms, VALUES=values, FLAGS=flags, PLACES=places,
+                   COMMANDS=described, TAKING="|".join(f'"3 {name}"' for name in taking))
 
 
 def _fish(words: list[_Command], mechanisms: list[str]) -> str:

@@ -86,7 +86,7 @@ def write_new(name: str, folder: Path) -> list[Path]:
         SpatialPinError: a file is there already.
         OSError: one cannot be written.
     """
-    start = files("spatial_pin.cli").joinpath("start")
+    start = files("spatial_pin.cli").joinpath("templates")
     texts = {folder / f"{name}{suffix}": start.joinpath(f"NAME{suffix}").read_text("utf-8").replace(
         "NAME", name) for suffix in (".toml", ".urdf.xacro")}
     _refuse_existing(texts)

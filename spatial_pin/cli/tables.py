@@ -196,16 +196,7 @@ def _number(
     path: str | Path, mechanism: Mechanism | None, column: tuple[str, str, int], row: int,
     word: str, may_be_blank: bool,
 ) -> float:
-    """Return the number [rad, m, s] of a field, NaN where it may be blank and is.
-
-    Args:
-        path: of the file.
-        mechanism: whose names these are.
-        column: its name and unit, and its number from 0.
-        row: of the file.
-        word: what stands there.
-        may_be_blank: whether it may be empty.
-    """
+    """Return the number [rad, m, s] of a field of a column (name, unit, number from 0)."""
     name, unit, k = column
     try:
         value = UNITS[unit] * float(word)

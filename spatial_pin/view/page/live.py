@@ -8,6 +8,7 @@ from __future__ import annotations
 import html
 import json
 import math
+import secrets
 import threading
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
@@ -414,7 +415,7 @@ def live(
         )
     desk = Desk(jog, tuple(names_of(outputs, "outputs")), () if look is None else look.curves)
     still = None if look is None else replace(look, curves=())
-    service = Service(desk.answer)
+    service = Service(desk.answer, secrets.token_urlsafe(24))
     viewer = Viewer(_page(desk, service.token, title, look), port, service,
                     still=lambda: page(state, title, still))
     if open_browser:

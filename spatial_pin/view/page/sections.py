@@ -12,6 +12,7 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
+from importlib.resources import files
 
 import numpy as np
 
@@ -36,25 +37,6 @@ from spatial_pin.view.scene.film import loads
 from spatial_pin.view.scene.look import Look
 
 FIGURE_WIDTH, PANEL, LOWEST = 7.5, 1.4, 2.4  # of a figure, of each panel of it; least height [in]
-FREEZE = """<style>#says h1 { display: none; }</style>
-<script>
-// Paper has no 3-D: what is seen when printing begins is printed as a picture.
-addEventListener("beforeprint", () => {
-  document.body.classList.add("bare");
-  viewer.render();
-  const still = document.body.appendChild(new Image());
-  still.id = "still";
-  still.src = viewer.renderer.domElement.toDataURL();
-  still.style = "position: absolute; left: 0; top: 0; width: 100%; z-index: -1";
-  viewer.renderer.domElement.style.visibility = "hidden";
-});
-addEventListener("afterprint", () => {
-  document.getElementById("still").remove();
-  document.body.classList.remove("bare");
-  viewer.renderer.domElement.style.visibility = "";
-});
-</script>
-</body>"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +153,9 @@ def _course(motion: Motion) -> list[tuple[str, str]]:
 def _view(subject: Subject) -> str:
     """Show the mechanism in three dimensions."""
     text = page(subject.shown, subject.title, subject.look, subject.loads)
-    text = text.replace("</body>", FREEZE)
+    # paper has no 3-D: what is seen when printing begins is printed as a picture
+    freeze = files("spatial_pin.view.page").joinpath("freeze.html").read_text("utf-8").rstrip()
+    text = text.replace("</body>", freeze)
     frame = f'<iframe title="3-D view" srcdoc="{html.escape(text)}"></iframe>'
     hint = "Drag to turn, scroll to come nearer, drag with the right button to move. "
     if subject.motion is not None:

@@ -12,9 +12,8 @@ import threading
 import warnings
 import webbrowser
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from spatial_pin._support.checks import checked
 from spatial_pin.errors import SpatialPinError
@@ -34,17 +33,14 @@ LONGEST_QUESTION = 4096  # of a page to its server [bytes]: a value for each of 
 TOKEN = "X-Token"  # header that a question carries its token in
 
 
-@dataclass(frozen=True)
-class Service:
-    """What a page may ask its server.
+class Service(NamedTuple):
+    """What a page may ask its server: `answer` maps questions to answers, both plain data.
 
-    Attributes:
-        answer: from a question to its answer, both plain data; what it raises is told the page.
-        token: a secret that only the page knows and sends with every question.
+    What it raises is told the page; `token` is a secret that the page sends with every question.
     """
 
     answer: Callable[[Any], Any]
-    token: str = field(default_factory=lambda: secrets.token_urlsafe(24))
+    token: str
 
 
 class _Handler(BaseHTTPRequestHandler):
