@@ -256,7 +256,10 @@ def _measured(where: str, mechanism: Mechanism, row: Mapping[str, float]) -> dic
     frames: dict[str, dict[str, float]] = {}
     for name, value in row.items():
         frame, _, part = name.rpartition(".")
-        pair = _pair(mechanism, name)
+        words = name.split("-")
+        pairs = (("-".join(words[:k]).strip(), "-".join(words[k:]).strip())
+                 for k in range(1, len(words)))
+        pair = next((two for two in pairs if all(map(mechanism.model.existFrame, two))), None)
         if name in mechanism.coordinate_table:
             found[name] = value
         elif frame and part in (*POINT, *TURNED):
@@ -270,17 +273,6 @@ def _measured(where: str, mechanism: Mechanism, row: Mapping[str, float]) -> dic
             found[mechanism.coordinate(name).name] = value  # says which there are
     return {**found, **{name: frame_targets(f"{where}: no", name, parts)[0]
                         for name, parts in frames.items()}}
-
-
-def _pair(mechanism: Mechanism, name: str) -> tuple[str, str] | None:
-    """Return the two frames that `NAME-OTHER` names, if it does."""
-    model = mechanism.model
-    words = name.split("-")
-    for k in range(1, len(words)):
-        first, second = "-".join(words[:k]).strip(), "-".join(words[k:]).strip()
-        if model.existFrame(first) and model.existFrame(second):
-            return first, second
-    return None
 
 
 def check_sigma(mechanism: Mechanism, sigma: Mapping[str, float]) -> None:

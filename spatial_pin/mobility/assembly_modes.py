@@ -22,7 +22,7 @@ from spatial_pin.mobility.mode_check import SAME_MODE, BodyMark, ModeCheck, Mode
 from spatial_pin.mobility.mode_groups import groups_of, modes_of_groups
 from spatial_pin.mobility.mode_list import AssemblyModes, labels, missing_by, order
 from spatial_pin.mobility.mode_search import Mode, ModeSearch, moving
-from spatial_pin.mobility.rods import Rod, core_of, rods_of
+from spatial_pin.mobility.rods import core_of, rods_of
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy, accuracy_of
 
@@ -65,42 +65,33 @@ def _readings(
     check: ModeCheck, marks: Mapping[int, BodyMark], mode: Mode, copies: bool, limits: bool
 ) -> list[Array]:
     """Return a mode with the core's rods in their readings: all, or those within limits."""
-    choices = []
-    for rod in mode.rods:
-        own = _readings_of(check, {k: marks[k] for k in rod.lines}, rod, mode.q)
-        if limits:
-            own = [x for x in own if not x[2]]
-        choices.append([x[:2] for x in own][: None if copies else 1])
+    model, choices = check.mechanism.model, []
+    for rod in mode.rods:  # the readings of its first joint
+        i, own_marks = min(rod.lines), {k: marks[k] for k in rod.lines}
+        at = slice(model.idx_qs[i], model.idx_qs[i] + model.nqs[i])
+        names = {c.name for c in check.mechanism.coordinate_table.values()
+                 if c.joint in {model.names[k] for k in rod.lines}}
+        rng = np.random.default_rng(6)
+        signatures: list[Array] = []
+        values: list[Array] = []
+        for k in range(READINGS):
+            found = check.place_rods((rod,), mode.q if not k else check.shaken((rod,), mode.q, rng))
+            if found is None:
+                continue
+            signature = check.signature(own_marks, found)
+            if any(np.abs(signature - other).max() < SAME_MODE for other in signatures):
+                continue
+            signatures.append(signature)
+            if not limits or names.isdisjoint(
+                    beyond_limits(check.mechanism, check.state(found).q)):
+                values.append(found[at])
+        choices.append([(at, x) for x in values[: None if copies else 1]])
     readings = []
     for choice in product(*choices):
         q = mode.q.copy()
-        for at, values in choice:
-            q[at] = values
+        for at, x in choice:
+            q[at] = x
         readings.append(q)
-    return readings
-
-
-def _readings_of(
-    check: ModeCheck, marks: Mapping[int, BodyMark], rod: Rod, q: Array
-) -> list[tuple[slice, Array, bool]]:
-    """Return the readings of a rod's first joint, and whether one is beyond joint limits."""
-    model, i = check.mechanism.model, min(rod.lines)
-    own = slice(model.idx_qs[i], model.idx_qs[i] + model.nqs[i])
-    names = {c.name for c in check.mechanism.coordinate_table.values()
-             if c.joint in {model.names[k] for k in rod.lines}}
-    rng = np.random.default_rng(6)
-    signatures: list[Array] = []
-    readings = []
-    for k in range(READINGS):
-        start = q if not k else check.shaken((rod,), q, rng)
-        found = check.place_rods((rod,), start)
-        if found is None:
-            continue
-        signature = check.signature(marks, found)
-        if all(np.abs(signature - other).max() >= SAME_MODE for other in signatures):
-            signatures.append(signature)
-            beyond = beyond_limits(check.mechanism, check.state(found).q)
-            readings.append((own, found[own], not names.isdisjoint(beyond)))
     return readings
 
 

@@ -48,8 +48,18 @@ def solids_of(mechanism: Mechanism) -> list[ConvexSolid]:
     collide = list(mechanism.collision_model.geometryObjects)
     links = {int(g.parentFrame) for g in collide}
     drawn = [g for g in mechanism.visual_model.geometryObjects if int(g.parentFrame) not in links]
-    return [_solid(mechanism, geometry, shape) for geometry in (*collide, *drawn)
-            for shape in _convex(geometry)]
+    found = []
+    for geometry in (*collide, *drawn):
+        shape = geometry.geometry
+        if isinstance(shape, coal.BVHModelBase):
+            corners = [(t[0], t[1], t[2]) for t in map(shape.tri_indices, range(shape.num_tris))]
+            found += [_solid(mechanism, geometry, hull) for hull in hulls(
+                np.array(shape.vertices()), np.array(corners).reshape(-1, 3))]
+        elif type(shape) in SUPPORTS:
+            found.append(_solid(mechanism, geometry, shape))
+        else:
+            warn(f"{geometry.name!r} has no clearance: a {type(shape).__name__} is no convex solid")
+    return found
 
 
 def _solid(
@@ -70,17 +80,6 @@ def _solid(
     return ConvexSolid(mechanism.model.frames[geometry.parentFrame].name, int(geometry.parentJoint),
                  place.rotation, place.translation, shape, place.act(np.array(shape.aabb_center)),
                  float(shape.aabb_radius), place.rotation @ half, thickness)
-
-
-def _convex(geometry: pin.GeometryObject) -> Iterator[coal.ShapeBase]:
-    shape = geometry.geometry
-    if isinstance(shape, coal.BVHModelBase):
-        corners = [(t[0], t[1], t[2]) for t in map(shape.tri_indices, range(shape.num_tris))]
-        yield from hulls(np.array(shape.vertices()), np.array(corners).reshape(-1, 3))
-    elif type(shape) in SUPPORTS:
-        yield shape
-    else:
-        warn(f"{geometry.name!r} has no clearance: a {type(shape).__name__} is no convex solid")
 
 
 def hulls(points: Array, corners: Array) -> Iterator[coal.ShapeBase]:

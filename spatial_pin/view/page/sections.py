@@ -127,27 +127,21 @@ def _key(subject: Subject) -> str:
     if motion is None:
         facts += [(name, number(subject.state.coordinate(name).value,
                                 mechanism.coordinate(name).unit)) for name in mechanism.drivers]
-    else:
-        facts += _course(motion)
+    elif motion.driver is None and motion.time is not None:
+        facts.append(("Duration", number(float(np.ptp(motion.time)), "s")))
+    elif motion.driver is not None:
+        unit = motion.driver_unit
+        ends = f"{number(motion.driver[0], unit)} to {number(motion.driver[-1], unit)}"
+        facts.append((f"Driver {motion.driver_name}", ends))
+        if motion.per == "s":
+            low, high = float(np.min(motion.driver_speed)), float(np.max(motion.driver_speed))
+            speed = number(high, f"{unit}/s")
+            facts.append(("Driver speed", speed if low == high else f"{number(low)} to {speed}"))
+    if motion is not None:
         facts.append(("Positions computed", str(len(motion))))
     facts.append(("Largest closure error", tiny(error)))
     cells = (f"<div><dt>{html.escape(a)}</dt><dd>{html.escape(b)}</dd></div>" for a, b in facts)
     return f'<dl class="key">{"".join(cells)}</dl>'
-
-
-def _course(motion: Motion) -> list[tuple[str, str]]:
-    """Say from where to where the driver went and how fast, or how long the motion lasts."""
-    if motion.driver is None:
-        time = [] if motion.time is None else [float(np.ptp(motion.time))]
-        return [("Duration", number(x, "s")) for x in time]
-    unit = motion.driver_unit
-    ends = f"{number(motion.driver[0], unit)} to {number(motion.driver[-1], unit)}"
-    if motion.per != "s":
-        return [(f"Driver {motion.driver_name}", ends)]
-    low, high = float(np.min(motion.driver_speed)), float(np.max(motion.driver_speed))
-    speed = number(high, f"{unit}/s")
-    speed = speed if low == high else f"{number(low)} to {speed}"
-    return [(f"Driver {motion.driver_name}", ends), ("Driver speed", speed)]
 
 
 def _view(subject: Subject) -> str:
@@ -178,6 +172,23 @@ def _outputs(subject: Subject) -> str | None:
         return None
     return _drawn(subject, "Outputs", with_forces(
         motion, subject.outputs, lambda: subject.loads or loads(subject.shown, motion)))
+
+
+def _ratios(subject: Subject) -> str | None:
+    """Draw the outputs' rates by the driver's."""
+    if subject.motion is None or subject.motion.driver is None:
+        return None
+    return _drawn(subject, "Speed ratios", _derived(subject, of_coordinate="ratio"))
+
+
+def _velocities(subject: Subject) -> str | None:
+    """Draw the velocities of the outputs that are positions."""
+    return _drawn(subject, "Velocities", _derived(subject, of_position="velocity"))
+
+
+def _accelerations(subject: Subject) -> str | None:
+    """Draw the outputs' accelerations."""
+    return _drawn(subject, "Accelerations", _derived(subject, "acceleration", "acceleration"))
 
 
 def _ranges(subject: Subject) -> str | None:
@@ -336,11 +347,9 @@ SECTIONS: tuple[Callable[[Subject], str | None], ...] = (
     _view,
     _design,
     _outputs,
-    lambda subject: None if subject.motion is None or subject.motion.driver is None else _drawn(
-        subject, "Speed ratios", _derived(subject, of_coordinate="ratio")),
-    lambda subject: _drawn(subject, "Velocities", _derived(subject, of_position="velocity")),
-    lambda subject: _drawn(subject, "Accelerations", _derived(
-        subject, "acceleration", "acceleration")),
+    _ratios,
+    _velocities,
+    _accelerations,
     _ranges,
     _coordinates,
     _events,

@@ -199,13 +199,12 @@ def coloured(visual: pin.GeometryObject) -> list[tuple[Solid, tuple[float, ...] 
     pieces: dict[tuple[float, ...] | None, list[Array]] = {}
     for (_, colour), piece in zip(runs, np.split(faces, ends), strict=True):
         pieces.setdefault(colour, []).append(piece)
-    return [(_part(shape.vertices(), np.concatenate(piece)), colour)
-            for colour, piece in pieces.items()]
-
-
-def _part(points: Array, faces: Array) -> Solid:
-    used, places = np.unique(faces, return_inverse=True)
-    return Solid(mg.TriangularMeshGeometry(points[used], places.reshape(-1, 3)), faceted=True)
+    found = []
+    for colour, own in pieces.items():
+        used, corners = np.unique(np.concatenate(own), return_inverse=True)
+        mesh = mg.TriangularMeshGeometry(shape.vertices()[used], corners.reshape(-1, 3))
+        found.append((Solid(mesh, faceted=True), colour))
+    return found
 
 
 def solid(visual: pin.GeometryObject, size: float) -> Solid | None:

@@ -122,15 +122,11 @@ def beside(stage: Stage, shown: tuple[State | Motion, ...], direction: Array) ->
     source = stage.film.source
     first = words(source) if isinstance(source, State) else "the motion"
     names = [first, *(other.words for other in others)]
-    labels = [
-        (name, _foot(points, direction)) for name, points in zip(names, placed, strict=True)
-    ]
+    labels = []
+    for name, points in zip(names, placed, strict=True):  # in the middle below each, as it is seen
+        seen = points @ axes.T
+        middle = (seen[:, 0].min() + seen[:, 0].max()) / 2
+        depth = (points @ direction).mean()
+        foot = np.array([middle, seen[:, 1].min()]) @ axes + depth * direction
+        labels.append((name, foot))
     return Layer(tuple(items), np.concatenate(placed), labels=tuple(labels))
-
-
-def _foot(points: Array, direction: Array) -> Array:
-    """Return the point (3,) in the middle below points (K, 3), as the camera sees them."""
-    axes = axes_of_view(direction)
-    seen = points @ axes.T
-    middle = (seen[:, 0].min() + seen[:, 0].max()) / 2
-    return np.array([middle, seen[:, 1].min()]) @ axes + (points @ direction).mean() * direction
