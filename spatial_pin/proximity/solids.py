@@ -91,6 +91,7 @@ def hulls(points: Array, corners: Array) -> Iterator[coal.ShapeBase]:
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import ConvexHull, QhullError
 
     places, own = np.unique(points, axis=0, return_inverse=True)
     corners = own.reshape(-1)[corners]
@@ -98,24 +99,19 @@ def hulls(points: Array, corners: Array) -> Iterator[coal.ShapeBase]:
     graph = coo_array((np.ones(edges.shape[1]), edges), shape=(len(places), len(places)))
     parts = connected_components(graph, directed=False)[1]
     for part in np.unique(parts[corners]):
-        yield _hull(places[parts == part])
-
-
-def _hull(points: Array) -> coal.ShapeBase:
-    from scipy.spatial import ConvexHull, QhullError
-
-    try:
-        hull = ConvexHull(points)
-    except QhullError:  # a flat part: its points are moved by round-off
-        hull = ConvexHull(points, qhull_options="QJ Pp")
-    place = np.full(len(points), -1)
-    place[hull.vertices] = np.arange(len(hull.vertices))
-    corners, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-    for point in hull.points[hull.vertices]:
-        corners.append(point)
-    for face in hull.simplices:
-        faces.append(coal.Triangle(*(int(i) for i in place[face])))
-    return coal.Convex(corners, faces)
+        own = places[parts == part]
+        try:
+            hull = ConvexHull(own)
+        except QhullError:  # a flat part: its points are moved by round-off
+            hull = ConvexHull(own, qhull_options="QJ Pp")
+        numbers = np.full(len(own), -1)
+        numbers[hull.vertices] = np.arange(len(hull.vertices))
+        vertices, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+        for point in hull.points[hull.vertices]:
+            vertices.append(point)
+        for face in hull.simplices:
+            faces.append(coal.Triangle(*(int(i) for i in numbers[face])))
+        yield coal.Convex(vertices, faces)
 
 
 def _round(radius: float, n: Array, height: Array | float) -> Array:

@@ -59,7 +59,24 @@ def info(options: argparse.Namespace) -> None:
 def check(options: argparse.Namespace) -> None:
     """Read a mechanism file and say what is wrong with it."""
     try:
-        content, lines = _checked(options)
+        mechanism = loaded(options)
+        notes = list(mechanism.notices)
+        state = sp.assemble(mechanism)
+        found = sp.mobility(mechanism, state)
+        working = found.dof - len(found.passive)
+        lines = [f"note: {notice}" for notice in notes]
+        lines.append(f"{mechanism.path}: good: {counted(len(mechanism.links), 'link')}, "
+                     f"{counted(len(mechanism.coordinates), 'coordinate')}, "
+                     f"{counted(len(mechanism.closures), 'closure')}; "
+                     f"the guess closes to {state.closure_error:.1e}")
+        note = driver_advice(state, found)
+        if note:
+            notes.append(note)
+            lines.append(f"note: {note}:\n{found}")
+        content = {"file": str(mechanism.path), "good": True, "mistakes": [], "notes": notes,
+                   "links": len(mechanism.links), "coordinates": len(mechanism.coordinates),
+                   "closures": len(mechanism.closures), "drivers": len(mechanism.drivers),
+                   "working_freedoms": working, "closure_error": state.closure_error}
     except sp.SpatialPinError as error:
         mistakes = list(getattr(error, "mistakes", ())) or [str(error)]
         content = {"file": str(options.mechanism), "good": False, "mistakes": mistakes, "notes": []}
@@ -72,27 +89,6 @@ def _faults(content: dict[str, Any]) -> dict[str, list[str]]:
     """Return mistakes and notes, one a row."""
     rows = [(kind, text) for kind in ("mistake", "note") for text in content[f"{kind}s"]]
     return {"kind": [kind for kind, _ in rows], "text": [text for _, text in rows]}
-
-
-def _checked(options: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
-    mechanism = loaded(options)
-    notes = list(mechanism.notices)
-    state = sp.assemble(mechanism)
-    found = sp.mobility(mechanism, state)
-    working = found.dof - len(found.passive)
-    lines = [f"note: {notice}" for notice in notes]
-    lines.append(f"{mechanism.path}: good: {counted(len(mechanism.links), 'link')}, "
-                 f"{counted(len(mechanism.coordinates), 'coordinate')}, "
-                 f"{counted(len(mechanism.closures), 'closure')}; "
-                 f"the guess closes to {state.closure_error:.1e}")
-    note = driver_advice(state, found)
-    if note:
-        notes.append(note)
-        lines.append(f"note: {note}:\n{found}")
-    return {"file": str(mechanism.path), "good": True, "mistakes": [], "notes": notes,
-            "links": len(mechanism.links), "coordinates": len(mechanism.coordinates),
-            "closures": len(mechanism.closures), "drivers": len(mechanism.drivers),
-            "working_freedoms": working, "closure_error": state.closure_error}, lines
 
 
 def export(options: argparse.Namespace) -> None:

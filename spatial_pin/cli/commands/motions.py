@@ -80,6 +80,22 @@ def write_motion(
              else None)
     if found is not None:
         motion = found.motion
+
+    def files() -> Iterator[Path | str]:
+        if options.npz:
+            yield motion.save(options.npz)
+        if options.plot:
+            outputs = options.output
+            if not outputs:  # those looked at first, each coordinate with its speed ratio
+                coordinates = {} if motion.driver is None else motion.mechanism.coordinate_table
+                outputs = [name for output in default_outputs(motion) for name in (
+                    [output, f"{output}.ratio"] if output in coordinates else [output])]
+            sp.plot(motion, with_forces(motion, outputs, lambda: sp.kinetostatics(
+                motion.mechanism, motion)), options.plot)
+            yield options.plot
+        if options.html:
+            yield sp.export_html(motion, options.html, look=look_of(options, found))
+
     lines = [motion_summary(motion), *([str(found)] if found is not None else []),
              *([last] if last else [])]
     columns = {name: column.tolist() for name, column in motion.columns().items()}
@@ -88,26 +104,7 @@ def write_motion(
     if found is not None:
         content["clearance"] = found.as_dict()
     print_result(options, "\n".join(lines), content, motion.columns(),
-                 _written(options, motion, found), found is None or found.is_whole)
-
-
-def _written(
-    options: argparse.Namespace, motion: sp.Motion, found: sp.Clearance | None
-) -> Iterator[Path | str]:
-    """Write arrays and pictures, and yield the files."""
-    if options.npz:
-        yield motion.save(options.npz)
-    if options.plot:
-        outputs = options.output
-        if not outputs:  # those looked at first, each coordinate with its speed ratio
-            coordinates = {} if motion.driver is None else motion.mechanism.coordinate_table
-            outputs = [name for output in default_outputs(motion) for name in (
-                [output, f"{output}.ratio"] if output in coordinates else [output])]
-        sp.plot(motion, with_forces(motion, outputs, lambda: sp.kinetostatics(
-            motion.mechanism, motion)), options.plot)
-        yield options.plot
-    if options.html:
-        yield sp.export_html(motion, options.html, look=look_of(options, found))
+                 files(), found is None or found.is_whole)
 
 
 # ---------------------------------------------------------------- sweep

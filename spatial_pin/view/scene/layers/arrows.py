@@ -179,24 +179,6 @@ def _items(stage: Stage, v: Vectors, per_unit: float) -> tuple[tuple[Item, ...],
     return items, tip
 
 
-def _of_quantity(stage: Stage, vectors: list[Vectors]) -> Layer:
-    """Return the arrows of one quantity, to one scale."""
-    quantity, unit = vectors[0].quantity, vectors[0].unit
-    colour = COLOURS.get(quantity, OTHER)
-    names = ", ".join(v.name for v in vectors)
-    largest = max(float(np.linalg.norm(v.vector, axis=1).max(initial=0.0)) for v in vectors)
-    if largest == 0.0:
-        return Layer(legend=(Entry(colour, f"{quantity} of {names}: none"),))
-    value = nice(largest / 4)
-    length = nice(0.95 * LONGEST_ARROW * stage.size / (largest / value))
-    if length * largest / value > 1.5 * LONGEST_ARROW * stage.size:
-        length = nice(length / 2)
-    drawn = [_items(stage, v, length / value) for v in vectors]
-    words = f"{quantity} of {names}: {length_words(length)} = {value:.4g} {unit}"
-    items = tuple(item for pair, _ in drawn for item in pair)
-    return Layer(items, np.concatenate([tip for _, tip in drawn]), (Entry(colour, words),))
-
-
 def arrows(stage: Stage, specs: tuple[str | Vectors, ...]) -> list[Layer]:
     """Return vectors at their points, one layer for each quantity.
 
@@ -217,4 +199,22 @@ def arrows(stage: Stage, specs: tuple[str | Vectors, ...]) -> list[Layer]:
                 raise ValueError(f"{one.name}: points and vectors are {shapes}; ({n}, 3) is needed")
             vectors = one._replace(point=point[film.rows], vector=vector[film.rows])
         quantities.setdefault(vectors.quantity, []).append(vectors)
-    return [_of_quantity(stage, vectors) for vectors in quantities.values()]
+    layers = []
+    for alike in quantities.values():  # to one scale
+        quantity, unit = alike[0].quantity, alike[0].unit
+        colour = COLOURS.get(quantity, OTHER)
+        names = ", ".join(v.name for v in alike)
+        largest = max(float(np.linalg.norm(v.vector, axis=1).max(initial=0.0)) for v in alike)
+        if largest == 0.0:
+            layers.append(Layer(legend=(Entry(colour, f"{quantity} of {names}: none"),)))
+            continue
+        value = nice(largest / 4)
+        length = nice(0.95 * LONGEST_ARROW * stage.size / (largest / value))
+        if length * largest / value > 1.5 * LONGEST_ARROW * stage.size:
+            length = nice(length / 2)
+        drawn = [_items(stage, v, length / value) for v in alike]
+        words = f"{quantity} of {names}: {length_words(length)} = {value:.4g} {unit}"
+        items = tuple(item for pair, _ in drawn for item in pair)
+        tips = np.concatenate([tip for _, tip in drawn])
+        layers.append(Layer(items, tips, (Entry(colour, words),)))
+    return layers

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -25,20 +24,6 @@ SPACING = 1.12  # from one picture to the next relative to their width and heigh
 LABEL_COLOUR = (0.75, 0.78, 0.81, 1.0)
 
 
-class Other(NamedTuple):
-    """Something else of a mechanism that stands or moves in the picture.
-
-    Attributes:
-        items: its solids.
-        points: corners of its bodies, shape (K, 3) [m].
-        words: what tells it from others.
-    """
-
-    items: list[Item]
-    points: Array
-    words: str
-
-
 def words(state: State) -> str:
     """Return what tells a state from the others: its branch, and the values of its drivers."""
     branch = [f"branch {state.branch}"] if state.branch else []
@@ -46,8 +31,10 @@ def words(state: State) -> str:
     return ", ".join(branch + values) or "another configuration"
 
 
-def others_of(stage: Stage, shown: Iterable[State | Motion], name: str) -> list[Other]:
-    """Return other states and motions, each with the bodies of its own mechanism.
+def others_of(
+    stage: Stage, shown: Iterable[State | Motion], name: str
+) -> list[tuple[list[Item], Array, str]]:
+    """Return of other states and motions the solids, corners (K, 3) [m], and what tells them apart.
 
     Raises:
         SpatialPinError: one is a state of another mechanism.
@@ -73,7 +60,7 @@ def others_of(stage: Stage, shown: Iterable[State | Motion], name: str) -> list[
             text = f"another motion, {how}"
             items = [x if x.joint == 0 else replace(x, joint=None, track=Track(
                 poses[rows, x.joint], None, seconds)) for x in parts]
-        others.append(Other(items, occupied(list(visuals), poses), text))
+        others.append((items, occupied(list(visuals), poses), text))
     return others
 
 
@@ -85,10 +72,10 @@ def ghosts(stage: Stage, shown: tuple[State | Motion, ...]) -> Layer:
     """
     others = others_of(stage, shown, "ghost")
     items = [replace(item, colour=(*item.colour[:3], OPACITY * item.colour[3]))
-             for other in others for item in other.items
+             for solids, _, _ in others for item in solids
              if item.joint is None]  # the ground is there already
-    points = np.concatenate([np.zeros((0, 3)), *(other.points for other in others)])
-    legend = tuple(Entry(LABEL_COLOUR, f"faint: {other.words}") for other in others)
+    points = np.concatenate([np.zeros((0, 3)), *(corners for _, corners, _ in others)])
+    legend = tuple(Entry(LABEL_COLOUR, f"faint: {text}") for _, _, text in others)
     return Layer(tuple(items), points, legend)
 
 
@@ -104,15 +91,15 @@ def beside(stage: Stage, shown: tuple[State | Motion, ...], direction: Array) ->
         SpatialPinError: one is a state of another mechanism.
     """
     others = others_of(stage, shown, "beside")
-    corners = [occupied(list(stage.visuals), stage.poses), *(other.points for other in others)]
+    corners = [occupied(list(stage.visuals), stage.poses), *(points for _, points, _ in others)]
     axes, n = axes_of_view(direction), len(corners)  # they stand in rows and columns
     wide, high = SPACING * np.ptp(np.concatenate(corners) @ axes.T, axis=0)
     columns = min(range(1, n + 1), key=lambda c: max(c * wide / 4, math.ceil(n / c) * high / 3))
     row, column = np.divmod(np.arange(n), columns)
     steps = column[:, None] * wide * axes[0] - row[:, None] * high * axes[1]
     items = []
-    for other, step in zip(others, steps[1:], strict=True):
-        for item in other.items:
+    for (solids, _, _), step in zip(others, steps[1:], strict=True):
+        for item in solids:
             if item.track is None:
                 items.append(replace(item, joint=None, placement=moved(step) @ item.placement))
                 continue
@@ -121,7 +108,7 @@ def beside(stage: Stage, shown: tuple[State | Motion, ...], direction: Array) ->
     placed = [points + step for points, step in zip(corners, steps, strict=True)]
     source = stage.film.source
     first = words(source) if isinstance(source, State) else "the motion"
-    names = [first, *(other.words for other in others)]
+    names = [first, *(text for _, _, text in others)]
     labels = []
     for name, points in zip(names, placed, strict=True):  # in the middle below each, as it is seen
         seen = points @ axes.T
