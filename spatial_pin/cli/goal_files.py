@@ -178,10 +178,7 @@ def _goals_of_table(
     `NAME.x`, `NAME.y`, `NAME.z` are a path, with `NAME.rx`, `NAME.ry`, `NAME.rz` poses; columns of
     drivers say where they stand there; those of other coordinates are functions of the drivers.
 
-    Args:
-        path: of the file.
-        mechanism: what is asked.
-        more: arguments that the goals have besides.
+    `more` are arguments that the goals have besides.
     """
     columns, times = read_table(path, mechanism)
     if times is not None:
