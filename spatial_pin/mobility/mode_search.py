@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from spatial_pin.assembly.search.guesses import read_guess
 from spatial_pin.errors import ContinuumError
 from spatial_pin.kernel.closer import Closer
-from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.mechanism.coordinates import with_values
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
@@ -116,8 +115,7 @@ class Recognition:
         check: of the whole mechanism.
         core: what is searched.
         base: (nq,) configuration of the whole mechanism where it is not the core's.
-        kernel: of the core.
-        free: (nv,) velocities of the core that may close the loops.
+        starts: of the core.
         all_copies: whether copies of a mode are told apart.
 
     Attributes:
@@ -127,11 +125,10 @@ class Recognition:
     """
 
     def __init__(
-        self, check: ModeCheck, core: Core, base: Array, kernel: Kernel,
-        free: NDArray[np.bool_], all_copies: bool,
+        self, check: ModeCheck, core: Core, base: Array, starts: Starts, all_copies: bool
     ) -> None:
         self._check, self._core, self._base = check, core, base
-        self._kernel, self._free, self._all_copies = kernel, free, all_copies
+        self._kernel, self._free, self._all_copies = starts.kernel, starts.free, all_copies
         self.marks: dict[int, BodyMark] = {}
         self.is_learnt = False
         self._rows: Array = np.empty((0, 0))
@@ -223,8 +220,7 @@ class ModeSearch:
         table = core.mechanism.coordinate_table
         self._starts = Starts(
             core.mechanism, {name: x for name, x in check.held.items() if name in table})
-        self.recognition = Recognition(
-            check, core, self._base, self._starts.kernel, self._starts.free, all_copies)
+        self.recognition = Recognition(check, core, self._base, self._starts, all_copies)
         self.modes: list[Mode] = []
         self._rejected: list[Array] = []
         self.continuum: Continuum | None = None

@@ -235,7 +235,11 @@ def core_of(mechanism: Mechanism, held: Mapping[str, float], rods: list[Rod]) ->
                 out.append(rod)
                 distances.append((ends, length))
     gone = {i for rod in out for i in rod.lines}
-    locked = _locked(mechanism, held) - gone
+    # joints of which all coordinates are held, those of couplings apart
+    coupled = {mechanism.coordinate(name).joint for c in mechanism.closures for name in c.joints}
+    free = {c.joint for c in mechanism.coordinate_table.values() if c.name not in held}
+    locked = {i for i, name in enumerate(model.names)
+              if i and name not in free and name not in coupled and i not in gone}
     small, places, joints = _without(model, data, locked, gone)
     names = {f for c in mechanism.closures for f in (*c.frames, *c.between)}
     for name in sorted(names):
@@ -286,14 +290,6 @@ def _of_given_length(
         return ()  # it carries something, or hangs together by a closure
     is_loose = mechanism.pairs[roots[0] - 1] == "floating"
     return ends if is_loose != bool(hanging) else ()
-
-
-def _locked(mechanism: Mechanism, held: Mapping[str, float]) -> set[int]:
-    """Return the joints of which all coordinates are held, those of couplings apart."""
-    coupled = {mechanism.coordinate(name).joint for c in mechanism.closures for name in c.joints}
-    free = {c.joint for c in mechanism.coordinate_table.values() if c.name not in held}
-    return {i for i, name in enumerate(mechanism.model.names)
-            if i and name not in free and name not in coupled}
 
 
 def _without(

@@ -106,13 +106,6 @@ def _mark_events(figure: Figure, motion: Motion, name: str, unit: str) -> None:
                       ncols=len(handles), fontsize=9, frameon=False, handlelength=2.4)
 
 
-def _moves(motion: Motion, name: str) -> bool:
-    """Whether an output changes by more than round-off."""
-    values, _, unit = motion.output(name)
-    size = motion.mechanism.characteristic_length if unit == "m" else 1.0
-    return len(values) > 0 and np.ptp(values, axis=0).max() > TOLERANCES.nothing * size
-
-
 def default_outputs(motion: Motion) -> list[str]:
     """Return the outputs of a motion that an engineer looks at first, one to three.
 
@@ -134,7 +127,12 @@ def default_outputs(motion: Motion) -> list[str]:
     heavy = [x for x in links if x in mechanism.inertias and mechanism.inertias[x].mass > 0.0]
     bodies = [f"{x}.com.position" for x in heavy] or [f"{x}.position" for x in links]
     for candidates in (grounded, joints, bodies[::-1]):  # the last link of the tree first
-        moving = [name for name in candidates if _moves(motion, name)]
+        moving = []  # by more than round-off
+        for name in candidates:
+            values, _, unit = motion.output(name)
+            size = mechanism.characteristic_length if unit == "m" else 1.0
+            if len(values) and np.ptp(values, axis=0).max() > TOLERANCES.nothing * size:
+                moving.append(name)
         if moving:
             return moving[:MOST_OUTPUTS]
     return [swept or next(iter(mechanism.coordinates))]

@@ -50,10 +50,16 @@ class _Handler(BaseHTTPRequestHandler):
     timeout = 10  # a connection that says nothing is closed [s]
 
     def do_GET(self) -> None:
-        """Send the page."""
+        """Send the page to who calls us by our name: another site may have its own lead here.
+
+        A page without a service may be seen through a tunnel, whose port is another.
+        """
+        name, _, port = self.headers.get("Host", "").partition(":")
+        is_ours = self._host() is not None or (
+            self.server.service is None and name in NAMES and (not port or port.isdigit()))
         if self.path.partition("?")[0] != "/":
             self.send_error(404)
-        elif not self._is_called_by_our_name():
+        elif not is_ours:
             self.send_error(403, explain=f"The address of this page is {self.server.url}")
         else:
             self._send("text/html", self.server.body)
@@ -74,16 +80,6 @@ class _Handler(BaseHTTPRequestHandler):
                 return
             answer = _answer(service, self.rfile.read(length))
             self._send("application/json", json.dumps(answer, allow_nan=False).encode())
-
-    def _is_called_by_our_name(self) -> bool:
-        """Whether the page may be read: another site may have its own name lead here to do so.
-
-        A page without a service may be seen through a tunnel, whose port is another.
-        """
-        if self.server.service is not None:
-            return self._host() is not None
-        name, _, port = self.headers.get("Host", "").partition(":")
-        return name in NAMES and (not port or port.isdigit())
 
     def _host(self) -> str | None:
         """Return the name we were called by; None for one that is not ours."""
