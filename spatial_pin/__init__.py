@@ -69,7 +69,7 @@ if TYPE_CHECKING:
     from spatial_pin.mobility.assembly_modes import assembly_modes
     from spatial_pin.mobility.grashof import Grashof, grashof
     from spatial_pin.mobility.idle_freedoms import PassiveFreedom
-    from spatial_pin.mobility.loops import Loop
+    from spatial_pin.mobility.independent_loops import Loop
     from spatial_pin.mobility.mode_list import AssemblyModes, Continuum
     from spatial_pin.motion.dead_centres import dead_centres
     from spatial_pin.motion.follow import follow
@@ -140,7 +140,7 @@ _ON_USE = {
     "inverse_kinematics.targets": "Target",
     "mobility.grashof": "Grashof grashof",
     "mobility.idle_freedoms": "PassiveFreedom",
-    "mobility.loops": "Loop",
+    "mobility.independent_loops": "Loop",
     "mobility.mode_list": "AssemblyModes Continuum",
     "mobility.assembly_modes": "assembly_modes",
     "motion.dead_centres": "dead_centres",

@@ -42,7 +42,7 @@ class _Option(NamedTuple):
     kind: str  # of names of the mechanism, "" for none
 
 
-class _Command(NamedTuple):
+class _CommandWords(NamedTuple):
     """A command: its help, whether a mechanism comes next, and kinds of the words behind that."""
 
     name: str
@@ -77,8 +77,8 @@ def script(shell: str, parsers: Mapping[str, argparse.ArgumentParser]) -> str:
         behind = words[1:] if takes_mechanism else []
         kinds = [kind_of(action) for action in behind] or [""]
         rest = kinds[-1] if behind and behind[-1].nargs in ("*", "+") else ""
-        commands.append(_Command(name, parser.description or "", takes_mechanism, tuple(options),
-                                 kinds[0], rest))
+        commands.append(_CommandWords(name, parser.description or "", takes_mechanism,
+                                      tuple(options), kinds[0], rest))
     return SHELLS[shell](commands, list_mechanisms())
 
 
@@ -87,13 +87,13 @@ def kind_of(action: argparse.Action) -> str:
     return CALLED.get(action.metavar or "") or NAMED.get(action.dest, "")
 
 
-def _values(words: list[_Command], line: Callable[[str, _Option], str]) -> str:
+def _values(words: list[_CommandWords], line: Callable[[str, _Option], str]) -> str:
     """Return a line for each option of each command that a value follows."""
     return "\n".join(line(f'"{word.name} {option.flag}")', option)
                      for word in words for option in word.options if option.takes_value)
 
 
-def _places(words: list[_Command], first: int, line: Callable[[str, str], str]) -> str:
+def _places(words: list[_CommandWords], first: int, line: Callable[[str, str], str]) -> str:
     """Return a line for each word behind the mechanism, of which `first` is the number."""
     patterns = {f'"{first} {word.name}")': word.first for word in words} | {
         f'*" {word.name}")': word.rest for word in words}
@@ -107,7 +107,7 @@ def _filled(shell: str, mechanisms: list[str], **parts: str) -> str:
     return re.sub("@([A-Z]+)@", lambda mark: parts[mark[1]], template)
 
 
-def _bash(words: list[_Command], mechanisms: list[str]) -> str:
+def _bash(words: list[_CommandWords], mechanisms: list[str]) -> str:
     taking = [word.name for word in words if word.takes_mechanism]
     values = _values(words, lambda at, option: f'        {at} kind="{option.kind}"; '
                      f'words="{" ".join(option.choices)}"; value=yes ;;')
@@ -118,7 +118,7 @@ def _bash(words: list[_Command], mechanisms: list[str]) -> str:
                    TAKING="|".join(f'"2 {name}"' for name in taking))
 
 
-def _zsh(words: list[_Command], mechanisms: list[str]) -> str:
+def _zsh(words: list[_CommandWords], mechanisms: list[str]) -> str:
     taking = [word.name for word in words if word.takes_mechanism]
     texts = {word.name: word.text.replace(":", "\\:") for word in words}
     described = "\n".join(f"        {_quoted(f'{name}:{text}')}" for name, text in texts.items())
@@ -132,7 +132,7 @@ def _zsh(words: list[_Command], mechanisms: list[str]) -> str:
                    COMMANDS=described, TAKING="|".join(f'"3 {name}"' for name in taking))
 
 
-def _fish(words: list[_Command], mechanisms: list[str]) -> str:
+def _fish(words: list[_CommandWords], mechanisms: list[str]) -> str:
     taking = [word.name for word in words if word.takes_mechanism]
     start = "complete -c spatial-pin"
     lines = ["# Completion of spatial-pin; in ~/.config/fish/config.fish:",
@@ -165,7 +165,7 @@ def _quoted(text: str) -> str:
 
 
 # To add a shell: a function of the commands and the mechanisms' names that returns its script.
-SHELLS: dict[str, Callable[[list[_Command], list[str]], str]] = {
+SHELLS: dict[str, Callable[[list[_CommandWords], list[str]], str]] = {
     "bash": _bash, "zsh": _zsh, "fish": _fish,
 }
 

@@ -19,7 +19,7 @@ from spatial_pin.assembly.passive_freedoms import (
 )
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
-from spatial_pin.mobility.loops import ALGEBRA_TOLERANCE
+from spatial_pin.mobility.independent_loops import ALGEBRA_TOLERANCE
 from spatial_pin.numerics.linalg import Array, common_rows, decompose, null_space
 from spatial_pin.numerics.tolerances import TOLERANCES
 

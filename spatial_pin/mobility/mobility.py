@@ -20,7 +20,7 @@ from spatial_pin.mechanism.coordinates import driver_coordinates, finite_array, 
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mobility.finite_motions import finite_freedom, finite_motions
 from spatial_pin.mobility.idle_freedoms import PassiveFreedom, described, idle_freedoms
-from spatial_pin.mobility.loops import ALGEBRA_TOLERANCE, Loop, loop_of
+from spatial_pin.mobility.independent_loops import ALGEBRA_TOLERANCE, Loop, loop_of
 from spatial_pin.numerics.linalg import (
     Array,
     common_rows,

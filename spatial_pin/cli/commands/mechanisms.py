@@ -10,8 +10,8 @@ from typing import Any
 
 import spatial_pin as sp
 from spatial_pin._support.brief import counted
-from spatial_pin.cli.arguments import loaded
 from spatial_pin.cli.completion import SHELLS, script
+from spatial_pin.cli.mechanism_arguments import loaded
 from spatial_pin.cli.new_files import write_from, write_new
 from spatial_pin.cli.options import Command, data_options, option, package
 from spatial_pin.cli.printing import WIDTH, on_screen, print_result, say

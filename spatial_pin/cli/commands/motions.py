@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 import spatial_pin as sp
-from spatial_pin.cli.arguments import (
+from spatial_pin.cli.mechanism_arguments import (
     RATES,
     as_far_as_found,
     check_names,

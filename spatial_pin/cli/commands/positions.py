@@ -7,7 +7,8 @@ import contextlib
 from typing import Any
 
 import spatial_pin as sp
-from spatial_pin.cli.arguments import (
+from spatial_pin.cli.commands.motions import look_of, write_followed
+from spatial_pin.cli.mechanism_arguments import (
     as_far_as_found,
     check_names,
     fitting,
@@ -16,7 +17,6 @@ from spatial_pin.cli.arguments import (
     loaded,
     unique,
 )
-from spatial_pin.cli.commands.motions import look_of, write_followed
 from spatial_pin.cli.options import (
     AT_HELP,
     CONFIGURATION,

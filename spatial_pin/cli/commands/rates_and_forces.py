@@ -11,7 +11,7 @@ import pinocchio as pin
 import spatial_pin as sp
 from spatial_pin._support.columns import Quantity, flat
 from spatial_pin.assembly.holding import held_by
-from spatial_pin.cli.arguments import (
+from spatial_pin.cli.mechanism_arguments import (
     along,
     check_names,
     held,

@@ -9,7 +9,8 @@ from typing import Any
 
 import spatial_pin as sp
 from spatial_pin._support.outputs import write_columns
-from spatial_pin.cli.arguments import (
+from spatial_pin.cli.goal_files import check_bounds, read_goals
+from spatial_pin.cli.mechanism_arguments import (
     as_far_as_found,
     check_held,
     fitting,
@@ -20,7 +21,6 @@ from spatial_pin.cli.arguments import (
     unique,
     workers,
 )
-from spatial_pin.cli.goal_files import check_bounds, read_goals
 from spatial_pin.cli.options import (
     GUESS,
     SPRINGS_HELP,

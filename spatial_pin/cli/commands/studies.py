@@ -10,7 +10,8 @@ import numpy as np
 import spatial_pin as sp
 from spatial_pin._support.columns import heading
 from spatial_pin.accuracy.tradeoff_view import table
-from spatial_pin.cli.arguments import (
+from spatial_pin.cli.commands.motions import beginning, sweep_task
+from spatial_pin.cli.mechanism_arguments import (
     along,
     as_far_as_found,
     held,
@@ -21,7 +22,6 @@ from spatial_pin.cli.arguments import (
     unique,
     workers,
 )
-from spatial_pin.cli.commands.motions import beginning, sweep_task
 from spatial_pin.cli.options import (
     CONFIGURATION,
     RATE_OPTIONS,

@@ -48,7 +48,7 @@ STOPS = {
 }
 
 
-class Stop(NamedTuple):
+class JogStop(NamedTuple):
     """Where a driver cannot go on.
 
     Attributes:
@@ -72,7 +72,7 @@ class Reach(NamedTuple):
     """
 
     ends: tuple[float, float]
-    stops: tuple[Stop | None, Stop | None]
+    stops: tuple[JogStop | None, JogStop | None]
     q: Array
 
 
@@ -143,7 +143,7 @@ class Jog:
         unit = self._coordinates[name].unit
         return TURN if unit == "rad" else DRAGGED * self.mechanism.characteristic_length
 
-    def move(self, name: str, value: float) -> Stop | None:
+    def move(self, name: str, value: float) -> JogStop | None:
         """Move a driver to a value [rad or m], or as far as it goes; the others are held.
 
         Returns:
@@ -185,7 +185,7 @@ class Jog:
         except SpatialPinError as error:
             return getattr(error, "motion", None)
 
-    def _joint_limit(self, name: str, values: Array, motion: Motion | None) -> Stop | None:
+    def _joint_limit(self, name: str, values: Array, motion: Motion | None) -> JogStop | None:
         """Return the first joint limit on the way through values of a driver, if they are kept.
 
         A joint that is beyond its limit from the start may come back, but go no further.
@@ -198,13 +198,13 @@ class Jog:
             near = end - float(np.copysign(before, values[-1] - values[0]))
             if (near - last) * (values[-1] - values[0]) > 0.0:
                 motion = self._followed(name, np.append(motion.swept, near)) or motion
-        start, stops = float(motion.swept[0]), list[Stop]()
+        start, stops = float(motion.swept[0]), list[JogStop]()
         for passing in joint_limits_passed(motion):
             room = passing.limit.room(motion.q[:2])
             if passing.where:
-                stops.append(Stop("joint limit", passing.value, passing.limit.name))
+                stops.append(JogStop("joint limit", passing.value, passing.limit.name))
             elif room[-1] < room[0]:
-                stops.append(Stop("joint limit", start, passing.limit.name))
+                stops.append(JogStop("joint limit", start, passing.limit.name))
         return min(stops, key=lambda stop: abs(stop.value - start), default=None)
 
     @contextlib.contextmanager
@@ -218,7 +218,7 @@ class Jog:
                 kernel_of(self.mechanism) as kernel:
             yield Cursor(Start(state, driven, None, self._accuracy, kernel, evaluation))
 
-    def _go(self, cursor: Cursor, value: float) -> Stop | None:
+    def _go(self, cursor: Cursor, value: float) -> JogStop | None:
         """Follow a branch to a value, straight on where it crosses another one."""
         for _ in range(MOST_BRANCH_POINTS):
             try:
@@ -236,7 +236,7 @@ class Jog:
                         self.state = State(self.mechanism, arrival.q, angles=evaluation.angles,
                                            closure_error=evaluation.closure_error)
                     kind = "limit" if arrival.runs_away else arrival.kind
-                    return Stop(kind, float(arrival.value))
+                    return JogStop(kind, float(arrival.value))
                 cursor.stand(found.place(value))
             if cursor.here.s == value:
                 break
@@ -264,13 +264,13 @@ class Jog:
         q = np.concatenate([lower[2][::-1], self.state.q[None], upper[2]])
         return Reach((lower[0], upper[0]), (lower[1], upper[1]), q)
 
-    def _way(self, name: str, end: float, rows: int) -> tuple[float, Stop | None, Array]:
+    def _way(self, name: str, end: float, rows: int) -> tuple[float, JogStop | None, Array]:
         """Return how far a driver comes on the way to a value, what stops it, and the samples."""
         start = float(self._regular.q[self._coordinates[name].q])
         values = np.linspace(start, end, rows)
         motion = self._followed(name, values)
         if motion is None:
-            return start, Stop("lost", start), self.state.q[None]
+            return start, JogStop("lost", start), self.state.q[None]
         limit = self._joint_limit(name, values, motion)
         if limit is not None:
             there = np.abs(motion.swept - start) <= abs(limit.value - start)
@@ -278,7 +278,7 @@ class Jog:
         if len(motion) == rows:
             return end, None, motion.q
         event = motion.events[-1]
-        return event.value, Stop(event.kind, event.value), motion.q
+        return event.value, JogStop(event.kind, event.value), motion.q
 
 
 # ---------------------------------------------------------------- dragging

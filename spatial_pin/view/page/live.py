@@ -28,7 +28,7 @@ from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.outputs import is_force
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.page.html import filled, packed_script, page, parts_of
-from spatial_pin.view.page.jog import STOPS, Grip, Jog, Reach, Stop, pulled
+from spatial_pin.view.page.jog import STOPS, Grip, Jog, JogStop, Reach, pulled
 from spatial_pin.view.page.plots import NO_RATES, growing_curves, points_now
 from spatial_pin.view.page.server import Service, Viewer, open_in_browser
 from spatial_pin.view.scene.film import Film, as_motion, film, length_words, reading, unit_of_length
@@ -70,7 +70,7 @@ class Dial(NamedTuple):
         number = f"{value / self.size:z.{self.digits}f}".replace("-", "−")
         return f"{self.name} = {number}{self.unit}"
 
-    def stop(self, stop: Stop) -> str:
+    def stop(self, stop: JogStop) -> str:
         """Return what is in the way, and where."""
         of = f" of {stop.of}" if stop.of else ""
         return f"{STOPS[stop.kind]}{of}: {self.words(stop.value)}"
@@ -261,7 +261,7 @@ def _signals(jog: Jog) -> list[Signal]:
     return signals(film(jog.state))
 
 
-def _stopped(dial: Dial, stop: Stop | None) -> Answer:
+def _stopped(dial: Dial, stop: JogStop | None) -> Answer:
     """Return what is told of what is in the way."""
     if stop is None:
         return {}
