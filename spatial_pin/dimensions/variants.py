@@ -443,7 +443,7 @@ class TracedTree:
                        parameters={**m.parameters, **dimensions})
         other.__dict__["dimensions"] = {**m.dimensions, **dimensions}
         if isinstance(m.guess, Values):
-            other.__dict__["guess"] = partial(m.guess.written.values, dict(dimensions))
+            other.__dict__["guess"] = partial(m.guess.at, dict(dimensions))
         return other
 
     def _limits_at(self, numbers: Array) -> Iterator[tuple[tuple[str, int], Array]]:

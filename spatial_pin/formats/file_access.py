@@ -54,11 +54,7 @@ def is_file(path: Path) -> bool:
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a UTF-8 file.
-
-    Raises:
-        MechanismFileError: it cannot be read, or is not UTF-8.
-    """
+    """Return the text of a UTF-8 file."""
     check_file(path)
     try:
         return path.read_text(encoding="utf-8").removeprefix("\ufeff")  # the mark of its order

@@ -99,11 +99,6 @@ def with_free_flyer(urdf: str, path: Path, refined: Container[str] = ()) -> str:
     A new link, `world`, becomes the root (`ground` where a link has that name): closures to what
     stands still name it. What a file fixes to its root link goes with it.
 
-    Args:
-        urdf: plain URDF text of a tree.
-        path: where it comes from, for errors.
-        refined: names of floating joints that are another pair in truth.
-
     Raises:
         MechanismFileError: all that the root carries floats already.
     """
@@ -244,9 +239,6 @@ def load_expanded(mechanism: Mechanism, parameters: Mapping[str, float], urdf: s
         mechanism: it was loaded from the file.
         parameters: values of xacro arguments that change [SI, rad].
         urdf: what the xacro file expands to with them.
-
-    Raises:
-        MechanismFileError: as `load`.
     """
     m = mechanism
     assert m.path is not None
@@ -272,12 +264,7 @@ def _loaded(request: Request) -> Mechanism:
 
 
 def _folders(packages: Mapping[str, str | Path]) -> dict[str, Path]:
-    """Return the folders of packages, absolute.
-
-    Raises:
-        TypeError: they are no folders by name.
-        MechanismFileError: one is not there.
-    """
+    """Return the folders of packages, absolute."""
     if not isinstance(packages, Mapping):
         raise TypeError(f"packages are folders by name, not {packages!r}")
     folders = {}
@@ -329,11 +316,7 @@ def _load_toml(request: Request) -> Mechanism:
 
 
 def _choosing_model(request: Request, file: Path, importer: Importer) -> Request:
-    """Return a request whose `model` chooses among several; elsewhere it is a xacro argument.
-
-    Raises:
-        MechanismFileError: there is nothing to choose from.
-    """
+    """Return a request whose `model` chooses among several; elsewhere it is a xacro argument."""
     if request.model is None or importer.has_models:
         return request
     if file.suffix == ".xacro":
@@ -358,11 +341,7 @@ def _empty_arguments(request: Request) -> list[str]:
 
 
 def _tree_of(top: TomlTable, request: Request) -> Path:
-    """Return the file of the tree.
-
-    Raises:
-        MechanismFileError: it is not there or may not be read, or none is named.
-    """
+    """Return the file of the tree."""
     name = top.text("tree")
     file = request.path.parent / name
     try:

@@ -24,7 +24,7 @@ from spatial_pin.formats.urdf.urdf_model import (
     OpenTree,
     tree_of,
 )
-from spatial_pin.formats.xacro.arguments import Written, dimensions
+from spatial_pin.formats.xacro.arguments import Values, dimensions
 from spatial_pin.mechanism.checks import check_mechanism, impossible_inertias
 from spatial_pin.mechanism.coordinates import check_guess
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -143,11 +143,7 @@ class MechanismSpec:
 def mechanism_of(
     top: TomlTable, file: Path, urdf: str, request: Request, faults: Faults
 ) -> Mechanism:
-    """Return the mechanism of the expanded URDF of `file` and the table of the file asked for.
-
-    Raises:
-        MechanismFileError: it is none; has all mistakes that could be found at once.
-    """
+    """Return the mechanism of the expanded URDF of `file` and the table of the file asked for."""
     mistakes = Mistakes(top.where)
     spec = MechanismSpec(top, mistakes)
     if not spec.is_whole["joints"]:
@@ -182,9 +178,9 @@ def _build(
         parts["drivers"] = drivers_of_tree(joints, parts["closures"])
     with_dimensions = file, dict(request.parameters), request.trusted, request.packages
     parts["dimensions"] = partial(dimensions, *with_dimensions)  # read when they are asked for
-    written = Written(parts.pop("guess"), request.path, "guess", *with_dimensions)
+    guess = parts.pop("guess")
     with mistakes.each():
-        parts["guess"] = written.values()
+        parts["guess"] = Values(guess, request.path, "guess", *with_dimensions)
     mechanism = Mechanism(
         name=top.content.get("name", ""), tree=file, model=tree.model,
         visual_model=partial(tree.shapes, "visual"),

@@ -18,11 +18,7 @@ _LONG_KEY = re.compile(rf"(?<![\w-])[\w-]++(?:[ \t]*+\.[ \t]*+[\w-]++){{{DEEPEST
 
 
 def parse_toml(text: str, path: Path) -> dict[str, Any]:
-    """Return the tables of TOML text; `path` is where it comes from.
-
-    Raises:
-        MechanismFileError: it is not valid, or nested too deeply.
-    """
+    """Return the tables of TOML text; `path` is where it comes from."""
     long = _LONG_KEY.search(_TEXTS.sub(lambda found: "" if found[1] else "_", text))
     if long:
         raise MechanismFileError(f"{shown(path)}: a key of more than {DEEPEST_KEY} names: "

@@ -37,9 +37,6 @@ def read_urdf(request: Request, beside: Path | None = None) -> Imported:
     Args:
         request: the file.
         beside: the file that states its loops, if that is known; else it is looked for.
-
-    Raises:
-        MechanismFileError: it cannot be read, or joins links in a way that is not known.
     """
     text = request.expanded
     if text is None:
@@ -76,11 +73,7 @@ def is_statement(path: Path) -> bool:
 
 
 def read_folder(request: Request) -> Imported:
-    """Read the robot of a folder: that of its `robot.yaml`, or of its only one, or its only URDF.
-
-    Raises:
-        MechanismFileError: there is none, or several and none is named `robot` or as the folder.
-    """
+    """Read the robot of a folder: that of its `robot.yaml`, or its only URDF."""
     folder, trust = request.path, _trust(request)
     stated = [p for ending in yaml_loops.ENDINGS for p in sorted(folder.glob(f"*{ending}"))
               if trust.allows(p) and yaml_loops.is_robot(p)]
@@ -90,11 +83,7 @@ def read_folder(request: Request) -> Imported:
 
 
 def read_statement(request: Request) -> Imported:
-    """Read the robot of a YAML file.
-
-    Raises:
-        MechanismFileError: it is about no file that is there.
-    """
+    """Read the robot of a YAML file."""
     path = request.path
     if yaml_loops.is_closures(path):
         folder = path.parent.parent if path.parent.name == "config" else path.parent

@@ -142,9 +142,6 @@ def read_dialects(reading: RobotReading, beside: Path | None = None) -> None:
     Args:
         reading: the robot.
         beside: a file beside it, if that is known; else it is looked for.
-
-    Raises:
-        MechanismFileError: an element joins links in a way that is not known, or cannot be read.
     """
     for element in reading.take(lambda e: local(e) == "joint" and is_prefixed(e)):
         drake.read_joint(element, reading)

@@ -43,11 +43,7 @@ from spatial_pin.numerics.linalg import Array
 
 
 def table_of(path: Path) -> dict[str, Any]:
-    """Return the table that a YAML file holds; an empty one where it holds something else.
-
-    Raises:
-        MechanismFileError: it cannot be read.
-    """
+    """Return the table that a YAML file holds; an empty one where it holds something else."""
     from spatial_pin.formats.xacro.yaml_files import read_yaml  # on use: yaml takes 20 ms to import
 
     content = read_yaml(path, float)
@@ -56,17 +52,7 @@ def table_of(path: Path) -> dict[str, Any]:
 
 def lists_of(table: dict[str, Any], keys: tuple[str, ...], names: tuple[str, ...],
              path: Path) -> dict[str, list[Any]]:
-    """Return the lists of a table, empty where a key is missing.
-
-    Args:
-        table: what the file says.
-        keys: of the lists that it may have.
-        names: those of them that are lists of names.
-        path: of the file.
-
-    Raises:
-        MechanismFileError: one is no list, or not of names, or there is another key.
-    """
+    """Return the lists of a table, empty where a key is missing."""
     for key, value in table.items():
         if key not in keys:
             raise MechanismFileError(f"{shown(path)}: {str(key)[:60]} is not a key of such a file; "
@@ -104,9 +90,6 @@ def urdf_of(path: Path, trust: Trust | None = None) -> Path:
     Args:
         path: the file.
         trust: which files it may name; None: those of its folder.
-
-    Raises:
-        MechanismFileError: there is none, or several and none is named.
     """
     table = table_of(path)
     named = next((table[key] for key in URDF if isinstance(table.get(key), str)), None)
@@ -149,11 +132,7 @@ def tell_unstated(reading: RobotReading) -> None:
 
 
 def read_robot(path: Path, reading: RobotReading) -> None:
-    """Read a `robot.yaml`.
-
-    Raises:
-        MechanismFileError: it names what does not exist, or a type that is not known.
-    """
+    """Read a `robot.yaml`."""
     table = {key: value for key, value in table_of(path).items() if key not in URDF}
     lists = lists_of(table, (SOURCE, *ROBOT_NAMES), ROBOT_NAMES, path)
     _read_types(lists, path, reading)
@@ -236,11 +215,7 @@ def is_closures(path: Path) -> bool:
 
 
 def read_closures(path: Path, reading: RobotReading) -> None:
-    """Read a `loop_closures.yaml`.
-
-    Raises:
-        MechanismFileError: it names what does not exist, or has other keys.
-    """
+    """Read a `loop_closures.yaml`."""
     table = {key: value for key, value in table_of(path).items() if key not in LIMITS}
     lists = lists_of(table, (*LOOPS, *CLOSURE_NAMES), CLOSURE_NAMES, path)
     loops = [entry for key in LOOPS for entry in lists[key] if isinstance(entry, dict)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -24,10 +24,8 @@ from spatial_pin.formats.urdf.elements import (
 )
 from spatial_pin.mechanism.pairs import PAIRS, axes_from_z
 from spatial_pin.numerics.angles import whole_turns
-from spatial_pin.numerics.linalg import Array
 
 DRAWN = 100.0  # roundings of the file that links may be drawn away from their joints
-_Coordinates = Callable[[GraphJoint, pin.SE3], tuple[list[float], pin.SE3]]
 
 
 def drawn(tree: SpanningTree) -> tuple[dict[str, Any], list[str]]:
@@ -58,73 +56,36 @@ def drawn(tree: SpanningTree) -> tuple[dict[str, Any], list[str]]:
 
 
 def coordinates_at(joint: GraphJoint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
-    """Return a joint's coordinates nearest to a placement of its frames, and that they give.
-
-    Args:
-        joint: the joint, of a pair that a tree can have.
-        relative: placement of its frame on the child in its frame on the parent.
-    """
-    values, reached = _OF_PAIR[joint.type](joint, relative)
-    return [float(x) for x in values], reached
-
-
-def _turn(axis: Array, relative: pin.SE3) -> float:
-    """Return the angle about an axis that comes nearest to a rotation."""
-    across = axes_from_z(axis)
+    """Return a joint's coordinates nearest to a placement of its frames, and that they give."""
+    pair, shift = joint.type, relative.translation
+    if pair in ("spherical", "floating"):
+        vector = pin.log3(relative.rotation)
+        if pair == "floating":
+            return [*shift.tolist(), *vector.tolist()], relative
+        return vector.tolist(), pin.SE3(pin.exp3(vector), np.zeros(3))
+    if pair == "universal":
+        one, two, third = joint.axis, joint.axis2, np.cross(joint.axis, joint.axis2)
+        pin2, pin1 = relative.rotation @ two, relative.rotation.T @ one
+        first = math.atan2(pin2 @ third, pin2 @ two)
+        second = math.atan2(pin1 @ third, pin1 @ one)
+        turn = pin.exp3(first * one) @ pin.exp3(second * two)
+        return [first, second], pin.SE3(turn, np.zeros(3))
+    across = axes_from_z(joint.axis)  # its z is the axis that all others turn about or slide along
     turned = across.T @ relative.rotation @ across
-    return math.atan2(turned[1, 0] - turned[0, 1], turned[0, 0] + turned[1, 1])
-
-
-def _placed(rotation: Array, translation: Array) -> pin.SE3:
-    return pin.SE3(pin.exp3(rotation), translation)
-
-
-def _on_axis(turns: bool, slides: bool) -> _Coordinates:
-    """Return the coordinates of a pair that may turn about its axis, slide along it, or both."""
-
-    def found(joint: GraphJoint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
-        angle = _turn(joint.axis, relative) if turns else 0.0
-        slide = joint.axis @ relative.translation if slides else 0.0
-        return [angle] * turns + [slide] * slides, _placed(angle * joint.axis, slide * joint.axis)
-
-    return found
-
-
-def _screw_coordinates(joint: GraphJoint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
-    angle = _turn(joint.axis, relative)
-    if joint.lead:  # the slide tells how many turns
-        slide = joint.axis @ relative.translation
-        angle += whole_turns(2.0 * math.pi * slide / joint.lead - angle)
-    return [angle], _placed(angle * joint.axis, angle / (2.0 * math.pi) * joint.lead * joint.axis)
-
-
-def _planar_coordinates(joint: GraphJoint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
-    angle = _turn(joint.axis, relative)
-    x, y, _ = axes_from_z(joint.axis).T
-    at = [x @ relative.translation, y @ relative.translation]
-    return [*at, angle], _placed(angle * joint.axis, at[0] * x + at[1] * y)
-
-
-def _universal_coordinates(joint: GraphJoint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
-    one, two, third = joint.axis, joint.axis2, np.cross(joint.axis, joint.axis2)
-    pin2, pin1 = relative.rotation @ two, relative.rotation.T @ one
-    first = math.atan2(pin2 @ third, pin2 @ two)
-    second = math.atan2(pin1 @ third, pin1 @ one)
-    return [first, second], pin.SE3(pin.exp3(first * one) @ pin.exp3(second * two), np.zeros(3))
-
-
-def _spherical_coordinates(joint: GraphJoint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
-    vector = pin.log3(relative.rotation)
-    return list(vector), _placed(vector, np.zeros(3))
-
-
-_OF_PAIR: dict[str, _Coordinates] = {
-    "fixed": _on_axis(False, False), "revolute": _on_axis(True, False),
-    "prismatic": _on_axis(False, True), "cylindrical": _on_axis(True, True),
-    "screw": _screw_coordinates, "planar": _planar_coordinates, "universal": _universal_coordinates,
-    "spherical": _spherical_coordinates,
-    "floating": lambda _, placed: ([*placed.translation, *pin.log3(placed.rotation)], placed),
-}
+    x, y, slide = across.T @ shift
+    angle = 0.0
+    if pair not in ("fixed", "prismatic"):
+        angle = math.atan2(turned[1, 0] - turned[0, 1], turned[0, 0] + turned[1, 1])
+    if pair == "screw":
+        if joint.lead:  # the slide tells how many turns
+            angle += whole_turns(2.0 * math.pi * slide / joint.lead - angle)
+        slide = angle / (2.0 * math.pi) * joint.lead
+    coordinates = {"fixed": [], "revolute": [angle], "screw": [angle], "prismatic": [slide],
+                   "cylindrical": [angle, slide], "planar": [x, y, angle]}[pair]
+    along = {"planar": [x, y, 0.0], "fixed": [0.0] * 3, "revolute": [0.0] * 3}.get(
+        pair, [0.0, 0.0, slide])
+    reached = pin.SE3(pin.exp3(angle * joint.axis), across @ np.array(along))
+    return [float(value) for value in coordinates], reached
 
 
 BASE = "root_joint"  # the joint that lets a base float, as Pinocchio names it

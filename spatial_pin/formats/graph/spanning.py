@@ -188,12 +188,7 @@ class SpanningTree:
         self.cut = tuple(joint for joint in self.graph.joints if joint.name not in tree)
 
     def _grow(self, roots: Sequence[str], directed: bool) -> None:
-        """Let the tree grow from links that it has not reached, until nothing more is joined to it.
-
-        Args:
-            roots: the links.
-            directed: whether joints are to be taken from parent to child where possible.
-        """
+        """Let the tree grow from links, if it has not reached them, as far as joints lead."""
         edges: list[tuple[Any, ...]] = []
 
         def look_round(link: str, depth: int) -> None:

@@ -33,13 +33,6 @@ def without_loops(
 ) -> Imported | None:
     """Return a URDF with its loops cut, and what a mechanism file then says beside it.
 
-    Args:
-        urdf: plain URDF text.
-        content: what a mechanism file says beside it.
-        refinements: what it says of joints.
-        path: where the URDF comes from.
-        faults: notes what is wrong in it and can be lived with.
-
     Returns:
         None where there is no loop, or where the URDF cannot be used for other reasons.
 

@@ -56,18 +56,9 @@ def compiled(
 ) -> tuple[Any, dict[str, MeshFile], set[str], list[str]]:
     """Let MuJoCo compile an MJCF file.
 
-    Args:
-        path: the file.
-        trust: which files it may name.
-        without: names or types of elements and joints that are left out.
-
     Returns:
         `mujoco.MjModel`; the file of every mesh asset by its name; names of bodies whose inertia is
         not known, for want of meshes; what was changed or left out.
-
-    Raises:
-        MechanismFileError: there is no `mujoco`, or it cannot compile the file, or the file names
-            others that may not be read.
     """
     try:
         import mujoco
@@ -152,11 +143,7 @@ def _copies(path: Path, main: Path, trust: Trust, seen: dict[Path, None]) -> flo
 
 
 def _opened_at_once(element: ET.Element, path: Path, main: Path, trust: Trust) -> list[Path]:
-    """Return the files that MuJoCo may open for an element as it reads, not when it compiles.
-
-    Raises:
-        MechanismFileError: one may not be read, or is no file; MuJoCo would wait for a pipe.
-    """
+    """Return the files that MuJoCo may open for an element as it reads, not when it compiles."""
     name = element.get("file", "") if element.tag in (*TREES, "flexcomp") else ""
     if element.tag == "config" and re.search(r"[/\\]|^\.\.$", element.get("value", "")):
         name = element.get("value", "")  # of a plugin, which does with it what it likes

@@ -64,13 +64,7 @@ class MjcfDocument:
         return self.site(name, joint, placement)
 
     def site(self, wanted: str, joint: int, placement: pin.SE3) -> str:
-        """Return the name of a site on the body of a tree joint, that of the wanted name if it is.
-
-        Args:
-            wanted: its name; a number is added where another site has it.
-            joint: of the body.
-            placement: in the body.
-        """
+        """Return the name of a site on the body of a tree joint, a new one if that is elsewhere."""
         same = self.sites.get(wanted)
         if (same is not None and same[0] == joint
                 and same[1].isApprox(placement, TOLERANCES.round_off)):
@@ -164,14 +158,7 @@ class MjcfJoint(NamedTuple):
 
 
 def parts_of(name: str, pair: str, axis: Array, axis2: Array) -> list[MjcfJoint]:
-    """Return the joints that a pair is made of, in order.
-
-    Args:
-        name: of the tree joint.
-        pair: its kind.
-        axis: (3,) its axis, if it has one.
-        axis2: (3,) its second pin, if it has one.
-    """
+    """Return the joints that a pair is made of, in order."""
     x, y, z = np.eye(3)
     if pair in ("revolute", "prismatic"):
         return [MjcfJoint(name, HINGE if pair == "revolute" else SLIDE, axis)]
@@ -191,11 +178,7 @@ def parts_of(name: str, pair: str, axis: Array, axis2: Array) -> list[MjcfJoint]
 
 
 def add_joints(document: MjcfDocument, i: int, body: ET.Element, q: Array) -> None:
-    """Add the joints of tree joint i to its body, and their values at q (nq,) to the key.
-
-    Raises:
-        SpatialPinError: a joint resists in each of its directions otherwise.
-    """
+    """Add the joints of tree joint i to its body, and their values at q (nq,) to the key."""
     mech, model = document.mechanism, document.mechanism.model
     name, pair, at = model.names[i], mech.pairs[i - 1], model.idx_qs[i]
     own = q[at:at + model.nqs[i]]

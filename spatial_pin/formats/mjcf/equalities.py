@@ -43,10 +43,6 @@ Connect = tuple[int, str, tuple[EqualityEnd, EqualityEnd]]  # a ball: its number
 def read_closures(reading: MjcfReading, where: str) -> list[dict[str, Any]]:
     """Return the loops of a model, and add their frames to its tree.
 
-    Args:
-        reading: the model.
-        where: the file, for errors.
-
     Raises:
         MechanismFileError: an equality has no exact counterpart; it is named.
     """

@@ -145,12 +145,7 @@ UNNAMED = "MuJoCo Model"  # what MuJoCo calls a model without a name
 
 
 def read(request: Request) -> Imported:
-    """Read an MJCF file.
-
-    Raises:
-        MechanismFileError: `mujoco` is not installed or refuses the file, or an equality has no
-            exact counterpart.
-    """
+    """Read an MJCF file."""
     trust = Trust.of(request.path, request.packages, request.trusted)
     model, meshes, massless, notices = compiled(request.path, trust, request.without)
     import mujoco

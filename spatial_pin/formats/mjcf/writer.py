@@ -99,15 +99,7 @@ COMPOSED = ("prismatic", "cylindrical", "planar", "universal", "screw")
 
 
 def add_closures(document: MjcfDocument, q: Array) -> None:
-    """Add an equality for every closure.
-
-    Args:
-        document: the document, its bodies in place.
-        q: (nq,) where the key is.
-
-    Raises:
-        ClosureTypeError: MuJoCo has no equality that is exactly that closure.
-    """
+    """Add an equality for every closure."""
     for closure in document.mechanism.closures:
         if closure.type == COUPLING:
             first, second = (document.mechanism.coordinate(name).name for name in closure.joints)

@@ -29,11 +29,7 @@ NAMED = ("link", "joint", "frame", "plugin")  # elements that an inner model bri
 
 
 def with_nested(model: ET.Element, where: str, version: tuple[int, int]) -> ET.Element:
-    """Return a model with the models within it, as one.
-
-    Raises:
-        MechanismFileError: one has no name or link, or something in it cannot be read.
-    """
+    """Return a model with the models within it, as one."""
     if model.find("model") is None:
         return model
     whole = ET.Element(model.tag, model.attrib)
@@ -115,11 +111,7 @@ SCENERY = ("model://sun", "model://ground_plane")
 
 
 def read(request: Request) -> Imported:
-    """Read an SDFormat file.
-
-    Raises:
-        MechanismFileError: it cannot be used; says which element and why.
-    """
+    """Read an SDFormat file."""
     path = request.path
     if request.parameters:
         raise MechanismFileError(f"{path}: parameters {sorted(request.parameters)} given, but only "

@@ -39,11 +39,7 @@ BODIES = ("A", "AP"), ("B", "BQ")  # of Drake's constraints: body and point on i
 
 
 def constraints(model: SdfModel) -> list[GraphJoint]:
-    """Return what holds links together beside joints.
-
-    Raises:
-        MechanismFileError: it names a link that does not exist, or is of a kind that is not read.
-    """
+    """Return what holds links together beside joints."""
     joints: dict[str, GraphJoint] = {}
     for element in model.model:
         joint = None

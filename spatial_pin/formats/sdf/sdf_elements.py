@@ -24,11 +24,7 @@ TRUE = ("1", "true")
 
 
 def number_list(text: str | None, count: int, where: str) -> Array:
-    """Return the `count` finite numbers of a text.
-
-    Raises:
-        MechanismFileError: there are more or fewer, or no numbers.
-    """
+    """Return the `count` finite numbers of a text."""
     try:
         return finite_numbers(text or "", count)
     except ValueError as wanted:
@@ -121,15 +117,7 @@ class SdfFrames:
         return self.table[name]
 
     def in_world(self, name: str, asking: str) -> pin.SE3:
-        """Return where a frame stands in the world.
-
-        Args:
-            name: of the frame.
-            asking: the element that asks, for errors.
-
-        Raises:
-            MechanismFileError: there is no such frame, or it is placed by itself.
-        """
+        """Return where a frame stands in the world."""
         way: dict[str, SdfFrame] = {}
         while name not in self._known and name not in (MODEL, *WORLDS):
             if name in way:
@@ -144,11 +132,7 @@ class SdfFrames:
         return at
 
     def link(self, name: str, asking: str, canonical: str) -> str:
-        """Return the link that a frame moves with, `WORLD` for the world's.
-
-        Raises:
-            MechanismFileError: there is none.
-        """
+        """Return the link that a frame moves with, `WORLD` for the world's."""
         way: dict[str, None] = {}
         while name not in WORLDS:
             if name == MODEL:
@@ -192,9 +176,6 @@ def link_elements(link: ET.Element, place_of: PlaceOf, where: str, left_out: lis
         place_of: gives the placement that a <pose> states, on the link.
         where: file and link, for errors.
         left_out: is added to, what URDF has no shape for.
-
-    Raises:
-        MechanismFileError: a number is none.
     """
     inertial, inside = link.find("inertial"), f"{where}: <inertial>"
     if inertial is not None and inertial.get("auto", "").lower() in TRUE:

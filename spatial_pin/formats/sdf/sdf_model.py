@@ -49,21 +49,13 @@ def is_detachable(plugin: ET.Element) -> bool:
 
 
 def refuse_include(where: str, uri: str) -> None:
-    """Refuse an <include>.
-
-    Raises:
-        MechanismFileError: always.
-    """
+    """Refuse an <include>."""
     raise MechanismFileError(f"{where}: <include> of {uri!r}: models that include others are not "
                              "read; write the included one in its place ('gz sdf -p' does so)")
 
 
 def unread(model: ET.Element, where: str) -> list[str]:
-    """Return the elements of a model that are not read and join nothing.
-
-    Raises:
-        MechanismFileError: one joins links, or includes a model.
-    """
+    """Return the elements of a model that are not read and join nothing."""
     for include in model.findall("include"):
         refuse_include(where, (include.findtext("uri") or "").strip())
     found = []

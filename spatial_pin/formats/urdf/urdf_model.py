@@ -373,11 +373,6 @@ def stated_limits(element: ET.Element, nq: int, nv: int) -> tuple[Array, ...]:
 
     One scalar of the URDF holds for every coordinate of the pair, except the position limits of
     a pair with several coordinates and those of a continuous joint, which are none.
-
-    Args:
-        element: the joint.
-        nq: entries of its pair in the configuration.
-        nv: entries of its pair in the velocity.
     """
     limit, dynamics, kind = element.find("limit"), element.find("dynamics"), element.get("type")
 

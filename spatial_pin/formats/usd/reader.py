@@ -19,11 +19,7 @@ SINGLE_PRECISION = 1e-6  # of numbers of 32 bits, after a few of them were put t
 
 
 def read_stage(request: Request) -> Imported:
-    """Read a stage.
-
-    Raises:
-        MechanismFileError: it cannot be used.
-    """
+    """Read a stage."""
     with quietly(request.path):
         trust = Trust.of(request.path, request.packages, request.trusted)
         stage = open_stage(request.path, trust)

@@ -21,17 +21,7 @@ PHYSX, NEWTON, EQUALITY = "PhysxMimicJointAPI", "NewtonMimicAPI", "MjcEqualityJo
 def mimics(
     stage: UsdStage, prim: Any, name: str, of_path: Mapping[str, str]
 ) -> list[dict[str, Any]]:
-    """Return the mimics that a joint states, as a mechanism file has couplings.
-
-    Args:
-        stage: the stage.
-        prim: of the joint.
-        name: of the joint.
-        of_path: names of all joints by path.
-
-    Raises:
-        MechanismFileError: one is of a kind that is not known, or names no joint that it could be.
-    """
+    """Return the mimics that a joint states, as a mechanism file has couplings."""
     found = []
     for schema in applied(prim):
         kind, _, freedom = schema.partition(":")
@@ -115,12 +105,7 @@ def actuated(stage: UsdStage, of_path: Mapping[str, str]) -> list[str]:
 def in_series(
     joints: Iterable[GraphJoint], named: Collection[str]
 ) -> tuple[list[Link], list[GraphJoint]]:
-    """Return joints of which those in series have massless links between them, and these links.
-
-    Args:
-        joints: all joints.
-        named: those of them that MuJoCo's schemas describe.
-    """
+    """Return joints, and massless links that are put between those in series."""
     groups: dict[tuple[str, str], list[GraphJoint]] = {}
     for joint in joints:
         key = (joint.parent, joint.child) if joint.name in named else (joint.name, "")
@@ -150,11 +135,7 @@ LARGEST_FLOAT = 3.4e38  # of a 32-bit number: USD's own for a force without limi
 def read_joints(
     stage: UsdStage, bodies: dict[str, Body]
 ) -> tuple[list[GraphJoint], list[Link], list[str], list[dict[str, Any]]]:
-    """Return all joints, massless links between those in series, names of driven ones, couplings.
-
-    Raises:
-        MechanismFileError: one is of a kind that cannot be read, or has impossible numbers.
-    """
+    """Return joints, massless links between those in series, names of driven ones, couplings."""
     of_path = _names(stage)
     tendons = [str(prim.GetPath()) for prim in stage.prims()
                if any("Tendon" in schema for schema in applied(prim))]

@@ -60,9 +60,6 @@ class UsdStage:
         Args:
             prim: the prim.
             mirrored: whether it may have left-handed axes, of which one is then turned round.
-
-        Raises:
-            MechanismFileError: its axes lie in a plane, or are left-handed.
         """
         self._check_turns(prim)
         matrix = np.array(self._cache.GetLocalToWorldTransform(prim)).T
@@ -99,11 +96,7 @@ class UsdStage:
         return self.number(attribute) if attribute and attribute.HasValue() else default
 
     def numbers(self, attribute: Any, count: int = 1, infinite: bool = False) -> Array:
-        """Return the (count,) numbers of an attribute.
-
-        Raises:
-            MechanismFileError: they are others, NaN, or infinite where they may not be.
-        """
+        """Return the (count,) numbers of an attribute."""
         value = attribute.Get() if attribute else None
         try:
             found = np.array(value, dtype=float).reshape(-1)
@@ -121,11 +114,7 @@ class UsdStage:
         return float(self.numbers(attribute, infinite=True)[0])
 
     def word(self, attribute: Any, valid: Collection[str]) -> str:
-        """Return the text of an attribute.
-
-        Raises:
-            MechanismFileError: it is none of those that are valid.
-        """
+        """Return the text of an attribute."""
         text = str(attribute.Get())
         if text not in valid:
             raise MechanismFileError(f"{self.where}: {attribute.GetPath()} is {text[:80]!r}; it "
@@ -133,11 +122,7 @@ class UsdStage:
         return text
 
     def rotation(self, attribute: Any) -> Array:
-        """Return the rotation (3, 3) of an attribute, a quaternion.
-
-        Raises:
-            MechanismFileError: it is none.
-        """
+        """Return the rotation (3, 3) of an attribute, a quaternion."""
         value = attribute.Get()
         if not hasattr(value, "GetImaginary"):
             raise MechanismFileError(f"{self.where}: {attribute.GetPath()} is {str(value)[:80]}; "
@@ -211,11 +196,7 @@ def _check_depth(path: Path, where: str) -> None:
 
 
 def _layers(path: Path, trust: Trust) -> list[Any]:
-    """Return the layers that a stage is composed of, each looked at before it is opened.
-
-    Raises:
-        MechanismFileError: one may not be read.
-    """
+    """Return the layers that a stage is composed of, each looked at before it is opened."""
     where, layers = shown(path), dict[str, Any]()
     waiting = [str(path)]
     while waiting:
@@ -259,15 +240,7 @@ def _named(layer: Any) -> Iterator[str]:
 
 
 def open_stage(path: Path, trust: Trust) -> UsdStage:
-    """Open a stage.
-
-    Args:
-        path: the file.
-        trust: which files it may be composed of.
-
-    Raises:
-        MechanismFileError: it is no USD, or is composed of files that may not be read.
-    """
+    """Open a stage."""
     where = shown(path)
     layers = _layers(path, trust)  # held, so that none is opened a second time
     usd = Usd.Stage.Open(str(path))
@@ -286,11 +259,7 @@ def open_stage(path: Path, trust: Trust) -> UsdStage:
 
 
 def leave_out(stage: UsdStage, names: Iterable[str]) -> list[str]:
-    """Take prims of joints and the like out of a stage, by name or path; return a notice.
-
-    Raises:
-        MechanismFileError: nothing has one of the names.
-    """
+    """Take prims of joints and the like out of a stage, by name or path; return a notice."""
     matches: dict[str, list[str]] = {name: [] for name in names}
     prims = {} if not matches else {
         prim: (prim.GetName(), str(prim.GetPath())) for prim in stage.prims()
@@ -313,11 +282,7 @@ def _text(error: Exception) -> str:
 
 @contextmanager
 def quietly(path: Path) -> Iterator[None]:
-    """Keep what USD prints from the terminal; its errors become the library's.
-
-    Raises:
-        MechanismFileError: USD has found an error in the file.
-    """
+    """Keep what USD prints from the terminal; its errors become the library's."""
     delegate = UsdUtils.CoalescingDiagnosticDelegate()
     try:
         yield

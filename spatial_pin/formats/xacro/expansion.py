@@ -91,13 +91,7 @@ def expand(
 
 @lru_cache(maxsize=200)
 def _library_text(path: Path, mappings: tuple[tuple[str, str], ...], changed: int) -> str:
-    """Return what a file of the library expands to: four fifths of the time of loading it.
-
-    Args:
-        path: the file.
-        mappings: values of its arguments.
-        changed: when the library has last changed.
-    """
+    """Return what a file of the library expands to: four fifths of the time of loading it."""
     return Expansion(path, False, NO_PACKAGES).text(dict(mappings))
 
 
@@ -117,9 +111,6 @@ def traced(
     Returns:
         The text that `expand` returns, but for the decimals of numbers that depend on the
         arguments, which tell their places on the tape.
-
-    Raises:
-        MechanismFileError: as `expand`.
     """
     tape = Tape(arguments)
     mappings = {name: xacro_text(value) for name, value in parameters.items()}
@@ -133,21 +124,19 @@ def _checked_parameters(expansion: Expansion, parameters: Mapping[str, float]) -
         if name not in valid:
             raise MechanismFileError(
                 f"{expansion.path}: no parameter {name!r}; {suggestion(name, valid)}")
-        if not isinstance(value, str):
-            _check_number(name, value)
+        if isinstance(value, str):
+            continue
+        try:
+            number = float(value)
+        except OverflowError:
+            raise ValueError(
+                f"parameter {name!r} is too large; a finite number is needed") from None
+        except (TypeError, ValueError):
+            raise TypeError(f"parameter {name!r} is a {type(value).__name__}; a number is needed, "
+                            "or a text") from None
+        if not math.isfinite(number):
+            raise ValueError(f"parameter {name!r} is {number}; a finite number is needed")
     return {name: xacro_text(value) for name, value in parameters.items()}
-
-
-def _check_number(name: str, value: object) -> None:
-    try:
-        number = float(value)  # type: ignore[arg-type]
-    except OverflowError:
-        raise ValueError(f"parameter {name!r} is too large; a finite number is needed") from None
-    except (TypeError, ValueError):
-        raise TypeError(f"parameter {name!r} is a {type(value).__name__}; a number is needed, or "
-                        "a text") from None
-    if not math.isfinite(number):
-        raise ValueError(f"parameter {name!r} is {number}; a finite number is needed")
 
 
 def xacro_text(value: object) -> str:
@@ -225,11 +214,7 @@ class Expansion:
         self.xacro: Any = None
 
     def guarded(self, run: Callable[[Any], Any]) -> Any:
-        """Return what `run` makes of the module xacro.
-
-        Raises:
-            MechanismFileError: whatever goes wrong in it, with the file.
-        """
+        """Return what `run` makes of the module xacro."""
         self.xacro = _own_xacro(self)
         try:
             return run(self.xacro)
@@ -347,11 +332,7 @@ class Expansion:
         return os.path.join(os.path.dirname(file or self.file), str(name))
 
     def confined(self, name: str) -> Path:
-        """Return the path of a file that may be read.
-
-        Raises:
-            MechanismFileError: it lies where no file may be read from.
-        """
+        """Return the path of a file that may be read."""
         try:
             return self.trust.resolved(name)
         except MechanismFileError as error:
@@ -404,7 +385,19 @@ class Expansion:
             document = minidom.parseString(text)
         except (ExpatError, ValueError) as error:
             raise MechanismFileError(f"{shown(name)}: not well-formed XML: {error}") from error
-        _leave_out_space(document, "xacro:eval-comments" not in text)
+        # half of a file is space between elements, and comments where none is an instruction:
+        # xacro would copy it with every macro and leave it out in the end
+        dropped = (Node.TEXT_NODE, Node.COMMENT_NODE) if "xacro:eval-comments" not in text else (
+            Node.TEXT_NODE,)
+        stack: list[Any] = [document.documentElement]
+        while stack:
+            children = stack.pop().childNodes
+            if len(children) == 1 and children[0].nodeType == Node.TEXT_NODE:
+                continue
+            children[:] = [child for child in children if child.nodeType not in dropped or (
+                child.nodeType == Node.TEXT_NODE and child.data and not child.data.isspace())]
+            _link([None, *children, None])
+            stack += [child for child in children if child.nodeType == Node.ELEMENT_NODE]
         return document
 
     def load_yaml(self, name: str) -> Any:
@@ -447,16 +440,6 @@ class Expansion:
         node.parentNode = node.previousSibling = node.nextSibling = None
 
 
-COMMANDS: dict[str, tuple[int, int, Callable[..., Any]]] = {  # fewest words, most, what it does
-    "arg": (1, 1, Expansion.argument),
-    "find": (1, 1, Expansion.package),
-    "env": (1, 1, lambda expansion, name: _environment(expansion, name)),
-    "optenv": (1, 100, lambda expansion, name, *rest: _optional(expansion, name, *rest)),
-    "cwd": (0, 0, lambda expansion: _working_folder(expansion)),
-    "dirname": (0, 0, lambda expansion: os.path.abspath(os.path.dirname(expansion.file))),
-}
-
-
 def _environment(expansion: Expansion, name: str) -> str:
     """Return an environment variable; a file that is not trusted learns of none."""
     if not expansion.trust.trusted:
@@ -484,6 +467,16 @@ def _working_folder(expansion: Expansion) -> str:
     return os.getcwd()
 
 
+COMMANDS: dict[str, tuple[int, int, Callable[..., Any]]] = {  # fewest words, most, what it does
+    "arg": (1, 1, Expansion.argument),
+    "find": (1, 1, Expansion.package),
+    "env": (1, 1, _environment),
+    "optenv": (1, 100, _optional),
+    "cwd": (0, 0, _working_folder),
+    "dirname": (0, 0, lambda expansion: os.path.abspath(os.path.dirname(expansion.file))),
+}
+
+
 def _link(siblings: list[Any]) -> None:
     """Let nodes know who stands before and behind them; None at the ends."""
     for before, after in pairwise(siblings):
@@ -493,34 +486,12 @@ def _link(siblings: list[Any]) -> None:
             after.previousSibling = before
 
 
-def _leave_out_space(document: minidom.Document, comments: bool) -> None:
-    """Take out what xacro would copy with every macro and leave out in the end: half of a file.
-
-    That is space between elements, and comments where none is an instruction to xacro.
-    """
-    dropped = (Node.TEXT_NODE, Node.COMMENT_NODE) if comments else (Node.TEXT_NODE,)
-    stack: list[Any] = [document.documentElement]
-    while stack:
-        element = stack.pop()
-        children = element.childNodes
-        if len(children) == 1 and children[0].nodeType == Node.TEXT_NODE:
-            continue
-        children[:] = [child for child in children if child.nodeType not in dropped or (
-            child.nodeType == Node.TEXT_NODE and child.data and not child.data.isspace())]
-        _link([None, *children, None])
-        stack += [child for child in children if child.nodeType == Node.ELEMENT_NODE]
-
-
 # ---------------------------------------------------------------- the module
 
 
 @lru_cache(maxsize=1)
 def _xacro_code() -> tuple[ModuleSpec, CodeType]:
-    """Return what a copy of the module xacro is made of.
-
-    Raises:
-        ImportError: it is not installed.
-    """
+    """Return what a copy of the module xacro is made of."""
     spec = importlib.util.find_spec("xacro")
     loader: Any = spec.loader if spec is not None else None
     if spec is None or loader is None:

@@ -19,11 +19,7 @@ ROOT = re.compile(PROLOGUE + r"<[A-Za-z_][\w.-]*", re.S)
 
 
 def parse_xml(text: str, path: Path) -> ET.Element:
-    """Return the root element of XML text.
-
-    Raises:
-        MechanismFileError: it is not well-formed, or too deep; `path` is where it comes from.
-    """
+    """Return the root element of XML text."""
     try:
         root = _parsed(text)
     except (ET.ParseError, ValueError) as error:
@@ -52,11 +48,7 @@ def without(text: str, begin: str, end: str) -> str:
 
 
 def parse_urdf(text: str, path: Path) -> ET.Element:
-    """Return the root element of URDF text; a namespace of all of URDF is left out of its names.
-
-    Raises:
-        MechanismFileError: as `parse_xml`.
-    """
+    """Return the root element of URDF text; a namespace of all of URDF is left out of its names."""
     robot = parse_xml(text.lstrip(), path)
     if robot.tag.endswith("}robot"):
         namespace = robot.tag.removesuffix("robot")
