@@ -10,7 +10,7 @@ import numpy as np
 
 from spatial_pin.errors import MechanismFileError, Mistakes, suggestion
 from spatial_pin.formats.urdf.urdf_model import LIMITS, RESISTANCES
-from spatial_pin.mechanism.pairs import unit
+from spatial_pin.mechanism.pairs import PAIRS, unit
 from spatial_pin.numerics.linalg import Array
 
 _REQUIRED: Any = object()
@@ -20,8 +20,9 @@ BELONGS = {  # where in a file each key has its place
     TOP: ("name", "title", "source", "tree", "complete", "gravity", "gap", "order", "joints",
           "closures", "drivers", "springs", "passive", "frames", "guess"),
     "in [joints.NAME]": ("type", "axis", "axis2", "lead", *RESISTANCES, *LIMITS),
-    "in [[closures]]": ("name", "type", "frames", "joints", "ratio", "offset", "length", BETWEEN,
-                        "equations", "axis", "axis2", "lead", "source"),
+    "in [[closures]]": ("name", "type", "frames", "joints", *sorted(
+        {key.name for pair in PAIRS.values() for key in pair.keys}, reverse=True), "length",
+        BETWEEN, "equations", "axis", "axis2", "lead", "source"),
     "in [drivers.NAME]": ("joint",),
     "in [[springs]]": ("name", "frames", "joint", "stiffness", "damping", "free_length",
                        "free_angle"),
@@ -202,13 +203,19 @@ class TomlTable:
             self.fail(key, f"has length {norm:.6g}; an axis is a unit vector")
         return unit(value)
 
+    def some_names(self, key: str, count: int) -> tuple[str, ...]:
+        """Return a list of some texts."""
+        value = self.get(key)
+        if not (isinstance(value, list) and len(value) == count
+                and all(isinstance(x, str) for x in value)):
+            some = {2: "two", 3: "three", 4: "four"}.get(count, str(count))
+            self.fail(key, f"must be a list of {some} names, not {_said(value)}")
+        return tuple(value)
+
     def two_names(self, key: str) -> tuple[str, str]:
         """Return a list of two texts."""
-        value = self.get(key)
-        if not (isinstance(value, list) and len(value) == 2
-                and all(isinstance(x, str) for x in value)):
-            self.fail(key, f"must be a list of two names, not {_said(value)}")
-        return value[0], value[1]
+        first, second = self.some_names(key, 2)
+        return first, second
 
     def places(self, key: str, count: int) -> tuple[int, ...]:
         """Some of the numbers 0 to count - 1, ascending."""

@@ -290,13 +290,11 @@ def tree_axes(mechanism: Mechanism, i: int) -> tuple[Array, Array, float]:
 def _closure(closure: Closure) -> dict[str, Any]:
     table: dict[str, Any] = {"name": closure.name, "type": closure.type}
     table.update({"source": closure.source} if closure.source else {})
-    if closure.type == COUPLING:
-        return {**table, "joints": list(closure.joints), "ratio": closure.ratio,
-                "offset": closure.offset}
     pair, geometry = closure.pair, closure.geometry
-    assert geometry is not None
-    table |= {"frames": list(closure.frames), **pair.told(
-        geometry.axes1[:, 2], geometry.axes2[:, 2], geometry.lead, geometry.length)}
+    names = {"frames": list(closure.frames), "joints": list(closure.joints)}
+    table |= {key: value for key, value in names.items() if value}
+    table |= {key.name: np.asarray(closure.numbers[key.name]).tolist() for key in pair.keys}
+    table |= pair.told(geometry.axes1[:, 2], geometry.axes2[:, 2], geometry.lead, geometry.length)
     if closure.between:
         del table["length"]
         table["length_between"] = list(closure.between)

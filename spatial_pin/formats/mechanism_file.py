@@ -30,13 +30,13 @@ from spatial_pin.mechanism.coordinates import check_guess
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.named_frames import Frame, add_frames
 from spatial_pin.mechanism.pairs import (
-    CLOSURE_TYPES,
-    COUPLING,
     JOINT_TYPES,
     PAIRS,
+    Key,
     Pair,
     PairGeometry,
     closure_geometry,
+    closure_types,
     hint_at_type,
 )
 from spatial_pin.mechanism.parts import Closure, Driver, Passive, Spring, drivers_of_tree
@@ -251,20 +251,28 @@ def _lead(table: TomlTable) -> float:
 def _closure(table: TomlTable) -> Closure:
     name = table.text("name")
     table.where += f" ({name!r})"
-    kind, source = table.choice("type", CLOSURE_TYPES, hint_at_type), table.text("source", "")
-    if kind == COUPLING:
-        closure = Closure(name, kind, source=source, joints=table.two_names("joints"),
-                          ratio=table.number("ratio", 1.0), offset=table.number("offset", 0.0))
-        if closure.ratio == 0.0:
-            table.fail("ratio", "is zero; lock the joint instead")
-    else:
-        is_distance = PAIRS[kind].uses_length
-        closure = Closure(name, kind, source=source, frames=table.two_names("frames"),
-                          between=_between(table) if is_distance else (),
-                          geometry=_geometry(table, PAIRS[kind]))
-        if "equations" in table:
-            closure = replace(closure, equations=table.places("equations", closure.n_rows))
+    kind = table.choice("type", closure_types(), hint_at_type)
+    pair, parts = PAIRS[kind], dict[str, Any](source=table.text("source", ""))
+    if pair.n_frames:
+        parts["frames"] = table.some_names("frames", pair.n_frames)
+    if pair.n_joints:
+        parts["joints"] = table.some_names("joints", pair.n_joints)
+    numbers = {key.name: _number(table, key) for key in pair.keys}
+    closure = Closure(name, kind, numbers=numbers, geometry=_geometry(table, pair),
+                      between=_between(table) if pair.uses_length else (), **parts)
+    if pair.n_frames and "equations" in table:
+        closure = replace(closure, equations=table.places("equations", closure.n_rows))
     return closure
+
+
+def _number(table: TomlTable, key: Key) -> Any:
+    """Return a number of a closure, or a list of numbers (n,)."""
+    if key.is_list:
+        return table.numbers(key.name)
+    value = table.number(key.name) if key.default is None else table.number(key.name, key.default)
+    if value == 0.0 and key.no_zero:
+        table.fail(key.name, f"is zero; {key.no_zero}")
+    return value
 
 
 def _between(table: TomlTable) -> tuple[str, ...]:

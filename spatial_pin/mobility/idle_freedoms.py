@@ -253,7 +253,7 @@ def _pairs_on_axis(
     centres = {model.names[i]: data.oMi[i].translation for i in range(1, model.njoints)
                if (i in moved) != (model.parents[i] in moved)}
     for closure in mechanism.closures:
-        for frames in (closure.frames, closure.between):
+        for frames in closure.joined:
             mine = [f for f in frames if mechanism.frame_on_joint(f)[0] in moved]
             if len(mine) == 1:
                 centres[closure.name] = evaluation.frame(mechanism.frame_id(mine[0])).translation

@@ -43,12 +43,12 @@ def loop_of(evaluation: Evaluation, closure: Closure, tolerance: float) -> Loop:
     """Recognise the loop of a closure by the motions that its pairs generate."""
     mechanism, constraints = evaluation.mechanism, evaluation.constraints
     rows = [i for i, label in enumerate(constraints.labels) if label.closure == closure.name]
-    joints = joints_between(mechanism, closure.frames)
+    joints = sorted({i for frames in closure.joined for i in joints_between(mechanism, frames)})
     size = np.array([constraints.scale] * 3 + [1.0] * 3)
     columns = joint_jacobian(evaluation.data, mechanism.model.nv)
     twists = [columns[:, mechanism.model.idx_vs[i] + k] * size
               for i in joints for k in range(mechanism.model.nvs[i])]
-    wrenches = evaluation.wrenches[rows] / size
+    wrenches = evaluation.row_wrenches()[rows] / size
     own = null_space(wrenches / np.linalg.norm(wrenches, axis=1, keepdims=True))
     algebra = _generated_algebra(np.vstack([*twists, own]) if twists else own, tolerance)
     names = tuple(mechanism.model.names[i] for i in joints)

@@ -14,7 +14,6 @@ from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.coordinates import finite_array, needed
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mobility.finite_motions import finite_freedom, finite_motions
 from spatial_pin.mobility.idle_freedoms import PassiveFreedom, described, idle_freedoms
 from spatial_pin.mobility.loops import ALGEBRA_TOLERANCE, Loop, loop_of
@@ -181,9 +180,9 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
                       for i in range(n) if i not in set(independent))
     r = rank(jacobian, TOLERANCES.half_precision)
     nv = mechanism.model.nv
-    closures = [c for c in every.mechanism.closures if c.type != COUPLING]
+    closures = [c for c in every.mechanism.closures if c.frames]
     loops = tuple(loop_of(every, c, max(ALGEBRA_TOLERANCE, rounding)) for c in closures)
-    couplings = len(every.constraints.couplings)
+    of_joints = n - every.constraints.n_products
     freedoms = nv + sum(6 - c.n_rows for c in closures)
     full = r == len(jacobian)
     dof = nv - r if full else finite_freedom(
@@ -193,7 +192,7 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
     return Mobility(
         every.mechanism,
         kutzbach=nv - n,
-        grubler=freedoms - sum(loop.order for loop in loops) - couplings,
+        grubler=freedoms - sum(loop.order for loop in loops) - of_joints,
         loop_list=loops,
         rank=r,
         instantaneous=nv - r,

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from spatial_pin.constraints.trees import tree_of
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.proximity.solids import SUPPORTS, Solid, solids_of
 
@@ -355,10 +354,12 @@ def joined_bodies(mechanism: Mechanism, solid: set[int]) -> set[frozenset[int]]:
     for i in range(1, model.njoints):
         join(i, int(model.parents[i]))
     for c in mechanism.closures:
-        if c.type == COUPLING:
-            join(*(mechanism.joint_id(mechanism.coordinate(name).joint) for name in c.joints))
-        elif not c.pair.uses_length and any(row.is_length for row in c.rows):
-            join(*(mechanism.frame_on_joint(name)[0] for name in c.frames))
+        coupled = [mechanism.joint_id(mechanism.coordinate(name).joint) for name in c.joints]
+        for one, other in combinations(coupled, 2):
+            join(one, other)
+        if not c.pair.uses_length and any(row.is_length for row in c.rows):
+            for first, second in c.joined:
+                join(mechanism.frame_on_joint(first)[0], mechanism.frame_on_joint(second)[0])
     for i in range(model.njoints):
         if i not in solid:
             for j, k in combinations(joined.pop(i, set()) - {i}, 2):

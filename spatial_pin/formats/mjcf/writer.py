@@ -122,7 +122,6 @@ def add_closures(document: MjcfDocument, q: Array) -> None:
 
 def _frames_of(closure: Closure) -> tuple[pin.SE3, pin.SE3]:
     """Return the pair's axes in frame 1 and in frame 2, z its axis."""
-    assert closure.geometry is not None
     return (pin.SE3(closure.geometry.axes1, np.zeros(3)),
             pin.SE3(closure.geometry.axes2, np.zeros(3)))
 
@@ -144,7 +143,6 @@ def _equality(
 
 def _rope(document: MjcfDocument, closure: Closure) -> None:
     """A distance is a straight tendon whose length is held, or is that of another."""
-    assert closure.geometry is not None
     rest = _tendon(document, closure.name, closure.frames)
     attributes = {"name": closure.name, "tendon1": closure.name}
     length: float | None = closure.geometry.length
@@ -176,7 +174,6 @@ def _tendon(document: MjcfDocument, name: str, frames: tuple[str, ...]) -> float
 def _compose(document: MjcfDocument, closure: Closure, q: Array) -> None:
     """Add a body that moves on frame 1 as the pair does, and weld it to frame 2."""
     mech, geometry = document.mechanism, closure.geometry
-    assert geometry is not None
     (joint1, at1), (joint2, at2) = (
         (joint, place * axes) for (joint, place), axes in
         zip(map(mech.frame_on_joint, closure.frames), _frames_of(closure), strict=True))

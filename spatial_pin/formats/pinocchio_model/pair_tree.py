@@ -77,8 +77,8 @@ def pair_tree(
         new.referenceConfigurations[entry.key()] = own_configuration(given, new, entry.data())
     mimics = tuple(
         Closure(f"mimic_{given.names[i]}", COUPLING, joints=(given.names[j], given.names[i]),
-                ratio=float(given.joints[i].extract().scaling),
-                offset=float(given.joints[i].extract().offset))
+                numbers={"ratio": float(given.joints[i].extract().scaling),
+                         "offset": float(given.joints[i].extract().offset)})
         for i, j in mimicking.items())
     return new, tuple(pairs), mimics
 

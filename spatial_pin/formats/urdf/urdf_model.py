@@ -462,5 +462,5 @@ def _mimics(
             faults.note("mimics a fixed joint or itself, moves on its own", f"joint {name!r}")
         else:
             mimics.append(Closure(f"mimic_{name}", COUPLING, joints=(source, name),
-                                  ratio=float(ratio), offset=float(offset)))
+                                  numbers={"ratio": float(ratio), "offset": float(offset)}))
     return tuple(mimics)

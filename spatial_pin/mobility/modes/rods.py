@@ -19,7 +19,7 @@ from spatial_pin.constraints.products import SHORT
 from spatial_pin.mechanism.coordinates import with_values
 from spatial_pin.mechanism.equations import ConstraintEquation, dot
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.pairs import COUPLING, PairGeometry
+from spatial_pin.mechanism.pairs import PairGeometry
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -82,7 +82,7 @@ def rods_of(mechanism: Mechanism) -> list[Rod]:
 
 
 def _ends(mechanism: Mechanism) -> list[list[End]]:
-    """Return the pairs of every body; a floating joint is none, a coupling has no place."""
+    """Return the pairs of every body; a floating joint is none, a coordinate has no place."""
     model, free = mechanism.model, pin.SE3.Identity()
     ends: list[list[End]] = [[] for _ in range(model.njoints)]
 
@@ -94,16 +94,13 @@ def _ends(mechanism: Mechanism) -> list[list[End]]:
         if kind != "floating":
             add(kind, "", i, (i, free), (int(model.parents[i]), model.jointPlacements[i]))
     for closure in mechanism.closures:
-        if closure.type == COUPLING:
-            for name in closure.joints:
-                i = mechanism.joint_id(mechanism.coordinate(name).joint)
-                add(COUPLING, closure.name, 0, (i, free), (int(model.parents[i]), free))
-            continue
-        whole = closure.equations is None and not closure.between
-        kind = closure.type if whole else "part"
-        add(kind, closure.name, 0, *(mechanism.frame_on_joint(f) for f in closure.frames))
-        if closure.between:
-            add("part", closure.name, 0, *(mechanism.frame_on_joint(f) for f in closure.between))
+        for name in closure.joints:
+            i = mechanism.joint_id(mechanism.coordinate(name).joint)
+            add("coordinate", closure.name, 0, (i, free), (int(model.parents[i]), free))
+        whole = closure.equations is None and not closure.joints and len(closure.joined) == 1
+        for frames in closure.joined:
+            add(closure.type if whole else "part", closure.name, 0,
+                *(mechanism.frame_on_joint(f) for f in frames))
     return [[_aligned(mechanism, end) for end in own] for own in ends]
 
 
@@ -113,7 +110,6 @@ def _aligned(mechanism: Mechanism, end: End) -> End:
         return end
     if end.closure:
         geometry = next(c for c in mechanism.closures if c.name == end.closure).geometry
-        assert geometry is not None
         frames = next(c for c in mechanism.closures if c.name == end.closure).frames
         axes = [geometry.axes1, geometry.axes2]
         if mechanism.frame_on_joint(frames[0])[0] != end.own:
@@ -190,7 +186,6 @@ class Aligned(Closure):
     @cached_property
     def rows(self) -> tuple[ConstraintEquation, ...]:
         """Its scalar equations, and cosine one for each pair of axes."""
-        assert self.geometry is not None
         axes = ["xyz".index(axis) for axis in self.pair.aligned]
         return (*super().rows, *(dot(self.geometry.axes1[:, k], self.geometry.axes2[:, k], 1.0)
                                  for k in axes))
@@ -267,7 +262,7 @@ def core_of(mechanism: Mechanism, held: Mapping[str, float], rods: list[Rod]) ->
 
 
 def _aligned_closure(closure: Closure) -> Closure:
-    if closure.type == COUPLING or not closure.pair.aligned:
+    if not closure.pair.aligned:
         return closure
     return Aligned(closure.name, closure.type, closure.frames, closure.geometry,
                    equations=closure.equations)

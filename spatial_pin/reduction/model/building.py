@@ -82,7 +82,6 @@ def _turned(model: Model, closure: Closure, tree: Tree) -> Closure:
     """Return a closure between frames of its own where its axes are turned."""
     if closure.name not in model.turns:
         return closure
-    assert closure.geometry is not None
     frames = []
     for k, (name, axes) in enumerate(zip(
             closure.frames, (closure.geometry.axes1, closure.geometry.axes2), strict=True), 1):

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array, null_space
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -21,7 +20,7 @@ def drop_equations(model: Model) -> None:
     made = built(model)
     slopes = _slopes(made)
     for closure in made.closures:
-        if closure.type != COUPLING and closure.equations is None:
+        if len(closure.frames) == 2 and not closure.joints and closure.equations is None:
             _drop_of(model, closure, slopes[closure.name])
 
 

@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.reduction.model.links import Pin, Place, Relation, Surroundings, relation
@@ -40,7 +39,7 @@ class Leg(NamedTuple):
 
 def leg_of(model: Model, closure: Closure) -> Leg | None:
     """Return the leg that a closure ends; None where there is none that stands for a distance."""
-    for frame in closure.frames:
+    for frame in closure.frames if len(closure.frames) == 2 else ():
         end = model.bodies.frame(frame)[0]
         chain = [int(j) for j in model.full.model.supports[end] if j in model.moving]
         for k in reversed(range(len(chain) - 1)):
@@ -55,7 +54,7 @@ def _leg(model: Model, closure: Closure, joints: tuple[int, ...]) -> Leg | None:
     own = model.closures_on(joints)
     is_free = model.full.pairs[first - 1] == "floating"
     if first in model.influence.needed or not model.hangs_free(joints) or any(
-            c.type == COUPLING or c.equations or c.between for c in own) \
+            len(c.joined) != 1 or c.joints or c.equations for c in own) \
             or closure not in own or len(own) != 1 + is_free:
         return None
     b = model.bodies.closing_pin(closure, last)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure, Passive
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.reduction.influence import Asked, Influence, Kept
@@ -53,7 +52,7 @@ class Model:
         self.around = Surroundings(mechanism, open_configurations(mechanism, q, free))
 
     def _is_locked(self, closure: Closure) -> bool:
-        return closure.type == COUPLING and not {
+        return bool(closure.joints) and not closure.frames and not {
             self.full.joint_id(self.full.coordinate(n).joint) for n in closure.joints
         } & self.moving
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.reduction.model.legs import leg_of
 from spatial_pin.reduction.model.links import Bodies, Pin, Relation, reach, relation
@@ -27,7 +26,7 @@ def _replace_link(model: Model, i: int) -> bool:
     own = model.closures_on((i,))
     is_free = model.full.pairs[i - 1] == "floating"
     if len(own) != (2 if is_free else 1) or any(
-            c.type == COUPLING or c.equations or c.between for c in own):
+            len(c.joined) != 1 or c.joints or c.equations for c in own):
         return False
     pins = [model.bodies.closing_pin(c, i) for c in own]
     if not is_free:

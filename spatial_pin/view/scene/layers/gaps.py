@@ -8,8 +8,7 @@ import numpy as np
 
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.mechanism.equations import ConstraintEquation
-from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.mechanism.equations import Distance, Square
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -53,19 +52,19 @@ def _residuals(film: Film) -> Array:
     return found
 
 
-def _coupling_gap(stage: Stage, closure: Closure, residual: Array) -> Gap:
-    """Return by how much the second coordinate of a coupling is wrong."""
+def _coordinate_gap(stage: Stage, closure: Closure, residual: Array) -> Gap:
+    """Return by how much the last coordinate of a closure of joint coordinates is wrong."""
     mechanism, none = stage.film.mechanism, np.zeros((len(residual), 3))
     error = np.abs(residual[:, 0])
-    if mechanism.coordinate(closure.joints[1]).unit == "rad":
+    if mechanism.coordinate(closure.joints[-1]).unit == "rad":
         return Gap(closure, 0 * error, error, none)
     return Gap(closure, error * mechanism.characteristic_length, 0 * error, none)
 
 
-def _length(stage: Stage, closure: Closure, row: ConstraintEquation) -> Array | float:
+def _length(stage: Stage, closure: Closure) -> Array | float:
     """Return how long a distance is to be, (N,) [m] where other frames tell."""
     if not closure.between:
-        return row.offset
+        return closure.geometry.length
     first, second = (stage.points(i, m.translation) for i, m in map(
         stage.film.mechanism.frame_on_joint, closure.between))
     return np.linalg.norm(second - first, axis=1)
@@ -78,18 +77,19 @@ def _pair_gap(stage: Stage, closure: Closure, residual: Array) -> Gap:
     it is off by: that takes frame 2 to the nearest place where the closure holds.
     """
     mechanism = stage.film.mechanism
-    (i1, m1), (i2, m2) = (mechanism.frame_on_joint(name) for name in closure.frames)
+    (i1, m1), (i2, m2) = (mechanism.frame_on_joint(name) for name in closure.frames[:2])
     turn = stage.rotations(i1, m1.rotation)
     apart = stage.points(i2, m2.translation) - stage.points(i1, m1.translation)
     length = residual * mechanism.characteristic_length
     offset, angular = np.zeros_like(apart), np.zeros(len(apart))
     for row, off in zip(closure.rows, length.T, strict=True):
-        if row.u is None:  # distance: along the line between the frames
+        first = row.first
+        if isinstance(first, Square):  # along the line between the frames
             far = np.linalg.norm(apart, axis=1)
-            wrong = np.where(off != 0.0, far - _length(stage, closure, row), 0.0)
+            wrong = np.where(off != 0.0, far - _length(stage, closure), 0.0)
             offset += apart * (wrong / np.where(far > 0, far, 1.0))[:, None]
-        elif row.is_length:
-            offset += off[:, None] * (turn @ row.u)
+        elif isinstance(first, Distance):
+            offset += off[:, None] * (turn @ first.u)
         else:
             angular = np.hypot(angular, off / mechanism.characteristic_length)
     angles = np.arcsin(np.minimum(angular, 1.0))
@@ -105,7 +105,7 @@ def gaps_of(stage: Stage) -> list[Gap]:
     for closure in mechanism.closures:
         own = residuals[:, labels == closure.name]
         if np.any(own):
-            measure = _coupling_gap if closure.type == COUPLING else _pair_gap
+            measure = _pair_gap if closure.frames else _coordinate_gap
             found.append(measure(stage, closure, own))
     return found
 
@@ -148,8 +148,7 @@ def _length_items(stage: Stage, gap: Gap) -> tuple[list[Item], Array]:
 def _angle_items(stage: Stage, gap: Gap) -> tuple[list[Item], Array]:
     """Return the direction of each frame that is off the most, as rods from the second frame."""
     mechanism, geometry = stage.film.mechanism, gap.closure.geometry
-    assert geometry is not None
-    (i1, m1), (i2, m2) = (mechanism.frame_on_joint(name) for name in gap.closure.frames)
+    (i1, m1), (i2, m2) = (mechanism.frame_on_joint(name) for name in gap.closure.frames[:2])
     axes1 = stage.rotations(i1, m1.rotation @ geometry.axes1)
     axes2 = stage.rotations(i2, m2.rotation @ geometry.axes2)
     cosines = np.sum(axes1 * axes2, axis=1)  # (N, 3), of x, y and z
