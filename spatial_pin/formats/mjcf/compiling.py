@@ -12,7 +12,6 @@ import re
 import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -34,21 +33,9 @@ TREES = ("include", "model")  # elements that name a file with further bodies
 COPIES = ("replicate", "composite", "flexcomp")  # elements with a count of copies
 
 
-@dataclass(frozen=True, eq=False)
-class MeshFile:
-    """The file of a mesh asset.
-
-    Attributes:
-        file: None where there is none.
-        scale: (3,) along x, y and z.
-        placement: of the scaled file in the frame of a geom.
-        fault: why there is no file, if that is not told once for all.
-    """
-
-    file: Path | None
-    scale: Array
-    placement: pin.SE3
-    fault: str = ""
+# The file of a mesh asset, None where there is none; its scale (3,) along x, y and z; the placement
+# of the scaled file in the frame of a geom; and why there is no file, if not told once for all.
+MeshFile = tuple[Path | None, Array, pin.SE3, str]
 
 
 def compiled(
@@ -330,7 +317,7 @@ def _placed(mesh: Any, file: Path | None) -> MeshFile:
     elif Path(mesh.file).suffix.lower() == ".msh":
         fault = "its format is MuJoCo's own"
     placement = pin.SE3(turn, -scale * (turn @ mesh.refpos))
-    return MeshFile(None if fault else file, scale, placement, fault)
+    return None if fault else file, scale, placement, fault
 
 
 def is_mjcf(path: Path) -> bool:

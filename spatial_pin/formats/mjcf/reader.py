@@ -15,7 +15,6 @@ from spatial_pin.formats.mjcf.model_tree import (
     MjcfReading,
     fixed_lengths,
     moves_joint,
-    read_tree,
     site_frames,
     straight_sites,
 )
@@ -153,7 +152,7 @@ def read(request: Request) -> Imported:
     names = model.names
     said = names[:names.index(b"\0")].decode()
     name = said if said and said != UNNAMED else request.path.stem
-    reading = read_tree(mujoco, model, meshes, massless, name)
+    reading = MjcfReading(mujoco, model, meshes, massless, name)
     closures = read_closures(reading, shown(request.path))
     content: dict[str, Any] = {
         "name": name,

@@ -74,19 +74,9 @@ def pose(element: ET.Element | None, where: str) -> pin.SE3:
     return pin.SE3(pin.rpy.rpyToMatrix(angles), values[:3])
 
 
-@dataclass(frozen=True, eq=False)
-class SdfFrame:
-    """A frame of a model, which other frames may be placed by.
-
-    Attributes:
-        relative_to: the frame it is placed by.
-        placement: in that.
-        attached_to: link, frame or joint that it moves with; itself for a link.
-    """
-
-    relative_to: str
-    placement: pin.SE3
-    attached_to: str
+# A frame of a model: the frame it is placed by, its placement in that, and the link, frame or joint
+# that it moves with, itself for a link.
+SdfFrame = tuple[str, pin.SE3, str]
 
 
 @dataclass
@@ -124,11 +114,11 @@ class SdfFrames:
                 raise MechanismFileError(
                     f"{self.where}: the poses of {', '.join(way)} are relative to each other")
             way[name] = self._named(name, asking)
-            asking, name = f"<pose> of {name!r}", way[name].relative_to
+            asking, name = f"<pose> of {name!r}", way[name][0]
         ground = {MODEL: self.of_model, **dict.fromkeys(WORLDS, pin.SE3.Identity())}
         at = ground[name] if name in ground else self._known[name]
         for link, frame in reversed(way.items()):
-            at = self._known[link] = at * frame.placement
+            at = self._known[link] = at * frame[1]
         return at
 
     def link(self, name: str, asking: str, canonical: str) -> str:
@@ -137,14 +127,14 @@ class SdfFrames:
         while name not in WORLDS:
             if name == MODEL:
                 name = canonical
-            frame = self._named(name, asking)
-            if frame.attached_to == name:
+            _, _, attached = self._named(name, asking)
+            if attached == name:
                 return name
             if name in way:
                 raise MechanismFileError(
                     f"{self.where}: the frames {', '.join(way)} are attached to each other")
             way[name] = None
-            asking, name = f"attached_to of {name!r}", frame.attached_to
+            asking, name = f"attached_to of {name!r}", attached
         return WORLD
 
 

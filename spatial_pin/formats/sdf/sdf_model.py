@@ -17,7 +17,6 @@ from spatial_pin.formats.sdf.sdf_elements import (
     MODEL,
     TRUE,
     WORLDS,
-    SdfFrame,
     SdfFrames,
     bound,
     is_massless,
@@ -162,7 +161,7 @@ class SdfModel:
                     "frame": element.get("attached_to") or MODEL}[kind]
                 default = MODEL if kind == "link" else attached
                 stated = element.find("pose")
-                self.frames.table[key] = SdfFrame(
+                self.frames.table[key] = (
                     self.frames.relative_to(stated, default),
                     pose(stated, f"{self.where}: {kind} {name!r}"), attached)
 
@@ -213,8 +212,9 @@ class SdfModel:
 
     def on_link(self, name: str, link: str) -> pin.SE3:
         """Return the placement of a frame on a link."""
-        if name in self.frames.table and self.frames.table[name].relative_to == link:
-            return self.frames.table[name].placement  # every digit of it
+        relative_to, placement, _ = self.frames.table.get(name, ("", pin.SE3.Identity(), ""))
+        if name in self.frames.table and relative_to == link:
+            return placement  # every digit of it
         at = self.frames.in_world(name, "pose")
         return at if link == WORLD else self.frames.in_world(link, "pose").inverse() * at
 

@@ -7,7 +7,6 @@ import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -28,9 +27,8 @@ DEEPEST_PRIM = 1000
 EARTH = 9.81  # m/s², where a scene says that it has the earth's gravity
 
 
-@dataclass
 class UsdStage:
-    """A stage that is read.
+    """A stage that is opened; `trust` says which files it may be composed of.
 
     Attributes:
         usd: the stage.
@@ -39,14 +37,24 @@ class UsdStage:
         notices: what was changed or left out.
     """
 
-    usd: Any
-    where: str
-    metre: float
-    kilogram: float
-    notices: list[str] = field(default_factory=list)
-    _turning: set[Any] = field(default_factory=set)  # paths of prims whose turns are numbers
-    _cache: Any = field(
-        default_factory=lambda: UsdGeom.XformCache(Usd.TimeCode.EarliestTime()))
+    def __init__(self, path: Path, trust: Trust) -> None:
+        layers = _layers(path, trust)  # held, so that none is opened a second time
+        self.usd = usd = Usd.Stage.Open(str(path))
+        del layers
+        self.where = shown(path)
+        self.metre = UsdGeom.GetStageMetersPerUnit(usd)
+        self.kilogram = UsdPhysics.GetStageKilogramsPerUnit(usd)
+        self.notices: list[str] = []
+        self._turning: set[Any] = set()  # paths of prims whose turns are numbers
+        self._cache = UsdGeom.XformCache(Usd.TimeCode.EarliestTime())
+        for name, unit in (("metersPerUnit", self.metre), ("kilogramsPerUnit", self.kilogram)):
+            if not (np.isfinite(unit) and unit > 0.0):
+                raise MechanismFileError(f"{self.where}: {name} is {unit}; it must be positive")
+        if not UsdGeom.StageHasAuthoredMetersPerUnit(usd):
+            self.notices.append("metersPerUnit is not stated: lengths are centimetres, as USD says")
+        missing = [str(error).split("\n")[0].strip() for error in usd.GetCompositionErrors()]
+        if missing:
+            self.notices.append(f"parts of the stage are missing: {'; '.join(missing)[:300]}")
 
     def prims(self, root: Any = None) -> Iterator[Any]:
         """Yield all prims below one, or all, those of instances too."""
@@ -237,25 +245,6 @@ def _named(layer: Any) -> Iterator[str]:
             for value in values:
                 several = value if isinstance(value, Sdf.AssetPathArray) else [value]
                 yield from (getattr(x, "path", x) for x in several if x)
-
-
-def open_stage(path: Path, trust: Trust) -> UsdStage:
-    """Open a stage."""
-    where = shown(path)
-    layers = _layers(path, trust)  # held, so that none is opened a second time
-    usd = Usd.Stage.Open(str(path))
-    del layers
-    stage = UsdStage(usd, where, UsdGeom.GetStageMetersPerUnit(usd),
-                  UsdPhysics.GetStageKilogramsPerUnit(usd))
-    for name, unit in (("metersPerUnit", stage.metre), ("kilogramsPerUnit", stage.kilogram)):
-        if not (np.isfinite(unit) and unit > 0.0):
-            raise MechanismFileError(f"{where}: {name} is {unit}; it must be positive")
-    if not UsdGeom.StageHasAuthoredMetersPerUnit(usd):
-        stage.notices.append("metersPerUnit is not stated: lengths are centimetres, as USD says")
-    missing = [str(error).split("\n")[0].strip() for error in usd.GetCompositionErrors()]
-    if missing:
-        stage.notices.append(f"parts of the stage are missing: {'; '.join(missing)[:300]}")
-    return stage
 
 
 def leave_out(stage: UsdStage, names: Iterable[str]) -> list[str]:
