@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -118,6 +118,7 @@ def open_tree(
         writer.robot.attrib.update(robot.attrib)
         writer.robot.extend(x for x in robot if x.tag not in ("link", "joint"))
     writer.write()
+    guess, off = drawn(writer.tree)
     ET.indent(writer.robot)
     gone = {joint.name for joint in writer.tree.cut}
     joints = {k: x for k, x in content.get("joints", {}).items() if k not in gone}
@@ -125,9 +126,9 @@ def open_tree(
     merged = {**content, "joints": joints,
               "closures": [*content.get("closures", []), *writer.closures],
               "springs": [*content.get("springs", []), *writer.springs],
-              "guess": {**writer.guess, **content.get("guess", {})}}
+              "guess": {**guess, **content.get("guess", {})}}
     return Imported(ET.tostring(writer.robot, encoding="unicode"), merged,
-                    (*notices, *writer.notices))
+                    (*notices, *writer.notices, *notices_of(writer, off)))
 
 
 class _Writer:
@@ -143,9 +144,8 @@ class _Writer:
         self.joints: dict[str, dict[str, Any]] = {}
         self.closures: list[dict[str, Any]] = []
         self.springs: list[dict[str, Any]] = []
-        self.guess: dict[str, Any] = {}
         self.bodies: dict[str, tuple[str, pin.SE3]] = {}  # link -> first link fixed to it, place
-        self.ground = self.fresh(GROUND)
+        self.ground = fresh(GROUND, self.taken)
         self.bases: list[str] = []
         self.lost: list[str] = []
 
@@ -164,35 +164,6 @@ class _Writer:
             self.joint(joint)
         for joint in self.tree.cut:
             self.closure(joint)
-        self.tell()
-
-    def tell(self) -> None:
-        """Tell of parallel joints, links that are drawn elsewhere, bases that float, and loops."""
-        between: dict[frozenset[str], list[str]] = {}
-        for joint in self.graph.joints:
-            between.setdefault(frozenset((joint.parent, joint.child)), []).append(joint.name)
-        several = "; ".join(", ".join(x) for x in between.values() if len(x) > 1)
-        if several:
-            self.notices.append("several joints join the same two links, and each of them holds: "
-                                f"{several}")
-        self.guess, off = drawn(self.tree)
-        self.notices += off
-        if self.bases:
-            self.notices.append(f"not joined to the world, so that it floats there: "
-                                f"{', '.join(self.bases)}")
-        cut = [f"{table['name']!r} ({table['type']})" for table in self.closures]
-        if len(cut) == 1:
-            self.notices.append(f"a loop is cut at joint {cut[0]}, which becomes a closure")
-        elif cut:
-            self.notices.append(f"{len(cut)} loops are cut at the joints {', '.join(cut)}, which "
-                                "become closures")
-        if self.lost:
-            self.notices.append("a closure has no coordinate, so that this does not act: "
-                                f"{', '.join(self.lost)}")
-
-    def fresh(self, wanted: str) -> str:
-        """Return a name that no link or joint has."""
-        return fresh(wanted, self.taken)
 
     def link_of(self, link: str) -> str:
         """Return the name of a link in the URDF."""
@@ -202,15 +173,15 @@ class _Writer:
         """Return the name of a link that stands at a place on another, that itself if it does."""
         if place.isIdentity(0.0):
             return self.link_of(link)
-        name = self.fresh(wanted)
+        name = fresh(wanted, self.taken)
         ET.SubElement(self.robot, "link", name=name)
-        joint_element(self.robot, self.fresh(f"{name}_mount"), "fixed", self.link_of(link), name,
-                      place)
+        mount = fresh(f"{name}_mount", self.taken)
+        joint_element(self.robot, mount, "fixed", self.link_of(link), name, place)
         return name
 
     def base(self, root: Link) -> None:
         """Let a root float in the world, or hold it, where the file draws it."""
-        name = self.fresh(BASE if root.name == self.tree.roots[0] else f"{BASE}_{root.name}")
+        name = fresh(BASE if root.name == self.tree.roots[0] else f"{BASE}_{root.name}", self.taken)
         place = root.placement if root.placement is not None else pin.SE3.Identity()
         kind = "fixed" if self.graph.held else "floating"
         joint_element(self.robot, name, kind, self.ground, root.name, place)
@@ -238,10 +209,10 @@ class _Writer:
             return
         child = joint.child
         if joint.type != "fixed" and not joint.on_child.isIdentity(0.0):
-            child = self.fresh(f"{joint.name}_frame")
+            child = fresh(f"{joint.name}_frame", self.taken)
             ET.SubElement(self.robot, "link", name=child)
-            joint_element(self.robot, self.fresh(f"{child}_mount"), "fixed", child, joint.child,
-                          joint.on_child.inverse())
+            mount = fresh(f"{child}_mount", self.taken)
+            joint_element(self.robot, mount, "fixed", child, joint.child, joint.on_child.inverse())
         kind = _urdf_type(joint) if joint.element is None else joint.element.get("type", "")
         element = joint_element(self.robot, joint.name, kind, self.link_of(joint.parent), child,
                                 on_parent)
@@ -312,6 +283,26 @@ class _Writer:
             raise MechanismFileError(
                 f"{self.where}: fixed joint {joint.name!r} holds {joint.child!r} on "
                 f"{joint.parent!r} in another place than the other fixed joints do, by {most:.3g}")
+
+
+def notices_of(writer: _Writer, off: Iterable[str]) -> Iterator[str]:
+    """Yield notices of parallel joints, links that are drawn `off`, floating bases, and loops."""
+    between: dict[frozenset[str], list[str]] = {}
+    for joint in writer.graph.joints:
+        between.setdefault(frozenset((joint.parent, joint.child)), []).append(joint.name)
+    several = "; ".join(", ".join(x) for x in between.values() if len(x) > 1)
+    if several:
+        yield f"several joints join the same two links, and each of them holds: {several}"
+    yield from off
+    if writer.bases:
+        yield f"not joined to the world, so that it floats there: {', '.join(writer.bases)}"
+    cut = [f"{table['name']!r} ({table['type']})" for table in writer.closures]
+    if len(cut) == 1:
+        yield f"a loop is cut at joint {cut[0]}, which becomes a closure"
+    elif cut:
+        yield f"{len(cut)} loops are cut at the joints {', '.join(cut)}, which become closures"
+    if writer.lost:
+        yield f"a closure has no coordinate, so that this does not act: {', '.join(writer.lost)}"
 
 
 def _urdf_type(joint: GraphJoint) -> str:

@@ -202,8 +202,8 @@ _PARAMETER = re.compile(
     r"(\$\{.*?\}|\$\(.*?\)|(?:'[^']*+'|\"[^\"]*+\"|[^\s'\"]++)++|)(?:\s+|$)(.*)")
 
 
-class Expansion:
-    """One run of xacro over a file and what it includes."""
+class XacroFiles:
+    """The files that one run of xacro reads: found, allowed, and read."""
 
     def __init__(
         self, path: Path, trusted: bool, packages: Mapping[str, Path], tape: Tape | None = None
@@ -212,6 +212,95 @@ class Expansion:
         self.trust = Trust.of(path, packages, trusted)
         self.budget, self.tape = Budget(tape), tape
         self.xacro: Any = None
+
+    @property
+    def file(self) -> str:
+        """The file that is being read."""
+        stack = self.xacro.filestack if self.xacro is not None else None
+        return str(stack[-1]) if stack else str(self.path)
+
+    def package(self, name: str) -> str:
+        """Return the folder of a package."""
+        folder = Path(self.file).parent.resolve()
+        found = next((p for p in package_folders(name, folder, self.packages)
+                      if os.path.isdir(p)), None)
+        if found is None:
+            raise RefusedError(f"no package {name!r}: neither round this file nor below the "
+                               "folders of ROS_PACKAGE_PATH or AMENT_PREFIX_PATH; say where it "
+                               f"lies: load(..., packages={{{name!r}: FOLDER}})")
+        return str(found.resolve())
+
+    def absolute(self, name: str, file: str | None = None) -> str:
+        """Return the path of a file that is named in the file being read."""
+        return os.path.join(os.path.dirname(file or self.file), str(name))
+
+    def confined(self, name: str) -> Path:
+        """Return the path of a file that may be read."""
+        try:
+            return self.trust.resolved(name)
+        except MechanismFileError as error:
+            raise MechanismFileError(f"{shown(self.file)}: {error}") from error
+
+    def included(self, name: str, file: Path) -> list[Path]:
+        """Return the files of an include, those only that can be known without expanding."""
+        try:
+            for package in re.findall(r"\$\(find +([^ )]*) *\)", name):
+                name = re.sub(rf"\$\(find +{re.escape(package)} *\)", self.package(package), name)
+            if "$" in name:
+                return []
+            return [p for p in map(self.confined, self.matching(self.absolute(name, str(file))))
+                    if is_file(p)]
+        except (MechanismFileError, RefusedError):
+            return []  # for xacro to complain about, if it comes to it
+
+    def matching(self, name: str) -> list[str]:
+        """Return the files that a name with or without wildcards stands for, sorted."""
+        if not re.search(r"[*[?]", name):
+            return [name]
+        folder = os.path.dirname(re.split(r"[*[?]", name)[0])
+        self.confined(folder)
+        return sorted(glob.glob(name))
+
+    def parse(self, _: None, name: str) -> Any:
+        """Return the document of a file."""
+        path = Path(name)
+        if not os.path.exists(path) and self.xacro.filestack[1:]:  # an include that may be missing
+            self.xacro.filestack.pop()
+            error = FileNotFoundError(2, "no such file", name)
+            raise self.xacro.XacroException(f"no such file: {shown(name)}", exc=error)
+        text = read_text(path)
+        self.budget.spend(len(text) // SHARE)
+        try:
+            document = minidom.parseString(text)
+        except (ExpatError, ValueError) as error:
+            raise MechanismFileError(f"{shown(name)}: not well-formed XML: {error}") from error
+        # half of a file is space between elements, and comments where none is an instruction:
+        # xacro would copy it with every macro and leave it out in the end
+        dropped = (Node.TEXT_NODE, Node.COMMENT_NODE) if "xacro:eval-comments" not in text else (
+            Node.TEXT_NODE,)
+        stack: list[Any] = [document.documentElement]
+        while stack:
+            children = stack.pop().childNodes
+            if len(children) == 1 and children[0].nodeType == Node.TEXT_NODE:
+                continue
+            children[:] = [child for child in children if child.nodeType not in dropped or (
+                child.nodeType == Node.TEXT_NODE and child.data and not child.data.isspace())]
+            _link([None, *children, None])
+            stack += [child for child in children if child.nodeType == Node.ELEMENT_NODE]
+        return document
+
+    def load_yaml(self, name: str) -> Any:
+        """Return what a YAML file says."""
+        from spatial_pin.formats.xacro.yaml_files import read_yaml
+
+        path = self.confined(self.absolute(name))
+        found = read_yaml(path, lambda text: evaluate(text, GLOBALS, self.budget))
+        measure(found, self.budget)
+        return self.xacro.YamlListWrapper.wrap(found)
+
+
+class Expansion(XacroFiles):
+    """One run of xacro over a file and what it includes."""
 
     def guarded(self, run: Callable[[Any], Any]) -> Any:
         """Return what `run` makes of the module xacro."""
@@ -232,20 +321,12 @@ class Expansion:
         return self.guarded(
             lambda xacro: xacro.process_file(str(self.path), mappings=mappings).toxml())
 
-    @property
-    def file(self) -> str:
-        """The file that is being read."""
-        stack = self.xacro.filestack if self.xacro is not None else None
-        return str(stack[-1]) if stack else str(self.path)
-
     def fail(self, what: str, error: Exception) -> NoReturn:
         """Raise the error of one piece of text."""
         text = what if len(what) <= 120 else f"{what[:110]}..."
         reason = " ".join(str(error).split())[:300] or type(error).__name__
         raise MechanismFileError(
             f"{shown(self.file)}: {' '.join(text.split())}: {reason}") from error
-
-    # ------------------------------------------------------------ texts
 
     def eval_text(self, text: str, symbols: Any) -> Any:
         """Return a text with its `${...}` and `$(...)` put in; the value itself of one alone."""
@@ -314,50 +395,6 @@ class Expansion:
             raise RefusedError(f"no argument {name!r}; {suggestion(name, self.arguments)}")
         return self.arguments[name]
 
-    # ------------------------------------------------------------ files
-
-    def package(self, name: str) -> str:
-        """Return the folder of a package."""
-        folder = Path(self.file).parent.resolve()
-        found = next((p for p in package_folders(name, folder, self.packages)
-                      if os.path.isdir(p)), None)
-        if found is None:
-            raise RefusedError(f"no package {name!r}: neither round this file nor below the "
-                               "folders of ROS_PACKAGE_PATH or AMENT_PREFIX_PATH; say where it "
-                               f"lies: load(..., packages={{{name!r}: FOLDER}})")
-        return str(found.resolve())
-
-    def absolute(self, name: str, file: str | None = None) -> str:
-        """Return the path of a file that is named in the file being read."""
-        return os.path.join(os.path.dirname(file or self.file), str(name))
-
-    def confined(self, name: str) -> Path:
-        """Return the path of a file that may be read."""
-        try:
-            return self.trust.resolved(name)
-        except MechanismFileError as error:
-            raise MechanismFileError(f"{shown(self.file)}: {error}") from error
-
-    def included(self, name: str, file: Path) -> list[Path]:
-        """Return the files of an include, those only that can be known without expanding."""
-        try:
-            for package in re.findall(r"\$\(find +([^ )]*) *\)", name):
-                name = re.sub(rf"\$\(find +{re.escape(package)} *\)", self.package(package), name)
-            if "$" in name:
-                return []
-            return [p for p in map(self.confined, self.matching(self.absolute(name, str(file))))
-                    if is_file(p)]
-        except (MechanismFileError, RefusedError):
-            return []  # for xacro to complain about, if it comes to it
-
-    def matching(self, name: str) -> list[str]:
-        """Return the files that a name with or without wildcards stands for, sorted."""
-        if not re.search(r"[*[?]", name):
-            return [name]
-        folder = os.path.dirname(re.split(r"[*[?]", name)[0])
-        self.confined(folder)
-        return sorted(glob.glob(name))
-
     def include_files(self, name: str, symbols: Any) -> list[str]:
         """Return the files of an include."""
         files = self.matching(self.absolute(self.eval_text(name, symbols)))
@@ -371,45 +408,6 @@ class Expansion:
             except MechanismFileError as error:
                 raise MechanismFileError(f"{shown(self.file)}: an include: {error}") from error
         return files
-
-    def parse(self, _: None, name: str) -> Any:
-        """Return the document of a file."""
-        path = Path(name)
-        if not os.path.exists(path) and self.xacro.filestack[1:]:  # an include that may be missing
-            self.xacro.filestack.pop()
-            error = FileNotFoundError(2, "no such file", name)
-            raise self.xacro.XacroException(f"no such file: {shown(name)}", exc=error)
-        text = read_text(path)
-        self.budget.spend(len(text) // SHARE)
-        try:
-            document = minidom.parseString(text)
-        except (ExpatError, ValueError) as error:
-            raise MechanismFileError(f"{shown(name)}: not well-formed XML: {error}") from error
-        # half of a file is space between elements, and comments where none is an instruction:
-        # xacro would copy it with every macro and leave it out in the end
-        dropped = (Node.TEXT_NODE, Node.COMMENT_NODE) if "xacro:eval-comments" not in text else (
-            Node.TEXT_NODE,)
-        stack: list[Any] = [document.documentElement]
-        while stack:
-            children = stack.pop().childNodes
-            if len(children) == 1 and children[0].nodeType == Node.TEXT_NODE:
-                continue
-            children[:] = [child for child in children if child.nodeType not in dropped or (
-                child.nodeType == Node.TEXT_NODE and child.data and not child.data.isspace())]
-            _link([None, *children, None])
-            stack += [child for child in children if child.nodeType == Node.ELEMENT_NODE]
-        return document
-
-    def load_yaml(self, name: str) -> Any:
-        """Return what a YAML file says."""
-        from spatial_pin.formats.xacro.yaml_files import read_yaml
-
-        path = self.confined(self.absolute(name))
-        found = read_yaml(path, lambda text: evaluate(text, GLOBALS, self.budget))
-        measure(found, self.budget)
-        return self.xacro.YamlListWrapper.wrap(found)
-
-    # ------------------------------------------------------------ elements
 
     def macro(self, name: str, macros: Any, symbols: Any) -> Any:
         """Return a macro with the names in its reach, paid for."""
