@@ -106,15 +106,9 @@ def package_folders(name: str, folder: Path, packages: Mapping[str, Path]) -> It
         if parent.name == name or _manifest_name(parent) == name:
             yield parent
         yield parent / name
-    for root in _installed():
-        yield root / name
-
-
-def _installed() -> Iterator[Path]:
-    """Yield the folders in which Python packages install ROS packages, such as robots' data."""
-    for place in dict.fromkeys(sys.path):
-        yield Path(place) / "cmeel.prefix" / "share"
-    yield Path(sys.prefix) / "share"
+    for place in dict.fromkeys(sys.path):  # where Python packages install robots' data
+        yield Path(place) / "cmeel.prefix" / "share" / name
+    yield Path(sys.prefix) / "share" / name
 
 
 def _listed(variable: str) -> list[Path]:

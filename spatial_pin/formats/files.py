@@ -18,7 +18,6 @@ from spatial_pin.errors import MechanismFileError, Mistakes, suggestion, warn
 from spatial_pin.formats.checked_tables import TomlTable
 from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.file_access import (
-    Trust,
     check_file,
     is_file,
     library_folder,
@@ -345,7 +344,7 @@ def _tree_of(top: TomlTable, request: Request) -> Path:
     name = top.text("tree")
     file = request.path.parent / name
     try:
-        Trust.of(request.path, request.packages, request.trusted).checked(file)
+        request.trust.checked(file)
     except MechanismFileError as error:
         top.fail("tree", f"is {shown(name)!r}: {error}")
     return file

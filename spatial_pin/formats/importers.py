@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats.file_access import check_file, shown
+from spatial_pin.formats.file_access import Trust, check_file, shown
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,11 @@ class Request:
     alone: bool = True
     complete: bool = False
     expanded: str | None = None
+
+    @property
+    def trust(self) -> Trust:
+        """Which files the file may name."""
+        return Trust.of(self.path, self.packages, self.trusted)
 
 
 @dataclass(frozen=True)

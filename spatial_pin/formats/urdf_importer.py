@@ -74,7 +74,7 @@ def is_statement(path: Path) -> bool:
 
 def read_folder(request: Request) -> Imported:
     """Read the robot of a folder: that of its `robot.yaml`, or its only URDF."""
-    folder, trust = request.path, _trust(request)
+    folder, trust = request.path, request.trust
     stated = [p for ending in yaml_loops.ENDINGS for p in sorted(folder.glob(f"*{ending}"))
               if trust.allows(p) and yaml_loops.is_robot(p)]
     chosen = stated if len(stated) == 1 else [p for p in stated if p.stem == "robot"][:1]
@@ -90,7 +90,7 @@ def read_statement(request: Request) -> Imported:
         trust = Trust.of(folder, request.packages, request.trusted)
         urdf, name = _only(folder, trust), folder.resolve().name
     else:
-        urdf = yaml_loops.urdf_of(path, _trust(request))
+        urdf = yaml_loops.urdf_of(path, request.trust)
         name = path.resolve().parent.name if path.stem == "robot" else path.stem
     return _read(urdf, request, name, path)
 
@@ -104,10 +104,6 @@ def _read(urdf: Path, request: Request, name: str, statement: Path | None = None
             mesh.set("filename", str(urdf.resolve().parent / file))
     return Imported(ET.tostring(robot, encoding="unicode"), {"name": name, **imported.content},
                     imported.notices)
-
-
-def _trust(request: Request) -> Trust:
-    return Trust.of(request.path, request.packages, request.trusted)
 
 
 def _candidates(folder: Path, trust: Trust) -> list[Path]:

@@ -146,8 +146,10 @@ def read_robot(path: Path, reading: RobotReading) -> None:
             if frame not in names:
                 raise MechanismFileError(f"{where}: frame {frame!r} does not exist; "
                                          f"{suggestion(frame, names)}")
+        same = takewhile(lambda letters: letters[0] == letters[1], zip(*pair, strict=False))
+        name = "".join(a for a, _ in same).rstrip("_- ") or f"closed_loop_{k + 1}"
         kind = "spherical" if lists["type"] and lists["type"][k].lower() == "3d" else "weld"
-        reading.add("closures", {"name": _common_name(pair, k), "type": kind, "frames": pair,
+        reading.add("closures", {"name": name, "type": kind, "frames": pair,
                                  "source": f"closed_loop of {path.name}"})
     if lists["name_mot"]:
         reading.content["drivers"], reading.all_driven = {}, True
@@ -182,13 +184,6 @@ def _read_types(lists: dict[str, list[Any]], path: Path, reading: RobotReading) 
         else:
             raise MechanismFileError(f"{where}: joint_type {kind!r} is not known; there are: "
                                      "SPHERICAL, FIXED, UJOINT_XY and the like")
-
-
-def _common_name(pair: list[str], k: int) -> str:
-    """Return what the two frames of a loop are called in common, or its number."""
-    same = takewhile(lambda letters: letters[0] == letters[1], zip(*pair, strict=False))
-    name = "".join(a for a, _ in same).rstrip("_- ")
-    return name or f"closed_loop_{k + 1}"
 
 
 NAME = "loop_closures.yaml"

@@ -87,9 +87,12 @@ class MjcfDocument:
         """Give a body its inertia, in its own frame."""
         moments, axes = np.linalg.eigh(inertia.inertia)
         axes[:, 0] *= np.linalg.det(axes)
-        placement = pin.SE3(axes, inertia.lever)
-        ET.SubElement(body, "inertial", placed(placement, mass=repr(float(inertia.mass)),
-                                               diaginertia=numbers_text(possible(moments))))
+        a, b, c = np.maximum(moments, 0.0)  # with the least change that bodies may have
+        lack = max(c * (1.0 + 4.0 * np.finfo(float).eps) - a - b, 0.0)
+        moments = np.array([a, b, c]) + lack / 2.0 * np.array([1.0, 1.0, 0.0])
+        ET.SubElement(body, "inertial", placed(
+            pin.SE3(axes, inertia.lever), mass=repr(float(inertia.mass)),
+            diaginertia=numbers_text(moments)))
 
     def least_inertia(
         self, name: str, body: ET.Element, inertia: pin.Inertia | None = None, *,
@@ -113,13 +116,6 @@ class MjcfDocument:
             moment = max(mass * (THIN * mech.characteristic_length) ** 2, moment)
         mass = own.mass if own.mass >= LEAST_MOMENT else mass
         self.inertia(body, inertia_as_given(mass, own.lever, own.inertia + moment * np.eye(3)))
-
-
-def possible(moments: Array) -> Array:
-    """Return principal moments (3,), ascending, with the least change that bodies may have."""
-    a, b, c = np.maximum(moments, 0.0)
-    lack = c * (1.0 + 4.0 * np.finfo(float).eps) - a - b
-    return np.array([a, b, c]) + max(lack, 0.0) / 2.0 * np.array([1.0, 1.0, 0.0])
 
 
 def is_movable(inertia: pin.Inertia) -> bool:

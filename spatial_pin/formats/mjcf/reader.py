@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from spatial_pin.formats.file_access import Trust, shown
+from spatial_pin.formats.file_access import shown
 from spatial_pin.formats.importers import Imported, Request
 from spatial_pin.formats.mjcf.compiling import compiled, some
 from spatial_pin.formats.mjcf.equalities import read_closures
@@ -145,8 +145,7 @@ UNNAMED = "MuJoCo Model"  # what MuJoCo calls a model without a name
 
 def read(request: Request) -> Imported:
     """Read an MJCF file."""
-    trust = Trust.of(request.path, request.packages, request.trusted)
-    model, meshes, massless, notices = compiled(request.path, trust, request.without)
+    model, meshes, massless, notices = compiled(request.path, request.trust, request.without)
     import mujoco
 
     names = model.names

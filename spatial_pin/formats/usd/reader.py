@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import Any
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats.file_access import Trust
 from spatial_pin.formats.graph.joint_graph import WORLD, GraphJoint, JointGraph, Link
 from spatial_pin.formats.graph.open_tree import open_tree
 from spatial_pin.formats.graph.spanning import SpanningTree
@@ -21,8 +20,7 @@ SINGLE_PRECISION = 1e-6  # of numbers of 32 bits, after a few of them were put t
 def read_stage(request: Request) -> Imported:
     """Read a stage."""
     with quietly(request.path):
-        trust = Trust.of(request.path, request.packages, request.trusted)
-        stage = UsdStage(request.path, trust)
+        stage = UsdStage(request.path, request.trust)
         stage.notices += leave_out(stage, request.without)
         bodies = read_bodies(stage)
         if not bodies:
