@@ -256,7 +256,10 @@ class Extended:
         for joint, axis in self._spins:
             r, dr, ddr = placements[joint][..., :3, :3]
             back = np.swapaxes(r, -1, -2)
-            found.append([_unskew(back @ x) @ axis for x in (dr, ddr)])
+            for k in (back @ dr, back @ ddr):  # axial vectors of the skew parts
+                axial = np.stack([k[:, 2, 1] - k[:, 1, 2], k[:, 0, 2] - k[:, 2, 0],
+                                  k[:, 1, 0] - k[:, 0, 1]], axis=-1) / 2
+                found.append(axial @ axis)
         return np.moveaxis(np.array(found, dtype=Long).reshape(-1, 2, len(q)), 0, -1)
 
     def closure_errors(self, q: Array, turns: Array) -> Array:
@@ -302,21 +305,10 @@ class Extended:
                 moved = (second - first)[:, joint.q : end - 4]
                 back = np.swapaxes(_of_quaternions(a)[:, :3, :3], -1, -2)
                 steps[:, joint.v : joint.v + 3] = (back @ moved[..., None])[..., 0]
-            steps[:, joint.v + n - 3 : joint.v + n] = _rotation_vectors(a, b)
+            turn = _compose(a * np.array([-1, -1, -1, 1]), b)
+            turn = np.where(turn[:, 3:] < 0, -turn, turn)
+            sine = np.sqrt((turn[:, :3] ** 2).sum(-1, keepdims=True))
+            angle = 2 * np.arctan2(sine, turn[:, 3:])
+            factor = np.where(sine > 0, angle / np.where(sine > 0, sine, 1), 2)
+            steps[:, joint.v + n - 3 : joint.v + n] = factor * turn[:, :3]
         return steps
-
-
-def _rotation_vectors(a: Array, b: Array) -> Array:
-    """Return the rotation vectors (N, 3) from orientations a to b (N, 4), in the axes of a."""
-    back = a * np.array([-1, -1, -1, 1])
-    turn = _compose(back, b)
-    turn = np.where(turn[:, 3:] < 0, -turn, turn)
-    sine = np.sqrt((turn[:, :3] ** 2).sum(-1, keepdims=True))
-    angle = 2 * np.arctan2(sine, turn[:, 3:])
-    return np.where(sine > 0, angle / np.where(sine > 0, sine, 1), 2) * turn[:, :3]
-
-
-def _unskew(k: Array) -> Array:
-    """Return the axial vectors (N, 3) of the skew parts of matrices (N, 3, 3)."""
-    return np.stack([k[:, 2, 1] - k[:, 1, 2], k[:, 0, 2] - k[:, 2, 0],
-                     k[:, 1, 0] - k[:, 0, 1]], axis=-1) / 2

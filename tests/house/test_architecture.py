@@ -28,12 +28,11 @@ LAYERS = {
     "formats": ["xacro", "urdf", "graph", "sdf", "dialects", "usd", "mjcf",
                 "pinocchio_model"],
     "assembly": ["search"],
-    "mobility": ["modes"],
     "reduction": ["model"],
     "dynamics": ["solvers", "derivatives", "simulation"],
     "dynamics.simulation": ["formulations", "running"],
     "synthesis": ["demands"],
-    "view": ["scene", "page", "browser"],
+    "view": ["scene", "page"],
     "cli": ["commands"],
     "view.scene": ["layers"],
 }

@@ -44,12 +44,17 @@ from spatial_pin.mechanism.pairs import JOINT_TYPES, closure_types
 from spatial_pin.view.scene.film import film, length_words, nice
 from spatial_pin.view.scene.framing import ASPECT, FIELD_OF_VIEW, Framing, frame, occupied, rotate
 from spatial_pin.view.scene.layers import arrows
-from spatial_pin.view.scene.layers.bodies import BODY_COLOURS, GROUND_COLOUR, colour, link_of
+from spatial_pin.view.scene.layers.arrows import TRACE_COLOURS
 from spatial_pin.view.scene.layers.glyphs import GLYPHS, glyphs
 from spatial_pin.view.scene.layers.places import places
-from spatial_pin.view.scene.layers.traces import COLOURS as TRACE_COLOURS
+from spatial_pin.view.scene.layers.visuals import (
+    BODY_COLOURS,
+    GROUND_COLOUR,
+    colour,
+    link_of,
+    skeleton,
+)
 from spatial_pin.view.scene.meshcat_commands import scene
-from spatial_pin.view.scene.skeleton import skeleton
 from spatial_pin.view.scene.stage import Stage, joint_poses, quaternions_along, upright
 
 

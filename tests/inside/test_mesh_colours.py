@@ -13,7 +13,7 @@ import spatial_pin as sp
 from spatial_pin.formats import mesh_files
 from spatial_pin.formats.urdf import geometry
 from spatial_pin.view.scene.film import film
-from spatial_pin.view.scene.layers.bodies import BODY_COLOURS, body_items
+from spatial_pin.view.scene.layers.visuals import BODY_COLOURS, body_items
 from spatial_pin.view.scene.meshcat_commands import scene
 
 RED, GREEN, URDF = (1.0, 0.0, 0.0, 1.0), (0.0, 0.5, 0.0, 0.25), (0.0, 0.0, 1.0, 1.0)

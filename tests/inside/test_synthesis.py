@@ -21,7 +21,7 @@ from spatial_pin.synthesis.demands import demand
 from spatial_pin.synthesis.demands.candidate import Candidate
 from spatial_pin.synthesis.demands.demand import smooth_peak
 from spatial_pin.synthesis.problem import Fit, Problem, _Exactly
-from spatial_pin.view.scene.overlay import overlaid
+from spatial_pin.view.scene.look import overlaid
 
 goals = sp.goals
 

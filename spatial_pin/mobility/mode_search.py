@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -9,14 +10,16 @@ from numpy.typing import NDArray
 
 from spatial_pin.assembly.search.guesses import read_guess
 from spatial_pin.errors import ContinuumError
+from spatial_pin.kernel.closer import Closer
+from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.mechanism.coordinates import with_values
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mobility.finite_motions import SETTING_OUT, WAY_OUT
-from spatial_pin.mobility.modes.check import SAME_MODE, Check, Kind
-from spatial_pin.mobility.modes.recognition import Recognition, apart
-from spatial_pin.mobility.modes.result import Continuum
-from spatial_pin.mobility.modes.rods import Core, Rod
-from spatial_pin.mobility.modes.starts import Starts
-from spatial_pin.numerics.linalg import Array, null_vectors
+from spatial_pin.mobility.mode_check import SAME_MODE, BodyMark, ModeCheck, ModeKind, rows_of
+from spatial_pin.mobility.mode_list import Continuum
+from spatial_pin.mobility.rods import Core, Rod
+from spatial_pin.numerics.linalg import Array, null_space, null_vectors
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 # Starts that the rarest mode must have had before no more are sought: one that has half its share
@@ -26,13 +29,167 @@ TIMES = 20
 # of round-off, 1e-4; ten times that.
 SINGULAR_SAME = 1e-3
 MOST_MODES = 1000  # after which no more are sought: more are a continuum cut by its tolerance
+BEYOND = 0.25  # part of the range of closed slides that starts go beyond it: modes not yet found
+# Starts slide by up to so many characteristic lengths either way: links reach one, and the ground
+# stands no farther than half of another from where its frame is drawn.
+SLIDES = 1.5
+# Steps of a start. Of random starts of `delta` 57 % close in 60 steps, 75 % in 120 and 240; of the
+# Gough platform with forty modes 98.5 %, 99.75 % and as many.
+ITERATIONS = 120
+# starts closed together: few as the first may tell all, later ones many
+FEWEST_TOGETHER, MOST_TOGETHER = 64, 512
+LARGEST = 1 << 21  # numbers in their Jacobians: 16 MB
+LOOKED_AT = 20  # closed configurations looked at for a regular one: if all are singular, it is so
 MOST_REJECTED = 64  # mirror images that are known again: each is compared with every start
+
+
+class Starts:
+    """Configurations of a mechanism, drawn at random, and where descents from them end.
+
+    Args:
+        mechanism: the core of what is searched.
+        held: its coordinates that are held [rad, m].
+
+    Attributes:
+        kernel: of the mechanism.
+        free: (nv,) which velocities may close the loops.
+    """
+
+    def __init__(self, mechanism: Mechanism, held: Mapping[str, float]) -> None:
+        self._mechanism, self._held = mechanism, held
+        self._closer = Closer(mechanism)
+        self.kernel = self._closer.kernel
+        table, nv = mechanism.coordinate_table, mechanism.model.nv
+        self.free = np.ones(nv, dtype=bool)
+        self.free[[table[name].v for name in held]] = False
+        self._most = int(np.clip(LARGEST // max(1, self.kernel.n_closure * nv), 1, MOST_TOGETHER))
+        self._size = min(FEWEST_TOGETHER, self._most)
+        self._slides = [at for c in table.values() if c.unit == "m" and c.name not in held
+                        and (at := mechanism.place_of(c)) >= 0]
+        self._low = np.full(len(self._slides), np.inf)
+        self._high = -self._low
+
+    def draw(self, rng: np.random.Generator, most: int) -> Array:
+        """Return some more configurations (nq, m), `most` at most."""
+        m = min(self._size, most) if self.free.any() else 1
+        self._size = min(2 * self._size, self._most)
+        mechanism, model = self._mechanism, self._mechanism.model
+        q = np.repeat(np.array(mechanism.neutral)[:, None], m, axis=1)
+        reach = rng.uniform(0.0, SLIDES * mechanism.characteristic_length, m)
+        for c in mechanism.coordinate_table.values():  # angles uniform, slides about neutral
+            if c.q >= 0:
+                q[c.q] = rng.uniform(-1.0, 1.0, m) * (np.pi if c.unit == "rad" else reach)
+        for i, name in enumerate(mechanism.pairs, start=1):
+            if not PAIRS[name].is_linear:  # orientations uniform
+                at, n = model.idx_qs[i], model.nqs[i]
+                quaternion = rng.normal(size=(4, m))
+                q[at + n - 4 : at + n] = quaternion / np.linalg.norm(quaternion, axis=0)
+                if n == 7:
+                    q[at : at + 3] = rng.uniform(-1.0, 1.0, (3, m)) * reach
+        for name, value in self._held.items():
+            q[mechanism.coordinate_table[name].q] = value
+        # every other start has slides in the range of closed configurations, and a part beyond it:
+        # a mechanism may be small against its distance from the origin
+        if self._slides and np.isfinite(self._low).all():
+            beyond = BEYOND * (self._high - self._low)
+            q[self._slides, 1::2] = rng.uniform(
+                (self._low - beyond)[:, None], (self._high + beyond)[:, None],
+                (len(self._slides), m // 2))
+        return q
+
+    def descend(self, q: Array) -> tuple[Array, Array]:
+        """Return configurations q (nq, m) with their loops closed, and residuals (m,)."""
+        found, error = self._closer.descend(q.T, self.free, TOLERANCES.tight, ITERATIONS)
+        return found.T, error
+
+    def learn(self, closed: Array) -> None:
+        """Learn from closed configurations (nq, m) where slides are."""
+        ends = closed[self._slides]
+        self._low = np.minimum(self._low, ends.min(axis=1, initial=np.inf))
+        self._high = np.maximum(self._high, ends.max(axis=1, initial=-np.inf))
+
+
+class Recognition:
+    """Signatures of configurations: equal where these are one mode.
+
+    Args:
+        check: of the whole mechanism.
+        core: what is searched.
+        base: (nq,) configuration of the whole mechanism where it is not the core's.
+        kernel: of the core.
+        free: (nv,) velocities of the core that may close the loops.
+        all_copies: whether copies of a mode are told apart.
+
+    Attributes:
+        marks: what counts of each body; empty before anything was learnt.
+        is_learnt: whether signatures can be made.
+        generic_nullity: freedoms to first order of a regular configuration of the core.
+    """
+
+    def __init__(
+        self, check: ModeCheck, core: Core, base: Array, kernel: Kernel,
+        free: NDArray[np.bool_], all_copies: bool,
+    ) -> None:
+        self._check, self._core, self._base = check, core, base
+        self._kernel, self._free, self._all_copies = kernel, free, all_copies
+        self.marks: dict[int, BodyMark] = {}
+        self.is_learnt = False
+        self._rows: Array = np.empty((0, 0))
+        self.generic_nullity = 0
+
+    def learn(self, q: Array) -> None:
+        """Learn from closed configurations q (nq, m) which freedoms are passive."""
+        looked_at = 0
+        for x in q.T:
+            whole = self.whole(x)
+            if whole is None:
+                continue
+            kind = self._check.kind(whole)
+            if not self.is_learnt or not kind.is_singular:
+                self.is_learnt = True
+                self.marks = self._check.marks(whole, kind.idle, self._all_copies)
+                nullity = len(null_space(self.jacobians(x[:, None])[0], TOLERANCES.half_precision))
+                self.generic_nullity = nullity - kind.nullity + kind.passive
+            looked_at += 1
+            if not kind.is_singular or looked_at == LOOKED_AT:
+                break
+        if self.is_learnt:
+            own = {k: self.marks[i] for k, i in enumerate(self._core.joints, start=1)}
+            self._rows = rows_of(own, len(self._core.joints) + 1,
+                                 self._check.mechanism.characteristic_length)
+
+    def signatures(self, q: Array) -> Array:
+        """Return (m, rows, 3) what tells configurations q (nq, m) of the core apart."""
+        placed = self._kernel.placements(q.T)
+        return self._rows @ placed.reshape(len(placed), -1, 3)
+
+    def signature(self, q: Array) -> Array:
+        """Return (rows, 3) of one configuration (nq,) of the whole mechanism."""
+        model, own = self._check.mechanism.model, self._core.mechanism.model
+        parts = [q[model.idx_qs[i] : model.idx_qs[i] + model.nqs[i]] for i in self._core.joints]
+        x: Array = np.concatenate([np.empty(0), *parts]).reshape(own.nq)
+        return self.signatures(x[:, None])[0]
+
+    def jacobians(self, q: Array) -> Array:
+        """Return (m, n_closure, free) derivatives of the core's equations at q (nq, m)."""
+        return self._kernel.jacobians(q.T)[:, : self._kernel.n_closure, self._free]
+
+    def whole(self, x: Array) -> Array | None:
+        """Return a configuration of the core as one of the mechanism, None if it is none."""
+        mechanism = self._check.mechanism
+        return self._check.place_rods(
+            self._core.rods, self._core.whole(mechanism, self._base, x))
+
+
+def apart(signatures: Array, other: Array) -> Array:
+    """Return (m,) largest differences of signatures (m, rows, 3) from another (rows, 3)."""
+    return np.abs(signatures - other).max(axis=(1, 2), initial=0.0)
 
 
 class Mode:
     """A mode found: a closed configuration, and how many starts have ended there."""
 
-    def __init__(self, q: Array, kind: Kind, signature: Array, rods: tuple[Rod, ...]) -> None:
+    def __init__(self, q: Array, kind: ModeKind, signature: Array, rods: tuple[Rod, ...]) -> None:
         self.q, self.kind, self.signature, self.rods = q, kind, signature, rods
         self.count = 0
 
@@ -42,7 +199,7 @@ class Mode:
         return SINGULAR_SAME if self.kind.is_singular else SAME_MODE
 
 
-class Search:
+class ModeSearch:
     """Closed configurations of the core found so far, one of each mode.
 
     Args:
@@ -58,7 +215,7 @@ class Search:
         is_whole: whether nothing cut it short.
     """
 
-    def __init__(self, check: Check, core: Core, all_copies: bool) -> None:
+    def __init__(self, check: ModeCheck, core: Core, all_copies: bool) -> None:
         self._check, self._core = check, core
         mechanism = check.mechanism
         self._base = with_values(
@@ -99,7 +256,11 @@ class Search:
             KeyboardInterrupt: before a mode was found.
         """
         try:
-            while not self._is_done(patience, most_starts):
+            while self.starts < most_starts and len(self.modes) < MOST_MODES:
+                least = min((mode.count for mode in self.modes), default=TIMES)
+                if (self.starts and not self.is_free) or (
+                        self.starts - self._newest >= patience and least >= TIMES):
+                    break
                 self._attempt(rng, most_starts)
                 bar.n = self.starts
                 bar.set_postfix(found=len(self.modes))
@@ -123,15 +284,6 @@ class Search:
                 apart(x.signature[None], y.signature)[0] for y in group))
             middle.count = sum(x.count for x in group)
             self.modes.append(middle)
-
-    def _is_done(self, patience: int, most_starts: int) -> bool:
-        """Whether further starts can be spared."""
-        if self.starts >= most_starts or len(self.modes) >= MOST_MODES:
-            return True
-        if self.starts and not self.is_free:
-            return True
-        return (self.starts - self._newest >= patience
-                and min((mode.count for mode in self.modes), default=TIMES) >= TIMES)
 
     def _attempt(self, rng: np.random.Generator, most_starts: int) -> None:
         """Close the loops from some more starts, and sort what they end at."""
@@ -228,7 +380,7 @@ class Search:
         return (error <= SAME_MODE * SAME_MODE) & (left > TOLERANCES.moved * asked)
 
 
-def moving(check: Check, continuum: Continuum) -> ContinuumError:
+def moving(check: ModeCheck, continuum: Continuum) -> ContinuumError:
     """Return the error of a mechanism that can move with its values held."""
     mechanism = check.mechanism
     values = ", ".join(f"{name} = {value:.6g}" for name, value in check.held.items())

@@ -10,18 +10,29 @@ import asyncio
 import base64
 import contextlib
 import json
+import os
 import queue
+import shutil
+import signal
 import subprocess
 import tempfile
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.view.browser.picture import end, find_browser, start
 
+BROWSERS = (
+    "chromium",
+    "chromium-browser",
+    "google-chrome",
+    "google-chrome-stable",
+    "chrome",
+    "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome",
+    "/Applications/Chromium.app/Contents/MacOS/Chromium",
+)
 OPTIONS = (
     "--headless=new",
     "--no-sandbox",  # the pages are our own and refuse the network
@@ -40,11 +51,56 @@ GRACE = 5.0  # for a browser that was asked to end [s], before it is ended
 POLL = 0.01  # between two looks at something that is not ready yet [s]: short to who waits
 LARGEST_MESSAGE = 1 << 28  # [bytes]: a picture is one message, of 16384 x 16384 at most
 DOMAINS = ("Page", "Runtime", "Log", "Network")  # what events are wanted of
+# its standard input is our pipe: it ends when we do; the browser's children take a moment longer,
+# and what they still write keeps the folder from being removed
+COMPANION = """folder=$1; shift; exec 3<&0
+(cat <&3 >/dev/null; kill -KILL $$
+for again in 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20; do
+  rm -rf "$folder"; [ -e "$folder" ] || break; sleep 0.2
+done
+kill -KILL 0) >/dev/null 2>&1 &
+exec "$@" </dev/null 3<&-
+"""
 NEXT_PICTURE = "new Promise(done => requestAnimationFrame(() => done(true)))"
 
 
-class _Line:
-    """A websocket to the browser."""
+def find_browser() -> str | None:
+    """Return the program of a Chromium or Chrome on this machine, or None."""
+    return next((found for name in BROWSERS if (found := shutil.which(name))), None)
+
+
+def start(command: Sequence[str], folder: str) -> subprocess.Popen[bytes]:
+    """Start a browser that ends with us, however we end.
+
+    It has a process group of its own, and where there is a shell a companion in it, which holds
+    the other end of our pipe: once we are gone it ends the group and removes the folder.
+
+    Args:
+        command: program and options.
+        folder: the browser's own; what it complains of is written to `stderr` there.
+    """
+    with (Path(folder) / "stderr").open("wb") as said:
+        if os.name != "posix":
+            return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+                                    stderr=said)
+        return subprocess.Popen(["/bin/sh", "-c", COMPANION, "sh", folder, *command],
+                                stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=said,
+                                start_new_session=True)
+
+
+def end(process: subprocess.Popen[bytes]) -> None:
+    """End a browser, and what is left of its group."""
+    if hasattr(os, "killpg"):
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(process.pid, signal.SIGKILL)
+    process.kill()
+    process.wait()
+    if process.stdin is not None:
+        process.stdin.close()
+
+
+class _Websocket:
+    """The line to the browser, with a thread and an event loop of its own."""
 
     def __init__(self, url: str) -> None:
         from tornado.websocket import websocket_connect
@@ -130,47 +186,35 @@ class Browser:
                 "a picture needs Chromium or Chrome, and none was found on the PATH"
             )
         self.events: list[dict[str, Any]] = []
-        self._program = program
         self._session = ""
-        self._asked = 0
-        self._line: _Line | None = None
+        self._questions = 0
+        self._line: _Websocket | None = None
         self._folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
-        self._process = self._start()
+        note = Path(self._folder.name) / "DevToolsActivePort"  # where it writes its address down
+        self._process = start([program, *OPTIONS, f"--user-data-dir={note.parent}", "about:blank"],
+                              str(note.parent))
+
+        def written() -> list[str]:
+            if self._process.poll() is not None:
+                complaint = (note.parent / "stderr").read_text(errors="replace")[-2000:]
+                raise SpatialPinError(f"{program} ended at once:\n{complaint}")
+            lines = note.read_text().split() if note.is_file() else []
+            return lines if len(lines) == 2 else []
+
         try:
-            self._line = _Line(self._address())
-            self._attach()
+            port, path = _patiently(written, f"{program} to start")
+            self._line = _Websocket(f"ws://127.0.0.1:{port}{path}")
+            pages = self.call("Target.getTargets")["targetInfos"]
+            page = next((p["targetId"] for p in pages if p["type"] == "page"), None)
+            page = page or self.call("Target.createTarget", url="about:blank")["targetId"]
+            attached = self.call("Target.attachToTarget", targetId=page, flatten=True)
+            self._session = attached["sessionId"]
+            for domain in DOMAINS:
+                self.call(f"{domain}.enable")
             self.resize(size)
         except BaseException:
             self.close()
             raise
-
-    def _start(self) -> subprocess.Popen[bytes]:
-        command = [self._program, *OPTIONS, f"--user-data-dir={self._folder.name}", "about:blank"]
-        return start(command, self._folder.name)
-
-    def _address(self) -> str:
-        """Return the browser's websocket, once it has written it down."""
-        note = Path(self._folder.name) / "DevToolsActivePort"
-
-        def written() -> list[str]:
-            if self._process.poll() is not None:
-                said = (note.parent / "stderr").read_text(errors="replace")[-2000:]
-                raise SpatialPinError(f"{self._program} ended at once:\n{said}")
-            lines = note.read_text().split() if note.is_file() else []
-            return lines if len(lines) == 2 else []
-
-        port, path = _patiently(written, f"{self._program} to start")
-        return f"ws://127.0.0.1:{port}{path}"
-
-    def _attach(self) -> None:
-        """Take the page over."""
-        pages = self.call("Target.getTargets")["targetInfos"]
-        page = next((p["targetId"] for p in pages if p["type"] == "page"), None)
-        page = page or self.call("Target.createTarget", url="about:blank")["targetId"]
-        attached = self.call("Target.attachToTarget", targetId=page, flatten=True)
-        self._session = attached["sessionId"]
-        for domain in DOMAINS:
-            self.call(f"{domain}.enable")
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
         """Return the result of a method of the DevTools protocol.
@@ -180,8 +224,8 @@ class Browser:
         """
         if self._line is None:
             raise SpatialPinError("the browser is closed")
-        self._asked += 1
-        message = {"id": self._asked, "method": method, "params": parameters}
+        self._questions += 1
+        message = {"id": self._questions, "method": method, "params": parameters}
         if self._session:
             message["sessionId"] = self._session
         self._line.send(json.dumps(message))
@@ -206,7 +250,7 @@ class Browser:
             if text is None:
                 raise SpatialPinError(f"the browser went away during {method}")
             message = json.loads(text)
-            if message.get("id") == self._asked:
+            if message.get("id") == self._questions:
                 return message
             if "method" in message:
                 self.events.append(message)

@@ -1,4 +1,4 @@
-"""What options ask of a mechanism: the mechanism itself, values in its units, names it has."""
+"""What options say of a mechanism: the mechanism itself, values in its units, names it has."""
 
 from __future__ import annotations
 
@@ -12,14 +12,15 @@ from typing import Any, TypeVar, cast
 import numpy as np
 
 import spatial_pin as sp
-from spatial_pin.assembly.holding import BASE
-from spatial_pin.cli.names import check_held
+from spatial_pin.assembly.holding import BASE, SPRINGS, is_base
+from spatial_pin.errors import UnknownNameError
 from spatial_pin.inverse_kinematics.named_targets import is_angle, is_part
 from spatial_pin.mechanism.joint_limits import joint_limits
+from spatial_pin.proximity.clearance import standing
 from spatial_pin.units import Quantity, likely_unit
 
 MANY_TURNS = 12.0  # [rad], nearly two turns: whole numbers beyond are meant in degrees more often
-Found = TypeVar("Found")
+Result = TypeVar("Result")
 RATES = {"speed": "/s", "acceleration": "/s2"}  # per what they are
 NO_SLIDE = 30.0  # characteristic lengths that no slide goes
 
@@ -33,21 +34,15 @@ def loaded(options: argparse.Namespace) -> sp.Mechanism:
     plain = {name: x for name, x in given.items() if isinstance(x, Quantity) and not x.unit}
     if plain:  # first, for what is far off may not even load
         rest = {name: x for name, x in given.items() if name not in plain}
+        usual: Mapping[str, float] = {}
         with contextlib.suppress(sp.SpatialPinError):  # what needs a dimension has no default
-            options.hints += _off(plain, sp.load(options.mechanism, **how, **rest).dimensions)
+            usual = sp.load(options.mechanism, **how, **rest).dimensions
+        for name, x in plain.items():  # as far off its default as another unit would bring it?
+            times = x / usual[name] if usual.get(name) else 1.0
+            if unit := likely_unit(times):
+                options.hints.append(
+                    f"{name} is {times:.4g} times its default {usual[name]:.6g}: {unit}?")
     return sp.load(options.mechanism, **how, **given)
-
-
-def _off(given: Mapping[str, float], usual: Mapping[str, float]) -> list[str]:
-    """Return hints for numbers that are as far off their defaults as another unit would bring."""
-    hints = []
-    for name, x in given.items():
-        was = usual.get(name, 0.0)
-        times = x / was if was else 1.0
-        unit = likely_unit(times)
-        if unit:
-            hints.append(f"{name} is {times:.4g} times its default {was:.6g}: {unit}?")
-    return hints
 
 
 def unique(options: argparse.Namespace, settings: list[tuple[str, float]]) -> dict[str, float]:
@@ -123,6 +118,46 @@ def in_units(values: Mapping[str, float], *units: str) -> None:
             raise ValueError(f"{name} is in {' or '.join(units)}, not in {x.unit}")
 
 
+def check_names(options: argparse.Namespace, mechanism: sp.Mechanism) -> None:
+    """Refuse outputs, traces, arrows and what is to be held that do not exist, before any work.
+
+    Raises:
+        UnknownNameError: says what there is instead.
+    """
+    check_held(options, mechanism)
+    if not any(getattr(options, key, ()) for key in ("output", "trace", "arrow")):
+        return
+    motion = standing(sp.State(mechanism, np.array(mechanism.neutral), closure_error=np.nan))
+    for name in getattr(options, "output", ()):
+        try:
+            motion.output(name)
+        except UnknownNameError:
+            raise
+        except (sp.SpatialPinError, ValueError):
+            continue  # what this motion cannot have, another may have
+    for name in getattr(options, "trace", ()):
+        mechanism.frame_id(name.removesuffix(".com"))
+    if not getattr(options, "arrow", ()):
+        return
+    from spatial_pin.view.scene.layers.arrows import LOADS, rates  # imported on use: meshcat
+
+    pairs = [*list(mechanism.model.names)[1:], *(c.name for c in mechanism.closures)]
+    for arrow in options.arrow:
+        pair, _, kind = arrow.rpartition(".")
+        if kind not in LOADS:
+            with contextlib.suppress(ValueError):
+                rates(motion, arrow)
+        elif pair not in pairs:
+            raise UnknownNameError("pair", pair, pairs, f"mechanism {mechanism.name!r}: ")
+
+
+def check_held(options: argparse.Namespace, mechanism: sp.Mechanism) -> None:
+    """Refuse names of what is to stand still that do not exist."""
+    for name in getattr(options, "hold", ()):
+        if name not in (*mechanism.model.names, SPRINGS) and not is_base(mechanism, name):
+            mechanism.coordinate(name)
+
+
 def guess_of(options: argparse.Namespace, mechanism: sp.Mechanism) -> dict[str, float] | None:
     """Return the guess that is given, None for that of the file."""
     return fitting(options, mechanism, unique(options, options.guess)) or None
@@ -182,12 +217,12 @@ def along(options: argparse.Namespace, work: Callable[[], Any]) -> Any:
         return stopped.result
 
 
-def as_far_as_found(work: Callable[[], Found]) -> Found:
+def as_far_as_found(work: Callable[[], Result]) -> Result:
     """Return a result, after Ctrl-C as far as it was found until then: its `is_whole` tells."""
     try:
         return work()
     except sp.Interrupted as stopped:
-        return cast(Found, stopped.result)
+        return cast(Result, stopped.result)
 
 
 @contextlib.contextmanager

@@ -17,10 +17,9 @@ from spatial_pin.assembly.search.loop_groups import LoopGroup, loop_groups, part
 from spatial_pin.errors import AssemblyError, ContinuumError
 from spatial_pin.mechanism.coordinates import coordinate_value, with_values
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mobility.modes.check import Check
-from spatial_pin.mobility.modes.readings import labels, order
-from spatial_pin.mobility.modes.result import AssemblyModes, Continuum
-from spatial_pin.mobility.modes.search import MOST_MODES, moving
+from spatial_pin.mobility.mode_check import ModeCheck
+from spatial_pin.mobility.mode_list import AssemblyModes, Continuum, labels, order
+from spatial_pin.mobility.mode_search import MOST_MODES, moving
 from spatial_pin.numerics.linalg import Array
 
 Searched = Callable[[Mechanism, Mapping[str, float]], AssemblyModes]
@@ -34,7 +33,9 @@ def groups_of(mechanism: Mechanism, held: Iterable[str]) -> tuple[LoopGroup, ...
     return groups if len(groups) > 1 and fixed.issuperset(np.flatnonzero(~tied).tolist()) else ()
 
 
-def modes_of_groups(check: Check, groups: Sequence[LoopGroup], searched: Searched) -> AssemblyModes:
+def modes_of_groups(
+    check: ModeCheck, groups: Sequence[LoopGroup], searched: Searched
+) -> AssemblyModes:
     """Return the modes of a mechanism from those of its groups of loops.
 
     Args:
@@ -45,10 +46,17 @@ def modes_of_groups(check: Check, groups: Sequence[LoopGroup], searched: Searche
     Raises:
         ContinuumError: a group can move.
     """
-    mechanism, base, found = check.mechanism, _closed(check), []
+    mechanism, held, found = check.mechanism, check.held, list[AssemblyModes]()
+    try:  # a closed configuration, that groups looked at by themselves stand in
+        base = assembled(mechanism, held, free=[
+            name for name in mechanism.drivers if mechanism.coordinate(name).name not in held]).q
+    except AssemblyError:
+        base = with_values(mechanism, read_guess(mechanism, mechanism.start(held)).q, held)
     for group in groups:
+        others = {name: coordinate_value(mechanism, c, base)  # all that is not of these loops
+                  for name, c in mechanism.coordinate_table.items() if not group.entries[c.v]}
         try:
-            found.append(searched(part_of(mechanism, group.closures), _held(check, base, group)))
+            found.append(searched(part_of(mechanism, group.closures), others | held))
         except ContinuumError as error:
             assert error.state is not None
             continuum = Continuum(error.state, error.freedoms, error.coordinates, error.hold)
@@ -58,25 +66,7 @@ def modes_of_groups(check: Check, groups: Sequence[LoopGroup], searched: Searche
     return _together(check, base, groups, found)
 
 
-def _closed(check: Check) -> Array:
-    """Return a closed configuration (nq,), that groups looked at by themselves stand in."""
-    mechanism, held = check.mechanism, check.held
-    try:
-        return assembled(mechanism, held, free=[
-            name for name in mechanism.drivers if mechanism.coordinate(name).name not in held]).q
-    except AssemblyError:
-        return with_values(mechanism, read_guess(mechanism, mechanism.start(held)).q, held)
-
-
-def _held(check: Check, base: Array, group: LoopGroup) -> dict[str, float]:
-    """Return what is held while a group of loops is looked at: all that is not of these loops."""
-    table = check.mechanism.coordinate_table
-    others = {name: coordinate_value(check.mechanism, c, base) for name, c in table.items()
-              if not group.entries[c.v]}
-    return others | check.held
-
-
-def _of_whole(check: Check, base: Array, group: LoopGroup, continuum: Continuum) -> Continuum:
+def _of_whole(check: ModeCheck, base: Array, group: LoopGroup, continuum: Continuum) -> Continuum:
     return continuum._replace(state=check.state(_put(base, [group], [continuum.state.q])))
 
 
@@ -89,7 +79,7 @@ def _put(base: Array, groups: Sequence[LoopGroup], chosen: Iterable[Array]) -> A
 
 
 def _together(
-    check: Check, base: Array, groups: Sequence[LoopGroup], found: Sequence[AssemblyModes]
+    check: ModeCheck, base: Array, groups: Sequence[LoopGroup], found: Sequence[AssemblyModes]
 ) -> AssemblyModes:
     """Return each mode of each group with each of the others', `MOST_MODES` of them at most."""
     modes: list[tuple[Array, str, int]] = []
@@ -121,7 +111,7 @@ def _sign(branches: Iterable[str]) -> str:
     return "" if "" in signs else "+-"[signs.count("-") % 2]
 
 
-def _as_together(check: Check, modes: Sequence[tuple[Array, str, int]]) -> list[str]:
+def _as_together(check: ModeCheck, modes: Sequence[tuple[Array, str, int]]) -> list[str]:
     """Return the signs of modes as those of the whole: all may be the other ones."""
     signs = [sign for _, sign, _ in modes]
     known = next((k for k, sign in enumerate(signs) if sign in ("+", "-")), None)

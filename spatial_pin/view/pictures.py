@@ -1,4 +1,4 @@
-"""A motion as a film file, photographed frame by frame from its page by a browser.
+"""A state as a picture, a motion as a film file: photographs of its page by a browser.
 
 To add a format: a function from the path, the times, the camera and the frames a second to nothing,
 and its line in WRITERS.
@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from spatial_pin._support.checks import checked, picture_size, positive_number
-from spatial_pin._support.outputs import named_path, replacing
+from spatial_pin._support.outputs import named_path, replacing, write_bytes
 from spatial_pin._support.progress import progress_bar
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.view.browser.devtools import Browser
+from spatial_pin.view.browser import Browser
 from spatial_pin.view.page.html import export_html
 from spatial_pin.view.scene.film import film
-from spatial_pin.view.scene.overlay import overlaid
+from spatial_pin.view.scene.look import overlaid
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -55,27 +55,51 @@ def shoot(browser: Browser, seconds: float) -> Image.Image:
         return image.convert("RGB")
 
 
-def _durations(n: int, fps: float) -> list[int]:
-    """Return how long each of n frames is shown [ms], whole hundredths of a second as GIF asks."""
-    ends = np.round(100.0 * np.arange(n + 1) / fps).astype(int)
-    return [10 * int(x) for x in np.diff(ends)]
+@checked
+def screenshot(
+    motion_or_state: Motion | State | Design | Designs,
+    path: str | Path,
+    *,
+    row: int = 0,
+    size: tuple[int, int] = (1280, 960),
+    title: str | None = None,
+    look: Look | None = None,
+) -> Path:
+    """Write a picture of a state, or of one sample of a motion; needs Chromium or Chrome.
 
+    Args:
+        motion_or_state: what to show; of what `spatial_pin.design` found as in `export_html`.
+        path: PNG file to write.
+        row: number of the sample, negative from its end.
+        size: width and height [pixels].
+        title: heading; the mechanism's title if not given.
+        look: what is shown besides the bodies.
 
-def _palette(images: Sequence[Image.Image], colours: int) -> Image.Image:
-    """Return an image with the palette that suits all images.
+    Returns:
+        The path written.
 
-    A colour counts by the square root of its pixels, or the white ground would take most of it.
+    Raises:
+        UnknownNameError: `look` names a point or vector that does not exist.
+        ValueError: the size is none.
+        SpatialPinError: there is no such sample, or no browser.
+
+    Example:
+        >>> state = sp.assemble(sp.load("rssr"), {"crank": 1.0})
+        >>> sp.screenshot(state, "rssr.png", size=(640, 480)).name
+        'rssr.png'
     """
-    from PIL import Image
-
-    pixels = np.concatenate([np.asarray(image).reshape(-1, 3) for image in images])
-    keys = (pixels >> 3).astype(int) @ [1 << 10, 1 << 5, 1]  # alike to five bits are one colour
-    _, which, count = np.unique(keys, return_inverse=True, return_counts=True)
-    means = np.stack([np.bincount(which, channel) / count for channel in pixels.T], axis=1)
-    row = np.repeat(np.round(means).astype(np.uint8), np.ceil(np.sqrt(count)).astype(int), axis=0)
-    return Image.fromarray(row[None]).quantize(
-        colours, method=Image.Quantize.MEDIANCUT, kmeans=2, dither=Image.Dither.NONE
-    )
+    path, size = named_path(path), picture_size(size)
+    motion_or_state, look = overlaid(motion_or_state, look)
+    shown, n = film(motion_or_state), len(np.atleast_2d(motion_or_state.q))
+    if not -n <= row < n:
+        raise SpatialPinError(f"there is no sample {row}: {n} samples are 0 to {n - 1}, "
+                              f"or -{n} to -1")
+    nearest = np.argmin(np.abs(shown.rows - row % n))  # of a long motion not every sample is shown
+    with tempfile.TemporaryDirectory() as folder, Browser(size) as browser:
+        page = export_html(motion_or_state, Path(folder) / "page.html", title=title, look=look)
+        open_page(browser, page)
+        browser.evaluate(f"seek({shown.seconds[nearest]:.6f})")
+        return write_bytes(path, browser.screenshot())
 
 
 def write_gif(
@@ -97,12 +121,21 @@ def write_gif(
 
     if fps > FASTEST_GIF:
         raise ValueError(f"{fps:g} frames a second; a GIF shows at most {FASTEST_GIF:g}")
+    # the palette suits some of the frames; a colour counts by the square root of its pixels, or the
+    # white ground would take most of it
     some = seconds[:: -(-len(seconds) // PALETTE_FRAMES)]
-    palette = _palette([camera(t) for t in some], colours)
+    pixels = np.concatenate([np.asarray(camera(t)).reshape(-1, 3) for t in some])
+    keys = (pixels >> 3).astype(int) @ [1 << 10, 1 << 5, 1]  # alike to five bits are one colour
+    _, which, count = np.unique(keys, return_inverse=True, return_counts=True)
+    means = np.stack([np.bincount(which, channel) / count for channel in pixels.T], axis=1)
+    row = np.repeat(np.round(means).astype(np.uint8), np.ceil(np.sqrt(count)).astype(int), axis=0)
+    palette = Image.fromarray(row[None]).quantize(
+        colours, method=Image.Quantize.MEDIANCUT, kmeans=2, dither=Image.Dither.NONE)
+    ends = np.round(100.0 * np.arange(len(seconds) + 1) / fps).astype(int)  # as GIF has them
     frames = (camera(t).quantize(palette=palette, dither=Image.Dither.NONE) for t in seconds)
     first = next(frames)
     first.save(path, save_all=True, append_images=frames, loop=0, optimize=True,
-               duration=_durations(len(seconds), fps))
+               duration=[10 * int(x) for x in np.diff(ends)])
 
 
 def write_mp4(path: Path, seconds: Sequence[float], camera: Shoot, fps: float) -> None:

@@ -1,22 +1,28 @@
-"""A mechanism moved by hand: one driver at a time, on its branch, as far as that goes."""
+"""A mechanism jogged by hand: one driver at a time on its branch, or a link that is dragged."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable, Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
+from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import evaluation_of
+from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.continuation.branch_points import passage
 from spatial_pin.continuation.cursor import Cursor, Stopped
 from spatial_pin.continuation.pseudo_arclength import Arrival
 from spatial_pin.continuation.start import Start
 from spatial_pin.errors import SingularError, SpatialPinError
+from spatial_pin.inverse_kinematics.reach import reach
+from spatial_pin.inverse_kinematics.targets import Residual, Target
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.mechanism.coordinates import finite_number
+from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.motion.joint_limits import joint_limits_passed
 from spatial_pin.motion.motion import Motion
@@ -31,6 +37,9 @@ FARTHEST_MOVE = 20.0  # turns, or characteristic lengths, that one move may go
 BESIDE = 1e-5  # distance from a limit that the next move begins at [rad, characteristic lengths]
 FIRM = 1e-4  # smallest over largest pivot that a move may begin with
 MOST_BRANCH_POINTS = 100  # in one move
+NUDGE = 0.05  # away from a dead centre [rad, characteristic lengths]: its square moves the link
+STILL = 1e-6  # of a driver that does not move [rad or m]
+OFF_POINTER = 1e-3  # of a point from the pointer [characteristic lengths]: a pixel or two
 STOPS = {
     "limit": "limit position",
     "branch point": "branch point",
@@ -68,7 +77,7 @@ class Reach(NamedTuple):
     q: Array
 
 
-class Drive:
+class Jog:
     """A closed configuration that follows its drivers, never leaving its branch.
 
     Attributes:
@@ -158,7 +167,13 @@ class Drive:
             stop = self._go(cursor, goal)
         if self.state is not self._regular:  # else the others would jump in the next move
             with self._cursor(self._regular, driven) as cursor:
-                self._come_near(cursor, goal if stop is None else stop.value)
+                end = goal if stop is None else stop.value
+                size = self.mechanism.velocity_scale[cursor.start.driven[0].v]
+                near = float(np.copysign(BESIDE * size, end - cursor.here.s))
+                if abs(end - cursor.here.s) > abs(near):
+                    with contextlib.suppress(Stopped):
+                        cursor.reach(end - near)
+                        self._keep(cursor)
         return stop or limit
 
     def _followed(self, name: str, values: Array) -> Motion | None:
@@ -171,17 +186,6 @@ class Drive:
         except SpatialPinError as error:
             return getattr(error, "motion", None)
 
-    def _to_its_end(self, name: str, values: Array, motion: Motion) -> Motion:
-        """Return a motion with a last sample just before its end, if that is between two values."""
-        if not 0 < len(motion) < len(values):
-            return motion
-        last, end = float(motion.swept[-1]), motion.events[-1].value
-        beside = BESIDE * self.mechanism.velocity_scale[self._coordinates[name].v]
-        near = end - float(np.copysign(beside, values[-1] - values[0]))
-        if (near - last) * (values[-1] - values[0]) <= 0.0:
-            return motion
-        return self._followed(name, np.append(motion.swept, near)) or motion
-
     def _joint_limit(self, name: str, values: Array, motion: Motion | None) -> Stop | None:
         """Return the first joint limit on the way through values of a driver, if they are kept.
 
@@ -189,7 +193,12 @@ class Drive:
         """
         if not self.keeps_limits or motion is None or not len(motion):
             return None
-        motion = self._to_its_end(name, values, motion)
+        if len(motion) < len(values):  # a last sample just before its end, if that is between two
+            last, end = float(motion.swept[-1]), motion.events[-1].value
+            before = BESIDE * self.mechanism.velocity_scale[self._coordinates[name].v]
+            near = end - float(np.copysign(before, values[-1] - values[0]))
+            if (near - last) * (values[-1] - values[0]) > 0.0:
+                motion = self._followed(name, np.append(motion.swept, near)) or motion
         start, stops = float(motion.swept[0]), list[Stop]()
         for passing in joint_limits_passed(motion):
             room = passing.limit.room(motion.q[:2])
@@ -247,16 +256,6 @@ class Drive:
                 self._regular = state
         return state
 
-    def _come_near(self, cursor: Cursor, end: float) -> None:
-        """Let the next move begin just before an end, or the others would jump."""
-        way = end - cursor.here.s
-        size = self.mechanism.velocity_scale[cursor.start.driven[0].v]
-        near = float(np.copysign(BESIDE * size, way))
-        if abs(way) > abs(near):
-            with contextlib.suppress(Stopped):
-                cursor.reach(end - near)
-                self._keep(cursor)
-
     def reach(self, name: str, rows: int) -> Reach:
         """Return how far a driver can be moved, in as many samples either way.
 
@@ -285,3 +284,69 @@ class Drive:
             return end, None, motion.q
         event = motion.events[-1]
         return event.value, Stop(event.kind, event.value), motion.q
+
+
+# ---------------------------------------------------------------- dragging
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Grip(Target):
+    """A point of a body on a line of the world: where the eye sees the pointer.
+
+    Attributes:
+        joint: number of the joint that the body hangs on.
+        point: in the joint's frame, shape (3,) [m].
+        origin: of the line, shape (3,) [m].
+        direction: unit vector along it, shape (3,).
+    """
+
+    joint: int
+    point: Array
+    origin: Array
+    direction: Array
+
+    def residual(self, evaluation: Evaluation) -> Residual:
+        """See `Target`: how far the point is from the line, by the characteristic length."""
+        at = evaluation.data.oMi[self.joint].act(self.point)
+        moved = evaluation.body_jacobian(self.joint)
+        slope = moved[:3] - pin.skew(at) @ moved[3:]
+        across = np.eye(3) - np.outer(self.direction, self.direction)
+        size = evaluation.mechanism.characteristic_length
+        origin = self.origin - evaluation.mechanism.centre
+        return across @ (at - origin) / size, across @ slope / size
+
+    def check(self, mechanism: Mechanism) -> None:
+        """See `Target`: it names no frame."""
+
+    def distance(self, state: State) -> float:
+        """Return how far the point is from the line [m]."""
+        at = state.data.oMi[self.joint].act(self.point)
+        return float(np.linalg.norm(np.cross(at - self.origin, self.direction)))
+
+
+def pulled(jog: Jog, grip: Grip) -> dict[str, float]:
+    """Return the driver values [rad or m] at which a point is nearest to the pointer.
+
+    Drivers without a slider, and all else that is held, stay where they are. Nothing is returned
+    where nothing better is found.
+    """
+    nearest = found = _reached(jog, jog.state, {"grip": grip})
+    is_stuck = found is not None and len(jog.names) == 1 and (  # its link is at a dead centre
+        abs(jog.values(found)[jog.names[0]] - jog.value(jog.names[0])) < STILL) and (
+        grip.distance(found) > OFF_POINTER * jog.mechanism.characteristic_length)
+    for nudge in (NUDGE, -NUDGE) if is_stuck else ():
+        name, = jog.names
+        size = jog.mechanism.velocity_scale[jog.mechanism.driven_coordinate(name).v]
+        beside = _reached(jog, jog.state, {name: jog.value(name) + nudge * size})
+        found = beside and _reached(jog, beside, {"grip": grip})
+        if found and (nearest is None or grip.distance(found) < 0.9 * grip.distance(nearest)):
+            nearest = found
+    return {} if nearest is None else jog.values(nearest)
+
+
+def _reached(jog: Jog, start: State, targets: Mapping[str, Any]) -> State | None:
+    """Return the configuration near another that meets targets; None where there is none."""
+    with contextlib.suppress(SpatialPinError):
+        return reach(jog.mechanism, targets, start, hold=[BASE, *jog.others()],
+                     limits=jog.keeps_limits, starts=0)
+    return None

@@ -10,31 +10,29 @@ from typing import Any
 
 import spatial_pin as sp
 from spatial_pin._support.brief import counted
-from spatial_pin.cli.asked import loaded
+from spatial_pin.cli.arguments import loaded
 from spatial_pin.cli.completion import SHELLS, script
 from spatial_pin.cli.new_files import write_from, write_new
-from spatial_pin.cli.options import Command, data_options, package
-from spatial_pin.cli.results import WIDTH, finite, on_screen, say, tell
+from spatial_pin.cli.options import Command, data_options, option, package
+from spatial_pin.cli.printing import WIDTH, finite, on_screen, print_result, say
 from spatial_pin.formats.export import export_urdf
 from spatial_pin.formats.files import library_titles
-from spatial_pin.mobility.driver_count import driver_advice
-from spatial_pin.motion.report import Info, info
+from spatial_pin.mobility.mobility import driver_advice
+from spatial_pin.motion.report import Info
+from spatial_pin.motion.report import info as info_of
 from spatial_pin.operators import OPERATORS
 
 
-def _list_options(sub: argparse.ArgumentParser) -> None:
-    data_options(sub, "the list", "names, titles and sources")
-
-
-def _list(options: argparse.Namespace) -> None:
+def list_library(options: argparse.Namespace) -> None:
+    """Mechanisms and operators of the library, with their sources."""
     heads = ("name", "title", "source")
     rows = [(name, *words) for name, words in library_titles().items()]
     operators = [(name, *words) for name, words in OPERATORS.items()]
     width = max(len(name) for name, _, _ in (*rows, *operators))
     lines = [*(_line(width, *row) for row in rows), "", "in spatial_pin.operators:",
              *(_line(width, *row) for row in operators)]
-    tell(options, "\n".join(lines), [dict(zip(heads, row, strict=True)) for row in rows],
-         dict(zip(heads, zip(*rows, strict=True), strict=True)))
+    print_result(options, "\n".join(lines), [dict(zip(heads, row, strict=True)) for row in rows],
+                 dict(zip(heads, zip(*rows, strict=True), strict=True)))
 
 
 def _line(width: int, name: str, title: str, source: str) -> str:
@@ -43,13 +41,10 @@ def _line(width: int, name: str, title: str, source: str) -> str:
     return f"{name:{width}}  {textwrap.shorten(text, WIDTH - width - 2, placeholder=' ...')}"
 
 
-def _info_options(sub: argparse.ArgumentParser) -> None:
-    data_options(sub, "it", "links, dimensions, joints and so on, one a line,")
-
-
-def _info(options: argparse.Namespace) -> None:
-    report = info(loaded(options))
-    tell(options, report, finite(report.as_dict()), _parts(report))
+def info(options: argparse.Namespace) -> None:
+    """Links, joints, closures, coordinates and freedoms."""
+    report = info_of(loaded(options))
+    print_result(options, report, finite(report.as_dict()), _parts(report))
 
 
 def _parts(report: Info) -> dict[str, list[str]]:
@@ -65,19 +60,16 @@ def _parts(report: Info) -> dict[str, list[str]]:
     return dict(zip(("part", "name", "what"), map(list, zip(*rows, strict=True)), strict=True))
 
 
-def _check_options(sub: argparse.ArgumentParser) -> None:
-    data_options(sub, "what was found, mistakes too,", "mistakes and notes, one a line,")
-
-
-def _check(options: argparse.Namespace) -> None:
+def check(options: argparse.Namespace) -> None:
+    """Read a mechanism file and say what is wrong with it."""
     try:
         content, lines = _checked(options)
     except sp.SpatialPinError as error:
         mistakes = list(getattr(error, "mistakes", ())) or [str(error)]
         content = {"file": str(options.mechanism), "good": False, "mistakes": mistakes, "notes": []}
-        tell(options, "", content, _faults(content))
+        print_result(options, "", content, _faults(content))
         raise
-    tell(options, "\n".join(lines), content, _faults(content))
+    print_result(options, "\n".join(lines), content, _faults(content))
 
 
 def _faults(content: dict[str, Any]) -> dict[str, list[str]]:
@@ -107,18 +99,8 @@ def _checked(options: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
             "working_freedoms": working, "closure_error": state.closure_error}, lines
 
 
-def _export_options(sub: argparse.ArgumentParser) -> None:
-    wanted = sub.add_mutually_exclusive_group(required=True)
-    wanted.add_argument("--folder", metavar="F",
-                        help="a folder that can be moved: mechanism file, URDF and meshes")
-    wanted.add_argument("--urdf", metavar="F",
-                        help="expanded URDF; closures go beside it as .toml")
-    wanted.add_argument("--mjcf", metavar="F",
-                        help="MuJoCo's format (.xml); closures become equalities")
-    data_options(sub, "the names of the files")
-
-
-def _export(options: argparse.Namespace) -> None:
+def export(options: argparse.Namespace) -> None:
+    """Write the mechanism as plain files."""
     mechanism = loaded(options)
     if options.folder is not None:
         written = [mechanism.save(options.folder)]
@@ -126,24 +108,12 @@ def _export(options: argparse.Namespace) -> None:
         written = [sp.export_mjcf(mechanism, options.mjcf)]
     else:
         written = export_urdf(mechanism, options.urdf)
-    tell(options, "", {"mechanism": mechanism.name, "wrote": [str(path) for path in written]},
-         files=written)
+    wrote = [str(path) for path in written]
+    print_result(options, "", {"mechanism": mechanism.name, "wrote": wrote}, files=written)
 
 
-def _new_options(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("name", metavar="NAME", help="of the mechanism, and of its file NAME.toml")
-    sub.add_argument("--from", dest="tree", metavar="FILE",
-                     help="a tree that there is: .urdf, .xacro or another format that is read; "
-                          "without one, a four-bar is written")
-    sub.add_argument("--folder", metavar="F", default=".", help="where to write (here)")
-    sub.add_argument("--trusted", action="store_true",
-                     help="the tree's xacro files may read files outside their folder")
-    sub.add_argument("--package", dest="packages", action="append", default=[],
-                     type=package, metavar="NAME=FOLDER", help="where package://NAME lies")
-    data_options(sub, "the names of the files")
-
-
-def _new(options: argparse.Namespace) -> None:
+def new(options: argparse.Namespace) -> None:
+    """Write a mechanism file to start from."""
     folder = Path(options.folder)
     if not re.fullmatch(r"\w[\w.+-]*", options.name) or options.name.endswith(".toml"):
         options.usage_error(f"{options.name!r} is no name: letters, digits, - and _ make one, "
@@ -156,28 +126,47 @@ def _new(options: argparse.Namespace) -> None:
         tree = Path(options.tree)
         mechanism = sp.load(tree, trusted=options.trusted, packages=dict(options.packages))
         written = write_from(options.name, mechanism.path or tree, folder, mechanism)
-    tell(options, "", {"wrote": [str(path) for path in written]}, files=written)
+    print_result(options, "", {"wrote": [str(path) for path in written]}, files=written)
     if not on_screen(options):
         say(f"edit {written[0]}, then: spatial-pin check {written[0]}")
 
 
-def _completion_options(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("shell", choices=tuple(SHELLS), help="the shell that is to complete")
-
-
-def _completion(options: argparse.Namespace) -> None:
+def completion(options: argparse.Namespace) -> None:
+    """Write a script with which a shell completes these words."""
     print(script(options.shell, options.parsers), end="")
 
 
 COMMANDS = {
-    "new": Command("write a mechanism file to start from", _new_options, _new,
-                   takes_mechanism=False),
-    "list": Command("mechanisms and operators of the library, with their sources",
-                    _list_options, _list, takes_mechanism=False),
-    "info": Command("links, joints, closures, coordinates and freedoms", _info_options, _info),
-    "check": Command("read a mechanism file and say what is wrong with it", _check_options,
-                     _check),
-    "export": Command("write the mechanism as plain files", _export_options, _export),
-    "completion": Command("write a script with which a shell completes these words",
-                          _completion_options, _completion, takes_mechanism=False),
+    "new": Command(new, (
+        option("name", metavar="NAME", help="of the mechanism, and of its file NAME.toml"),
+        option("--from", dest="tree", metavar="FILE",
+               help="a tree that there is: .urdf, .xacro or another format that is read; "
+                    "without one, a four-bar is written"),
+        option("--folder", metavar="F", default=".", help="where to write (here)"),
+        option("--trusted", action="store_true",
+               help="the tree's xacro files may read files outside their folder"),
+        option("--package", dest="packages", action="append", default=[],
+               type=package, metavar="NAME=FOLDER", help="where package://NAME lies"),
+        *data_options("the names of the files"),
+    ), takes_mechanism=False),
+    "list": Command(list_library, (
+        *data_options("the list", "names, titles and sources"),
+    ), takes_mechanism=False),
+    "info": Command(info, (
+        *data_options("it", "links, dimensions, joints and so on, one a line,"),
+    )),
+    "check": Command(check, (
+        *data_options("what was found, mistakes too,", "mistakes and notes, one a line,"),
+    )),
+    "export": Command(export, (
+        *data_options("the names of the files"),
+    ), one_of=(
+        option("--folder", metavar="F",
+               help="a folder that can be moved: mechanism file, URDF and meshes"),
+        option("--urdf", metavar="F", help="expanded URDF; closures go beside it as .toml"),
+        option("--mjcf", metavar="F", help="MuJoCo's format (.xml); closures become equalities"),
+    )),
+    "completion": Command(completion, (
+        option("shell", choices=tuple(SHELLS), help="the shell that is to complete"),
+    ), takes_mechanism=False),
 }

@@ -1,7 +1,8 @@
-"""The answer of `assembly_modes`: a list of States that knows how complete it is."""
+"""What `assembly_modes` returns: a list of States that knows how complete it is."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
@@ -112,3 +113,21 @@ def missing_by(counts: Sequence[int]) -> float:
     """
     once, twice = (sum(1 for n in counts if n == k) for k in (1, 2))
     return 0.5 * once * (once - 1) / (twice + 1) if once > 1 else float(once and not twice)
+
+
+def order(state: State, loose: set[str]) -> list[float]:
+    """Return what modes are sorted by: coordinates, those of passive links last."""
+    table = state.mechanism.coordinate_table.values()
+    fixed = [c for c in table if c.joint not in loose]
+    return [round(state.coordinate(c.name).value, 7) + 0.0 for c in fixed]
+
+
+def labels(signs: list[str]) -> list[str]:
+    """Return labels of their own: signs, numbered where several modes have one."""
+    total, seen = Counter(signs), Counter[str]()
+    labels = []
+    for sign in signs:
+        seen[sign] += 1
+        space = " " * (sign == "singular")
+        labels.append(f"{sign}{space}{seen[sign]}" if total[sign] > 1 else sign)
+    return labels

@@ -10,18 +10,18 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.close import close
-from spatial_pin.assembly.passive_freedoms import unseen_links
+from spatial_pin.assembly.passive_freedoms import moved_bodies, unseen_links
 from spatial_pin.assembly.search.whole_turns import nearest_turn, turned_apart
 from spatial_pin.assembly.state import State, gap_of
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mobility.finite_motions import WAY_OUT, finite_motions
-from spatial_pin.mobility.idle_freedoms import idle_freedoms
-from spatial_pin.mobility.modes.marks import NOTHING, WHOLE, Mark, of_line, resting, rows_of
-from spatial_pin.mobility.modes.result import Continuum
-from spatial_pin.mobility.modes.rods import Rod
+from spatial_pin.mobility.idle_freedoms import IDLE, idle_freedoms
+from spatial_pin.mobility.mode_list import Continuum
+from spatial_pin.mobility.rods import Rod
 from spatial_pin.numerics.linalg import (
     Array,
     common_rows,
@@ -29,6 +29,7 @@ from spatial_pin.numerics.linalg import (
     determinant_signs,
     null_space,
     rank,
+    row_space,
 )
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -47,7 +48,86 @@ BETWEEN = (0.25, 0.5, 0.75)
 TRIES = 20
 
 
-class Kind(NamedTuple):
+# ---------------------------------------------------------------- marks: what tells modes apart
+# Of a rod that is its line; of a link with a passive freedom, what the freedom leaves at rest; of
+# any other link its whole placement. All of it is linear in the joint placements.
+
+
+class BodyMark(NamedTuple):
+    """What of a body counts: points (k, 3) [m] and directions (l, 3), in its joint's axes."""
+
+    points: Array
+    directions: Array
+
+
+WHOLE = BodyMark(np.zeros((1, 3)), np.eye(3))
+NOTHING = BodyMark(np.zeros((0, 3)), np.zeros((0, 3)))
+
+
+def rows_of(marks: Mapping[int, BodyMark], n_joints: int, length: float) -> Array:
+    """Return coefficients (rows, 4 n_joints) of marks on joint placements, lengths divided."""
+    rows = []
+    for body, mark in marks.items():
+        for vectors, flag, unit in ((mark.points, 1.0, length), (mark.directions, 0.0, 1.0)):
+            for x in vectors:
+                row = np.zeros((n_joints, 4))
+                row[body] = np.array([*x, flag]) / unit
+                rows.append(row.reshape(-1))
+    return np.array(rows).reshape(len(rows), 4 * n_joints)
+
+
+def resting(evaluation: Evaluation, idle: list[tuple[str, Array]]) -> dict[int, BodyMark]:
+    """Return what passive freedoms leave at rest of the bodies that they move."""
+    mechanism, marks = evaluation.mechanism, {}
+    for _, velocities in idle:
+        for body in moved_bodies(evaluation, velocities):
+            points = _points(mechanism, body)
+            speeds = _speeds(evaluation, body, points, velocities)
+            speeds = np.abs(speeds.reshape(len(velocities), len(points), 3)).max(axis=(0, 2))
+            twists = _twists(evaluation, body, velocities)
+            slide = _speeds(evaluation, body, np.zeros((1, 3)), velocities)
+            fastest = float(max(np.abs(twists[:, 3:]).max(), np.abs(slide).max()))
+            spins = twists[:, 3:]
+            axes = row_space(spins[np.abs(spins).max(axis=1) > IDLE * fastest], IDLE)
+            steady = np.eye(3)  # directions that stay as they are
+            if len(axes):
+                rotation = evaluation.data.oMi[body].rotation
+                steady = axes @ rotation if len(axes) == 1 else np.empty((0, 3))
+            marks[body] = BodyMark(points[speeds <= IDLE * fastest], steady)
+    return marks
+
+
+def _twists(evaluation: Evaluation, body: int, velocities: Array) -> Array:
+    """Return (k, 6) twists of a body about the world origin for joint velocities (k, nv)."""
+    columns = joint_jacobian(evaluation.data, evaluation.model.nv)
+    return velocities @ (columns * evaluation.constraints.support(body)).T
+
+
+def _speeds(evaluation: Evaluation, body: int, points: Array, velocities: Array) -> Array:
+    """Return (k, 3 points) velocities of points of a body [characteristic lengths]."""
+    placement = evaluation.data.oMi[body]
+    places = points @ placement.rotation.T + placement.translation
+    twists = _twists(evaluation, body, velocities)
+    speeds = twists[:, None, :3] + np.cross(twists[:, None, 3:], places[None])
+    return speeds.reshape(len(velocities), -1) * evaluation.constraints.scale
+
+
+def _points(mechanism: Mechanism, body: int) -> Array:
+    """Return the centres (k, 3) of a body's pairs."""
+    model = mechanism.centred_model
+    points = [np.zeros(3)]
+    points += [model.jointPlacements[i].translation for i in range(1, model.njoints)
+               if model.parents[i] == body]
+    for closure in mechanism.closures:
+        placed = map(mechanism.centred_frame, (*closure.frames, *closure.between))
+        points += [M.translation for joint, M in placed if joint == body]
+    return np.array(points)
+
+
+# ---------------------------------------------------------------- the check
+
+
+class ModeKind(NamedTuple):
     """What a closed configuration is.
 
     Attributes:
@@ -76,7 +156,7 @@ class Kind(NamedTuple):
         return len(self.motions) > self.passive
 
 
-class Check:
+class ModeCheck:
     """The closure equations of a mechanism with coordinates held.
 
     Attributes:
@@ -105,7 +185,7 @@ class Check:
         """Whether the equations that the mechanism is without hold at q to the gap allowed."""
         return gap_of(self.mechanism, q, self.evaluation.angles) <= self.gap
 
-    def kind(self, q: Array) -> Kind:
+    def kind(self, q: Array) -> ModeKind:
         """Return what a closed configuration is."""
         evaluation, n = self.evaluation, self.evaluation.constraints.n_closure
         idle = idle_freedoms(evaluation, q, self.fixed)
@@ -113,7 +193,7 @@ class Check:
         inner = null_space(evaluation.jacobian[:n, self.free], TOLERANCES.half_precision)
         tangents = np.zeros((len(inner), len(self.free)))
         tangents[:, self.free] = inner
-        kind = Kind(len(tangents), idle, tangents)
+        kind = ModeKind(len(tangents), idle, tangents)
         if kind.is_singular:
             kind = kind._replace(motions=finite_motions(evaluation, q, tangents, self.free))
         evaluation.update(q)
@@ -126,17 +206,17 @@ class Check:
         """
         way = turned_apart(self.mechanism, q, other)
         size = float(np.linalg.norm(way))
-        return size < WAY_OUT and all(self._is_closed_near(q, part * way, size) for part in BETWEEN)
+        for part in BETWEEN if size < WAY_OUT else ():
+            step = self.mechanism.velocity_scale * part * way
+            start = pin.integrate(self.mechanism.model, q, step)
+            found, error = close(self.evaluation, start, self.free, self.tolerance,
+                                 cut=TOLERANCES.well_conditioned)
+            moved = float(np.linalg.norm(turned_apart(self.mechanism, start, found)))
+            if error > SAME_MODE * SAME_MODE or moved > TOLERANCES.unexplained * size:
+                return False
+        return size < WAY_OUT
 
-    def _is_closed_near(self, q: Array, step: Array, size: float) -> bool:
-        """Whether loops close a scaled step (nv,) from q, but for a tenth of a size right there."""
-        start = pin.integrate(self.mechanism.model, q, self.mechanism.velocity_scale * step)
-        found, error = close(self.evaluation, start, self.free, self.tolerance,
-                             cut=TOLERANCES.well_conditioned)
-        moved = float(np.linalg.norm(turned_apart(self.mechanism, start, found)))
-        return error <= SAME_MODE * SAME_MODE and moved <= TOLERANCES.unexplained * size
-
-    def continuum(self, q: Array, kind: Kind) -> Continuum:
+    def continuum(self, q: Array, kind: ModeKind) -> Continuum:
         """Return what can move at a configuration, and what would hold it."""
         mechanism, motions = self.mechanism, kind.motions
         if kind.idle:
@@ -161,7 +241,9 @@ class Check:
                                   if mechanism.driven_coordinate(x.joint) == c), c.name))
         return Continuum(self.state(q), len(motions), tuple(c.name for c in moving), tuple(hold))
 
-    def marks(self, q: Array, idle: list[tuple[str, Array]], all_copies: bool) -> dict[int, Mark]:
+    def marks(
+        self, q: Array, idle: list[tuple[str, Array]], all_copies: bool
+    ) -> dict[int, BodyMark]:
         """Return what tells modes apart of every body.
 
         Args:
@@ -174,11 +256,12 @@ class Check:
         self.evaluation.update(q)
         marks |= resting(self.evaluation, idle)
         if not all_copies:
-            marks |= {i: of_line(line) for rod in self.rods for i, line in rod.lines.items()}
+            marks |= {i: BodyMark(line.point[None], line.direction[None])
+                      for rod in self.rods for i, line in rod.lines.items()}
             marks |= dict.fromkeys(unseen_links(self.mechanism), NOTHING)
         return marks
 
-    def signature(self, marks: Mapping[int, Mark], q: Array) -> Array:
+    def signature(self, marks: Mapping[int, BodyMark], q: Array) -> Array:
         """Return the marks (rows, 3) at a configuration."""
         n, length = self.mechanism.model.njoints, self.mechanism.characteristic_length
         self.evaluation.update(q)
@@ -215,7 +298,7 @@ class Check:
         scale = self.mechanism.velocity_scale
         return pin.integrate(self.mechanism.model, q, np.where(columns, scale * angles, 0.0))
 
-    def settled(self, q: Array, base: Array, marks: Mapping[int, Mark]) -> Array:
+    def settled(self, q: Array, base: Array, marks: Mapping[int, BodyMark]) -> Array:
         """Return the copy of a mode in which rods and passive links stand as in `base`, if near.
 
         So that it does not depend on the start that found the mode.
@@ -240,12 +323,18 @@ class Check:
 
     def state(self, q: Array, branch: str = "") -> State:
         """Return a closed configuration as a State."""
-        q = _one_sign(self.mechanism, nearest_turn(self.mechanism, q, self.held, {}))
+        q, model = nearest_turn(self.mechanism, q, self.held, {}), self.mechanism.model
+        for i, name in enumerate(self.mechanism.pairs, start=1):
+            if not PAIRS[name].is_linear:  # quaternions of one sign: w, or the first that is not 0
+                last = model.idx_qs[i] + model.nqs[i]
+                quaternion = q[[last - 1, *range(last - 4, last - 1)]]
+                if quaternion[np.abs(quaternion) > SAME_MODE][0] < 0.0:
+                    q[last - 4 : last] *= -1.0
         self.evaluation.update(q)
         return State(self.mechanism, q, closure_error=self.evaluation.closure_error,
                      angles=self.evaluation.angles, branch=branch)
 
-    def signs(self, modes: list[tuple[Array, Kind]]) -> list[str]:
+    def signs(self, modes: list[tuple[Array, ModeKind]]) -> list[str]:
         """Return the signs of the determinants of the closed loops at modes, in words.
 
         Of redundant equations the same are left out in all modes.
@@ -267,15 +356,3 @@ class Check:
                                strict=True):
                 words[k] = {1: "+", -1: "-", 0: ""}[sign]
         return words
-
-
-def _one_sign(mechanism: Mechanism, q: Array) -> Array:
-    """Return q (nq,) with quaternions of one sign: w positive, or the first entry that is."""
-    model = mechanism.model
-    for i, name in enumerate(mechanism.pairs, start=1):
-        if not PAIRS[name].is_linear:
-            last = model.idx_qs[i] + model.nqs[i]
-            quaternion = q[[last - 1, *range(last - 4, last - 1)]]
-            if quaternion[np.abs(quaternion) > SAME_MODE][0] < 0.0:
-                q[last - 4 : last] *= -1.0
-    return q

@@ -1,21 +1,22 @@
-"""How commands answer: text that fits the screen, JSON and tables where they were asked for."""
+"""How results are printed: text that fits the screen, JSON and tables, errors in its words."""
 
 from __future__ import annotations
 
 import argparse
+import ast
 import json
 import os
 import re
 import sys
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from spatial_pin._support.outputs import write_columns, write_csv, write_text
-from spatial_pin.cli.remedies import in_options
+from spatial_pin.assembly.holding import BASE
 
 WIDTH = 80  # columns of a terminal
 SCREEN, STDOUT = "-", "/dev/stdout"
@@ -25,8 +26,8 @@ DEEPEST = 40  # columns: from there on a long line goes on below its last word, 
 Table = Mapping[str, Any]  # columns of equal length: lists or arrays
 
 
-class Told(KeyboardInterrupt):
-    """Ctrl-C cut it short, and what was found until then has been told."""
+class CutShort(KeyboardInterrupt):
+    """Ctrl-C cut it short, and the result until then has been printed."""
 
 
 def worded(options: argparse.Namespace, text: object) -> str:
@@ -45,11 +46,11 @@ def on_screen(options: argparse.Namespace) -> bool:
     return SCREEN in paths or STDOUT in paths
 
 
-def tell(
+def print_result(
     options: argparse.Namespace, text: object, content: Any = None, table: Table | None = None,
     files: Iterable[Path | str] = (), is_whole: bool = True,
 ) -> None:
-    """Say what was found, write it as asked, and say what was written.
+    """Print a result, write it to files, and print the names of these.
 
     Args:
         options: those of the command.
@@ -60,7 +61,7 @@ def tell(
         is_whole: whether nothing cut it short.
 
     Raises:
-        Told: something did.
+        CutShort: something did.
     """
     if not on_screen(options):
         say(text)
@@ -72,7 +73,7 @@ def tell(
     if not on_screen(options):
         wrote(written)
     if not is_whole:
-        raise Told
+        raise CutShort
 
 
 def wrote(paths: Iterable[Path | str]) -> None:
@@ -152,3 +153,90 @@ def finite(x: Any) -> Any:
     if isinstance(x, float | np.floating):
         return float(x) if np.isfinite(x) else None
     return x
+
+
+# ---------------------------------------------------------------- remedies in its own words
+
+
+class Remedy(NamedTuple):
+    """How advice to callers from Python reads for who types commands.
+
+    Attributes:
+        python: pattern of what the library says.
+        words: what is said instead.
+        flag: the option that a command needs for it; "" for none. Others leave it to the next.
+    """
+
+    python: str
+    words: str | Callable[[re.Match[str]], str]
+    flag: str = ""
+
+
+def in_options(text: str, flags: Collection[str]) -> str:
+    """Return what the library says with the options of a command in the place of arguments.
+
+    Args:
+        text: the message of an error or warning.
+        flags: the command's options, as `--hold`.
+    """
+    for remedy in REMEDIES:
+        if not remedy.flag or remedy.flag in flags:
+            text = re.sub(remedy.python, remedy.words, text)
+
+    def option(argument: re.Match[str]) -> str:
+        flag = f"--{argument[1].replace('_', '-')}"
+        return flag if flag in flags else argument[0]
+
+    return re.sub(r"`(\w+)`", option, text)
+
+
+def _each(flag: str) -> Callable[[re.Match[str]], str]:
+    """Return what writes the names of a list, the last group, each behind an option."""
+    return lambda said: " ".join(f"{flag} {name}" for name in ast.literal_eval(
+        said[said.re.groups]) if name != str(BASE))  # which the commands hold anyway
+
+
+def _rates(said: re.Match[str]) -> str:
+    return " ".join(f"--speed {name}=0" for name in ast.literal_eval(f"{{{said[1]}}}"))
+
+
+PRESCRIBED = (r"solve_rates\(\.\.\., \{(.*)\}\), sweep\(\.\.\., hold=(\[.*?\])\) or "
+              r"jacobian\(\.\.\., drivers=\[\.\.\.\]\)")
+
+# Tried one after the other. A test holds them against all that the library says.
+REMEDIES = (
+    Remedy(PRESCRIBED, _each("--hold"), "--hold"),
+    Remedy(PRESCRIBED, _rates, "--speed"),
+    Remedy(f"(?:, such as )?{PRESCRIBED}; each may have a (.drivers.name.) in the file too",
+           r" by a \3 of each in the file"),
+    Remedy(r"hold=(\[.*?\])", _each("--hold"), "--hold"),
+    Remedy(r"; hold=(\[.*?\]) stops the joints with springs", ""),
+    Remedy(r"; nothing holds the free base, which .*? does by default", ""),
+    Remedy(r"\bactuated=(\[.*?\])", _each("--actuated")),
+    Remedy(r"with release=True or free=\[\.\.\.\]", "by --release or --free NAME", "--free"),
+    Remedy(r", or let them go with release=True or free=\[\.\.\.\]", ""),
+    Remedy(r" \(see State\.gap; assemble\(gap=0\) refuses them\)", ""),
+    Remedy(r"assemble\(limits=True\)", "`spatial-pin assemble --limits`"),
+    Remedy(r"give on_joint_limit=\"report\"", "--on-joint-limit report"),
+    Remedy(r"on_crossing='raise' asks to stop there; give on_crossing='straight' to go on", ""),
+    Remedy(r", or give on_crossing='straight' to go on", ""),
+    Remedy(r"with limits=False", "with --no-limits"),
+    Remedy(r", such as sp\.closures\.weld\(\(.*?, state\.placement\(.*?\)\), .*?\)", ""),
+    Remedy(r"set base=True", "--base"),
+    Remedy(r"task='pose'", "--task pose"),
+    Remedy(r"load\(\.\.\., gap=(.*?)\)", r"`gap = \1` in the mechanism file"),
+    Remedy(r"gap=(.*?) allows it", r"`gap = \1` in the mechanism file allows it"),
+    Remedy(r"(?:sp\.)?load\(\.\.\., packages=\{(.*?)\}\)", lambda said: " ".join(
+        f"--package {name}=FOLDER" for name in re.findall(r"'([^']*)'", said[1]))),
+    Remedy(r"sp\.load\(\.\.\., trusted=True\)", "--trusted"),
+    Remedy(r"load\(\.\.\., without=\[('.*?'|\".*?\")\]\)", r"--without \1"),
+    Remedy(r"load\(\.\.\., model=('.*?'|\".*?\")\)", r"--model \1"),
+    Remedy(r"load\(\.\.\., (\w+)=\.\.\.\)", r"--set \1=VALUE"),
+    Remedy(r"free_flyer=True", "--free-flyer"),
+    Remedy(r"\bsp\.mobility\b", "`spatial-pin info`"),
+    Remedy(r"take a smaller time_tolerance or step(, or formulation='independent')?",
+           "take --accuracy reference"),
+    Remedy(r", a larger time_tolerance, integrator='Radau' .*? Accuracy\(most_steps=.*?\)",
+           " or --accuracy draft"),
+    Remedy(r"make it smooth, or take Accuracy\(.*?\)", "make it smooth"),
+)

@@ -28,14 +28,14 @@ POINTS = ("spherical", "universal", "distance")  # pairs that hold a link at a p
 SLIDES = ("prismatic", "cylindrical")  # pairs that join two links of one rod along its line
 
 
-class Line(NamedTuple):
+class RodLine(NamedTuple):
     """A line fixed in a body: a point (3,) [m] and a unit direction (3,) in its joint's axes."""
 
     point: Array
     direction: Array
 
 
-class End(NamedTuple):
+class RodEnd(NamedTuple):
     """Where a pair sits on a body, and on the other body that it joins to it.
 
     Attributes:
@@ -64,9 +64,9 @@ class Rod(NamedTuple):
         slides: the pairs between its own.
     """
 
-    lines: Mapping[int, Line]
-    ends: tuple[End, ...]
-    slides: tuple[End, ...]
+    lines: Mapping[int, RodLine]
+    ends: tuple[RodEnd, ...]
+    slides: tuple[RodEnd, ...]
 
 
 def rods_of(mechanism: Mechanism) -> list[Rod]:
@@ -81,14 +81,14 @@ def rods_of(mechanism: Mechanism) -> list[Rod]:
     return rods
 
 
-def _ends(mechanism: Mechanism) -> list[list[End]]:
+def _ends(mechanism: Mechanism) -> list[list[RodEnd]]:
     """Return the pairs of every body; a floating joint is none, a coordinate has no place."""
     model, free = mechanism.model, pin.SE3.Identity()
-    ends: list[list[End]] = [[] for _ in range(model.njoints)]
+    ends: list[list[RodEnd]] = [[] for _ in range(model.njoints)]
 
     def add(kind: str, closure: str, joint: int, *sides: tuple[int, pin.SE3]) -> None:
         for (own, at), (other, there) in (sides, sides[::-1]):
-            ends[own].append(End(kind, closure, joint, own, other, at, there))
+            ends[own].append(RodEnd(kind, closure, joint, own, other, at, there))
 
     for i, kind in enumerate(mechanism.pairs, start=1):
         if kind != "floating":
@@ -104,7 +104,7 @@ def _ends(mechanism: Mechanism) -> list[list[End]]:
     return [[_aligned(mechanism, end) for end in own] for own in ends]
 
 
-def _aligned(mechanism: Mechanism, end: End) -> End:
+def _aligned(mechanism: Mechanism, end: RodEnd) -> RodEnd:
     """Return a slide with z along its axis on both sides; other ends as they are."""
     if end.kind not in SLIDES:
         return end
@@ -125,7 +125,7 @@ def _aligned(mechanism: Mechanism, end: End) -> End:
     return end._replace(at=end.at * turned[0], there=end.there * turned[1])
 
 
-def _rod(ends: list[list[End]], body: int, limit: float) -> Rod | None:
+def _rod(ends: list[list[RodEnd]], body: int, limit: float) -> Rod | None:
     """Return the rod that a body belongs to; None if it belongs to none."""
     bodies, outer, inner = [body], [], []
     for own in bodies:  # grows
@@ -146,7 +146,7 @@ def _rod(ends: list[list[End]], body: int, limit: float) -> Rod | None:
     return Rod(lines, tuple(outer), tuple(inner))
 
 
-def _lines(outer: list[End], inner: list[End], limit: float) -> dict[int, Line] | None:
+def _lines(outer: list[RodEnd], inner: list[RodEnd], limit: float) -> dict[int, RodLine] | None:
     """Return the line in every body of a rod; None where there is no such line."""
     first, point = outer[0].own, outer[0].at.translation
     if inner:
@@ -157,12 +157,12 @@ def _lines(outer: list[End], inner: list[End], limit: float) -> dict[int, Line] 
         if np.linalg.norm(arm) <= limit:
             return None
         along = arm / np.linalg.norm(arm)
-    lines = {first: Line(point, along)}
+    lines = {first: RodLine(point, along)}
     for end in inner * len(inner):  # from body to body
         if end.own not in lines:
             continue
         line, over = lines[end.own], end.there * end.at.inverse()
-        there = Line(over.act(line.point), over.rotation @ line.direction)
+        there = RodLine(over.act(line.point), over.rotation @ line.direction)
         if (np.linalg.norm(np.cross(end.at.rotation[:, 2], line.direction)) > TOLERANCES.nothing
                 or (end.kind == "cylindrical" and _off(line, end.at.translation) > limit)
                 or _off(lines.setdefault(end.other, there), there.point) > limit):
@@ -170,7 +170,7 @@ def _lines(outer: list[End], inner: list[End], limit: float) -> dict[int, Line] 
     return lines
 
 
-def _off(line: Line, point: Array) -> float:
+def _off(line: RodLine, point: Array) -> float:
     return float(np.linalg.norm(np.cross(point - line.point, line.direction)))
 
 
@@ -245,8 +245,9 @@ def core_of(mechanism: Mechanism, held: Mapping[str, float], rods: list[Rod]) ->
             small.addFrame(pin.Frame(name, at, 0, on * placement, pin.FrameType.OP_FRAME))
     removed = {end.closure for rod in out for end in rod.ends}
     is_rounded = mechanism.whole is not None  # its axes are parallel to some digits only
-    closures = [c if is_rounded else _aligned_closure(c) for c in mechanism.closures
-                if c.name not in removed]
+    closures = [c if is_rounded or not c.pair.aligned else Aligned(
+        c.name, c.type, c.frames, c.geometry, equations=c.equations)
+        for c in mechanism.closures if c.name not in removed]
     for k, (ends, length) in enumerate(distances):
         frames = (f"{k} of rods", f"{k} of rods, other end")
         for name, end in zip(frames, ends, strict=True):
@@ -261,14 +262,9 @@ def core_of(mechanism: Mechanism, held: Mapping[str, float], rods: list[Rod]) ->
     return Core(core, tuple(out), tuple(joints))
 
 
-def _aligned_closure(closure: Closure) -> Closure:
-    if not closure.pair.aligned:
-        return closure
-    return Aligned(closure.name, closure.type, closure.frames, closure.geometry,
-                   equations=closure.equations)
-
-
-def _of_given_length(mechanism: Mechanism, rod: Rod, held: Mapping[str, float]) -> tuple[End, ...]:
+def _of_given_length(
+    mechanism: Mechanism, rod: Rod, held: Mapping[str, float]
+) -> tuple[RodEnd, ...]:
     """Return the two ends of a rod that is one distance equation, else nothing.
 
     One end at least is a ball: the rod may take any direction, and turn as it likes.
