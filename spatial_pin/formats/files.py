@@ -26,10 +26,9 @@ from spatial_pin.formats.file_access import (
 )
 from spatial_pin.formats.importers import IMPORTERS, Importer, Request, endings, importer_of
 from spatial_pin.formats.mechanism_file import MechanismSpec, mechanism_of
-from spatial_pin.formats.toml_files import parse_toml
+from spatial_pin.formats.parsing import parse_toml, parse_urdf
 from spatial_pin.formats.urdf.validation import end_of
-from spatial_pin.formats.xacro.arguments import arguments
-from spatial_pin.formats.xacro.parsing import parse_urdf
+from spatial_pin.formats.xacro.xacro_arguments import arguments
 from spatial_pin.mechanism.mechanism import Mechanism
 
 LISTS = ("closures", "springs")

@@ -23,7 +23,7 @@ from spatial_pin.formats.urdf.urdf_model import (
     JointRefinement,
     tree_of,
 )
-from spatial_pin.formats.xacro.arguments import Values, dimensions
+from spatial_pin.formats.xacro.xacro_arguments import Values, dimensions
 from spatial_pin.mechanism.checks import check_mechanism, impossible_inertias
 from spatial_pin.mechanism.coordinates import check_guess
 from spatial_pin.mechanism.mechanism import Mechanism

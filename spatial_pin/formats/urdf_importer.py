@@ -12,10 +12,10 @@ from spatial_pin.formats.dialects import RobotReading, read_dialects, yaml_loops
 from spatial_pin.formats.dialects.registry import refuse_unread
 from spatial_pin.formats.file_access import Trust, read_text, shown
 from spatial_pin.formats.importers import Imported, Request
+from spatial_pin.formats.parsing import ROOT, parse_urdf, parse_xml
 from spatial_pin.formats.urdf.elements import leave_out, local
 from spatial_pin.formats.urdf.validation import end_of
 from spatial_pin.formats.xacro.expansion import expand
-from spatial_pin.formats.xacro.parsing import ROOT, parse_urdf, parse_xml
 
 WORLD = "world"
 

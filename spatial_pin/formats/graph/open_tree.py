@@ -183,12 +183,12 @@ class _Writer:
         """Let a root float in the world, or hold it, where the file draws it."""
         name = fresh(BASE if root.name == self.tree.roots[0] else f"{BASE}_{root.name}", self.taken)
         place = root.placement if root.placement is not None else pin.SE3.Identity()
+        if self.graph.held:
+            self.bodies[root.name] = WORLD, place
+        else:
+            self.bases.append(f"link {root.name!r} (joint {name!r})")
         kind = "fixed" if self.graph.held else "floating"
         joint_element(self.robot, name, kind, self.ground, root.name, place)
-        if kind == "floating":
-            self.bases.append(f"link {root.name!r} (joint {name!r})")
-        else:
-            self.bodies[root.name] = WORLD, place
 
     def joint(self, joint: GraphJoint) -> None:
         """Write a joint of the tree, and what hangs on it."""
@@ -272,10 +272,7 @@ class _Writer:
             self.lost.append(f"{joint.name!r} ({', '.join(lost)})")
 
     def check_redundant(self, joint: GraphJoint, one: pin.SE3, two: pin.SE3) -> None:
-        """Refuse a fixed joint between links that other fixed joints hold otherwise.
-
-        `one` and `two` are the joint's frame by its parent and by its child on the body of both.
-        """
+        """Refuse a fixed joint, its frame at `one` and `two`, that others hold otherwise."""
         gap = one.inverse() * two
         size = float(np.abs([one.translation, two.translation]).max()) or 1.0
         most = max(np.abs(gap.translation).max() / size, np.abs(gap.rotation - np.eye(3)).max())

@@ -21,8 +21,8 @@ import pinocchio as pin
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.file_access import Trust, check_file, is_file, shown
 from spatial_pin.formats.mesh_files import OUTSIDE
+from spatial_pin.formats.parsing import PROLOGUE, parse_xml, without
 from spatial_pin.formats.urdf.elements import notice_of
-from spatial_pin.formats.xacro.parsing import PROLOGUE, parse_xml, without
 from spatial_pin.numerics.linalg import Array
 
 OCTAHEDRON = [1, 0, 0, -1, 0, 0, 0, 1, 0, 0, -1, 0, 0, 0, 1, 0, 0, -1]
@@ -185,9 +185,7 @@ def _without_meshes(
     mujoco: Any, spec: Any, folders: list[Path], trust: Trust
 ) -> tuple[dict[str, MeshFile], set[str], list[str]]:
     """Take from a spec all files that are not needed; return meshes, massless bodies, notices."""
-    notices: list[str] = []
-    _name_all(spec)
-    _without_pictures(mujoco, spec, notices)
+    notices = _prepare(mujoco, spec)
     files, barred = _mesh_files(spec, folders, trust)
     missing = {name for name, file in files.items() if file is None}
     massless = _unknown_inertias(mujoco, spec, missing)
@@ -216,38 +214,34 @@ def _without_meshes(
     return meshes, massless, notices
 
 
-def _name_all(spec: Any) -> None:
-    """Name bodies and meshes that have no name, as MuJoCo does, some of it only later."""
-    taken = {body.name for body in spec.bodies}
-    for k, body in enumerate(spec.bodies):
-        if not body.name:
-            body.name = f"body_{k}"
-            while body.name in taken:
-                body.name += "_"
-            taken.add(body.name)
-    for mesh in spec.meshes:
-        mesh.name = mesh.name or Path(mesh.file).stem
-
-
 def some(names: Iterable[str]) -> str:
     """Return the first of some names, for a message."""
     listed = sorted(names)
     return ", ".join(listed[:3]) + (", ..." if len(listed) > 3 else "")
 
 
-def _without_pictures(mujoco: Any, spec: Any, notices: list[str]) -> None:
-    """Delete textures, skins and height fields, whose files are of no use here."""
+def _prepare(mujoco: Any, spec: Any) -> list[str]:
+    """Name what has no name, and delete textures, skins and height fields; return notices."""
+    taken, notices = {body.name for body in spec.bodies}, []
+    for k, body in enumerate(spec.bodies):
+        if not body.name:
+            body.name = f"body_{k}"
+            while body.name in taken:
+                body.name += "_"
+            taken.add(body.name)
+    for mesh in spec.meshes:  # as MuJoCo does, some of it only later
+        mesh.name = mesh.name or Path(mesh.file).stem
     for material in spec.materials:
         material.textures = [""] * len(material.textures)
-    for light in spec.lights:
-        if hasattr(light, "texture"):
-            light.texture = ""
+    for light in (x for x in spec.lights if hasattr(x, "texture")):
+        light.texture = ""
     for geom in list(spec.geoms):
         if geom.type == mujoco.mjtGeom.mjGEOM_HFIELD:
             notices.append(f"height field {geom.hfieldname!r} is left out")
             spec.delete(geom)
     for element in [*spec.textures, *spec.skins, *spec.hfields]:
         spec.delete(element)
+    return notices
 
 
 def _mesh_files(

@@ -88,8 +88,17 @@ def read_springs(reading: MjcfReading) -> list[dict[str, Any]]:
     """Return the springs of joints and of tendons that are straight."""
     if reading.is_off("SPRING"):
         return []
-    model = reading.model
-    springs = [x for k in range(model.ntendon) if (x := _straight_tendon(reading, k)) is not None]
+    model, springs = reading.model, list[dict[str, Any]]()
+    for tendon in range(model.ntendon):
+        stiffness, damping = model.tendon_stiffness[tendon], model.tendon_damping[tendon]
+        low, high = model.tendon_lengthspring[tendon]
+        sites = straight_sites(reading, tendon)
+        if sites and low == high and (stiffness or damping):
+            reading.tendons.add(tendon)
+            name = model.tendon(tendon).name or f"tendon_{tendon}"
+            springs.append({"name": name, "frames": site_frames(reading, name, sites),
+                            "stiffness": float(stiffness), "free_length": float(low),
+                            "damping": 0.0 if reading.is_off("DAMPER") else float(damping)})
     for joint, place in enumerate(reading.joints):
         if not model.jnt_stiffness[joint]:
             continue
@@ -103,21 +112,6 @@ def read_springs(reading: MjcfReading) -> list[dict[str, Any]]:
         springs.append({"name": f"{place.name}_spring", "joint": place.name, free: float(at_rest),
                         "stiffness": float(model.jnt_stiffness[joint])})
     return springs
-
-
-def _straight_tendon(reading: MjcfReading, tendon: int) -> dict[str, Any] | None:
-    """Return the spring between two sites that a tendon is; None for any other."""
-    model = reading.model
-    stiffness, damping = model.tendon_stiffness[tendon], model.tendon_damping[tendon]
-    low, high = model.tendon_lengthspring[tendon]
-    sites = straight_sites(reading, tendon)
-    if not sites or low != high or not (stiffness or damping):
-        return None
-    name = model.tendon(tendon).name or f"tendon_{tendon}"
-    reading.tendons.add(tendon)
-    return {"name": name, "frames": site_frames(reading, name, sites),
-            "stiffness": float(stiffness), "free_length": float(low),
-            "damping": 0.0 if reading.is_off("DAMPER") else float(damping)}
 
 
 def read_guess(reading: MjcfReading) -> dict[str, Any]:

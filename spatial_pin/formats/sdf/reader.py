@@ -16,11 +16,11 @@ from spatial_pin.errors import MechanismFileError, suggestion
 from spatial_pin.formats.file_access import read_text, shown
 from spatial_pin.formats.graph.open_tree import open_tree
 from spatial_pin.formats.importers import Imported, Request
+from spatial_pin.formats.parsing import parse_xml, without
 from spatial_pin.formats.sdf.sdf_constraints import constraints, couplings
 from spatial_pin.formats.sdf.sdf_elements import MODEL, SCOPE, WORLDS, is_true, number_list, pose
 from spatial_pin.formats.sdf.sdf_model import SdfModel, refuse_include
 from spatial_pin.formats.urdf.elements import leave_out, local, numbers_text
-from spatial_pin.formats.xacro.parsing import parse_xml, without
 
 ATTRIBUTES = ("relative_to", "frame", "attached_to", "expressed_in")  # that name a frame
 TEXTS = ("parent", "child", "gearbox_reference_body")  # elements whose text names one

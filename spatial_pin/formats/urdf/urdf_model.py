@@ -23,6 +23,7 @@ import pinocchio as pin
 from spatial_pin.errors import MechanismFileError, Mistakes, suggestion
 from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.file_access import Trust
+from spatial_pin.formats.parsing import parse_urdf
 from spatial_pin.formats.urdf.elements import UNBOUNDED, URDF_AXIS, numbers_text
 from spatial_pin.formats.urdf.geometry import geometry_of, take_shapes
 from spatial_pin.formats.urdf.validation import (
@@ -33,7 +34,6 @@ from spatial_pin.formats.urdf.validation import (
     end_of,
     numbers,
 )
-from spatial_pin.formats.xacro.parsing import parse_urdf
 from spatial_pin.mechanism.inertia import put_inertias
 from spatial_pin.mechanism.pairs import COUPLING, JOINT_TYPES, PAIRS, Pair, hint_at_type, unit
 from spatial_pin.mechanism.parts import Closure

@@ -40,6 +40,7 @@ from spatial_pin.formats.file_access import (
     read_text,
     shown,
 )
+from spatial_pin.formats.parsing import parse_xml
 from spatial_pin.formats.xacro.expressions import (
     GLOBALS,
     SHARE,
@@ -50,7 +51,6 @@ from spatial_pin.formats.xacro.expressions import (
     evaluate,
     measure,
 )
-from spatial_pin.formats.xacro.parsing import parse_xml
 from spatial_pin.formats.xacro.tracing import Tape
 
 MACRO = 50  # steps of calling a macro
