@@ -14,6 +14,12 @@ from types import MappingProxyType
 from spatial_pin.errors import MechanismFileError
 
 LARGEST_FILE = 100_000_000  # bytes of text: a hundred times the largest robots there are
+LIBRARY = "spatial_pin"  # the package that holds the library: `$(find spatial_pin)/parts.xacro`
+MANIFEST = "package.xml"
+OF_PACKAGES = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH")
+OF_MODELS = ("GZ_SIM_RESOURCE_PATH", "GAZEBO_MODEL_PATH", "SDF_PATH")  # where Gazebo's models lie
+NO_PACKAGES: Mapping[str, Path] = MappingProxyType({})
+REMEDY = "sp.load(..., trusted=True) reads it all the same"
 
 
 def shown(path: Path | str) -> str:
@@ -65,12 +71,6 @@ def read_text(path: Path) -> str:
 
 
 # ---------------------------------------------------------------- packages
-
-LIBRARY = "spatial_pin"  # the package that holds the library: `$(find spatial_pin)/parts.xacro`
-MANIFEST = "package.xml"
-OF_PACKAGES = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH")
-OF_MODELS = ("GZ_SIM_RESOURCE_PATH", "GAZEBO_MODEL_PATH", "SDF_PATH")  # where Gazebo's models lie
-NO_PACKAGES: Mapping[str, Path] = MappingProxyType({})
 
 
 def library_folder() -> Path:
@@ -139,8 +139,6 @@ def is_installed(folder: Path, packages: Mapping[str, Path]) -> bool:
 
 
 # ---------------------------------------------------------------- which files may be read
-
-REMEDY = "sp.load(..., trusted=True) reads it all the same"
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,8 @@ from spatial_pin.mechanism.mechanism import Mechanism
 LISTS = ("closures", "springs")
 TABLES = ("joints", "frames", "guess")
 SAME = "that is the same"
+ROOT_JOINT = "root_joint"  # as Pinocchio names it
+GROUNDS = ("world", "ground")  # names of the link that stands still, the first that is free
 
 
 def merged(own: Mapping[str, Any], stated: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
@@ -85,10 +87,6 @@ def _replaced(entry: Mapping[str, Any], mine: Any) -> str:
                                                    entry.get("frames", [])[::-1]) and frames:
             return f"between the same frames: {other.get('name')!r}"
     return ""
-
-
-ROOT_JOINT = "root_joint"  # as Pinocchio names it
-GROUNDS = ("world", "ground")  # names of the link that stands still, the first that is free
 
 
 def with_free_flyer(urdf: str, path: Path, refined: Container[str] = ()) -> str:

@@ -12,6 +12,8 @@ from typing import Any
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.file_access import Trust, check_file, shown
 
+FOLDER = "/"  # the ending of a folder's name
+
 
 @dataclass(frozen=True)
 class Request:
@@ -87,8 +89,6 @@ def on_use(module: str, name: str = "read") -> Callable[[Any], Any]:
     """Return a function of a module of formats, which is imported when it is first called."""
     return lambda given: getattr(import_module(f"spatial_pin.formats.{module}"), name)(given)
 
-
-FOLDER = "/"  # the ending of a folder's name
 
 IMPORTERS: dict[str, Importer] = {
     "urdf": Importer("URDF or xacro", (".urdf", ".xacro", ".xml"),

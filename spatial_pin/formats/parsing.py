@@ -23,6 +23,10 @@ _PREFIX = re.compile(r"[<\s]/?([A-Za-z_][\w.-]*):[A-Za-z_]")  # of an element, a
 _DECLARED = re.compile(r"\sxmlns:([A-Za-z_][\w.-]*)\s*=")
 PROLOGUE = r"\s*+(?>(?:<!--.*?-->|<\?.*?\?>|<![A-Z][^>]*>)\s*)*+"  # each part tried once
 ROOT = re.compile(PROLOGUE + r"<[A-Za-z_][\w.-]*", re.S)
+DEEPEST_KEY = 8  # names in a key; a mechanism file needs three
+_TEXTS = re.compile(  # texts and comments, in which dots mean nothing
+    r'"""(?:\\.|[^\\])*?"""|\'\'\'.*?\'\'\'|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'|(#)[^\n]*', re.S)
+_LONG_KEY = re.compile(rf"(?<![\w-])[\w-]++(?:[ \t]*+\.[ \t]*+[\w-]++){{{DEEPEST_KEY}}}")
 
 
 def parse_xml(text: str, path: Path) -> ET.Element:
@@ -76,12 +80,6 @@ def _parsed(text: str) -> ET.Element:
         unbound = dict.fromkeys(p for p in _PREFIX.findall(text) if p not in declared)
         names = "".join(f' xmlns:{prefix}="{prefix}"' for prefix in unbound)
         return ET.fromstring(text[:root.end()] + names + text[root.end():])
-
-
-DEEPEST_KEY = 8  # names in a key; a mechanism file needs three
-_TEXTS = re.compile(  # texts and comments, in which dots mean nothing
-    r'"""(?:\\.|[^\\])*?"""|\'\'\'.*?\'\'\'|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'|(#)[^\n]*', re.S)
-_LONG_KEY = re.compile(rf"(?<![\w-])[\w-]++(?:[ \t]*+\.[ \t]*+[\w-]++){{{DEEPEST_KEY}}}")
 
 
 def parse_toml(text: str, path: Path) -> dict[str, Any]:

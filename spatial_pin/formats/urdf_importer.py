@@ -18,6 +18,7 @@ from spatial_pin.formats.urdf.validation import end_of
 from spatial_pin.formats.xacro.expansion import expand
 
 WORLD = "world"
+FOLDERS = ("", "urdf", "robots")  # where in a folder, or package, its URDF lies
 
 
 def is_urdf(path: Path) -> bool:
@@ -62,9 +63,6 @@ def read_urdf(request: Request, beside: Path | None = None) -> Imported:
         yaml_loops.tell_unstated(reading)
     after = ET.tostring(reading.robot, encoding="unicode")
     return Imported(text if after == before else after, reading.content, tuple(reading.notices))
-
-
-FOLDERS = ("", "urdf", "robots")  # where in a folder, or package, its URDF lies
 
 
 def is_statement(path: Path) -> bool:

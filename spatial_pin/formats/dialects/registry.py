@@ -28,6 +28,30 @@ ROLES = (  # what the two ends of a joint are called
     ("frame1", "frame2"), ("frame_a", "frame_b"), ("framea", "frameb"), ("site1", "site2"),
     ("parent_link", "child_link"), ("base_link", "follower_link"), ("from", "to"),
 )
+Reader = Callable[[ET.Element, RobotReading], None]
+
+ELEMENTS: dict[str, Reader] = {  # directly in <robot>; they are taken out
+    "loop": urdf_loops.read_loop,
+    "coupling": urdf_loops.read_coupling,
+    "constraint": urdf_loops.read_constraint,
+    "loop_constraint": urdf_loops.read_constraint,
+    "loop_joint": urdf_loops.read_loop_joint,
+    "ball_constraint": drake.read_ball,
+    "distance_constraint": drake.read_distance,
+    "linear_spring_damper": drake.read_spring,
+    "linear_bushing_rpy": drake.refuse,
+    "tendon_constraint": drake.refuse,
+}
+LEFT: dict[str, Reader] = {  # they stay in the URDF
+    "gazebo": gazebo.read_gazebo,
+    "transmission": urdf_loops.read_transmission,
+    "ros2_control": urdf_loops.read_ros2_control,
+}
+BESIDE: tuple[tuple[Callable[[Path], Path | None], Callable[[Path], bool],
+                    Callable[[Path, RobotReading], None]], ...] = (  # where is it, is it, read
+    (yaml_loops.robot_beside, yaml_loops.is_robot, yaml_loops.read_robot),
+    (yaml_loops.closures_beside, yaml_loops.is_closures, yaml_loops.read_closures),
+)
 
 
 def refuse_unread(reading: RobotReading) -> None:
@@ -87,32 +111,6 @@ def _ends(element: ET.Element, links: Collection[str]) -> list[str]:
         if all(key in named for key in role):
             return list(dict.fromkeys(named[key] for key in role))
     return []
-
-
-Reader = Callable[[ET.Element, RobotReading], None]
-
-ELEMENTS: dict[str, Reader] = {  # directly in <robot>; they are taken out
-    "loop": urdf_loops.read_loop,
-    "coupling": urdf_loops.read_coupling,
-    "constraint": urdf_loops.read_constraint,
-    "loop_constraint": urdf_loops.read_constraint,
-    "loop_joint": urdf_loops.read_loop_joint,
-    "ball_constraint": drake.read_ball,
-    "distance_constraint": drake.read_distance,
-    "linear_spring_damper": drake.read_spring,
-    "linear_bushing_rpy": drake.refuse,
-    "tendon_constraint": drake.refuse,
-}
-LEFT: dict[str, Reader] = {  # they stay in the URDF
-    "gazebo": gazebo.read_gazebo,
-    "transmission": urdf_loops.read_transmission,
-    "ros2_control": urdf_loops.read_ros2_control,
-}
-BESIDE: tuple[tuple[Callable[[Path], Path | None], Callable[[Path], bool],
-                    Callable[[Path, RobotReading], None]], ...] = (  # where is it, is it, read
-    (yaml_loops.robot_beside, yaml_loops.is_robot, yaml_loops.read_robot),
-    (yaml_loops.closures_beside, yaml_loops.is_closures, yaml_loops.read_closures),
-)
 
 
 def read_dialects(reading: RobotReading, beside: Path | None = None) -> None:

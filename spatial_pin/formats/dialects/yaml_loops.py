@@ -41,6 +41,19 @@ from spatial_pin.formats.dialects.robot import RobotReading
 from spatial_pin.formats.file_access import Trust, is_file, read_text, shown
 from spatial_pin.numerics.linalg import Array
 
+ROBOT_NAMES = ("type", "name_mot", "joint_name", "joint_type")
+URDF = ("urdf", "name_urdf", "urdf_file")
+ENDINGS = (".yaml", ".yml")
+UNSTATED = re.compile(r"(?P<loop>closedloop\w*?\d+)_?A(?P<kind>_[36]D)?", re.I)
+AXES = dict(zip("XYZ", np.eye(3).tolist(), strict=True))
+SOURCE = "closed_loop"
+NAME = "loop_closures.yaml"
+LOOPS = ("closures", "pin_loops", "ball_loops")
+CLOSURE_NAMES = ("independent", "dependent", "ball_upgrades", "actuated_joints")
+LIMITS = ("ball_limit_deg",)  # how far a ball swings: a limit of what closes, which has none here
+LARGEST_COORDINATE = 1e300  # of a coordinate; whole numbers may be beyond float
+ROOT = "base_link"  # what sw2robot calls the root, whatever its name
+
 
 def table_of(path: Path) -> dict[str, Any]:
     """Return the table that a YAML file holds; an empty one where it holds something else."""
@@ -62,14 +75,6 @@ def lists_of(table: dict[str, Any], keys: tuple[str, ...], names: tuple[str, ...
         if key in names and not all(isinstance(name, str) for name in value or ()):
             raise MechanismFileError(f"{shown(path)}: {key} must be a list of names")
     return {key: table.get(key) or [] for key in keys}
-
-
-ROBOT_NAMES = ("type", "name_mot", "joint_name", "joint_type")
-URDF = ("urdf", "name_urdf", "urdf_file")
-ENDINGS = (".yaml", ".yml")
-UNSTATED = re.compile(r"(?P<loop>closedloop\w*?\d+)_?A(?P<kind>_[36]D)?", re.I)
-AXES = dict(zip("XYZ", np.eye(3).tolist(), strict=True))
-SOURCE = "closed_loop"
 
 
 def is_robot(path: Path) -> bool:
@@ -184,14 +189,6 @@ def _read_types(lists: dict[str, list[Any]], path: Path, reading: RobotReading) 
         else:
             raise MechanismFileError(f"{where}: joint_type {kind!r} is not known; there are: "
                                      "SPHERICAL, FIXED, UJOINT_XY and the like")
-
-
-NAME = "loop_closures.yaml"
-LOOPS = ("closures", "pin_loops", "ball_loops")
-CLOSURE_NAMES = ("independent", "dependent", "ball_upgrades", "actuated_joints")
-LIMITS = ("ball_limit_deg",)  # how far a ball swings: a limit of what closes, which has none here
-LARGEST_COORDINATE = 1e300  # of a coordinate; whole numbers may be beyond float
-ROOT = "base_link"  # what sw2robot calls the root, whatever its name
 
 
 def closures_beside(urdf: Path) -> Path | None:

@@ -26,6 +26,12 @@ from spatial_pin.mechanism.pairs import PAIRS, axes_from_z
 from spatial_pin.numerics.angles import whole_turns
 
 DRAWN = 100.0  # roundings of the file that links may be drawn away from their joints
+BASE = "root_joint"  # the joint that lets a base float, as Pinocchio names it
+GROUND = "world"  # the link that stands for the world
+SYMMETRIC = ("spherical", "planar", "floating", "universal")  # their coordinates have a direction
+TWIN = 1e-9  # relative gap between two links that two fixed joints place
+PLACED = ("origin", "parent", "child", "axis")  # of a joint element, what it is placed by
+RESISTANCES = ("damping", "friction", "armature")
 
 
 def drawn(tree: SpanningTree) -> tuple[dict[str, Any], list[str]]:
@@ -86,14 +92,6 @@ def coordinates_at(joint: GraphJoint, relative: pin.SE3) -> tuple[list[float], p
         pair, [0.0, 0.0, slide])
     reached = pin.SE3(pin.exp3(angle * joint.axis), across @ np.array(along))
     return [float(value) for value in coordinates], reached
-
-
-BASE = "root_joint"  # the joint that lets a base float, as Pinocchio names it
-GROUND = "world"  # the link that stands for the world
-SYMMETRIC = ("spherical", "planar", "floating", "universal")  # their coordinates have a direction
-TWIN = 1e-9  # relative gap between two links that two fixed joints place
-PLACED = ("origin", "parent", "child", "axis")  # of a joint element, what it is placed by
-RESISTANCES = ("damping", "friction", "armature")
 
 
 def open_tree(

@@ -27,10 +27,15 @@ from spatial_pin.mechanism.pairs import JOINT_TYPES
 from spatial_pin.numerics.linalg import Array
 
 SQUARE = 1e-3  # cosine of revolute axes, from which on three in a chain miss directions of a ball
+FREEDOMS = {"fixed": 0, "revolute": 2, "universal": 3, "spherical": 4, "floating": 5}  # others: 1
 
 
 def without_chains(graph: JointGraph) -> tuple[JointGraph, tuple[str, ...]]:
-    """Put one pair in the place of revolute joints that meet in a point, between massless links."""
+    """Put one pair in the place of revolute joints that meet in a point, between massless links.
+
+    Three are a ball, two a universal joint. Only joints of loops are replaced, and none of which
+    anything else is said.
+    """
     notices: list[str] = []
     looped = in_loops(graph.joints)
     pairs: dict[str, GraphJoint] = {}  # by the first joint of the chain
@@ -147,9 +152,6 @@ def _one_pair(kind: str, chain: Sequence[GraphJoint], rounding: float) -> GraphJ
     return GraphJoint(
         "+".join(joint.name for joint in chain), kind, chain[0].parent, chain[-1].child, frame,
         at.inverse() * frame, axes[0], second / np.linalg.norm(second))
-
-
-FREEDOMS = {"fixed": 0, "revolute": 2, "universal": 3, "spherical": 4, "floating": 5}  # others: 1
 
 
 class SpanningTree:

@@ -20,6 +20,8 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 LEAST_MASS = 1e-9  # of the whole mass: that of a body without mass at an end of the tree
 THIN = 1e-6  # of the characteristic length: its radius of gyration
 LEAST_MOMENT = 1e-14  # kg·m² and kg: below 1e-15 MuJoCo refuses a body that moves
+UNSET = 1e300  # Pinocchio's largest number, or infinity, where there is no limit
+HINGE, SLIDE, BALL, FREE = "hinge", "slide", "ball", "free"
 
 
 class MjcfDocument:
@@ -133,10 +135,6 @@ def placed(placement: pin.SE3, **attributes: Any) -> dict[str, str]:
     """Return the attributes of an element with a placement."""
     return {**attributes, "pos": numbers_text(placement.translation),
             "quat": numbers_text(quaternion(placement.rotation))}
-
-
-UNSET = 1e300  # Pinocchio's largest number, or infinity, where there is no limit
-HINGE, SLIDE, BALL, FREE = "hinge", "slide", "ball", "free"
 
 
 class MjcfJoint(NamedTuple):

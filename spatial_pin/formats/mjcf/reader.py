@@ -22,6 +22,7 @@ from spatial_pin.mechanism.coordinates import rotation_vectors
 from spatial_pin.numerics.linalg import Array
 
 HOME = "home"  # the key that is the guess, if there is one
+UNNAMED = "MuJoCo Model"  # what MuJoCo calls a model without a name
 
 # ---------------------------------------------------------------- drivers
 
@@ -132,9 +133,6 @@ def _value(reading: MjcfReading, joint: int, q: Array) -> Any:
     turn = at + 3 if is_free else at
     vector = rotation_vectors(q[turn:turn + 4][[1, 2, 3, 0]][None])[0]
     return [*q[at:turn].tolist(), *vector.tolist()]
-
-
-UNNAMED = "MuJoCo Model"  # what MuJoCo calls a model without a name
 
 
 def read(request: Request) -> Imported:

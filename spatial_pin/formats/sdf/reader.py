@@ -1,4 +1,9 @@
-"""SDFormat, read with standard XML: one model, or a world with one, as a joint graph."""
+"""SDFormat, read with standard XML: one model, or a world with one, as a joint graph.
+
+Models within a model are put into the outer one under names such as "inner::link". What an inner
+model places by its own frame, `__model__`, is placed by a frame of the outer model that has the
+inner model's name. Poses stay relative to what they were relative to.
+"""
 
 from __future__ import annotations
 
@@ -26,6 +31,8 @@ ATTRIBUTES = ("relative_to", "frame", "attached_to", "expressed_in")  # that nam
 TEXTS = ("parent", "child", "gearbox_reference_body")  # elements whose text names one
 ENDS = ("_body_A", "_body_B")  # of the names of Drake's elements that do
 NAMED = ("link", "joint", "frame", "plugin")  # elements that an inner model brings along
+OLDEST, NEWEST = (1, 4), (1, 12)
+SCENERY = ("model://sun", "model://ground_plane")
 
 
 def with_nested(model: ET.Element, where: str, version: tuple[int, int]) -> ET.Element:
@@ -104,10 +111,6 @@ def _place(moved: ET.Element, scope: str) -> None:
                 xyz = ET.SubElement(axis, "xyz")
                 xyz.text = "0 0 1"
             xyz.set("expressed_in", scope)
-
-
-OLDEST, NEWEST = (1, 4), (1, 12)
-SCENERY = ("model://sun", "model://ground_plane")
 
 
 def read(request: Request) -> Imported:

@@ -21,6 +21,22 @@ SCOPE = "::"  # between the names of a model and of what is in it
 WORLDS = ("world",)
 NO_LIMIT = 1e16  # SDFormat's number for a limit that is none
 TRUE = ("1", "true")
+MOMENTS = {"ixx": 1.0, "ixy": 0.0, "ixz": 0.0, "iyy": 1.0, "iyz": 0.0, "izz": 1.0}  # by default
+SIZES = {  # of shapes, with SDFormat's defaults
+    "box": {"size": "1 1 1"}, "sphere": {"radius": "1"}, "cylinder": {"radius": "1", "length": "1"},
+    "capsule": {"radius": "0.5", "length": "1"},
+}
+ELLIPSOID = {"radii": "1 1 1"}
+WATER = 1000.0  # kg/m³, SDFormat's density of a shape
+SOLIDS: dict[str, Callable[..., tuple[float, pin.Inertia]]] = {  # volume, inertia of 1 kg
+    "box": lambda x, y, z: (x * y * z, pin.Inertia.FromBox(1.0, x, y, z)),
+    "sphere": lambda r: (4.0 / 3.0 * math.pi * r**3, pin.Inertia.FromSphere(1.0, r)),
+    "cylinder": lambda r, h: (math.pi * r**2 * h, pin.Inertia.FromCylinder(1.0, r, h)),
+    "capsule": lambda r, h: (math.pi * r**2 * (h + 4.0 / 3.0 * r),
+                             pin.Inertia.FromCapsule(1.0, r, h)),
+    "ellipsoid": lambda x, y, z: (4.0 / 3.0 * math.pi * x * y * z,
+                                  pin.Inertia.FromEllipsoid(1.0, x, y, z)),
+}
 
 
 def number_list(text: str | None, count: int, where: str) -> Array:
@@ -138,22 +154,6 @@ class SdfFrames:
         return WORLD
 
 
-MOMENTS = {"ixx": 1.0, "ixy": 0.0, "ixz": 0.0, "iyy": 1.0, "iyz": 0.0, "izz": 1.0}  # by default
-SIZES = {  # of shapes, with SDFormat's defaults
-    "box": {"size": "1 1 1"}, "sphere": {"radius": "1"}, "cylinder": {"radius": "1", "length": "1"},
-    "capsule": {"radius": "0.5", "length": "1"},
-}
-ELLIPSOID = {"radii": "1 1 1"}
-WATER = 1000.0  # kg/m³, SDFormat's density of a shape
-SOLIDS: dict[str, Callable[..., tuple[float, pin.Inertia]]] = {  # volume, inertia of 1 kg
-    "box": lambda x, y, z: (x * y * z, pin.Inertia.FromBox(1.0, x, y, z)),
-    "sphere": lambda r: (4.0 / 3.0 * math.pi * r**3, pin.Inertia.FromSphere(1.0, r)),
-    "cylinder": lambda r, h: (math.pi * r**2 * h, pin.Inertia.FromCylinder(1.0, r, h)),
-    "capsule": lambda r, h: (math.pi * r**2 * (h + 4.0 / 3.0 * r),
-                             pin.Inertia.FromCapsule(1.0, r, h)),
-    "ellipsoid": lambda x, y, z: (4.0 / 3.0 * math.pi * x * y * z,
-                                  pin.Inertia.FromEllipsoid(1.0, x, y, z)),
-}
 PlaceOf = Callable[[ET.Element | None, str], pin.SE3]  # <pose>, where -> placement on the link
 
 

@@ -39,6 +39,12 @@ JOINERS = re.compile(r"mimic|detachable|attacher|grasp", re.I)  # plugins that j
 DETACHABLE = "detachable"  # in the name or file of the one that holds two links together
 OWN = ("", MODEL)  # what it may call the model that it is in
 APART = re.compile(r"collision|filter|friction|gripper|sensor")  # elements that join none
+PAIR_OF = {
+    "revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic", "screw": "screw",
+    "ball": "spherical", "universal": "universal", "revolute2": "universal", "fixed": "fixed",
+}
+GEARBOX = "gearbox"
+AXES = {"axis": "first", "axis2": "second"}  # of joints with two, and how they are called here
 
 
 def is_detachable(plugin: ET.Element) -> bool:
@@ -89,14 +95,6 @@ def _unknown(element: ET.Element, names: set[str], joins: int, where: str) -> st
         raise MechanismFileError(f"{where}: <{tag}> joins {', '.join(map(repr, named))} and is not "
                                  f"read; write a <joint> in its place, or {without_it(element)}")
     return f"<{tag}>"
-
-
-PAIR_OF = {
-    "revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic", "screw": "screw",
-    "ball": "spherical", "universal": "universal", "revolute2": "universal", "fixed": "fixed",
-}
-GEARBOX = "gearbox"
-AXES = {"axis": "first", "axis2": "second"}  # of joints with two, and how they are called here
 
 
 class SdfModel:
@@ -253,7 +251,7 @@ def _joints_of(
     if ends[0] == ends[1]:
         raise MechanismFileError(f"{where} joins {ends[0] or 'the world'!r} with itself")
     joint = GraphJoint(name, PAIR_OF[kind], ends[0], ends[1],
-                  *(model.on_link(model.frame_of[name], end) for end in ends))
+                       *(model.on_link(model.frame_of[name], end) for end in ends))
     if kind == "fixed":
         return [], [joint]
     if joint.type == "universal":

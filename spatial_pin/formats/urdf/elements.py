@@ -15,6 +15,7 @@ from spatial_pin.numerics.linalg import Array
 
 URDF_AXIS = (1.0, 0.0, 0.0)  # of a joint without <axis>, in URDF and what extends it
 UNBOUNDED = sys.float_info.max  # of a limit: URDF readers take no infinite one
+BODIES = ("link", "body", "model", "robot", "world")  # which joints of the same name are not
 
 
 def local(element: ET.Element) -> str:
@@ -177,9 +178,6 @@ def fresh(wanted: str, taken: set[str]) -> str:
     name = unique(wanted, taken)
     taken.add(name)
     return name
-
-
-BODIES = ("link", "body", "model", "robot", "world")  # which joints of the same name are not
 
 
 def without_it(element: ET.Element) -> str:

@@ -30,6 +30,8 @@ ONCE = {  # what a link or joint, or an element in it, says once
     "visual": ("origin", "geometry"), "collision": ("origin", "geometry"),
 }
 UNIVERSE = "universe"  # the joint that all joints of a Pinocchio model hang on
+INERTIAL = (("mass", "value"),
+            *(("inertia", key) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")))
 
 # ---------------------------------------------------------------- structure
 
@@ -177,10 +179,6 @@ def check_links(robot: ET.Element, path: Path, faults: Faults) -> dict[str, pin.
         if inertial is not None:
             inertias[name] = _inertia(inertial, f"{path}: link {name!r}", faults, name)
     return inertias
-
-
-INERTIAL = (("mass", "value"),
-            *(("inertia", key) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")))
 
 
 def _inertia(inertial: ET.Element, where: str, faults: Faults, name: str) -> pin.Inertia:

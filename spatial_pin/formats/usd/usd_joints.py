@@ -16,6 +16,16 @@ from spatial_pin.formats.usd.rigid_bodies import Body, body_of
 from spatial_pin.formats.usd.usd_stage import DEGREE, UsdStage, applied, brief_names
 
 PHYSX, NEWTON, EQUALITY = "PhysxMimicJointAPI", "NewtonMimicAPI", "MjcEqualityJointAPI"
+MUJOCO = "MjcJointAPI"
+ACTUATOR = "MjcActuator"
+DIRECTIONS = {"X": np.eye(3)[0], "Y": np.eye(3)[1], "Z": np.eye(3)[2]}
+FREEDOMS = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
+PAIR_OF_FREEDOMS = {  # by the axes that several coordinates slide along and turn about
+    **{("", turns): "universal" for turns in ("XY", "XZ", "YZ")}, ("", "XYZ"): "spherical",
+    **{(axis, axis): "cylindrical" for axis in "XYZ"},
+    ("XY", "Z"): "planar", ("XZ", "Y"): "planar", ("YZ", "X"): "planar"}
+UNREAD = ("Joint", "Attachment", "Constraint")  # endings of types that join bodies
+LARGEST_FLOAT = 3.4e38  # of a 32-bit number: USD's own for a force without limit
 
 
 def mimics(
@@ -68,10 +78,6 @@ def _leader(stage: UsdStage, prim: Any, schema: str, relationship: str) -> tuple
                      "joints than these; that is not read")
 
 
-MUJOCO = "MjcJointAPI"
-ACTUATOR = "MjcActuator"
-
-
 def with_resistance(stage: UsdStage, prim: Any, joint: GraphJoint) -> GraphJoint:
     """Return a joint with damping, dry friction, armature and spring, in SI units."""
     turns = joint.type != "prismatic"
@@ -105,7 +111,11 @@ def actuated(stage: UsdStage, of_path: Mapping[str, str]) -> list[str]:
 def in_series(
     joints: Iterable[GraphJoint], named: Collection[str]
 ) -> tuple[list[Link], list[GraphJoint]]:
-    """Return joints, and massless links that are put between those in series."""
+    """Return massless links between joints in series, and all joints.
+
+    Joints that MuJoCo's schemas describe, `named`, between the same two bodies are in series, in
+    the order of the stage, each about its axis on the second body.
+    """
     groups: dict[tuple[str, str], list[GraphJoint]] = {}
     for joint in joints:
         key = (joint.parent, joint.child) if joint.name in named else (joint.name, "")
@@ -120,16 +130,6 @@ def in_series(
             chain[k + 1] = after.but(parent=link, on_parent=after.on_child)
         found += chain
     return links, found
-
-
-DIRECTIONS = {"X": np.eye(3)[0], "Y": np.eye(3)[1], "Z": np.eye(3)[2]}
-FREEDOMS = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
-PAIR_OF_FREEDOMS = {  # by the axes that several coordinates slide along and turn about
-    **{("", turns): "universal" for turns in ("XY", "XZ", "YZ")}, ("", "XYZ"): "spherical",
-    **{(axis, axis): "cylindrical" for axis in "XYZ"},
-    ("XY", "Z"): "planar", ("XZ", "Y"): "planar", ("YZ", "X"): "planar"}
-UNREAD = ("Joint", "Attachment", "Constraint")  # endings of types that join bodies
-LARGEST_FLOAT = 3.4e38  # of a 32-bit number: USD's own for a force without limit
 
 
 def read_joints(
@@ -202,7 +202,7 @@ def _joint(stage: UsdStage, prim: Any, name: str, bodies: dict[str, Body]) -> Gr
         stage.notices.append(f"joint {name!r} joins {what} with itself: it is left out")
         return None
     joint = GraphJoint(name, "fixed", ends[0], ends[1], frames[0], frames[1],
-                  cut=api.GetExcludeFromArticulationAttr().Get() is True)
+                       cut=api.GetExcludeFromArticulationAttr().Get() is True)
     if prim.IsA(UsdPhysics.FixedJoint):
         return joint
     if prim.IsA(UsdPhysics.RevoluteJoint):

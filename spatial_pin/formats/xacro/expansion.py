@@ -58,6 +58,15 @@ PLACE = 40  # steps of putting one thing in the place of another
 SIBLINGS = 500  # elements among which one is found in the time of one step
 _XACRO = re.compile(r"""\sxmlns:xacro\s*=\s*["']([^"']*)""")  # xacro goes by the prefix
 _IMPORTING = threading.Lock()
+_TOKEN = re.compile(
+    r"\$\$+(?=[{(])"          # dollars before a bracket: one less, and what follows is text
+    r"|\$\{(?P<value>[^}]*)\}"
+    r"|\$\((?P<command>[^)]*)\)"
+    r"|[^$]+|\$(?![{(])")
+# xacro's own pattern of a macro's parameter, but without its exponential number of ways to match
+_PARAMETER = re.compile(
+    r"^\s*([^\s:=]+?)\s*:?=\s*(\^\|?)?"
+    r"(\$\{.*?\}|\$\(.*?\)|(?:'[^']*+'|\"[^\"]*+\"|[^\s'\"]++)++|)(?:\s+|$)(.*)")
 if hasattr(os, "register_at_fork"):  # a child must not be born while an import is half done
     os.register_at_fork(before=_IMPORTING.acquire, after_in_parent=_IMPORTING.release,
                         after_in_child=_IMPORTING.release)
@@ -170,12 +179,6 @@ def arguments_of(expansion: Expansion) -> dict[str, str]:
 
 # ---------------------------------------------------------------- one expansion
 
-_TOKEN = re.compile(
-    r"\$\$+(?=[{(])"          # dollars before a bracket: one less, and what follows is text
-    r"|\$\{(?P<value>[^}]*)\}"
-    r"|\$\((?P<command>[^)]*)\)"
-    r"|[^$]+|\$(?![{(])")
-
 
 @lru_cache(maxsize=4096)
 def _tokens(text: str) -> tuple[tuple[str, str], ...]:
@@ -194,12 +197,6 @@ def _tokens(text: str) -> tuple[tuple[str, str], ...]:
         else:
             parts.append(("text", token))
     return tuple(parts)
-
-
-# xacro's own pattern of a macro's parameter, but without its exponential number of ways to match
-_PARAMETER = re.compile(
-    r"^\s*([^\s:=]+?)\s*:?=\s*(\^\|?)?"
-    r"(\$\{.*?\}|\$\(.*?\)|(?:'[^']*+'|\"[^\"]*+\"|[^\s'\"]++)++|)(?:\s+|$)(.*)")
 
 
 class XacroFiles:
