@@ -72,22 +72,17 @@ class LinkTree:
             name = joint if i and joint not in self._not_joints else fresh(
                 f"{joint}_link" if i else GROUND, self._taken)
             main = self._add(name, i, above, here, pin.FrameType.BODY)
-        for k in links:
-            if k != main:
-                self.mounts[model.frames[k].name] = model.frames[self._mount(k)].name
+        for link in (model.frames[k] for k in links if k != main):
+            mount, named = model.frames[link.parentFrame], str(link.name)  # new frames move these
+            if link.parentFrame in self._used or mount.type != pin.FrameType.FIXED_JOINT \
+                    or mount.parentJoint != link.parentJoint or mount.name in self._joint_frames \
+                    or mount.placement != link.placement:
+                self.mounts[named] = fresh(f"{named}_mount", self._taken)
+                self._add(self.mounts[named], i, 0, link.placement, pin.FrameType.FIXED_JOINT)
+            else:
+                self._used.add(link.parentFrame)
+                self.mounts[named] = str(mount.name)
         return str(model.frames[main].name)
-
-    def _mount(self, link: int) -> int:
-        """Return the frame of the fixed joint that carries a link."""
-        frame = self._model.frames[link]
-        above = self._model.frames[frame.parentFrame]
-        if frame.parentFrame in self._used or above.type != pin.FrameType.FIXED_JOINT \
-                or above.parentJoint != frame.parentJoint or above.name in self._joint_frames \
-                or above.placement != frame.placement:
-            return self._add(fresh(f"{frame.name}_mount", self._taken), frame.parentJoint, 0,
-                             frame.placement, pin.FrameType.FIXED_JOINT)
-        self._used.add(frame.parentFrame)
-        return int(frame.parentFrame)
 
 
 def urdf_of(mechanism: Mechanism, bodies: LinkTree) -> str:

@@ -200,7 +200,7 @@ def _tokens(text: str) -> tuple[tuple[str, str], ...]:
 
 
 class XacroFiles:
-    """The files that one run of xacro reads: found, allowed, and read."""
+    """What one run of xacro reads: files, found where they may lie, and the environment."""
 
     def __init__(
         self, path: Path, trusted: bool, packages: Mapping[str, Path], tape: Tape | None = None
@@ -294,6 +294,31 @@ class XacroFiles:
         found = read_yaml(path, lambda text: evaluate(text, GLOBALS, self.budget))
         measure(found, self.budget)
         return self.xacro.YamlListWrapper.wrap(found)
+
+    def environment(self, name: str) -> str:
+        """Return an environment variable; a file that is not trusted learns of none."""
+        if not self.trust.trusted:
+            raise RefusedError(f"environment variables are not for files of others; {REMEDY}")
+        if name not in os.environ:
+            raise RefusedError(f"no environment variable {name!r}; $(optenv {name} default) allows "
+                               "for that")
+        return os.environ[name]
+
+    def optional(self, name: str, *default: str) -> str:
+        """Return an environment variable or the default; that for a file that is not trusted."""
+        own = " ".join(default)
+        if self.trust.trusted:
+            return os.environ.get(name, own)
+        if name in os.environ:
+            warn(f"{shown(self.file)}: $(optenv {name}) is its default here, {own!r}: environment "
+                 f"variables are not for files of others; {REMEDY}")
+        return own
+
+    def working_folder(self) -> str:
+        """Return the working folder, to a file that is trusted."""
+        if not self.trust.trusted:
+            raise RefusedError(f"the working folder is not for files of others; {REMEDY}")
+        return os.getcwd()
 
 
 class Expansion(XacroFiles):
@@ -435,39 +460,12 @@ class Expansion(XacroFiles):
         node.parentNode = node.previousSibling = node.nextSibling = None
 
 
-def _environment(expansion: Expansion, name: str) -> str:
-    """Return an environment variable; a file that is not trusted learns of none."""
-    if not expansion.trust.trusted:
-        raise RefusedError(f"environment variables are not for files of others; {REMEDY}")
-    if name not in os.environ:
-        raise RefusedError(f"no environment variable {name!r}; $(optenv {name} default) allows for "
-                           "that")
-    return os.environ[name]
-
-
-def _optional(expansion: Expansion, name: str, *default: str) -> str:
-    """Return an environment variable, or the default; that for a file that is not trusted."""
-    own = " ".join(default)
-    if expansion.trust.trusted:
-        return os.environ.get(name, own)
-    if name in os.environ:
-        warn(f"{shown(expansion.file)}: $(optenv {name}) is its default here, {own!r}: environment "
-             f"variables are not for files of others; {REMEDY}")
-    return own
-
-
-def _working_folder(expansion: Expansion) -> str:
-    if not expansion.trust.trusted:
-        raise RefusedError(f"the working folder is not for files of others; {REMEDY}")
-    return os.getcwd()
-
-
 COMMANDS: dict[str, tuple[int, int, Callable[..., Any]]] = {  # fewest words, most, what it does
     "arg": (1, 1, Expansion.argument),
     "find": (1, 1, Expansion.package),
-    "env": (1, 1, _environment),
-    "optenv": (1, 100, _optional),
-    "cwd": (0, 0, _working_folder),
+    "env": (1, 1, Expansion.environment),
+    "optenv": (1, 100, Expansion.optional),
+    "cwd": (0, 0, Expansion.working_folder),
     "dirname": (0, 0, lambda expansion: os.path.abspath(os.path.dirname(expansion.file))),
 }
 
