@@ -98,7 +98,7 @@ OF_CALLERS = (
     ("columns.py", "pip install"), ("state.py", "a State is needed"),
     ("motion.py", "a Motion is needed"), ("coordinates.py", "a Mechanism is needed"),
     ("film.py", ""), ("overlays.py", "another motion"), ("overlays.py", "another one"),
-    ("joints.py", "sp.closures"), ("closures.py", "sp.closures"), ("export.py", "from_model"),
+    ("pair_tree.py", "sp.closures"), ("closures.py", "sp.closures"), ("export.py", "from_model"),
     ("tolerance.py", "to make a table of"), ("sweep.py", "speed=0.0 at rest"),
     ("sweep.py", "a sweep goes through a list"),
     ("outputs.py", "a motion by itself has no forces"), ("influence.py", "the whole mechanism"),
@@ -106,7 +106,7 @@ OF_CALLERS = (
     ("stepping.py", "explicit integrator"), ("integrators.py", "needs a step"),
     ("simulate.py", "take a longer step"), ("jerks.py", "j="), ("forward.py", "a="),
     ("coordinates.py", "CoordinateRates"), ("pictures.py", ""), ("browser.py", ""),
-    ("model.py", "canonical_link="),  # an attribute of SDFormat
+    ("sdf_model.py", "canonical_link="),  # an attribute of SDFormat
 )
 
 

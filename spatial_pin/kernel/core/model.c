@@ -13,6 +13,11 @@
 #endif
 EXPORT extern const char kernel_source_hash[];
 const char kernel_source_hash[] = SOURCE_HASH;
+#ifndef PROTOTYPES
+#define PROTOTYPES "" /* of what Python calls: likewise */
+#endif
+EXPORT extern const char *const kernel_prototypes;
+const char *const kernel_prototypes = PROTOTYPES;
 
 /* Of anything counted: products of two counts stay far below 2^63 */
 #define MOST_COUNTED 100000000
