@@ -19,12 +19,12 @@ from spatial_pin.dimensions.bounds import bounds_of
 from spatial_pin.dimensions.homotopy import followed, varied
 from spatial_pin.dimensions.measurements import (
     UNITS,
-    Quantity,
+    MeasuredQuantity,
     base_from,
     encoders_of,
     read_measurements,
 )
-from spatial_pin.dimensions.predictions import Predictions, Situation, Unknowns
+from spatial_pin.dimensions.predictions import FittedState, Predictions, Unknowns
 from spatial_pin.dimensions.sensitivity import with_spread
 from spatial_pin.errors import SpatialPinError, unless_cut
 from spatial_pin.mechanism.coordinates import needed
@@ -257,9 +257,10 @@ def calibrate(
     quantities = [[q.turned_to(s.mechanism, s.q) for q in some]
                   for some, s in zip(quantities, start, strict=True)]
     place = base if isinstance(base, pin.SE3) else _base(start, quantities) if base else None
-    predictions = Predictions(Situation(start[0].mechanism, start, place), unknowns, drivers,
+    predictions = Predictions(FittedState(start[0].mechanism, start, place), unknowns, drivers,
                               quantities)
-    return unless_cut(_Search(predictions, loss, margin).result(bounds, quantities, sigma is None))
+    fit = CalibrationFit(predictions, loss, margin)
+    return unless_cut(fit.result(bounds, quantities, sigma is None))
 
 
 # ---------------------------------------------------------------- what is asked
@@ -278,7 +279,7 @@ def _offsets(
     return tuple(names)
 
 
-def _check_enough(unknowns: Unknowns, quantities: list[list[Quantity]]) -> None:
+def _check_enough(unknowns: Unknowns, quantities: list[list[MeasuredQuantity]]) -> None:
     n, m = len(unknowns.names), sum(len(q.labels()) for some in quantities for q in some)
     if not n:
         raise ValueError("nothing is looked for: name dimensions or offsets, or set base=True")
@@ -319,7 +320,7 @@ def _led(
     return State(there.mechanism, there.q, closure_error=there.closure_error, angles=there.angles)
 
 
-def _base(states: list[State], quantities: list[list[Quantity]]) -> pin.SE3:
+def _base(states: list[State], quantities: list[list[MeasuredQuantity]]) -> pin.SE3:
     return base_from([(q.target, state.placement(q.target.name))
                       for state, some in zip(states, quantities, strict=True) for q in some
                       if q.kind in ("position", "rotation")])
@@ -328,7 +329,7 @@ def _base(states: list[State], quantities: list[list[Quantity]]) -> pin.SE3:
 # ---------------------------------------------------------------- the search
 
 
-class _Search:
+class CalibrationFit:
     """Finds the unknowns by SciPy's trust region."""
 
     def __init__(self, predictions: Predictions, loss: str, margin: float) -> None:
@@ -337,7 +338,7 @@ class _Search:
         self._is_whole = True
 
     def result(
-        self, bounds: Mapping[str, tuple[float, float]], quantities: list[list[Quantity]],
+        self, bounds: Mapping[str, tuple[float, float]], quantities: list[list[MeasuredQuantity]],
         scattered: bool,
     ) -> Calibration:
         """Return what is found.

@@ -29,7 +29,7 @@ UNITS = {"position": "m", "rotation": "rad", "angle": "rad", "length": "m"}  # b
 ENCODER = ".encoder"  # what names of encoders end with, in sigma and labels
 
 
-class Reading(NamedTuple):
+class MeasuredPose(NamedTuple):
     """A pose at which something was measured.
 
     Attributes:
@@ -63,7 +63,7 @@ class Encoder(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Quantity:
+class MeasuredQuantity:
     """One thing measured at one pose.
 
     Attributes:
@@ -113,7 +113,7 @@ class Quantity:
         other = f"-{self.target.other}" if isinstance(self.target, Distance) else ""
         return [self.target.name + other]
 
-    def turned_to(self, mechanism: Mechanism, q: Array) -> Quantity:
+    def turned_to(self, mechanism: Mechanism, q: Array) -> MeasuredQuantity:
         """Return the same with an angle taken to the turn that is nearest to a configuration's."""
         target = self.target
         if self.kind != "angle" or not isinstance(target, CoordinateValue):
@@ -143,7 +143,7 @@ def _unit_size(target: Target, mechanism: Mechanism) -> float:
 
 def read_measurements(
     mechanism: Mechanism, measurements: Iterable[Any], sigma: Mapping[str, float] | None
-) -> tuple[list[dict[str, float]], list[list[Quantity]]]:
+) -> tuple[list[dict[str, float]], list[list[MeasuredQuantity]]]:
     """Return the drivers' values and the quantities of all poses.
 
     Raises:
@@ -154,7 +154,7 @@ def read_measurements(
     if isinstance(measurements, str | Mapping):
         raise TypeError("measurements must be a list [({driver: value}, {frame: what}), ...], not "
                         f"{repr(measurements)[:60]}; `spatial-pin calibrate` reads tables")
-    poses = rows_of(measurements, Reading, "measurement")
+    poses = rows_of(measurements, MeasuredPose, "measurement")
     if not poses:
         raise ValueError("measurements is empty: give [({driver: value}, {frame: what}), ...]")
     given = None if sigma is None else {
@@ -227,13 +227,15 @@ def _parts(target: Target, where: str) -> list[Target]:
                     "does not take: measure points, placements, coordinates or distances")
 
 
-def _quantity(mechanism: Mechanism, target: Target, sigma: Mapping[str, float] | None) -> Quantity:
+def _quantity(
+    mechanism: Mechanism, target: Target, sigma: Mapping[str, float] | None
+) -> MeasuredQuantity:
     kind = ("position" if isinstance(target, Position) else
             "rotation" if isinstance(target, Orientation) else "length")
     if isinstance(target, CoordinateValue):
         unit = mechanism.prescribed_coordinate(target.name).unit
         kind = "angle" if unit == "rad" else "length"
-    found = Quantity(target, kind, 1.0)
+    found = MeasuredQuantity(target, kind, 1.0)
     if sigma is None:
         size = mechanism.characteristic_length if UNITS[kind] == "m" else 1.0
         return replace(found, sigma=size)
@@ -243,7 +245,7 @@ def _quantity(mechanism: Mechanism, target: Target, sigma: Mapping[str, float] |
     raise ValueError(f"sigma says nothing of {target.name!r}: add {kind!r} [{UNITS[kind]}]")
 
 
-def _names(quantity: Quantity) -> tuple[str, str]:
+def _names(quantity: MeasuredQuantity) -> tuple[str, str]:
     """Return the names that a quantity's own standard deviation may stand under."""
     return f"{quantity.target.name}.{quantity.kind}", quantity.target.name
 

@@ -16,9 +16,9 @@ import pinocchio as pin
 from spatial_pin.assembly.holding import still_entries
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
-from spatial_pin.dimensions.family import Bodies, Family
+from spatial_pin.dimensions.dimension_batch import DimensionFamily, EvaluatedBatch
 from spatial_pin.dimensions.homotopy import followed
-from spatial_pin.dimensions.measurements import UNITS, Encoder, Quantity
+from spatial_pin.dimensions.measurements import UNITS, Encoder, MeasuredQuantity
 from spatial_pin.dimensions.variants import Variants
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.inverse_kinematics.targets import CoordinateValue
@@ -54,7 +54,7 @@ class Unknowns(NamedTuple):
                 *(BASE if self.has_base else ()))
 
 
-class Situation(NamedTuple):
+class FittedState(NamedTuple):
     """A mechanism at some values of the unknowns.
 
     Attributes:
@@ -68,7 +68,7 @@ class Situation(NamedTuple):
     base: pin.SE3 | None
 
 
-class _Beside(NamedTuple):
+class NeighbouringPoses(NamedTuple):
     """Poses of a mechanism, and of those whose dimensions are a little larger and smaller.
 
     Attributes:
@@ -78,7 +78,7 @@ class _Beside(NamedTuple):
         known: rotations and origins of frames that were asked for.
     """
 
-    bodies: Bodies
+    bodies: EvaluatedBatch
     poses: int
     widths: Array
     known: dict[int, tuple[Array, Array]]
@@ -116,7 +116,7 @@ class _AtRest(NamedTuple):
 
     mechanism: Mechanism
     evaluation: Evaluation
-    beside: _Beside
+    beside: NeighbouringPoses
     pose: int
 
     def frame(self, frame: int) -> pin.SE3:
@@ -127,7 +127,7 @@ class _AtRest(NamedTuple):
         """Return how it moves with the dimensions (6, n)."""
         return self.beside.twists(self.pose, frame)
 
-    def slope(self, quantity: Quantity, base: pin.SE3 | None) -> Array:
+    def slope(self, quantity: MeasuredQuantity, base: pin.SE3 | None) -> Array:
         """Return the derivatives (k, n) of an error; of coordinates, which stand, zero."""
         if isinstance(quantity.target, CoordinateValue):
             return np.zeros((1, len(self.beside.widths)))
@@ -152,16 +152,16 @@ class Predictions:
     """
 
     def __init__(
-        self, start: Situation, unknowns: Unknowns, drivers: Sequence[Mapping[str, float]],
-        quantities: Sequence[Sequence[Quantity]],
+        self, start: FittedState, unknowns: Unknowns, drivers: Sequence[Mapping[str, float]],
+        quantities: Sequence[Sequence[MeasuredQuantity]],
     ) -> None:
         self._start, self.unknowns, self._drivers = start, unknowns, drivers
         self._quantities, m = quantities, start.mechanism
         self._coordinates = [m.driven_coordinate(name) for name in unknowns.offsets]
         self._variants = Variants(m, unknowns.dimensions)
-        self._family = Family(m, unknowns.dimensions) if unknowns.dimensions else None
+        self._family = DimensionFamily(m, unknowns.dimensions) if unknowns.dimensions else None
         self._near = start
-        self._last: tuple[bytes, Situation] | None = None
+        self._last: tuple[bytes, FittedState] | None = None
         length = m.characteristic_length
         own = self.nominal = np.array([m.dimensions[name] for name in unknowns.dimensions])
         # a dimension may be a length or an angle, and be zero
@@ -179,7 +179,7 @@ class Predictions:
 
     # ------------------------------------------------------------ values
 
-    def at(self, x: Array) -> Situation:
+    def at(self, x: Array) -> FittedState:
         """Return the mechanism at values of the unknowns, its loops closed at every pose.
 
         Raises:
@@ -189,12 +189,12 @@ class Predictions:
             self._last = x.tobytes(), self._made(x)
         return self._last[1]
 
-    def _made(self, x: Array) -> Situation:
+    def _made(self, x: Array) -> FittedState:
         near, dimensions = self._near, self.dimensions_at(x)
         there = self._variants.at(dimensions) if dimensions else near.mechanism
         states = [followed(there, held, state)
                   for held, state in zip(self.held(x), near.states, strict=True)]
-        return Situation(there, states, self.base_at(x))
+        return FittedState(there, states, self.base_at(x))
 
     def held(self, x: Array) -> list[dict[str, float]]:
         """Return where the drivers are at each pose, by coordinate [rad or m]."""
@@ -271,7 +271,7 @@ class Predictions:
         told = np.concatenate(rows) * self.sizes / self.sigmas[: len(self.sigmas) - k, None]
         return np.vstack([told, np.eye(k, len(self.sizes), len(self.sizes) - k)])
 
-    def _beside(self, here: Situation) -> _Beside | None:
+    def _beside(self, here: FittedState) -> NeighbouringPoses | None:
         """Return the poses with every dimension a little larger and smaller, if there are any."""
         if self._family is None:
             return None
@@ -288,11 +288,11 @@ class Predictions:
         bodies = self._family.bodies(
             members.taken(np.repeat(np.arange(every.shape[1]), poses)), q, angles)
         ahead, behind = every[:, 1 : len(own) + 1], every[:, len(own) + 1 :]
-        return _Beside(bodies, poses, np.diag(ahead - behind), {})
+        return NeighbouringPoses(bodies, poses, np.diag(ahead - behind), {})
 
     def _pose_rows(
-        self, i: int, evaluation: Evaluation, here: Situation,
-        beside: _Beside | None,
+        self, i: int, evaluation: Evaluation, here: FittedState,
+        beside: NeighbouringPoses | None,
     ) -> Array:
         """Return the derivatives (k, n) of a pose's errors [m, rad] per unit of the unknowns."""
         m, n = here.mechanism, evaluation.constraints.n_closure

@@ -17,9 +17,14 @@ from spatial_pin._support.brief import brief
 from spatial_pin._support.checks import checked, names_of
 from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State, of_mechanism
-from spatial_pin.dimensions.drive import Drive, end_of_range, with_forces, with_masses
-from spatial_pin.dimensions.samples import Samples
 from spatial_pin.dimensions.variants import Variants, idle_dimensions, tell_idle
+from spatial_pin.dimensions.varied_samples import (
+    DriverMotion,
+    VariedSamples,
+    end_of_range,
+    with_forces,
+    with_masses,
+)
 from spatial_pin.errors import Interrupted, SingularError, SpatialPinError, UnknownNameError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -164,13 +169,13 @@ def _over_motion(
     return Sensitivity(output, np.array([x.value for x in found]), derivatives, errors, unit)
 
 
-def _drive_at(state: State, motion: Motion) -> Drive:
+def _drive_at(state: State, motion: Motion) -> DriverMotion:
     """Return what is held at a state of a motion: its drivers, or what was swept in their place."""
     mechanism, name = state.mechanism, motion.driver_name
     drivers = [mechanism.coordinate(d.joint) for d in mechanism.drivers.values()]
     if motion.driver is None or mechanism.coordinate(name) in drivers:
-        return Drive.of(state, name)
-    return Drive.of(state, name, [c.name for c in prescribed_at(state, [name])])
+        return DriverMotion.of(state, name)
+    return DriverMotion.of(state, name, [c.name for c in prescribed_at(state, [name])])
 
 
 def sensitivities(
@@ -181,11 +186,11 @@ def sensitivities(
 ) -> list[Sensitivity]:
     """Differentiate several outputs at the price of one; see `sensitivity`."""
     state = of_mechanism(mechanism, state)
-    return _differentiated(mechanism, [(state, Drive.of(state))], outputs, parameters)[0]
+    return _differentiated(mechanism, [(state, DriverMotion.of(state))], outputs, parameters)[0]
 
 
 def _differentiated(
-    mechanism: Mechanism, asked: Sequence[tuple[State, Drive]], outputs: Iterable[str],
+    mechanism: Mechanism, asked: Sequence[tuple[State, DriverMotion]], outputs: Iterable[str],
     parameters: Iterable[str] | None,
 ) -> list[list[Sensitivity]]:
     """Differentiate outputs at states of one mechanism, each with its drivers' motion.
@@ -224,14 +229,14 @@ class _Around:
         self._mechanism, self._names, self._outputs = mechanism, names, outputs
         self._variants = Variants(mechanism, names)
         self._made: dict[tuple[str, float], list[Mechanism]] = {}  # for all states
-        self._samples = Samples.of(mechanism, names, outputs)
+        self._samples = VariedSamples.of(mechanism, names, outputs)
         own = np.array([mechanism.dimensions[name] for name in names])
         sizes = np.where(own != 0.0, np.abs(own), mechanism.characteristic_length)
         self._steps = DIFFERENCE * sizes
         offsets = np.kron(np.diag(self._steps), np.array(AROUND, float))  # dimension by dimension
         self._made_of = self._samples.made_of(own[:, None] + offsets) if self._samples else None
 
-    def differentiated(self, state: State, drive: Drive) -> list[Sensitivity]:
+    def differentiated(self, state: State, drive: DriverMotion) -> list[Sensitivity]:
         """Return the derivatives of the outputs at a state."""
         near = self._samples.near(state, drive) if self._samples else None
         together = near.solve(self._made_of) if near and self._made_of else None
@@ -255,7 +260,9 @@ class _Around:
                     dict(zip(around, beside, strict=True)), h, known * size)
         return found
 
-    def _one_by_one(self, state: State, drive: Drive, i: int) -> tuple[dict[int, list[Any]], float]:
+    def _one_by_one(
+        self, state: State, drive: DriverMotion, i: int
+    ) -> tuple[dict[int, list[Any]], float]:
         """Return the outputs at eight values of a dimension, and their step.
 
         Where the branch ends within them, the steps are shorter.
@@ -306,7 +313,7 @@ def _known(state: State) -> float:
         return CONFIGURATION_ERROR
 
 
-def _sizes(state: State, drive: Drive, outputs: Iterable[str]) -> dict[str, float]:
+def _sizes(state: State, drive: DriverMotion, outputs: Iterable[str]) -> dict[str, float]:
     """Return how large outputs of a unit are, or may be at other dimensions."""
     length, scale = state.mechanism.characteristic_length, state.mechanism.velocity_scale
     speed, acceleration = (float(np.abs(x / scale).max(initial=0.0)) for x in (state.v, state.a))
@@ -317,14 +324,14 @@ def _sizes(state: State, drive: Drive, outputs: Iterable[str]) -> dict[str, floa
             "N, N·m": force * max(1.0, length), "W": force * length * speed}
 
 
-def _force(state: State, drive: Drive) -> float:
+def _force(state: State, drive: DriverMotion) -> float:
     """Return the largest force in a mechanism, moments divided by its length [N]."""
     loads, length = drive.told(state).loads, state.mechanism.characteristic_length
     wrenches = np.vstack([loads.on_ground, *loads.reactions.values()])
     return float(np.abs(wrenches / ([1.0] * 3 + [length] * 3)).max())
 
 
-def _unit(state: State, drive: Drive, output: str) -> str:
+def _unit(state: State, drive: DriverMotion, output: str) -> str:
     """Return the unit of an output that exists."""
     end = end_of_range(output)
     if end is not None:

@@ -19,10 +19,9 @@ from spatial_pin._support.executors import in_order
 from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.held_start import starting_state
 from spatial_pin.assembly.state import State, of_mechanism
-from spatial_pin.dimensions.drive import Drive, with_masses
-from spatial_pin.dimensions.samples import Near, Samples
 from spatial_pin.dimensions.sensitivity import sensitivities, with_spread, within_half_turn
 from spatial_pin.dimensions.variants import Variants, tell_idle
+from spatial_pin.dimensions.varied_samples import DriverMotion, Near, VariedSamples, with_masses
 from spatial_pin.errors import SpatialPinError, unless_cut
 from spatial_pin.formats.files import load
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -258,7 +257,7 @@ def _solved(
     Raises:
         KeyboardInterrupt: before any.
     """
-    names, drive = list(nominal), Drive.of(state)
+    names, drive = list(nominal), DriverMotion.of(state)
     values = {name: np.empty((len(drawn), *np.shape(x))) for name, x in nominal.items()}
     is_closed = np.zeros(len(drawn), dtype=bool)
     bar = progress_bar(len(drawn), f"{mechanism.name}: samples", progress)
@@ -291,7 +290,7 @@ def _solved(
 
 
 def _solve_together(
-    samples: Samples, near: Near, drawn: Array, values: Mapping[str, Array],
+    samples: VariedSamples, near: Near, drawn: Array, values: Mapping[str, Array],
     is_closed: NDArray[np.bool_], bar: Any,
 ) -> int:
     """Write the values of samples that are closed together; return how many were tried."""
@@ -310,9 +309,11 @@ def _solve_together(
 
 def _together(
     mechanism: Mechanism, state: State, dimensions: list[str], outputs: list[str]
-) -> Samples | None:
+) -> VariedSamples | None:
     """Return what solves samples together; None where it cannot be, as of a rounded file."""
-    return Samples.of(mechanism, dimensions, outputs) if state.mechanism is mechanism else None
+    if state.mechanism is not mechanism:
+        return None
+    return VariedSamples.of(mechanism, dimensions, outputs)
 
 
 class _Job(NamedTuple):
@@ -332,7 +333,7 @@ class _Job(NamedTuple):
     parameters: dict[str, Any]
     dimensions: dict[str, float]
     nominal: tuple[Array, Array]
-    drive: Drive
+    drive: DriverMotion
     names: list[str]
     mark: str
 

@@ -173,7 +173,7 @@ class _Untraced(Exception):
     """Something of a mechanism cannot be followed from the dimensions."""
 
 
-class Pose(NamedTuple):
+class PlacementBatch(NamedTuple):
     """Placements at m sets of dimensions, or one that is the same at all.
 
     Attributes:
@@ -185,7 +185,7 @@ class Pose(NamedTuple):
     translation: Array
 
     @classmethod
-    def of(cls, placement: pin.SE3) -> Pose:
+    def of(cls, placement: pin.SE3) -> PlacementBatch:
         """Return one that is the same at all."""
         return cls(placement.rotation[None], placement.translation[None])
 
@@ -197,8 +197,8 @@ class Pose(NamedTuple):
         """Return points (m or 1, 3) of its axes in those that it is given in."""
         return np.einsum("mij,mj->mi", *_alike(self.rotation, points)) + self.translation
 
-    def __matmul__(self, other: Pose) -> Pose:
-        return Pose(self.rotation @ other.rotation, self.act(other.translation))
+    def __matmul__(self, other: PlacementBatch) -> PlacementBatch:
+        return PlacementBatch(self.rotation @ other.rotation, self.act(other.translation))
 
 
 def _alike(*arrays: Array) -> list[Array]:
@@ -220,9 +220,9 @@ class TracedGeometry(NamedTuple):
     """
 
     holds: NDArray[np.bool_]
-    joints: dict[int, Pose]
-    frames: dict[int, Pose]
-    turns: dict[int, Pose]
+    joints: dict[int, PlacementBatch]
+    frames: dict[int, PlacementBatch]
+    turns: dict[int, PlacementBatch]
     levers: dict[str, Array]
     limits: dict[tuple[str, int], Array]
     inertials: Array
@@ -455,9 +455,11 @@ class TracedTree:
                         getattr(model, f"{bound}PositionLimit")[joint.idx_q] == word.values[0]):
                     yield (bound, joint.idx_q), word.at(numbers)[:, 0]
 
-    def _placed(self, numbers: Array) -> tuple[dict[int, Pose], dict[int, Pose]]:
+    def _placed(
+        self, numbers: Array
+    ) -> tuple[dict[int, PlacementBatch], dict[int, PlacementBatch]]:
         """Return placements of joints in their parents, and of frames in their joints."""
-        model, joints, frames = self._mechanism.model, {}, dict[int, Pose]()
+        model, joints, frames = self._mechanism.model, {}, dict[int, PlacementBatch]()
         was = [frame.placement for frame in model.frames]
         for i, frame in enumerate(model.frames):
             above, is_joint = frame.parentFrame, frame.type == pin.FrameType.JOINT
@@ -466,8 +468,8 @@ class TracedTree:
                 continue
             old = model.jointPlacements[frame.parentJoint] if is_joint else was[i]
             own = (_origin(*(w.at(numbers) for w in words)) if words
-                   else Pose.of(was[above].actInv(old)))
-            found = frames.get(above, Pose.of(was[above])) @ own
+                   else PlacementBatch.of(was[above].actInv(old)))
+            found = frames.get(above, PlacementBatch.of(was[above])) @ own
             if is_joint:
                 joints[frame.parentJoint] = found
             else:
@@ -487,7 +489,7 @@ def _axis_of(joint: pin.JointModel) -> Array | None:
     return np.array(own.axis) if hasattr(own, "axis") else np.eye(3)["XYZ".index(name[-1])]
 
 
-def _turning(axis: Array, others: Array) -> Pose:
+def _turning(axis: Array, others: Array) -> PlacementBatch:
     """Return the least rotations that take a unit axis (3,) to others (m, 3)."""
     across = np.cross(axis, others)
     x, y, z = across.T
@@ -495,7 +497,7 @@ def _turning(axis: Array, others: Array) -> Pose:
     skew[:, 0, 1], skew[:, 0, 2], skew[:, 1, 2] = -z, y, -x
     skew -= skew.transpose(0, 2, 1)
     part = 1.0 / (1.0 + others @ axis)
-    return Pose(np.eye(3) + skew + part[:, None, None] * (skew @ skew), np.zeros((1, 3)))
+    return PlacementBatch(np.eye(3) + skew + part[:, None, None] * (skew @ skew), np.zeros((1, 3)))
 
 
 def _unit(vectors: Array) -> Array:
@@ -503,10 +505,10 @@ def _unit(vectors: Array) -> Array:
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
-def _origin(xyz: Array, rpy: Array) -> Pose:
+def _origin(xyz: Array, rpy: Array) -> PlacementBatch:
     """Return placements from places (m or 1, 3) and roll, pitch and yaw (m or 1, 3)."""
     (a, b, c), (s, t, u) = np.cos(rpy.T), np.sin(rpy.T)  # yaw after pitch after roll
-    return Pose(np.array([[c * b, c * t * s - u * a, c * t * a + u * s],
+    return PlacementBatch(np.array([[c * b, c * t * s - u * a, c * t * a + u * s],
                           [u * b, u * t * s + c * a, u * t * a - c * s],
                           [-t, b * s, b * a]]).transpose(2, 0, 1), xyz)
 

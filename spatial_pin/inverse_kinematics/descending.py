@@ -39,7 +39,7 @@ DOUBLE_ROOT = 0.15, 0.35
 NEARLY_THERE = 0.9995
 
 
-class Place(NamedTuple):
+class DescentPoint(NamedTuple):
     """Where a descent stands.
 
     Attributes:
@@ -162,13 +162,13 @@ class Descent:
         """
         for off in (OFF_ON_THE_WAY, 0.0):
             self._pace = _Pace(off)
-            place, is_on_its_way = self._down(Place(q, held, self._size(q)))
+            place, is_on_its_way = self._down(DescentPoint(q, held, self._size(q)))
             whole = self.base.kept(place.q, self.base.stops.free(place.held), self.kept)
             if whole is not None:  # else it went where what is kept cannot be met
                 return whole, place.held, is_on_its_way
         return place.q, place.held, is_on_its_way
 
-    def _down(self, place: Place) -> tuple[Place, bool]:
+    def _down(self, place: DescentPoint) -> tuple[DescentPoint, bool]:
         """Return where the way down ends, as `run`; what is kept may be off by a little."""
         moved = 0.0
         for _ in range(STEPS_AT_MOST):
@@ -200,7 +200,7 @@ class Descent:
         residual = self.base.residual(q, self.wanted)[0]
         return math.sqrt(residual.dot(residual))
 
-    def _is_as_good(self, there: Place, place: Place, moved: float) -> bool:
+    def _is_as_good(self, there: DescentPoint, place: DescentPoint, moved: float) -> bool:
         """Whether a step is to be made: not one that only stands still, or goes up."""
         if there.size < place.size:
             return True
@@ -210,7 +210,7 @@ class Descent:
             return there.size <= place.size * (1.0 + TOLERANCES.tight)
         return there.size <= self.base.tolerance
 
-    def _onward(self, place: Place, before: Array) -> Place | None:
+    def _onward(self, place: DescentPoint, before: Array) -> DescentPoint | None:
         """Return where to go on from a place that steps do not leave; None if it is the least.
 
         The last, short step came from the configuration `before`.
@@ -235,7 +235,7 @@ class Descent:
 
     # ---------------------------------------------------------------- steps
 
-    def _step(self, place: Place) -> tuple[Array, Held]:
+    def _step(self, place: DescentPoint) -> tuple[Array, Held]:
         """Return a scaled step (nv,), and the limits that it stops at."""
         held = dict(place.held)
         while True:
@@ -255,7 +255,7 @@ class Descent:
         residual, rows = self.base.residual(q, self.wanted)
         return damped(rows @ motions.T, -residual, self._pace.damping) @ motions
 
-    def _landed(self, q: Array, step: Array, held: Held) -> Place | None:
+    def _landed(self, q: Array, step: Array, held: Held) -> DescentPoint | None:
         """Return where a step leads, what is kept met again, within limits; None if too far."""
         base = self.base
         while True:
@@ -265,7 +265,7 @@ class Descent:
                 return None
             beyond = base.stops.beyond(there, held, q)
             if not beyond:
-                return Place(there, held, self._size(there))
+                return DescentPoint(there, held, self._size(there))
             held = held | beyond
 
     def is_single(self, q: Array, held: Held) -> bool:
@@ -298,7 +298,7 @@ class Descent:
         return found
 
 
-def _released(descent: Descent, place: Place) -> Held:
+def _released(descent: Descent, place: DescentPoint) -> Held:
     """Return limits that a free step, of some of them released, would not leave."""
     held = dict(place.held)
     for v in place.held:
@@ -307,14 +307,14 @@ def _released(descent: Descent, place: Place) -> Held:
     return held
 
 
-def _is_at_double_root(place: Place, there: Place) -> bool:
+def _is_at_double_root(place: DescentPoint, there: DescentPoint) -> bool:
     """Whether a step has left what it leaves towards a dead centre."""
     least, most = DOUBLE_ROOT
     return place.held.keys() == there.held.keys() and (
         least * place.size < there.size < most * place.size)
 
 
-def _to_vertex(descent: Descent, place: Place, there: Place) -> float:
+def _to_vertex(descent: Descent, place: DescentPoint, there: DescentPoint) -> float:
     """Return by how much a Gauss step is too short where residuals go as a parabola along it.
 
     Towards a dead centre every step is half as long as the one before. With r at its start and c

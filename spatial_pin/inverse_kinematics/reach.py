@@ -18,7 +18,7 @@ from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.errors import ReachError
 from spatial_pin.inverse_kinematics.named_targets import read_targets
-from spatial_pin.inverse_kinematics.solving import Reached, Solver
+from spatial_pin.inverse_kinematics.solving import ReachResult, Solver
 from spatial_pin.inverse_kinematics.targets import CoordinateValue
 from spatial_pin.mechanism.coordinates import coordinate_value, needed
 from spatial_pin.mechanism.joint_limits import JointLimit, joint_limits
@@ -116,7 +116,7 @@ def exact_for(mechanism: Mechanism) -> float:
     return EXACT + 2.0 * mechanism.extent.resolution
 
 
-def _best(start: State, solver: Solver, starts: int) -> Reached:
+def _best(start: State, solver: Solver, starts: int) -> ReachResult:
     """Return the nearest place that solving leads to, from a state or others about it."""
     best = None
     for q in _starts(start, solver, starts):
@@ -144,14 +144,14 @@ def _starts(state: State, solver: Solver, count: int) -> Iterable[Array]:
         yield pin.integrate(state.mechanism.model, state.q, way)
 
 
-def _from_afar(start: State, solver: Solver, starts: int, best: Reached) -> Reached:
+def _from_afar(start: State, solver: Solver, starts: int, best: ReachResult) -> ReachResult:
     """Return the nearest place that solving from afar leads to, or a nearer one that is known.
 
     Of places where targets are met it is that of the least weighted residuals, then motion. Where
     only targets with a weight are not met yet, the starts nearest to them come first, until
     `starts` in a row have led to nothing better: most of such targets cannot be met at all.
     """
-    def cost(found: Reached) -> tuple[float, float]:
+    def cost(found: ReachResult) -> tuple[float, float]:
         way = pin.difference(start.mechanism.model, start.q, found.q) / solver.scale
         return round(found.missed / TOLERANCES.nothing), float(np.linalg.norm(way))
 
@@ -171,7 +171,7 @@ def _from_afar(start: State, solver: Solver, starts: int, best: Reached) -> Reac
     return best
 
 
-def _solved(start: State, solver: Solver, q: Array) -> Iterable[Reached]:
+def _solved(start: State, solver: Solver, q: Array) -> Iterable[ReachResult]:
     """Yield where solving from a far start leads to, and this without whole turns."""
     found = solver.solve(q, start.q)
     back = _turned_back(start, found.q) if found.is_met(solver.tolerance) else found.q
@@ -227,7 +227,7 @@ class Stop(NamedTuple):
     words: str
 
 
-def _short(start: State, solver: Solver, found: Reached, state: State) -> ReachError:
+def _short(start: State, solver: Solver, found: ReachResult, state: State) -> ReachError:
     """Return the error that tells how near it comes, and what stops it there."""
     mechanism, residuals = state.mechanism, dict[str, Array]()
     gaps = dict[str, tuple[float, float]]()
@@ -263,7 +263,7 @@ def _gap(mechanism: Mechanism, length: float, angle: float) -> str:
     return " and ".join(words)
 
 
-def _stops(start: State, solver: Solver, found: Reached) -> Iterable[Stop]:
+def _stops(start: State, solver: Solver, found: ReachResult) -> Iterable[Stop]:
     """Yield what stops a mechanism short of its targets."""
     on_its_way = Stop("steps", "it was still coming nearer when the steps ran out: go on from the "
                       "state of this error, or start nearer")

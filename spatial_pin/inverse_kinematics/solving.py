@@ -17,14 +17,14 @@ import pinocchio as pin
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.inverse_kinematics.constrained import Constrained, Held
 from spatial_pin.inverse_kinematics.descending import Descent
-from spatial_pin.inverse_kinematics.stationary import LeastSquares, Stationary
+from spatial_pin.inverse_kinematics.lagrangian import LeastSquares, Stationary
 from spatial_pin.inverse_kinematics.targets import CoordinateValue, Residual, Target
 from spatial_pin.mechanism.joint_limits import JointLimit
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 
-class Reached(NamedTuple):
+class ReachResult(NamedTuple):
     """Where solving has led.
 
     Attributes:
@@ -48,7 +48,7 @@ class Reached(NamedTuple):
         """The length of `exact`."""
         return float(np.linalg.norm(self.exact))
 
-    def is_nearer(self, other: Reached, tolerance: float) -> bool:
+    def is_nearer(self, other: ReachResult, tolerance: float) -> bool:
         """Whether this is within limits where the other is not, or clearly nearer.
 
         Where what is to be exact is met in both, it is nearer to what has a weight.
@@ -57,7 +57,7 @@ class Reached(NamedTuple):
             return bool(other.beyond) and (not self.beyond or self._is_less(other, tolerance))
         return self._is_less(other, tolerance)
 
-    def _is_less(self, other: Reached, tolerance: float) -> bool:
+    def _is_less(self, other: ReachResult, tolerance: float) -> bool:
         own, others = self.distance, other.distance
         if max(own, others) <= tolerance:
             own, others = self.missed, max(other.missed, tolerance)
@@ -124,7 +124,7 @@ class Solver(Constrained):
         self.weighted = [replace(targets[k], weight=weight / most)
                          for k, weight in weights.items()]
 
-    def solve(self, q: Array, start: Array) -> Reached:
+    def solve(self, q: Array, start: Array) -> ReachResult:
         """Return where the targets are met, from q (nq,) on, with least motion from `start`."""
         q, held = self.within(q)
         is_on_its_way = False
@@ -141,7 +141,7 @@ class Solver(Constrained):
             q = self._least_motion(q, start, held, descent)
         return self.reached(q, held)._replace(is_on_its_way=is_on_its_way)
 
-    def settled(self, found: Reached, start: Array) -> Reached:
+    def settled(self, found: ReachResult, start: Array) -> ReachResult:
         """Return the place nearest to the start of those that are as near to the targets."""
         if found.beyond or found.is_on_its_way or not self.is_closed(found.q):
             return found
@@ -208,7 +208,7 @@ class Solver(Constrained):
         return [AsNow(name=t.name, target=t, value=t.residual(self.evaluation)[0])
                 for t in wanted]
 
-    def reached(self, q: Array, held: Held) -> Reached:
+    def reached(self, q: Array, held: Held) -> ReachResult:
         """Return how far targets are met at a configuration, with what holds it there."""
-        return Reached(q, self.residual(q, self.exact)[0], tuple(held.values()),
+        return ReachResult(q, self.residual(q, self.exact)[0], tuple(held.values()),
                        self._missed(q, self.weighted), tuple(self.stops.beyond(q, {}).values()))

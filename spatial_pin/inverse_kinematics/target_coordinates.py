@@ -21,8 +21,8 @@ from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.inverse_kinematics.named_targets import AngleValue, PointPart
 from spatial_pin.inverse_kinematics.target_tables import (
-    Course,
-    Table,
+    TargetCourse,
+    TargetTable,
     cardan_course,
     turn_course,
 )
@@ -52,9 +52,9 @@ class Chain:
             axes; None where no orientation is asked for.
     """
 
-    table: Table
+    table: TargetTable
     directions: Array
-    slides: Course
+    slides: TargetCourse
     hinges: int = 0
     axis: Array | None = None
     phi: Array | None = None
@@ -73,7 +73,7 @@ class Chain:
         return first is None or (self.n == 1 and isinstance(first, PointPart | AngleValue))
 
 
-class Stretch(NamedTuple):
+class ChainSegment(NamedTuple):
     """Some samples in a row that one copy of the mechanism is followed along.
 
     Attributes:
@@ -83,10 +83,10 @@ class Stretch(NamedTuple):
 
     first: int
     last: int
-    course: Course
+    course: TargetCourse
 
 
-def chain_of(table: Table, s: Array, rows: Array, mechanism: Mechanism) -> Chain:
+def chain_of(table: TargetTable, s: Array, rows: Array, mechanism: Mechanism) -> Chain:
     """Return the chain of a target.
 
     Args:
@@ -101,13 +101,13 @@ def chain_of(table: Table, s: Array, rows: Array, mechanism: Mechanism) -> Chain
         values = table.values.reshape(len(s), -1)
         if table.values.ndim > 1:  # of a centre of mass, which may stay in a plane
             directions = _directions(rows, (values - values[0]) / length, known)
-            return Chain(table, directions, Course.along(s, values @ directions))
+            return Chain(table, directions, TargetCourse.along(s, values @ directions))
         if isinstance(table.first, PointPart):
             values = values - mechanism.centre[list(table.first.axes)]
-        return Chain(table, np.ones((1, 1)), Course.along(s, values))
+        return Chain(table, np.ones((1, 1)), TargetCourse.along(s, values))
     away = table.points - table.points[0]
     directions = _directions(rows[:3], away / length, known)
-    slides = Course.along(s, away).turned(directions)
+    slides = TargetCourse.along(s, away).turned(directions)
     if table.rotations is None:
         return Chain(table, directions, slides)
     phi = table.turns()
@@ -137,13 +137,13 @@ def _directions(rows: Array, away: Array, known: float) -> Array:
 # ---------------------------------------------------------------- stretches
 
 
-def stretches_of(chains: list[Chain], n: int) -> list[Stretch]:
+def stretches_of(chains: list[Chain], n: int) -> list[ChainSegment]:
     """Return the stretches of n samples.
 
     Raises:
         SpatialPinError: a target turns too far from one sample to the next.
     """
-    found: list[Stretch] = []
+    found: list[ChainSegment] = []
     first = 0
     while not found or first < n - 1:
         courses = [_course(chain, first) for chain in chains]
@@ -152,16 +152,16 @@ def stretches_of(chains: list[Chain], n: int) -> list[Stretch]:
             if chain.hinges == 3:
                 last = min(last, _upright(chain, np.abs(course.value[:, -2]), first))
         kept = slice(0, last - first + 1)
-        found.append(Stretch(first, last, Course(*(
+        found.append(ChainSegment(first, last, TargetCourse(*(
             np.hstack([getattr(c, part)[kept] for c in courses])
             for part in ("value", "rate", "bend")))))
         first = last
     return found
 
 
-def _course(chain: Chain, first: int) -> Course:
+def _course(chain: Chain, first: int) -> TargetCourse:
     """Return the course of all coordinates of a chain that is upright at a sample, from there."""
-    slides = Course(chain.slides.value[first:], chain.slides.rate[first:],
+    slides = TargetCourse(chain.slides.value[first:], chain.slides.rate[first:],
                     chain.slides.bend[first:])
     if not chain.hinges:
         return slides
@@ -169,13 +169,13 @@ def _course(chain: Chain, first: int) -> Course:
     if chain.hinges == 1:
         assert chain.axis is not None
         turns = [x[first:] @ chain.axis[:, None] for x in (chain.phi, chain.omega, chain.alpha)]
-        hinges = Course(*turns)
+        hinges = TargetCourse(*turns)
     else:
         assert chain.table.rotations is not None
         rotations = chain.table.rotations
         hinges = cardan_course(rotations[first].T @ rotations[first:], chain.omega[first:],
                                chain.alpha[first:])
-    return Course(*(np.hstack([getattr(slides, part), getattr(hinges, part)])
+    return TargetCourse(*(np.hstack([getattr(slides, part), getattr(hinges, part)])
                     for part in ("value", "rate", "bend")))
 
 
@@ -216,7 +216,7 @@ class Copy(NamedTuple):
     names: list[str]
 
 
-def copy_at(state: State, chains: list[Chain], stretch: Stretch) -> Copy:
+def copy_at(state: State, chains: list[Chain], stretch: ChainSegment) -> Copy:
     """Return the copy of a mechanism in which targets are coordinates.
 
     Args:

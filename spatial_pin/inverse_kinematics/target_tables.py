@@ -28,7 +28,7 @@ STEEP = 10.0  # rotation vectors run so much faster than what turns only beside 
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class TargetCourse:
     """Numbers over the samples and their derivatives.
 
     Attributes:
@@ -40,7 +40,7 @@ class Course:
     bend: Array
 
     @classmethod
-    def along(cls, s: Array, value: Array) -> Course:
+    def along(cls, s: Array, value: Array) -> TargetCourse:
         """Return those of the cubic spline through values (N, k); one sample stands still."""
         from scipy.interpolate import CubicSpline  # imported on use: it takes a tenth of a second
 
@@ -49,13 +49,13 @@ class Course:
         spline = CubicSpline(s, value)
         return cls(value, spline(s, 1), spline(s, 2))
 
-    def turned(self, matrix: Array) -> Course:
+    def turned(self, matrix: Array) -> TargetCourse:
         """Return the course of linear combinations, the columns of a matrix (k, m)."""
-        return Course(self.value @ matrix, self.rate @ matrix, self.bend @ matrix)
+        return TargetCourse(self.value @ matrix, self.rate @ matrix, self.bend @ matrix)
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class TargetTable:
     """Where a frame, or a coordinate, should be.
 
     Attributes:
@@ -113,12 +113,12 @@ class Table:
         return phi
 
 
-def targets_at(tables: Iterable[Table], k: int) -> dict[str, Any]:
+def targets_at(tables: Iterable[TargetTable], k: int) -> dict[str, Any]:
     """Return the targets of a sample by name, as `reach` takes them."""
     return {table.name: table.target(k) for table in tables}
 
 
-def tables_of(mechanism: Mechanism, targets: Mapping[str, Any], n_times: int) -> list[Table]:
+def tables_of(mechanism: Mechanism, targets: Mapping[str, Any], n_times: int) -> list[TargetTable]:
     """Return tables given by name, of equal lengths; single placements and numbers stand still.
 
     Args:
@@ -148,7 +148,7 @@ def tables_of(mechanism: Mechanism, targets: Mapping[str, Any], n_times: int) ->
     return [t if len(t) == n else _repeated(t, n) for t in found]
 
 
-def _stands(table: Table, given: Any) -> bool:
+def _stands(table: TargetTable, given: Any) -> bool:
     """Whether it was given as one placement, point or number."""
     if table.rotations is not None:
         return isinstance(given, pin.SE3)
@@ -156,20 +156,20 @@ def _stands(table: Table, given: Any) -> bool:
     return np.ndim(given) == np.ndim(each)
 
 
-def _repeated(table: Table, n: int) -> Table:
+def _repeated(table: TargetTable, n: int) -> TargetTable:
     points, rotations, values = (None if x is None else np.repeat(x, n, axis=0)
                                  for x in (table.points, table.rotations, table.values))
     return replace(table, points=points, rotations=rotations, values=values)
 
 
-def _table(mechanism: Mechanism, name: str, given: Any) -> Table:
+def _table(mechanism: Mechanism, name: str, given: Any) -> TargetTable:
     what = f"target {name!r}"
     placements = [given] if isinstance(given, pin.SE3) else _objects(given)
     if placements and all(isinstance(x, pin.SE3) for x in placements):
         mechanism.frame_id(name)
         full = finite_array([x.homogeneous for x in placements], (len(placements), 4, 4), what)
         check_rotations(full[:, :3, :3], f"a rotation of {what}")
-        return Table(name, full[:, :3, 3].copy(), full[:, :3, :3].copy())
+        return TargetTable(name, full[:, :3, 3].copy(), full[:, :3, :3].copy())
     shape = _shape(given)
     if shape and not shape[0]:
         raise ValueError(f"{what} has no sample")
@@ -180,18 +180,18 @@ def _table(mechanism: Mechanism, name: str, given: Any) -> Table:
     if of_output is not None:
         return of_output
     if shape == (3,) and _is_point(mechanism, name):
-        return Table(name, finite_array(given, (3,), what)[None])
+        return TargetTable(name, finite_array(given, (3,), what)[None])
     if len(shape) == 2:
         mechanism.frame_id(name)
-        return Table(name, finite_array(given, shape, what))
+        return TargetTable(name, finite_array(given, shape, what))
     mechanism.prescribed_coordinate(name)
     values = finite_array(given, shape, what) if shape else [finite_number(given, what)]
-    return Table(name, values=np.asarray(values))
+    return TargetTable(name, values=np.asarray(values))
 
 
 def _of_output(
     mechanism: Mechanism, name: str, given: Any, shape: tuple[int, ...]
-) -> Table | None:
+) -> TargetTable | None:
     """Return the table of an output; None if the name is that of something else."""
     is_vector = shape == (3,) and component(name)[1] is None and name.endswith(".position")
     full = np.asarray(given, dtype=float)
@@ -201,8 +201,8 @@ def _of_output(
         return None
     full = finite_array(full, full.shape, f"target {name!r}")
     if isinstance(first, Position):  # of a frame's origin, by its full name
-        return Table(first.name, full)
-    return Table(name, values=full, first=first)
+        return TargetTable(first.name, full)
+    return TargetTable(name, values=full, first=first)
 
 
 def _objects(given: Any) -> list[Any]:
@@ -234,11 +234,11 @@ def _shape(given: Any) -> tuple[int, ...] | None:
 
 def turn_course(s: Array, phi: Array) -> tuple[Array, Array]:
     """Return body angular velocity and acceleration (N, 3) of the spline of rotation vectors."""
-    course = Course.along(s, phi)
+    course = TargetCourse.along(s, phi)
     return spin_of(phi, course.rate, course.bend)
 
 
-def cardan_course(rotations: Array, omega: Array, alpha: Array) -> Course:
+def cardan_course(rotations: Array, omega: Array, alpha: Array) -> TargetCourse:
     """Return angles a, b, c (N, 3) of rotations Rx(a) Ry(b) Rz(c) (N, 3, 3), and derivatives.
 
     Args:
@@ -260,13 +260,13 @@ def cardan_course(rotations: Array, omega: Array, alpha: Array) -> Course:
                       [-cc * cb * dc + sc * sb * db, -sc * dc, zero], [cb * db, zero, zero]])
     left = alpha - (moved.transpose(2, 0, 1) @ rate[..., None])[..., 0]
     bend = np.linalg.solve(axes, left[..., None])[..., 0]
-    return Course(np.column_stack([a, b, c]), rate, bend)
+    return TargetCourse(np.column_stack([a, b, c]), rate, bend)
 
 
 # ---------------------------------------------------------------- the law
 
 
-def law_of(s: Array, course: Course) -> Any:
+def law_of(s: Array, course: TargetCourse) -> Any:
     """Return the piecewise polynomial through values, rates and second derivatives."""
     from scipy.interpolate import PPoly  # imported on use: it takes a tenth of a second
 

@@ -41,7 +41,7 @@ ALL_SUBSETS = 8  # closures up to which every set of them is tried: 256 sets
 PAIRS_OF_CLOSURES = 16  # closures up to which two are tried to be left out together: 120 pairs
 
 
-class Asked(NamedTuple):
+class RequestedOutputs(NamedTuple):
     """Outputs, resolved.
 
     Attributes:
@@ -55,7 +55,7 @@ class Asked(NamedTuple):
     centres: tuple[str, ...]
 
 
-def asked_of(mechanism: Mechanism, outputs: Iterable[str], dynamics: bool) -> Asked:
+def asked_of(mechanism: Mechanism, outputs: Iterable[str], dynamics: bool) -> RequestedOutputs:
     """Resolve names of coordinates, joints, drivers, links and frames, or outputs.
 
     Args:
@@ -67,14 +67,14 @@ def asked_of(mechanism: Mechanism, outputs: Iterable[str], dynamics: bool) -> As
         UnknownNameError: a name is none of these.
         SpatialPinError: it is a force that a smaller model does not tell.
     """
-    found = Asked((), (), ())
+    found = RequestedOutputs((), (), ())
     for name in outputs:
         if is_force(name):
             name = _with_effort(mechanism, name, dynamics)
         coordinates, frames, centres = _named(mechanism, name)
-        found = Asked(found.coordinates + coordinates, found.frames + frames,
+        found = RequestedOutputs(found.coordinates + coordinates, found.frames + frames,
                       found.centres + centres)
-    return Asked(*(tuple(dict.fromkeys(names)) for names in found))
+    return RequestedOutputs(*(tuple(dict.fromkeys(names)) for names in found))
 
 
 def _with_effort(mechanism: Mechanism, force: str, dynamics: bool) -> str:
@@ -95,26 +95,26 @@ def _with_effort(mechanism: Mechanism, force: str, dynamics: bool) -> str:
     return name
 
 
-def _named(mechanism: Mechanism, name: str) -> Asked:
+def _named(mechanism: Mechanism, name: str) -> RequestedOutputs:
     table = mechanism.coordinate_table
     coordinates = tuple(c.name for c in table.values() if name in (c.name, c.joint))
     if name in mechanism.drivers:
         coordinates += (mechanism.drivers[name].joint,)
     is_frame = name in mechanism.links or (name in mechanism.frame_ids and not coordinates)
     if coordinates or is_frame:
-        return Asked(coordinates, (name,) * is_frame, ())
+        return RequestedOutputs(coordinates, (name,) * is_frame, ())
     if is_of_whole(mechanism, name):
         raise SpatialPinError(
             f"mechanism {mechanism.name!r}: {name} depends on every link that has mass, so that no "
             "smaller model tells it: a motion of the whole mechanism gives this")
     angle = link_angle(mechanism, name)
     if angle is not None:
-        return Asked((), (mechanism.model.frames[angle.frame].name,), ())
+        return RequestedOutputs((), (mechanism.model.frames[angle.frame].name,), ())
     stem, _, kind = component(name)[0].rpartition(".")
     if kind == "com" or stem.endswith(".com"):
         link = stem.removesuffix(".com")
         if link in mechanism.frame_ids:
-            return Asked((), (link,), (link,))
+            return RequestedOutputs((), (link,), (link,))
     if kind in ("rate", "ratio", "advantage") or kind in FRAME_UNITS:
         inner = _named(mechanism, stem)
         if kind not in FRAME_UNITS or kind in COORDINATE_OUTPUTS or inner.frames:
@@ -127,7 +127,7 @@ def _named(mechanism: Mechanism, name: str) -> Asked:
                            f"mechanism {mechanism.name!r}: ")
 
 
-class Kept(NamedTuple):
+class KeptParts(NamedTuple):
     """What a set of closures needs of the tree.
 
     Attributes:
@@ -141,7 +141,7 @@ class Kept(NamedTuple):
     welded: frozenset[int]
 
 
-class Influence:
+class OutputInfluence:
     """Which joints and closures of a mechanism its outputs depend on.
 
     Args:
@@ -210,7 +210,7 @@ class Influence:
         if not found:
             yield state.q
 
-    def kept(self, closures: Iterable[int]) -> Kept:
+    def kept(self, closures: Iterable[int]) -> KeptParts:
         """Return the joints that matter when only these closures are kept."""
         chosen = tuple(closures)
         model = self.mechanism.model
@@ -226,9 +226,9 @@ class Influence:
             carried.update(self.mechanism.frame_on_joint(f)[0]
                            for f in (*closure.frames, *closure.between))
         carriers = {int(j) for i in carried for j in model.supports[i]}
-        return Kept(chosen, frozenset(moving), frozenset(carriers - moving - {0}))
+        return KeptParts(chosen, frozenset(moving), frozenset(carriers - moving - {0}))
 
-    def is_enough(self, kept: Kept) -> bool:
+    def is_enough(self, kept: KeptParts) -> bool:
         """Whether the closures left out constrain none of the joints kept."""
         columns = sorted(v for i in kept.moving for v in self.columns[i])
         rows = [r for k in kept.closures for r in self._rows[k]]
@@ -237,7 +237,7 @@ class Influence:
             == len(columns) - rank(jacobian[rows][:, columns])
             for motions, jacobian in zip(self.motions, self._jacobians, strict=True))
 
-    def least(self) -> Kept:
+    def least(self) -> KeptParts:
         """Return the least that is enough: the fewest coordinates, then the fewest closures."""
         count = len(self.mechanism.closures)
         if count > ALL_SUBSETS:
@@ -251,10 +251,10 @@ class Influence:
                     best, size = kept, self._size(kept)
         return best
 
-    def _size(self, kept: Kept) -> tuple[int, int]:
+    def _size(self, kept: KeptParts) -> tuple[int, int]:
         return sum(len(self.columns[i]) for i in kept.moving), len(kept.closures)
 
-    def _greedy(self) -> Kept:
+    def _greedy(self) -> KeptParts:
         """Leave out closures one by one, or two by two, as long as that is possible."""
         best = self.kept(range(len(self.mechanism.closures)))
         sizes = (1, 2) if len(best.closures) <= PAIRS_OF_CLOSURES else (1,)

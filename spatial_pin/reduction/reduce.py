@@ -23,13 +23,11 @@ from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.resistance import resists
 from spatial_pin.numerics.linalg import Array, null_space, rank
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.reduction.differences import Verification
-from spatial_pin.reduction.influence import Asked, Influence, asked_of
-from spatial_pin.reduction.model.building import built
-from spatial_pin.reduction.model.idle_equations import drop_equations
-from spatial_pin.reduction.model.model import Model
-from spatial_pin.reduction.model.replacing import replace_links
-from spatial_pin.reduction.report import Omission, omissions
+from spatial_pin.reduction.building import built
+from spatial_pin.reduction.influence import OutputInfluence, RequestedOutputs, asked_of
+from spatial_pin.reduction.losses import Omission, Verification, omissions
+from spatial_pin.reduction.reduced_model import ReducedModel
+from spatial_pin.reduction.replacing import drop_equations, replace_links
 
 ROUNDINGS = 10.0  # of a place in the world, as links are put together
 STARTS = 256  # assembled configurations that are remembered: 0.2 MB for a hundred coordinates
@@ -246,12 +244,13 @@ def reduce(
     for name in asked.coordinates:
         if name in locks.values:
             raise SpatialPinError(f"mechanism {mechanism.name!r}: output {name!r} is locked")
-    influence = Influence(mechanism, state, locks.joints,
+    influence = OutputInfluence(mechanism, state, locks.joints,
                           _needed(mechanism, asked, locks, dynamics),
                           _bodies(mechanism, asked, dynamics))
     kept = influence.least()
     for simplest in (True, False):
-        model = Model(mechanism, state.q, kept, influence, asked, dynamics=dynamics, lump=lump)
+        model = ReducedModel(
+            mechanism, state.q, kept, influence, asked, dynamics=dynamics, lump=lump)
         if simplest:
             replace_links(model)
             drop_equations(model)
@@ -339,7 +338,9 @@ def _locked(
     return state, _Locks(values, frozenset(joints))
 
 
-def _needed(mechanism: Mechanism, asked: Asked, locks: _Locks, dynamics: bool) -> set[int]:
+def _needed(
+    mechanism: Mechanism, asked: RequestedOutputs, locks: _Locks, dynamics: bool
+) -> set[int]:
     """Return the joints whose coordinates are asked for, driven, or sprung."""
     names = [*asked.coordinates, *(d.joint for d in mechanism.drivers.values())]
     if dynamics:
@@ -348,7 +349,7 @@ def _needed(mechanism: Mechanism, asked: Asked, locks: _Locks, dynamics: bool) -
             if c.name not in locks.values}
 
 
-def _bodies(mechanism: Mechanism, asked: Asked, dynamics: bool) -> set[int]:
+def _bodies(mechanism: Mechanism, asked: RequestedOutputs, dynamics: bool) -> set[int]:
     """Return the joints whose bodies' placements are asked for, or move mass."""
     bodies = {mechanism.frame_on_joint(name)[0] for name in asked.frames}
     if dynamics:
@@ -364,7 +365,7 @@ def _bodies(mechanism: Mechanism, asked: Asked, dynamics: bool) -> set[int]:
 # ---------------------------------------------------------------- checks
 
 
-def _agrees(made: Mechanism, influence: Influence) -> bool:
+def _agrees(made: Mechanism, influence: OutputInfluence) -> bool:
     """Whether the reduced mechanism is closed, and as free, where the full one was looked at."""
     full = influence.mechanism
     evaluation = Evaluation(constraints_of(made))

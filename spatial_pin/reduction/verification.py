@@ -20,8 +20,8 @@ from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.outputs import is_force
 from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.reduction.differences import Difference, Verification
-from spatial_pin.reduction.influence import Asked, asked_of
+from spatial_pin.reduction.influence import RequestedOutputs, asked_of
+from spatial_pin.reduction.losses import Difference, Verification
 from spatial_pin.reduction.reduce import Reduced
 
 VALUES = 361  # driver values by default: a degree apart over a turn
@@ -172,7 +172,7 @@ def _remarks(full: Motion, reduced: Motion, driver: str, asked: int) -> Iterator
 
 
 def _outputs(
-    motion: Motion, asked: Asked, count: int
+    motion: Motion, asked: RequestedOutputs, count: int
 ) -> Iterator[tuple[str, tuple[list[Array], ...]]]:
     """Yield name, and positions, rates and accelerations, each angles and lengths apart."""
     size = motion.mechanism.characteristic_length
@@ -187,7 +187,7 @@ def _outputs(
             [moving.acceleration[:count] / size, moving.angular_acceleration[:count]])
 
 
-def _dynamics(reduced: Reduced, motion: Motion, asked: Asked) -> Iterator[Difference]:
+def _dynamics(reduced: Reduced, motion: Motion, asked: RequestedOutputs) -> Iterator[Difference]:
     """Compare accelerations that follow from forces, gravity and springs alone."""
     full, size = motion.mechanism, motion.mechanism.characteristic_length
     worst: dict[str, float] = {}

@@ -28,7 +28,7 @@ ON_CIRCUIT = 2.0
 MOST_CORRECTIONS_TO_PLACE = 20  # of the way to a place: each leaves about a hundredth of the error
 
 
-class Place(NamedTuple):
+class CircuitPlace(NamedTuple):
     """Where a configuration lies on a circuit.
 
     Attributes:
@@ -80,7 +80,7 @@ class Circuit:
         """Whether the driver turns round without meeting a border."""
         return self.is_closed and not self.borders
 
-    def place(self, state: State) -> Place | None:
+    def place(self, state: State) -> CircuitPlace | None:
         """Return where a configuration lies; None if the curve does not lead to it.
 
         Links that spin freely may stand as they like.
@@ -176,7 +176,7 @@ class Circuit:
             return None
         return length, q
 
-    def _classified(self, at: float, value: float, slope: float) -> Place:
+    def _classified(self, at: float, value: float, slope: float) -> CircuitPlace:
         """Return the place `at` samples from the beginning, with a driver's value and slope."""
         last, size = len(self.motion) - 1, self.motion.mechanism.velocity_scale[
             self.motion.mechanism.coordinate(self.driver).v]
@@ -194,7 +194,7 @@ class Circuit:
             crossed += beyond > 0.0 and not is_at
         numbers, counted = self._numbered(np.arange(crossed, crossed + doubtful + 1),
                                           np.full(doubtful + 1, value))
-        return Place(float(counted[0]), frozenset(numbers.tolist()))
+        return CircuitPlace(float(counted[0]), frozenset(numbers.tolist()))
 
     def _numbered(self, crossed: NDArray[np.intp], values: Array) -> tuple[NDArray[np.intp], Array]:
         """Return numbers of branches from how many borders were crossed, and values along them.

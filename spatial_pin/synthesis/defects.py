@@ -22,7 +22,7 @@ from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.transmission import transmission_angle
-from spatial_pin.synthesis.circuits import Circuit, Place
+from spatial_pin.synthesis.circuits import Circuit, CircuitPlace
 
 LEAST_ANGLE = float(np.radians(40.0))  # of transmission, which textbooks ask of a linkage
 ALL = "circuit, branch, order and transmission"
@@ -56,7 +56,7 @@ class Defect(NamedTuple):
         return f"{self.kind}: {self.text}"
 
 
-class _Stretch(NamedTuple):
+class UsedBranch(NamedTuple):
     """What of a branch is used.
 
     Attributes:
@@ -129,7 +129,7 @@ def defects(
     except SpatialPinError as error:
         return (Defect("not judged", everything, f"{ALL}: {error}"), *beyond)
     found = [*_circuit_defects(circuits)]
-    stretches = list[_Stretch]()
+    stretches = list[UsedBranch]()
     for circuit, places in circuits:
         own = _stretches(circuit, places)
         found += _branch_defects(own)
@@ -163,13 +163,13 @@ def _unjudged(mechanism: Mechanism, states: Sequence[State], driver: str | None)
 
 def _circuits(
     mechanism: Mechanism, states: Sequence[State], driver: str
-) -> list[tuple[Circuit, dict[int, Place]]]:
+) -> list[tuple[Circuit, dict[int, CircuitPlace]]]:
     """Return the circuits that states lie on, and where.
 
     Raises:
         SpatialPinError: one cannot be followed.
     """
-    found: list[tuple[Circuit, dict[int, Place]]] = []
+    found: list[tuple[Circuit, dict[int, CircuitPlace]]] = []
     left = list(range(len(states)))
     while left:
         circuit = Circuit(mechanism, driver, states[left[0]])
@@ -181,7 +181,7 @@ def _circuits(
     return found
 
 
-def _circuit_defects(found: Sequence[tuple[Circuit, dict[int, Place]]]) -> Iterator[Defect]:
+def _circuit_defects(found: Sequence[tuple[Circuit, dict[int, CircuitPlace]]]) -> Iterator[Defect]:
     """Yield what it means that states lie on several curves."""
     if len(found) < 2:
         return
@@ -200,19 +200,19 @@ def _circuit_defects(found: Sequence[tuple[Circuit, dict[int, Place]]]) -> Itera
                      "between them")
 
 
-def _stretches(circuit: Circuit, places: dict[int, Place]) -> list[_Stretch]:
+def _stretches(circuit: Circuit, places: dict[int, CircuitPlace]) -> list[UsedBranch]:
     """Return the fewest branches of a circuit that hold all places, those with most first."""
-    left, found = dict(places), list[_Stretch]()
+    left, found = dict(places), list[UsedBranch]()
     while left:
         branches = sorted({b for place in left.values() for b in place.branches})
         best = max(branches, key=lambda b: sum(b in place.branches for place in left.values()))
         own = [i for i, place in left.items() if best in place.branches]
         values = np.array([left.pop(i).value for i in own])
-        found.append(_Stretch(circuit, best, tuple(own), values))
+        found.append(UsedBranch(circuit, best, tuple(own), values))
     return found
 
 
-def _branch_defects(stretches: Sequence[_Stretch]) -> Iterator[Defect]:
+def _branch_defects(stretches: Sequence[UsedBranch]) -> Iterator[Defect]:
     """Yield what it means that places of one circuit lie on several branches."""
     if len(stretches) < 2:
         return
@@ -234,7 +234,7 @@ def _named(samples: tuple[int, ...]) -> str:
 # ---------------------------------------------------------------- order
 
 
-def _order_defects(stretch: _Stretch) -> Iterator[Defect]:
+def _order_defects(stretch: UsedBranch) -> Iterator[Defect]:
     """Yield a defect if the driver meets samples in another order than asked."""
     _, offsets, kept = _direction(stretch)
     if kept.all():
@@ -245,7 +245,7 @@ def _order_defects(stretch: _Stretch) -> Iterator[Defect]:
                  f"{', '.join(map(str, met))}")
 
 
-def _direction(stretch: _Stretch) -> tuple[float, Array, Array]:
+def _direction(stretch: UsedBranch) -> tuple[float, Array, Array]:
     """Return the driver's best sense, how far on it meets samples, and which are in order.
 
     Where the driver turns fully, it begins at the first sample, and goes on for less than a turn.
@@ -293,7 +293,7 @@ def _beyond_limits(states: Sequence[State]) -> Iterator[Defect]:
                      f"{words}")
 
 
-def _limits_passed(stretch: _Stretch, states: Sequence[State], cyclic: bool) -> Iterator[Defect]:
+def _limits_passed(stretch: UsedBranch, states: Sequence[State], cyclic: bool) -> Iterator[Defect]:
     """Yield joint limits that are passed on the way through the places of a branch."""
     if not joint_limits(stretch.circuit.motion.mechanism):
         return
@@ -326,7 +326,7 @@ def _passed(motion: Motion, passing: Passing) -> str:
     return f"the motion begins beyond the {passing.limit.words}{most}"
 
 
-def _used(stretch: _Stretch, states: Sequence[State], cyclic: bool) -> Motion:
+def _used(stretch: UsedBranch, states: Sequence[State], cyclic: bool) -> Motion:
     """Return the motion through the places of a branch, a whole turn where that is used.
 
     Raises:
@@ -346,7 +346,7 @@ def _used(stretch: _Stretch, states: Sequence[State], cyclic: bool) -> Motion:
 
 
 def _transmission(
-    stretches: Sequence[_Stretch], states: Sequence[State], output: str | None, at: str | None,
+    stretches: Sequence[UsedBranch], states: Sequence[State], output: str | None, at: str | None,
     least: float, cyclic: bool,
 ) -> Iterator[Defect]:
     """Yield where the transmission angle is poor over the range of motion used."""
@@ -377,7 +377,7 @@ def _transmission(
                      f"{np.degrees(least):.3g}° are asked for")
 
 
-def _used_rows(stretch: _Stretch, cyclic: bool) -> list[int]:
+def _used_rows(stretch: UsedBranch, cyclic: bool) -> list[int]:
     """Return samples of the curve between the first and the last place of a branch."""
     rows, values = stretch.circuit.rows_of(stretch.branch)
     if not stretch.circuit.turns_fully:

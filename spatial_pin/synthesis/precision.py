@@ -19,7 +19,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.dimensions.family import Bodies
+from spatial_pin.dimensions.dimension_batch import EvaluatedBatch
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.angles import whole_turns
@@ -99,7 +99,7 @@ class Precision(Goal):
         return np.zeros(len(self.own_names))
 
     @abstractmethod
-    def residual(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Array:
+    def residual(self, bodies: EvaluatedBatch, at: NDArray[np.intp], own: Array) -> Array:
         """Return residuals (m, r).
 
         Args:
@@ -109,7 +109,7 @@ class Precision(Goal):
         """
 
     @abstractmethod
-    def slopes(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Slopes:
+    def slopes(self, bodies: EvaluatedBatch, at: NDArray[np.intp], own: Array) -> Slopes:
         """Return residuals and their derivatives for v / `velocity_scale` and for own numbers."""
 
     @abstractmethod
@@ -121,7 +121,7 @@ class Precision(Goal):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Drawn(Precision):
+class DrawnGoal(Precision):
     """Points or placements that are given in axes of their own, the drawing's.
 
     Where it may have any size, residuals are lengths of the drawing, which are the world's by its
@@ -217,17 +217,17 @@ class _Drawn(Precision):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Path(_Drawn):
+class PathGoal(DrawnGoal):
     """The origin of a frame at points, one after the other."""
 
     closed: bool = False
     _words, _unit, width = "path of {0.frame}", "m", 3
 
-    def residual(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Array:
+    def residual(self, bodies: EvaluatedBatch, at: NDArray[np.intp], own: Array) -> Array:
         """See `Precision`."""
         return self._away(bodies.mechanism, bodies.origin(self.frame), at, own)
 
-    def slopes(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Slopes:
+    def slopes(self, bodies: EvaluatedBatch, at: NDArray[np.intp], own: Array) -> Slopes:
         """See `Precision`."""
         origin = bodies.origin(self.frame)
         away = self._away(bodies.mechanism, origin, at, own)
@@ -240,13 +240,13 @@ class Path(_Drawn):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Poses(_Drawn):
+class PosesGoal(DrawnGoal):
     """A frame at placements, one after the other."""
 
     rotations: Array
     _words, _unit, width = "poses of {0.frame}", "m, rad", 6
 
-    def residual(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Array:
+    def residual(self, bodies: EvaluatedBatch, at: NDArray[np.intp], own: Array) -> Array:
         """See `Precision`: places, then rotation vectors from the target, in its axes."""
         _, rotation = self.drawn(bodies.mechanism, own)
         turned, origin = bodies.frame(self.frame)
@@ -254,7 +254,7 @@ class Poses(_Drawn):
         targets = rotation @ self.rotations[at]
         return np.hstack([away, logarithms(targets.transpose(0, 2, 1) @ turned)])
 
-    def slopes(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Slopes:
+    def slopes(self, bodies: EvaluatedBatch, at: NDArray[np.intp], own: Array) -> Slopes:
         """See `Precision`."""
         residual = self.residual(bodies, at, own)
         turned, origin = bodies.frame(self.frame)
@@ -275,7 +275,7 @@ class Poses(_Drawn):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Function(Precision):
+class FunctionGoal(Precision):
     """A coordinate at values, one after the other."""
 
     output: str
@@ -297,7 +297,7 @@ class Function(Precision):
         """See `Precision`."""
         return ("offset",) if self.offset else ()
 
-    def residual(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Array:
+    def residual(self, bodies: EvaluatedBatch, at: NDArray[np.intp], own: Array) -> Array:
         """See `Precision`: by the coordinate's own size; angles but for whole turns."""
         coordinate = bodies.mechanism.prescribed_coordinate(self.output)
         zero = own[0] if self.offset else 0.0
@@ -307,7 +307,7 @@ class Function(Precision):
             away = away - whole_turns(away)
         return away[:, None] / size
 
-    def slopes(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Slopes:
+    def slopes(self, bodies: EvaluatedBatch, at: NDArray[np.intp], own: Array) -> Slopes:
         """See `Precision`."""
         coordinate, m = bodies.mechanism.prescribed_coordinate(self.output), len(bodies.q)
         moved = np.zeros((m, 1, bodies.mechanism.model.nv))

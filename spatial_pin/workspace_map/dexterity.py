@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from spatial_pin.numerics.linalg import Array, row_space, singular_values
 from spatial_pin.numerics.roots import sign_change
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.workspace_map.filling import Border, Filling, Index, signs
-from spatial_pin.workspace_map.lines import (
-    Asked,
-    Run,
+from spatial_pin.workspace_map.filled_grid import Border, FilledGrid, Index, signs
+from spatial_pin.workspace_map.grid_lines import (
+    GridConfig,
+    GridLine,
     begun,
     motion_along,
     natural_jacobians,
@@ -26,7 +26,7 @@ LOCATED = 1e-9  # of a cell of the grid: where a determinant vanishes along it
 TASKS = {"position": slice(0, 3), "pose": slice(0, 6)}
 
 
-class Task(NamedTuple):
+class FrameTask(NamedTuple):
     """What a frame is asked to do.
 
     Attributes:
@@ -49,7 +49,7 @@ class Task(NamedTuple):
         return self.directions @ jacobians[..., TASKS[self.name], :]
 
 
-def task_of(jacobians: Array, wanted: str | None) -> Task:
+def task_of(jacobians: Array, wanted: str | None) -> FrameTask:
     """Return the task: the wanted one, or the one with a direction for each driver.
 
     Args:
@@ -60,10 +60,10 @@ def task_of(jacobians: Array, wanted: str | None) -> Task:
     n = jacobians.shape[-1]
     known = jacobians[~np.isnan(jacobians).any(axis=(1, 2))]
 
-    def task(name: str) -> Task:
+    def task(name: str) -> FrameTask:
         part = known[:, TASKS[name]]
         columns = np.moveaxis(part, 1, 2).reshape(-1, part.shape[1])
-        return Task(name, row_space(columns, TOLERANCES.half_precision), n)
+        return FrameTask(name, row_space(columns, TOLERANCES.half_precision), n)
 
     if wanted is not None:
         return task(wanted)
@@ -74,7 +74,7 @@ def task_of(jacobians: Array, wanted: str | None) -> Task:
     return pose if pose.is_square else position
 
 
-def measures(task: Task, jacobians: Array) -> tuple[Array, Array]:
+def measures(task: FrameTask, jacobians: Array) -> tuple[Array, Array]:
     """Return the dexterity (m,), least to largest singular value, and the least one (m,).
 
     Args:
@@ -93,11 +93,11 @@ def measures(task: Task, jacobians: Array) -> tuple[Array, Array]:
 class Cell(NamedTuple):
     """An edge of the grid along which a determinant changes its sign."""
 
-    run: Run
+    run: GridLine
     sign: int
 
 
-def determinant_signs(filling: Filling, task: Task) -> NDArray[np.int8] | None:
+def determinant_signs(filling: FilledGrid, task: FrameTask) -> NDArray[np.int8] | None:
     """Return the determinant's sign at each point of the grid; None where there is none."""
     if not task.is_square or "jacobians" not in filling.data:
         return None
@@ -108,7 +108,7 @@ def determinant_signs(filling: Filling, task: Task) -> NDArray[np.int8] | None:
     return signs(determinants)
 
 
-def aspects_of(filling: Filling, task: Task) -> NDArray[np.intp]:
+def aspects_of(filling: FilledGrid, task: FrameTask) -> NDArray[np.intp]:
     """Return numbers of the parts of the grid that hang together without a change of sign.
 
     Where there is no determinant they are those of the points that are reached; -1 elsewhere.
@@ -127,7 +127,7 @@ def aspects_of(filling: Filling, task: Task) -> NDArray[np.intp]:
     return found
 
 
-def crossed_cells(filling: Filling, task: Task) -> list[Cell]:
+def crossed_cells(filling: FilledGrid, task: FrameTask) -> list[Cell]:
     """Return the edges of the grid along which the determinant changes its sign."""
     sign = determinant_signs(filling, task)
     cells: list[Cell] = []
@@ -143,7 +143,7 @@ def crossed_cells(filling: Filling, task: Task) -> list[Cell]:
     return cells
 
 
-def located(task: Task, asked: Asked, cells: Sequence[Cell]) -> list[Border | None]:
+def located(task: FrameTask, asked: GridConfig, cells: Sequence[Cell]) -> list[Border | None]:
     """Return where the determinant vanishes along edges; None where the branch ends before.
 
     Of a grid of poses it is the one of the drivers' speeds by the frame's: where it vanishes the
@@ -153,7 +153,7 @@ def located(task: Task, asked: Asked, cells: Sequence[Cell]) -> list[Border | No
     return [_vanishing(task, asked._replace(limits=False), cell) for cell in cells]
 
 
-def _vanishing(task: Task, asked: Asked, cell: Cell) -> Border | None:
+def _vanishing(task: FrameTask, asked: GridConfig, cell: Cell) -> Border | None:
     run, to = cell.run, float(cell.run.values[0])
     begin = float(run.at[run.axis])
 

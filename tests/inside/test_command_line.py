@@ -20,7 +20,7 @@ from spatial_pin.cli.remedies import in_options
 from spatial_pin.cli.results import fitted
 from spatial_pin.cli.tables import read_table
 from spatial_pin.units import quantity
-from spatial_pin.workspace_map.poses import PARTS
+from spatial_pin.workspace_map.grid_axes import PARTS
 
 PACKAGE = Path(sp.__file__).parent
 RPM_240 = 8 * np.pi

@@ -13,9 +13,9 @@ from spatial_pin import targets
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.inverse_kinematics import reach
 from spatial_pin.inverse_kinematics.descending import Descent
+from spatial_pin.inverse_kinematics.lagrangian import LeastSquares, Stationary
 from spatial_pin.inverse_kinematics.named_targets import read_targets
 from spatial_pin.inverse_kinematics.solving import Solver
-from spatial_pin.inverse_kinematics.stationary import LeastSquares, Stationary
 
 
 def test_an_answer_from_afar_comes_without_whole_turns(tmp_path, monkeypatch):

@@ -15,8 +15,7 @@ from variety import few
 import spatial_pin as sp
 from spatial_pin.dimensions import homotopy
 from spatial_pin.dimensions import tolerance as module
-from spatial_pin.dimensions.drive import Drive
-from spatial_pin.dimensions.samples import Samples
+from spatial_pin.dimensions.varied_samples import DriverMotion, VariedSamples
 
 SAMPLES, COMPARED = 240, 5
 CRANK = {"crank": 0.8}
@@ -426,8 +425,8 @@ def test_numbers_that_are_none_and_places_that_are_not_there(tmp_path):
     """Neither ends the process, and the next sample is closed as ever."""
     mechanism = sp.load(rssr(tmp_path))
     state = sp.solve_rates(mechanism, sp.assemble(mechanism, CRANK), {"crank": 2.0})
-    samples = Samples.of(mechanism, ["b"], ["rocker.acceleration", "tip.velocity"])
-    near = samples.near(state, Drive.of(state))
+    samples = VariedSamples.of(mechanism, ["b"], ["rocker.acceleration", "tip.velocity"])
+    near = samples.near(state, DriverMotion.of(state))
     made = samples.made_of(np.array([[0.381, np.nan, np.inf, 1e300, 0.0, 0.382, 0.3]]))
     good, values = near.solve(made)
     assert good.tolist() == [True, False, False, False, False, True, True]

@@ -40,9 +40,9 @@ from spatial_pin.cli.options import (
 from spatial_pin.cli.readings import check_sigma, read_readings
 from spatial_pin.cli.results import finite, tell
 from spatial_pin.units import LENGTHS
-from spatial_pin.workspace_map.curves import curve_columns
-from spatial_pin.workspace_map.poses import PARTS
-from spatial_pin.workspace_map.result import unit_of
+from spatial_pin.workspace_map.grid_axes import PARTS
+from spatial_pin.workspace_map.section_curves import curve_columns
+from spatial_pin.workspace_map.workspace_result import unit_of
 
 
 def _workspace_options(sub: argparse.ArgumentParser) -> None:

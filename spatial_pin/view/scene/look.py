@@ -11,9 +11,9 @@ if TYPE_CHECKING:
     from spatial_pin.assembly.state import State
     from spatial_pin.motion.motion import Motion
     from spatial_pin.proximity.clearance import Clearance
-    from spatial_pin.synthesis.results import Design
+    from spatial_pin.synthesis.ranked_designs import Design
     from spatial_pin.view.scene.layers.arrows import Vectors
-    from spatial_pin.workspace_map.result import Workspace
+    from spatial_pin.workspace_map.workspace_result import Workspace
 
 
 @dataclass(frozen=True)

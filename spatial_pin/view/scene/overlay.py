@@ -7,7 +7,7 @@ from dataclasses import replace
 from spatial_pin.assembly.state import State
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.motion.motion import Motion
-from spatial_pin.synthesis.results import Design, Designs
+from spatial_pin.synthesis.ranked_designs import Design, Designs
 from spatial_pin.view.scene.look import Look
 
 Shown = Motion | State

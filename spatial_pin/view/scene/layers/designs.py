@@ -6,8 +6,8 @@ import numpy as np
 
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.synthesis.goals import Path, Poses
-from spatial_pin.synthesis.results import Design
+from spatial_pin.synthesis.goals import PathGoal, PosesGoal
+from spatial_pin.synthesis.ranked_designs import Design
 from spatial_pin.view.scene.layers.traces import traces
 from spatial_pin.view.scene.shapes import ball, moved, rod
 from spatial_pin.view.scene.stage import Entry, Item, Layer, Stage, joined
@@ -38,9 +38,9 @@ def designs(stage: Stage, design: Design, drawn: tuple[str, ...]) -> Layer:
                               "mechanism shown; show design.motion() or one of design.states")
     layers, frames = list[Layer](), list[str]()
     for k, met in enumerate(design.met):
-        if isinstance(met.goal, Path):
+        if isinstance(met.goal, PathGoal):
             layers.append(_points(stage, f"design {k}", met.goal, met.targets))
-        elif isinstance(met.goal, Poses):
+        elif isinstance(met.goal, PosesGoal):
             layers.append(_triads(stage, f"design {k}", met.goal, met.targets))
         else:
             continue
@@ -50,7 +50,7 @@ def designs(stage: Stage, design: Design, drawn: tuple[str, ...]) -> Layer:
     return joined(layers)
 
 
-def _points(stage: Stage, name: str, goal: Path, points: Array) -> Layer:
+def _points(stage: Stage, name: str, goal: PathGoal, points: Array) -> Layer:
     """Return a ball at every point."""
     seen = stage.seen(points)
     items = [Item(f"{name} point {i}", ball(DESIGN_BALL * stage.size), TARGET,
@@ -58,7 +58,7 @@ def _points(stage: Stage, name: str, goal: Path, points: Array) -> Layer:
     return Layer(tuple(items), seen, (Entry(TARGET, f"points asked of {goal.frame}"),))
 
 
-def _triads(stage: Stage, name: str, goal: Poses, placements: Array) -> Layer:
+def _triads(stage: Stage, name: str, goal: PosesGoal, placements: Array) -> Layer:
     """Return three rods at every placement, in the colours of x, y and z."""
     items = []
     for i, placement in enumerate(placements):

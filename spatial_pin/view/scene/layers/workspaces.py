@@ -11,7 +11,7 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.scene.quiet_meshcat import mg
 from spatial_pin.view.scene.shapes import Solid
 from spatial_pin.view.scene.stage import Colour, Entry, Item, Layer, Stage
-from spatial_pin.workspace_map.result import Workspace
+from spatial_pin.workspace_map.workspace_result import Workspace
 
 WORKSPACE_BALL = 0.008  # radius relative to the size of the scene
 MOST_BALLS = 6000  # points that are drawn, so that a page stays small

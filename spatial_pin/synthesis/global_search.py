@@ -1,0 +1,334 @@
+"""Local solutions of a synthesis problem from many starts, or from an evolution, ranked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from threading import get_ident
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from spatial_pin._support.checks import whole_number
+from spatial_pin._support.executors import in_order
+from spatial_pin._support.progress import progress_bar
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.pairs import PAIRS
+from spatial_pin.mobility.mobility import mobility
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.synthesis.checkpoint import Checkpoint, fingerprint
+from spatial_pin.synthesis.curve_atlas import SHEETS, AtlasStart, CurveDatabase
+from spatial_pin.synthesis.design_problem import DesignProblem, LocalSolution, ProblemSpec
+
+METHODS = ("multistart", "evolution", "atlas", "local")
+# Two solutions are one if no dimension differs by more, relative to the width of its bounds, and
+# no joint, in radians and characteristic lengths. Along flat valleys SciPy's trust region ends at
+# some 1e-5 from the solution.
+SAME_SOLUTION = 1e-3
+# An evolution is to find valleys, in which local solutions go on: members by number that is looked
+# for, and generations at most. Three and fifteen find as much as five and thirty where a four-bar
+# is to lead a point along a line; a member costs about a tenth of a local solution.
+POPULATION = 4
+GENERATIONS = 20  # see above
+OTHER_VALLEY = 0.1  # part of the ranges: places of an evolution so far apart are in two, perhaps
+RANGE_DRAWS = 256  # starts from whose spread the range of a number without bounds is taken
+VALUES_TOGETHER = 16  # of a population that are sent to a worker at a time
+
+
+class Searched(NamedTuple):
+    """What a search found.
+
+    Attributes:
+        found: distinct solutions, the best first.
+        is_whole: whether all starts were tried, and nothing cut it short (Ctrl-C).
+        starts: how many local solutions were tried.
+        failed: how many of them led to no solution.
+        evaluations: sets of dimensions that were tried in all.
+        nearest: of those that led to no solution, the least by which what is to be met exactly is
+            missed [characteristic lengths, rad]; infinite if the loops closed at none.
+        why: what was said of the first that led nowhere at all; empty if there is none.
+    """
+
+    found: tuple[LocalSolution, ...]
+    is_whole: bool
+    starts: int
+    failed: int
+    evaluations: int
+    nearest: float
+    why: str = ""
+
+
+def searched(
+    spec: ProblemSpec,
+    method: str = "multistart",
+    starts: int = 20,
+    seed: int = 0,
+    executor: Executor | None = None,
+    progress: bool = False,
+    resume: str | Path | None = None,
+) -> Searched:
+    """Return local solutions of a problem, ranked and distinct.
+
+    The answer depends on the problem, the method, the seed and the number of starts only, not on
+    the number of workers or on whether a search was cut short and went on. Every start has random
+    numbers of its own, so that more starts find at least as much.
+
+    Args:
+        spec: what the problem is made of.
+        method: "multistart": from the mechanism's own dimensions and from drawn ones; "atlas":
+            from those of thousands of drawn curves that look most like a path; "evolution":
+            SciPy's differential evolution, then from the best places that it came by, a tenth of
+            the ranges apart; "local": from the mechanism's own dimensions alone.
+        starts: how many local solutions are tried.
+        seed: of the random numbers.
+        executor: where it is done (any `concurrent.futures` executor, a Dask client's too);
+            default in this process.
+        progress: show a bar on stderr after a second, if that is a terminal.
+        resume: a file: what is found is kept there as it comes, and what it has from another call
+            with the same problem, method and seed is not searched for again.
+
+    Raises:
+        SpatialPinError: the file is of another problem, or of something else.
+        ValueError: there is no such method, or it is for other goals; there are no starts; the
+            seed is negative.
+        KeyboardInterrupt: before anything was found.
+    """
+    if method not in METHODS:
+        raise ValueError(f"method is {method!r}; it is one of {', '.join(METHODS)}")
+    starts = whole_number(starts, "starts")
+    if starts < 1:
+        raise ValueError(f"starts is {starts}; a search needs 1 at least")
+    if seed < 0:
+        raise ValueError(f"seed is {seed}; it is a whole number from 0 up")
+    problem = spec.make()
+    key = fingerprint(spec, problem.mechanism, method, seed)
+    with Checkpoint(key, resume) as kept:
+        work = GlobalSearch(spec, key, problem, executor, kept)
+        is_whole = False
+        try:
+            work.run(method, 1 if method == "local" else starts, seed, progress)
+            is_whole = True
+        except KeyboardInterrupt:  # what was found until then is the answer
+            if not kept.found:
+                raise
+    tried = [kept.found[k] for k in sorted(kept.found) if k < starts]
+    own = [found for one in tried for found in (one, *one.others) if found.is_one]
+    failed = sum(not found.is_one for found in tried)
+    return Searched(tuple(_distinct(problem, own)), is_whole, len(tried), failed,
+                    sum(found.evaluations for found in tried) + len(kept.values) + work.curves,
+                    min((found.hard for found in tried if not found.is_one), default=np.inf),
+                    next((found.why for found in tried if found.why), ""))
+
+
+class GlobalSearch:
+    """One search: what is known of it is in `kept`.
+
+    Attributes:
+        curves: sets of dimensions whose curves were drawn.
+    """
+
+    def __init__(
+        self, spec: ProblemSpec, key: str, problem: DesignProblem, executor: Executor | None,
+        kept: Checkpoint,
+    ) -> None:
+        self._spec, self._key, self._problem = spec, key, problem
+        self._executor, self._kept, self.curves = executor, kept, 0
+
+    def run(self, method: str, starts: int, seed: int, progress: bool) -> None:
+        """Find what is not known yet."""
+        seeds = np.random.SeedSequence(seed).spawn(starts)
+        if method == "evolution":
+            places = self._evolved(np.random.default_rng(seed), starts, progress)
+            jobs: list[tuple[Array | AtlasStart | None, Any]] = [(x, None) for x in places]
+        elif method == "atlas":
+            begins = self._charted(seed, progress)[:starts]
+            jobs = [*((x, None) for x in begins), *((None, x) for x in seeds[len(begins) :])]
+        else:
+            jobs = [(None, child if k else None) for k, child in enumerate(seeds)]
+        left = [k for k in range(len(jobs)) if k not in self._kept.found]
+        name = f"{self._problem.mechanism.name}: starts"
+        with progress_bar(len(jobs), name, progress) as bar:
+            bar.update(len(jobs) - len(left))
+            for k, found in zip(left, self._all(_solved, [jobs[k] for k in left]), strict=True):
+                self._kept.add(k, found)
+                bar.update()
+
+    def _all(self, work: Callable[..., Any], jobs: Sequence[Any]) -> Iterator[Any]:
+        """Return what some work makes of jobs, in their order, wherever it is done."""
+        if self._executor is None:
+            return in_order(None, work, [(self._problem, job) for job in jobs])
+        return in_order(self._executor, _there,
+                        [(work, self._spec, self._key, job) for job in jobs])
+
+    def _charted(self, seed: int, progress: bool) -> list[AtlasStart]:
+        """Return starts from curves that look like a path, the most alike first."""
+        atlas = CurveDatabase(self._problem)  # refuses what it is not for
+        sheets = np.random.SeedSequence(seed).spawn(SHEETS)
+        found = list[AtlasStart]()
+        with progress_bar(SHEETS, f"{self._problem.mechanism.name}: atlas", progress) as bar:
+            for sheet in self._all(_sheet, sheets):
+                found += sheet
+                self.curves += atlas.curves
+                bar.update()
+        return sorted(found, key=lambda begin: begin.misfit)
+
+    def _evolved(self, rng: np.random.Generator, starts: int, progress: bool) -> list[Array]:
+        """Return the best places that an evolution came by, apart from each other.
+
+        An evolution that goes on repeats itself with the values that are known.
+        """
+        from scipy.optimize import differential_evolution  # it takes a quarter of a second
+
+        low, high = _range(self._problem)
+        places: list[Array] = []
+
+        def values(points: list[Array]) -> list[float]:
+            known = self._kept.values[len(places) : len(places) + len(points)]
+            rest = [low + u * (high - low) for u in points[len(known) :]]
+            groups = [rest[k : k + VALUES_TOGETHER] for k in range(0, len(rest), VALUES_TOGETHER)]
+            new = [x for some in self._all(_valued, groups) for x in some]
+            self._kept.add_values(new)
+            places.extend(np.array(u) for u in points)
+            bar.update()
+            return [*known, *new]
+
+        name = f"{self._problem.mechanism.name}: evolution"
+        with progress_bar(GENERATIONS + 1, name, progress) as bar:
+            differential_evolution(
+                _not_called, [(0.0, 1.0)] * len(low), popsize=POPULATION, maxiter=GENERATIONS,
+                polish=False, seed=rng, updating="deferred",
+                workers=lambda _, points: values(list(points)))
+        best = _apart(np.array(places), np.array(self._kept.values), starts)
+        return [low + u * (high - low) for u in best]
+
+
+def _apart(places: Array, values: Array, most: int) -> list[Array]:
+    """Return the best of places (m, n) between 0 and 1 that are not near a better one."""
+    left = np.flatnonzero(np.isfinite(values))
+    left = left[np.argsort(values[left], kind="stable")]
+    found: list[Array] = []
+    while left.size and len(found) < most:
+        best = places[left[0]]
+        found.append(best)
+        left = left[np.abs(places[left] - best).max(axis=1) > OTHER_VALLEY]
+    return found
+
+
+def _not_called(u: Array) -> float:
+    """Stand for the function that populations are valued by, which happens elsewhere."""
+    raise NotImplementedError
+
+
+def _range(problem: DesignProblem) -> tuple[Array, Array]:
+    """Return between which numbers an evolution looks: those of drawn starts without bounds."""
+    rng = np.random.default_rng(0)
+    drawn = np.array([problem.draw(rng) for _ in range(RANGE_DRAWS)])
+    return (np.where(np.isfinite(problem.lower), problem.lower, drawn.min(axis=0)),
+            np.where(np.isfinite(problem.upper), problem.upper, drawn.max(axis=0)))
+
+
+# ---------------------------------------------------------------- in any process
+
+
+def _there(work: Callable[..., Any], spec: ProblemSpec, key: str, job: Any) -> Any:
+    """Do some work in another process, or thread, where the problem is made once."""
+    return work(_made(_Keyed(key, spec), get_ident()), job)
+
+
+@dataclass(frozen=True)
+class _Keyed:
+    """A spec that is the same as others of its key."""
+
+    key: str
+    spec: ProblemSpec = field(compare=False)
+
+
+@lru_cache(maxsize=8)
+def _made(keyed: _Keyed, thread: int) -> DesignProblem:
+    return keyed.spec.make()
+
+
+def _sheet(problem: DesignProblem, seed: np.random.SeedSequence) -> list[AtlasStart]:
+    """Return the best of some curves drawn together."""
+    return CurveDatabase(problem).sheet(np.random.default_rng(seed))
+
+
+def _solved(
+    problem: DesignProblem, job: tuple[Array | AtlasStart | None, np.random.SeedSequence | None]
+) -> LocalSolution:
+    """Return the local solution from x, a curve, a drawn start, or the own dimensions."""
+    x, seed = job
+    if isinstance(x, AtlasStart):
+        return CurveDatabase(problem).solved(x)
+    if seed is not None:
+        rng = np.random.default_rng(seed)
+        return problem.solve(problem.draw(rng), rng)
+    return problem.solve(problem.start if x is None else x, None)
+
+
+def _valued(problem: DesignProblem, points: Sequence[Array]) -> list[float]:
+    """Return the rough costs of points, those that are none infinite."""
+    found = []
+    for x in points:
+        value = np.inf
+        with suppress(SpatialPinError):
+            value = float(problem.value(x))
+        found.append(np.inf if np.isnan(value) else value)
+    return found
+
+
+# ---------------------------------------------------------------- ranking
+
+
+def _distinct(problem: DesignProblem, found: Sequence[LocalSolution]) -> list[LocalSolution]:
+    """Return solutions without those that are another one again, the best first.
+
+    Those that miss by round-off only are equally good: they stand in the order of their starts.
+    """
+    best = sorted(found, key=lambda one: max(one.cost, TOLERANCES.nothing**2))
+    kept: list[tuple[Array, LocalSolution]] = []
+    spinning = _spinning(problem.mechanism) if len(best) > 1 else set()
+    for one in best:
+        mark = _mark(problem, one, spinning)
+        if all(np.abs(mark - other).max(initial=0.0) > SAME_SOLUTION for other, _ in kept):
+            kept.append((mark, one))
+    return [one for _, one in kept]
+
+
+def _spinning(mechanism: Mechanism) -> set[str]:
+    """Return joints of links that may spin as they like."""
+    links = set[str]()
+    with suppress(SpatialPinError):  # it does not close at its own dimensions: all links count
+        links = {freedom.link for freedom in mobility(mechanism).passive}
+    model = mechanism.model
+    return {model.names[model.frames[mechanism.frame_id(name)].parentJoint] for name in links}
+
+
+def _mark(problem: DesignProblem, found: LocalSolution, spinning: set[str]) -> Array:
+    """Return numbers by which solutions are told apart."""
+    dimensions = [x / size for name, x, size in zip(
+        problem.names, found.x.tolist(), problem.sizes.tolist(), strict=True) if ": " not in name]
+    joints = [_joint_marks(problem.mechanism, samples.q, spinning) for samples in found.samples]
+    return np.concatenate([np.array(dimensions), *joints])
+
+
+def _joint_marks(mechanism: Mechanism, q: Array, spinning: set[str]) -> Array:
+    """Return marks of configurations q (m, nq): the same for whole turns."""
+    model, parts = mechanism.model, list[Array]()
+    for c in mechanism.coordinate_table.values():
+        if c.q >= 0 and c.joint not in spinning:
+            value = q[:, c.q]
+            parts += ([np.cos(value), np.sin(value)] if c.unit == "rad" else
+                      [value / mechanism.characteristic_length])
+    for i, name in enumerate(mechanism.pairs, start=1):
+        if not PAIRS[name].is_linear and model.names[i] not in spinning:
+            end = model.idx_qs[i] + model.nqs[i]
+            turn = q[:, end - 4 : end]
+            parts.append(np.einsum("mi,mj->mij", turn, turn).ravel())
+    return np.concatenate([np.empty(0), *(part.ravel() for part in parts)])
