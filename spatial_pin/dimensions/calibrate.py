@@ -30,7 +30,6 @@ from spatial_pin.errors import SpatialPinError, unless_cut
 from spatial_pin.mechanism.coordinates import needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.follow import follow
-from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array, decompose, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -166,16 +165,13 @@ class Calibration:
             lines.append(f"  {name:{width}}  {found}  (was {self.nominal[name]:.6g})")
         for unit in sorted(set(self.units)):
             own = np.array([x == unit for x in self.units])
-            lines.append(f"  residuals: {_rms(self.residuals[own]):.3g} {unit} (root mean square), "
-                         f"{_rms(self.before[own]):.3g} {unit} before")
+            now, was = (np.sqrt(np.mean(x[own]**2)) for x in (self.residuals, self.before))
+            lines.append(f"  residuals: {now:.3g} {unit} (root mean square), {was:.3g} {unit} "
+                         "before")
         if self.outliers:
             lines.append(f"  {len(self.outliers)} numbers count less than half, as outliers")
         lines += [f"  undetermined: {words}" for words in self.undetermined]
         return "\n".join(lines)
-
-
-def _rms(residuals: Array) -> float:
-    return float(np.sqrt(np.mean(residuals**2)))
 
 
 @checked
@@ -250,83 +246,76 @@ def calibrate(
                         f"{type(base).__name__}")
     margin = positive_number(margin, "margin")
     drivers, quantities = read_measurements(mechanism, measurements, sigma)
-    unknowns = Unknowns(tuple(bounds), _offsets(mechanism, offsets, drivers), base is not False,
-                        encoders_of(mechanism, drivers, sigma))
-    _check_enough(unknowns, quantities)
-    start = _start(mechanism, drivers, guess)
-    quantities = [[q.turned_to(s.mechanism, s.q) for q in some]
-                  for some, s in zip(quantities, start, strict=True)]
-    place = base if isinstance(base, pin.SE3) else _base(start, quantities) if base else None
-    predictions = Predictions(FittedState(start[0].mechanism, start, place), unknowns, drivers,
-                              quantities)
-    fit = CalibrationFit(predictions, loss, margin)
-    return unless_cut(fit.result(bounds, quantities, sigma is None))
-
-
-# ---------------------------------------------------------------- what is asked
-
-
-def _offsets(
-    mechanism: Mechanism, offsets: Iterable[str], drivers: list[dict[str, float]]
-) -> tuple[str, ...]:
-    names = names_of(offsets, "offsets")
-    held = [mechanism.driven_coordinate(name).name for name in names]
-    if len(set(held)) < len(held):
-        raise ValueError("offsets names one driver twice")
-    for name, coordinate in zip(names, held, strict=True):
-        if not any(coordinate in read for read in drivers):
-            raise ValueError(f"offsets: no measurement has a value of {name!r}")
-    return tuple(names)
-
-
-def _check_enough(unknowns: Unknowns, quantities: list[list[MeasuredQuantity]]) -> None:
+    unknowns = _unknowns(mechanism, bounds, offsets, base is not False, drivers, sigma)
     n, m = len(unknowns.names), sum(len(q.labels()) for some in quantities for q in some)
     if not n:
         raise ValueError("nothing is looked for: name dimensions or offsets, or set base=True")
     if m < n:
         raise ValueError(f"{n} unknowns need as many numbers at least; {m} were measured: measure "
                          "at more poses, or look for less")
+    start = _start(mechanism, drivers, guess)
+    quantities = [[q.turned_to(s.mechanism, s.q) for q in some]
+                  for some, s in zip(quantities, start, strict=True)]
+    place = base if isinstance(base, pin.SE3) else None
+    if base is True:
+        place = base_from([(q.target, state.placement(q.target.name))
+                           for state, some in zip(start, quantities, strict=True) for q in some
+                           if q.kind in ("position", "rotation")])
+    predictions = Predictions(FittedState(start[0].mechanism, start, place), unknowns, drivers,
+                              quantities)
+    fit = CalibrationFit(predictions, loss, margin)
+    return unless_cut(fit.result(bounds, quantities, sigma is None))
+
+
+
+
+
+def _unknowns(
+    mechanism: Mechanism, bounds: Iterable[str], offsets: Iterable[str], has_base: bool,
+    drivers: list[dict[str, float]], sigma: Mapping[str, float] | None,
+) -> Unknowns:
+    names = names_of(offsets, "offsets")
+    coordinates = [mechanism.driven_coordinate(name).name for name in names]
+    if len(set(coordinates)) < len(coordinates):
+        raise ValueError("offsets names one driver twice")
+    for name, coordinate in zip(names, coordinates, strict=True):
+        if not any(coordinate in read for read in drivers):
+            raise ValueError(f"offsets: no measurement has a value of {name!r}")
+    return Unknowns(tuple(bounds), tuple(names), has_base, encoders_of(mechanism, drivers, sigma))
 
 
 def _start(
     mechanism: Mechanism, drivers: list[dict[str, float]],
     guess: Mapping[str, Any] | State | Array | None,
 ) -> list[State]:
-    """Return the states at the nominal dimensions, on the branch of the guess."""
+    """Return the states at the nominal dimensions, on the branch of the guess.
+
+    Drivers lead along straight lines from one measurement to the next, or from the first.
+    """
     states = [assembled(mechanism, drivers[0], guess)]
     for i, read in enumerate(drivers[1:], start=2):
         error = None
         for near, was in ((states[-1], drivers[i - 2]), (states[0], drivers[0])):
-            try:
-                states.append(_led(mechanism, near, {**read, **was}, {**was, **read}))
+            begin, end = {**read, **was}, {**was, **read}
+            if begin == end:
+                states.append(near)
                 break
+            try:
+                there = follow(mechanism, {name: [begin[name], x] for name, x in end.items()},
+                               guess=near, on_crossing="raise").state(-1)
             except SpatialPinError as found:
                 error = error or found
+                continue
+            states.append(State(there.mechanism, there.q, closure_error=there.closure_error,
+                                angles=there.angles))
+            break
         if len(states) < i:
             raise SpatialPinError(f"measurement {i} cannot be reached at the nominal dimensions: "
                                   f"{error}") from error
     return states
 
 
-def _led(
-    mechanism: Mechanism, near: State, begin: Mapping[str, float], end: Mapping[str, float]
-) -> State:
-    """Return where drivers lead along straight lines."""
-    if begin == end:
-        return near
-    motion: Motion = follow(mechanism, {name: [begin[name], x] for name, x in end.items()},
-                            guess=near, on_crossing="raise")
-    there = motion.state(-1)
-    return State(there.mechanism, there.q, closure_error=there.closure_error, angles=there.angles)
 
-
-def _base(states: list[State], quantities: list[list[MeasuredQuantity]]) -> pin.SE3:
-    return base_from([(q.target, state.placement(q.target.name))
-                      for state, some in zip(states, quantities, strict=True) for q in some
-                      if q.kind in ("position", "rotation")])
-
-
-# ---------------------------------------------------------------- the search
 
 
 class CalibrationFit:

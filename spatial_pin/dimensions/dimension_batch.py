@@ -56,7 +56,12 @@ class DimensionNumbers:
         self._mechanism, self._points, self._packed = mechanism, list(points), packed(mechanism)
         self._frames = [mechanism.frame_id(name.removesuffix(".com")) for name in self._points]
         self.joints = [int(mechanism.model.frames[i].parentJoint) for i in self._frames]
-        self._powers = _powers_of_length(mechanism)
+        # powers of the characteristic length that numbers go with: doubling it changes no digit
+        other = copied(mechanism)
+        other.__dict__["characteristic_length"] = 2.0 * mechanism.characteristic_length
+        one, two = self._packed.reals, packed(other).reals
+        changed, self._powers = one != two, np.zeros(len(one))
+        self._powers[changed] = np.log2(two[changed] / one[changed])
         own, n = tree.own(), len(self._packed.reals)
         ends = [self._offset(name, self.placed(own))[0] for name in self._points]
         self.base = np.concatenate([self._packed.reals, *ends])
@@ -71,8 +76,16 @@ class DimensionNumbers:
             rescaled: whether lengths are relative to the characteristic length that each set has;
                 else to the mechanism's own.
         """
-        found = self.placed(found)
-        blocks = [*(self._scaled(found) if rescaled else ()), *self._blocks(found)]
+        found, blocks = self.placed(found), list[Block]()
+        if rescaled:
+            scaled = np.flatnonzero(self._powers)
+            ratio = self._span.at(found) / self._mechanism.characteristic_length
+            blocks.append((scaled, self.base[scaled] * ratio[:, None] ** self._powers[scaled]))
+        blocks += [*self._joint_blocks(found), *self._vector_blocks(found)]
+        blocks += [
+            (end, self._offset(name, found))
+            for name, frame, end in zip(self._points, self._frames, self._end, strict=True)
+            if frame in found.frames or name.removesuffix(".com") in found.levers]
         places, values = zip(*blocks, strict=True) if blocks else ((), ())
         every = [np.broadcast_to(x, (len(found.holds), x.shape[1])) for x in values]
         return Numbers(self.base, np.concatenate([np.empty(0, np.int64), *places]),
@@ -114,20 +127,6 @@ class DimensionNumbers:
                     frames[k] = back @ _frame(model, k, found)
         return found._replace(joints=joints, frames=frames)
 
-    def _scaled(self, found: TracedGeometry) -> Iterator[Block]:
-        """Yield what goes with the characteristic length."""
-        scaled = np.flatnonzero(self._powers)
-        ratio = self._span.at(found) / self._mechanism.characteristic_length
-        yield scaled, self.base[scaled] * ratio[:, None] ** self._powers[scaled]
-
-    def _blocks(self, found: TracedGeometry) -> Iterator[Block]:
-        """Yield what else depends on the dimensions."""
-        yield from self._joint_blocks(found)
-        yield from self._vector_blocks(found)
-        for name, frame, places in zip(self._points, self._frames, self._end, strict=True):
-            if frame in found.frames or name.removesuffix(".com") in found.levers:
-                yield places, self._offset(name, found)
-
     def _joint_blocks(self, found: TracedGeometry) -> Iterator[Block]:
         """Yield the placements of joints, which the kernel's have their axes along z in."""
         carriers, turned = self._packed.carriers, self._packed.frames
@@ -147,8 +146,12 @@ class DimensionNumbers:
         places, fixed_in = self._packed.places().local, self._packed.fixed_in.tolist()
         for k, (frame, is_point) in enumerate(zip(fixed_in, self._packed.is_point, strict=True)):
             if frame < 0:
-                own = self._turned(self._mechanism.frame_on_joint(self._axis(frame)[0])[0])
-                yield places[k], self._idle_axis(frame, found) @ own
+                passive = self._mechanism.passives[-1 - frame]
+                joint = self._mechanism.frame_on_joint(passive.body)[0]
+                a, b = (self._on_body(joint, self._mechanism.frame_id(name), found)
+                        for name in passive.axis)
+                axis = (b - a) / np.linalg.norm(b - a, axis=1, keepdims=True)
+                yield places[k], axis @ self._turned(joint)
             elif frame in found.frames:
                 pose, own = found.frames[frame], self._turned(model.frames[frame].parentJoint)
                 fixed = model.frames[frame].placement.rotation.T @ own @ local[k]
@@ -157,18 +160,6 @@ class DimensionNumbers:
     def _turned(self, joint: int) -> Array:
         """Return the axes of the kernel's joint (3, 3) in those of the joint of the model."""
         return self._packed.frames[self._packed.carriers[joint]]
-
-    def _axis(self, frame: int) -> tuple[str, str, str]:
-        """Return the body of an idle rotation and the two points that its axis runs through."""
-        passive = self._mechanism.passives[-1 - frame]
-        return passive.body, *passive.axis
-
-    def _idle_axis(self, frame: int, found: TracedGeometry) -> Array:
-        """Return the unit vector (m or 1, 3) of an idle rotation's axis in the joint's axes."""
-        body, *ends = self._axis(frame)
-        joint = self._mechanism.frame_on_joint(body)[0]
-        a, b = (self._on_body(joint, self._mechanism.frame_id(name), found) for name in ends)
-        return (b - a) / np.linalg.norm(b - a, axis=1, keepdims=True)
 
     def _on_body(self, joint: int, frame: int, found: TracedGeometry) -> Array:
         """Return a frame's origin (m or 1, 3) in the axes of a joint, as `point_on_body`."""
@@ -190,20 +181,6 @@ class DimensionNumbers:
 
 def _frame(model: pin.Model, frame: int, found: TracedGeometry) -> PlacementBatch:
     return found.frames.get(frame, PlacementBatch.of(model.frames[frame].placement))
-
-
-def _powers_of_length(mechanism: Mechanism) -> Array:
-    """Return (n,) the powers of the characteristic length that the kernel's numbers go with.
-
-    They are seen by doubling it, which changes no digit.
-    """
-    other = copied(mechanism)
-    other.__dict__["characteristic_length"] = 2.0 * mechanism.characteristic_length
-    one, two = packed(mechanism).reals, packed(other).reals
-    powers = np.zeros(len(one))
-    changed = one != two
-    powers[changed] = np.log2(two[changed] / one[changed])
-    return powers
 
 
 class _Span:

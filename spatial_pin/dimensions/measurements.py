@@ -76,6 +76,25 @@ class MeasuredQuantity:
     kind: str
     sigma: float
 
+    @classmethod
+    def of(
+        cls, mechanism: Mechanism, target: Target, sigma: Mapping[str, float] | None
+    ) -> MeasuredQuantity:
+        """Return it with the standard deviation that is given, or what counts as one."""
+        kind = ("position" if isinstance(target, Position) else
+                "rotation" if isinstance(target, Orientation) else "length")
+        if isinstance(target, CoordinateValue):
+            unit = mechanism.prescribed_coordinate(target.name).unit
+            kind = "angle" if unit == "rad" else "length"
+        found = cls(target, kind, 1.0)
+        if sigma is None:
+            size = mechanism.characteristic_length if UNITS[kind] == "m" else 1.0
+            return replace(found, sigma=size)
+        for name in (*_names(found), kind):
+            if name in sigma:
+                return replace(found, sigma=sigma[name])
+        raise ValueError(f"sigma says nothing of {target.name!r}: add {kind!r} [{UNITS[kind]}]")
+
     def error(self, evaluation: Evaluation, base: pin.SE3 | None) -> tuple[Array, Array]:
         """Return model less measurement (k,) [m, rad], and its derivative (k, nv) for velocities.
 
@@ -83,7 +102,12 @@ class MeasuredQuantity:
             evaluation: at the pose's configuration.
             base: of the mechanism in the axes of what measures.
         """
-        size = _unit_size(self.target, evaluation.mechanism)
+        mechanism, size = evaluation.mechanism, 1.0  # what one of the residual stands for
+        if isinstance(self.target, CoordinateValue):
+            coordinate = mechanism.prescribed_coordinate(self.target.name)
+            size = float(mechanism.velocity_scale[coordinate.v])
+        elif not isinstance(self.target, Orientation):
+            size = mechanism.characteristic_length
         error, slope = in_world(self.target, base).residual(evaluation)
         if base is not None and isinstance(self.target, Position):
             # in the axes of what measures, where moving all together changes nothing
@@ -133,14 +157,6 @@ def in_world(target: Target, base: pin.SE3 | None) -> Target:
     return target
 
 
-def _unit_size(target: Target, mechanism: Mechanism) -> float:
-    """Return what one of a target's residual stands for [m or rad]."""
-    if isinstance(target, CoordinateValue):
-        coordinate = mechanism.prescribed_coordinate(target.name)
-        return float(mechanism.velocity_scale[coordinate.v])
-    return 1.0 if isinstance(target, Orientation) else mechanism.characteristic_length
-
-
 def read_measurements(
     mechanism: Mechanism, measurements: Iterable[Any], sigma: Mapping[str, float] | None
 ) -> tuple[list[dict[str, float]], list[list[MeasuredQuantity]]]:
@@ -167,7 +183,7 @@ def read_measurements(
         if not mapping(measured, f"what was measured in {where}"):
             raise ValueError(f"{where}: nothing was measured there")
         targets = [part for t in read_targets(mechanism, measured) for part in _parts(t, where)]
-        quantities.append([_quantity(mechanism, t, given) for t in targets])
+        quantities.append([MeasuredQuantity.of(mechanism, t, given) for t in targets])
     known = {*UNITS, ENCODER[1:], *(n for some in quantities for x in some for n in _names(x)),
              *(name + ENCODER for read in drivers for name in _called(mechanism, read))}
     for name in given or {}:
@@ -225,24 +241,6 @@ def _parts(target: Target, where: str) -> list[Target]:
         return [target]
     raise TypeError(f"{where}: {target.name!r} is a {type(target).__name__}, which calibration "
                     "does not take: measure points, placements, coordinates or distances")
-
-
-def _quantity(
-    mechanism: Mechanism, target: Target, sigma: Mapping[str, float] | None
-) -> MeasuredQuantity:
-    kind = ("position" if isinstance(target, Position) else
-            "rotation" if isinstance(target, Orientation) else "length")
-    if isinstance(target, CoordinateValue):
-        unit = mechanism.prescribed_coordinate(target.name).unit
-        kind = "angle" if unit == "rad" else "length"
-    found = MeasuredQuantity(target, kind, 1.0)
-    if sigma is None:
-        size = mechanism.characteristic_length if UNITS[kind] == "m" else 1.0
-        return replace(found, sigma=size)
-    for name in (*_names(found), kind):
-        if name in sigma:
-            return replace(found, sigma=sigma[name])
-    raise ValueError(f"sigma says nothing of {target.name!r}: add {kind!r} [{UNITS[kind]}]")
 
 
 def _names(quantity: MeasuredQuantity) -> tuple[str, str]:

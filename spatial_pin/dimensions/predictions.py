@@ -94,10 +94,6 @@ class NeighbouringPoses(NamedTuple):
         found: Array = ((ahead - behind) / self.widths[:, None]).T
         return found
 
-    def at(self, i: int, evaluation: Evaluation) -> _AtRest:
-        """Return a pose whose frames move with the dimensions."""
-        return _AtRest(evaluation.mechanism, evaluation, self, i)
-
     def twists(self, i: int, frame: int) -> Array:
         """Return how a frame of a pose moves (6, n): its origin, and its turn, world axes."""
         if frame not in self.known:
@@ -306,7 +302,7 @@ class Predictions:
         self._check_determined(i, svd, slopes)
         columns = list[Array]()
         if beside is not None:
-            moved = beside.at(i, evaluation)
+            moved = _AtRest(m, evaluation, beside, i)
             own = np.vstack([moved.slope(q, here.base) for q in self._quantities[i]])
             columns += [*(own + slopes @ self._motions(svd, -beside.opened(i), len(stands))).T]
         driven = np.eye(n + len(stands))[n : n + len(held)]

@@ -7,7 +7,7 @@ same points tells how far they can be trusted. The file is expanded once (`varia
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -34,7 +34,6 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.determined import Prescription, placed
 from spatial_pin.rates.prescribed import driven_coordinates
-from spatial_pin.rates.rates import prescribed_at
 
 # Step of differences relative to the dimension, or characteristic length (1 for angles) where
 # it is zero: of eighth order, they leave 1e-21 of it, and round-off 4e-15 over the step.
@@ -139,7 +138,18 @@ def sensitivity(
         {'b': -5.8005, 'd': 4.1254}
     """
     if isinstance(state, Motion):
-        found = _over_motion(mechanism, state, output, parameters)
+        if not len(state):
+            raise SpatialPinError(f"mechanism {mechanism.name!r}: the motion has no samples")
+        several = [x[0] for x in _differentiated(
+            mechanism, [(of_mechanism(mechanism, one), DriverMotion.along(state, one))
+                        for one in map(state.state, range(len(state)))], [output], parameters)]
+        derivatives, errors = (
+            {name: np.array([each[name] for each in parts]) for name in parts[0]}
+            for parts in ([x.derivatives for x in several], [x.errors for x in several]))
+        unit = (several[0].unit if end_of_range(output) or with_forces([output])
+                else state.output(output).unit)
+        found = Sensitivity(
+            output, np.array([x.value for x in several]), derivatives, errors, unit)
     else:
         found = sensitivities(mechanism, state, [output], parameters)[0]
     still = [name for name, x in found.derivatives.items()
@@ -150,32 +160,6 @@ def sensitivity(
     if isinstance(state, Motion) and len(found.value) < len(state):
         raise Interrupted(first_samples(state, len(found.value)), found)
     return found
-
-
-def _over_motion(
-    mechanism: Mechanism, motion: Motion, output: str, parameters: Iterable[str] | None
-) -> Sensitivity:
-    """Return the sensitivities of all samples as one."""
-    if not len(motion):
-        raise SpatialPinError(f"mechanism {mechanism.name!r}: the motion has no samples")
-    asked = [(of_mechanism(mechanism, one), _drive_at(one, motion))
-             for one in map(motion.state, range(len(motion)))]
-    found = [x[0] for x in _differentiated(mechanism, asked, [output], parameters)]
-    derivatives, errors = (
-        {name: np.array([each[name] for each in several]) for name in several[0]}
-        for several in ([x.derivatives for x in found], [x.errors for x in found]))
-    unit = (found[0].unit if end_of_range(output) or with_forces([output])
-            else motion.output(output).unit)
-    return Sensitivity(output, np.array([x.value for x in found]), derivatives, errors, unit)
-
-
-def _drive_at(state: State, motion: Motion) -> DriverMotion:
-    """Return what is held at a state of a motion: its drivers, or what was swept in their place."""
-    mechanism, name = state.mechanism, motion.driver_name
-    drivers = [mechanism.coordinate(d.joint) for d in mechanism.drivers.values()]
-    if motion.driver is None or mechanism.coordinate(name) in drivers:
-        return DriverMotion.of(state, name)
-    return DriverMotion.of(state, name, [c.name for c in prescribed_at(state, [name])])
 
 
 def sensitivities(
@@ -256,8 +240,12 @@ class _Around:
             for one, at in zip(found, zip(*around.values(), strict=True), strict=True):
                 size = max(float(np.max(np.abs(one.value))), sizes.get(one.unit, 0.0))
                 beside = [within_half_turn(np.asarray(x), one.value, one.unit) for x in at]
-                one.derivatives[name], one.errors[name] = _derivative(
-                    dict(zip(around, beside, strict=True)), h, known * size)
+                values_at = dict(zip(around, beside, strict=True))
+                eighth, sixth = (
+                    np.asarray(sum(w * (values_at[k] - values_at[-k]) for k, w in weights.items()))
+                    / h for weights in (EIGHTH, SIXTH))
+                one.derivatives[name] = _plain(eighth)
+                one.errors[name] = float(np.max(np.abs(eighth - sixth))) + known * size / h
         return found
 
     def _one_by_one(
@@ -360,11 +348,3 @@ def with_spread(value: Any, deviation: Any, unit: str = "") -> str:
         places = max(1 - int(np.floor(np.log10(deviation))) + power, 0)
         text = f"({value / 10.0**power:.{places}f} ± {deviation / 10.0**power:.{places}f})e{power}"
     return f"{text} {unit.removeprefix('1')}".rstrip()
-
-
-def _derivative(at: Mapping[int, Array], h: float, known: float) -> tuple[Any, float]:
-    """Return a derivative and its error from values at k steps h that are known to `known`."""
-    eighth, sixth = (np.asarray(sum(w * (at[k] - at[-k]) for k, w in weights.items())) / h
-                     for weights in (EIGHTH, SIXTH))
-    error = float(np.max(np.abs(eighth - sixth))) + known / h
-    return _plain(eighth), error

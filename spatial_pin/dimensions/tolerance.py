@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -207,7 +207,9 @@ def tolerance(
         np.any(np.abs(one.derivatives[name]) > one.errors[name]) for one in found)])
     nominal = {one.output: one.value for one in found}
     units = {one.output: one.unit for one in found}
-    linear = {one.output: _propagated(one.derivatives, spread) for one in found}
+    linear = {one.output: np.sqrt(sum(
+        (np.asarray(one.derivatives[name]) * x) ** 2 for name, x in spread.items()))[()]
+        for one in found}
     if not samples:
         return Tolerance(nominal, linear, None, None, {name: np.empty(0) for name in names}, 0,
                          {name: np.empty(0) for name in spread}, np.empty(0, dtype=bool), units)
@@ -225,11 +227,6 @@ def tolerance(
         good, int(np.count_nonzero(~is_closed)), dict(zip(spread, drawn.T, strict=True)), is_closed,
         units, n == samples,
     ))
-
-
-def _propagated(derivatives: Mapping[str, Any], spread: Mapping[str, float]) -> Any:
-    parts = [(np.asarray(derivatives[name]) * x) ** 2 for name, x in spread.items()]
-    return np.sqrt(sum(parts))[()]
 
 
 def _of_enough(values: Array, fewest: int, what: Callable[[Array], Array]) -> Any:
@@ -261,17 +258,19 @@ def _solved(
     values = {name: np.empty((len(drawn), *np.shape(x))) for name, x in nominal.items()}
     is_closed = np.zeros(len(drawn), dtype=bool)
     bar = progress_bar(len(drawn), f"{mechanism.name}: samples", progress)
-    samples = _together(mechanism, state, list(spread), names)
+    samples = None  # what solves them together; nothing does of a rounded file
+    if state.mechanism is mechanism:
+        samples = VariedSamples.of(mechanism, list(spread), names)
     near = samples.near(state, drive) if samples else None
     n = len(drawn)
     if samples and near:
         n = _solve_together(samples, near, drawn, values, is_closed, bar)
     rest = np.flatnonzero(~is_closed[:n]).tolist()
     start, mark = (np.array(state.q), np.array(state.angles)), os.urandom(16).hex()
-    jobs = [_Job(str(mechanism.path), mechanism.loading,
-                 dict(zip(spread, drawn[k].tolist(), strict=True)), start, drive, names, mark)
+    jobs = [(str(mechanism.path), mechanism.loading,
+             dict(zip(spread, drawn[k].tolist(), strict=True)), start, drive, names, mark)
             for k in rest]
-    found = in_order(executor, _sample, [(job,) for job in jobs])
+    found = in_order(executor, _sample, jobs)
     k = rest[0] if rest else n
     try:
         for k, sample in zip(rest, found, strict=True):
@@ -307,19 +306,13 @@ def _solve_together(
     return len(drawn)
 
 
-def _together(
-    mechanism: Mechanism, state: State, dimensions: list[str], outputs: list[str]
-) -> VariedSamples | None:
-    """Return what solves samples together; None where it cannot be, as of a rounded file."""
-    if state.mechanism is not mechanism:
-        return None
-    return VariedSamples.of(mechanism, dimensions, outputs)
+def _sample(
+    path: str, parameters: dict[str, Any], dimensions: dict[str, float],
+    nominal: tuple[Array, Array], drive: DriverMotion, names: list[str], mark: str,
+) -> list[Any] | None:
+    """Return outputs of a sample, in any process; None when it cannot be closed.
 
-
-class _Job(NamedTuple):
-    """One sample to solve in any process.
-
-    Attributes:
+    Args:
         path: the mechanism's file.
         parameters: what `load` takes for the nominal mechanism.
         dimensions: of the sample.
@@ -328,24 +321,11 @@ class _Job(NamedTuple):
         names: of the outputs.
         mark: of the call of `tolerance`.
     """
-
-    path: str
-    parameters: dict[str, Any]
-    dimensions: dict[str, float]
-    nominal: tuple[Array, Array]
-    drive: DriverMotion
-    names: list[str]
-    mark: str
-
-
-def _sample(job: _Job) -> list[Any] | None:
-    """Solve one sample; None when it cannot be closed. Runs in any process."""
-    path, parameters, dimensions, (q, angles), drive, names, mark = job
     try:
         variants = _loaded(path, pickle.dumps(parameters), tuple(dimensions), mark)
-        nominal = variants.mechanism
-        near = State(nominal, q, closure_error=np.nan, angles=angles)
-        return drive.evaluate(variants.at(dimensions, with_masses(nominal, names)), near, names)
+        own, (q, angles) = variants.mechanism, nominal
+        near = State(own, q, closure_error=np.nan, angles=angles)
+        return drive.evaluate(variants.at(dimensions, with_masses(own, names)), near, names)
     except SpatialPinError:
         return None
 

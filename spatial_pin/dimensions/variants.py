@@ -195,16 +195,13 @@ class PlacementBatch(NamedTuple):
 
     def act(self, points: Array) -> Array:
         """Return points (m or 1, 3) of its axes in those that it is given in."""
-        return np.einsum("mij,mj->mi", *_alike(self.rotation, points)) + self.translation
+        m = max(len(self.rotation), len(points))
+        turned = np.einsum("mij,mj->mi", np.broadcast_to(self.rotation, (m, 3, 3)),
+                           np.broadcast_to(points, (m, 3)))
+        return turned + self.translation
 
     def __matmul__(self, other: PlacementBatch) -> PlacementBatch:
         return PlacementBatch(self.rotation @ other.rotation, self.act(other.translation))
-
-
-def _alike(*arrays: Array) -> list[Array]:
-    """Return arrays (m or 1, ...) as if all were of m."""
-    m = max(map(len, arrays))
-    return [np.broadcast_to(x, (m, *x.shape[1:])) for x in arrays]
 
 
 class TracedGeometry(NamedTuple):
@@ -316,8 +313,12 @@ class TracedTree:
             return
         model = self._mechanism.model
         i = model.getJointId(joint) if model.existJointName(joint) else 0
-        own = _axis_of(model.joints[i])
-        if own is None or np.abs(own - _unit(words.values)).max() > PLACE_ROUND_OFF:
+        name = model.joints[i].shortname().removeprefix("JointModel")
+        if model.joints[i].nv != 1 or name[0] not in "RP":  # it turns about none, and slides so
+            raise _Untraced
+        own = model.joints[i].extract()
+        axis = np.array(own.axis) if hasattr(own, "axis") else np.eye(3)["XYZ".index(name[-1])]
+        if np.abs(axis - _unit(words.values)).max() > PLACE_ROUND_OFF:
             raise _Untraced
         self._axes[i] = words
 
@@ -478,15 +479,6 @@ class TracedTree:
 
 
 ORIGINS = (pin.FrameType.JOINT, pin.FrameType.FIXED_JOINT)
-
-
-def _axis_of(joint: pin.JointModel) -> Array | None:
-    """Return the axis (3,) of a joint that turns about one or slides along one."""
-    name = joint.shortname().removeprefix("JointModel")
-    if joint.nv != 1 or name[0] not in "RP":
-        return None
-    own = joint.extract()
-    return np.array(own.axis) if hasattr(own, "axis") else np.eye(3)["XYZ".index(name[-1])]
 
 
 def _turning(axis: Array, others: Array) -> PlacementBatch:

@@ -34,7 +34,7 @@ from spatial_pin.motion.motion import FRAME_UNITS, Motion
 from spatial_pin.motion.outputs import COORDINATE_OUTPUTS, RATES, component, is_force, is_of_whole
 from spatial_pin.numerics.linalg import Array, decompose, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.rates.rates import solve_rates
+from spatial_pin.rates.rates import prescribed_at, solve_rates
 from spatial_pin.settings import Accuracy
 
 
@@ -81,6 +81,15 @@ class DriverMotion:
             {name: r[k] for name, r in rates.items()} for k in range(3))
         return cls(first, values, speeds, accelerations, state.in_time)
 
+    @classmethod
+    def along(cls, motion: Motion, state: State) -> DriverMotion:
+        """Return the same at a state of a motion: of its drivers, or what was swept instead."""
+        mechanism, name = state.mechanism, motion.driver_name
+        drivers = [mechanism.coordinate(d.joint) for d in mechanism.drivers.values()]
+        if motion.driver is None or mechanism.coordinate(name) in drivers:
+            return cls.of(state, name)
+        return cls.of(state, name, [c.name for c in prescribed_at(state, [name])])
+
     @property
     def moves(self) -> bool:
         """Whether anything does."""
@@ -105,15 +114,12 @@ class DriverMotion:
                 found.append(bound.value)
                 continue
             if told is None:
-                told = self.told(self._state(mechanism, near))
+                state = followed(mechanism, self.values, near)
+                told = self.told(solve_rates(mechanism, state, self.speeds, self.accelerations)
+                                 if self.moves else state)
             values = told.output(output).values[0]
             found.append(float(values) if np.ndim(values) == 0 else values)
         return found
-
-    def _state(self, mechanism: Mechanism, near: State) -> State:
-        state = followed(mechanism, self.values, near)
-        return solve_rates(mechanism, state, self.speeds, self.accelerations) if (
-            self.moves) else state
 
     def told(self, state: State) -> Told:
         """Return what a state tells by the names of outputs."""
@@ -325,34 +331,28 @@ class Near:
     def _gone(
         self, dimensions: Array, parts: int, end: MadeOf | None = None
     ) -> tuple[NDArray[np.bool_], ClosedSamples]:
-        """Take samples to their dimensions in some equal parts of the way."""
+        """Take samples to their dimensions in some equal parts of the way.
+
+        Good ones are closed next to where they started, and `assembly.nearest_turn` would leave
+        their angles as they are.
+        """
         closed, good = self._begin(dimensions.shape[1]), np.ones(dimensions.shape[1], dtype=bool)
+        model, turn = self._state.mechanism.model, 2.0 * np.pi
         for k in range(1, parts + 1):
             made_of = end or self._samples.made_of(dimensions, k / parts)
             closed = self._samples.close(
                 closed, made_of.numbers, self._rates if k == parts else None, self._system)
-            good &= (made_of.geometry.holds & self._is_on_branch(closed)
-                     & self._in_place(closed, made_of.geometry))
+            step = np.maximum(closed.farthest, TOLERANCES.nothing)
+            good &= (
+                made_of.geometry.holds & (closed.error <= TOLERANCES.zero)
+                & (closed.farthest <= LONGEST_AT_ONCE) & (closed.way <= WAY)
+                & (closed.bend <= TOLERANCES.contraction * step) & (closed.sign == self._own.sign)
+                & (closed.magnitude > self._own.magnitude + np.log(LEAST_DETERMINANT))
+                & (closed.opened <= TOLERANCES.singular))
+            for at in (c.q for c in periodic(self._state.mechanism)):
+                lower, upper = (made_of.geometry.limits.get(
+                    (bound, at), getattr(model, f"{bound}PositionLimit")[at])
+                    for bound in ("lower", "upper"))
+                q = closed.q[:, at]
+                good &= ~(((q > upper) & (q - turn >= lower)) | ((q < lower) & (q + turn <= upper)))
         return good, closed
-
-    def _is_on_branch(self, closed: ClosedSamples) -> NDArray[np.bool_]:
-        """Whether samples (m,) are closed next to where they started."""
-        step = np.maximum(closed.farthest, TOLERANCES.nothing)
-        good: NDArray[np.bool_] = (
-            (closed.error <= TOLERANCES.zero)
-            & (closed.farthest <= LONGEST_AT_ONCE) & (closed.way <= WAY)
-            & (closed.bend <= TOLERANCES.contraction * step) & (closed.sign == self._own.sign)
-            & (closed.magnitude > self._own.magnitude + np.log(LEAST_DETERMINANT))
-            & (closed.opened <= TOLERANCES.singular))
-        return good
-
-    def _in_place(self, closed: ClosedSamples, geometry: TracedGeometry) -> NDArray[np.bool_]:
-        """Whether `assembly.nearest_turn` would leave the angles (m,) as they are."""
-        model, turn = self._state.mechanism.model, 2.0 * np.pi
-        good = np.ones(len(closed.q), dtype=bool)
-        for at in (c.q for c in periodic(self._state.mechanism)):
-            lower, upper = (geometry.limits.get((bound, at), getattr(model, f"{bound}PositionLimit")
-                                                [at]) for bound in ("lower", "upper"))
-            q = closed.q[:, at]
-            good &= ~(((q > upper) & (q - turn >= lower)) | ((q < lower) & (q + turn <= upper)))
-        return good

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -21,21 +20,6 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 
 CORRECTIONS = 8  # Newton's, after steps that nearly keep what is kept: four do as a rule
 Held = dict[int, JointLimit]  # by place in the velocity: limits that joints stand at
-
-
-class _Linear(NamedTuple):
-    """What is known at a configuration.
-
-    Attributes:
-        q: the configuration.
-        found: by what moves and the identity of what is kept: what is kept, so that its identity
-            is its own, and the decomposed derivatives.
-        motions: likewise, and by whether idle rotations count: motions that keep it.
-    """
-
-    q: Array
-    found: dict[tuple[bytes, int], tuple[Sequence[Target], Decomposition]]
-    motions: dict[tuple[bytes, int, bool], tuple[Sequence[Target], Array]]
 
 
 class Stops:
@@ -119,7 +103,11 @@ class Constrained:
         self.scale = self.stops.scale
         # the last two residuals, with configuration and targets: they are asked for again and again
         self._known: list[tuple[Array, Sequence[Target], tuple[Array, Array]]] = []
-        self._linear = _Linear(np.empty(0), {}, {})
+        # at a configuration, by what moves and the identity of what is kept: what is kept, so that
+        # its identity is its own, and the decomposed derivatives, or motions that keep it
+        self._linear_at: Array = np.empty(0)
+        self._linear: dict[tuple[bytes, int], tuple[Sequence[Target], Decomposition]] = {}
+        self._motions: dict[tuple[bytes, int, bool], tuple[Sequence[Target], Array]] = {}
         self._last: Closed | None = None  # where closing led
 
     def residual(self, q: Array, targets: Sequence[Target]) -> tuple[Array, Array]:
@@ -169,28 +157,29 @@ class Constrained:
 
         Idle rotations are among them, unless they are not wanted: a target may ask for one.
         """
-        known, key = self._at(q), (free.tobytes(), id(kept), idle)
-        if key not in known.motions:
+        key = (free.tobytes(), id(kept), idle)
+        self._forget_all_but(q)
+        if key not in self._motions:
             basis = Triangular(self._rows(q, free, kept, idle)).null_space
             found = np.zeros((len(basis), len(free)))
             found[:, free] = basis
-            known.motions[key] = kept, found
-        return known.motions[key][1]
+            self._motions[key] = kept, found
+        return self._motions[key][1]
 
     def linearised(
         self, q: Array, free: NDArray[np.bool_], kept: Sequence[Target]
     ) -> Decomposition:
         """Return the decomposed derivatives (k, n) of loops and targets for what is free (n,)."""
-        found, key = self._at(q).found, (free.tobytes(), id(kept))
-        if key not in found:
-            found[key] = kept, decompose(self._rows(q, free, kept, True))
-        return found[key][1]
+        key = (free.tobytes(), id(kept))
+        self._forget_all_but(q)
+        if key not in self._linear:
+            self._linear[key] = kept, decompose(self._rows(q, free, kept, True))
+        return self._linear[key][1]
 
-    def _at(self, q: Array) -> _Linear:
-        """Return what is known at a configuration, nothing where it is another than before."""
-        if self._linear.q is not q:
-            self._linear = _Linear(q, {}, {})
-        return self._linear
+    def _forget_all_but(self, q: Array) -> None:
+        """Forget what is known at another configuration than this."""
+        if self._linear_at is not q:
+            self._linear_at, self._linear, self._motions = q, {}, {}
 
     def _rows(
         self, q: Array, free: NDArray[np.bool_], kept: Sequence[Target], idle: bool

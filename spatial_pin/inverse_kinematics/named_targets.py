@@ -196,45 +196,35 @@ def read_targets(mechanism: Mechanism, targets: Mapping[str, Any]) -> list[Targe
     """
     if not targets:
         raise ValueError("targets is empty: say where something should be, as {'tip': [x, y, z]}")
-    found = []
+    found, wanted = [], dict[str, Any]()
     for name, given in targets.items():
-        for one in given if _is_list(given) else [given]:
+        is_list = isinstance(given, list | tuple) and any(isinstance(x, Target) for x in given)
+        for one in given if is_list else [given]:
             target = _named(mechanism, name, one)
             target.check(mechanism)
             found.append(target)
-    _check_agreement(mechanism, found)
-    return found
-
-
-def _named(mechanism: Mechanism, name: str, given: Any) -> Target:
-    """Return a target with its name, that of an output as what the output is of."""
-    if not isinstance(given, Target):
-        plain = output_target(mechanism, name, given) if _has_numbers(given) else None
-        return plain or replace(_plain(mechanism, name, given), name=name)
-    target = given if given.name else replace(given, name=name)
-    if isinstance(target, CoordinateValue | Position):
-        numbers = target.value if isinstance(target, CoordinateValue) else target.point
-        return output_target(mechanism, target.name, numbers, target.weight) or target
-    return target
-
-
-def _has_numbers(given: Any) -> bool:
-    return not isinstance(given, pin.SE3 | str | bytes) and np.shape(given) in ((), (3,))
-
-
-def _check_agreement(mechanism: Mechanism, targets: Iterable[Target]) -> None:
-    wanted = dict[str, Any]()
-    for target in targets:
+    for target in found:
         for words, value in target.wishes(mechanism) if target.weight is None else ():
             before = wanted.setdefault(words, value)
             if np.abs(np.subtract(value, before)).max() > TOLERANCES.closed * (
                     1.0 + np.abs(before).max()):
                 raise ValueError(f"targets contradict each other: {words} is wanted at {before} "
                                  f"and at {value}; leave one out, or give one a weight")
+    return found
 
 
-def _is_list(given: Any) -> bool:
-    return isinstance(given, list | tuple) and any(isinstance(x, Target) for x in given)
+def _named(mechanism: Mechanism, name: str, given: Any) -> Target:
+    """Return a target with its name, that of an output as what the output is of."""
+    if not isinstance(given, Target):
+        plain = None
+        if not isinstance(given, pin.SE3 | str | bytes) and np.shape(given) in ((), (3,)):
+            plain = output_target(mechanism, name, given)
+        return plain or replace(_plain(mechanism, name, given), name=name)
+    target = given if given.name else replace(given, name=name)
+    if isinstance(target, CoordinateValue | Position):
+        numbers = target.value if isinstance(target, CoordinateValue) else target.point
+        return output_target(mechanism, target.name, numbers, target.weight) or target
+    return target
 
 
 def _plain(mechanism: Mechanism, name: str, given: Any) -> Target:

@@ -24,7 +24,6 @@ from spatial_pin.inverse_kinematics.reach import exact_for, reach
 from spatial_pin.inverse_kinematics.solving import Solver
 from spatial_pin.inverse_kinematics.target_coordinates import (
     Chain,
-    Copy,
     chain_of,
     copy_at,
     stretches_of,
@@ -62,31 +61,30 @@ class LeastMotionPath:
     def go_on(self) -> None:
         """Add a state, with least motion; where that leads no further, look back.
 
+        The states before it are then gone anew, from as far back as it takes.
+
         Raises:
             ReachError: its targets cannot be reached.
         """
         k = len(self.states)
         try:
             self.states.append(self._reached(k, self.states[-1], 0))
+            return
         except ReachError:
             goal = self._reached(k, self.states[-1], 10)
-            self.states = self._led_to(goal)
-
-    def _reached(self, k: int, near: State, starts: int) -> State:
-        """Return the state that meets the targets of a sample with least motion from another."""
-        return reach(self._mechanism, targets_at(self._tables, k), near, hold=self._hold,
-                     starts=starts)
-
-    def _led_to(self, goal: State) -> list[State]:
-        """Return states that end with a goal, gone anew from as far back as it takes."""
-        best, last, back = [*self.states, goal], len(self.states) - 1, 0
+        best, last, back = [*self.states, goal], k - 1, 0
         steps = self._steps(best)
         while steps.max() > UNEVEN * np.median(steps) and back < last:
             back = min(max(1, 2 * back), last)
             tried = self._anew(last - back, goal)
             if tried is not None and self._steps(tried).max() < steps.max():
                 best, steps = tried, self._steps(tried)
-        return best
+        self.states = best
+
+    def _reached(self, k: int, near: State, starts: int) -> State:
+        """Return the state that meets the targets of a sample with least motion from another."""
+        return reach(self._mechanism, targets_at(self._tables, k), near, hold=self._hold,
+                     starts=starts)
 
     def _anew(self, since: int, goal: State) -> list[State] | None:
         """Return states that go evenly from one that there is to a goal; None if they cannot."""
@@ -307,16 +305,17 @@ def _followed(
     lost = list[tuple[float, int]]()
     title = f"{mechanism.name}: {', '.join(chain.table.name for chain in chains)}"
     for stretch in stretches_of(chains, len(s)):
-        copy = copy_at(here, chains, stretch)
-        standing = _not_implied(copy, _standing(mechanism, hold))
+        copy, names = copy_at(here, chains, stretch)
+        standing = _standing(copy, names, mechanism, hold)
         own = s[stretch.first : stretch.last + 1]
         law = law_of(own, stretch.course)
-        found = along(copy.state, copy.names, standing, law, own, accuracy, title, progress)
+        found = along(copy, names, standing, law, own, accuracy, title, progress)
         done = stretch.first + found.done
         into = samples.between(stretch.first, done)
         for part, new in zip(into, found.samples.between(0, found.done), strict=True):
             part[...] = new[:, : part.shape[1]] if part.ndim == 2 else new
-        between = partial(_between, copy, model.nq, standing, law, own, found.samples)
+        between = partial(
+            _between, copy.mechanism, names, model.nq, standing, law, own, found.samples)
         try:
             lost += [(at, row + stretch.first) for at, row in driver_singularities(
                 _states(mechanism, into), into.q, own[: found.done], hold, between)]
@@ -337,46 +336,39 @@ def _states(mechanism: Mechanism, samples: Samples) -> Iterator[State]:
 
 
 def _between(
-    copy: Copy, nq: int, standing: list[str], law: Any, s: Array, samples: Samples, k: int,
-    at: float,
+    copy: Mechanism, names: list[str], nq: int, standing: list[str], law: Any, s: Array,
+    samples: Samples, k: int, at: float,
 ) -> Array:
     """Return the configuration (nq,) at a parameter behind sample k of a stretch.
 
     That of the sample where the finest accuracy does not lead on from it.
     """
-    start = State(copy.state.mechanism, samples.q[k], closure_error=samples.error[k],
-                  angles=samples.angles[k])
+    start = State(copy, samples.q[k], closure_error=samples.error[k], angles=samples.angles[k])
     if at <= s[k]:
         return start.q[:nq]
-    found = along(start, copy.names, standing, law, np.array([s[k], at]),
+    found = along(start, names, standing, law, np.array([s[k], at]),
                   Accuracy.named("reference"), "", False)
     return np.array(found.samples.q[found.done - 1, :nq])
 
 
-def _standing(mechanism: Mechanism, hold: Hold) -> list[str]:
-    """Return names of what stands still as a copy without drivers has them."""
-    found: list[str] = []
+def _standing(copy: State, names: list[str], mechanism: Mechanism, hold: Hold) -> list[str]:
+    """Return names of what stands still as a copy without drivers has them.
+
+    What targets that stay in a plane hold anyway is left out.
+    """
+    standing, found = list[str](), list[str]()
     for name in () if hold is None else names_of(hold, "hold"):
         if is_base(mechanism, name):
-            found += free_bases(mechanism)
-        elif name in mechanism.drivers:
-            found.append(mechanism.coordinate(name).name)
+            standing += free_bases(mechanism)
         else:
-            found.append(name)
-    return found
-
-
-def _not_implied(copy: Copy, standing: list[str]) -> list[str]:
-    """Return what is to stand still but for what targets that stay in a plane hold anyway."""
-    state, found = copy.state, list[str]()
-    mechanism = state.mechanism
-    units = np.eye(mechanism.model.nv)
-    with evaluation_of(mechanism, state.angles) as evaluation:
-        evaluation.update(state.q)
+            standing.append(mechanism.coordinate(name).name if name in mechanism.drivers else name)
+    units = np.eye(copy.mechanism.model.nv)
+    with evaluation_of(copy.mechanism, copy.angles) as evaluation:
+        evaluation.update(copy.q)
         rows = np.vstack([evaluation.jacobian,
-                          units[[mechanism.coordinate(x).v for x in copy.names]]])
+                          units[[copy.mechanism.coordinate(x).v for x in names]]])
     for name in standing:
-        held = held_by(mechanism, [name])
+        held = held_by(copy.mechanism, [name])
         more = np.vstack([rows, units[list(held.entries)]])
         if held.coordinates or rank(more, TOLERANCES.half_precision) > rank(
                 rows, TOLERANCES.half_precision):

@@ -17,7 +17,7 @@ import pinocchio as pin
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.inverse_kinematics.constrained import Constrained, Held
 from spatial_pin.inverse_kinematics.descending import Descent
-from spatial_pin.inverse_kinematics.lagrangian import LeastSquares, Stationary
+from spatial_pin.inverse_kinematics.lagrangian import Lagrangian, Stationary
 from spatial_pin.inverse_kinematics.targets import CoordinateValue, Residual, Target
 from spatial_pin.mechanism.joint_limits import JointLimit
 from spatial_pin.numerics.linalg import Array, decompose
@@ -157,19 +157,32 @@ class Solver(Constrained):
         return decompose(rows).s
 
     def _least_motion(self, q: Array, start: Array, held: Held, descent: Descent) -> Array:
-        """Return the configuration nearest to the start, as good as where a descent ended."""
+        """Return the configuration nearest to the start, as good as where a descent ended.
+
+        Where residuals cannot be met their sum of squares is kept, unless that leaves the same
+        motions as to keep the residuals themselves.
+        """
         kept, wanted = descent.kept, descent.wanted
         missed = self._missed(q, wanted)
         if missed > self.tolerance:
             if not held and descent.is_single(q, held):
                 return q
-            level = self._same_sum(q, held, descent)
-            if level is not None:
+            pushed = [limit for v, limit in held.items()
+                      if descent.push(q, held, v) > TOLERANCES.nothing * missed]
+            free = self.stops.free({limit.v: limit for limit in pushed})
+            least = Lagrangian(self, kept, wanted, q, free)
+            sizes, ways = least.curved()
+            unchanged = self.motions(q, free, [*kept, *self._as_now(q, wanted)])
+            n = len(self.motions(q, free, kept))
+            if len(unchanged) != n - len(sizes) or not (
+                    np.abs(ways @ unchanged.T).max(initial=0.0) < TOLERANCES.half_precision):
+                stops = [CoordinateValue(name=limit.name, value=limit.value) for limit in pushed]
+                curved = [Stationary(name="", sum=least, sizes=sizes, ways=ways)]
+                level = [*kept, *stops, *(curved if len(sizes) else [])]
                 found = self._nearest(q, start, held, level)
                 if self._missed(found, wanted) <= missed * (1.0 + TOLERANCES.nothing):
                     return found  # else it is level to second order only
-        unchanged = [*kept, *self._as_now(q, wanted)] if wanted else kept
-        return self._nearest(q, start, held, unchanged)
+        return self._nearest(q, start, held, [*kept, *self._as_now(q, wanted)] if wanted else kept)
 
     def _nearest(self, q: Array, start: Array, held: Held, kept: Sequence[Target]) -> Array:
         """Return the configuration nearest to the start, from q on, that keeps targets met."""
@@ -177,26 +190,6 @@ class Solver(Constrained):
             return q
         found, _, _ = Descent(self, kept, [Unmoved(start=start)]).run(q, held)
         return found
-
-    def _same_sum(self, q: Array, held: Held, descent: Descent) -> list[Target] | None:
-        """Return what keeps the residuals' sum of squares, where a descent has ended.
-
-        None where that leaves the same motions as to keep the residuals themselves.
-        """
-        kept, wanted = descent.kept, descent.wanted
-        least_push = TOLERANCES.nothing * self._missed(q, wanted)
-        pushed = [limit for v, limit in held.items() if descent.push(q, held, v) > least_push]
-        free = self.stops.free({limit.v: limit for limit in pushed})
-        least = LeastSquares(self, kept, wanted, free)
-        sizes, ways = least.curved(q)
-        unchanged = self.motions(q, free, [*kept, *self._as_now(q, wanted)])
-        n = len(self.motions(q, free, kept))
-        if len(unchanged) == n - len(sizes) and (
-                np.abs(ways @ unchanged.T).max(initial=0.0) < TOLERANCES.half_precision):
-            return None
-        stops = [CoordinateValue(name=limit.name, value=limit.value) for limit in pushed]
-        curved = [Stationary(name="", sum=least, sizes=sizes, ways=ways)] if len(sizes) else []
-        return [*kept, *stops, *curved]
 
     def _missed(self, q: Array, wanted: Sequence[Target]) -> float:
         """Return the length of residuals."""

@@ -204,20 +204,10 @@ def _upright(chain: Chain, leaning: Array, first: int) -> int:
 # ---------------------------------------------------------------- the copy
 
 
-class Copy(NamedTuple):
-    """A state of a mechanism with target coordinates, behind those that it has.
-
-    Attributes:
-        state: closed.
-        names: of the target coordinates.
-    """
-
-    state: State
-    names: list[str]
-
-
-def copy_at(state: State, chains: list[Chain], stretch: ChainSegment) -> Copy:
-    """Return the copy of a mechanism in which targets are coordinates.
+def copy_at(
+    state: State, chains: list[Chain], stretch: ChainSegment
+) -> tuple[State, list[str]]:
+    """Return the closed state of a copy in which targets are coordinates, and these by name.
 
     Args:
         state: at the first sample of the stretch.
@@ -247,7 +237,7 @@ def copy_at(state: State, chains: list[Chain], stretch: ChainSegment) -> Copy:
         (*mechanism.closures, *closures), springs=mechanism.springs, passives=mechanism.passives)
     # lengths are divided as in the mechanism
     vars(copy)["extent"] = mechanism.extent
-    return Copy(_closed(copy, state, names, stretch.course.value[0]), names)
+    return _closed(copy, state, names, stretch.course.value[0]), names
 
 
 def _output_closure(

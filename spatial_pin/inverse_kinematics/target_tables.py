@@ -164,7 +164,8 @@ def _repeated(table: TargetTable, n: int) -> TargetTable:
 
 def _table(mechanism: Mechanism, name: str, given: Any) -> TargetTable:
     what = f"target {name!r}"
-    placements = [given] if isinstance(given, pin.SE3) else _objects(given)
+    is_list = np.iterable(given) and not isinstance(given, np.ndarray | str | bytes)
+    placements = [given] if isinstance(given, pin.SE3) else list(given) if is_list else []
     if placements and all(isinstance(x, pin.SE3) for x in placements):
         mechanism.frame_id(name)
         full = finite_array([x.homogeneous for x in placements], (len(placements), 4, 4), what)
@@ -203,12 +204,6 @@ def _of_output(
     if isinstance(first, Position):  # of a frame's origin, by its full name
         return TargetTable(first.name, full)
     return TargetTable(name, values=full, first=first)
-
-
-def _objects(given: Any) -> list[Any]:
-    """Return what a list, or the like, consists of; nothing if it is an array or a word."""
-    is_list = np.iterable(given) and not isinstance(given, np.ndarray | str | bytes)
-    return list(given) if is_list else []
 
 
 def _is_point(mechanism: Mechanism, name: str) -> bool:

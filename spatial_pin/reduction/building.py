@@ -18,7 +18,6 @@ from spatial_pin.mechanism.mechanism import Mechanism, point_on_body, rigid_dist
 from spatial_pin.mechanism.named_frames import add_frames
 from spatial_pin.mechanism.pairs import PAIRS, Z, closure_geometry
 from spatial_pin.mechanism.parts import Closure, Passive
-from spatial_pin.numerics.linalg import Array
 from spatial_pin.reduction.reduced_model import ReducedModel
 from spatial_pin.reduction.relations import BodyFrame, Relation, WeldedBodies
 
@@ -66,19 +65,14 @@ class ReducedTree:
             joint, placement = full.frame_on_joint(name)
             is_main = joint in there - met and placement.isIdentity(0.0)
             met.update({joint} if is_main else ())
-            if is_main or name in weighed or name in links:
-                self._add_link(name, is_main and joint in self._place_of)
+            if is_main and joint in self._place_of:
+                self._add_body(name, self.bodies.frame(name)[0], pin.SE3.Identity(), "")
+            elif is_main or name in weighed or name in links:
+                frames = full.model.frames
+                above = frames[frames[full.frame_id(name)].parentFrame].name
+                self._add_body(name, *self.bodies.frame(name), above)
         for name in weighed:
             self._weigh(name, full.inertias[name])
-
-    def _add_link(self, name: str, is_main: bool) -> None:
-        joint, placement = self.bodies.frame(name)
-        if is_main:
-            self._add_body(name, joint, pin.SE3.Identity(), "")
-        else:
-            frames = self.full.model.frames
-            above = frames[frames[self.full.frame_id(name)].parentFrame].name
-            self._add_body(name, joint, placement, above)
 
     def add(self, wanted: str, place: BodyFrame, mass: float = 0.0) -> str:
         """Put a new link on a body, with a point mass if there is one; return its name."""
@@ -111,19 +105,17 @@ class ReducedTree:
         full, none = self.full, pin.GeometryModel()
         kept = {name: full.frames[name] for name in full.frames if name in set(frames)}
         add_frames(self.model, kept, full.name)
+        slip_speeds = full.slip_speeds
+        if slip_speeds.size:
+            own = [np.arange(full.model.idx_vs[i], full.model.idx_vs[i] + full.model.nvs[i])
+                   for i in self._place_of if i]
+            slip_speeds = slip_speeds[np.concatenate([[], *own]).astype(int)]
         pairs = tuple(full.pairs[i - 1] for i in self._place_of if i)
         made = Mechanism(full.name, self.model, none, none, pairs, title=full.title,
                          source=full.source, inertias=self.inertias, frames=kept,
-                         slip_speeds=self._slip_speeds(), **parts)
+                         slip_speeds=slip_speeds, **parts)
         check_mechanism(made, f"{full.name} (reduced)")
         return made.with_fields(urdf=urdf_of(made, Completed(self.model).bodies()))
-
-    def _slip_speeds(self) -> Array:
-        full = self.full
-        own = [np.arange(full.model.idx_vs[i], full.model.idx_vs[i] + full.model.nvs[i])
-               for i in self._place_of if i]
-        return full.slip_speeds[np.concatenate([[], *own]).astype(int)] if (
-            full.slip_speeds.size) else full.slip_speeds
 
 
 def built(model: ReducedModel) -> Mechanism:
@@ -150,8 +142,20 @@ def built(model: ReducedModel) -> Mechanism:
 
 
 def _closures(model: ReducedModel, tree: ReducedTree) -> Iterator[Closure]:
-    """Yield the closures that are kept, and those that stand for links."""
-    made = [_turned(model, _with_length(model, c), tree) for c in model.closures]
+    """Yield the closures that are kept, and those that stand for links.
+
+    A distance becomes a plain one if a pair of its frames moves as one body by now.
+    """
+    made = []
+    for closure in model.closures:
+        pairs = [closure.frames, closure.between] if closure.between else []
+        for rigid, other in zip(pairs, pairs[::-1], strict=True):
+            length = rigid_distance(*map(model.bodies.frame, rigid))
+            if length is not None:
+                geometry = closure_geometry(closure.pair, length=length)
+                closure = replace(closure, frames=other, between=(), geometry=geometry)
+                break
+        made.append(_turned(model, closure, tree))
     made += [_closure(name, relation, tree) for name, relation in model.relations]
     for closure in made:
         needed = model.equations.get(closure.name, closure.equations)
@@ -178,17 +182,6 @@ def _carrier(model: ReducedModel, name: str) -> str:
     joint, placement = model.full.frame_on_joint(name)
     return next(n for n in model.full.links if model.full.frame_on_joint(n)[0] == joint
                 and model.full.frame_on_joint(n)[1] == placement)
-
-
-def _with_length(model: ReducedModel, closure: Closure) -> Closure:
-    """Return a distance as a plain one if a pair of its frames moves as one body by now."""
-    pairs = [closure.frames, closure.between] if closure.between else []
-    for rigid, other in zip(pairs, pairs[::-1], strict=True):
-        length = rigid_distance(*map(model.bodies.frame, rigid))
-        if length is not None:
-            return replace(closure, frames=other, between=(),
-                           geometry=closure_geometry(closure.pair, length=length))
-    return closure
 
 
 def _turned(model: ReducedModel, closure: Closure, tree: ReducedTree) -> Closure:

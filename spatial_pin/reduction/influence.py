@@ -56,43 +56,30 @@ class RequestedOutputs(NamedTuple):
 
 
 def asked_of(mechanism: Mechanism, outputs: Iterable[str], dynamics: bool) -> RequestedOutputs:
-    """Resolve names of coordinates, joints, drivers, links and frames, or outputs.
-
-    Args:
-        mechanism: the mechanism.
-        outputs: the names.
-        dynamics: whether what has mass is kept.
+    """Return what names of coordinates, joints, drivers, links and frames, or outputs, ask for.
 
     Raises:
         UnknownNameError: a name is none of these.
-        SpatialPinError: it is a force that a smaller model does not tell.
+        SpatialPinError: it is a force that a smaller model does not tell, or what has mass is not
+            kept (`dynamics`).
     """
     found = RequestedOutputs((), (), ())
     for name in outputs:
         if is_force(name):
-            name = _with_effort(mechanism, name, dynamics)
+            force, (name, _, kind) = name, name.rpartition(".")
+            if kind not in ("effort", "power"):
+                raise SpatialPinError(
+                    f"mechanism {mechanism.name!r}: {force}: a smaller model has other pairs, "
+                    "whose reactions are others: sp.kinetostatics of the whole mechanism gives "
+                    "this")
+            if not dynamics:
+                raise SpatialPinError(
+                    f"mechanism {mechanism.name!r}: {force} depends on masses: reduce with "
+                    "dynamics=True, which keeps what has mass")
         coordinates, frames, centres = _named(mechanism, name)
         found = RequestedOutputs(found.coordinates + coordinates, found.frames + frames,
-                      found.centres + centres)
+                                 found.centres + centres)
     return RequestedOutputs(*(tuple(dict.fromkeys(names)) for names in found))
-
-
-def _with_effort(mechanism: Mechanism, force: str, dynamics: bool) -> str:
-    """Return what has the effort or power that is asked for.
-
-    Raises:
-        SpatialPinError: it is another force, or what has mass is not kept.
-    """
-    name, _, kind = force.rpartition(".")
-    if kind not in ("effort", "power"):
-        raise SpatialPinError(
-            f"mechanism {mechanism.name!r}: {force}: a smaller model has other pairs, whose "
-            "reactions are others: sp.kinetostatics of the whole mechanism gives this")
-    if not dynamics:
-        raise SpatialPinError(
-            f"mechanism {mechanism.name!r}: {force} depends on masses: reduce with dynamics=True, "
-            "which keeps what has mass")
-    return name
 
 
 def _named(mechanism: Mechanism, name: str) -> RequestedOutputs:
@@ -127,7 +114,7 @@ def _named(mechanism: Mechanism, name: str) -> RequestedOutputs:
                            f"mechanism {mechanism.name!r}: ")
 
 
-class KeptParts(NamedTuple):
+class NeededParts(NamedTuple):
     """What a set of closures needs of the tree.
 
     Attributes:
@@ -210,7 +197,7 @@ class OutputInfluence:
         if not found:
             yield state.q
 
-    def kept(self, closures: Iterable[int]) -> KeptParts:
+    def kept(self, closures: Iterable[int]) -> NeededParts:
         """Return the joints that matter when only these closures are kept."""
         chosen = tuple(closures)
         model = self.mechanism.model
@@ -226,9 +213,9 @@ class OutputInfluence:
             carried.update(self.mechanism.frame_on_joint(f)[0]
                            for f in (*closure.frames, *closure.between))
         carriers = {int(j) for i in carried for j in model.supports[i]}
-        return KeptParts(chosen, frozenset(moving), frozenset(carriers - moving - {0}))
+        return NeededParts(chosen, frozenset(moving), frozenset(carriers - moving - {0}))
 
-    def is_enough(self, kept: KeptParts) -> bool:
+    def is_enough(self, kept: NeededParts) -> bool:
         """Whether the closures left out constrain none of the joints kept."""
         columns = sorted(v for i in kept.moving for v in self.columns[i])
         rows = [r for k in kept.closures for r in self._rows[k]]
@@ -237,12 +224,22 @@ class OutputInfluence:
             == len(columns) - rank(jacobian[rows][:, columns])
             for motions, jacobian in zip(self.motions, self._jacobians, strict=True))
 
-    def least(self) -> KeptParts:
-        """Return the least that is enough: the fewest coordinates, then the fewest closures."""
+    def least(self) -> NeededParts:
+        """Return the least that is enough: the fewest coordinates, then the fewest closures.
+
+        Of many closures some are left out one by one, or two by two, as long as that is possible.
+        """
         count = len(self.mechanism.closures)
-        if count > ALL_SUBSETS:
-            return self._greedy()
         best = self.kept(range(count))
+        if count > ALL_SUBSETS:
+            sizes = (1, 2) if count <= PAIRS_OF_CLOSURES else (1,)
+            while True:
+                smaller = (self.kept(k for k in best.closures if k not in out)
+                           for size in sizes for out in combinations(best.closures, size))
+                found = next(filter(self.is_enough, smaller), None)
+                if found is None:
+                    return best
+                best = found
         size = self._size(best)
         for n in range(count):
             for chosen in combinations(range(count), n):
@@ -251,20 +248,8 @@ class OutputInfluence:
                     best, size = kept, self._size(kept)
         return best
 
-    def _size(self, kept: KeptParts) -> tuple[int, int]:
+    def _size(self, kept: NeededParts) -> tuple[int, int]:
         return sum(len(self.columns[i]) for i in kept.moving), len(kept.closures)
-
-    def _greedy(self) -> KeptParts:
-        """Leave out closures one by one, or two by two, as long as that is possible."""
-        best = self.kept(range(len(self.mechanism.closures)))
-        sizes = (1, 2) if len(best.closures) <= PAIRS_OF_CLOSURES else (1,)
-        while True:
-            smaller = (self.kept(k for k in best.closures if k not in out)
-                       for size in sizes for out in combinations(best.closures, size))
-            found = next(filter(self.is_enough, smaller), None)
-            if found is None:
-                return best
-            best = found
 
 
 def joints_of(mechanism: Mechanism, closure: Closure) -> set[int]:

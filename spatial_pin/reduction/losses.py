@@ -108,34 +108,27 @@ def omissions(model: ReducedModel, locked: frozenset[int]) -> Iterator[Omission]
             yield Omission("inertia", "", f"of {len(heavy)} links: motion alone is asked for")
         for spring in full.springs:
             yield Omission("spring", spring.name, "motion alone is asked for")
-    yield from _lost_loops(model)
-    yield from _lost_joints(model, locked)
+    yield from _lost_parts(model, locked)
     yield from (Omission(*note) for note in model.notes)
-    yield from _lost_limits(model, locked)
+    gone = dict.fromkeys(
+        x.name for x in joint_limits(full)
+        if full.joint_id(full.coordinate(x.name).joint) not in model.moving | locked)
+    if gone:
+        yield Omission("joint limits", "", f"of {', '.join(gone)}: where one is passed, the full "
+                                           "mechanism says so and this one does not")
     for passive in full.passives:
         if not model.keeps_spin(passive):
             yield Omission("passive freedom", passive.name, f"of {passive.body}, which is left out")
 
 
-def _lost_loops(model: ReducedModel) -> Iterator[Omission]:
+def _lost_parts(model: ReducedModel, locked: frozenset[int]) -> Iterator[Omission]:
+    """Yield the loops, then the joints, that were left out."""
     for k, closure in enumerate(model.full.closures):
         if k not in model.kept.closures:
             yield Omission("loop", closure.name, (
                 "no output depends on it (at "
                 f"{len(model.influence.configurations)} generic configurations); where it "
                 "cannot close, the full mechanism stops and this one does not"))
-
-
-def _lost_limits(model: ReducedModel, locked: frozenset[int]) -> Iterator[Omission]:
-    full, still = model.full, model.moving | locked
-    gone = dict.fromkeys(x.name for x in joint_limits(full)
-                         if full.joint_id(full.coordinate(x.name).joint) not in still)
-    if gone:
-        yield Omission("joint limits", "", f"of {', '.join(gone)}: where one is passed, the full "
-                                           "mechanism says so and this one does not")
-
-
-def _lost_joints(model: ReducedModel, locked: frozenset[int]) -> Iterator[Omission]:
     names = model.full.model.names
     for i in sorted(locked):
         yield Omission("joint", names[i], "locked: welded")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -170,13 +170,6 @@ class Reduced(Mechanism):
         return "\n".join([*lines, *(f"  left out: {x}" for x in self.left_out)])
 
 
-class _Locks(NamedTuple):
-    """Joints that do not move: their coordinates' values, and the couplings that fall away."""
-
-    values: dict[str, float]
-    joints: frozenset[int]
-
-
 @checked
 def reduce(
     mechanism: Mechanism,
@@ -240,12 +233,12 @@ def reduce(
     asked = asked_of(mechanism, names, dynamics)
     for name in asked.frames:
         mechanism.placed(name)
-    state, locks = _locked(mechanism, lock, guess)
+    state, welds, locked = _locked(mechanism, lock, guess)
     for name in asked.coordinates:
-        if name in locks.values:
+        if name in welds:
             raise SpatialPinError(f"mechanism {mechanism.name!r}: output {name!r} is locked")
-    influence = OutputInfluence(mechanism, state, locks.joints,
-                          _needed(mechanism, asked, locks, dynamics),
+    influence = OutputInfluence(mechanism, state, locked,
+                          _needed(mechanism, asked, welds, dynamics),
                           _bodies(mechanism, asked, dynamics))
     kept = influence.least()
     for simplest in (True, False):
@@ -262,9 +255,9 @@ def reduce(
                               "moves as it does at the configurations tried")
     parts = {f.name: getattr(made, f.name) for f in fields(Mechanism)}
     parts["guess"] = _coordinates(made, state)
-    return Reduced(**parts, full=mechanism, outputs=names, welds=locks.values,
+    return Reduced(**parts, full=mechanism, outputs=names, welds=welds,
                    dynamics=dynamics,
-                   left_out=tuple(omissions(model, locks.joints)))
+                   left_out=tuple(omissions(model, locked)))
 
 
 # ---------------------------------------------------------------- states, and what is needed
@@ -305,8 +298,8 @@ def carried_over(reduced: Mechanism, state: State) -> State:
 def _locked(
     mechanism: Mechanism, lock: Mapping[str, float] | Iterable[str],
     guess: Mapping[str, Any] | State | Array | None,
-) -> tuple[State, _Locks]:
-    """Return the assembled state, and the joints locked there."""
+) -> tuple[State, dict[str, float], frozenset[int]]:
+    """Return the assembled state, values of coordinates locked there, and their joints."""
     if isinstance(lock, Mapping):
         values = joint_values(mechanism, lock)
     else:
@@ -335,18 +328,18 @@ def _locked(
                 f"coordinates of {joint!r} ({', '.join(missing)} too)")
         joints.add(mechanism.joint_id(joint))
     state = assembled(mechanism, values, guess)
-    return state, _Locks(values, frozenset(joints))
+    return state, values, frozenset(joints)
 
 
 def _needed(
-    mechanism: Mechanism, asked: RequestedOutputs, locks: _Locks, dynamics: bool
+    mechanism: Mechanism, asked: RequestedOutputs, welds: Mapping[str, float], dynamics: bool
 ) -> set[int]:
     """Return the joints whose coordinates are asked for, driven, or sprung."""
     names = [*asked.coordinates, *(d.joint for d in mechanism.drivers.values())]
     if dynamics:
         names += [s.joint for s in mechanism.springs if s.joint is not None]
     return {mechanism.joint_id(c.joint) for c in map(mechanism.coordinate, names)
-            if c.name not in locks.values}
+            if c.name not in welds}
 
 
 def _bodies(mechanism: Mechanism, asked: RequestedOutputs, dynamics: bool) -> set[int]:

@@ -8,7 +8,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure, Passive
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.reduction.influence import KeptParts, OutputInfluence, RequestedOutputs
+from spatial_pin.reduction.influence import NeededParts, OutputInfluence, RequestedOutputs
 from spatial_pin.reduction.relations import (
     BodyFrame,
     Relation,
@@ -33,15 +33,20 @@ class ReducedModel:
         lump: replace massive rods too.
     """
 
-    def __init__(self, mechanism: Mechanism, q: Array, kept: KeptParts, influence: OutputInfluence,
-                 asked: RequestedOutputs, *, dynamics: bool, lump: bool) -> None:
+    def __init__(
+        self, mechanism: Mechanism, q: Array, kept: NeededParts, influence: OutputInfluence,
+        asked: RequestedOutputs, *, dynamics: bool, lump: bool,
+    ) -> None:
         self.full, self.q, self.kept, self.influence = mechanism, q, kept, influence
         self.asked, self.dynamics, self.lump = asked, dynamics, lump
         self.moving, self.welded = set(kept.moving), set(kept.welded)
         self.lengthening: set[int] = set()  # joints that only make a distance longer
         self.bodies = WeldedBodies(mechanism, q, kept.welded)
-        self.closures: list[Closure] = [mechanism.closures[k] for k in kept.closures
-                                        if not self._is_locked(mechanism.closures[k])]
+        self.closures: list[Closure] = []
+        for closure in (mechanism.closures[k] for k in kept.closures):
+            coupled = {mechanism.joint_id(mechanism.coordinate(n).joint) for n in closure.joints}
+            if closure.type != COUPLING or coupled & self.moving:  # else it is locked
+                self.closures.append(closure)
         self.relations: list[tuple[str, Relation]] = []
         self.masses: list[tuple[str, BodyFrame, float]] = []
         self.turns: dict[str, Array] = {}  # of closures' axes
@@ -51,11 +56,6 @@ class ReducedModel:
         for i in self.moving:
             free[influence.columns[i]] = 1.0
         self.around = Surroundings(mechanism, open_configurations(mechanism, q, free))
-
-    def _is_locked(self, closure: Closure) -> bool:
-        return closure.type == COUPLING and not {
-            self.full.joint_id(self.full.coordinate(n).joint) for n in closure.joints
-        } & self.moving
 
     def closures_on(self, joints: tuple[int, ...]) -> tuple[Closure, ...]:
         """Return the closures with a frame on the bodies of these joints, which move them.

@@ -249,16 +249,9 @@ def _ball_planar(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:
 
 
 def _revolutes(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:
-    cosine = float(a.own_axis @ b.own_axis)
-    if np.linalg.norm(np.cross(a.own_axis, b.own_axis)) <= TOLERANCES.tight:
-        return _parallel_revolutes(a, b, np.sign(cosine), around)
-    return _meeting_revolutes(a, b, around)
-
-
-def _parallel_revolutes(
-    a: Pin, b: Pin, sense: float, around: Surroundings
-) -> list[Relation] | None:
-    if not around.keep_plane(a, b, a.axis, sense * b.axis):
+    if np.linalg.norm(np.cross(a.own_axis, b.own_axis)) > TOLERANCES.tight:
+        return _meeting_revolutes(a, b, around)
+    if not around.keep_plane(a, b, a.axis, np.sign(float(a.own_axis @ b.own_axis)) * b.axis):
         return None
     d = b.own_centre - a.own_centre
     along = float(d @ b.own_axis)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -31,30 +30,30 @@ from spatial_pin.reduction.relations import (
 
 
 def drop_equations(model: ReducedModel) -> None:
-    """Leave out equations whose derivative is zero wherever the joints are put."""
+    """Leave out equations whose derivative is zero wherever the joints are put.
+
+    Axes of closures are turned so that as many as can be go.
+    """
     made = built(model)
-    slopes = _slopes(made)
+    every = _slopes(made)
     for closure in made.closures:
-        if closure.type != COUPLING and closure.equations is None:
-            _drop_of(model, closure, slopes[closure.name])
-
-
-def _drop_of(model: ReducedModel, closure: Closure, slopes: Array) -> None:
-    """Leave out equations of one closure, its axes turned so that as many as can be go."""
-    turn = _turn(closure, slopes)
-    if turn is not None:
-        model.turns[closure.name] = turn
-        slopes = _slopes(built(model))[closure.name]
-    needed = tuple(np.flatnonzero(np.abs(slopes).max(axis=1) > TOLERANCES.tight).tolist())
-    if len(needed) == len(slopes):
-        model.turns.pop(closure.name, None)
-        return
-    model.equations[closure.name] = needed
-    gone = len(slopes) - len(needed)
-    model.notes.append((
-        "equations", closure.name,
-        f"{gone} of {len(slopes)} hold wherever its joints stand"
-        + "; nothing is left of it" * (not needed)))
+        if closure.type == COUPLING or closure.equations is not None:
+            continue
+        slopes = every[closure.name]
+        turn = _turn(closure, slopes)
+        if turn is not None:
+            model.turns[closure.name] = turn
+            slopes = _slopes(built(model))[closure.name]
+        needed = tuple(np.flatnonzero(np.abs(slopes).max(axis=1) > TOLERANCES.tight).tolist())
+        if len(needed) == len(slopes):
+            model.turns.pop(closure.name, None)
+            continue
+        model.equations[closure.name] = needed
+        gone = len(slopes) - len(needed)
+        model.notes.append((
+            "equations", closure.name,
+            f"{gone} of {len(slopes)} hold wherever its joints stand"
+            + "; nothing is left of it" * (not needed)))
 
 
 def _slopes(made: Mechanism) -> dict[str, Array]:
@@ -86,21 +85,11 @@ def _turn(closure: Closure, slopes: Array) -> NDArray[np.float64] | None:
     return np.column_stack([x, np.cross(n, x), n])
 
 
-class Leg(NamedTuple):
-    """A leg and what it stands for.
-
-    Attributes:
-        joints: from the one that it hangs on to that of its last body; all but the first stay.
-        closures: those by which it is closed: to another body, and to the body that it hangs on
-            where its first joint is a floating one.
-        pins: the pairs at its two ends, both as seen from its first link.
-        made: closures instead of these pairs.
-    """
-
-    joints: tuple[int, ...]
-    closures: tuple[Closure, ...]
-    pins: tuple[Pin, Pin]
-    made: list[Relation]
+# A leg's joints, from the one that it hangs on to that of its last body: all but the first stay;
+# the closures by which it is closed, to another body and, where its first joint is a floating one,
+# to the body that it hangs on; the pairs at its two ends, both as seen from its first link; and the
+# closures instead of these pairs.
+Leg = tuple[tuple[int, ...], tuple[Closure, ...], tuple[Pin, Pin], list[Relation]]
 
 
 def leg_of(model: ReducedModel, closure: Closure) -> Leg | None:
@@ -136,7 +125,7 @@ def _leg(model: ReducedModel, closure: Closure, joints: tuple[int, ...]) -> Leg 
     made = _relation(a, b, (first, last), model.around)
     if made is None:
         return None
-    return Leg(joints, own, (a, b.seen_from(model.around.placements(first, last)[0])), made)
+    return joints, own, (a, b.seen_from(model.around.placements(first, last)[0])), made
 
 
 def _relation(
@@ -160,8 +149,13 @@ def _relation(
         return None
     made: list[Relation] = []
     for same in zip(*(t for t in tries if t is not None), strict=True):
-        if any(not _is_alike(same[0], other, around.length) for other in same):
-            return None
+        for other in same:  # they may differ in nothing but their lengths
+            if other.type != same[0].type or any(
+                    p.body != o.body
+                    or not np.abs(p.origin - o.origin).max() <= TOLERANCES.tight * around.length
+                    or not np.abs(p.z - o.z).max() <= TOLERANCES.tight
+                    for p, o in zip(same[0].places, other.places, strict=True)):
+                return None
         lengths = [r.length for r in same]
         if max(lengths) - min(lengths) <= TOLERANCES.tight * around.length:
             made.append(same[0])
@@ -173,14 +167,6 @@ def _relation(
                 return None
         made.append(same[0]._replace(between=between[0]))
     return made if any(r.between for r in made) else None
-
-
-def _is_alike(one: Relation, other: Relation, length: float) -> bool:
-    """Whether two relations differ in nothing but their lengths."""
-    return one.type == other.type and all(
-        p.body == o.body and np.abs(p.origin - o.origin).max() <= TOLERANCES.tight * length
-        and np.abs(p.z - o.z).max() <= TOLERANCES.tight
-        for p, o in zip(one.places, other.places, strict=True))
 
 
 def _ends(
@@ -284,14 +270,17 @@ def _replace_link(model: ReducedModel, i: int) -> bool:
 def _replace_leg(model: ReducedModel, closure: Closure) -> bool:
     """Replace the leg that a closure ends, if it stands for a distance of variable length."""
     leg = leg_of(model, closure)
-    if leg is None or (model.dynamics and not all(is_massless(model, i) for i in leg.joints)):
+    if leg is None:
         return False
-    _record(model, "leg", leg.joints[0], leg.pins, leg.closures, leg.made, leg.joints[1:])
-    model.moving.remove(leg.joints[0])
-    model.welded.add(leg.joints[0])
-    model.lengthening.update(leg.joints)
+    joints, closures, pins, made = leg
+    if model.dynamics and not all(is_massless(model, i) for i in joints):
+        return False
+    _record(model, "leg", joints[0], pins, closures, made, joints[1:])
+    model.moving.remove(joints[0])
+    model.welded.add(joints[0])
+    model.lengthening.update(joints)
     model.bodies = WeldedBodies(model.full, model.q, frozenset(model.welded))
-    model.closures = [c for c in model.closures if c not in leg.closures]
+    model.closures = [c for c in model.closures if c not in closures]
     return True
 
 
@@ -301,16 +290,6 @@ def _record(
 ) -> None:
     """Take note of a link or leg, hung on a joint, that is replaced by relations."""
     link, names = model.link(joint), model.full.model.names
-    _relate(model, link, made)
-    others = " and ".join(repr(names[i]) for i in inner)
-    said = " and ".join(_words(one, others, len(inner)) for one in made)
-    closed = " and ".join(repr(c.name) for c in own)
-    model.notes.append((what, link, (
-        f"its pairs ({pins[0].kind} and {pins[1].kind}; joint {names[joint]!r}, closure "
-        f"{closed}) stand for one relation: {said}{reach(*pins)}")))
-
-
-def _relate(model: ReducedModel, link: str, made: list[Relation]) -> None:
     taken = {c.name for c in model.closures} | {n for n, _ in model.relations}
     for k, one in enumerate(made):
         name = link if not k else f"{link}_{one.type}"
@@ -318,6 +297,12 @@ def _relate(model: ReducedModel, link: str, made: list[Relation]) -> None:
             name += "_"
         taken.add(name)
         model.relations.append((name, one))
+    others = " and ".join(repr(names[i]) for i in inner)
+    said = " and ".join(_words(one, others, len(inner)) for one in made)
+    closed = " and ".join(repr(c.name) for c in own)
+    model.notes.append((what, link, (
+        f"its pairs ({pins[0].kind} and {pins[1].kind}; joint {names[joint]!r}, closure "
+        f"{closed}) stand for one relation: {said}{reach(*pins)}")))
 
 
 def _words(made: Relation, others: str, count: int) -> str:

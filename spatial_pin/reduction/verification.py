@@ -67,8 +67,7 @@ def verification(
             differences += [_difference(output, name, a, b) for (output, a), (_, b) in zip(
                 *(_outputs(motion, asked, count) for motion in pair), strict=True)]
             if reduced.dynamics:
-                differences += _dynamics(reduced, pair[0], asked)
-                differences += _forces(reduced, pair, count)
+                differences += _dynamics(reduced, pair, asked, count)
     if not differences:
         raise SpatialPinError(f"mechanism {full.name!r}: no sample could be compared")
     return Verification(tuple(differences), rows, float(seconds[0]), float(seconds[1]),
@@ -187,12 +186,14 @@ def _outputs(
             [moving.acceleration[:count] / size, moving.angular_acceleration[:count]])
 
 
-def _dynamics(reduced: Reduced, motion: Motion, asked: RequestedOutputs) -> Iterator[Difference]:
-    """Compare accelerations that follow from forces, gravity and springs alone."""
-    full, size = motion.mechanism, motion.mechanism.characteristic_length
+def _dynamics(
+    reduced: Reduced, pair: Sequence[Motion], asked: RequestedOutputs, count: int
+) -> Iterator[Difference]:
+    """Compare accelerations that follow from forces alone, and efforts and powers asked for."""
+    full, size = pair[0].mechanism, pair[0].mechanism.characteristic_length
     worst: dict[str, float] = {}
-    for row in np.linspace(0, len(motion) - 1, DYNAMIC_SAMPLES, dtype=int):
-        states = [motion.state(row)]
+    for row in np.linspace(0, len(pair[0]) - 1, DYNAMIC_SAMPLES, dtype=int):
+        states = [pair[0].state(row)]
         states.append(reduced.state(states[0]))
         found = [forward_dynamics(m, s).state for m, s in zip((full, reduced), states, strict=True)]
         for name in asked.coordinates:
@@ -205,16 +206,13 @@ def _dynamics(reduced: Reduced, motion: Motion, asked: RequestedOutputs) -> Iter
             worst[name] = max(worst.get(name, 0.0), gap)
     for name, gap in worst.items():
         yield Difference(name, "forward dynamics", 0.0, 0.0, gap)
-
-
-def _forces(reduced: Reduced, pair: Sequence[Motion], count: int) -> Iterator[Difference]:
-    """Compare the efforts and powers that are asked for, relative to the largest."""
     names = [name for name in reduced.outputs if is_force(name)]
     loads = [kinetostatics(motion.mechanism, motion) for motion in pair] if names else []
     for name in names:
-        a, b = (found.output(name).values[:count] for found in loads)
-        size = max(float(np.abs(a).max()), np.finfo(float).tiny)
-        yield Difference(name, "kinetostatics", 0.0, 0.0, float(np.abs(a - b).max()) / size)
+        first, second = (told.output(name).values[:count] for told in loads)
+        largest = max(float(np.abs(first).max()), np.finfo(float).tiny)
+        gap = float(np.abs(first - second).max()) / largest
+        yield Difference(name, "kinetostatics", 0.0, 0.0, gap)
 
 
 def _difference(

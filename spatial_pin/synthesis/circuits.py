@@ -11,7 +11,7 @@ from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.continuation.curve_start import body_places, not_spinning, system_at
-from spatial_pin.continuation.solution_curve import Curve, CurvePoint
+from spatial_pin.continuation.solution_curve import Curve
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Event
 from spatial_pin.motion.trace import trace
@@ -90,8 +90,27 @@ class Circuit:
         for row in self._near(target):
             found = self._ahead(row, target)
             if found is not None:
-                return self._classified(row + found[0] / SAMPLE_STEP, *found[1:])
-        return None
+                break
+        else:
+            return None
+        at, value, slope = row + found[0] / SAMPLE_STEP, *found[1:]
+        mechanism, last = self.motion.mechanism, len(self.motion) - 1
+        size = mechanism.velocity_scale[mechanism.coordinate(self.driver).v]
+        if self.is_closed and at < 0.0:
+            at, value = at + last, value + self.turn
+        crossed, doubtful = 0, 0
+        for event in self.borders:
+            way = np.sign(self.motion.driver_speed[event.row - 1])
+            if not event.row - 1 <= at <= event.row:
+                crossed += at > event.row
+                continue
+            beyond = (-slope if event.kind == "limit" else (value - event.value) / size) * way
+            is_at = abs(beyond) < TOLERANCES.half_precision
+            doubtful += is_at
+            crossed += beyond > 0.0 and not is_at
+        numbers, counted = self._numbered(np.arange(crossed, crossed + doubtful + 1),
+                                          np.full(doubtful + 1, value))
+        return CircuitPlace(float(counted[0]), frozenset(numbers.tolist()))
 
     def rows_of(self, branch: int) -> tuple[NDArray[np.intp], Array]:
         """Return samples of a branch, and the driver's values as they are counted along it."""
@@ -135,7 +154,8 @@ class Circuit:
     def _ahead(self, row: int, target: Array) -> tuple[float, float, float] | None:
         """Return how far ahead of a sample bodies are at placements, and value and slope there.
 
-        None if the curve does not lead there from the sample; the slope is that of the driver.
+        It is where the curve meets the plane through these, normal to how bodies move. None if the
+        curve does not lead there from the sample; the slope is that of the driver.
         """
         mechanism, state = self.motion.mechanism, self.motion.state(row)
         system, near, _ = system_at(mechanism, self.driver, state, BASE)
@@ -144,21 +164,10 @@ class Circuit:
             return None  # a dead centre: its neighbours are as good
         curve = Curve(system, Accuracy.named("engineering").tolerance)
         point = curve.settle(near.q, self.motion.v[row] / system.scale)
-        found = self._onto(curve, point, target) if point is not None else None
-        if point is None or found is None:
-            return None
-        length, q = found
-        size = float(system.scale[system.driven[0].v])
-        return length, curve.value(q), curve.slope(curve.direction(q, point.t)[0]) / size
-
-    def _onto(self, curve: Curve, point: CurvePoint, target: Array) -> tuple[float, Array] | None:
-        """Return how far ahead of a point of the curve bodies are at placements, and q there.
-
-        It is where the curve meets the plane through these, normal to how bodies move.
-        """
         h = TOLERANCES.trial_step * SAMPLE_STEP
-        ends = [end for x in (h, -h) if (end := curve.ahead(point, x)) is not None]
-        if len(ends) < 2:
+        ends = [] if point is None else [
+            end for x in (h, -h) if (end := curve.ahead(point, x)) is not None]
+        if point is None or len(ends) < 2:
             return None
         after, before = (self._at(curve.evaluation, end) for end in ends)
         along = (after - before) / (2.0 * h)
@@ -174,27 +183,8 @@ class Circuit:
             length += change
         if q is None or np.abs(gap).max() > TOLERANCES.half_precision:
             return None
-        return length, q
-
-    def _classified(self, at: float, value: float, slope: float) -> CircuitPlace:
-        """Return the place `at` samples from the beginning, with a driver's value and slope."""
-        last, size = len(self.motion) - 1, self.motion.mechanism.velocity_scale[
-            self.motion.mechanism.coordinate(self.driver).v]
-        if self.is_closed and at < 0.0:
-            at, value = at + last, value + self.turn
-        crossed, doubtful = 0, 0
-        for event in self.borders:
-            way = np.sign(self.motion.driver_speed[event.row - 1])
-            if not event.row - 1 <= at <= event.row:
-                crossed += at > event.row
-                continue
-            beyond = (-slope if event.kind == "limit" else (value - event.value) / size) * way
-            is_at = abs(beyond) < TOLERANCES.half_precision
-            doubtful += is_at
-            crossed += beyond > 0.0 and not is_at
-        numbers, counted = self._numbered(np.arange(crossed, crossed + doubtful + 1),
-                                          np.full(doubtful + 1, value))
-        return CircuitPlace(float(counted[0]), frozenset(numbers.tolist()))
+        size = float(system.scale[system.driven[0].v])
+        return length, curve.value(q), curve.slope(curve.direction(q, point.t)[0]) / size
 
     def _numbered(self, crossed: NDArray[np.intp], values: Array) -> tuple[NDArray[np.intp], Array]:
         """Return numbers of branches from how many borders were crossed, and values along them.

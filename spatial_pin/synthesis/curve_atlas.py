@@ -19,7 +19,8 @@ from spatial_pin.dimensions.dimension_batch import DimensionBatch
 from spatial_pin.numerics.curve_matching import Movable, lengths_along, matches
 from spatial_pin.numerics.linalg import Array, pseudo_inverses
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.synthesis.design_problem import WEIGHTS, DesignProblem, LocalSolution
+from spatial_pin.synthesis.design_problem import DesignProblem, LocalSolution
+from spatial_pin.synthesis.design_space import WEIGHTS
 from spatial_pin.synthesis.inner_problem import GoalStates, InnerProblem, spread
 from spatial_pin.synthesis.precision import PathGoal
 
@@ -81,7 +82,16 @@ class CurveDatabase:
 
     def __init__(self, problem: DesignProblem) -> None:
         self.p = problem
-        self.number, self.goal = _path_of(problem)
+        paths = [(k, s.goal) for k, s in enumerate(problem.settlings)
+                 if isinstance(s.goal, PathGoal) and not s.goal.drivers
+                 and s.goal.count >= LEAST_POINTS]
+        if len(paths) != 1:
+            raise ValueError(
+                f"method 'atlas' is for one path of free timing through {LEAST_POINTS} points or "
+                f"more; there are {len(paths)}: take another method")
+        self.number, self.goal = paths[0]
+        if not np.ptp(self.goal.points, axis=0).any():
+            raise ValueError("method 'atlas' is for a path; its points are all at one place")
         self.curves = CURVES if problem.family.is_traced else LOADED
         mechanism = problem.mechanism
         names = list(mechanism.drivers)
@@ -112,7 +122,7 @@ class CurveDatabase:
         found = matches(self.goal.points, curves, self.goal.closed, movable)
         best = np.argsort(found.misfit, kind="stable")[:MOST_BROUGHT]
         parts = lengths_along(curves)
-        begins = list[AtlasStart]()
+        begins: list[AtlasStart] = []
         for i in best.tolist():
             rows = np.rint(np.interp(found.at[i], parts[i], np.arange(TURN_STEPS + 1.0)))
             own = [samples[int(row)].taken(slice(i, i + 1)) for row in rows]
@@ -222,18 +232,26 @@ class CurveDatabase:
     def _brought(self, alike: AtlasStart, size: float, rotation: Array) -> AtlasStart | None:
         """Return where a curve has been brought to the path; None if bounds do not let it.
 
-        It is moved as a whole, a step at a time, by dimensions that Newton's method finds.
+        It is moved as a whole, a step at a time, by dimensions that Newton's method finds. A
+        drawing that may stand anywhere, or have any size, is put where the curve is itself.
 
         Args:
             alike: a curve of which a part looks like the path.
             size: by which it is to grow.
             rotation: (3, 3) by which it is to turn.
         """
-        p, goal = self.p, self.goal
-        x, size, turn, away = self._drawn_there(alike, size, rotation)
-        timed = self._driven(goal.points, alike.samples.q[:, self._driver.q])
+        p, goal, x = self.p, self.goal, alike.x.copy()
+        size, turn = max(size, LEAST_SIZE), pin.log3(rotation)
         own = self._points(self._same(x, goal.count), alike.samples)
-        there = own.mean(axis=0)
+        there, numbers = own.mean(axis=0), np.zeros(len(goal.own_names))
+        away = there - goal.points.mean(axis=0)
+        if goal.placement:
+            numbers[:3], numbers[3:6] = away / p.mechanism.characteristic_length, -turn
+            turn, away = np.zeros(3), np.zeros(3)
+        if goal.scale:
+            numbers[-1], size = -np.log(size), 1.0
+        x[self._own] = numbers
+        timed = self._driven(goal.points, alike.samples.q[:, self._driver.q])
         width = float(np.abs(own - there).max()) * max(size, 1.0)
         steps = max(abs(np.log(size)) / np.log(SIZE_STEP), float(np.linalg.norm(turn)) / WAY_STEP,
                     float(np.abs(away).max()) / width)
@@ -269,41 +287,3 @@ class CurveDatabase:
             near[self.number] = begin.samples
         found = self.p.solve_from(begin.x, near, WEIGHTS[1:])
         return replace(found, evaluations=found.evaluations + begin.tried)
-
-    def _drawn_there(
-        self, alike: AtlasStart, size: float, rotation: Array
-    ) -> tuple[Array, float, Array, Array]:
-        """Return numbers with the drawing where a curve is, and what is left to bring that to it.
-
-        A drawing that may stand anywhere, or have any size, is put there itself.
-
-        Returns:
-            Numbers; size and rotation vector of the drawing relative to the curve, and the shift
-            of the curve from it.
-        """
-        goal, x = self.goal, alike.x.copy()
-        size, turn = max(size, LEAST_SIZE), pin.log3(rotation)
-        away = self._points(self._same(x, goal.count), alike.samples).mean(
-            axis=0) - goal.points.mean(axis=0)
-        own = np.zeros(len(goal.own_names))
-        if goal.placement:
-            own[:3], own[3:6] = away / self.p.mechanism.characteristic_length, -turn
-            turn, away = np.zeros(3), np.zeros(3)
-        if goal.scale:
-            own[-1], size = -np.log(size), 1.0
-        x[self._own] = own
-        return x, size, turn, away
-
-
-def _path_of(problem: DesignProblem) -> tuple[int, PathGoal]:
-    """Return the number of the only path of free timing among goals of precision, and it."""
-    found = [(k, s.goal) for k, s in enumerate(problem.settlings)
-             if isinstance(s.goal, PathGoal) and not s.goal.drivers
-             and s.goal.count >= LEAST_POINTS]
-    if len(found) != 1:
-        raise ValueError(
-            f"method 'atlas' is for one path of free timing through {LEAST_POINTS} points or more; "
-            f"there are {len(found)}: take another method")
-    if not np.ptp(found[0][1].points, axis=0).any():
-        raise ValueError("method 'atlas' is for a path; its points are all at one place")
-    return found[0]

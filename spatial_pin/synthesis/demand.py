@@ -142,7 +142,12 @@ def _peak(
     with suppress(SpatialPinError, ValueError):  # it is flat there
         near = motion.swept[best - 1 : best + 2]
         top = smooth_peak(near, found[best - 1 : best + 2], at)
-        return max(highest, _any_peak(near, at) if top is None else top)
+        if top is None:  # it may be sharp
+            from scipy.optimize import minimize_scalar  # on use: it takes a quarter of a second
+
+            top = -float(minimize_scalar(lambda value: -float(at(np.array([value]))[0]),
+                                         bracket=tuple(near.tolist()), tol=PEAK).fun)
+        return max(highest, top)
     return highest
 
 
@@ -179,12 +184,3 @@ def _top(x: Array, y: Array) -> tuple[float, float, float]:
     if not bend < 0.0:
         return np.nan, np.nan, bend
     return float(x[1]) - 0.5 * slope / bend, float(y[1]) - 0.25 * slope * slope / bend, bend
-
-
-def _any_peak(x: Array, at: Callable[[Array], Array]) -> float:
-    """Return how high a function is at a peak, which may be sharp, between (3,) places."""
-    from scipy.optimize import minimize_scalar  # on use: it takes a quarter of a second
-
-    found = minimize_scalar(lambda value: -float(at(np.array([value]))[0]),
-                            bracket=tuple(x.tolist()), tol=PEAK)
-    return -float(found.fun)

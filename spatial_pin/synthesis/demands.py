@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
 
 import numpy as np
 import pinocchio as pin
@@ -124,25 +123,6 @@ class DeadCentres(MotionDemand):
 REGULAR = 1e-4
 
 
-def _regularity(motion: Motion) -> Callable[[Motion], Array]:
-    """Return what tells how well loops determine the rest of a mechanism whose drivers stand.
-
-    That is, of samples (n,), the least singular value of as many equations as are independent in
-    the first sample of a motion.
-    """
-    mechanism = motion.mechanism
-    assert motion.driver_name is not None
-    names = {motion.driver_name, *(d.joint for d in mechanism.drivers.values())}
-    held = [mechanism.driven_coordinate(name).v for name in names]
-
-    def left(q: Array) -> Array:
-        with kernel_of(mechanism) as kernel:
-            return np.delete(kernel.jacobians(q), held, axis=2)
-
-    independent = rank(left(motion.q[:1])[0])
-    return lambda some: singular_values(left(some.q))[:, independent - 1]
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FullTurn(MotionDemand):
     """That a driver turns all the way round."""
@@ -161,13 +141,27 @@ class FullTurn(MotionDemand):
             raise ValueError(f"{self.name}: it slides, and cannot turn")
 
     def values(self, candidate: Candidate) -> Array:
-        """See `Demand`: 1 - cos of half the gap in the turn, and nearness of a limit beyond it."""
+        """See `Demand`: 1 - cos of half the gap in the turn, and nearness of a limit beyond it.
+
+        That is the least singular value of as many equations as are independent in the first
+        sample: how well loops determine the rest of a mechanism whose drivers stand.
+        """
         motion, is_turn = self.motion(candidate)
         if not is_turn:
             gap = max(0.0, TURN - float(np.ptp(motion.swept)))
             return (REGULAR + 1.0 - np.cos(0.5 * gap)) * np.eye(PARTS)[0]
-        regularity = _regularity(motion)
-        return self.worst(motion, lambda some: REGULAR - regularity(some) ** 2)
+        mechanism = motion.mechanism
+        assert motion.driver_name is not None
+        names = {motion.driver_name, *(d.joint for d in mechanism.drivers.values())}
+        driven = [mechanism.driven_coordinate(name).v for name in names]
+
+        def rest(q: Array) -> Array:
+            with kernel_of(mechanism) as kernel:
+                return np.delete(kernel.jacobians(q), driven, axis=2)
+
+        independent = rank(rest(motion.q[:1])[0])
+        return self.worst(
+            motion, lambda some: REGULAR - singular_values(rest(some.q))[:, independent - 1] ** 2)
 
     def errors(self, values: Array, mechanism: Mechanism) -> Array:
         """See `Demand`: angles that are missing."""
@@ -227,17 +221,17 @@ class WithinLimits(MotionDemand):
     def values(self, candidate: Candidate) -> Array:
         """See `Demand`: how far joints are beyond each limit, by their own sizes."""
         motion, _ = self.motion(candidate)
-        return np.concatenate([self.worst(motion, partial(_beyond, limit))
+
+        def beyond(limit: JointLimit) -> Callable[[Motion], Array]:
+            return lambda some: -limit.room(some.q) / limit.size
+
+        return np.concatenate([self.worst(motion, beyond(limit))
                                for limit in self._counting(candidate.mechanism)])
 
     def errors(self, values: Array, mechanism: Mechanism) -> Array:
         """See `Demand`."""
         sizes = np.array([limit.size for limit in self._counting(mechanism)])
         return np.maximum(values, 0.0) * np.repeat(sizes, len(values) // len(sizes))
-
-
-def _beyond(limit: JointLimit, motion: Motion) -> Array:
-    return -limit.room(motion.q) / limit.size
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -34,19 +34,23 @@ def refuse_contradictions(mechanism: Mechanism, goals: Sequence[Goal]) -> None:
     Goals of precision do if their drivers have the same values and their targets differ, and two
     swings of one motion. Nothing is said of goals with a weight, and of those whose drawing, zeros
     or drivers are free.
-
-    Raises:
-        ValueError: names the goals and their samples.
     """
-    exact = [goal for goal in goals if isinstance(goal, Precision) and _stands(goal)]
+    exact = [goal for goal in goals if isinstance(goal, Precision) and goal.weight is None
+             and goal.drivers and not goal.own_names and not goal.input_offset]
     for first, second in itertools.combinations_with_replacement(exact, 2):
         for i, j in _pairs(mechanism, first, second):
             raise ValueError(
                 f"goals contradict: {first.name}, sample {i}, and {second.name}, sample {j}, have "
                 "the same drivers and other targets; give one of them a weight, or leave it out")
+
+    def moved(swing: Swing) -> tuple[str, str, list[float] | None]:
+        return (mechanism.driven_coordinate(swing.moved_by(mechanism)).name,
+                mechanism.coordinate(swing.output).name,
+                None if swing.at is None else swing.at.tolist())
+
     swings = [goal for goal in goals if isinstance(goal, Swing) and goal.weight is None]
     for one, other in itertools.combinations(swings, 2):
-        if _of_one_motion(mechanism, one, other) and one.angle != other.angle:
+        if moved(one) == moved(other) and one.angle != other.angle:
             raise ValueError(
                 f"goals contradict: {one.name} is to be {one.angle:g} and {other.angle:g}; give "
                 "one of them a weight, or leave it out")
@@ -85,23 +89,6 @@ def refuse_off_plane(bodies: EvaluatedBatch, goals: Sequence[Goal]) -> None:
                 f"{('at a point', 'on a line', 'in a plane')[svd.rank]}, and sample {worst} is "
                 f"{off[worst]:.3g} m off it; ask for points there, or give the goal a weight or "
                 "a free placement")
-
-
-def _of_one_motion(mechanism: Mechanism, one: Swing, other: Swing) -> bool:
-    """Return whether two swings are those of one output in one motion."""
-    names, outputs = zip(*((mechanism.driven_coordinate(swing.moved_by(mechanism)).name,
-                            mechanism.coordinate(swing.output).name) for swing in (one, other)),
-                         strict=True)
-    if one.at is None or other.at is None:
-        same = one.at is other.at
-    else:
-        same = np.array_equal(one.at, other.at)
-    return names[0] == names[1] and outputs[0] == outputs[1] and same
-
-
-def _stands(goal: Precision) -> bool:
-    free = bool(goal.own_names) or goal.input_offset
-    return goal.weight is None and bool(goal.drivers) and not free
 
 
 def _pairs(mechanism: Mechanism, first: Precision, second: Precision) -> Iterator[tuple[int, int]]:
@@ -211,31 +198,26 @@ def design(
         ()
     """
     needed(mechanism)
-    asked = _asked(goals)
+    wanted = tuple(goals) if isinstance(goals, Iterable) else (goals,)
+    if not wanted:
+        raise ValueError("goals is empty: ask for something of sp.goals")
+    for goal in wanted:
+        if not isinstance(goal, Goal):
+            raise TypeError(f"goals are of sp.goals, as goals.path(...), not {goal!r:.60}")
     bounds = bounds_of(mechanism, dimensions)
     if not bounds:
         raise ValueError("dimensions names none: nothing may change")
     if whole_number(most, "most") < 1:
         raise ValueError(f"most is {most}; it is 1 at least")
     tell_idle(mechanism, bounds)
-    for goal in asked:
+    for goal in wanted:
         goal.check(mechanism)
-    refuse_contradictions(mechanism, asked)
+    refuse_contradictions(mechanism, wanted)
     nominal = assembled(mechanism, {}, guess)
-    spec = ProblemSpec(mechanism.path, mechanism.loading, asked, bounds,
+    spec = ProblemSpec(mechanism.path, mechanism.loading, wanted, bounds,
                        (nominal.q, nominal.angles))
     problem = spec.make()
-    if exact_points(asked):
-        refuse_off_plane(problem.anywhere(), asked)
+    if exact_points(wanted):
+        refuse_off_plane(problem.anywhere(), wanted)
     found = searched(spec, method, starts, seed, executor, progress, resume)
     return unless_cut(designs_of(problem, found, most))
-
-
-def _asked(goals: Any) -> tuple[Goal, ...]:
-    asked = tuple(goals) if isinstance(goals, Iterable) else (goals,)
-    if not asked:
-        raise ValueError("goals is empty: ask for something of sp.goals")
-    for goal in asked:
-        if not isinstance(goal, Goal):
-            raise TypeError(f"goals are of sp.goals, as goals.path(...), not {goal!r:.60}")
-    return asked

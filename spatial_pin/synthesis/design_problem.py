@@ -8,35 +8,25 @@ Lagrangians [Hestenes1969; Powell1969].
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State
-from spatial_pin.dimensions.dimension_batch import DimensionBatch, DimensionFamily, EvaluatedBatch
 from spatial_pin.dimensions.predictions import STEP
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.synthesis.candidate import Candidate
-from spatial_pin.synthesis.demand import Demand, MotionDemand
-from spatial_pin.synthesis.inner_problem import GoalStates, InnerProblem, spread
+from spatial_pin.synthesis.demand import Demand
+from spatial_pin.synthesis.design_space import CROWD, WEIGHTS, DesignSpace, Guess, weight_of
+from spatial_pin.synthesis.inner_problem import GoalStates
 from spatial_pin.synthesis.multistart import BatchedStarts
-from spatial_pin.synthesis.precision import Goal, Precision
+from spatial_pin.synthesis.precision import Goal
 
-# Weights of open loops relative to missed goals, one after the other: what is left open at last is
-# a ten-thousandth of what is missed, from which exact closing goes on. Drawn starts begin with the
-# first or the second: either leads to solutions, of other problems, that the other one misses.
-WEIGHTS = (1.0, 10.0, 100.0)
-LOOSE_EVALUATIONS = 50  # of each of these: some twenty are usual
+LOOSE_EVALUATIONS = 50  # of each weight of open loops: some twenty are usual
 EXACT_EVALUATIONS = 200  # of exact ones: ten are usual, a hundred along curved valleys
 LOOSE_GAIN = 1e-4  # of the cost in a step, at which the next weight is gone on to
 FIRST_PENALTY = 100.0  # weight² of exact goals beside others, which have about one
@@ -45,11 +35,8 @@ IDLE_PENALTIES = 3  # rounds that do not halve what is missed: it cannot be met
 FIRST_GAIN = 1e-6  # of the cost in a step, at which numbers close to bounds are put there
 NEAR_BOUND = 1e-3  # part of the width of the bounds: a trust region of interior points ends as far
 START_MARGIN = 1e-9  # likewise: SciPy wants starts inside of the bounds
-CROWD = 32  # starts that are fitted together: more cost as much each
-DRAWN_TRIES = 8  # configurations that a drawn start is looked for from
+OPEN = "the loops do not close"
 
-
-Guess = Mapping[str, Any] | State | Array | None
 OfNumbers = Callable[[Array], Array]
 
 
@@ -64,7 +51,7 @@ class LocalSolution:
         hard: the largest residual of goals that are to be met exactly.
         samples: configurations of every goal of precision.
         evaluations: sets of dimensions that were tried.
-        why: what was said where nothing closes, or a demand cannot be judged.
+        why: the error where nothing closes, or a demand cannot be judged.
         others: further solutions from the same start.
     """
 
@@ -110,181 +97,8 @@ class ProblemSpec:
         return DesignProblem(mechanism, self.goals, self.bounds, guess)
 
 
-class DesignProblem:
-    """Dimensions with which a mechanism meets goals.
-
-    Args:
-        mechanism: at the dimensions of the first start.
-        goals: what it should do.
-        bounds: by dimension that may change, infinite where there are none.
-        guess: which branch the first start is on, as for `assemble`.
-
-    Attributes:
-        names: of the numbers that are looked for: dimensions, then numbers of the goals.
-        lower, upper: (n,) their bounds.
-        start: (n,) where the first start is.
-        settlings: of the goals of precision; own: which numbers are their own.
-        demands: the other goals.
-    """
-
-    def __init__(
-        self, mechanism: Mechanism, goals: Sequence[Goal],
-        bounds: Mapping[str, tuple[float, float]], guess: Guess = None,
-    ) -> None:
-        self.mechanism, self.goals = mechanism, tuple(goals)
-        self.family = DimensionFamily(mechanism, bounds)
-        self.settlings = [InnerProblem(self.family, g) for g in goals if isinstance(g, Precision)]
-        self.demands = [g for g in goals if isinstance(g, Demand)]
-        self._guess = guess
-        self._nominal: State | None = None
-        self._last: tuple[bytes, tuple[DimensionBatch, DimensionBatch]] | None = None
-        own = [f"{s.goal.name}: {name}" for s in self.settlings for name in s.names]
-        self.n = len(bounds)
-        self.names = (*bounds, *own)
-        low, high = np.array([*bounds.values()], dtype=float).reshape(-1, 2).T
-        free = np.full(len(own), np.inf)
-        self.lower, self.upper = np.concatenate([low, -free]), np.concatenate([high, free])
-        first = [x for s in self.settlings for x in s.own_start()]
-        self.start = np.array([*(mechanism.dimensions[name] for name in bounds), *first])
-        self.start[: self.n] = np.clip(self.start[: self.n], low, high)
-        length = mechanism.characteristic_length
-        widths = np.where(np.isfinite(high - low), high - low,
-                          np.maximum(np.abs(self.start[: self.n]), min(length, 1.0)))
-        self.sizes = np.concatenate([widths, np.ones(len(own))])
-        ends = np.cumsum([self.n, *(len(s.names) for s in self.settlings)])
-        self.own = [slice(*x) for x in itertools.pairwise(ends.tolist())]
-
-    # ------------------------------------------------------------ starts
-
-    def draw(self, rng: np.random.Generator) -> Array:
-        """Return a start (n,): dimensions anywhere between their bounds, goals placed anywhere.
-
-        Dimensions without bounds are within half and twice their own values, those with one are
-        half to twice as far from it as they are; where that is nothing, up to their size away.
-        """
-        x = self.start.copy()
-        x[: self.n] = self._between(rng.uniform(size=self.n))
-        for settling, own in zip(self.settlings, self.own, strict=True):
-            x[own] += [_drawn(name, rng) for name in settling.names]
-        return x
-
-    def _between(self, part: Array) -> Array:
-        """Return dimensions (n,) at parts (n,) from 0 to 1 of where they are drawn."""
-        low, high, size = self.lower[: self.n], self.upper[: self.n], self.sizes[: self.n]
-        bound = np.where(np.isfinite(low), low, np.where(np.isfinite(high), high, 0.0))
-        away = self.start[: self.n] - bound
-        inward = np.where(np.isfinite(low), part, np.where(np.isfinite(high), -part,
-                                                           2.0 * part - 1.0))
-        free = bound + np.where(away != 0.0, away * 2.0 ** (2.0 * part - 1.0), size * inward)
-        with np.errstate(invalid="ignore"):
-            inside = low + part * (high - low)
-        return np.clip(np.where(np.isfinite(high - low), inside, free), low, high)
-
-    def anywhere(self) -> EvaluatedBatch:
-        """Return mechanisms at dimensions and configurations drawn anywhere, their loops open."""
-        rng = np.random.default_rng(0)
-        x = np.array([self._between(rng.uniform(size=self.n)) for _ in range(CROWD)]).T
-        members = self.family.at(x)
-        members = members.taken(np.flatnonzero(members.holds))
-        state = self.nominal()
-        q = spread(self.mechanism, state.q, len(members.holds), rng)
-        return self.family.bodies(members, q, np.repeat(state.angles[None], len(q), axis=0))
-
-    def nominal(self) -> State:
-        """Return the closed state at the mechanism's own dimensions, or one next to a singular one.
-
-        Raises:
-            AssemblyError: it does not close.
-        """
-        if self._nominal is None:
-            moved = [d.moved_by(self.mechanism) for d in self.demands
-                     if isinstance(d, MotionDemand)]
-            self._nominal = _beside(assembled(self.mechanism, {}, self._guess), moved)
-        return self._nominal
-
-    def begun(self, x: Array, rng: np.random.Generator | None) -> list[GoalStates]:
-        """Return configurations to start from, each sample from the one before.
-
-        Args:
-            x: dimensions and own numbers.
-            rng: None: from the closed state; else from the best of some that are drawn.
-        """
-        members, found = self.members(x), []
-        state = self.nominal()
-        for settling, own in zip(self.settlings, self.own, strict=True):
-            k = 1 if rng is None else DRAWN_TRIES
-            q = (state.q[None] if rng is None else
-                 np.concatenate([state.q[None], spread(self.mechanism, state.q, k - 1, rng)]))
-            tries = GoalStates(
-                q, np.repeat(state.angles[None], k, axis=0), np.zeros(k, dtype=np.intp))
-            last = self._best(settling, members, tries, x[own])
-            chain = [last]
-            for i in range(1, settling.goal.count):
-                last = self._best(settling, members, last._replace(at=np.array([i])), x[own])
-                chain.append(last)
-            found.append(GoalStates.joined(chain))
-        return found
-
-    @staticmethod
-    def _best(
-        settling: InnerProblem, members: DimensionBatch, tries: GoalStates, own: Array
-    ) -> GoalStates:
-        """Return that of some configurations from which the goal is met best."""
-        settled = settling.loosely(members, settling.placed(tries, own), own, WEIGHTS[0])
-        left = settling.loose_residual(members, settled, own, WEIGHTS[0])
-        best = int(np.argmin(np.einsum("mi,mi->m", left, left)))
-        return settled.taken(slice(best, best + 1))
-
-    def members(self, x: Array) -> DimensionBatch:
-        """Return the mechanism of x."""
-        return self._together(x)[0]
-
-    def around(self, x: Array) -> tuple[DimensionBatch, Array]:
-        """Return mechanisms ahead of and behind each dimension, and the widths between (n,)."""
-        steps = STEP * self.sizes[: self.n]
-        return self._together(x)[1], (x[: self.n] + steps) - (x[: self.n] - steps)
-
-    def _together(self, x: Array) -> tuple[DimensionBatch, DimensionBatch]:
-        """Return the mechanism of x and those around it; the last ones are kept.
-
-        Many cost little more than one.
-        """
-        here = x[: self.n, None]
-        if self._last is None or self._last[0] != here.tobytes():
-            steps = np.diag(STEP * self.sizes[: self.n])
-            every = self.family.at(np.concatenate([here, here + steps, here - steps], axis=1))
-            self._last = here.tobytes(), (every.taken(np.array([0])),
-                                          every.taken(np.arange(1, 2 * self.n + 1)))
-        return self._last[1]
-
-    # ------------------------------------------------------------ solutions
-
-    def value(self, x: Array) -> float:
-        """Return the loose cost at x, from the closed state: for a global search.
-
-        Demands count where there are no goals of precision.
-        """
-        members = self.members(x)
-        if not members.holds.all():
-            return np.inf
-        total = 0.0
-        for settling, samples, own in zip(self.settlings, self.begun(x, None), self.own,
-                                          strict=True):
-            left = settling.loose_residual(members, samples, x[own], WEIGHTS[-1])
-            total += float(np.sum(left**2)) * _size(settling.goal) ** 2
-        if not self.settlings:
-            candidate = self.candidate(x, [])
-            for demand in self.demands:
-                left = demand.values(candidate)
-                missed = np.maximum(left, 0.0) if demand.is_one_sided else left
-                total += float(np.sum(missed**2)) * _size(demand) ** 2
-        return total
-
-    def candidate(
-        self, x: Array, samples: Sequence[GoalStates], near: State | None = None
-    ) -> Candidate:
-        """Return the mechanism of x with closed configurations, for demands."""
-        return Candidate.of(self.family, x[: self.n], near or self.nominal(), samples)
+class DesignProblem(DesignSpace):
+    """Dimensions with which a mechanism meets goals, and how they are found from a start."""
 
     def solve_from(
         self, x: Array, near: list[GoalStates], weights: Sequence[float]
@@ -303,7 +117,10 @@ class DesignProblem:
             return LocalSolution(x, np.inf, np.inf, (), fit.evaluations, str(error))
 
     def solve(self, x: Array, rng: np.random.Generator | None = None) -> LocalSolution:
-        """Return the local solution from a start; where it misses exact goals, those of a crowd.
+        """Return the local solution from a start.
+
+        Where it misses goals that are all to be met exactly, further starts are drawn and fitted
+        together; what comes out is the first of their distinct solutions, with the others.
 
         Args:
             x: (n,) dimensions and own numbers.
@@ -317,46 +134,15 @@ class DesignProblem:
             return self.solve_from(x, near, WEIGHTS)
         found = self.solve_from(x, near, WEIGHTS[rng.integers(2) :])
         exact = [s.goal.weight is None for s in self.settlings]
-        return self._best_of_crowd(found, rng) if any(exact) and all(
-            exact) and not found.is_one else found
-
-    def _best_of_crowd(self, missed: LocalSolution, rng: np.random.Generator) -> LocalSolution:
-        """Return the distinct solutions of a crowd, the first with the others, or what missed."""
-        crowd = BatchedStarts(self, np.array([self.draw(rng) for _ in range(CROWD)]), rng)
-        crowd.fit()
-        tried = [self.solve_from(crowd.x[i], crowd.of(i), ()) for i in crowd.best()]
+        if found.is_one or not any(exact) or not all(exact):
+            return found
+        starts = BatchedStarts(self, np.array([self.draw(rng) for _ in range(CROWD)]), rng)
+        starts.fit()
+        tried = [self.solve_from(starts.x[i], starts.of(i), ()) for i in starts.best()]
         good = [one for one in tried if one.is_one]
-        first = good[0] if good else min([missed, *tried], key=lambda one: one.hard)
-        evaluations = crowd.evaluations + sum(one.evaluations for one in (missed, *tried))
+        first = good[0] if good else min([found, *tried], key=lambda one: one.hard)
+        evaluations = starts.evaluations + sum(one.evaluations for one in (found, *tried))
         return replace(first, others=tuple(good[1:]), evaluations=evaluations)
-
-
-def _beside(state: State, drivers: Sequence[str]) -> State:
-    """Return a closed state, or, if branches cross there, one on a branch that drivers lead along.
-
-    Dimensions that are changed leave such a place: from it no motion is followed, and none that
-    begins at other dimensions.
-    """
-    for name in drivers:
-        driver = state.mechanism.driven_coordinate(name)
-        own = state.coordinate(driver.name).value
-        try:
-            sweep(state.mechanism, name, [own], guess=state)
-        except SpatialPinError:
-            size = TOLERANCES.moved * state.mechanism.velocity_scale[driver.v]
-            for value in (own + size, own - size):
-                with suppress(SpatialPinError):
-                    return assembled(state.mechanism, {name: value}, state.q)
-    return state
-
-
-def _drawn(name: str, rng: np.random.Generator) -> float:
-    """Return an own number: zeros and turns up to half a turn, shifts and sizes of about one."""
-    if name == "scale" or name in ("placement.x", "placement.y", "placement.z"):
-        return float(0.5 * rng.standard_normal())
-    if name.startswith("placement.r"):
-        return float(rng.uniform(-np.pi, np.pi) / np.sqrt(3.0))
-    return float(rng.uniform(-np.pi, np.pi))
 
 
 class LocalFit:
@@ -364,23 +150,67 @@ class LocalFit:
 
     Attributes:
         evaluations: sets of dimensions that were tried.
-
-    Args:
-        problem: what is asked for.
     """
 
-    def __init__(self, problem: DesignProblem) -> None:
+    def __init__(self, problem: DesignSpace) -> None:
         self.p, self.evaluations = problem, 0
         self._near: list[GoalStates] = []
         self._parts = list(zip(problem.settlings, problem.own, strict=True))
 
-    def solved(self, x: Array, near: list[GoalStates], weights: Sequence[float]) -> LocalSolution:
+    def solved(
+        self, x: Array, near: list[GoalStates], weights: Sequence[float]
+    ) -> LocalSolution:
         """Return the solution from x and configurations nearby, by weights of open loops."""
         self._near = near
         if self._parts:
             for weight in weights:
-                x, _ = self.loosely(x, self._near, weight)
+                x = self.loosely(x, weight)
         return _Exactly(self, x).found()
+
+    def loosely(self, x: Array, weight: float) -> Array:
+        """Return where open loops, by their weight, and missed goals are least together."""
+        p = self.p
+        settled: dict[bytes, list[GoalStates]] = {}
+
+        def at(x: Array) -> list[GoalStates]:
+            if x.tobytes() not in settled:
+                settled.clear()
+                self.evaluations += 1
+                members = p.members(x)
+                settled[x.tobytes()] = [
+                    s.loosely(members, near, x[own], weight / weight_of(s.goal))
+                    for (s, own), near in zip(self._parts, self._near, strict=True)]
+            return settled[x.tobytes()]
+
+        def residual(x: Array) -> Array:
+            members = p.members(x)
+            if not members.holds.all():
+                return np.full(n_rows, np.inf)
+            return np.concatenate([
+                (weight_of(s.goal) * s.loose_residual(members, samples, x[own],
+                                                      weight / weight_of(s.goal))).ravel()
+                for (s, own), samples in zip(self._parts, at(x), strict=True)])
+
+        def slopes(x: Array) -> Array:
+            self._near = at(x)
+            members, (around, widths) = p.members(x), p.around(x)
+            return np.concatenate([
+                weight_of(s.goal) * self.columns(own, s.loose_slopes(
+                    members, around, widths, samples, x[own], weight / weight_of(s.goal)))
+                for (s, own), samples in zip(self._parts, self._near, strict=True)])
+
+        n_rows = 0
+        n_rows = len(residual(x))
+        x = self.minimum(residual, slopes, x, LOOSE_EVALUATIONS, LOOSE_GAIN)
+        self._near = at(x)
+        return x
+
+    def columns(self, own: slice, slopes: Array) -> Array:
+        """Return derivatives (k r, n) from those (k, r, .) for dimensions and own numbers."""
+        n, out = self.p.n, np.zeros((slopes.shape[0] * slopes.shape[1], len(self.p.names)))
+        flat = slopes.reshape(len(out), -1)
+        out[:, :n], out[:, own] = flat[:, :n], flat[:, n:]
+        return out
 
     def minimum(
         self, residual: OfNumbers, slopes: OfNumbers, x: Array, most: int, gain: float
@@ -428,90 +258,6 @@ class LocalFit:
             gtol=TOLERANCES.last_digit, max_nfev=most)
         return whole(found.x)
 
-    # ------------------------------------------------------------ loosely
-
-    def loosely(
-        self, x: Array, near: list[GoalStates], weight: float
-    ) -> tuple[Array, list[GoalStates]]:
-        """Return where open loops and missed goals are least together, from x and configurations.
-
-        Args:
-            x: (n,) numbers.
-            near: configurations of each goal of precision.
-            weight: of open loops relative to missed goals.
-        """
-        p, self._near = self.p, near
-        settled: dict[bytes, list[GoalStates]] = {}
-
-        def at(x: Array) -> list[GoalStates]:
-            if x.tobytes() not in settled:
-                settled.clear()
-                self.evaluations += 1
-                members = p.members(x)
-                settled[x.tobytes()] = [
-                    s.loosely(members, near, x[own], weight / _size(s.goal))
-                    for (s, own), near in zip(self._parts, self._near, strict=True)]
-            return settled[x.tobytes()]
-
-        def residual(x: Array) -> Array:
-            members = p.members(x)
-            if not members.holds.all():
-                return np.full(n_rows, np.inf)
-            return np.concatenate([
-                (_size(s.goal) * s.loose_residual(members, samples, x[own],
-                                                  weight / _size(s.goal))).ravel()
-                for (s, own), samples in zip(self._parts, at(x), strict=True)])
-
-        def slopes(x: Array) -> Array:
-            self._near = at(x)
-            members, (around, widths) = p.members(x), p.around(x)
-            return np.concatenate([
-                _size(s.goal) * self._columns(own, s.loose_slopes(
-                    members, around, widths, samples, x[own], weight / _size(s.goal)))
-                for (s, own), samples in zip(self._parts, self._near, strict=True)])
-
-        n_rows = 0
-        n_rows = len(residual(x))
-        x = self.minimum(residual, slopes, x, LOOSE_EVALUATIONS, LOOSE_GAIN)
-        self._near = at(x)
-        return x, self._near
-
-    def _columns(self, own: slice, slopes: Array) -> Array:
-        """Return derivatives (k r, n) from those (k, r, .) for dimensions and own numbers."""
-        n, out = self.p.n, np.zeros((slopes.shape[0] * slopes.shape[1], len(self.p.names)))
-        flat = slopes.reshape(len(out), -1)
-        out[:, :n], out[:, own] = flat[:, :n], flat[:, n:]
-        return out
-
-    # ------------------------------------------------------------ exactly
-
-    def settle(self, x: Array) -> tuple[list[GoalStates], list[Array]] | None:
-        """Return closed configurations of x and residuals; None where they do not close."""
-        members = self.p.members(x)
-        self.evaluations += 1
-        if not members.holds.all():
-            return None
-        found, residuals = [], []
-        for (settling, own), near in zip(self._parts, self._near, strict=True):
-            samples, residual, is_closed = settling.exactly(members, near, x[own])
-            if not is_closed.all():
-                return None
-            found.append(samples)
-            residuals.append(residual)
-        return found, residuals
-
-    def goal_slopes(self, x: Array, samples: list[GoalStates]) -> list[Array]:
-        """Return their derivatives, each (k r, n)."""
-        self._near = samples
-        members, (around, widths) = self.p.members(x), self.p.around(x)
-        return [self._columns(own, s.slopes(members, around, widths, at, x[own]))
-                for (s, own), at in zip(self._parts, samples, strict=True)]
-
-
-def _size(goal: Goal) -> float:
-    """Return the weight of a goal; one of those that are to be met exactly."""
-    return 1.0 if goal.weight is None else goal.weight
-
 
 class _Exactly:
     """The fit with closed loops: goals of precision, and what else is demanded.
@@ -533,7 +279,7 @@ class _Exactly:
         goals = [s.goal for s, _ in fit._parts]
         every = [*goals, *self.p.demands]
         repeats = [g.count * g.width for g in goals] + self._counts
-        self.weights = np.repeat([_size(g) for g in every], repeats)
+        self.weights = np.repeat([weight_of(g) for g in every], repeats)
         self.exact = np.repeat([g.weight is None for g in every], repeats).astype(bool)
         self.one_sided = np.repeat([isinstance(g, Demand) and g.is_one_sided for g in every],
                                    repeats).astype(bool)
@@ -549,14 +295,25 @@ class _Exactly:
         return self._memo[key]
 
     def _evaluated(self, x: Array) -> tuple[list[GoalStates], Array] | None:
-        found = self.fit.settle(x)
-        if found is None:
-            self._why = "the loops do not close"
+        p, fit, samples, residuals = self.p, self.fit, list[GoalStates](), list[Array]()
+        fit.evaluations += 1
+        members = p.members(x)
+        if not members.holds.all():
+            self._why = OPEN
             return None
-        samples, residuals = found
-        parts = [r.ravel() for r in residuals]
+        for (settling, own), near in zip(fit._parts, fit._near, strict=True):
+            there, residual, is_closed = settling.exactly(members, near, x[own])
+            if not is_closed.all():
+                self._why = OPEN
+                return None
+            samples.append(there)
+            residuals.append(residual.ravel())
+        demanded: list[Array] = []
         try:
-            demanded = self._demanded(x, samples)
+            if p.demands:
+                candidate = p.candidate(x, samples, self._state)
+                self._state = candidate.states[0]
+                demanded = [demand.values(candidate) for demand in p.demands]
         except SpatialPinError as error:
             self._why = str(error)
             return None
@@ -564,14 +321,7 @@ class _Exactly:
         self._counts = self._counts or counts
         if counts != self._counts:  # links that have no shape there, say
             return None
-        return samples, np.concatenate([np.empty(0), *parts, *demanded])
-
-    def _demanded(self, x: Array, samples: list[GoalStates]) -> list[Array]:
-        if not self.p.demands:
-            return []
-        candidate = self.p.candidate(x, samples, self._state)
-        self._state = candidate.states[0]
-        return [demand.values(candidate) for demand in self.p.demands]
+        return samples, np.concatenate([np.empty(0), *residuals, *demanded])
 
     def _shaped(self, raw: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Return what is squared, and which numbers count in it."""
@@ -586,37 +336,44 @@ class _Exactly:
         return np.full(len(self.weights), np.inf) if found is None else self._shaped(found[1])[0]
 
     def slopes(self, x: Array) -> Array:
-        """Return its derivatives."""
+        """Return its derivatives: those of demands by differences of closed configurations."""
         found = self._at(x)
         assert found is not None
-        samples, raw = found
-        rows = [*self.fit.goal_slopes(x, samples), *self._demand_slopes(x, raw)]
+        fit, (samples, raw), first = self.fit, found, len(found[1]) - sum(self._counts)
+        fit._near, members, (around, widths) = samples, self.p.members(x), self.p.around(x)
+        rows = [fit.columns(own, s.slopes(members, around, widths, at, x[own]))
+                for (s, own), at in zip(fit._parts, samples, strict=True)]
+        columns = []
+        for i, step in enumerate(STEP * self.p.sizes if self.p.demands else ()):
+            there = step * np.eye(len(x))[i]
+            ends = [(sign * step, self._evaluated(x + sign * there)) for sign in (1.0, -1.0)]
+            known = [(at, end[1][first:]) for at, end in ends if end is not None]
+            if not known:
+                raise SpatialPinError("the loops open next to these dimensions")
+            (at, ahead), (back, behind) = known[0], (
+                known[1] if len(known) > 1 else (0.0, raw[first:]))
+            columns.append((ahead - behind) / (at - back))
+        rows += [np.array(columns).T] if self.p.demands else []
         factor = np.where(self.exact, np.sqrt(self.penalty), self.weights) * self._shaped(raw)[1]
         return np.concatenate([np.empty((0, len(x))), *rows]) * factor[:, None]
 
-    def _demand_slopes(self, x: Array, raw: Array) -> list[Array]:
-        """Return derivatives of demands, by differences of closed configurations."""
-        if not self.p.demands:
-            return []
-        n = sum(self._counts)
-        own, columns = raw[len(raw) - n :], []
-        for i, step in enumerate(STEP * self.p.sizes):
-            there = step * np.eye(len(x))[i]
-            ends = [(sign * step, self._evaluated(x + sign * there)) for sign in (1.0, -1.0)]
-            known = [(at, found[1][len(raw) - n :]) for at, found in ends if found is not None]
-            if not known:
-                raise SpatialPinError("the loops open next to these dimensions")
-            (at, ahead), (back, behind) = known[0], known[1] if len(known) > 1 else (0.0, own)
-            columns.append((ahead - behind) / (at - back))
-        return [np.array(columns).T]
-
     def found(self) -> LocalSolution:
-        """Return the solution."""
-        samples, raw = self._weighed() if self.penalty > 1.0 else self._met()
-        left = np.where(self.one_sided, np.maximum(raw, 0.0), raw)
-        cost = float(np.sum((self.weights * left)[~self.exact] ** 2))
-        return LocalSolution(self.x, cost, float(np.abs(left[self.exact]).max(initial=0.0)),
-                     tuple(samples), self.fit.evaluations)
+        """Return the solution.
+
+        Where goals that are all exact can be met, steps gain ever more: a start whose steps gain
+        little before that is given up.
+        """
+        if self.penalty > 1.0:
+            samples, raw = self._weighed()
+        else:
+            samples, raw = self._fitted(LOOSE_GAIN)
+            missed = np.where(self.one_sided, np.maximum(raw, 0.0), raw)
+            if np.abs(missed).max(initial=0.0) <= TOLERANCES.half_precision:
+                samples, raw = self._fitted(TOLERANCES.tight)
+        missed = np.where(self.one_sided, np.maximum(raw, 0.0), raw)
+        cost = float(np.sum((self.weights * missed)[~self.exact] ** 2))
+        return LocalSolution(self.x, cost, float(np.abs(missed[self.exact]).max(initial=0.0)),
+                             tuple(samples), self.fit.evaluations)
 
     def _fitted(self, gain: float) -> tuple[list[GoalStates], Array]:
         """Return configurations and residuals where least squares end."""
@@ -626,19 +383,8 @@ class _Exactly:
             raise SpatialPinError(self._why)
         return found
 
-    def _met(self) -> tuple[list[GoalStates], Array]:
-        """Return the same of goals that are all to be met exactly.
-
-        Where they can be, steps gain ever more: a start whose steps gain little before that is
-        given up.
-        """
-        found = self._fitted(LOOSE_GAIN)
-        left = np.where(self.one_sided, np.maximum(found[1], 0.0), found[1])
-        is_far = np.abs(left).max(initial=0.0) > TOLERANCES.half_precision
-        return found if is_far else self._fitted(TOLERANCES.tight)
-
     def _weighed(self) -> tuple[list[GoalStates], Array]:
-        """Return the same of goals some of which have a weight."""
+        """Return the same by augmented Lagrangians, of goals some of which have a weight."""
         misses = [np.inf] * IDLE_PENALTIES
         for _ in range(MOST_PENALTIES):
             found = self._fitted(TOLERANCES.tight)

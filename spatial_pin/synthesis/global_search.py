@@ -17,7 +17,6 @@ from spatial_pin._support.checks import whole_number
 from spatial_pin._support.executors import in_order
 from spatial_pin._support.progress import progress_bar
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mobility.mobility import mobility
 from spatial_pin.numerics.linalg import Array
@@ -147,7 +146,15 @@ class GlobalSearch:
             places = self._evolved(np.random.default_rng(seed), starts, progress)
             jobs: list[tuple[Array | AtlasStart | None, Any]] = [(x, None) for x in places]
         elif method == "atlas":
-            begins = self._charted(seed, progress)[:starts]
+            atlas = CurveDatabase(self._problem)  # refuses what it is not for
+            begins = list[AtlasStart]()
+            name = f"{self._problem.mechanism.name}: atlas"
+            with progress_bar(SHEETS, name, progress) as bar:
+                for sheet in self._all(_sheet, np.random.SeedSequence(seed).spawn(SHEETS)):
+                    begins += sheet
+                    self.curves += atlas.curves
+                    bar.update()
+            begins = sorted(begins, key=lambda begin: begin.misfit)[:starts]
             jobs = [*((x, None) for x in begins), *((None, x) for x in seeds[len(begins) :])]
         else:
             jobs = [(None, child if k else None) for k, child in enumerate(seeds)]
@@ -166,18 +173,6 @@ class GlobalSearch:
         return in_order(self._executor, _there,
                         [(work, self._spec, self._key, job) for job in jobs])
 
-    def _charted(self, seed: int, progress: bool) -> list[AtlasStart]:
-        """Return starts from curves that look like a path, the most alike first."""
-        atlas = CurveDatabase(self._problem)  # refuses what it is not for
-        sheets = np.random.SeedSequence(seed).spawn(SHEETS)
-        found = list[AtlasStart]()
-        with progress_bar(SHEETS, f"{self._problem.mechanism.name}: atlas", progress) as bar:
-            for sheet in self._all(_sheet, sheets):
-                found += sheet
-                self.curves += atlas.curves
-                bar.update()
-        return sorted(found, key=lambda begin: begin.misfit)
-
     def _evolved(self, rng: np.random.Generator, starts: int, progress: bool) -> list[Array]:
         """Return the best places that an evolution came by, apart from each other.
 
@@ -185,7 +180,11 @@ class GlobalSearch:
         """
         from scipy.optimize import differential_evolution  # it takes a quarter of a second
 
-        low, high = _range(self._problem)
+        draws = np.random.default_rng(0)
+        drawn = np.array([self._problem.draw(draws) for _ in range(RANGE_DRAWS)])
+        low, high = self._problem.lower, self._problem.upper
+        low = np.where(np.isfinite(low), low, drawn.min(axis=0))
+        high = np.where(np.isfinite(high), high, drawn.max(axis=0))
         places: list[Array] = []
 
         def values(points: list[Array]) -> list[float]:
@@ -201,7 +200,8 @@ class GlobalSearch:
         name = f"{self._problem.mechanism.name}: evolution"
         with progress_bar(GENERATIONS + 1, name, progress) as bar:
             differential_evolution(
-                _not_called, [(0.0, 1.0)] * len(low), popsize=POPULATION, maxiter=GENERATIONS,
+                lambda u: np.inf,  # never called: populations are valued by the workers
+                [(0.0, 1.0)] * len(low), popsize=POPULATION, maxiter=GENERATIONS,
                 polish=False, seed=rng, updating="deferred",
                 workers=lambda _, points: values(list(points)))
         best = _apart(np.array(places), np.array(self._kept.values), starts)
@@ -218,19 +218,6 @@ def _apart(places: Array, values: Array, most: int) -> list[Array]:
         found.append(best)
         left = left[np.abs(places[left] - best).max(axis=1) > OTHER_VALLEY]
     return found
-
-
-def _not_called(u: Array) -> float:
-    """Stand for the function that populations are valued by, which happens elsewhere."""
-    raise NotImplementedError
-
-
-def _range(problem: DesignProblem) -> tuple[Array, Array]:
-    """Return between which numbers an evolution looks: those of drawn starts without bounds."""
-    rng = np.random.default_rng(0)
-    drawn = np.array([problem.draw(rng) for _ in range(RANGE_DRAWS)])
-    return (np.where(np.isfinite(problem.lower), problem.lower, drawn.min(axis=0)),
-            np.where(np.isfinite(problem.upper), problem.upper, drawn.max(axis=0)))
 
 
 # ---------------------------------------------------------------- in any process
@@ -290,45 +277,37 @@ def _distinct(problem: DesignProblem, found: Sequence[LocalSolution]) -> list[Lo
     """Return solutions without those that are another one again, the best first.
 
     Those that miss by round-off only are equally good: they stand in the order of their starts.
+    Links that may spin as they like do not tell solutions apart.
     """
     best = sorted(found, key=lambda one: max(one.cost, TOLERANCES.nothing**2))
-    kept: list[tuple[Array, LocalSolution]] = []
-    spinning = _spinning(problem.mechanism) if len(best) > 1 else set()
+    mechanism, links = problem.mechanism, set[str]()
+    if len(best) > 1:
+        with suppress(SpatialPinError):  # it does not close at its own dimensions: all links count
+            links = {freedom.link for freedom in mobility(mechanism).passive}
+    spinning = {mechanism.model.names[
+        mechanism.model.frames[mechanism.frame_id(name)].parentJoint] for name in links}
+    distinct: list[tuple[Array, LocalSolution]] = []
     for one in best:
         mark = _mark(problem, one, spinning)
-        if all(np.abs(mark - other).max(initial=0.0) > SAME_SOLUTION for other, _ in kept):
-            kept.append((mark, one))
-    return [one for _, one in kept]
-
-
-def _spinning(mechanism: Mechanism) -> set[str]:
-    """Return joints of links that may spin as they like."""
-    links = set[str]()
-    with suppress(SpatialPinError):  # it does not close at its own dimensions: all links count
-        links = {freedom.link for freedom in mobility(mechanism).passive}
-    model = mechanism.model
-    return {model.names[model.frames[mechanism.frame_id(name)].parentJoint] for name in links}
+        if all(np.abs(mark - other).max(initial=0.0) > SAME_SOLUTION for other, _ in distinct):
+            distinct.append((mark, one))
+    return [one for _, one in distinct]
 
 
 def _mark(problem: DesignProblem, found: LocalSolution, spinning: set[str]) -> Array:
-    """Return numbers by which solutions are told apart."""
-    dimensions = [x / size for name, x, size in zip(
-        problem.names, found.x.tolist(), problem.sizes.tolist(), strict=True) if ": " not in name]
-    joints = [_joint_marks(problem.mechanism, samples.q, spinning) for samples in found.samples]
-    return np.concatenate([np.array(dimensions), *joints])
-
-
-def _joint_marks(mechanism: Mechanism, q: Array, spinning: set[str]) -> Array:
-    """Return marks of configurations q (m, nq): the same for whole turns."""
-    model, parts = mechanism.model, list[Array]()
-    for c in mechanism.coordinate_table.values():
-        if c.q >= 0 and c.joint not in spinning:
-            value = q[:, c.q]
-            parts += ([np.cos(value), np.sin(value)] if c.unit == "rad" else
-                      [value / mechanism.characteristic_length])
-    for i, name in enumerate(mechanism.pairs, start=1):
-        if not PAIRS[name].is_linear and model.names[i] not in spinning:
-            end = model.idx_qs[i] + model.nqs[i]
-            turn = q[:, end - 4 : end]
-            parts.append(np.einsum("mi,mj->mij", turn, turn).ravel())
-    return np.concatenate([np.empty(0), *(part.ravel() for part in parts)])
+    """Return numbers by which solutions are told apart: the same for whole turns of joints."""
+    mechanism, model = problem.mechanism, problem.mechanism.model
+    parts: list[Array] = [np.array([x / size for name, x, size in zip(
+        problem.names, found.x.tolist(), problem.sizes.tolist(), strict=True) if ": " not in name])]
+    for samples in found.samples:
+        for c in mechanism.coordinate_table.values():
+            if c.q >= 0 and c.joint not in spinning:
+                value = samples.q[:, c.q]
+                parts += ([np.cos(value), np.sin(value)] if c.unit == "rad" else
+                          [value / mechanism.characteristic_length])
+        for i, name in enumerate(mechanism.pairs, start=1):
+            if not PAIRS[name].is_linear and model.names[i] not in spinning:
+                end = model.idx_qs[i] + model.nqs[i]
+                turn = samples.q[:, end - 4 : end]
+                parts.append(np.einsum("mi,mj->mij", turn, turn).ravel())
+    return np.concatenate(parts)

@@ -421,15 +421,14 @@ def clearance(
         >>> sp.goals.clearance(0.02, pairs=[("crank", "rocker")]).name  # [m]
         'clearance'
     """
-    asked = None if pairs is None else tuple(_two_links(pair) for pair in pairs)
-    if asked == ():
+    named: tuple[tuple[str, str], ...] | None = None
+    if pairs is not None:
+        pairs = list(pairs)
+        for pair in pairs:
+            if isinstance(pair, str) or np.shape(pair) != (2,):
+                raise ValueError(f"clearance: a pair is the names of two links, not {pair!r}")
+        named = tuple((str(first), str(second)) for first, second in pairs)
+    if named == ():
         raise ValueError("clearance: pairs is empty: name two links each, or leave it out for all")
     return LeastClearance(weight=_weight(weight), at_least=finite_number(at_least, "at_least"),
-                          pairs=asked, driver=driver, at=_values(values))
-
-
-def _two_links(pair: Any) -> tuple[str, str]:
-    if isinstance(pair, str) or np.shape(pair) != (2,):
-        raise ValueError(f"clearance: a pair is the names of two links, not {pair!r}")
-    first, second = pair
-    return str(first), str(second)
+                          pairs=named, driver=driver, at=_values(values))

@@ -11,16 +11,15 @@ many starts cost little more than one.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.assembly.state import State
-from spatial_pin.dimensions.dimension_batch import DimensionBatch, DimensionFamily
-from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.dimensions.dimension_batch import DimensionBatch
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.synthesis.design_space import DesignSpace
 from spatial_pin.synthesis.inner_problem import GoalStates, InnerProblem, spread
 
 CROWD_STEPS = 120  # of Levenberg's: half of those that lead somewhere need seventy
@@ -34,23 +33,6 @@ TOGETHER = 1e-4  # part of the sizes, within which two ends are one
 # Part of a number's size ahead, by which derivatives are taken: forward differences leave as much
 # of their own, and round-off eps over it.
 AHEAD = TOLERANCES.singular
-
-
-class Asked(Protocol):
-    """A problem as `DesignProblem` poses it: what is fitted, and between which bounds."""
-
-    mechanism: Mechanism
-    family: DimensionFamily
-    settlings: list[InnerProblem]
-    own: list[slice]
-    names: tuple[str, ...]
-    n: int
-    lower: Array
-    upper: Array
-    sizes: Array
-
-    def nominal(self) -> State:
-        """Return a closed state."""
 
 
 class StartEquations(NamedTuple):
@@ -82,7 +64,7 @@ class BatchedStarts:
         evaluations: sets of dimensions that were tried.
     """
 
-    def __init__(self, problem: Asked, x: Array, rng: np.random.Generator) -> None:
+    def __init__(self, problem: DesignSpace, x: Array, rng: np.random.Generator) -> None:
         self._p, self.x, self.evaluations = problem, x, 0
         state, mechanism, m = problem.nominal(), problem.mechanism, len(x)
         self._counts = [s.goal.count for s in problem.settlings]

@@ -189,22 +189,10 @@ class DrawnGoal(Precision):
         self, mechanism: Mechanism, away: Array, moved: Array, at: NDArray[np.intp], own: Array
     ) -> tuple[Array, Array]:
         """Return derivatives of `away` (m, 3), those of origins being `moved` (m, 3, nv)."""
-        size = self._size(mechanism, own)
-        drawn = -self._drawn_slopes(mechanism, own)[at] / size
-        if self.scale:
-            drawn[:, :, -1] -= away
-        return moved / size, drawn
-
-    def _size(self, mechanism: Mechanism, own: Array) -> float:
-        """Return the length [m] by which residuals count."""
-        return mechanism.characteristic_length * float(np.exp(self._split(own)[2]))
-
-    def _drawn_slopes(self, mechanism: Mechanism, own: Array) -> Array:
-        """Return the derivatives (k, 3, n_own) of the points for the own numbers."""
-        shift, turn, _ = self._split(own)
+        size, (shift, turn, _) = self._size(mechanism, own), self._split(own)
         points, _ = self.drawn(mechanism, own)
         arms = points - self.points.mean(axis=0) - mechanism.characteristic_length * shift
-        columns = []
+        columns = [np.empty((len(points), 3, 0))]  # of the points, for the own numbers
         if self.placement:
             along = np.broadcast_to(mechanism.characteristic_length * np.eye(3),
                                     (len(points), 3, 3))
@@ -213,7 +201,14 @@ class DrawnGoal(Precision):
             columns += [along, spun]
         if self.scale:
             columns.append(arms[:, :, None])
-        return np.concatenate([np.empty((len(points), 3, 0)), *columns], axis=2)
+        drawn = -np.concatenate(columns, axis=2)[at] / size
+        if self.scale:
+            drawn[:, :, -1] -= away
+        return moved / size, drawn
+
+    def _size(self, mechanism: Mechanism, own: Array) -> float:
+        """Return the length [m] by which residuals count."""
+        return mechanism.characteristic_length * float(np.exp(self._split(own)[2]))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -153,17 +153,14 @@ class Design:
                           cyclic=isinstance(met.goal, PathGoal) and met.goal.closed)
             which = f"{met.goal.name}: " if len(self.met) > 1 else ""
             found += [defect._replace(text=which + defect.text) for defect in own]
-        return (*found, *self._limits_of_demands())
-
-    def _limits_of_demands(self) -> Iterator[Defect]:
-        """Yield joint limits that are passed in motions which demands are about."""
-        candidate, told = Candidate(self.mechanism, self.states), set[Defect]()
-        for demand in self.demands:
-            if isinstance(demand, MotionDemand) and joint_limits(self.mechanism):
+        candidate, seen = Candidate(self.mechanism, self.states), set[Defect]()
+        for demand in self.demands if joint_limits(self.mechanism) else ():
+            if isinstance(demand, MotionDemand):
                 passed = limits_passed(demand.motion(candidate)[0])
-                yield from (x._replace(text=f"{demand.name}: {x.text}")
-                            for x in passed if x not in told)
-                told.update(passed)
+                found += [x._replace(text=f"{demand.name}: {x.text}")
+                          for x in passed if x not in seen]
+                seen.update(passed)
+        return tuple(found)
 
     @property
     def at_bounds(self) -> dict[str, str]:
@@ -213,7 +210,12 @@ class Design:
         if not names:
             raise SpatialPinError(f"mechanism {self.mechanism.name!r} has no driver that leads "
                                   f"through the samples of {met.goal.name!r}")
-        return _through(self.mechanism, names, met.states)
+        at = np.array([[state.coordinate(name).value for name in names] for state in met.states])
+        rows = np.arange(len(at))
+        parts = np.linspace(0.0, len(at) - 1.0, (len(at) - 1) * PART_SAMPLES + 1)
+        return follow(self.mechanism, {name: np.interp(parts, rows, x)
+                                       for name, x in zip(names, at.T, strict=True)},
+                      guess=met.states[0])
 
     def as_dict(self) -> dict[str, Any]:
         """Return it as plain numbers and lists, as JSON has them; None for no bound.
@@ -359,15 +361,6 @@ def _round(mechanism: Mechanism, driver: str, state: State) -> Motion:
     return trace(mechanism, driver, state, most_rows=MOST_TRACED)
 
 
-def _through(mechanism: Mechanism, names: Sequence[str], states: Sequence[State]) -> Motion:
-    """Return the motion in which several drivers go from state to state in straight lines."""
-    at = np.array([[state.coordinate(name).value for name in names] for state in states])
-    parts = np.linspace(0.0, len(states) - 1.0, (len(states) - 1) * PART_SAMPLES + 1)
-    rows = np.arange(len(states))
-    return follow(mechanism, {name: np.interp(parts, rows, x)
-                              for name, x in zip(names, at.T, strict=True)}, guess=states[0])
-
-
 # ---------------------------------------------------------------- made from what was found
 
 
@@ -389,21 +382,22 @@ def designs_of(problem: DesignProblem, searched: Searched, most: int) -> Designs
 
 
 def _ranked(designs: Sequence[Design]) -> list[Design]:
-    """Return designs as they are, but of equal errors those with fewer defects first."""
+    """Return designs as they are, but of equal errors those with fewer defects first.
+
+    Those that keep it from moving as it should count first.
+    """
+    def flaws(design: Design) -> tuple[int, int]:
+        grave = sum(defect.kind in ("circuit", "branch", "order", "joint limit")
+                    for defect in design.defects)
+        return grave, len(design.defects) - grave
+
     found: list[Design] = []
-    left = list(designs)
-    while left:
-        equal = [x for x in left if abs(x.error - left[0].error) <= EQUAL * (1.0 + left[0].error)]
-        found += equal if len(equal) == 1 else sorted(equal, key=_flaws)
-        left = [x for x in left if all(x is not y for y in equal)]
+    rest = list(designs)
+    while rest:
+        equal = [x for x in rest if abs(x.error - rest[0].error) <= EQUAL * (1.0 + rest[0].error)]
+        found += equal if len(equal) == 1 else sorted(equal, key=flaws)
+        rest = [x for x in rest if all(x is not y for y in equal)]
     return found
-
-
-def _flaws(design: Design) -> tuple[int, int]:
-    """Return how many defects keep it from moving as asked, and how many others it has."""
-    grave = sum(defect.kind in ("circuit", "branch", "order", "joint limit")
-                for defect in design.defects)
-    return grave, len(design.defects) - grave
 
 
 def design_of(problem: DesignProblem, found: LocalSolution) -> Design:

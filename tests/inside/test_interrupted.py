@@ -352,7 +352,7 @@ def test_samples_that_were_drawn_before_tell_of_the_tolerance(part, monkeypatch,
         monkeypatch.setattr(tolerance, "SOLVED_TOGETHER", 10)
         monkeypatch.setattr(VariedSamples, "made_of", interrupting(VariedSamples.made_of, 4))
     else:
-        monkeypatch.setattr(tolerance, "_together", lambda *_: None)
+        monkeypatch.setattr(VariedSamples, "of", lambda *_: None)
         monkeypatch.setattr(tolerance, "_sample", interrupting(tolerance._sample, 22))
     file = tmp_path / "spread.json"
     assert main([*words, "--json", str(file)]) == 130

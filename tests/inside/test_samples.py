@@ -117,7 +117,7 @@ def alone(state: sp.State, outputs: list[str], dimensions: dict) -> list | None:
 def by_themselves(monkeypatch) -> list:
     """Grows by a job for every sample that is solved by itself."""
     jobs, solve = [], module._sample
-    monkeypatch.setattr(module, "_sample", lambda job: (jobs.append(job), solve(job))[1])
+    monkeypatch.setattr(module, "_sample", lambda *job: (jobs.append(job), solve(*job))[1])
     return jobs
 
 
@@ -302,7 +302,7 @@ def test_samples_far_away_stay_on_the_branch(tmp_path, by_themselves):
 def test_samples_fail_only_where_the_triangle_cannot_be_closed(monkeypatch, by_themselves, way):
     """Deviations of 5 % turn the rocker by up to a radian; the RSSR's closed form tells it all."""
     if way == "one by one":
-        monkeypatch.setattr(module, "_together", lambda *args: None)
+        monkeypatch.setattr(module.VariedSamples, "of", lambda *args: None)
     mechanism = library("rssr")
     state = sp.assemble(mechanism, {"crank": 0.0})
     state = sp.solve_rates(mechanism, state, {"crank": 1.0})
@@ -381,7 +381,7 @@ def test_outputs_that_take_one_sample_at_a_time(tmp_path, by_themselves):
 @pytest.mark.parametrize("way", ["together", "one by one"])
 def test_an_executor_changes_nothing(tmp_path, monkeypatch, by_themselves, way):
     if way == "one by one":
-        monkeypatch.setattr(module, "_together", lambda *args: None)
+        monkeypatch.setattr(module.VariedSamples, "of", lambda *args: None)
     mechanism = sp.load(rssr(tmp_path))
     state = sp.assemble(mechanism, {"crank": 1.0})
     found = sp.tolerance(mechanism, "rocker", {"b": 1e-4}, state, samples=20)
