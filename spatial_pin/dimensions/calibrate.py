@@ -126,7 +126,6 @@ class Calibration:
                            "before": y, "weight": w} for (i, label), unit, x, y, w in self._rows()]}
 
     def _rows(self) -> Iterable[tuple[tuple[int, str], str, float, float, float]]:
-        """Yield label, unit, residual, residual before and weight of all numbers."""
         return zip(self.labels, self.units, self.residuals.tolist(), self.before.tolist(),
                    self.weights.tolist(), strict=True)
 
@@ -246,7 +245,9 @@ def calibrate(
                         f"{type(base).__name__}")
     margin = positive_number(margin, "margin")
     drivers, quantities = read_measurements(mechanism, measurements, sigma)
-    unknowns = _unknowns(mechanism, bounds, offsets, base is not False, drivers, sigma)
+    unknowns = Unknowns.of(
+        mechanism, bounds, names_of(offsets, "offsets"), base is not False, drivers,
+        encoders_of(mechanism, drivers, sigma))
     n, m = len(unknowns.names), sum(len(q.labels()) for some in quantities for q in some)
     if not n:
         raise ValueError("nothing is looked for: name dimensions or offsets, or set base=True")
@@ -265,23 +266,6 @@ def calibrate(
                               quantities)
     fit = CalibrationFit(predictions, loss, margin)
     return unless_cut(fit.result(bounds, quantities, sigma is None))
-
-
-
-
-
-def _unknowns(
-    mechanism: Mechanism, bounds: Iterable[str], offsets: Iterable[str], has_base: bool,
-    drivers: list[dict[str, float]], sigma: Mapping[str, float] | None,
-) -> Unknowns:
-    names = names_of(offsets, "offsets")
-    coordinates = [mechanism.driven_coordinate(name).name for name in names]
-    if len(set(coordinates)) < len(coordinates):
-        raise ValueError("offsets names one driver twice")
-    for name, coordinate in zip(names, coordinates, strict=True):
-        if not any(coordinate in read for read in drivers):
-            raise ValueError(f"offsets: no measurement has a value of {name!r}")
-    return Unknowns(tuple(bounds), tuple(names), has_base, encoders_of(mechanism, drivers, sigma))
 
 
 def _start(
@@ -330,13 +314,7 @@ class CalibrationFit:
         self, bounds: Mapping[str, tuple[float, float]], quantities: list[list[MeasuredQuantity]],
         scattered: bool,
     ) -> Calibration:
-        """Return what is found.
-
-        Args:
-            bounds: by dimension.
-            quantities: what was measured.
-            scattered: whether the residuals tell how large standard deviations are.
-        """
+        """Return what is found."""
         p, names = self._predictions, self._predictions.unknowns.names
         encoders, n = p.unknowns.encoders, len(names)
         before = p.errors(np.zeros(len(p.sizes)))
@@ -422,10 +400,6 @@ class CalibrationFit:
 
 class _Spread:
     """What a Jacobian tells of the unknowns, its columns scaled to length one.
-
-    Args:
-        jacobian: (m, n) of errors in standard deviations.
-        whole: length of errors as large as the mechanism; `nothing` of it is round-off.
 
     Attributes:
         rank: how many combinations of unknowns it determines.

@@ -46,10 +46,6 @@ class DimensionNumbers:
     Attributes:
         base: at its own dimensions, those of the points behind the kernel's.
         joints: of the model, that carry the points.
-
-    Raises:
-        UnknownNameError: there is no such point.
-        SpatialPinError: a link has no mass, hence no centre of mass.
     """
 
     def __init__(self, mechanism: Mechanism, tree: TracedTree, points: Iterable[str]) -> None:
@@ -144,12 +140,17 @@ class DimensionNumbers:
         """Yield the vectors of closure equations and the axes of idle rotations."""
         model, local = self._mechanism.model, self._packed.parts().local
         places, fixed_in = self._packed.places().local, self._packed.fixed_in.tolist()
+
+        def on_body(joint: int, frame: int) -> Array:  # as `point_on_body`
+            own = model.frames[frame].parentJoint
+            if own == joint:
+                return _frame(model, frame, found).translation
+            return found.joints.get(own, PlacementBatch.of(model.jointPlacements[own])).translation
         for k, (frame, is_point) in enumerate(zip(fixed_in, self._packed.is_point, strict=True)):
             if frame < 0:
                 passive = self._mechanism.passives[-1 - frame]
                 joint = self._mechanism.frame_on_joint(passive.body)[0]
-                a, b = (self._on_body(joint, self._mechanism.frame_id(name), found)
-                        for name in passive.axis)
+                a, b = (on_body(joint, self._mechanism.frame_id(name)) for name in passive.axis)
                 axis = (b - a) / np.linalg.norm(b - a, axis=1, keepdims=True)
                 yield places[k], axis @ self._turned(joint)
             elif frame in found.frames:
@@ -160,13 +161,6 @@ class DimensionNumbers:
     def _turned(self, joint: int) -> Array:
         """Return the axes of the kernel's joint (3, 3) in those of the joint of the model."""
         return self._packed.frames[self._packed.carriers[joint]]
-
-    def _on_body(self, joint: int, frame: int, found: TracedGeometry) -> Array:
-        """Return a frame's origin (m or 1, 3) in the axes of a joint, as `point_on_body`."""
-        model, own = self._mechanism.model, self._mechanism.model.frames[frame].parentJoint
-        if own == joint:
-            return _frame(model, frame, found).translation
-        return found.joints.get(own, PlacementBatch.of(model.jointPlacements[own])).translation
 
     def _offset(self, name: str, found: TracedGeometry) -> Array:
         """Return a point (m or 1, 3) in the axes of the kernel's joint that carries it [m]."""
@@ -221,17 +215,11 @@ class _Span:
 
 
 class DimensionBatch(NamedTuple):
-    """A mechanism at m sets of dimensions.
+    """A mechanism at m sets of dimensions."""
 
-    Attributes:
-        holds: (m,) whether there is such a mechanism.
-        numbers: of the kernel, lengths relative to the characteristic length of the family.
-        frames: by number in the model, placements in what carries them.
-    """
-
-    holds: NDArray[np.bool_]
-    numbers: Numbers
-    frames: dict[int, PlacementBatch]
+    holds: NDArray[np.bool_]  # (m,) whether there is such a mechanism
+    numbers: Numbers  # of the kernel, lengths relative to the characteristic length of the family
+    frames: dict[int, PlacementBatch]  # by number in the model, placements in what carries them
 
     def taken(self, k: NDArray[np.intp]) -> DimensionBatch:
         """Return some of them (n,), one several times if wanted."""
@@ -242,30 +230,20 @@ class DimensionBatch(NamedTuple):
 
 
 class EvaluatedBatch(NamedTuple):
-    """Where the bodies of m mechanisms are, and how they move with the joints.
+    """Where the bodies of m mechanisms are, and how they move with the joints."""
 
-    Attributes:
-        mechanism: at the family's own dimensions: its names and its structure.
-        members: what they are made of.
-        q: (m, nq).
-        residual: (m, n_closure) closure equations.
-        angles: (m, n_angles) of screw closures [rad].
-        jacobian: (m, n_closure, nv) of these with respect to v / `velocity_scale`; empty if not
-            asked for, like `columns`.
-        columns: (m, 6, nv) of the joint Jacobian about the world origin, by v / `velocity_scale`.
-        evaluated: where the joints are.
-        supports: (njoints, nv) 1 for the freedoms that move the body of each joint.
-    """
-
-    mechanism: Mechanism
-    members: DimensionBatch
-    q: Array
-    residual: Array
-    angles: Array
+    mechanism: Mechanism  # at the family's own dimensions: its names and its structure
+    members: DimensionBatch  # what they are made of
+    q: Array  # (m, nq)
+    residual: Array  # (m, n_closure) closure equations
+    angles: Array  # (m, n_angles) of screw closures [rad]
+    # (m, n_closure, nv) of these with respect to v / `velocity_scale`; empty if not asked for, like
+    # `columns`
     jacobian: Array
+    # (m, 6, nv) of the joint Jacobian about the world origin, by v / `velocity_scale`
     columns: Array
-    evaluated: EvaluatedSamples
-    supports: Array
+    evaluated: EvaluatedSamples  # where the joints are
+    supports: Array  # (njoints, nv) 1 for the freedoms that move the body of each joint
 
     def frame(self, name: str | int) -> tuple[Array, Array]:
         """Return rotations (m, 3, 3) and origins (m, 3) of a link, frame or joint in the world.
@@ -281,17 +259,14 @@ class EvaluatedBatch(NamedTuple):
 
     def centred_frame(self, name: str | int) -> tuple[Array, Array]:
         """Return the same with origins relative to the centre of the mechanism."""
-        joint, own = self._carried(name)
+        i = self.mechanism.frame_id(name) if isinstance(name, str) else name
+        frame = self.mechanism.centred_model.frames[i]
+        own = self.members.frames.get(i) or PlacementBatch.of(frame.placement)
+        joint = frame.parentJoint
         at, place = self.evaluated.rotation(joint), self.evaluated.translations[:, joint]
         found: Array = place + np.einsum("mij,mj->mi", at,
                                          np.broadcast_to(own.translation, place.shape))
         return at @ own.rotation, found
-
-    def _carried(self, name: str | int) -> tuple[int, PlacementBatch]:
-        """Return the joint that carries a frame, and its placements there."""
-        i = self.mechanism.frame_id(name) if isinstance(name, str) else name
-        frame = self.mechanism.centred_model.frames[i]
-        return frame.parentJoint, self.members.frames.get(i) or PlacementBatch.of(frame.placement)
 
     def frame_jacobian(self, name: str, origin: Array) -> Array:
         """Return its Jacobian (m, 6, nv) at its origin (m, 3), world axes."""
@@ -305,15 +280,8 @@ class EvaluatedBatch(NamedTuple):
 class DimensionFamily:
     """A mechanism as a function of some of its dimensions.
 
-    Args:
-        mechanism: at its own dimensions.
-        names: the dimensions that change.
-
     Attributes:
         is_traced: whether the file is followed for many sets of dimensions at once.
-
-    Raises:
-        SpatialPinError: it has no file.
     """
 
     def __init__(self, mechanism: Mechanism, names: Iterable[str]) -> None:

@@ -50,9 +50,6 @@ def followed(mechanism: Mechanism, drivers: Mapping[str, float], near: State) ->
         mechanism: at the dimensions wanted.
         drivers: values of coordinates to hold [rad, m].
         near: a closed state of the mechanism at other dimensions.
-
-    Raises:
-        SpatialPinError: the branch ends before it.
     """
     drivers = {mechanism.driven_coordinate(name).name: x for name, x in drivers.items()}
     if mechanism.coordinates != near.mechanism.coordinates:

@@ -30,31 +30,19 @@ ENCODER = ".encoder"  # what names of encoders end with, in sigma and labels
 
 
 class MeasuredPose(NamedTuple):
-    """A pose at which something was measured.
+    """A pose at which something was measured."""
 
-    Attributes:
-        drivers: what their encoders read, by driver [rad or m].
-        measured: what was measured, by name of a frame or coordinate.
-    """
-
-    drivers: Mapping[str, float]
-    measured: Mapping[str, Any]
+    drivers: Mapping[str, float]  # what their encoders read, by driver [rad or m]
+    measured: Mapping[str, Any]  # what was measured, by name of a frame or coordinate
 
 
 class Encoder(NamedTuple):
-    """An encoder that reads with an error, at one pose.
+    """An encoder that reads with an error, at one pose."""
 
-    Attributes:
-        pose: its number, from 0.
-        coordinate: that it reads.
-        sigma: standard deviation [rad or m].
-        unit: "rad" or "m".
-    """
-
-    pose: int
-    coordinate: str
-    sigma: float
-    unit: str
+    pose: int  # its number, from 0
+    coordinate: str  # that it reads
+    sigma: float  # standard deviation [rad or m]
+    unit: str  # "rad" or "m"
 
     @property
     def label(self) -> str:
@@ -64,17 +52,11 @@ class Encoder(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MeasuredQuantity:
-    """One thing measured at one pose.
+    """One thing measured at one pose."""
 
-    Attributes:
-        target: what it is.
-        kind: "position", "rotation", "angle" or "length".
-        sigma: its standard deviation [m or rad]; without any, what counts as one.
-    """
-
-    target: Target
-    kind: str
-    sigma: float
+    target: Target  # what it is
+    kind: str  # "position", "rotation", "angle" or "length"
+    sigma: float  # its standard deviation [m or rad]; without any, what counts as one
 
     @classmethod
     def of(
@@ -96,12 +78,7 @@ class MeasuredQuantity:
         raise ValueError(f"sigma says nothing of {target.name!r}: add {kind!r} [{UNITS[kind]}]")
 
     def error(self, evaluation: Evaluation, base: pin.SE3 | None) -> tuple[Array, Array]:
-        """Return model less measurement (k,) [m, rad], and its derivative (k, nv) for velocities.
-
-        Args:
-            evaluation: at the pose's configuration.
-            base: of the mechanism in the axes of what measures.
-        """
+        """Return model less measurement (k,) [m, rad], and its derivative (k, nv)."""
         mechanism, size = evaluation.mechanism, 1.0  # what one of the residual stands for
         if isinstance(self.target, CoordinateValue):
             coordinate = mechanism.prescribed_coordinate(self.target.name)
@@ -160,13 +137,7 @@ def in_world(target: Target, base: pin.SE3 | None) -> Target:
 def read_measurements(
     mechanism: Mechanism, measurements: Iterable[Any], sigma: Mapping[str, float] | None
 ) -> tuple[list[dict[str, float]], list[list[MeasuredQuantity]]]:
-    """Return the drivers' values and the quantities of all poses.
-
-    Raises:
-        UnknownNameError: there is no such driver, frame or coordinate.
-        ValueError: a driver has no value, or a number is not finite, or something has no sigma.
-        TypeError: a measurement is of no kind there is.
-    """
+    """Return the drivers' values and the quantities of all poses."""
     if isinstance(measurements, str | Mapping):
         raise TypeError("measurements must be a list [({driver: value}, {frame: what}), ...], not "
                         f"{repr(measurements)[:60]}; `spatial-pin calibrate` reads tables")
@@ -253,9 +224,6 @@ def base_from(pairs: Sequence[tuple[Target, pin.SE3]]) -> pin.SE3:
 
     Its rotation is a measured one, else the best of the points [GolubVanLoan2013, 6.4.1]; its
     translation that of the points' means.
-
-    Raises:
-        SpatialPinError: nothing that was measured tells of it.
     """
     points = [(t.point, at.translation) for t, at in pairs if isinstance(t, Position)]
     turns = [t.rotation @ at.rotation.T for t, at in pairs if isinstance(t, Orientation)]

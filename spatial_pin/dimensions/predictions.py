@@ -7,7 +7,7 @@ same q, the rows c and the frames, is differenced: nothing is closed for that.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -32,20 +32,28 @@ BASE = ("base.x", "base.y", "base.z", "base.rx", "base.ry", "base.rz")
 
 
 class Unknowns(NamedTuple):
-    """What is looked for.
+    """What is looked for."""
 
-    Attributes:
-        dimensions: names.
-        offsets: drivers; what their encoders read lacks these.
-        has_base: whether the base is one, by six numbers.
-        encoders: that read with an error, of which each pose has its own: these are found too, as
-            numbers behind the others, but have no name.
-    """
-
-    dimensions: tuple[str, ...]
-    offsets: tuple[str, ...]
-    has_base: bool
+    dimensions: tuple[str, ...]  # names
+    offsets: tuple[str, ...]  # drivers; what their encoders read lacks these
+    has_base: bool  # whether the base is one, by six numbers
+    # that read with an error, of which each pose has its own: these are found too, as numbers
+    # behind the others, but have no name
     encoders: tuple[Encoder, ...] = ()
+
+    @classmethod
+    def of(
+        cls, mechanism: Mechanism, dimensions: Iterable[str], offsets: Sequence[str],
+        has_base: bool, drivers: Sequence[Mapping[str, float]], encoders: tuple[Encoder, ...],
+    ) -> Unknowns:
+        """Return them, offsets checked with what encoders read."""
+        coordinates = [mechanism.driven_coordinate(name).name for name in offsets]
+        if len(set(coordinates)) < len(coordinates):
+            raise ValueError("offsets names one driver twice")
+        for name, coordinate in zip(offsets, coordinates, strict=True):
+            if not any(coordinate in read for read in drivers):
+                raise ValueError(f"offsets: no measurement has a value of {name!r}")
+        return cls(tuple(dimensions), tuple(offsets), has_base, encoders)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -55,33 +63,22 @@ class Unknowns(NamedTuple):
 
 
 class FittedState(NamedTuple):
-    """A mechanism at some values of the unknowns.
+    """A mechanism at some values of the unknowns."""
 
-    Attributes:
-        mechanism: at its dimensions.
-        states: closed, by pose.
-        base: of the mechanism in the axes of what measures; None where these are its own.
-    """
-
-    mechanism: Mechanism
-    states: list[State]
+    mechanism: Mechanism  # at its dimensions
+    states: list[State]  # closed, by pose
+    # of the mechanism in the axes of what measures; None where these are its own
     base: pin.SE3 | None
 
 
 class NeighbouringPoses(NamedTuple):
-    """Poses of a mechanism, and of those whose dimensions are a little larger and smaller.
+    """Poses of a mechanism, and of those whose dimensions are a little larger and smaller."""
 
-    Attributes:
-        bodies: of the poses, then of all of them for each larger dimension, then for each smaller.
-        poses: how many there are.
-        widths: (n,) between the larger and the smaller ones [m or rad].
-        known: rotations and origins of frames that were asked for.
-    """
-
+    # of the poses, then of all of them for each larger dimension, then for each smaller
     bodies: EvaluatedBatch
-    poses: int
-    widths: Array
-    known: dict[int, tuple[Array, Array]]
+    poses: int  # how many there are
+    widths: Array  # (n,) between the larger and the smaller ones [m or rad]
+    known: dict[int, tuple[Array, Array]]  # rotations and origins of frames that were asked for
 
     def _differences(self, values: Array, i: int) -> tuple[Array, Array]:
         """Return values (n, ...) of a pose at larger, and at smaller dimensions."""
@@ -135,12 +132,6 @@ class Predictions:
 
     The unknowns have no unit: x is how far they are from where they start, relative to `sizes`.
 
-    Args:
-        start: where the search begins.
-        unknowns: what is looked for.
-        drivers: by coordinate, what the encoders read at each pose.
-        quantities: what was measured at each pose.
-
     Attributes:
         sizes: (n,) of the unknowns [m or rad].
         sigmas: (m,) standard deviations of the numbers measured, those of encoders last.
@@ -176,21 +167,14 @@ class Predictions:
     # ------------------------------------------------------------ values
 
     def at(self, x: Array) -> FittedState:
-        """Return the mechanism at values of the unknowns, its loops closed at every pose.
-
-        Raises:
-            SpatialPinError: they do not close, on the branch that they begin on.
-        """
+        """Return the mechanism at values of the unknowns, its loops closed at every pose."""
         if self._last is None or self._last[0] != x.tobytes():
-            self._last = x.tobytes(), self._made(x)
+            near, dimensions = self._near, self.dimensions_at(x)
+            there = self._variants.at(dimensions) if dimensions else near.mechanism
+            states = [followed(there, held, state)
+                      for held, state in zip(self.held(x), near.states, strict=True)]
+            self._last = x.tobytes(), FittedState(there, states, self.base_at(x))
         return self._last[1]
-
-    def _made(self, x: Array) -> FittedState:
-        near, dimensions = self._near, self.dimensions_at(x)
-        there = self._variants.at(dimensions) if dimensions else near.mechanism
-        states = [followed(there, held, state)
-                  for held, state in zip(self.held(x), near.states, strict=True)]
-        return FittedState(there, states, self.base_at(x))
 
     def held(self, x: Array) -> list[dict[str, float]]:
         """Return where the drivers are at each pose, by coordinate [rad or m]."""
@@ -251,12 +235,7 @@ class Predictions:
         return found
 
     def slopes(self, x: Array) -> Array:
-        """Return the derivatives (m, n) of `errors` for x, but for small turns of the base.
-
-        Raises:
-            SpatialPinError: the drivers do not determine what was measured, or a dimension opens
-                the loops.
-        """
+        """Return the derivatives (m, n) of `errors` for x, but for small turns of the base."""
         here = self._near = self.at(x)
         beside, rows = self._beside(here), []
         for i, state in enumerate(here.states):
@@ -299,7 +278,12 @@ class Predictions:
         svd = decompose(np.vstack([loops, np.eye(m.model.nv)[stands]]))
         slopes = scale * np.vstack(
             [q.error(evaluation, here.base)[1] for q in self._quantities[i]])
-        self._check_determined(i, svd, slopes)
+        free = np.abs(slopes @ svd.null_space.T).max(axis=1, initial=0.0)
+        if free.max(initial=0.0) > TOLERANCES.half_precision * np.abs(slopes).max(initial=0.0):
+            labels = [label for q in self._quantities[i] for label in q.labels()]
+            raise SpatialPinError(
+                f"measurement {i + 1}: {labels[int(np.argmax(free))]!r} can move where the drivers "
+                "given stand; give values of drivers or coordinates that hold it, or leave it out")
         columns = list[Array]()
         if beside is not None:
             moved = _AtRest(m, evaluation, beside, i)
@@ -330,12 +314,3 @@ class Predictions:
                 "changed (they are overconstrained); calibrate a dimension that keeps them closed")
         found: Array = svd.vt[: svd.rank].T @ ((kept.T @ wanted) / svd.s[: svd.rank, None])
         return found
-
-    def _check_determined(self, i: int, svd: Decomposition, slopes: Array) -> None:
-        """Refuse what the drivers leave free."""
-        free = np.abs(slopes @ svd.null_space.T).max(axis=1, initial=0.0)
-        if free.max(initial=0.0) > TOLERANCES.half_precision * np.abs(slopes).max(initial=0.0):
-            labels = [label for q in self._quantities[i] for label in q.labels()]
-            raise SpatialPinError(
-                f"measurement {i + 1}: {labels[int(np.argmax(free))]!r} can move where the drivers "
-                "given stand; give values of drivers or coordinates that hold it, or leave it out")

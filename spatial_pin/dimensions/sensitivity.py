@@ -201,13 +201,7 @@ def _differentiated(
 
 
 class _Around:
-    """Outputs at eight values of each dimension about a mechanism's own.
-
-    Args:
-        mechanism: at its own dimensions.
-        names: of the dimensions.
-        outputs: as for `sensitivity`.
-    """
+    """Outputs at eight values of each dimension about a mechanism's own."""
 
     def __init__(self, mechanism: Mechanism, names: list[str], outputs: list[str]) -> None:
         self._mechanism, self._names, self._outputs = mechanism, names, outputs
@@ -254,9 +248,6 @@ class _Around:
         """Return the outputs at eight values of a dimension, and their step.
 
         Where the branch ends within them, the steps are shorter.
-
-        Raises:
-            SpatialPinError: it ends within the shortest.
         """
         name, first = self._names[i], None
         value = self._mechanism.dimensions[name]
@@ -282,7 +273,6 @@ def within_half_turn(values: Array, own: Any, unit: str) -> Array:
 
 
 def _plain(value: Any) -> Any:
-    """Return a number as a float, a vector as it is."""
     return float(value) if np.ndim(value) == 0 else value
 
 
@@ -306,21 +296,17 @@ def _sizes(state: State, drive: DriverMotion, outputs: Iterable[str]) -> dict[st
     length, scale = state.mechanism.characteristic_length, state.mechanism.velocity_scale
     speed, acceleration = (float(np.abs(x / scale).max(initial=0.0)) for x in (state.v, state.a))
     per_s2 = max(acceleration, speed**2)
-    force = _force(state, drive) if with_forces(outputs) else 0.0
+    force = 0.0  # the largest in the mechanism, moments divided by its length
+    if with_forces(outputs):
+        loads = drive.told(state).loads
+        wrenches = np.vstack([loads.on_ground, *loads.reactions.values()])
+        force = float(np.abs(wrenches / ([1.0] * 3 + [length] * 3)).max())
     return {"rad": 1.0, "1": 1.0, "m": length, "rad/s": speed, "m/s": speed * length,
             "rad/s²": per_s2, "m/s²": per_s2 * length, "N": force, "N·m": force * length,
             "N, N·m": force * max(1.0, length), "W": force * length * speed}
 
 
-def _force(state: State, drive: DriverMotion) -> float:
-    """Return the largest force in a mechanism, moments divided by its length [N]."""
-    loads, length = drive.told(state).loads, state.mechanism.characteristic_length
-    wrenches = np.vstack([loads.on_ground, *loads.reactions.values()])
-    return float(np.abs(wrenches / ([1.0] * 3 + [length] * 3)).max())
-
-
 def _unit(state: State, drive: DriverMotion, output: str) -> str:
-    """Return the unit of an output that exists."""
     end = end_of_range(output)
     if end is not None:
         return state.mechanism.coordinate(end[1]).unit

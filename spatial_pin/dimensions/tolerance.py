@@ -213,7 +213,9 @@ def tolerance(
     if not samples:
         return Tolerance(nominal, linear, None, None, {name: np.empty(0) for name in names}, 0,
                          {name: np.empty(0) for name in spread}, np.empty(0, dtype=bool), units)
-    drawn = _drawn(mechanism, spread, samples, rng)
+    normal = rng.normal(size=(samples, len(spread)))
+    drawn = np.array([mechanism.dimensions[name] for name in spread]) + np.array(
+        list(spread.values())) * normal
     values, is_closed, n = _solved(
         mechanism, of_mechanism(mechanism, state), nominal, spread, drawn, executor, progress)
     is_closed, drawn = is_closed[:n], drawn[:n]
@@ -234,15 +236,6 @@ def _of_enough(values: Array, fewest: int, what: Callable[[Array], Array]) -> An
     return (what(values) if len(values) >= fewest else np.full(values.shape[1:], np.nan))[()]
 
 
-def _drawn(
-    mechanism: Mechanism, spread: Mapping[str, float], samples: int, rng: np.random.Generator
-) -> Array:
-    """Return the dimensions (samples, k) in the order of `spread`."""
-    nominal = np.array([mechanism.dimensions[name] for name in spread])
-    normal = rng.normal(size=(samples, len(nominal)))
-    return nominal + np.array(list(spread.values())) * normal
-
-
 def _solved(
     mechanism: Mechanism, state: State, nominal: Mapping[str, Any], spread: Mapping[str, float],
     drawn: Array, executor: Executor | None, progress: bool,
@@ -250,9 +243,6 @@ def _solved(
     """Return (N, ...) values by output, which samples (N,) could be closed, and how many count.
 
     These are the first ones, up to where Ctrl-C has left one out.
-
-    Raises:
-        KeyboardInterrupt: before any.
     """
     names, drive = list(nominal), DriverMotion.of(state)
     values = {name: np.empty((len(drawn), *np.shape(x))) for name, x in nominal.items()}
@@ -310,17 +300,7 @@ def _sample(
     path: str, parameters: dict[str, Any], dimensions: dict[str, float],
     nominal: tuple[Array, Array], drive: DriverMotion, names: list[str], mark: str,
 ) -> list[Any] | None:
-    """Return outputs of a sample, in any process; None when it cannot be closed.
-
-    Args:
-        path: the mechanism's file.
-        parameters: what `load` takes for the nominal mechanism.
-        dimensions: of the sample.
-        nominal: q and angles of screws.
-        drive: the drivers' motion.
-        names: of the outputs.
-        mark: of the call of `tolerance`.
-    """
+    """Return outputs of a sample, in any process; None when it cannot be closed."""
     try:
         variants = _loaded(path, pickle.dumps(parameters), tuple(dimensions), mark)
         own, (q, angles) = variants.mechanism, nominal

@@ -57,17 +57,13 @@ def with_masses(mechanism: Mechanism, outputs: Iterable[str]) -> bool:
 
 @dataclass(frozen=True)
 class DriverMotion:
-    """The drivers' motion at a state: values, speeds, accelerations, keyed by coordinate.
+    """The drivers' motion at a state: values, speeds, accelerations, keyed by coordinate."""
 
-    Attributes:
-        driver: whose speed ratios are relative to.
-        in_time: whether rates are those in time; where they are not, forces are those at rest.
-    """
-
-    driver: str
+    driver: str  # whose speed ratios are relative to
     values: dict[str, float]
     speeds: dict[str, float]
     accelerations: dict[str, float]
+    # whether rates are those in time; where they are not, forces are those at rest
     in_time: bool = True
 
     @classmethod
@@ -165,17 +161,11 @@ def _wanted(mechanism: Mechanism, spec: str) -> _Wanted | None:
 
 
 class MadeOf(NamedTuple):
-    """What m samples are made of.
+    """What m samples are made of."""
 
-    Attributes:
-        dimensions: (k, m).
-        geometry: what follows from them in the file.
-        numbers: of the kernel.
-    """
-
-    dimensions: Array
-    geometry: TracedGeometry
-    numbers: Numbers
+    dimensions: Array  # (k, m)
+    geometry: TracedGeometry  # what follows from them in the file
+    numbers: Numbers  # of the kernel
 
 
 class VariedSamples:

@@ -17,8 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from spatial_pin.inverse_kinematics.constrained import Constrained, Held
-from spatial_pin.inverse_kinematics.lagrangian import Lagrangian
+from spatial_pin.inverse_kinematics.constrained import Constrained, Held, Lagrangian
 from spatial_pin.inverse_kinematics.targets import Target
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -40,25 +39,15 @@ NEARLY_THERE = 0.9995
 
 
 class DescentPoint(NamedTuple):
-    """Where a descent stands.
+    """Where a descent stands."""
 
-    Attributes:
-        q: (nq,) configuration.
-        held: joint limits that it stands at.
-        size: length of the residuals that are wanted small.
-    """
-
-    q: Array
-    held: Held
-    size: float
+    q: Array  # (nq,) configuration
+    held: Held  # joint limits that it stands at
+    size: float  # length of the residuals that are wanted small
 
 
 class StepPolicy:
-    """How steps are made, judged by those before: with which damping, and whether by Newton.
-
-    Args:
-        off: part of a Gauss step's square by which what is kept may be off behind it.
-    """
+    """How steps are made, judged by those before: with which damping, and whether by Newton."""
 
     def __init__(self, off: float) -> None:
         self.damping, self._slow, self._off = 0.0, 0, off

@@ -28,17 +28,12 @@ Between = Callable[[int, float], Array]  # number of a sample and parameter to (
 
 
 class _Rest(NamedTuple):
-    """The square matrix of the equations without what is driven and held.
+    """The square matrix of the equations without what is driven and held."""
 
-    Attributes:
-        rows: independent equations of the loops, and those of resolved passive freedoms.
-        columns: velocities that are neither driven nor held.
-        passive: (k, n) rows for passive freedoms that are not resolved.
-    """
-
+    # independent equations of the loops, and those of resolved passive freedoms
     rows: NDArray[np.intp]
-    columns: NDArray[np.intp]
-    passive: Array
+    columns: NDArray[np.intp]  # velocities that are neither driven nor held
+    passive: Array  # (k, n) rows for passive freedoms that are not resolved
 
     def determinants(self, kernel: Kernel, q: Array) -> tuple[Array, Array]:
         """Return signs (N,) and logarithms (N,) of the determinants at q (N, nq)."""

@@ -42,19 +42,12 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PointPart(Target):
-    """Some components of the position of a frame's origin, or of a point beside it.
+    """Some components of the position of a frame's origin, or of a point beside it."""
 
-    Attributes:
-        frame: Pinocchio's index of it.
-        offset: of the point in the frame's axes, shape (3,) [m].
-        axes: numbers of the world's axes.
-        values: that the components should have [m].
-    """
-
-    frame: int
-    offset: Array
-    axes: tuple[int, ...]
-    values: Array
+    frame: int  # Pinocchio's index of it
+    offset: Array  # of the point in the frame's axes, shape (3,) [m]
+    axes: tuple[int, ...]  # numbers of the world's axes
+    values: Array  # that the components should have [m]
 
     def residual(self, evaluation: Evaluation) -> Residual:
         """See `Target`."""
@@ -81,15 +74,10 @@ class PointPart(Target):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class AngleValue(Target):
-    """The angle of a link about an axis; whole turns more or less are the same direction.
+    """The angle of a link about an axis; whole turns more or less are the same direction."""
 
-    Attributes:
-        angle: which it is.
-        value: that it should have [rad].
-    """
-
-    angle: LinkAngle
-    value: float
+    angle: LinkAngle  # which it is
+    value: float  # that it should have [rad]
 
     def residual(self, evaluation: Evaluation) -> Residual:
         """See `Target`: within half a turn."""
@@ -121,10 +109,6 @@ def output_target(
             behind it or without, or `LINK.angle`, `LINK.angle.x`, `.y` or `.z`.
         given: (3,) [m], of one component or an angle a number [m or rad].
         weight: as of every target.
-
-    Raises:
-        SpatialPinError: a link has no mass, or turns about no axis of its own.
-        ValueError: it is no number, or not as many as there should be.
     """
     if is_coordinate(mechanism, name) or name in mechanism.frame_ids:
         return None
@@ -151,12 +135,7 @@ def output_target(
 
 
 def _check_name(mechanism: Mechanism, name: str, kind: str) -> None:
-    """Refuse the name of an output that tells of no place, or of something that does not exist.
-
-    Raises:
-        SpatialPinError: it is a rate, a force or the mass.
-        UnknownNameError: there is no such thing; only names with a dot are judged here.
-    """
+    """Refuse the name of an output that tells of no place, or of something that does not exist."""
     if kind in (*FRAME_UNITS, *COORDINATE_OUTPUTS) or is_force(name) or name == MASS:
         raise SpatialPinError(f"target {name!r}: a target says where something is, as a position, "
                               "an angle or a coordinate; rates are given by solve_rates or times")
@@ -186,14 +165,7 @@ def is_part(mechanism: Mechanism, name: str) -> bool:
 
 
 def read_targets(mechanism: Mechanism, targets: Mapping[str, Any]) -> list[Target]:
-    """Return targets given by name: a Target, a list of them, a point (3,), placement or number.
-
-    Raises:
-        UnknownNameError: there is no such frame, coordinate or output.
-        TypeError: a target is nothing of that.
-        ValueError: there is none, or a number is not finite, or two that are to be reached exactly
-            contradict each other.
-    """
+    """Return targets given by name: a Target, a list of them, a point (3,), placement or number."""
     if not targets:
         raise ValueError("targets is empty: say where something should be, as {'tip': [x, y, z]}")
     found, wanted = [], dict[str, Any]()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from functools import partial
 from itertools import pairwise
 from typing import Any
@@ -47,11 +47,6 @@ class LeastMotionPath:
 
     Attributes:
         states: those there are.
-
-    Args:
-        first: where the first targets are met.
-        tables: the targets.
-        hold: what stands still.
     """
 
     def __init__(self, first: State, tables: list[TargetTable], hold: Hold) -> None:
@@ -62,9 +57,6 @@ class LeastMotionPath:
         """Add a state, with least motion; where that leads no further, look back.
 
         The states before it are then gone anew, from as far back as it takes.
-
-        Raises:
-            ReachError: its targets cannot be reached.
         """
         k = len(self.states)
         try:
@@ -110,13 +102,7 @@ def by_drivers(
     first: State, tables: list[TargetTable], times: Array | None, hold: Hold, accuracy: Accuracy,
     progress: bool,
 ) -> Motion:
-    """Return the motion of least motion from sample to sample, the drivers on splines.
-
-    Raises:
-        ReachError: targets cannot be reached; has the motion so far.
-        SpatialPinError: there are no drivers.
-        Interrupted: after Ctrl-C; has the motion until then.
-    """
+    """Return the motion of least motion from sample to sample, the drivers on splines."""
     mechanism, path = first.mechanism, LeastMotionPath(first, tables, hold)
     if not mechanism.drivers:
         raise SpatialPinError(
@@ -227,8 +213,13 @@ def reach_path(
                                if t.is_coordinate], held)
     wanted = targets_at(tables, 0)
     start = starting_state(mechanism, guess, state)
-    first = reach(mechanism, wanted, start, hold=hold, limits=(
-        guess is None and state is None) or not _is_met(start, wanted))
+    met = TOLERANCES.closed + 2.0 * start.mechanism.extent.resolution
+    with evaluation_of(start.mechanism, start.angles) as evaluation:
+        evaluation.update(start.q)
+        is_met = all(np.linalg.norm(target.residual(evaluation)[0]) <= met
+                     for target in read_targets(start.mechanism, wanted))
+    first = reach(mechanism, wanted, start, hold=hold,
+                  limits=(guess is None and state is None) or not is_met)
     freedom, chains = _chains(first, tables, s, hold)
     asked = sum(chain.n for chain in chains)
     if asked > freedom:
@@ -244,16 +235,6 @@ def reach_path(
             raise
         return by_drivers(first, tables, moved, hold, accuracy, progress)
     return finished(first.mechanism, followed, moved, held, [t.name for t in tables], "targets")
-
-
-def _is_met(state: State, targets: Mapping[str, Any]) -> bool:
-    """Whether targets are met at a state, joint limits kept or not."""
-    mechanism = state.mechanism
-    met = TOLERANCES.closed + 2.0 * mechanism.extent.resolution
-    with evaluation_of(mechanism, state.angles) as evaluation:
-        evaluation.update(state.q)
-        return all(np.linalg.norm(target.residual(evaluation)[0]) <= met
-                   for target in read_targets(mechanism, targets))
 
 
 def _chains(
@@ -314,25 +295,21 @@ def _followed(
         into = samples.between(stretch.first, done)
         for part, new in zip(into, found.samples.between(0, found.done), strict=True):
             part[...] = new[:, : part.shape[1]] if part.ndim == 2 else new
+        n = len(into.q)
+        some = dict.fromkeys((0, n - 1, n // 2) if n else ())
+        states = (State(mechanism, into.q[k], closure_error=into.error[k], angles=into.angles[k])
+                  for k in some)
         between = partial(
             _between, copy.mechanism, names, model.nq, standing, law, own, found.samples)
         try:
             lost += [(at, row + stretch.first) for at, row in driver_singularities(
-                _states(mechanism, into), into.q, own[: found.done], hold, between)]
+                states, into.q, own[: found.done], hold, between)]
         except KeyboardInterrupt:
             return Followed(samples, done, None, undriven=lost, is_cut=True)
         if found.stop is not None or found.is_cut:
             return Followed(samples, done, found.stop, undriven=lost, is_cut=found.is_cut)
         here = State(mechanism, into.q[-1], closure_error=into.error[-1], angles=into.angles[-1])
     return Followed(samples, done, None, undriven=lost)
-
-
-def _states(mechanism: Mechanism, samples: Samples) -> Iterator[State]:
-    """Yield the first, the last and the middle sample."""
-    n = len(samples.q)
-    for k in sorted({0, n - 1, n // 2}, key=(0, n - 1, n // 2).index) if n else ():
-        yield State(mechanism, samples.q[k], closure_error=samples.error[k],
-                    angles=samples.angles[k])
 
 
 def _between(

@@ -15,9 +15,8 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.constraints.closure_equations import Evaluation
-from spatial_pin.inverse_kinematics.constrained import Constrained, Held
+from spatial_pin.inverse_kinematics.constrained import Constrained, Held, Lagrangian, Stationary
 from spatial_pin.inverse_kinematics.descending import Descent
-from spatial_pin.inverse_kinematics.lagrangian import Lagrangian, Stationary
 from spatial_pin.inverse_kinematics.targets import CoordinateValue, Residual, Target
 from spatial_pin.mechanism.joint_limits import JointLimit
 from spatial_pin.numerics.linalg import Array, decompose
@@ -25,23 +24,14 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 
 
 class ReachResult(NamedTuple):
-    """Where solving has led.
+    """Where solving has led."""
 
-    Attributes:
-        q: (nq,) configuration, its loops closed.
-        exact: (k,) residuals of what was to be exact.
-        limits: joint limits that hold it back.
-        missed: length of the weighted residuals of what has a weight.
-        beyond: joint limits that it is beyond, since it started there.
-        is_on_its_way: whether it went on by long steps until these ran out.
-    """
-
-    q: Array
-    exact: Array
-    limits: tuple[JointLimit, ...]
-    missed: float = 0.0
-    beyond: tuple[JointLimit, ...] = ()
-    is_on_its_way: bool = False
+    q: Array  # (nq,) configuration, its loops closed
+    exact: Array  # (k,) residuals of what was to be exact
+    limits: tuple[JointLimit, ...]  # joint limits that hold it back
+    missed: float = 0.0  # length of the weighted residuals of what has a weight
+    beyond: tuple[JointLimit, ...] = ()  # joint limits that it is beyond, since it started there
+    is_on_its_way: bool = False  # whether it went on by long steps until these ran out
 
     @property
     def distance(self) -> float:
@@ -104,13 +94,6 @@ class Solver(Constrained):
     Attributes:
         exact, weighted: targets to be reached, and those to be met as well as can be, their weights
             relative to the largest.
-
-    Args:
-        evaluation: its closure equations.
-        targets: what is asked for.
-        limits: joint limits to keep.
-        still: places in the velocity vector that stand still.
-        tolerance: length of the residuals at which targets are reached.
     """
 
     def __init__(
@@ -192,7 +175,6 @@ class Solver(Constrained):
         return found
 
     def _missed(self, q: Array, wanted: Sequence[Target]) -> float:
-        """Return the length of residuals."""
         return float(np.linalg.norm(self.residual(q, wanted)[0]))
 
     def _as_now(self, q: Array, wanted: Sequence[Target]) -> list[Target]:

@@ -40,23 +40,15 @@ ALL = np.eye(3)
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """The joints that stand for one target.
+    """The joints that stand for one target."""
 
-    Attributes:
-        table: where it should be.
-        directions: (3, k) unit vectors of the world that the slides go along, in columns.
-        slides: their course.
-        hinges: 3 hinges, 1 or none.
-        axis: (3,) of a single hinge, in the axes of the first orientation.
-        phi, omega, alpha: (N, 3) rotation vectors from the first orientation, and rates in body
-            axes; None where no orientation is asked for.
-    """
-
-    table: TargetTable
-    directions: Array
-    slides: TargetCourse
-    hinges: int = 0
-    axis: Array | None = None
+    table: TargetTable  # where it should be
+    directions: Array  # (3, k) unit vectors of the world that the slides go along, in columns
+    slides: TargetCourse  # their course
+    hinges: int = 0  # 3 hinges, 1 or none
+    axis: Array | None = None  # (3,) of a single hinge, in the axes of the first orientation
+    # (N, 3) rotation vectors from the first orientation, and rates in body axes; None where no
+    # orientation is asked for
     phi: Array | None = None
     omega: Array | None = None
     alpha: Array | None = None
@@ -74,16 +66,11 @@ class Chain:
 
 
 class ChainSegment(NamedTuple):
-    """Some samples in a row that one copy of the mechanism is followed along.
+    """Some samples in a row that one copy of the mechanism is followed along."""
 
-    Attributes:
-        first, last: samples, both inclusive.
-        course: of all target coordinates, over these.
-    """
-
-    first: int
+    first: int  # samples, both inclusive
     last: int
-    course: TargetCourse
+    course: TargetCourse  # of all target coordinates, over these
 
 
 def chain_of(table: TargetTable, s: Array, rows: Array, mechanism: Mechanism) -> Chain:
@@ -118,13 +105,7 @@ def chain_of(table: TargetTable, s: Array, rows: Array, mechanism: Mechanism) ->
 
 
 def _directions(rows: Array, away: Array, known: float) -> Array:
-    """Return unit vectors (3, k) that velocities span; all three if that leaves out of `away`.
-
-    Args:
-        rows: (3, m) velocities.
-        away: (N, 3) where it is to go.
-        known: to how much that is known.
-    """
+    """Return unit vectors (3, k) that velocities span; all three if that leaves out of `away`."""
     turned = decompose(rows.T, TOLERANCES.half_precision)
     if turned.rank == 3:
         return ALL
@@ -138,19 +119,28 @@ def _directions(rows: Array, away: Array, known: float) -> Array:
 
 
 def stretches_of(chains: list[Chain], n: int) -> list[ChainSegment]:
-    """Return the stretches of n samples.
-
-    Raises:
-        SpatialPinError: a target turns too far from one sample to the next.
-    """
+    """Return the stretches of n samples."""
     found: list[ChainSegment] = []
     first = 0
     while not found or first < n - 1:
         courses = [_course(chain, first) for chain in chains]
         last = n - 1
         for chain, course in zip(chains, courses, strict=True):
-            if chain.hinges == 3:
-                last = min(last, _upright(chain, np.abs(course.value[:, -2]), first))
+            rotations = chain.table.rotations
+            if chain.hinges != 3 or rotations is None:
+                continue
+            # One that leans by more than a right angle seems to lean less; what turns between two
+            # samples tells.
+            leaning = np.abs(course.value[:, -2])  # of the middle hinge
+            turned = rotations[first:-1].transpose(0, 2, 1) @ rotations[first + 1 :]
+            cosines = 0.5 * (np.trace(turned, axis1=1, axis2=2) - 1.0)
+            steps = np.arccos(np.clip(cosines, -1.0, 1.0))
+            beyond = (leaning[1:] > LEANING) | (leaning[:-1] + steps > np.pi - LEANING)
+            if beyond.any() and not beyond.argmax():
+                raise SpatialPinError(
+                    f"target {chain.table.name!r} turns by {steps[0]:.3g} rad from sample {first} "
+                    f"to {first + 1}: give placements nearer to each other")
+            last = min(last, first + (int(beyond.argmax()) if beyond.any() else len(steps)))
         kept = slice(0, last - first + 1)
         found.append(ChainSegment(first, last, TargetCourse(*(
             np.hstack([getattr(c, part)[kept] for c in courses])
@@ -177,28 +167,6 @@ def _course(chain: Chain, first: int) -> TargetCourse:
                                chain.alpha[first:])
     return TargetCourse(*(np.hstack([getattr(slides, part), getattr(hinges, part)])
                     for part in ("value", "rate", "bend")))
-
-
-def _upright(chain: Chain, leaning: Array, first: int) -> int:
-    """Return the last sample up to which the middle hinge leans little.
-
-    One that leans by more than a right angle seems to lean less; what turns between two samples
-    tells.
-    """
-    rotations = chain.table.rotations
-    assert rotations is not None
-    turned = rotations[first:-1].transpose(0, 2, 1) @ rotations[first + 1 :]
-    cosines = 0.5 * (np.trace(turned, axis1=1, axis2=2) - 1.0)
-    steps = np.arccos(np.clip(cosines, -1.0, 1.0))
-    beyond = (leaning[1:] > LEANING) | (leaning[:-1] + steps > np.pi - LEANING)
-    if not beyond.any():
-        return first + len(steps)
-    last = first + int(beyond.argmax())
-    if last == first:
-        raise SpatialPinError(
-            f"target {chain.table.name!r} turns by {steps[0]:.3g} rad from sample {first} to "
-            f"{first + 1}: give placements nearer to each other")
-    return last
 
 
 # ---------------------------------------------------------------- the copy

@@ -29,13 +29,9 @@ STEEP = 10.0  # rotation vectors run so much faster than what turns only beside 
 
 @dataclass(frozen=True, eq=False)
 class TargetCourse:
-    """Numbers over the samples and their derivatives.
+    """Numbers over the samples and their derivatives."""
 
-    Attributes:
-        value, rate, bend: (N, k), by the parameter.
-    """
-
-    value: Array
+    value: Array  # (N, k), by the parameter
     rate: Array
     bend: Array
 
@@ -56,21 +52,15 @@ class TargetCourse:
 
 @dataclass(frozen=True, eq=False)
 class TargetTable:
-    """Where a frame, or a coordinate, should be.
+    """Where a frame, or a coordinate, should be."""
 
-    Attributes:
-        name: of the frame, coordinate or output.
-        points: (N, 3) where its origin should be [m]; None of a coordinate or output.
-        rotations: (N, 3, 3) how it should stand; None where nobody asks.
-        values: (N,) of a coordinate or output [rad or m], (N, 3) of a centre of mass.
-        first: of an output, its target at the first sample.
-    """
-
-    name: str
+    name: str  # of the frame, coordinate or output
+    # (N, 3) where its origin should be [m]; None of a coordinate or output
     points: Array | None = None
-    rotations: Array | None = None
+    rotations: Array | None = None  # (N, 3, 3) how it should stand; None where nobody asks
+    # (N,) of a coordinate or output [rad or m], (N, 3) of a centre of mass
     values: Array | None = None
-    first: Target | None = None
+    first: Target | None = None  # of an output, its target at the first sample
 
     @property
     def is_coordinate(self) -> bool:
@@ -89,12 +79,14 @@ class TargetTable:
             return self.points[k]
         return pin.SE3(self.rotations[k], self.points[k])
 
-    def turns(self) -> Array:
-        """Return rotation vectors (N, 3) from the first orientation to each, without jumps.
+    def repeated(self, n: int) -> TargetTable:
+        """Return it at as many samples."""
+        points, rotations, values = (None if x is None else np.repeat(x, n, axis=0)
+                                     for x in (self.points, self.rotations, self.values))
+        return replace(self, points=points, rotations=rotations, values=values)
 
-        Raises:
-            SpatialPinError: they are not without jumps, beside a whole turn about another axis.
-        """
+    def turns(self) -> Array:
+        """Return rotation vectors (N, 3) from the first orientation to each, without jumps."""
         from scipy.spatial.transform import Rotation
 
         assert self.rotations is not None
@@ -119,47 +111,25 @@ def targets_at(tables: Iterable[TargetTable], k: int) -> dict[str, Any]:
 
 
 def tables_of(mechanism: Mechanism, targets: Mapping[str, Any], n_times: int) -> list[TargetTable]:
-    """Return tables given by name, of equal lengths; single placements and numbers stand still.
-
-    Args:
-        mechanism: the mechanism.
-        targets: by name, as for `reach_path`.
-        n_times: how many samples there are where all stand still.
-
-    Raises:
-        UnknownNameError: there is no such frame or coordinate.
-        TypeError: a table is none.
-        ValueError: there is none, or lengths differ, or a number is not finite.
-    """
+    """Return tables given by name, of equal lengths; single placements and numbers stand still."""
     given = mapping(targets, "targets")
     found = [_table(mechanism, name, x) for name, x in given.items()]
     if not found:
         raise ValueError("targets is empty: say where something should be, as {'tip': points}, "
                          "points (N, 3)")
-    moving = [t for t, x in zip(found, given.values(), strict=True)
-              if not (len(t) == 1 and _stands(t, x))]
-    lengths = {t.name: len(t) for t in moving}
+    lengths = {}
+    for t, x in zip(found, given.values(), strict=True):
+        is_one = isinstance(x, pin.SE3) if t.rotations is not None else (
+            np.ndim(x) == np.ndim(t.target(0)))
+        if len(t) > 1 or not is_one:  # else it was given as one placement, point or number
+            lengths[t.name] = len(t)
     if len(set(lengths.values())) > 1:
         said = ", ".join(f"{name!r} {n}" for name, n in lengths.items())
         raise ValueError(f"tables of targets differ in length: {said}")
     n = next(iter(lengths.values()), n_times)
     if n == 0:
         raise ValueError("tables of targets have no sample")
-    return [t if len(t) == n else _repeated(t, n) for t in found]
-
-
-def _stands(table: TargetTable, given: Any) -> bool:
-    """Whether it was given as one placement, point or number."""
-    if table.rotations is not None:
-        return isinstance(given, pin.SE3)
-    each = table.target(0)
-    return np.ndim(given) == np.ndim(each)
-
-
-def _repeated(table: TargetTable, n: int) -> TargetTable:
-    points, rotations, values = (None if x is None else np.repeat(x, n, axis=0)
-                                 for x in (table.points, table.rotations, table.values))
-    return replace(table, points=points, rotations=rotations, values=values)
+    return [t if len(t) == n else t.repeated(n) for t in found]
 
 
 def _table(mechanism: Mechanism, name: str, given: Any) -> TargetTable:

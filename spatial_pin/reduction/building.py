@@ -16,10 +16,89 @@ from spatial_pin.formats.urdf.writing import fresh
 from spatial_pin.mechanism.checks import check_mechanism
 from spatial_pin.mechanism.mechanism import Mechanism, point_on_body, rigid_distance
 from spatial_pin.mechanism.named_frames import add_frames
-from spatial_pin.mechanism.pairs import PAIRS, Z, closure_geometry
+from spatial_pin.mechanism.pairs import COUPLING, PAIRS, Z, closure_geometry
 from spatial_pin.mechanism.parts import Closure, Passive
-from spatial_pin.reduction.reduced_model import ReducedModel
-from spatial_pin.reduction.relations import BodyFrame, Relation, WeldedBodies
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.reduction.influence import NeededParts, OutputInfluence, RequestedOutputs
+from spatial_pin.reduction.relations import (
+    BodyFrame,
+    Relation,
+    Surroundings,
+    WeldedBodies,
+    open_configurations,
+)
+
+Omitted = tuple[str, str, str]
+
+
+class ReducedModel:
+    """The parts of a reduced mechanism.
+
+    Args:
+        mechanism: the full mechanism.
+        q: (nq,) closed configuration in which joints are welded.
+        kept: what the outputs depend on.
+        influence: what that was found with.
+        asked: the outputs.
+        dynamics: keep inertias and springs.
+        lump: replace massive rods too.
+    """
+
+    def __init__(
+        self, mechanism: Mechanism, q: Array, kept: NeededParts, influence: OutputInfluence,
+        asked: RequestedOutputs, *, dynamics: bool, lump: bool,
+    ) -> None:
+        self.full, self.q, self.kept, self.influence = mechanism, q, kept, influence
+        self.asked, self.dynamics, self.lump = asked, dynamics, lump
+        self.moving, self.welded = set(kept.moving), set(kept.welded)
+        self.lengthening: set[int] = set()  # joints that only make a distance longer
+        self.bodies = WeldedBodies(mechanism, q, kept.welded)
+        self.closures: list[Closure] = []
+        for closure in (mechanism.closures[k] for k in kept.closures):
+            coupled = {mechanism.joint_id(mechanism.coordinate(n).joint) for n in closure.joints}
+            if closure.type != COUPLING or coupled & self.moving:  # else it is locked
+                self.closures.append(closure)
+        self.relations: list[tuple[str, Relation]] = []
+        self.masses: list[tuple[str, BodyFrame, float]] = []
+        self.turns: dict[str, Array] = {}  # of closures' axes
+        self.equations: dict[str, tuple[int, ...]] = {}  # that are needed, where not all are
+        self.notes: list[Omitted] = []
+        free = np.zeros(mechanism.model.nv)
+        for i in self.moving:
+            free[influence.columns[i]] = 1.0
+        self.around = Surroundings(mechanism, open_configurations(mechanism, q, free))
+
+    def closures_on(self, joints: tuple[int, ...]) -> tuple[Closure, ...]:
+        """Return the closures with a frame on the bodies of these joints, which move them.
+
+        A coupling of the first of them is one.
+        """
+        first = self.full.model.names[joints[0]]
+        return tuple(c for c in self.closures if (
+            first in (self.full.coordinate(j).joint for j in c.joints)
+            or any(self.bodies.frame(f)[0] in joints for f in (*c.frames, *c.between))))
+
+    def hangs_free(self, joints: tuple[int, ...]) -> bool:
+        """Whether nothing else that moves, or is asked for, hangs on the bodies of a chain."""
+        supports = self.full.model.supports
+        hung = [j for j in self.moving
+                if j not in joints and joints[0] in [int(k) for k in supports[j]]]
+        asked = [f for f in self.asked.frames if self.bodies.of(
+            self.full.frame_on_joint(f)[0])[0] in joints]
+        related = [p for _, r in self.relations for p in (*r.places, *r.between)
+                   if p.body in joints]
+        springs = [f for s in self.full.springs for f in s.frames
+                   if self.dynamics and self.bodies.frame(f)[0] in joints]
+        return not (hung or asked or related or springs)
+
+    def link(self, i: int) -> str:
+        """Return the name of the link that joint i moves."""
+        return next(name for name in self.full.links if self.full.frame_on_joint(name)[0] == i)
+
+    def keeps_spin(self, passive: Passive) -> bool:
+        """Whether the body of a passive freedom still turns as it did."""
+        joint = self.full.frame_on_joint(passive.body)[0]
+        return joint not in self.lengthening and self.bodies.of(joint)[0] in self.moving
 
 
 class ReducedTree:
@@ -38,17 +117,14 @@ class ReducedTree:
         self.inertias: dict[str, pin.Inertia] = {}
         self._place_of = {0: 0}
         self._taken = {f.name for f in full.model.frames} | set(full.model.names)
+        given = full.model
         for i in sorted(moving):
-            self._place_of[i] = self._add_joint(i)
-
-    def _add_joint(self, i: int) -> int:
-        given = self.full.model
-        body, on = self.bodies.of(int(given.parents[i]))
-        k = self.model.addJoint(self._place_of[body], given.joints[i],
-                                on * given.jointPlacements[i], given.names[i])
-        copy_numbers(given, i, self.model, k)
-        self.model.addJointFrame(k, 0)
-        return int(k)
+            body, on = bodies.of(int(given.parents[i]))
+            k = int(self.model.addJoint(self._place_of[body], given.joints[i],
+                                        on * given.jointPlacements[i], given.names[i]))
+            copy_numbers(given, i, self.model, k)
+            self.model.addJointFrame(k, 0)
+            self._place_of[i] = k
 
     def hold(self, links: set[str], welded: Iterable[int], heavy: Iterable[str]) -> None:
         """Keep links of the full tree, those that hang on welded joints, and inertias.
@@ -96,12 +172,7 @@ class ReducedTree:
         self.model.inertias[frame.parentJoint] += frame.placement.act(inertia)
 
     def mechanism(self, frames: Iterable[str], **parts: Any) -> Mechanism:
-        """Return the mechanism of this tree.
-
-        Args:
-            frames: those of the full mechanism that its URDF does not have, and that stay.
-            **parts: its closures, drivers, springs and passives.
-        """
+        """Return the mechanism of this tree."""
         full, none = self.full, pin.GeometryModel()
         kept = {name: full.frames[name] for name in full.frames if name in set(frames)}
         add_frames(self.model, kept, full.name)
@@ -126,7 +197,14 @@ def built(model: ReducedModel) -> Mechanism:
     if model.dynamics:
         named |= {f for s in full.springs for f in s.frames}
     tree = ReducedTree(full, model.bodies, model.moving)
-    carriers = {_carrier(model, name) for name in named}
+    carriers = set[str]()
+    for name in named:  # the links that links, frames and joints are fixed to
+        while name in full.frames:
+            name = full.frames[name].link
+        if name not in full.links:
+            on_joint = full.frame_on_joint(name)
+            name = next(n for n in full.links if full.frame_on_joint(n) == on_joint)
+        carriers.add(name)
     tree.hold({*carriers, *(p.body for p in passives)}, model.welded,
               full.inertias if model.dynamics else model.asked.frames)
     parts = {
@@ -171,17 +249,6 @@ def _frames(model: ReducedModel, named: set[str]) -> set[str]:
             found.add(name)
             name = model.full.frames[name].link
     return found
-
-
-def _carrier(model: ReducedModel, name: str) -> str:
-    """Return the link that a link, frame or joint is fixed to."""
-    while name in model.full.frames:
-        name = model.full.frames[name].link
-    if name in model.full.links:
-        return name
-    joint, placement = model.full.frame_on_joint(name)
-    return next(n for n in model.full.links if model.full.frame_on_joint(n)[0] == joint
-                and model.full.frame_on_joint(n)[1] == placement)
 
 
 def _turned(model: ReducedModel, closure: Closure, tree: ReducedTree) -> Closure:

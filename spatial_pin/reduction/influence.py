@@ -42,27 +42,15 @@ PAIRS_OF_CLOSURES = 16  # closures up to which two are tried to be left out toge
 
 
 class RequestedOutputs(NamedTuple):
-    """Outputs, resolved.
+    """Outputs, resolved."""
 
-    Attributes:
-        coordinates: names of coordinates.
-        frames: names of links and frames, joints by which are meant frames included.
-        centres: links whose centre of mass is asked for.
-    """
-
-    coordinates: tuple[str, ...]
-    frames: tuple[str, ...]
-    centres: tuple[str, ...]
+    coordinates: tuple[str, ...]  # names of coordinates
+    frames: tuple[str, ...]  # names of links and frames, joints by which are meant frames included
+    centres: tuple[str, ...]  # links whose centre of mass is asked for
 
 
 def asked_of(mechanism: Mechanism, outputs: Iterable[str], dynamics: bool) -> RequestedOutputs:
-    """Return what names of coordinates, joints, drivers, links and frames, or outputs, ask for.
-
-    Raises:
-        UnknownNameError: a name is none of these.
-        SpatialPinError: it is a force that a smaller model does not tell, or what has mass is not
-            kept (`dynamics`).
-    """
+    """Return what names of coordinates, joints, drivers, links and frames, or outputs, ask for."""
     found = RequestedOutputs((), (), ())
     for name in outputs:
         if is_force(name):
@@ -115,16 +103,11 @@ def _named(mechanism: Mechanism, name: str) -> RequestedOutputs:
 
 
 class NeededParts(NamedTuple):
-    """What a set of closures needs of the tree.
+    """What a set of closures needs of the tree."""
 
-    Attributes:
-        closures: indices into `mechanism.closures`.
-        moving: joints that stay joints.
-        welded: joints that carry some of these but move nothing relative to what is asked.
-    """
-
-    closures: tuple[int, ...]
-    moving: frozenset[int]
+    closures: tuple[int, ...]  # indices into `mechanism.closures`
+    moving: frozenset[int]  # joints that stay joints
+    # joints that carry some of these but move nothing relative to what is asked
     welded: frozenset[int]
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from spatial_pin.mechanism.joint_limits import joint_limits
-from spatial_pin.reduction.reduced_model import ReducedModel
+from spatial_pin.reduction.building import ReducedModel
 
 
 class Difference(NamedTuple):

@@ -23,10 +23,9 @@ from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.resistance import resists
 from spatial_pin.numerics.linalg import Array, null_space, rank
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.reduction.building import built
+from spatial_pin.reduction.building import ReducedModel, built
 from spatial_pin.reduction.influence import OutputInfluence, RequestedOutputs, asked_of
 from spatial_pin.reduction.losses import Omission, Verification, omissions
-from spatial_pin.reduction.reduced_model import ReducedModel
 from spatial_pin.reduction.replacing import drop_equations, replace_links
 
 ROUNDINGS = 10.0  # of a place in the world, as links are put together

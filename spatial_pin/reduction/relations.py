@@ -47,23 +47,15 @@ OPEN_CONFIGURATIONS = 4
 
 
 class Pin(NamedTuple):
-    """One pair of a link.
+    """One pair of a link."""
 
-    Attributes:
-        kind: its pair.
-        body: joint whose body is the neighbour.
-        centre, axis: (3,) of the pair, in the axes of the neighbour.
-        own_centre, own_axis: (3,) the same in the axes of the link (universal: the other axis).
-        turn: (3, 3) from the link's axes to the neighbour's, where the pair keeps them.
-    """
-
-    kind: str
-    body: int
-    centre: Array
+    kind: str  # its pair
+    body: int  # joint whose body is the neighbour
+    centre: Array  # (3,) of the pair, in the axes of the neighbour
     axis: Array
-    own_centre: Array
+    own_centre: Array  # (3,) the same in the axes of the link (universal: the other axis)
     own_axis: Array
-    turn: Array
+    turn: Array  # (3, 3) from the link's axes to the neighbour's, where the pair keeps them
 
     def seen_from(self, placement: pin.SE3) -> Pin:
         """Return the pin as one of a body against which its link has this placement."""
@@ -91,19 +83,13 @@ class BodyFrame(NamedTuple):
 
 
 class Relation(NamedTuple):
-    """A closure to be: of the pair `type` between z axes (or origins) of two places.
-
-    Attributes:
-        length: of a distance [m].
-        ends: (3,) its two ends on the link, in the axes of the link.
-        between: places whose distance it is, where that changes.
-    """
+    """A closure to be: of the pair `type` between z axes (or origins) of two places."""
 
     type: str
     places: tuple[BodyFrame, BodyFrame]
-    length: float = 0.0
-    ends: tuple[Array, ...] = ()
-    between: tuple[BodyFrame, ...] = ()
+    length: float = 0.0  # of a distance [m]
+    ends: tuple[Array, ...] = ()  # (3,) its two ends on the link, in the axes of the link
+    between: tuple[BodyFrame, ...] = ()  # places whose distance it is, where that changes
 
 
 class Surroundings:
@@ -145,13 +131,7 @@ class Surroundings:
 
 
 def open_configurations(mechanism: Mechanism, q: Array, free: Array | float = 1.0) -> list[Array]:
-    """Return random configurations about q, with all loops open.
-
-    Args:
-        mechanism: the mechanism.
-        q: (nq,) configuration.
-        free: (nv,) 1 for what moves, else 0.
-    """
+    """Return random configurations about q, with all loops open."""
     model, scale, rng = mechanism.model, mechanism.velocity_scale, np.random.default_rng(13)
     return [pin.integrate(model, q, rng.uniform(-2.0, 2.0, model.nv) * scale * free)
             for _ in range(OPEN_CONFIGURATIONS)]
@@ -228,17 +208,13 @@ def _ball_revolute(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | Non
                      (b.own_centre + along * b.own_axis, a.own_centre))]
 
 
-def _ball_prismatic(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:
-    origin = b.centre + b.turn @ (a.own_centre - b.own_centre)
-    line = BodyFrame(b.body, origin, b.axis)
-    return [Relation("point_on_line", (line, BodyFrame(a.body, a.centre)))]
-
-
-def _ball_cylindrical(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:
-    away = np.cross(a.own_centre - b.own_centre, b.own_axis)
-    if np.linalg.norm(away) > TOLERANCES.tight * around.length:
+def _ball_on_line(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:
+    away, origin = a.own_centre - b.own_centre, b.centre
+    if b.kind == "prismatic":
+        origin = b.centre + b.turn @ away
+    elif np.linalg.norm(np.cross(away, b.own_axis)) > TOLERANCES.tight * around.length:
         return None
-    line = BodyFrame(b.body, b.centre, b.axis)
+    line = BodyFrame(b.body, origin, b.axis)
     return [Relation("point_on_line", (line, BodyFrame(a.body, a.centre)))]
 
 
@@ -323,8 +299,8 @@ RELATIONS: dict[tuple[str, str], _Rule] = {
     ("spherical", "spherical"): _balls,
     ("spherical", "universal"): _balls,
     ("spherical", "revolute"): _ball_revolute,
-    ("spherical", "prismatic"): _ball_prismatic,
-    ("spherical", "cylindrical"): _ball_cylindrical,
+    ("spherical", "prismatic"): _ball_on_line,
+    ("spherical", "cylindrical"): _ball_on_line,
     ("spherical", "planar"): _ball_planar,
     ("revolute", "revolute"): _revolutes,
     ("revolute", "prismatic"): _revolute_prismatic,

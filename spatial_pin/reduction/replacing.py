@@ -15,8 +15,7 @@ from spatial_pin.mechanism.parts import Closure
 from spatial_pin.mechanism.resistance import resists
 from spatial_pin.numerics.linalg import Array, null_space
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.reduction.building import built
-from spatial_pin.reduction.reduced_model import ReducedModel
+from spatial_pin.reduction.building import ReducedModel, built
 from spatial_pin.reduction.relations import (
     BodyFrame,
     Pin,
@@ -93,51 +92,45 @@ Leg = tuple[tuple[int, ...], tuple[Closure, ...], tuple[Pin, Pin], list[Relation
 
 
 def leg_of(model: ReducedModel, closure: Closure) -> Leg | None:
-    """Return the leg that a closure ends; None where there is none that stands for a distance."""
+    """Return the leg that a closure ends; None where there is none that stands for a distance.
+
+    A leg hangs on a body by one pair and is closed to another body by a second pair; joints between
+    its links move, a slide mostly. Where these change nothing of the relation that a link with
+    those two pairs would stand for but the length of its distance, the leg stands for a distance of
+    variable length: that of two frames on its ends, which then need no more than its joints. It is
+    left where it stands, welded to the body that it hangs on.
+    """
+    chains = []
     for frame in closure.frames:
         end = model.bodies.frame(frame)[0]
         chain = [int(j) for j in model.full.model.supports[end] if j in model.moving]
-        for k in reversed(range(len(chain) - 1)):
-            leg = _leg(model, closure, tuple(chain[k:]))
-            if leg is not None:
-                return leg
+        chains += [tuple(chain[k:]) for k in reversed(range(len(chain) - 1))]
+    for joints in chains:
+        first, last = joints[0], joints[-1]
+        own = model.closures_on(joints)
+        is_free = model.full.pairs[first - 1] == "floating"
+        if first in model.influence.needed or not model.hangs_free(joints) or any(
+                c.type == COUPLING or c.equations or c.between for c in own) \
+                or closure not in own or len(own) != 1 + is_free:
+            continue
+        b = model.bodies.closing_pin(closure, last)
+        if is_free:
+            (other,) = (c for c in own if c is not closure)
+            if first not in (model.bodies.frame(f)[0] for f in other.frames):
+                continue
+        a = model.bodies.closing_pin(other, first) if is_free else model.bodies.tree_pin(first)
+        if a.body == b.body or {a.body, b.body} & set(joints):
+            continue
+        made = _relation(a, b, (first, last), model.around)
+        if made is not None:
+            return joints, own, (a, b.seen_from(model.around.placements(first, last)[0])), made
     return None
-
-
-def _leg(model: ReducedModel, closure: Closure, joints: tuple[int, ...]) -> Leg | None:
-    first, last = joints[0], joints[-1]
-    own = model.closures_on(joints)
-    is_free = model.full.pairs[first - 1] == "floating"
-    if first in model.influence.needed or not model.hangs_free(joints) or any(
-            c.type == COUPLING or c.equations or c.between for c in own) \
-            or closure not in own or len(own) != 1 + is_free:
-        return None
-    b = model.bodies.closing_pin(closure, last)
-    if is_free:
-        (other,) = (c for c in own if c is not closure)
-        if first not in (model.bodies.frame(f)[0] for f in other.frames):
-            return None
-        a = model.bodies.closing_pin(other, first)
-    else:
-        a = model.bodies.tree_pin(first)
-    if a.body == b.body or {a.body, b.body} & set(joints):
-        return None
-    made = _relation(a, b, (first, last), model.around)
-    if made is None:
-        return None
-    return joints, own, (a, b.seen_from(model.around.placements(first, last)[0])), made
 
 
 def _relation(
     a: Pin, b: Pin, bodies: tuple[int, int], around: Surroundings
 ) -> list[Relation] | None:
     """Return the closures that a leg stands for, one of them a distance that changes.
-
-    Args:
-        a: the pin at its first end.
-        b: the pin at its last end.
-        bodies: joints whose bodies they are on; the joints between these stay.
-        around: the mechanism, in configurations in which these joints stand anywhere.
 
     Returns:
         The closures; None where there are none or more than a length changes.
@@ -180,33 +173,15 @@ def _ends(
 
 
 def may_go(model: ReducedModel, i: int, pins: list[Pin]) -> bool:
-    """Whether the body of joint i is massless, or its mass does not matter or is lumped."""
+    """Whether the body of joint i is massless, or its mass does not matter or is lumped.
+
+    It is lumped at the centres of its two pairs, if its own centre is between them.
+    """
     if not model.dynamics or is_massless(model, i):
         return True
-    if resists(model.full, i):
-        return False
     balls = all(p.kind in ("spherical", "universal") for p in pins)
-    return model.lump and balls and _lumped(model, i, pins)
-
-
-def is_massless(model: ReducedModel, i: int) -> bool:
-    """Whether no motion of the body of joint i takes a force."""
-    body = _inertia(model, i)
-    return not (body.mass or np.any(body.inertia) or resists(model.full, i))
-
-
-def _inertia(model: ReducedModel, i: int) -> pin.Inertia:
-    """Return the inertia of the rigid body that joint i moves, in its axes."""
-    total = pin.Inertia.Zero()
-    for j in (i, *model.welded):
-        mover, on = model.bodies.of(j)
-        if mover == i:
-            total += on.act(model.full.model.inertias[j])
-    return total
-
-
-def _lumped(model: ReducedModel, i: int, pins: list[Pin]) -> bool:
-    """Lump a body's mass at the centres of its two pairs, if its centre is between them."""
+    if resists(model.full, i) or not (model.lump and balls):
+        return False
     body, link = _inertia(model, i), model.link(i)
     a, b = pins[0].own_centre, pins[1].own_centre
     d = b - a
@@ -231,6 +206,22 @@ def _lumped(model: ReducedModel, i: int, pins: list[Pin]) -> bool:
         + f"; the centre of mass moves {aside:.3g} m, square to the line between them" * (
             aside > TOLERANCES.nothing * length)))
     return True
+
+
+def is_massless(model: ReducedModel, i: int) -> bool:
+    """Whether no motion of the body of joint i takes a force."""
+    body = _inertia(model, i)
+    return not (body.mass or np.any(body.inertia) or resists(model.full, i))
+
+
+def _inertia(model: ReducedModel, i: int) -> pin.Inertia:
+    """Return the inertia of the rigid body that joint i moves, in its axes."""
+    total = pin.Inertia.Zero()
+    for j in (i, *model.welded):
+        mover, on = model.bodies.of(j)
+        if mover == i:
+            total += on.act(model.full.model.inertias[j])
+    return total
 
 
 def replace_links(model: ReducedModel) -> None:

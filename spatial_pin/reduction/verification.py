@@ -63,7 +63,9 @@ def verification(
         rows += count
         remarks += _remarks(pair[0], pair[1], name, np.size(asked_values))
         if count:
-            compared.append(_compared(pair[0], name, count))
+            swept = pair[0].swept[:count]
+            compared.append(f"{counted(count, 'row')} over {name} from {swept.min():.6g} to "
+                            f"{swept.max():.6g} {pair[0].driver_unit}")
             differences += [_difference(output, name, a, b) for (output, a), (_, b) in zip(
                 *(_outputs(motion, asked, count) for motion in pair), strict=True)]
             if reduced.dynamics:
@@ -78,11 +80,7 @@ def _as_far(
     mechanism: Mechanism, driver: str, values: Array, speed: float, acceleration: float,
     guess: Any, hold: Mapping[str, float],
 ) -> Motion:
-    """Return the motion through values as far as it exists, or can be followed.
-
-    Raises:
-        SpatialPinError: not even the first value can be reached.
-    """
+    """Return the motion through values as far as it exists, or can be followed."""
     try:
         return sweep(mechanism, driver, values, speed, acceleration, guess=guess, hold=hold,
                      on_limit="stop", on_crossing="stop")
@@ -91,13 +89,6 @@ def _as_far(
         if motion is None or not len(motion):
             raise
         return motion
-
-
-def _compared(motion: Motion, driver: str, count: int) -> str:
-    """Tell over which values of a driver samples were compared."""
-    values = motion.swept[:count]
-    return (f"{counted(count, 'row')} over {driver} from {values.min():.6g} to "
-            f"{values.max():.6g} {motion.driver_unit}")
 
 
 def _drivers(reduced: Reduced, full: Mechanism) -> list[str]:

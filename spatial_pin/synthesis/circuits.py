@@ -29,15 +29,10 @@ MOST_CORRECTIONS_TO_PLACE = 20  # of the way to a place: each leaves about a hun
 
 
 class CircuitPlace(NamedTuple):
-    """Where a configuration lies on a circuit.
+    """Where a configuration lies on a circuit."""
 
-    Attributes:
-        value: the driver's, as it is counted along the branch [rad or m].
-        branches: numbers of the branches it is on: two where it is a border.
-    """
-
-    value: float
-    branches: frozenset[int]
+    value: float  # the driver's, as it is counted along the branch [rad or m]
+    branches: frozenset[int]  # numbers of the branches it is on: two where it is a border
 
 
 class Circuit:
@@ -52,10 +47,6 @@ class Circuit:
         is_closed: whether it was followed until it came back.
         borders: limits and branch points, in the order of the curve.
         turn: by how much the driver goes on while it goes round once [rad or m].
-
-    Raises:
-        AssemblyError: the loops of the state are open.
-        SingularError: the driver does not determine the curve there.
     """
 
     def __init__(self, mechanism: Mechanism, driver: str, state: State) -> None:

@@ -51,33 +51,20 @@ NO_NUMBERS = np.empty(0)  # of a turn, which has none of its own
 
 @dataclass(frozen=True, eq=False)
 class AtlasStart:
-    """A start with its configurations.
+    """A start with its configurations."""
 
-    Attributes:
-        x: (n,) dimensions and own numbers.
-        samples: configurations at the samples of the path.
-        misfit: what the curve misses of the path's shape, relative to its size.
-        tried: sets of dimensions that it took to bring it to the path.
-    """
-
-    x: Array
-    samples: GoalStates
-    misfit: float
-    tried: int
+    x: Array  # (n,) dimensions and own numbers
+    samples: GoalStates  # configurations at the samples of the path
+    misfit: float  # what the curve misses of the path's shape, relative to its size
+    tried: int  # sets of dimensions that it took to bring it to the path
 
 
 class CurveDatabase:
     """Curves that a mechanism draws, and what of them looks like a path.
 
-    Args:
-        problem: with one path of free timing.
-
     Attributes:
         curves: how many are drawn together.
         number: of the path among goals of precision; goal: it.
-
-    Raises:
-        ValueError: it has none, or another number of drivers than one that turns.
     """
 
     def __init__(self, problem: DesignProblem) -> None:

@@ -57,19 +57,24 @@ class Defect(NamedTuple):
 
 
 class UsedBranch(NamedTuple):
-    """What of a branch is used.
+    """What of a branch is used."""
 
-    Attributes:
-        circuit: where it is.
-        branch: its number there.
-        samples: those on it, in the order that is asked for.
-        values: of the driver at these, as counted along the branch.
-    """
+    circuit: Circuit  # where it is
+    branch: int  # its number there
+    samples: tuple[int, ...]  # those on it, in the order that is asked for
+    values: Array  # of the driver at these, as counted along the branch
 
-    circuit: Circuit
-    branch: int
-    samples: tuple[int, ...]
-    values: Array
+    @classmethod
+    def several(cls, circuit: Circuit, places: dict[int, CircuitPlace]) -> list[UsedBranch]:
+        """Return the fewest branches of a circuit that hold all places, those with most first."""
+        rest, found = dict(places), list[UsedBranch]()
+        while rest:
+            numbers = sorted({b for place in rest.values() for b in place.branches})
+            best = max(numbers, key=lambda b: sum(b in place.branches for place in rest.values()))
+            own = [i for i, place in rest.items() if best in place.branches]
+            values = np.array([rest.pop(i).value for i in own])
+            found.append(cls(circuit, best, tuple(own), values))
+        return found
 
     def direction(self) -> tuple[float, Array, Array]:
         """Return the driver's best sense, how far on it meets samples, and which are in order.
@@ -186,7 +191,7 @@ def defects(
         return (Defect("not judged", everything, f"{ALL}: {error}"), *beyond)
     found, branches = [*_circuit_defects(circuits)], list[UsedBranch]()
     for circuit, places in circuits:
-        own = _branches(circuit, places)
+        own = UsedBranch.several(circuit, places)
         found += _branch_defects(own)
         branches += own
     if ordered:
@@ -216,7 +221,6 @@ def _moved_besides(mechanism: Mechanism, states: Sequence[State], driver: str | 
 def _circuits(
     mechanism: Mechanism, states: Sequence[State], driver: str
 ) -> list[tuple[Circuit, dict[int, CircuitPlace]]]:
-    """Return the circuits that states lie on, and where."""
     found: list[tuple[Circuit, dict[int, CircuitPlace]]] = []
     rest = list(range(len(states)))
     while rest:
@@ -226,18 +230,6 @@ def _circuits(
             raise SpatialPinError(f"the curve through sample {rest[0]} cannot be followed")
         found.append((circuit, places))
         rest = [i for i in rest if i not in places]
-    return found
-
-
-def _branches(circuit: Circuit, places: dict[int, CircuitPlace]) -> list[UsedBranch]:
-    """Return the fewest branches of a circuit that hold all places, those with most first."""
-    rest, found = dict(places), list[UsedBranch]()
-    while rest:
-        numbers = sorted({b for place in rest.values() for b in place.branches})
-        best = max(numbers, key=lambda b: sum(b in place.branches for place in rest.values()))
-        own = [i for i, place in rest.items() if best in place.branches]
-        values = np.array([rest.pop(i).value for i in own])
-        found.append(UsedBranch(circuit, best, tuple(own), values))
     return found
 
 
@@ -295,7 +287,6 @@ def _longest_rise(values: Array) -> Array:
 
 
 def _beyond_limits(states: Sequence[State]) -> Iterator[Defect]:
-    """Yield joint limits that samples are beyond."""
     passed: dict[str, list[int]] = {}
     for k, state in enumerate(states):
         for passing in passed_at_start(state.mechanism, state.q, 0.0):
@@ -307,12 +298,7 @@ def _beyond_limits(states: Sequence[State]) -> Iterator[Defect]:
 
 
 def limits_passed(motion: Motion, samples: tuple[int, ...] = ()) -> tuple[Defect, ...]:
-    """Return a defect for each joint limit that a motion passes, where it does so first.
-
-    Args:
-        motion: of one driver.
-        samples: numbers of those that it leads through.
-    """
+    """Return a defect for each joint limit that a motion passes, where it does so first."""
     found: dict[str, Defect] = {}
     for passing in joint_limits_passed(motion):
         words, by = passing.limit.words, -float(passing.limit.room(motion.q).min())
@@ -327,7 +313,6 @@ def _transmission(
     branches: Sequence[UsedBranch], states: Sequence[State], output: str | None, at: str | None,
     least: float, cyclic: bool,
 ) -> Iterator[Defect]:
-    """Yield where the transmission angle is poor over the range of motion used."""
     motion, driver = branches[0].circuit.motion, branches[0].circuit.driver
     mechanism, everything = motion.mechanism, tuple(range(len(states)))
     outputs = grounded_outputs(motion) if output is None else [output]

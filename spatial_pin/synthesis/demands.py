@@ -26,8 +26,14 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.proximity.clearance import clearance
 from spatial_pin.proximity.distances import Distances
 from spatial_pin.rates.transmission import MovedOutput
-from spatial_pin.synthesis.candidate import SHORT_OF_LIMITS, TURN, Candidate
-from spatial_pin.synthesis.demand import PARTS, AtMost, MotionDemand
+from spatial_pin.synthesis.demand import (
+    PARTS,
+    SHORT_OF_LIMITS,
+    TURN,
+    AtMost,
+    Candidate,
+    MotionDemand,
+)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -63,16 +63,7 @@ def exact_points(goals: Sequence[Goal]) -> list[PathGoal | PosesGoal]:
 
 
 def refuse_off_plane(bodies: EvaluatedBatch, goals: Sequence[Goal]) -> None:
-    """Refuse exact points that are off the plane, or line, that a frame stays in.
-
-    Args:
-        bodies: the mechanism at dimensions and joint values anywhere, its loops open: what the
-            joints of the tree alone hold in a plane, closed loops do.
-        goals: what is asked for.
-
-    Raises:
-        ValueError: names the goal and its sample.
-    """
+    """Refuse exact points that are off the plane, or line, that a frame stays in."""
     size = bodies.mechanism.characteristic_length
     if not len(bodies.q):
         return
@@ -99,9 +90,13 @@ def _pairs(mechanism: Mechanism, first: Precision, second: Precision) -> Iterato
         return
     here = np.array([first.drivers[name] for name in names.values()]).T
     there = np.array([second.drivers[others[name]] for name in names]).T
+    size = max(1.0, mechanism.characteristic_length)
     for i, j in itertools.product(range(len(first)), range(len(second))):
-        same = np.abs(here[i] - there[j]).max() <= TOLERANCES.round_off
-        if same and _apart(mechanism, _target(first, i), _target(second, j)):
+        away = _target(first, i) - _target(second, j)
+        if len(away) == 1:  # angles, the only single numbers, are the same but for whole turns
+            away = 2.0 * np.sin(0.5 * away)
+        if np.abs(here[i] - there[j]).max() <= TOLERANCES.round_off and (
+                np.abs(away).max() > TOLERANCES.tight * size):
             yield i, j
 
 
@@ -117,14 +112,6 @@ def _target(goal: Precision, i: int) -> Array:
         return goal.points[i]
     assert isinstance(goal, FunctionGoal)
     return goal.values[i : i + 1]
-
-
-def _apart(mechanism: Mechanism, first: Array, second: Array) -> bool:
-    """Return whether targets differ: angles, the only single numbers, but for whole turns."""
-    away = first - second
-    if len(away) == 1:
-        away = 2.0 * np.sin(0.5 * away)
-    return bool(np.abs(away).max() > TOLERANCES.tight * max(1.0, mechanism.characteristic_length))
 
 
 @checked

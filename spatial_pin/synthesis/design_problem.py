@@ -42,26 +42,17 @@ OfNumbers = Callable[[Array], Array]
 
 @dataclass(frozen=True, eq=False)
 class LocalSolution:
-    """A local solution.
+    """A local solution."""
 
-    Attributes:
-        x: (n,) the numbers that are looked for, dimensions first.
-        cost: sum of squares of weighted residuals of goals with a weight; infinite if no solution
-            was found from that start.
-        hard: the largest residual of goals that are to be met exactly.
-        samples: configurations of every goal of precision.
-        evaluations: sets of dimensions that were tried.
-        why: the error where nothing closes, or a demand cannot be judged.
-        others: further solutions from the same start.
-    """
-
-    x: Array
+    x: Array  # (n,) the numbers that are looked for, dimensions first
+    # sum of squares of weighted residuals of goals with a weight; infinite if no solution was found
+    # from that start
     cost: float
-    hard: float
-    samples: tuple[GoalStates, ...]
-    evaluations: int
-    why: str = ""
-    others: tuple[LocalSolution, ...] = ()
+    hard: float  # the largest residual of goals that are to be met exactly
+    samples: tuple[GoalStates, ...]  # configurations of every goal of precision
+    evaluations: int  # sets of dimensions that were tried
+    why: str = ""  # the error where nothing closes, or a demand cannot be judged
+    others: tuple[LocalSolution, ...] = ()  # further solutions from the same start
 
     @property
     def is_one(self) -> bool:
@@ -71,20 +62,14 @@ class LocalSolution:
 
 @dataclass(frozen=True, eq=False)
 class ProblemSpec:
-    """What a problem is made of; it can be sent to other processes.
+    """What a problem is made of; it can be sent to other processes."""
 
-    Attributes:
-        path, loading: the mechanism's file, and what it was loaded with.
-        goals: what it should do.
-        bounds: by dimension, infinite where there are none.
-        guess: which branch the first start is on, as for `assemble`; or q (nq,) and angles of
-            screws of its closed state.
-    """
-
-    path: Any
+    path: Any  # the mechanism's file, and what it was loaded with
     loading: Mapping[str, Any]
-    goals: tuple[Goal, ...]
-    bounds: Mapping[str, tuple[float, float]]
+    goals: tuple[Goal, ...]  # what it should do
+    bounds: Mapping[str, tuple[float, float]]  # by dimension, infinite where there are none
+    # which branch the first start is on, as for `assemble`; or q (nq,) and angles of screws of its
+    # closed state
     guess: Guess | tuple[Array, Array] = None
 
     def make(self) -> DesignProblem:
@@ -236,7 +221,6 @@ class LocalFit:
         self, residual: OfNumbers, slopes: OfNumbers, x: Array, free: NDArray[np.bool_],
         most: int, gain: float,
     ) -> Array:
-        """Return where the sum of squares is least, some numbers being free."""
         from scipy.optimize import least_squares  # takes a quarter of a second
 
         p, x = self.p, x.copy()
@@ -376,7 +360,6 @@ class _Exactly:
                              tuple(samples), self.fit.evaluations)
 
     def _fitted(self, gain: float) -> tuple[list[GoalStates], Array]:
-        """Return configurations and residuals where least squares end."""
         self.x = self.fit.minimum(self.residual, self.slopes, self.x, EXACT_EVALUATIONS, gain)
         found = self._at(self.x)
         if found is None:

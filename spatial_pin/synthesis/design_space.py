@@ -22,8 +22,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.synthesis.candidate import Candidate
-from spatial_pin.synthesis.demand import Demand, MotionDemand
+from spatial_pin.synthesis.demand import Candidate, Demand, MotionDemand
 from spatial_pin.synthesis.inner_problem import GoalStates, InnerProblem, spread
 from spatial_pin.synthesis.precision import Goal, Precision
 
@@ -38,12 +37,6 @@ Guess = Mapping[str, Any] | State | Array | None
 
 class DesignSpace:
     """Dimensions with which a mechanism meets goals.
-
-    Args:
-        mechanism: at the dimensions of the first start.
-        goals: what it should do.
-        bounds: by dimension that may change, infinite where there are none.
-        guess: which branch the first start is on, as for `assemble`.
 
     Attributes:
         names: of the numbers that are looked for: dimensions, then numbers of the goals.
@@ -88,8 +81,13 @@ class DesignSpace:
         """
         x = self.start.copy()
         x[: self.n] = self._between(rng.uniform(size=self.n))
-        for settling, own in zip(self.settlings, self.own, strict=True):
-            x[own] += [_drawn(name, rng) for name in settling.names]
+        own = [name for s in self.settlings for name in s.names]
+        for i, name in enumerate(own, start=self.n):
+            if name == "scale" or name in ("placement.x", "placement.y", "placement.z"):
+                x[i] += 0.5 * rng.standard_normal()
+            else:  # zeros and turns up to half a turn
+                is_turn = name.startswith("placement.r")
+                x[i] += rng.uniform(-np.pi, np.pi) / (np.sqrt(3.0) if is_turn else 1.0)
         return x
 
     def _between(self, part: Array) -> Array:
@@ -140,12 +138,7 @@ class DesignSpace:
         return self._nominal
 
     def begun(self, x: Array, rng: np.random.Generator | None) -> list[GoalStates]:
-        """Return configurations to start from, each sample from the one before.
-
-        Args:
-            x: dimensions and own numbers.
-            rng: None: from the closed state; else from the best of some that are drawn.
-        """
+        """Return configurations to start from, each sample from the one before."""
         members, found = self.members(x), []
         state = self.nominal()
         for settling, own in zip(self.settlings, self.own, strict=True):
@@ -220,15 +213,6 @@ class DesignSpace:
     ) -> Candidate:
         """Return the mechanism of x with closed configurations, for demands."""
         return Candidate.of(self.family, x[: self.n], near or self.nominal(), samples)
-
-
-def _drawn(name: str, rng: np.random.Generator) -> float:
-    """Return an own number: zeros and turns up to half a turn, shifts and sizes of about one."""
-    if name == "scale" or name in ("placement.x", "placement.y", "placement.z"):
-        return float(0.5 * rng.standard_normal())
-    if name.startswith("placement.r"):
-        return float(rng.uniform(-np.pi, np.pi) / np.sqrt(3.0))
-    return float(rng.uniform(-np.pi, np.pi))
 
 
 def weight_of(goal: Goal) -> float:

@@ -347,14 +347,11 @@ def effort(
         >>> sp.goals.effort(2.0, "crank", loads={"coupler_b": load}).name  # at most 2 N·m
         'effort of crank'
     """
-    found = {name: _wrench(name, load) for name, load in mapping(loads, "loads").items()}
+    found = {name: finite_array(load.vector if isinstance(load, pin.Force) else load, (6,),
+                                f"load at {name!r}")
+             for name, load in mapping(loads, "loads").items()}
     return MostEffort(weight=_weight(weight), at_most=positive_number(at_most, "at_most"),
                       driver=driver, loads=found, at=_values(values))
-
-
-def _wrench(name: str, load: Any) -> Array:
-    given = load.vector if isinstance(load, pin.Force) else load
-    return finite_array(given, (6,), f"load at {name!r}")
 
 
 @checked

@@ -37,16 +37,11 @@ FLOOR_DAMPING = 1e-14
 
 
 class GoalStates(NamedTuple):
-    """Configurations of a goal.
+    """Configurations of a goal."""
 
-    Attributes:
-        q: (m, nq); angles: (m, n_angles) of screw closures [rad].
-        at: (m,) of which samples of the goal they are.
-    """
-
-    q: Array
-    angles: Array
-    at: NDArray[np.intp]
+    q: Array  # (m, nq)
+    angles: Array  # (m, n_angles) of screw closures [rad]
+    at: NDArray[np.intp]  # (m,) of which samples of the goal they are
 
     def taken(self, some: slice | NDArray[np.intp]) -> GoalStates:
         """Return some of them."""
@@ -59,19 +54,13 @@ class GoalStates(NamedTuple):
 
 
 class GoalRows(NamedTuple):
-    """Equations of m configurations that are to hold, and residuals that are to be small.
+    """Equations of m configurations that are to hold, and residuals that are to be small."""
 
-    Attributes:
-        held: (m, h) closure equations, then drivers; wanted: (m, r) residuals of the goal.
-        held_moves, wanted_moves: their derivatives (m, ., nv) for v / `velocity_scale`.
-        held_own, wanted_own: those for the goal's own numbers (m, ., n_own).
-    """
-
-    held: Array
-    wanted: Array
-    held_moves: Array
+    held: Array  # (m, h) closure equations, then drivers
+    wanted: Array  # (m, r) residuals of the goal
+    held_moves: Array  # their derivatives (m, ., nv) for v / `velocity_scale`
     wanted_moves: Array
-    held_own: Array
+    held_own: Array  # those for the goal's own numbers (m, ., n_own)
     wanted_own: Array
 
     def together(self, weight: float) -> tuple[Array, Array, Array]:
@@ -83,10 +72,6 @@ class GoalRows(NamedTuple):
 
 class InnerProblem:
     """A goal of precision on a family of mechanisms.
-
-    Args:
-        family: of mechanisms.
-        goal: what they should do.
 
     Attributes:
         names: of the goal's own numbers.
@@ -159,7 +144,6 @@ class InnerProblem:
         return samples._replace(q=q)
 
     def _moved(self, samples: GoalStates, steps: Array) -> Array:
-        """Return configurations moved by v / `velocity_scale` (m, nv)."""
         return self.family.displaced(samples.q, steps * self.family.mechanism.velocity_scale)
 
     # ------------------------------------------------------------ loosely
@@ -213,15 +197,7 @@ class InnerProblem:
         self, members: DimensionBatch, around: DimensionBatch, widths: Array, samples: GoalStates,
         own: Array,
     ) -> tuple[Array, Array]:
-        """Return derivatives (k, ., n) for the dimensions where no joint moves.
-
-        Args:
-            members: the mechanism.
-            around: mechanisms ahead of and behind the dimensions, (2 n,).
-            widths: (n,) between both.
-            samples: configurations.
-            own: own numbers.
-        """
+        """Return derivatives (k, ., n) for the dimensions where no joint moves."""
         k, n = len(samples.q), len(widths)
         if not n:
             rows, _ = self.rows(members, samples, own)
@@ -311,23 +287,14 @@ class InnerProblem:
 
 
 class _Along(NamedTuple):
-    """What is missed at m configurations whose loops are nearly closed, and the way on.
+    """What is missed at m configurations whose loops are nearly closed, and the way on."""
 
-    Attributes:
-        back: (m, nv) steps that close the loops.
-        motions: (m, nv, nv) orthonormal motions that keep them closed, among rows of zeros.
-        left: (m, r) what is missed after steps back.
-        slope: (m, r, nv) its derivatives along the motions.
-        missed: (m,) the sum of its squares.
-        open: (m,) by how much the loops are open.
-    """
-
-    back: Array
-    motions: Array
-    left: Array
-    slope: Array
-    missed: Array
-    open: Array
+    back: Array  # (m, nv) steps that close the loops
+    motions: Array  # (m, nv, nv) orthonormal motions that keep them closed, among rows of zeros
+    left: Array  # (m, r) what is missed after steps back
+    slope: Array  # (m, r, nv) its derivatives along the motions
+    missed: Array  # (m,) the sum of its squares
+    open: Array  # (m,) by how much the loops are open
 
     @classmethod
     def of(cls, rows: GoalRows) -> _Along:

@@ -36,16 +36,11 @@ AHEAD = TOLERANCES.singular
 
 
 class StartEquations(NamedTuple):
-    """Equations of M starts, k samples of a goal each, and how they change.
+    """Equations of M starts, k samples of a goal each, and how they change."""
 
-    Attributes:
-        value: (M, k, r).
-        moves: (M, k, r, nv) derivatives for v / `velocity_scale`.
-        numbers: (M, k, r, n) derivatives for the numbers of the problem, relative to their sizes.
-    """
-
-    value: Array
-    moves: Array
+    value: Array  # (M, k, r)
+    moves: Array  # (M, k, r, nv) derivatives for v / `velocity_scale`
+    # (M, k, r, n) derivatives for the numbers of the problem, relative to their sizes
     numbers: Array
 
 
@@ -149,7 +144,6 @@ class BatchedStarts:
         yield from zip(self._p.settlings, self._p.own, self._counts, samples, strict=True)
 
     def _equations(self, rows: NDArray[np.intp]) -> list[StartEquations]:
-        """Return equations and derivatives of some starts."""
         p, x, n = self._p, self.x[rows], self._p.n
         sizes = p.sizes[:n]
         ahead = np.repeat(x[:, :n], n + 1, axis=0).reshape(len(x), n + 1, n)
@@ -181,7 +175,6 @@ class BatchedStarts:
     def _moved(
         self, samples: GoalStates, k: int, rows: NDArray[np.intp], steps: Array
     ) -> GoalStates:
-        """Return configurations of some starts moved by steps (m, k, nv)."""
         some = _some(samples, k, rows)
         scale = self._p.mechanism.velocity_scale
         return some._replace(q=self._p.family.displaced(
@@ -233,7 +226,6 @@ def _all(
 
 
 def _some(samples: GoalStates, k: int, rows: NDArray[np.intp]) -> GoalStates:
-    """Return the configurations of some starts, k each."""
     return samples.taken((rows[:, None] * k + np.arange(k)).ravel())
 
 

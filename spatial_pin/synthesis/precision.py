@@ -116,6 +116,19 @@ class Precision(Goal):
     def errors(self, residual: Array, mechanism: Mechanism, own: Array) -> Array:
         """Return the error (k,) at each sample in `unit`, from residuals (k, r)."""
 
+    @abstractmethod
+    def targets(self, mechanism: Mechanism, own: Array) -> Array:
+        """Return the targets in the world, as `Met` has them."""
+
+    def natural(self, mechanism: Mechanism, name: str, value: float) -> float:
+        """Return one of its numbers in its unit; a scale is a factor."""
+        if name == "scale":
+            return float(np.exp(value))
+        if name.startswith("placement."):
+            return value * (1.0 if "r" in name[-2:] else mechanism.characteristic_length)
+        output = getattr(self, "output", "") if name == "offset" else name.removesuffix(".zero")
+        return value * float(mechanism.velocity_scale[mechanism.prescribed_coordinate(output).v])
+
 
 # ---------------------------------------------------------------- placement
 
@@ -126,20 +139,14 @@ class DrawnGoal(Precision):
 
     Where it may have any size, residuals are lengths of the drawing, which are the world's by its
     scale: in lengths of the world a drawing that shrinks to a point would be met best.
-
-    Attributes:
-        frame: what goes through them.
-        points: (k, 3) [m].
-        placement: whether the drawing may be placed anywhere; its numbers are shifts along the axes
-            of the world, relative to the characteristic length, and a rotation vector about the
-            points' centroid.
-        scale: whether it may have any size; its number is the logarithm of that.
     """
 
-    frame: str
-    points: Array
+    frame: str  # what goes through them
+    points: Array  # (k, 3) [m]
+    # whether the drawing may be placed anywhere; its numbers are shifts along the axes of the
+    # world, relative to the characteristic length, and a rotation vector about the points' centroid
     placement: bool = False
-    scale: bool = False
+    scale: bool = False  # whether it may have any size; its number is the logarithm of that
 
     def check(self, mechanism: Mechanism) -> None:
         """See `Goal`."""
@@ -207,7 +214,6 @@ class DrawnGoal(Precision):
         return moved / size, drawn
 
     def _size(self, mechanism: Mechanism, own: Array) -> float:
-        """Return the length [m] by which residuals count."""
         return mechanism.characteristic_length * float(np.exp(self._split(own)[2]))
 
 
@@ -228,6 +234,10 @@ class PathGoal(DrawnGoal):
         away = self._away(bodies.mechanism, origin, at, own)
         moved = bodies.frame_jacobian(self.frame, origin)[:, :3]
         return (away, *self._away_slopes(bodies.mechanism, away, moved, at, own))
+
+    def targets(self, mechanism: Mechanism, own: Array) -> Array:
+        """See `Precision`."""
+        return self.drawn(mechanism, own)[0]
 
     def errors(self, residual: Array, mechanism: Mechanism, own: Array) -> Array:
         """See `Precision`: lengths of the world."""
@@ -262,6 +272,12 @@ class PosesGoal(DrawnGoal):
             spun[:, :, 3:6] = pin.Jexp3(-self._split(own)[1])
         return (residual, np.concatenate([away, into @ moved[:, 3:]], axis=1),
                 np.concatenate([drawn, -into @ spun], axis=1))
+
+    def targets(self, mechanism: Mechanism, own: Array) -> Array:
+        """See `Precision`."""
+        points, rotation = self.drawn(mechanism, own)
+        return np.array([pin.SE3(rotation @ turned, point).homogeneous
+                         for turned, point in zip(self.rotations, points, strict=True)])
 
     def errors(self, residual: Array, mechanism: Mechanism, own: Array) -> Array:
         """See `Precision`: lengths of the world in m and angles in rad, the larger of both."""
@@ -310,6 +326,11 @@ class FunctionGoal(Precision):
         return (self.residual(bodies, at, own), moved,
                 -np.ones((m, 1, 1)) if self.offset else np.empty((m, 1, 0)))
 
+    def targets(self, mechanism: Mechanism, own: Array) -> Array:
+        """See `Precision`."""
+        size = mechanism.velocity_scale[mechanism.prescribed_coordinate(self.output).v]
+        return self.values + (own[0] * size if self.offset else 0.0)
+
     def errors(self, residual: Array, mechanism: Mechanism, own: Array) -> Array:
         """See `Precision`."""
         size = mechanism.velocity_scale[mechanism.prescribed_coordinate(self.output).v]
@@ -323,12 +344,7 @@ class FunctionGoal(Precision):
 
 
 def simple(mechanism: Mechanism, name: str) -> Any:
-    """Return a coordinate that is one number of the configuration.
-
-    Raises:
-        UnknownNameError: there is no such coordinate.
-        SpatialPinError: it is a component of a ball or floating joint.
-    """
+    """Return a coordinate that is one number of the configuration."""
     coordinate = mechanism.prescribed_coordinate(name)
     if coordinate.q < 0:
         raise SpatialPinError(

@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import Any, NamedTuple, overload
 
 import numpy as np
-import pinocchio as pin
 
 from spatial_pin._support.brief import brief, counted
 from spatial_pin.assembly.assemble import assembled
@@ -25,12 +24,11 @@ from spatial_pin.motion.sweep import sweep
 from spatial_pin.motion.trace import trace
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.synthesis.candidate import Candidate, in_own_turn
 from spatial_pin.synthesis.defects import Defect, defects, limits_passed
-from spatial_pin.synthesis.demand import MotionDemand
+from spatial_pin.synthesis.demand import Candidate, MotionDemand, in_own_turn
 from spatial_pin.synthesis.design_problem import DesignProblem, LocalSolution
 from spatial_pin.synthesis.global_search import Searched
-from spatial_pin.synthesis.precision import FunctionGoal, Goal, PathGoal, PosesGoal, Precision
+from spatial_pin.synthesis.precision import FunctionGoal, Goal, PathGoal, Precision
 
 TURN_SAMPLES, PART_SAMPLES = 361, 30  # of a turn, and from sample to sample
 MOST_TRACED = 4000  # of a curve: thirteen turns of one driver
@@ -411,15 +409,17 @@ def design_of(problem: DesignProblem, found: LocalSolution) -> Design:
         own = found.x[end : end + len(settling.names)]
         end += len(own)
         goal = settling.goal
-        states = tuple(_closed(there, in_own_turn(there, q, goal.drivers), angles)
-                       for q, angles in zip(samples.q, samples.angles, strict=True))
-        met.append(Met(goal, states, _targets(goal, problem.mechanism,
-                                              own[: len(goal.own_names)])))
-        missed = goal.errors(settling.residual(members, samples, own), problem.mechanism,
-                             own[: len(goal.own_names)])
+        drawn = own[: len(goal.own_names)]
+        # configurations of the family leave out a last digit
+        states = tuple(
+            assembled(there, {}, State(there, in_own_turn(there, q, goal.drivers),
+                                       closure_error=np.nan, angles=angles))
+            for q, angles in zip(samples.q, samples.angles, strict=True))
+        met.append(Met(goal, states, goal.targets(problem.mechanism, drawn)))
+        missed = goal.errors(settling.residual(members, samples, own), problem.mechanism, drawn)
         name = _free_name(goal.name, errors)
         errors[name] = _error(missed, goal.unit_of(problem.mechanism))
-        numbers |= {f"{name}: {key}": _natural(goal, problem.mechanism, key, x)
+        numbers |= {f"{name}: {key}": goal.natural(problem.mechanism, key, x)
                     for key, x in zip(settling.names, own.tolist(), strict=True)}
     states = tuple(state for one in met for state in one.states) or (
         followed(there, {}, problem.nominal()),)
@@ -436,42 +436,11 @@ def design_of(problem: DesignProblem, found: LocalSolution) -> Design:
         tuple(problem.demands))
 
 
-def _closed(mechanism: Mechanism, q: Array, angles: Array) -> State:
-    """Return the closed state at a configuration of the family, which leaves out a last digit."""
-    return assembled(mechanism, {}, State(mechanism, q, closure_error=np.nan, angles=angles))
-
-
 def _error(values: Array, unit: str) -> GoalError:
     missed = np.abs(values)
     return GoalError(float(np.sqrt(np.mean(missed**2))), float(missed.max()), unit, len(missed))
 
 
 def _free_name(name: str, taken: Mapping[str, Any]) -> str:
-    """Return a name, numbered if it is taken."""
     names = [name, *(f"{name} ({k})" for k in range(2, len(taken) + 3))]
     return next(x for x in names if x not in taken)
-
-
-def _targets(goal: Goal, mechanism: Mechanism, own: Array) -> Array:
-    """Return the targets of a goal in the world."""
-    if isinstance(goal, PathGoal):
-        return goal.drawn(mechanism, own)[0]
-    if isinstance(goal, PosesGoal):
-        points, rotation = goal.drawn(mechanism, own)
-        return np.array([pin.SE3(rotation @ turned, point).homogeneous
-                         for turned, point in zip(goal.rotations, points, strict=True)])
-    assert isinstance(goal, FunctionGoal)
-    size = mechanism.velocity_scale[mechanism.prescribed_coordinate(goal.output).v]
-    return goal.values + (own[0] * size if goal.offset else 0.0)
-
-
-def _natural(goal: Precision, mechanism: Mechanism, name: str, value: float) -> float:
-    """Return a number of a goal's own in its unit; a scale is a factor."""
-    if name == "scale":
-        return float(np.exp(value))
-    if name.startswith("placement."):
-        return value * (1.0 if "r" in name[-2:] else mechanism.characteristic_length)
-    coordinate = goal.output if isinstance(goal, FunctionGoal) and name == "offset" else (
-        name.removesuffix(".zero"))
-    return value * float(
-        mechanism.velocity_scale[mechanism.prescribed_coordinate(coordinate).v])

@@ -27,17 +27,11 @@ TASKS = {"position": slice(0, 3), "pose": slice(0, 6)}
 
 
 class FrameTask(NamedTuple):
-    """What a frame is asked to do.
+    """What a frame is asked to do."""
 
-    Attributes:
-        name: "position" or "pose".
-        directions: (r, 3) or (r, 6) orthonormal, in which the frame moves at all.
-        n_drivers: how many move it.
-    """
-
-    name: str
-    directions: Array
-    n_drivers: int
+    name: str  # "position" or "pose"
+    directions: Array  # (r, 3) or (r, 6) orthonormal, in which the frame moves at all
+    n_drivers: int  # how many move it
 
     @property
     def is_square(self) -> bool:
@@ -75,12 +69,7 @@ def task_of(jacobians: Array, wanted: str | None) -> FrameTask:
 
 
 def measures(task: FrameTask, jacobians: Array) -> tuple[Array, Array]:
-    """Return the dexterity (m,), least to largest singular value, and the least one (m,).
-
-    Args:
-        task: what the frame is asked to do.
-        jacobians: (m, 6, c) in natural units, NaN where none is known.
-    """
+    """Return the dexterity (m,), least to largest singular value, and the least one (m,)."""
     ratio, least = np.full((2, len(jacobians)), np.nan)
     known = ~np.isnan(jacobians).any(axis=(1, 2))
     if known.any() and len(task.directions):
@@ -88,13 +77,6 @@ def measures(task: FrameTask, jacobians: Array) -> tuple[Array, Array]:
         least[known] = s[:, -1]
         ratio[known] = s[:, -1] / np.maximum(s[:, 0], TOLERANCES.nothing)
     return ratio, least
-
-
-class Cell(NamedTuple):
-    """An edge of the grid along which a determinant changes its sign."""
-
-    run: GridLine
-    sign: int
 
 
 def determinant_signs(filling: FilledGrid, task: FrameTask) -> NDArray[np.int8] | None:
@@ -127,10 +109,10 @@ def aspects_of(filling: FilledGrid, task: FrameTask) -> NDArray[np.intp]:
     return found
 
 
-def crossed_cells(filling: FilledGrid, task: FrameTask) -> list[Cell]:
+def crossed_cells(filling: FilledGrid, task: FrameTask) -> list[tuple[GridLine, int]]:
     """Return the edges of the grid along which the determinant changes its sign."""
     sign = determinant_signs(filling, task)
-    cells: list[Cell] = []
+    cells: list[tuple[GridLine, int]] = []
     if sign is None:
         return cells
     for axis in range(sign.ndim):
@@ -139,23 +121,24 @@ def crossed_cells(filling: FilledGrid, task: FrameTask) -> list[Cell]:
         for index in np.argwhere(first * last < 0).tolist():
             place: Index = tuple(index)
             to = filling.ticks[axis][[place[axis] + 1]]
-            cells.append(Cell(filling.run(axis, place, to), int(sign[place])))
+            cells.append((filling.run(axis, place, to), int(sign[place])))
     return cells
 
 
-def located(task: FrameTask, asked: GridConfig, cells: Sequence[Cell]) -> list[Border | None]:
+def located(
+    task: FrameTask, asked: GridConfig, cells: Sequence[tuple[GridLine, int]]
+) -> list[Border | None]:
     """Return where the determinant vanishes along edges; None where the branch ends before.
 
     Of a grid of poses it is the one of the drivers' speeds by the frame's: where it vanishes the
     drivers do not determine the pose. Beside its zero that of the frame's by the drivers' changes
     its sign through infinity.
     """
-    return [_vanishing(task, asked._replace(limits=False), cell) for cell in cells]
+    return [_vanishing(task, asked._replace(limits=False), *cell) for cell in cells]
 
 
-def _vanishing(task: FrameTask, asked: GridConfig, cell: Cell) -> Border | None:
-    run, to = cell.run, float(cell.run.values[0])
-    begin = float(run.at[run.axis])
+def _vanishing(task: FrameTask, asked: GridConfig, run: GridLine, sign: int) -> Border | None:
+    begin, to = float(run.at[run.axis]), float(run.values[0])
 
     def determinant(value: float) -> float:
         motion, n, _ = motion_along(asked, run, np.array([value]))
@@ -165,7 +148,7 @@ def _vanishing(task: FrameTask, asked: GridConfig, cell: Cell) -> Border | None:
         if np.isnan(jacobians).any():  # drivers do not determine the pose: there it is infinite
             return 0.0 if asked.is_posed else np.nan
         found = float(np.linalg.det(task.matrices(jacobians)[0]))
-        return cell.sign * (1.0 / found if asked.is_posed else found)
+        return sign * (1.0 / found if asked.is_posed else found)
 
     ends = np.array([begin + LOCATED * (to - begin), to])
     first, last = map(determinant, ends)

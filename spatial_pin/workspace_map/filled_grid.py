@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,19 +37,12 @@ Index = tuple[int, ...]
 
 
 class Border(NamedTuple):
-    """Where the branch ends on a line of the grid, or a determinant vanishes.
+    """Where the branch ends on a line of the grid, or a determinant vanishes."""
 
-    Attributes:
-        drivers: (k,) values of the grid's coordinates.
-        point: (3,) of the frame.
-        why: what it is.
-        q, angles: a configuration there, or just before; None where none is known.
-    """
-
-    drivers: Array
-    point: Array
-    why: str
-    q: Array | None = None
+    drivers: Array  # (k,) values of the grid's coordinates
+    point: Array  # (3,) of the frame
+    why: str  # what it is
+    q: Array | None = None  # a configuration there, or just before; None where none is known
     angles: Array | None = None
 
 
@@ -87,8 +81,11 @@ class FilledGrid:
         """Whether a configuration is the one at a point of the grid, with all frames there."""
         if not self.reached[index]:
             return False
-        mechanism = self.asked.mechanism
-        places = [_places(mechanism.model, q) for q in (self.data["q"][index], other.q[0])]
+        mechanism, places = self.asked.mechanism, []
+        for q in (self.data["q"][index], other.q[0]):  # idle rotations do not move origins
+            data = mechanism.model.createData()
+            pin.framesForwardKinematics(mechanism.model, data, q)
+            places.append(np.array([at.translation for at in data.oMf]))
         off = np.abs(places[0] - places[1]).max() / mechanism.characteristic_length
         return bool(off < TOLERANCES.half_precision)
 
@@ -102,12 +99,7 @@ class FilledGrid:
         return GridLine(axis, self.at(index), values, q, angles, float(error))
 
     def fill(self, executor: Executor | None, tell: Callable[[float], Any]) -> None:
-        """Go on along all coordinates in turn until nothing more is reached.
-
-        Args:
-            executor: where lines are followed; None: here. What is found does not depend on it.
-            tell: is called with how many points were reached since.
-        """
+        """Go on along all coordinates in turn until nothing more is reached."""
         idle, axis = 0, 0
         while idle < len(self.shape):
             ways = list(self._ways(axis))
@@ -160,13 +152,6 @@ class FilledGrid:
         return self.why.get(index, NOT_CONNECTED if is_whole else NOT_LOOKED_AT)
 
 
-def _places(model: pin.Model, q: Array) -> Array:
-    """Return where the origins of all frames are (n, 3): idle rotations do not move them."""
-    data = model.createData()
-    pin.framesForwardKinematics(model, data, q)
-    return np.array([at.translation for at in data.oMf])
-
-
 def spread(
     work: Callable[[GridConfig, Sequence[Any]], list[Any]], asked: GridConfig, jobs: Sequence[Any],
     executor: Executor | None,
@@ -190,18 +175,25 @@ PATIENCE = 200  # starts that find nothing new after which no more modes are loo
 def other_starts(filling: FilledGrid) -> Iterator[tuple[Index, LinePoints]]:
     """Yield all configurations that assembly modes have at some points of a grid, in their order.
 
-    Args:
-        filling: of the branch that is known: its first point is looked at first.
+    The first point that is reached on the branch that is known is looked at first, then some all
+    over the grid.
     """
-    asked = filling.asked
-    names = [*asked.names, *asked.standing, *_held(asked)]
-    reached = np.argwhere(filling.reached)
-    begin = filling.data["q"][tuple(reached[0])]
-    mechanism = asked.mechanism
+    asked, mechanism = filling.asked, filling.asked.mechanism
+    # what is held, but for free bases, which stand anyway
+    held = held_by(mechanism, [x for x in asked.hold if not is_base(mechanism, x)])
+    names = [*asked.names, *asked.standing, *(
+        c.name for c in mechanism.coordinate_table.values()
+        if c in held.coordinates or c.v in held.entries)]
+    first: Index = tuple(np.argwhere(filling.reached)[0].tolist())
+    begin = filling.data["q"][first]
     fixed = [coordinate_value(mechanism, mechanism.prescribed_coordinate(n), begin)
              for n in names[len(asked.names):]]
     distances = None if asked.apart is None else Distances(asked.body)
-    for index in _looked_at(filling):
+    each = [sorted({round(x) for x in np.linspace(0, n - 1, SEEDS_A_COORDINATE + 2)[1:-1]})
+            for n in filling.shape]
+    seeds: list[Index] = list(product(*each))
+    step = -(-len(seeds) // MOST_LOOKED_AT)
+    for index in dict.fromkeys([first, *seeds[::step]]):
         values = dict(zip(names, [*filling.at(index).tolist(), *fixed], strict=True))
         try:
             modes = assembly_modes(mechanism, values, patience=PATIENCE)
@@ -211,24 +203,6 @@ def other_starts(filling: FilledGrid) -> Iterator[tuple[Index, LinePoints]]:
             is_beyond = asked.limits and beyond_limits(mechanism, state.q)
             if not is_beyond and not (distances and touching(asked, distances, state.q)):
                 yield index, one_of(asked, state)
-
-
-def _held(asked: GridConfig) -> list[str]:
-    """Return the coordinates that are held, but for those of free bases, which stand anyway."""
-    held = held_by(asked.mechanism, [x for x in asked.hold if not is_base(asked.mechanism, x)])
-    return [c.name for c in asked.mechanism.coordinate_table.values()
-            if c in held.coordinates or c.v in held.entries]
-
-
-def _looked_at(filling: FilledGrid) -> list[Index]:
-    """Return points of a grid, the first one that is reached first, then some all over it."""
-    first = tuple(np.argwhere(filling.reached)[0].tolist())
-    each = [sorted({round(x) for x in np.linspace(0, n - 1, SEEDS_A_COORDINATE + 2)[1:-1]})
-            for n in filling.shape]
-    spread = [tuple(x) for x in np.stack(np.meshgrid(*each, indexing="ij"), -1).reshape(
-        -1, len(each)).tolist()]
-    step = -(-len(spread) // MOST_LOOKED_AT)
-    return list(dict.fromkeys([first, *spread[::step]]))
 
 
 def one_of(asked: GridConfig, state: State) -> LinePoints:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -23,28 +23,8 @@ SLIDES, TURNS = ("x", "y", "z"), ("turn_x", "turn_y", "turn_z")
 PARTS = (*SLIDES, *TURNS)  # of a pose: of the origin [m], and Cardan angles from the start [rad]
 
 
-class Posed(NamedTuple):
-    """A mechanism in which the pose of a frame is given by coordinates.
-
-    Attributes:
-        state: of the copy: absolute positions [m], angles zero.
-        coordinates: by part of the pose, the copy's name for it.
-        standing: parts that stand still besides those of the grid.
-        task: "position" or "pose".
-    """
-
-    state: State
-    coordinates: dict[str, str]
-    standing: tuple[str, ...]
-    task: str
-
-
 def pose_parts(mechanism: Mechanism, frame: str, names: Iterable[str]) -> tuple[str, ...] | None:
-    """Return what parts of a frame's pose names are; None where they are drivers or coordinates.
-
-    Raises:
-        ValueError: some are the one, some the other, or one is named twice.
-    """
+    """Return what parts of a frame's pose names are; None where they are drivers or coordinates."""
     names = list(names)
     parts = [name.removeprefix(f"{frame}.") for name in names]
     known = {*mechanism.coordinate_table, *mechanism.drivers}
@@ -62,8 +42,12 @@ def pose_parts(mechanism: Mechanism, frame: str, names: Iterable[str]) -> tuple[
 
 def posed(
     start: State, frame: str, parts: Sequence[str], task: str | None, hold: Hold
-) -> Posed:
+) -> tuple[State, dict[str, str], tuple[str, ...], str]:
     """Return the copy of a mechanism in which the pose of a frame is given by coordinates.
+
+    Returns:
+        A state of the copy, absolute positions [m], angles zero; its names of the parts of the
+        pose; those parts that stand still besides those of the grid; "position" or "pose".
 
     Args:
         start: closed.
@@ -72,14 +56,15 @@ def posed(
         task: "position": its orientation is free; "pose": it is kept, as far as it is free to
             change. None: position, if that determines the mechanism.
         hold: what stands still in any case.
-
-    Raises:
-        SpatialPinError: the pose does not determine where the mechanism is.
-        ValueError: the parts cannot change each for itself, or turn while only the position is
-            asked for.
     """
     if task is None:
-        is_placed = not set(parts) & set(TURNS) and _is_placed(start, frame, hold)
+        mechanism = start.mechanism
+        with evaluation_of(mechanism, start.angles) as evaluation:
+            motions = tangent(evaluation, start.q, hold)
+            rows = evaluation.frame_jacobian(mechanism.frame_id(mechanism.placed(frame)))[:3]
+            moved = rows * mechanism.velocity_scale / mechanism.characteristic_length @ motions.T
+        is_placed = not set(parts) & set(TURNS) and (
+            rank(moved, TOLERANCES.half_precision) == len(motions))
         task = "position" if is_placed else "pose"
     if task == "position" and set(parts) & set(TURNS):
         raise ValueError("task is 'position', whose orientation is free, but ranges have angles")
@@ -92,7 +77,7 @@ def posed(
     course = TargetCourse(values, 0.0 * values, 0.0 * values)
     state, names = copy_at(start, [Chain(table, ALL, course, n - 3)], ChainSegment(0, 0, course))
     coordinates = dict(zip(PARTS, names, strict=False))
-    return Posed(state, coordinates, _standing(state, frame, coordinates, parts, hold), task)
+    return state, coordinates, _standing(state, frame, coordinates, parts, hold), task
 
 
 def tangent(evaluation: Evaluation, q: Array, hold: Hold) -> Array:
@@ -106,16 +91,6 @@ def tangent(evaluation: Evaluation, q: Array, hold: Hold) -> Array:
     found = np.zeros((len(basis), len(moves)))
     found[:, moves] = basis
     return found
-
-
-def _is_placed(start: State, frame: str, hold: Hold) -> bool:
-    """Whether the position of a frame determines where a mechanism is, near a state."""
-    mechanism = start.mechanism
-    with evaluation_of(mechanism, start.angles) as evaluation:
-        motions = tangent(evaluation, start.q, hold)
-        rows = evaluation.frame_jacobian(mechanism.frame_id(mechanism.placed(frame)))[:3]
-        moved = rows * mechanism.velocity_scale / mechanism.characteristic_length @ motions.T
-    return rank(moved, TOLERANCES.half_precision) == len(motions)
 
 
 def _standing(
@@ -152,12 +127,7 @@ def read_ranges(
     mechanism: Mechanism, frame: str, ranges: Mapping[str, Any],
     points: int | Mapping[str, int] | None,
 ) -> tuple[tuple[str, ...], list[Array], bool]:
-    """Return names of coordinates, the values of each, and whether they are parts of a pose.
-
-    Raises:
-        UnknownNameError: there is no such driver or coordinate.
-        ValueError: as `workspace` says.
-    """
+    """Return names of coordinates, the values of each, and whether they are parts of a pose."""
     given = mapping(ranges, "ranges")
     parts = pose_parts(mechanism, frame, given)
     spans: dict[str, tuple[str, float, float]] = {}

@@ -76,60 +76,38 @@ class GridConfig(NamedTuple):
 
 
 class GridLine(NamedTuple):
-    """A way along a line of the grid, from a configuration.
+    """A way along a line of the grid, from a configuration."""
 
-    Attributes:
-        axis: number of the coordinate that changes.
-        at: (k,) where it begins.
-        values: (m,) of that coordinate to go to, the next first.
-        q, angles: the configuration where it begins.
-        error: its closure error.
-    """
-
-    axis: int
-    at: Array
-    values: Array
-    q: Array
+    axis: int  # number of the coordinate that changes
+    at: Array  # (k,) where it begins
+    values: Array  # (m,) of that coordinate to go to, the next first
+    q: Array  # the configuration where it begins
     angles: Array
-    error: float
+    error: float  # its closure error
 
 
 class Termination(NamedTuple):
-    """Where the branch ends.
+    """Where the branch ends."""
 
-    Attributes:
-        why: "limit", "branch point", "singular", "lost", or "joint limit: " and which.
-        value: of the coordinate that changes.
-        point: (3,) of the frame there; NaN where it could not be followed up to there, or runs
-            away without end.
-        q, angles: the last configuration before it that is known; None where none is.
-    """
-
-    why: str
-    value: float
+    why: str  # "limit", "branch point", "singular", "lost", or "joint limit: " and which
+    value: float  # of the coordinate that changes
+    # (3,) of the frame there; NaN where it could not be followed up to there, or runs away without
+    # end
     point: Array
-    q: Array | None = None
+    q: Array | None = None  # the last configuration before it that is known; None where none is
     angles: Array | None = None
 
 
 class LinePoints(NamedTuple):
-    """What was found along a run, at the m values that were reached.
+    """What was found along a run, at the m values that were reached."""
 
-    Attributes:
-        q, angles: (m, nq), (m, n_angles) configurations.
-        errors: (m,) closure errors.
-        points, rotations: (m, 3), (m, 3, 3) of the frame.
-        jacobians: (m, 6, c) of the frame in natural units.
-        end: why it goes no further; None where all values were reached.
-    """
-
-    q: Array
+    q: Array  # (m, nq), (m, n_angles) configurations
     angles: Array
-    errors: Array
-    points: Array
+    errors: Array  # (m,) closure errors
+    points: Array  # (m, 3), (m, 3, 3) of the frame
     rotations: Array
-    jacobians: Array
-    end: Termination | None
+    jacobians: Array  # (m, 6, c) of the frame in natural units
+    end: Termination | None  # why it goes no further; None where all values were reached
 
 
 def followed(asked: GridConfig, runs: Sequence[GridLine]) -> list[LinePoints]:

@@ -161,40 +161,26 @@ AT_CORNER = 1e-10  # rad, lengths: a corner is known to that
 
 
 class LocusPoint(NamedTuple):
-    """A point of a curve.
+    """A point of a curve."""
 
-    Attributes:
-        q, angles: the configuration.
-        t, normal: (nv,) directions along the curve, and across it on the surface, in scaled
-            velocities.
-        slope: of the function along the normal.
-        motions: (m, nv) of the mechanism there.
-        border: (m,) and (nv,) what borders the matrix there; None on a joint limit.
-        y: (k + 3,) coordinates of the grid and point of the frame, in natural units.
-        dy: (k + 3,) how they change along the curve.
-    """
-
-    q: Array
+    q: Array  # the configuration
     angles: Array
-    t: Array
+    t: Array  # (nv,) directions along the curve, and across it on the surface, in scaled velocities
     normal: Array
-    slope: float
-    motions: Array
+    slope: float  # of the function along the normal
+    motions: Array  # (m, nv) of the mechanism there
+    # (m,) and (nv,) what borders the matrix there; None on a joint limit
     border: tuple[Array, Array] | None
-    y: Array
-    dy: Array
+    y: Array  # (k + 3,) coordinates of the grid and point of the frame, in natural units
+    dy: Array  # (k + 3,) how they change along the curve
 
 
 class LocusTrace(NamedTuple):
-    """What was walked along a curve.
+    """What was walked along a curve."""
 
-    Attributes:
-        spots: at least the first one.
-        end: why it goes no further: a limit's words, `LIMIT`, `RANGE`, `CORNER`, `CROSSING`,
-            "closed" or "lost".
-    """
-
-    spots: list[LocusPoint]
+    spots: list[LocusPoint]  # at least the first one
+    # why it goes no further: a limit's words, `LIMIT`, `RANGE`, `CORNER`, `CROSSING`, "closed" or
+    # "lost"
     end: str
 
 
@@ -237,7 +223,13 @@ class Locus:
             svd = decompose(s.matrix(self.why, motions), 0.0)
             self.border = svd.u[:, -1], svd.vt[-1] @ motions
         plane = s.plane(motions)
-        slopes = self._slopes(q, plane)
+        if self._limit is not None:
+            slopes = -self._limit.side * plane[:, self._limit.v]
+        else:  # of the function along two motions; NaN if not known
+            ends = [[s.moved(q, sign * SMALL_MOVE * way) for sign in (1, -1)] for way in plane]
+            slopes = np.array([np.nan if a is None or b is None else
+                               (self.value(a) - self.value(b)) / (2.0 * SMALL_MOVE)
+                               for a, b in ends])
         size = float(np.linalg.norm(slopes))
         if not size > LEVEL:
             return None
@@ -245,16 +237,6 @@ class Locus:
         if along is not None and t @ along < 0.0:
             t = -t
         return LocusPoint(q, angles, t, normal, size, motions, self.border, *s.seen(q, t))
-
-    def _slopes(self, q: Array, plane: Array) -> Array:
-        """Return the derivatives (2,) of the function along two motions; NaN if not known."""
-        if self._limit is not None:
-            limit = self._limit
-            return -limit.side * plane[:, limit.v]
-        ends = [[self.section.moved(q, sign * SMALL_MOVE * way) for sign in (1, -1)]
-                for way in plane]
-        return np.array([np.nan if a is None or b is None else
-                         (self.value(a) - self.value(b)) / (2.0 * SMALL_MOVE) for a, b in ends])
 
     def settled(self, q: Array | None, normal: Array, slope: float) -> Array | None:
         """Return the configuration on the curve that is reached along a normal, by secants."""
@@ -328,10 +310,17 @@ def walk(locus: Locus, start: LocusPoint) -> LocusTrace:
         if stop is not None:
             end, last = stop
             return LocusTrace(spots if last is None else [*spots, last], end)
-        if len(spots) > 2 and _passes(spot, there, start):
+        # whether it passes where the curve was begun; joints may have turned wholly round
+        chord, way = there.y - spot.y, start.y - spot.y
+        size = float(np.linalg.norm(chord))
+        along = float(way @ chord) / max(size, TOLERANCES.nothing)
+        off = float(np.linalg.norm(way - along * chord / max(size, TOLERANCES.nothing)))
+        if len(spots) > 2 and 0.0 < along <= size and off < 0.1 * size and start.dy @ chord > 0.0:
             return LocusTrace([*spots, start], "closed")
         spots.append(there)
-        length = _next(locus, spot, there, length)
+        bend = max(_bend(spot, there), TOLERANCES.nothing * locus.tolerance)
+        part = float(np.clip(0.9 * np.sqrt(locus.tolerance / bend), 0.3, 2.0))
+        length = min(length * part, LARGEST_STEP)  # the bend goes as its square
     return LocusTrace(spots, "lost")
 
 
@@ -367,22 +356,6 @@ def _bend(spot: LocusPoint, there: LocusPoint) -> float:
             across = way / size - chord * float(way @ chord) / (size * length * length)
             out = max(out, 0.25 * length * float(np.linalg.norm(across)))
     return out
-
-
-def _next(locus: Locus, spot: LocusPoint, there: LocusPoint, length: float) -> float:
-    """Return the length of the next step: the bend goes as its square."""
-    bend = max(_bend(spot, there), TOLERANCES.nothing * locus.tolerance)
-    return min(length * float(np.clip(0.9 * np.sqrt(locus.tolerance / bend), 0.3, 2.0)),
-               LARGEST_STEP)
-
-
-def _passes(spot: LocusPoint, there: LocusPoint, start: LocusPoint) -> bool:
-    """Whether a step passes where the curve was begun; joints may have turned wholly round."""
-    chord, way = there.y - spot.y, start.y - spot.y
-    length = float(np.linalg.norm(chord))
-    along = float(way @ chord) / max(length, TOLERANCES.nothing)
-    off = float(np.linalg.norm(way - along * chord / max(length, TOLERANCES.nothing)))
-    return 0.0 < along <= length and off < 0.1 * length and bool(start.dy @ chord > 0.0)
 
 
 def _stop(

@@ -20,7 +20,6 @@ from spatial_pin.workspace_map.locus import (
     LIMIT,
     RANGE,
     Locus,
-    LocusPoint,
     Section,
     walk,
 )
@@ -51,9 +50,6 @@ def curves_of(
         spans: (k, 2) ranges of all coordinates.
         tolerance: how far a curve may bend away from straight pieces [rad, characteristic
             lengths].
-
-    Raises:
-        SpatialPinError: a coordinate of the grid is a component of a ball.
     """
     kinds = {LIMIT} | ({SINGULAR} if task.is_square else set())
     with evaluation_of(asked.mechanism) as evaluation:
@@ -73,7 +69,9 @@ def curves_of(
 def _follow(locus: Locus, q: Array, pieces: list[CurvePiece]) -> list[tuple[str, Array, Array]]:
     """Add the curve near a configuration to the pieces; return where others go on from its ends."""
     start = locus.beginning(q)
-    if start is None or _is_known(start.y, locus, pieces):
+    if start is None or any(  # on a curve that is known
+            piece.why == locus.why and _distance(start.y, piece.y) <= 2.0 * locus.tolerance
+            for piece in pieces):
         return []
     if any(limit.room(start.q) < -AT_CORNER * limit.size
            for words, limit in locus.section.limits.items() if words != locus.why):
@@ -84,29 +82,16 @@ def _follow(locus: Locus, q: Array, pieces: list[CurvePiece]) -> list[tuple[str,
         return []
     back = walk(locus, start._replace(t=-start.t, dy=-start.dy))
     spots = [*back.spots[:0:-1], *ahead.spots]
-    if len(spots) > 1:
-        pieces.append(CurvePiece(np.array([x.y for x in spots]), locus.why,
-                            ahead.end == back.end == RANGE and _is_turn_on(locus, spots)))
+    if len(spots) > 1:  # the last point may be the first, but for whole turns of joints
+        way = turned_apart(locus.section.asked.mechanism, spots[0].q, spots[-1].q)
+        is_closed = ahead.end == back.end == RANGE and bool(np.linalg.norm(way) < MEETS)
+        pieces.append(CurvePiece(np.array([x.y for x in spots]), locus.why, is_closed))
     kinds = {LIMIT, *locus.section.limits}
     return [(end, spot.q, spot.angles) for end, spot in
             ((ahead.end, spots[-1]), (back.end, spots[0])) if end in kinds]
 
 
-def _is_turn_on(locus: Locus, spots: Sequence[LocusPoint]) -> bool:
-    """Whether the last point is the first, but for whole turns of joints."""
-    first, last = spots[0], spots[-1]
-    way = turned_apart(locus.section.asked.mechanism, first.q, last.q)
-    return bool(np.linalg.norm(way) < MEETS)
-
-
-def _is_known(y: Array, locus: Locus, pieces: Sequence[CurvePiece]) -> bool:
-    """Whether a point is on a curve that is known, to the tolerance."""
-    return any(piece.why == locus.why and _distance(y, piece.y) <= 2.0 * locus.tolerance
-               for piece in pieces)
-
-
 def _distance(y: Array, line: Array) -> float:
-    """Return the distance of a point from a polyline (m, n)."""
     first, way = line[:-1], np.diff(line, axis=0)
     part = np.einsum("ij,ij->i", y - first, way) / np.maximum(
         np.einsum("ij,ij->i", way, way), TOLERANCES.nothing**2)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +26,6 @@ from spatial_pin.rates.jacobians import jacobian
 from spatial_pin.rates.rates import check_not_held
 from spatial_pin.workspace_map.dexterity import (
     TASKS,
-    FrameTask,
     aspects_of,
     crossed_cells,
     grid_of,
@@ -41,22 +40,6 @@ from spatial_pin.workspace_map.workspace_result import Borders, Workspace
 
 # points of the grid that are tried first, the nearest ones to the assembled state
 STARTS_TRIED = 64
-
-
-class WorkspaceSource(NamedTuple):
-    """What a workspace was made of: from there curves go on.
-
-    Attributes:
-        asked: what was asked for.
-        ticks: values by coordinate.
-        borders: where the branch ends, and where a determinant vanishes, on lines of the grid.
-        task: what is asked of the frame.
-    """
-
-    asked: GridConfig
-    ticks: list[Array]
-    borders: list[Border]
-    task: FrameTask
 
 
 @checked
@@ -177,13 +160,12 @@ def _asked(
         columns = _columns(mechanism, start, frame, names, hold)
         return (GridConfig(mechanism, names, frame, columns, True, "stop", (), hold, mechanism),
                 start, task)
-    copy = posed(start, frame, names, task, hold)
+    copy, coordinates, others, task = posed(start, frame, names, task, hold)
     columns = _columns(mechanism, start, frame, (), hold)
-    whole = tuple(copy.coordinates[name] for name in names)
-    standing = tuple(copy.coordinates[name] for name in copy.standing)
-    return (GridConfig(copy.state.mechanism, whole, frame, columns, True, "stop", standing, hold,
-                  mechanism),
-            copy.state, copy.task)
+    whole = tuple(coordinates[name] for name in names)
+    standing = tuple(coordinates[name] for name in others)
+    return (GridConfig(copy.mechanism, whole, frame, columns, True, "stop", standing, hold,
+                       mechanism), copy, task)
 
 
 def _fill(
@@ -214,11 +196,7 @@ def _columns(
 
 
 def _begin(filling: FilledGrid, start: State) -> None:
-    """Go from the assembled state to the nearest point of the grid that the branch leads to.
-
-    Raises:
-        SpatialPinError: it leads to none of those near it.
-    """
+    """Go from the assembled state to the nearest point of the grid that the branch leads to."""
     asked, shape = filling.asked, filling.shape
     mechanism = asked.mechanism
     here = np.array([coordinate_value(mechanism, mechanism.prescribed_coordinate(name), start.q)
@@ -278,8 +256,7 @@ def _workspace(
         boundary=_borders(filling.borders, len(names)), singular=_borders(singular, len(names)),
         aspects=aspects_of(filling, found).ravel(), sheets=sheets, task=found.name,
         directions=len(found.directions), n_drivers=found.n_drivers, is_whole=is_whole,
-        _rows=rows, _source=WorkspaceSource(
-            asked, list(filling.ticks), [*filling.borders, *singular], found))
+        _rows=rows, _source=(asked, filling.ticks, [*filling.borders, *singular], found))
 
 
 def _borders(found: list[Border], k: int) -> Borders:

@@ -82,11 +82,7 @@ class _Slab:
 
     @classmethod
     def of(cls, points: Array, normal: int, at: float | None, thickness: float | None) -> _Slab:
-        """Return the slab that is asked for, among points (N, 3).
-
-        Raises:
-            ValueError: a number is not finite, or the thickness not above zero.
-        """
+        """Return the slab that is asked for, among points (N, 3)."""
         given = (THIN_SLICE * float(np.ptp(points, axis=0).max()) if thickness is None
                  else positive_number(thickness, "thickness"))
         return cls(normal, None if at is None else finite_number(at, "at"), 0.5 * given)

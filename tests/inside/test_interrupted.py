@@ -19,7 +19,7 @@ from spatial_pin.dynamics.simulation.running.run import Run
 from spatial_pin.inverse_kinematics import reach_path
 from spatial_pin.mobility.modes.search import Search as ModeSearch
 from spatial_pin.proximity.search import Search
-from spatial_pin.synthesis.checkpoint import Checkpoint
+from spatial_pin.synthesis.global_search import Checkpoint
 from spatial_pin.workspace_map import workspace as workspace_map
 
 VALUES = np.linspace(0.0, 3.0, 61)

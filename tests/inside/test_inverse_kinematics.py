@@ -12,8 +12,8 @@ import spatial_pin as sp
 from spatial_pin import targets
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.inverse_kinematics import reach
+from spatial_pin.inverse_kinematics.constrained import Lagrangian, Stationary
 from spatial_pin.inverse_kinematics.descending import Descent
-from spatial_pin.inverse_kinematics.lagrangian import Lagrangian, Stationary
 from spatial_pin.inverse_kinematics.named_targets import read_targets
 from spatial_pin.inverse_kinematics.solving import Solver
 

@@ -17,9 +17,8 @@ from spatial_pin.dimensions.dimension_batch import DimensionFamily
 from spatial_pin.synthesis import curve_atlas as atlas
 from spatial_pin.synthesis import demand
 from spatial_pin.synthesis import global_search as search
-from spatial_pin.synthesis.candidate import Candidate
 from spatial_pin.synthesis.curve_atlas import CurveDatabase
-from spatial_pin.synthesis.demand import smooth_peak
+from spatial_pin.synthesis.demand import Candidate, smooth_peak
 from spatial_pin.synthesis.design import refuse_off_plane
 from spatial_pin.synthesis.design_problem import DesignProblem, LocalFit, _Exactly
 from spatial_pin.view.scene.overlay import overlaid
