@@ -164,8 +164,6 @@ class Predictions:
             for some in quantities for q in some for _ in q.labels()]))
         self._base = slice(len(sizes) - 6, len(sizes))
 
-    # ------------------------------------------------------------ values
-
     def at(self, x: Array) -> FittedState:
         """Return the mechanism at values of the unknowns, its loops closed at every pose."""
         if self._last is None or self._last[0] != x.tobytes():
@@ -223,8 +221,6 @@ class Predictions:
                 parts += [q.error(evaluation, here.base)[0] for q in quantities]
         told = np.concatenate(parts)
         return np.concatenate([told / self.sigmas[: len(told)], self._misread(x)])
-
-    # ------------------------------------------------------------ derivatives
 
     def jacobian(self, x: Array) -> Array:
         """Return the derivatives (m, n) of `errors` for x; raises as `slopes`."""

@@ -24,9 +24,9 @@ from spatial_pin.inverse_kinematics.target_tables import (
     TargetCourse,
     TargetTable,
     cardan_course,
-    turn_course,
 )
 from spatial_pin.inverse_kinematics.targets import Target
+from spatial_pin.mechanism.coordinates import spin_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS, closure_geometry, prismatic_joint, revolute_joint
 from spatial_pin.mechanism.parts import Closure
@@ -101,7 +101,8 @@ def chain_of(table: TargetTable, s: Array, rows: Array, mechanism: Mechanism) ->
     axes = _directions(rows[3:], phi @ table.rotations[0].T, 0.0)
     hinges = axes.shape[1] if axes.shape[1] < 2 else 3
     axis = table.rotations[0].T @ axes[:, 0] if hinges == 1 else None
-    return Chain(table, directions, slides, hinges, axis, phi, *turn_course(s, phi))
+    spun = TargetCourse.along(s, phi)  # body angular velocity and acceleration follow from it
+    return Chain(table, directions, slides, hinges, axis, phi, *spin_of(phi, spun.rate, spun.bend))
 
 
 def _directions(rows: Array, away: Array, known: float) -> Array:
@@ -113,9 +114,6 @@ def _directions(rows: Array, away: Array, known: float) -> Array:
     if np.abs(out).max(initial=0.0) > TOLERANCES.closed + known:
         return ALL
     return turned.vt[: turned.rank].T
-
-
-# ---------------------------------------------------------------- stretches
 
 
 def stretches_of(chains: list[Chain], n: int) -> list[ChainSegment]:
@@ -167,9 +165,6 @@ def _course(chain: Chain, first: int) -> TargetCourse:
                                chain.alpha[first:])
     return TargetCourse(*(np.hstack([getattr(slides, part), getattr(hinges, part)])
                     for part in ("value", "rate", "bend")))
-
-
-# ---------------------------------------------------------------- the copy
 
 
 def copy_at(

@@ -19,7 +19,7 @@ from spatial_pin._support.checks import finite_array, finite_number, mapping
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.inverse_kinematics.named_targets import output_target
 from spatial_pin.inverse_kinematics.targets import Position, Target, check_rotations
-from spatial_pin.mechanism.coordinates import continued_rotation_vectors, spin_of
+from spatial_pin.mechanism.coordinates import continued_rotation_vectors
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.outputs import component
 from spatial_pin.numerics.linalg import Array
@@ -194,15 +194,6 @@ def _shape(given: Any) -> tuple[int, ...] | None:
     return shape if len(shape) < 2 or (len(shape) == 2 and shape[1] == 3) else None
 
 
-# ---------------------------------------------------------------- turns
-
-
-def turn_course(s: Array, phi: Array) -> tuple[Array, Array]:
-    """Return body angular velocity and acceleration (N, 3) of the spline of rotation vectors."""
-    course = TargetCourse.along(s, phi)
-    return spin_of(phi, course.rate, course.bend)
-
-
 def cardan_course(rotations: Array, omega: Array, alpha: Array) -> TargetCourse:
     """Return angles a, b, c (N, 3) of rotations Rx(a) Ry(b) Rz(c) (N, 3, 3), and derivatives.
 
@@ -226,9 +217,6 @@ def cardan_course(rotations: Array, omega: Array, alpha: Array) -> TargetCourse:
     left = alpha - (moved.transpose(2, 0, 1) @ rate[..., None])[..., 0]
     bend = np.linalg.solve(axes, left[..., None])[..., 0]
     return TargetCourse(np.column_stack([a, b, c]), rate, bend)
-
-
-# ---------------------------------------------------------------- the law
 
 
 def law_of(s: Array, course: TargetCourse) -> Any:

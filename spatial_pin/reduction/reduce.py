@@ -259,9 +259,6 @@ def reduce(
                    left_out=tuple(omissions(model, locked)))
 
 
-# ---------------------------------------------------------------- states, and what is needed
-
-
 @made_once
 def _starts(reduced: Reduced) -> Callable[..., Array | None]:
     """Return what assembles the full mechanism at (name, value) pairs; it remembers the last."""
@@ -352,9 +349,6 @@ def _bodies(mechanism: Mechanism, asked: RequestedOutputs, dynamics: bool) -> se
                     or resists(mechanism, i):
                 bodies.add(i)
     return bodies - {0}
-
-
-# ---------------------------------------------------------------- checks
 
 
 def _agrees(made: Mechanism, influence: OutputInfluence) -> bool:

@@ -121,8 +121,6 @@ class Circuit:
             self._spacing(i), other._spacing(j))
             for i in self._branch_points() for j in other._branch_points())
 
-    # ------------------------------------------------------------ inside
-
     def _at(self, evaluation: Evaluation, q: Array) -> Array:
         evaluation.update(q)
         return body_places(evaluation, self._bodies)

@@ -122,8 +122,6 @@ class CurveDatabase:
                 break
         return begins
 
-    # ------------------------------------------------------------ curves
-
     def _curves(self, x: Array, rng: np.random.Generator) -> tuple[Array, list[GoalStates], Array]:
         """Return numbers (m, n) with which the driver turns fully, configurations, and curves.
 
@@ -213,8 +211,6 @@ class CurveDatabase:
         if turns.sum() == 2:
             turns[:] = False
         return Movable(shifts, turns, scaled or can(arms))
-
-    # ------------------------------------------------------------ to the path
 
     def _brought(self, alike: AtlasStart, size: float, rotation: Array) -> AtlasStart | None:
         """Return where a curve has been brought to the path; None if bounds do not let it.

@@ -140,7 +140,6 @@ def defects(
     driver: str | None = None,
     *,
     output: str | None = None,
-    at: str | None = None,
     least_angle: float = LEAST_ANGLE,
     ordered: bool = True,
     cyclic: bool = False,
@@ -150,7 +149,8 @@ def defects(
     The curves of configurations that the states lie on are followed as a whole (`trace`), with
     other drivers standing still; two states are on one circuit where one curve leads to both, on
     one branch where the driver meets neither a limit nor a branch point between them. Joint limits
-    count at the states and between those of a branch.
+    count at the states and between those of a branch. What could not be looked at, as with several
+    drivers that move, is one of kind "not judged".
 
     Args:
         mechanism: the mechanism.
@@ -158,18 +158,9 @@ def defects(
         driver: driver or coordinate that moves it; the only driver if not given.
         output: coordinate whose transmission angle counts; default the only one-freedom joint on
             the fixed link besides the driver's.
-        at: the pair that moves the output's link, where there are several, as for `transmission`.
         least_angle: transmission angle that is good enough [rad].
         ordered: whether the driver is free in when it meets the states, and its order counts.
-        cyclic: whether they are met again and again, so that a driver that turns fully is used all
-            the way round.
-
-    Returns:
-        The defects, none if there is none. What could not be looked at, as with several drivers
-        that move, is one of kind "not judged".
-
-    Raises:
-        UnknownNameError: there is no such driver or output.
+        cyclic: whether a driver that turns fully is used all the way round.
     """
     states = [of_mechanism(mechanism, state) for state in states]
     if not states:
@@ -197,7 +188,7 @@ def defects(
     if ordered:
         found += [defect for one in branches for defect in one.order_defects()]
     found += beyond or [x for one in branches for x in one.limit_defects(states, cyclic)]
-    return (*found, *_transmission(branches, states, output, at, least_angle, cyclic))
+    return (*found, *_transmission(branches, states, output, least_angle, cyclic))
 
 
 def _moved_besides(mechanism: Mechanism, states: Sequence[State], driver: str | None) -> str:
@@ -310,7 +301,7 @@ def limits_passed(motion: Motion, samples: tuple[int, ...] = ()) -> tuple[Defect
 
 
 def _transmission(
-    branches: Sequence[UsedBranch], states: Sequence[State], output: str | None, at: str | None,
+    branches: Sequence[UsedBranch], states: Sequence[State], output: str | None,
     least: float, cyclic: bool,
 ) -> Iterator[Defect]:
     motion, driver = branches[0].circuit.motion, branches[0].circuit.driver
@@ -322,7 +313,7 @@ def _transmission(
         return
 
     def angle(state: State) -> float:
-        return transmission_angle(mechanism, state, outputs[0], driver, at)[0]
+        return transmission_angle(mechanism, state, outputs[0], driver)[0]
 
     try:
         own = [angle(state) for state in states]

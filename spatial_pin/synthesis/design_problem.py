@@ -21,7 +21,7 @@ from spatial_pin.errors import SpatialPinError
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.synthesis.demand import Demand
-from spatial_pin.synthesis.design_space import CROWD, WEIGHTS, DesignSpace, Guess, weight_of
+from spatial_pin.synthesis.design_space import BATCH, WEIGHTS, DesignSpace, Guess, weight_of
 from spatial_pin.synthesis.inner_problem import GoalStates
 from spatial_pin.synthesis.multistart import BatchedStarts
 from spatial_pin.synthesis.precision import Goal
@@ -121,7 +121,7 @@ class DesignProblem(DesignSpace):
         exact = [s.goal.weight is None for s in self.settlings]
         if found.is_one or not any(exact) or not all(exact):
             return found
-        starts = BatchedStarts(self, np.array([self.draw(rng) for _ in range(CROWD)]), rng)
+        starts = BatchedStarts(self, np.array([self.draw(rng) for _ in range(BATCH)]), rng)
         starts.fit()
         tried = [self.solve_from(starts.x[i], starts.of(i), ()) for i in starts.best()]
         good = [one for one in tried if one.is_one]

@@ -30,7 +30,7 @@ from spatial_pin.synthesis.precision import Goal, Precision
 # a ten-thousandth of what is missed, from which exact closing goes on. Drawn starts begin with the
 # first or the second: either leads to solutions, of other problems, that the other one misses.
 WEIGHTS = (1.0, 10.0, 100.0)
-CROWD = 32  # starts that are fitted together: more cost as much each
+BATCH = 32  # starts that are fitted together: more cost as much each
 DRAWN_TRIES = 8  # configurations that a drawn start is looked for from
 Guess = Mapping[str, Any] | State | Array | None
 
@@ -105,7 +105,7 @@ class DesignSpace:
     def anywhere(self) -> EvaluatedBatch:
         """Return mechanisms at dimensions and configurations drawn anywhere, their loops open."""
         rng = np.random.default_rng(0)
-        x = np.array([self._between(rng.uniform(size=self.n)) for _ in range(CROWD)]).T
+        x = np.array([self._between(rng.uniform(size=self.n)) for _ in range(BATCH)]).T
         members = self.family.at(x)
         members = members.taken(np.flatnonzero(members.holds))
         state = self.nominal()

@@ -127,9 +127,6 @@ def _rows(values: Any, n: int) -> Array:
     return np.array(values, dtype=float).reshape(n, -1)
 
 
-# ---------------------------------------------------------------- what tells searches apart
-
-
 def fingerprint(spec: Any, mechanism: Mechanism, method: str, seed: int) -> str:
     """Return what is the same for two searches only if they look for the same in the same way."""
     files = [path.read_bytes() for path in (mechanism.path, mechanism.tree)
@@ -329,9 +326,6 @@ def _apart(places: Array, values: Array, most: int) -> list[Array]:
     return found
 
 
-# ---------------------------------------------------------------- in any process
-
-
 def _there(work: Callable[..., Any], spec: ProblemSpec, key: str, job: Any) -> Any:
     """Do some work in another process, or thread, where the problem is made once."""
     return work(_made(_Keyed(key, spec), get_ident()), job)
@@ -376,9 +370,6 @@ def _valued(problem: DesignProblem, points: Sequence[Array]) -> list[float]:
             value = float(problem.value(x))
         found.append(np.inf if np.isnan(value) else value)
     return found
-
-
-# ---------------------------------------------------------------- ranking
 
 
 def _distinct(problem: DesignProblem, found: Sequence[LocalSolution]) -> list[LocalSolution]:

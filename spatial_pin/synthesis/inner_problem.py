@@ -10,7 +10,7 @@ configurations less the part that moving the joints takes away: variable project
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -95,8 +95,6 @@ class InnerProblem:
         return np.concatenate([self.goal.own_start(self.family.mechanism),
                                np.zeros(self._n_zeros)])
 
-    # ------------------------------------------------------------ equations
-
     def _values_only(
         self, bodies: EvaluatedBatch, at: NDArray[np.intp], own: Array
     ) -> tuple[Array, Array]:
@@ -146,32 +144,46 @@ class InnerProblem:
     def _moved(self, samples: GoalStates, steps: Array) -> Array:
         return self.family.displaced(samples.q, steps * self.family.mechanism.velocity_scale)
 
-    # ------------------------------------------------------------ loosely
-
     def loosely(
         self, members: DimensionBatch, samples: GoalStates, own: Array, weight: float
     ) -> GoalStates:
         """Return configurations where open loops, weighted, and missed goals are least together."""
-        rows, angles = self.rows(members, samples, own)
-        residual, slope, _ = rows.together(weight)
-        cost = np.einsum("mi,mi->m", residual, residual)
-        damping = np.full(len(cost), FIRST_DAMPING)
-        samples = samples._replace(angles=angles)
+        def evaluated(at: GoalStates) -> tuple[GoalStates, _Loose]:
+            rows, angles = self.rows(members, at, own)
+            residual, slope, _ = rows.together(weight)
+            missed = np.einsum("mi,mi->m", residual, residual)
+            return at._replace(angles=angles), _Loose(residual, slope, missed)
+
+        def judged(new: _Loose, old: _Loose) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+            better = new.missed < old.missed
+            return better, better & (old.missed - new.missed < TOLERANCES.nothing * old.missed)
+
+        return self._descended(*evaluated(samples), evaluated, judged, FIRST_DAMPING, 0.0)
+
+    def _descended(
+        self, samples: GoalStates, known: Any, evaluated: Callable[[GoalStates], tuple[Any, Any]],
+        judged: Callable[[Any, Any], tuple[Any, Any]], first: float, least: float,
+    ) -> GoalStates:
+        """Return where Levenberg's method leads, every configuration damped for itself.
+
+        Args:
+            samples: where it begins.
+            known: what is known there, with `steps`.
+            evaluated: returns configurations as they are, and what is known there.
+            judged: tells of what is new and known which steps help, and which gain next to nothing.
+            first: damping at first.
+            least: damping at least after a step that did not help.
+        """
+        damping = np.full(len(samples.q), first)
         for _ in range(SETTLING_STEPS):
-            steps = _steps(slope, residual, damping)
-            there = samples._replace(q=self._moved(samples, steps))
-            rows, angles = self.rows(members, there, own)
-            new, new_slope, _ = rows.together(weight)
-            new_cost = np.einsum("mi,mi->m", new, new)
-            better = new_cost < cost
-            samples = _chosen(better, there._replace(angles=angles), samples)
-            small = np.abs(steps).max(axis=1) < TOLERANCES.half_precision
-            gained = cost - new_cost < TOLERANCES.nothing * cost
-            residual = np.where(better[:, None], new, residual)
-            slope = np.where(better[:, None, None], new_slope, slope)
-            cost = np.where(better, new_cost, cost)
-            damping = np.where(better, SETTLING_EASING * damping, SETTLING_HARDENING * damping)
-            if np.all(small | (better & gained) | (damping > MOST_DAMPING)):
+            steps = known.steps(damping)
+            there, new = evaluated(samples._replace(q=self._moved(samples, steps)))
+            better, idle = judged(new, known)
+            samples, known = _chosen(better, there, samples), _chosen(better, new, known)
+            damping = np.where(better, SETTLING_EASING * damping,
+                               SETTLING_HARDENING * np.maximum(damping, least))
+            small = np.abs(steps).max(axis=1, initial=0.0) < TOLERANCES.half_precision
+            if np.all(small | idle | (damping > MOST_DAMPING)):
                 break
         return samples
 
@@ -211,8 +223,6 @@ class InnerProblem:
             found.append(((ahead - behind) / widths[:, None, None]).transpose(1, 2, 0))
         return found[0], found[1]
 
-    # ------------------------------------------------------------ exactly
-
     def closed(
         self, members: DimensionBatch, samples: GoalStates, own: Array
     ) -> tuple[GoalStates, GoalRows, NDArray[np.bool_]]:
@@ -247,21 +257,16 @@ class InnerProblem:
         samples, rows, is_closed = self.closed(members, samples, own)
         if not is_closed.all():
             return samples, rows.wanted, is_closed
-        along = _Along.of(rows)
-        damping = np.full(len(samples.q), FLOOR_DAMPING)
-        for _ in range(SETTLING_STEPS):
-            steps = along.steps(damping)
-            there = samples._replace(q=self._moved(samples, steps))
-            rows, angles = self.rows(members, there, own)
-            new = _Along.of(rows)
-            better = (new.missed <= along.missed) & (new.open <= MOST_OPEN)
-            samples = _chosen(better, there._replace(angles=angles), samples)
-            along = _chosen(better, new, along)
-            damping = np.where(better, SETTLING_EASING * damping,
-                               SETTLING_HARDENING * np.maximum(damping, FIRST_DAMPING))
-            still = np.abs(steps).max(axis=1, initial=0.0) < TOLERANCES.half_precision
-            if np.all(still | (damping > MOST_DAMPING)):
-                break
+
+        def evaluated(at: GoalStates) -> tuple[GoalStates, _Along]:
+            rows, angles = self.rows(members, at, own)
+            return at._replace(angles=angles), _Along.of(rows)
+
+        def judged(new: _Along, old: _Along) -> tuple[NDArray[np.bool_], bool]:
+            return (new.missed <= old.missed) & (new.open <= MOST_OPEN), False
+
+        samples = self._descended(
+            samples, _Along.of(rows), evaluated, judged, FLOOR_DAMPING, FIRST_DAMPING)
         samples, rows, is_closed = self.closed(members, samples, own)
         return samples, rows.wanted, is_closed
 
@@ -284,6 +289,18 @@ class InnerProblem:
         along = -pseudo_inverses(rows.held_moves, TOLERANCES.singular) @ held
         whole = wanted + rows.wanted_moves @ along
         return projected(whole, rows.wanted_moves @ motions.transpose(0, 2, 1), rows.wanted)
+
+
+class _Loose(NamedTuple):
+    """What is missed at m configurations, open loops among it."""
+
+    residual: Array  # (m, r)
+    slope: Array  # (m, r, nv)
+    missed: Array  # (m,) the sum of its squares
+
+    def steps(self, damping: Array) -> Array:
+        """Return Levenberg's steps (m, nv)."""
+        return _steps(self.slope, self.residual, damping)
 
 
 class _Along(NamedTuple):

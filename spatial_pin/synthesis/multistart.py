@@ -22,11 +22,11 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.synthesis.design_space import DesignSpace
 from spatial_pin.synthesis.inner_problem import GoalStates, InnerProblem, spread
 
-CROWD_STEPS = 120  # of Levenberg's: half of those that lead somewhere need seventy
-CROWD_DAMPING = 1e-2  # relative to equations of order one
+BATCH_STEPS = 120  # of Levenberg's: half of those that lead somewhere need seventy
+BATCH_DAMPING = 1e-2  # relative to equations of order one
 # by what damping goes after a step that helped, and after one that did not
-CROWD_EASING, CROWD_HARDENING = 0.3, 4.0
-LEAST_CROWD_DAMPING, MOST_DAMPING = 1e-15, 1e6  # round-off of the equations; nothing moves any more
+BATCH_EASING, BATCH_HARDENING = 0.3, 4.0
+LEAST_BATCH_DAMPING, MOST_DAMPING = 1e-15, 1e6  # round-off of the equations; nothing moves any more
 MET, NEAR = TOLERANCES.nothing**2, TOLERANCES.nothing  # sums of squares, of this size and less
 MOST_NEAR = 2  # of those that have come near which are looked at
 TOGETHER = 1e-4  # part of the sizes, within which two ends are one
@@ -46,11 +46,6 @@ class StartEquations(NamedTuple):
 
 class BatchedStarts:
     """Starts that are fitted together.
-
-    Args:
-        problem: whose goals of precision are to be met exactly.
-        x: (M, n) numbers to start from.
-        rng: of the configurations.
 
     Attributes:
         x: (M, n) where they are.
@@ -76,9 +71,9 @@ class BatchedStarts:
     def fit(self) -> None:
         """Move all of them, until each is at rest or its goals are met."""
         p, m = self._p, len(self.x)
-        damping, done = np.full(m, CROWD_DAMPING), ~np.isfinite(self.cost)
+        damping, done = np.full(m, BATCH_DAMPING), ~np.isfinite(self.cost)
         every = self._equations(np.arange(m))
-        for _ in range(CROWD_STEPS):
+        for _ in range(BATCH_STEPS):
             rows = np.flatnonzero(~done)
             if not rows.size:
                 return
@@ -93,8 +88,8 @@ class BatchedStarts:
             self.x[rows[better]], self.cost[rows[better]] = there[better], cost[better]
             self.samples = [_put(s, k, new, rows, better) for s, k, new in
                             zip(self.samples, self._counts, samples, strict=True)]
-            damping[rows] *= np.where(better, CROWD_EASING, CROWD_HARDENING)
-            np.maximum(damping, LEAST_CROWD_DAMPING, out=damping)
+            damping[rows] *= np.where(better, BATCH_EASING, BATCH_HARDENING)
+            np.maximum(damping, LEAST_BATCH_DAMPING, out=damping)
             done |= (damping > MOST_DAMPING) | (self.cost < TOLERANCES.tight**2)
             if better.any():
                 for e, new in zip(every, self._equations(rows[better]), strict=True):
@@ -121,8 +116,6 @@ class BatchedStarts:
         """Return the configurations of a start by goal."""
         return [s.taken(slice(i * k, i * k + k))
                 for s, k in zip(self.samples, self._counts, strict=True)]
-
-    # ------------------------------------------------------------ equations
 
     def _values(self, x: Array, samples: list[GoalStates]) -> tuple[list[Array], list[GoalStates]]:
         """Return equations (m, k, r) by goal at numbers (m, n), and configurations as they are."""

@@ -130,9 +130,6 @@ class Precision(Goal):
         return value * float(mechanism.velocity_scale[mechanism.prescribed_coordinate(output).v])
 
 
-# ---------------------------------------------------------------- placement
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DrawnGoal(Precision):
     """Points or placements that are given in axes of their own, the drawing's.

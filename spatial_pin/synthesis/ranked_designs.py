@@ -359,9 +359,6 @@ def _round(mechanism: Mechanism, driver: str, state: State) -> Motion:
     return trace(mechanism, driver, state, most_rows=MOST_TRACED)
 
 
-# ---------------------------------------------------------------- made from what was found
-
-
 def designs_of(problem: DesignProblem, searched: Searched, most: int) -> Designs:
     """Return the best of what a search found."""
     made, why = list[Design](), searched.why

@@ -29,31 +29,18 @@ TO_END = np.array([1.0, -3.0, 3.0])  # the parabola through them, at the end
 
 
 class GridConfig(NamedTuple):
-    """What is asked for, the same for all lines.
+    """What is asked for, the same for all lines."""
 
-    Attributes:
-        mechanism: what is followed: the mechanism, or its copy whose coordinates are poses.
-        names: coordinates that span the grid.
-        frame: whose points are wanted.
-        columns: coordinates that Jacobians are taken with respect to; None: all drivers.
-        limits: whether joint limits are kept.
-        on_crossing: what to do at branch points, as `sweep` has it.
-        standing: coordinates that stand still besides.
-        hold: names of what else stands still, "base" among them, as `sweep` has it.
-        body: the mechanism itself.
-        apart: least distance of links that are not joined that is kept [m]; None: none is.
-    """
-
-    mechanism: Mechanism
-    names: tuple[str, ...]
-    frame: str
-    columns: tuple[str, ...] | None
-    limits: bool
-    on_crossing: str
-    standing: tuple[str, ...]
-    hold: tuple[str, ...]
-    body: Mechanism
-    apart: float | None = None
+    mechanism: Mechanism  # what is followed: the mechanism, or its copy whose coordinates are poses
+    names: tuple[str, ...]  # coordinates that span the grid
+    frame: str  # whose points are wanted
+    columns: tuple[str, ...] | None  # coordinates that Jacobians are for; None: all drivers
+    limits: bool  # whether joint limits are kept
+    on_crossing: str  # what to do at branch points, as `sweep` has it
+    standing: tuple[str, ...]  # coordinates that stand still besides
+    hold: tuple[str, ...]  # names of what else stands still, as `sweep` has it
+    body: Mechanism  # the mechanism itself
+    apart: float | None = None  # least distance that links which are not joined keep [m]
 
     @property
     def is_posed(self) -> bool:

@@ -43,13 +43,7 @@ class Section:
     Attributes:
         evaluation: the closure equations.
         limits: joint limits that are kept, by words.
-
-    Args:
-        asked: the grid.
-        task: what is asked of the frame.
-        evaluation: the closure equations of what is followed.
         free: numbers of the two coordinates of the grid that span the section.
-        spans: (k, 2) ranges of all of them.
     """
 
     def __init__(
