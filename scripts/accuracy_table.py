@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import spatial_pin as sp
-from spatial_pin.accuracy.grid import describe, simulation_settings, sweep_settings
+from spatial_pin.accuracy.tasks import describe, simulation_settings, sweep_settings
 from spatial_pin.accuracy.tradeoff import ROUND_OFF, pareto, tradeoff
 
 REPEATS = 15  # runs of each setting, of which the shortest counts, if the budget allows them

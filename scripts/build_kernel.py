@@ -118,12 +118,13 @@ def compile_kernel(root: Path, flags: list[str] | None = None, out: Path | None 
     folder = root / KERNEL
     out = out or folder / about["LIBRARY"]
     written = out.with_name(f"{out.name}.{os.getpid()}")  # the old one may be in use
-    is_of = f'-DSOURCE_HASH="{about["source_hash"](folder)}"'
+    declared = about["prototypes"](folder).replace("\n", "\\n")
+    is_of = [f'-DSOURCE_HASH="{about["source_hash"](folder)}"', f'-DPROTOTYPES="{declared}"']
     headers = sorted({f"-I{file.parent}" for file in about["c_files"](folder, ".h")})
     found = compiler()
     if compiles([*found, ACROSS_FILES]):
         found.append(ACROSS_FILES)
-    command = [*found, *platform_flags(), *FLAGS, is_of, *headers, *(flags or []),
+    command = [*found, *platform_flags(), *FLAGS, *is_of, *headers, *(flags or []),
                *map(str, about["c_files"](folder, ".c")), "-o", str(written), "-lm"]
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False)

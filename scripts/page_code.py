@@ -41,7 +41,7 @@ from unittest.mock import patch
 
 import spatial_pin as sp
 from spatial_pin import cli
-from spatial_pin.view.browser.picture import find_browser
+from spatial_pin.view.browser import find_browser
 
 ROOT = Path(__file__).parents[1]
 REMARK = re.compile(r"^<!-- (?P<word>from|ends with|not run):? (?P<what>.+) -->$")

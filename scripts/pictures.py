@@ -33,8 +33,8 @@ from PIL import Image, ImageDraw, ImageFont
 
 import spatial_pin as sp
 from spatial_pin.motion.default_motion import default_motion
-from spatial_pin.view.browser.devtools import Browser
-from spatial_pin.view.browser.movie import READY, open_page, shoot, write_gif
+from spatial_pin.view.browser import Browser
+from spatial_pin.view.pictures import READY, open_page, shoot, write_gif
 from spatial_pin.view.scene.film import film
 
 ROOT = Path(__file__).parents[1]

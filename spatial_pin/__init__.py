@@ -66,11 +66,11 @@ if TYPE_CHECKING:
     from spatial_pin.inverse_kinematics.reach import reach
     from spatial_pin.inverse_kinematics.reach_path import reach_path
     from spatial_pin.inverse_kinematics.targets import Target
+    from spatial_pin.mobility.assembly_modes import assembly_modes
     from spatial_pin.mobility.grashof import Grashof, grashof
     from spatial_pin.mobility.idle_freedoms import PassiveFreedom
     from spatial_pin.mobility.loops import Loop
-    from spatial_pin.mobility.modes.modes import assembly_modes
-    from spatial_pin.mobility.modes.result import AssemblyModes, Continuum
+    from spatial_pin.mobility.mode_list import AssemblyModes, Continuum
     from spatial_pin.motion.dead_centres import dead_centres
     from spatial_pin.motion.follow import follow
     from spatial_pin.motion.joint_limits import JointLimit, Passing
@@ -140,8 +140,8 @@ _ON_USE = {
     "mobility.grashof": "Grashof grashof",
     "mobility.idle_freedoms": "PassiveFreedom",
     "mobility.loops": "Loop",
-    "mobility.modes.result": "AssemblyModes Continuum",
-    "mobility.modes.modes": "assembly_modes",
+    "mobility.mode_list": "AssemblyModes Continuum",
+    "mobility.assembly_modes": "assembly_modes",
     "motion.dead_centres": "dead_centres",
     "motion.follow": "follow",
     "motion.joint_limits": "JointLimit Passing",

@@ -17,7 +17,7 @@ import spatial_pin as sp
 from benchmark import excavator, four_bar, rssr, stewart
 from benchmark.case import Case
 from benchmark.rssr import Array, Problem
-from spatial_pin.view.page.drive import Drive
+from spatial_pin.view.page.jog import Jog
 
 NAME = "spatial_pin"
 
@@ -222,12 +222,12 @@ def run_page(motion: sp.Motion) -> None:
         sp.export_html(motion, Path(folder) / "page.html")
 
 
-def setup_slider(name: str) -> Drive:
+def setup_slider(name: str) -> Jog:
     state = sp.assemble(sp.load(name))
-    return Drive(state, state.mechanism.drivers)
+    return Jog(state, state.mechanism.drivers)
 
 
-def run_slider(drive: Drive, step: float) -> float:
+def run_slider(drive: Jog, step: float) -> float:
     """Drag one slider to and fro; return the largest closure error."""
     driver = next(iter(drive.state.mechanism.drivers))
     start, worst = drive.value(driver), 0.0

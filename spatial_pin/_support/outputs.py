@@ -53,16 +53,13 @@ def _name(path: object, kind: str) -> str:
     if not isinstance(text, str):
         raise TypeError(f"path must be the name of a {kind}, not {repr(path)[:60]} of type "
                         f"{type(path).__name__}")
-    if not text or not _is_name(text):
+    try:
+        is_name = bool(text) and b"\0" not in os.fsencode(text)
+    except UnicodeEncodeError:  # half a character
+        is_name = False
+    if not is_name:
         raise ValueError(f"path is {text!r:.60}, which is no name of a {kind}")
     return text
-
-
-def _is_name(text: str) -> bool:
-    try:
-        return b"\0" not in os.fsencode(text)
-    except UnicodeEncodeError:  # half a character
-        return False
 
 
 @contextlib.contextmanager
@@ -75,7 +72,12 @@ def replacing(path: Path) -> Iterator[Path]:
     Raises:
         OSError: it cannot be written; the error names `path`.
     """
-    if not _is_replaced(path):
+    try:  # is it new or a plain file, in a folder that takes another beside it?
+        is_replaced = stat.S_ISREG(path.lstat().st_mode) and os.access(
+            path.parent, os.W_OK | os.X_OK)
+    except OSError:
+        is_replaced = True
+    if not is_replaced:
         with _naming(path, path):
             yield path
         return
@@ -98,14 +100,6 @@ def replacing(path: Path) -> Iterator[Path]:
 def is_special(path: Path) -> bool:
     """Whether there is a pipe, a device or the like, which keeps nothing."""
     return path.exists() and not path.is_file()
-
-
-def _is_replaced(path: Path) -> bool:
-    """Whether a file is new or a plain one, in a folder that takes another beside it."""
-    try:
-        return stat.S_ISREG(path.lstat().st_mode) and os.access(path.parent, os.W_OK | os.X_OK)
-    except OSError:
-        return True
 
 
 @contextlib.contextmanager

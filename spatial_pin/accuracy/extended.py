@@ -11,18 +11,29 @@ library's solvers use. With T the placement of a joint and X the 4 x 4 matrix of
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from spatial_pin.constraints.products import unit_length
-from spatial_pin.mechanism.equations import ConstraintEquation
+from spatial_pin.mechanism.equations import (
+    Angle,
+    ConstraintEquation,
+    Cosine,
+    Distance,
+    FunctionOf,
+    JointCoordinate,
+    Quantity,
+    Square,
+)
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.mechanism import point_on_body as point_on
-from spatial_pin.mechanism.pairs import COUPLING, PAIRS
+from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.taylor import Taylor
 
 Long: Any = np.longdouble
 EPS = float(np.finfo(Long).eps)  # 1.1e-19 on x86; that of float64 where there is nothing longer
@@ -124,7 +135,6 @@ class Extended:
                 model.parents[i], _matrix(model.jointPlacements[i]),
                 PAIRS[mechanism.pairs[i - 1]].is_linear, model.idx_qs[i], at, model.nqs[i], screws))
         self._scale = 1 / Long(mechanism.characteristic_length)
-        self._couplings = [c for c in mechanism.closures if c.type == COUPLING]
         self._spins = []
         for passive in mechanism.passives:
             joint, _ = mechanism.frame_on_joint(passive.body)
@@ -168,72 +178,76 @@ class Extended:
             turns: (N, n) relative angles of screw closures to within half a turn [rad].
         """
         placements = self.placements(q, v, a)
-        found, screw = [], 0
-        for closure in self.mechanism.closures:
-            if closure.type == COUPLING:
-                continue
-            first, second = (self._frame(placements, name) for name in closure.frames)
-            d = (second - first)[..., :3, 3]
+        counted, found = iter(turns.T), []
+        for closure in sorted(self.mechanism.closures, key=lambda c: not c.frames):
+            frames = [self._frame(placements, name)
+                      for name in (*closure.frames, *closure.between)]
+            joints = [self.mechanism.coordinate(name) for name in closure.joints]
+            known = [np.stack([q[:, c.q], v[:, c.v], a[:, c.v]]) for c in joints]
             for row in closure.rows:
-                if closure.between:
-                    found.append(self._difference(placements, closure, d))
-                    continue
-                value = self._row(row, first[..., :3, :3], second[..., :3, :3], d)
-                if row.pitch is not None:
-                    value = value - self._scale * row.pitch * self._angle(
-                        row, first[..., :3, :3], second[..., :3, :3], turns[:, screw])
-                    screw += 1
-                found.append(value)
-        found += [self._coupling(closure, q, v, a) for closure in self._couplings]
+                found.append(self._size(closure, row) * sum(
+                    self._term(Long(number), [self._quantity(x, closure, frames, known, counted)
+                                              for x in factors], len(q))
+                    for number, factors in row.terms))
         return np.stack(found, axis=-1) if found else np.zeros((3, len(q), 0), dtype=Long)
 
     def _frame(self, placements: list[Array], name: str) -> Array:
         joint, offset = self.mechanism.frame_on_joint(name)
         return placements[joint] @ _matrix(offset)
 
-    def _difference(self, placements: list[Array], closure: Closure, d: Array) -> Array:
-        """Return the row of a distance that is that of two other frames, with its rates (3, N)."""
-        first, second = (self._frame(placements, name) for name in closure.between)
-        e = (second - first)[..., :3, 3]
-        unit = Long(unit_length(self.mechanism, closure))
-        return (dot(d, d) - dot(e, e)) * (self._scale / (2 * unit))
+    def _term(self, number: Any, factors: list[Array], n: int) -> Array:
+        """Return a number times quantities with their rates (3, n)."""
+        found = np.zeros((3, n), dtype=Long)
+        found[0] = number
+        for x in factors:
+            found = dot(found[..., None], x[..., None])
+        return found
 
-    def _row(self, row: ConstraintEquation, r1: Array, r2: Array, d: Array) -> Array:
-        if row.u is None:
-            length = Long(row.offset)
-            value = dot(d, d)
-            value[0] -= length * length
-            return value * (self._scale / (2 * length))
-        u = r1 @ row.u.astype(Long)
-        if row.w is None:
-            return dot(u, d) * self._scale
-        value = dot(u, r2 @ row.w.astype(Long))
-        value[0] -= row.offset
-        return value
+    def _quantity(
+        self, x: Quantity, closure: Closure, frames: list[Array], joints: list[Array],
+        turns: Iterator[Array],
+    ) -> Array:
+        """Return a quantity with its rates (3, N) [m, rad or 1]."""
+        if isinstance(x, JointCoordinate):
+            return joints[x.joint]
+        if isinstance(x, FunctionOf):
+            inner = self._quantity(x.argument, closure, frames, joints, turns)
+            series = x.function(Taylor([inner[0], Long(1), Long(0)]))
+            f = [series.derivative(k) for k in range(3)]
+            return np.stack([f[0], f[1] * inner[1], f[1] * inner[2] + f[2] * inner[1] ** 2])
+        one, two = (frames[k] for k in x.frames)
+        r1, r2, d = one[..., :3, :3], two[..., :3, :3], (two - one)[..., :3, 3]
+        if isinstance(x, Distance):
+            return dot(r1 @ x.u.astype(Long), d)
+        if isinstance(x, Cosine):
+            return dot(r1 @ x.u.astype(Long), r2 @ x.w.astype(Long))
+        if isinstance(x, Square):
+            length = unit_length(self.mechanism, closure) if x.length is None else x.length
+            return dot(d, d) / (2 * Long(length))
+        return self._angle(x, r1, r2, next(turns))
 
-    def _angle(self, row: ConstraintEquation, r1: Array, r2: Array, turns: Array) -> Array:
-        """Return the relative angle of a screw row with its rates (3, N) [rad]."""
-        assert row.angle_from is not None and row.angle_of is not None
-        of = r2 @ row.angle_of.astype(Long)
-        c, s = (dot(r1 @ u.astype(Long), of) for u in row.angle_from)
+    def _angle(self, angle: Angle, r1: Array, r2: Array, turns: Array) -> Array:
+        """Return an angle that counts turns with its rates (3, N) [rad]."""
+        of = r2 @ angle.axes2[:, 0].astype(Long)
+        c, s = (dot(r1 @ u.astype(Long), of) for u in angle.axes1.T[:2])
         n = s[0] ** 2 + c[0] ** 2
         turning = c[0] * s[1] - s[0] * c[1]
         rate = turning / n
         change = 2 * (s[0] * s[1] + c[0] * c[1])
-        angle, turn = np.arctan2(s[0], c[0]), 8 * np.arctan(Long(1))
-        return np.stack([angle + turn * np.round((turns - angle) / turn), rate,
+        value, turn = np.arctan2(s[0], c[0]), 8 * np.arctan(Long(1))
+        return np.stack([value + turn * np.round((turns - value) / turn), rate,
                          (c[0] * s[2] - s[0] * c[2]) / n - rate * change / n])
 
-    def _coupling(self, closure: Closure, q: Array, v: Array, a: Array) -> Array:
-        first, second = (self.mechanism.coordinate(name) for name in closure.joints)
-        of_first, scale = (Long(1) if c.unit == "rad" else self._scale for c in (first, second))
-        ratio = Long(closure.ratio)
-        if abs(ratio) * scale > 100 * of_first:  # it is judged by the joint that moves less
-            scale = of_first / abs(ratio)
-        value = np.stack([x[:, k] - ratio * x[:, i] for x, i, k in (
-            (q, first.q, second.q), (v, first.v, second.v), (a, first.v, second.v))])
-        value[0] -= closure.offset
-        return value * scale
+    def _size(self, closure: Closure, row: ConstraintEquation) -> Any:
+        """Return what an equation is multiplied by: lengths are relative to the mechanism's."""
+        if closure.frames:
+            return self._scale if row.is_length else Long(1)
+        sizes = [Long(1) if self.mechanism.coordinate(name).unit == "rad" else self._scale
+                 for name in closure.joints]
+        ratios = [abs(Long(number)) / sizes[x[0].joint] for number, x in row.terms
+                  if x and isinstance(x[0], JointCoordinate)]
+        # where a joint moves much more than others, they are judged by the one that moves less
+        return 1 / max(ratios) if max(ratios) * sizes[-1] > 100 else sizes[-1]
 
     def spins(self, q: Array, v: Array, a: Array) -> Array:
         """Return (2, N, n) speed and acceleration of the resolved passive spins [rad/s, rad/s²]."""
@@ -242,7 +256,10 @@ class Extended:
         for joint, axis in self._spins:
             r, dr, ddr = placements[joint][..., :3, :3]
             back = np.swapaxes(r, -1, -2)
-            found.append([_unskew(back @ x) @ axis for x in (dr, ddr)])
+            for k in (back @ dr, back @ ddr):  # axial vectors of the skew parts
+                axial = np.stack([k[:, 2, 1] - k[:, 1, 2], k[:, 0, 2] - k[:, 2, 0],
+                                  k[:, 1, 0] - k[:, 0, 1]], axis=-1) / 2
+                found.append(axial @ axis)
         return np.moveaxis(np.array(found, dtype=Long).reshape(-1, 2, len(q)), 0, -1)
 
     def closure_errors(self, q: Array, turns: Array) -> Array:
@@ -288,21 +305,10 @@ class Extended:
                 moved = (second - first)[:, joint.q : end - 4]
                 back = np.swapaxes(_of_quaternions(a)[:, :3, :3], -1, -2)
                 steps[:, joint.v : joint.v + 3] = (back @ moved[..., None])[..., 0]
-            steps[:, joint.v + n - 3 : joint.v + n] = _rotation_vectors(a, b)
+            turn = _compose(a * np.array([-1, -1, -1, 1]), b)
+            turn = np.where(turn[:, 3:] < 0, -turn, turn)
+            sine = np.sqrt((turn[:, :3] ** 2).sum(-1, keepdims=True))
+            angle = 2 * np.arctan2(sine, turn[:, 3:])
+            factor = np.where(sine > 0, angle / np.where(sine > 0, sine, 1), 2)
+            steps[:, joint.v + n - 3 : joint.v + n] = factor * turn[:, :3]
         return steps
-
-
-def _rotation_vectors(a: Array, b: Array) -> Array:
-    """Return the rotation vectors (N, 3) from orientations a to b (N, 4), in the axes of a."""
-    back = a * np.array([-1, -1, -1, 1])
-    turn = _compose(back, b)
-    turn = np.where(turn[:, 3:] < 0, -turn, turn)
-    sine = np.sqrt((turn[:, :3] ** 2).sum(-1, keepdims=True))
-    angle = 2 * np.arctan2(sine, turn[:, 3:])
-    return np.where(sine > 0, angle / np.where(sine > 0, sine, 1), 2) * turn[:, :3]
-
-
-def _unskew(k: Array) -> Array:
-    """Return the axial vectors (N, 3) of the skew parts of matrices (N, 3, 3)."""
-    return np.stack([k[:, 2, 1] - k[:, 1, 2], k[:, 0, 2] - k[:, 2, 0],
-                     k[:, 1, 0] - k[:, 0, 1]], axis=-1) / 2

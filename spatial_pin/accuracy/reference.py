@@ -1,6 +1,8 @@
 """What the settings of a trade-off are measured against, and how good that is itself.
 
-Sweeps are solved again sample by sample in extended precision (`spatial_pin.accuracy.exact`).
+Sweeps are solved again sample by sample in extended precision: Newton corrections with a matrix in
+double precision and residuals in extended precision (`spatial_pin.accuracy.extended`) are iterated
+until they no longer shrink [GolubVanLoan2013, 3.5.3]. The last ones show how accurate they are.
 Simulations are compared with a tight integration, which is compared with others that differ in
 coordinates, method or step; their largest difference tells how good it is.
 """
@@ -11,21 +13,190 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from spatial_pin.accuracy.exact import Exact, ExactRows
 from spatial_pin.accuracy.extended import EPS, Extended, Long
 from spatial_pin.accuracy.tasks import SimulationTask, SweepTask
-from spatial_pin.errors import SpatialPinError
+from spatial_pin.assembly.close import close
+from spatial_pin.assembly.holding import still_entries
+from spatial_pin.assembly.square_system import SINGULAR_PIVOT, SquareSystem
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.errors import SingularError, SpatialPinError
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.rates import prescribed_at
 from spatial_pin.settings import Accuracy
 
+# Newton steps in extended precision, with factors in double: each takes off a digit at least where
+# pivots are above 1e-15 of the largest, and from 1e-11 to 1e-19 there are eight.
+REFINEMENTS = 12
 JUDGED = 721  # samples of a sweep that are judged at most: half a degree apart over a turn
 # Distance of a sample's own solution from the reference that is another branch, where passive
 # freedoms lie between: branches are a tenth of a radian apart and more, but where they meet.
 OTHER_BRANCH = 0.05
+
+
+# ---------------------------------------------------------------- exact samples
+
+
+class Exact(NamedTuple):
+    """Rows in extended precision.
+
+    Attributes:
+        q, v, a: (N, nq), (N, nv), (N, nv).
+        good: (N,) whether the sample is determined, and was found.
+        left: (3,) last corrections of positions [-], and of velocities and accelerations by the
+            largest.
+        passive: (N, k, nv) passive freedoms, scaled, of unit length.
+    """
+
+    q: Array
+    v: Array
+    a: Array
+    good: NDArray[np.bool_]
+    left: Array
+    passive: Array
+
+    def sizes(self, scale: Array) -> Array:
+        """Return what errors of positions, velocities and accelerations are counted by (3,).
+
+        1, the largest velocity, and the largest acceleration or square of a velocity.
+        """
+        v, a = (float(np.abs(x[self.good] / scale).max(initial=0.0)) for x in (self.v, self.a))
+        return np.array([1.0, v or 1.0, max(a, v * v) or 1.0])
+
+
+class _Systems(NamedTuple):
+    """The square linear systems of N samples, as `SquareSystem` makes them.
+
+    Attributes:
+        q: (N, nq) closed in double precision.
+        inverses: (N, nv, nv); zero where the sample is not good.
+        rows: (N, r) closure equations they hold.
+        null: (N, k, nv) unresolved passive freedoms, their last rows.
+        good: (N,) whether they are regular.
+    """
+
+    q: Array
+    inverses: Array
+    rows: NDArray[np.intp]
+    null: Array
+    good: NDArray[np.bool_]
+
+
+class ExactRows:
+    """The samples at given driver values, rates of the first driver given, the others at rest.
+
+    Args:
+        mechanism: the mechanism.
+        driven: prescribed coordinates, the one that moves first.
+        values: (N, len(driven)) theirs.
+        speed, acceleration: (N,) of the first.
+    """
+
+    def __init__(
+        self, mechanism: Mechanism, driven: Sequence[Coordinate], values: Array, speed: Array,
+        acceleration: Array,
+    ) -> None:
+        self.mechanism, self.driven, self.values = mechanism, driven, values
+        self.speed, self.acceleration = speed, acceleration
+        self.extended = Extended(mechanism)
+        self.scale = mechanism.velocity_scale
+        self.at = [c.q for c in driven]
+        self.moved = [*(c.v for c in driven), *still_entries(mechanism, driven)]
+
+    def near(self, q: Array, turns: Array) -> Exact:
+        """Return the exact samples nearest to q (N, nq), passive freedoms left as they are.
+
+        Args:
+            q: configurations about closed.
+            turns: (N, n) relative angles of screw closures to within half a turn [rad].
+        """
+        systems = self._systems(q, turns)
+        good, n, nv = systems.good, len(q), self.mechanism.model.nv
+        x = systems.q.astype(Long)
+        v, a = np.zeros((n, nv), dtype=Long), np.zeros((n, nv), dtype=Long)
+        last = np.full(3, np.inf)
+        for _ in range(REFINEMENTS):
+            x[:, self.at] = self.values
+            missing = self._missing(x, v, a, turns, systems)
+            steps = np.einsum("nij,knj->kni", systems.inverses, missing)
+            x = self.extended.integrate(x, steps[0] * self.scale)
+            v, a = v + steps[1] * self.scale, a + steps[2] * self.scale
+            found = Exact(x, v, a, good, last, self._passive(systems))
+            now = np.abs(steps[:, good]).max(axis=(1, 2), initial=0.0).astype(float)
+            now /= found.sizes(self.scale)
+            if np.all((now <= EPS) | (now > 0.5 * last)):
+                break
+            last = now
+        return found._replace(left=np.minimum(now, last))
+
+    def _missing(self, q: Array, v: Array, a: Array, turns: Array, systems: _Systems) -> Array:
+        """Return what the equations of positions, velocities, accelerations lack (3, N, nv)."""
+        n = len(q)
+        closure = self.extended.rows(q, v, a, turns)
+        spins = np.zeros((3, n, self.extended.n_spins), dtype=Long)
+        spins[1:] = self.extended.spins(q, v, a)
+        drive = np.zeros((3, n, len(self.moved)), dtype=Long)
+        fill = np.zeros((3, n, systems.null.shape[1]), dtype=Long)
+        for level, rates, asked in ((1, v, self.speed), (2, a, self.acceleration)):
+            scaled = rates / self.scale
+            drive[level] = scaled[:, self.moved]
+            drive[level, :, 0] -= asked / Long(self.scale[self.driven[0].v])
+            fill[level] = np.einsum("nkv,nv->nk", systems.null, scaled)
+        rows = np.broadcast_to(systems.rows, (3, *systems.rows.shape))
+        chosen = np.take_along_axis(closure, rows, axis=2)
+        return -np.concatenate([chosen, spins, drive, fill], axis=2)
+
+    def _passive(self, systems: _Systems) -> Array:
+        """Return the passive freedoms (N, k, nv): what the spin rows leave, and the unresolved."""
+        r, k = systems.rows.shape[1], self.extended.n_spins
+        spins = np.swapaxes(systems.inverses[:, :, r : r + k], 1, 2)
+        length = np.sqrt((spins**2).sum(axis=2, keepdims=True))
+        return np.concatenate([spins / np.where(length > 0, length, 1), systems.null], axis=1)
+
+    def _systems(self, q: Array, turns: Array) -> _Systems:
+        """Close samples in double precision, and take their systems."""
+        n, nv = len(q), self.mechanism.model.nv
+        evaluation = Evaluation(constraints_of(self.mechanism))
+        closed = np.array(q, dtype=float)
+        found: dict[int, SquareSystem] = {}
+        inverses = np.zeros((n, nv, nv))
+        for k in range(n):
+            closed[k, self.at] = self.values[k]
+            evaluation.angle_reference[:] = turns[k]
+            system = self._system(evaluation, closed, k)
+            if system is not None:
+                found[k], inverses[k] = system, np.linalg.inv(system.matrix)
+        shapes = [(len(s.equations), len(s.passive)) for s in found.values()]
+        r, p = max(shapes, default=(0, 0))
+        rows, null = np.zeros((n, r), dtype=np.intp), np.zeros((n, p, nv))
+        good = np.zeros(n, dtype=bool)
+        for (k, system), shape in zip(found.items(), shapes, strict=True):
+            if shape == (r, p):  # elsewhere the loops have lost rank
+                rows[k], null[k], good[k] = system.equations, system.passive, True
+        inverses[~good] = 0.0
+        return _Systems(closed, inverses, rows, null, good)
+
+    def _system(self, evaluation: Evaluation, q: Array, k: int) -> SquareSystem | None:
+        """Close sample k of q, and return its system; None where there is none."""
+        free = np.ones(self.mechanism.model.nv, dtype=bool)
+        free[self.moved] = False
+        q[k], error = close(evaluation, q[k], free, TOLERANCES.round_off)
+        if error > TOLERANCES.closed:
+            return None
+        try:
+            system = SquareSystem(evaluation, self.driven, q[k])
+        except SingularError:
+            return None
+        return system if system.pivot > SINGULAR_PIVOT else None
+
+
+# ---------------------------------------------------------------- sweeps
 
 
 class Errors(NamedTuple):
@@ -79,7 +250,16 @@ class SweepReference:
                                      for c in driven[1:])]
         self.solver = ExactRows(mechanism, driven, np.column_stack(prescribed), speed, acceleration)
         self.extended, self.scale = self.solver.extended, mechanism.velocity_scale
-        motion, self.spin_error = self._fine(task)
+        tight = Accuracy()  # a tolerance of round-off would forget spins where it is not reached
+        motion, self.spin_error = task.run(tight), 0.0
+        if self.extended.n_spins and self.n > 1:  # spins depend on the way: again in half the steps
+            halved = task.finer().run(tight)
+            angles = halved.angles[::2] if halved.angles.size else halved.angles
+            finer = Motion(mechanism, halved.swept[::2], halved.driver_name, None, halved.q[::2],
+                           halved.v[::2], halved.a[::2], halved.closure_error[::2],
+                           halved.driver_speed[::2], [], angles)
+            change = float(np.abs(self._steps(motion.q, finer.q)).max())
+            motion, self.spin_error = finer, max(change, TOLERANCES.closed)
         self.exact = self.solver.near(motion.q[self.rows], _angles(motion)[self.rows])
         if not self.exact.good.any():
             raise SpatialPinError(f"mechanism {mechanism.name!r}: no sample of the sweep is "
@@ -99,19 +279,6 @@ class SweepReference:
         if self.extended.n_spins:
             parts.append(f"passive spin by half the steps, to {self.spin_error:.1e} rad")
         return "; ".join(parts)
-
-    def _fine(self, task: SweepTask) -> tuple[Motion, float]:
-        """Return the task's samples at the tightest setting, and how good their passive spins are.
-
-        Loops are refined later; spins depend on the way, which is taken again in half the steps.
-        """
-        tight = Accuracy()  # a tolerance of round-off would forget spins where it is not reached
-        motion = task.run(tight)
-        if not self.extended.n_spins or self.n < 2:
-            return motion, 0.0
-        finer = _every_other(task.finer().run(tight))
-        change = float(np.abs(self._steps(motion.q, finer.q)).max())
-        return finer, max(change, TOLERANCES.closed)
 
     def _steps(self, first: Array, second: Array) -> Array:
         """Return the scaled steps (N, nv) between samples."""
@@ -155,13 +322,6 @@ class SweepReference:
 
 def _angles(motion: Motion) -> Array:
     return motion.angles if motion.angles.size else np.zeros((len(motion), 0))
-
-
-def _every_other(motion: Motion) -> Motion:
-    angles = motion.angles[::2] if motion.angles.size else motion.angles
-    return Motion(motion.mechanism, motion.swept[::2], motion.driver_name, None, motion.q[::2],
-                  motion.v[::2], motion.a[::2], motion.closure_error[::2],
-                  motion.driver_speed[::2], [], angles)
 
 
 def _checked(motion: Motion, n: int) -> tuple[Array, Array, Array, Array]:
@@ -212,19 +372,15 @@ class SimulationReference:
         self.exact = Exact(q, v, a, np.ones(self.n, bool), np.zeros(3), np.zeros((self.n, 0, 0)))
         self.sizes = self.exact.sizes(self.scale)
         self.step = float(task.arguments["duration"]) / max(motion.steps, 1)
-        self.checks = self._checks(task)
-        self.error = max(EPS, *(x.total for x in self.checks.values()))
-
-    def _checks(self, task: SimulationTask) -> dict[str, Errors]:
         half = Accuracy(tolerance=1e-15, time_tolerance=1e-13, step=0.5 * self.step)
-        found = {"half the step": self.judge(task.run(half))}
+        self.checks = {"half the step": self.judge(task.run(half))}
         for name, accuracy in OTHERS.items():
             try:
-                found[name] = self.judge(task.run(accuracy))
+                self.checks[name] = self.judge(task.run(accuracy))
                 break
             except (Astray, SpatialPinError, ValueError, ArithmeticError):
                 continue
-        return found
+        self.error = max(EPS, *(x.total for x in self.checks.values()))
 
     @property
     def text(self) -> str:

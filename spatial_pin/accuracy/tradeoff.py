@@ -15,14 +15,20 @@ import numpy as np
 from spatial_pin._support.checks import checked, positive_number, whole_number
 from spatial_pin._support.outputs import named_path, write_text
 from spatial_pin._support.progress import progress_bar
-from spatial_pin.accuracy.grid import describe, simulation_settings, sweep_settings
 from spatial_pin.accuracy.reference import (
     Astray,
     Errors,
     SimulationReference,
     SweepReference,
 )
-from spatial_pin.accuracy.tasks import SweepTask, Task, task_of
+from spatial_pin.accuracy.tasks import (
+    SweepTask,
+    Task,
+    describe,
+    simulation_settings,
+    sweep_settings,
+    task_of,
+)
 from spatial_pin.dynamics.simulation.simulate import Simulation
 from spatial_pin.errors import SingularError, SpatialPinError, unless_cut
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -334,7 +340,12 @@ def tradeoff(
         settings = [settings]
     begun = time.perf_counter()
     doing, reference = with_reference(task_of(mechanism, task))
-    tried = [accuracy_of(x) for x in settings] if settings is not None else _grid(reference)
+    if settings is not None:
+        tried = [accuracy_of(x) for x in settings]
+    elif isinstance(reference, SweepReference):
+        tried = sweep_settings()
+    else:
+        tried = simulation_settings(reference.step)
     if not tried:
         raise ValueError("no settings to try")
     with progress_bar(len(tried) * repeats, f"{mechanism.name}: runs", progress) as bar:
@@ -371,12 +382,6 @@ def with_reference(task: Task) -> tuple[Task, SweepReference | SimulationReferen
         return task, SimulationReference(task)
     except SingularError as error:
         return with_reference(task.before(error))
-
-
-def _grid(reference: SweepReference | SimulationReference) -> list[Accuracy]:
-    if isinstance(reference, SweepReference):
-        return sweep_settings()
-    return simulation_settings(reference.step)
 
 
 def _judged(

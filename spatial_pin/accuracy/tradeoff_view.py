@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from spatial_pin._support.outputs import literal, save_figure
-from spatial_pin.accuracy.grid import describe
+from spatial_pin.accuracy.tasks import describe
 from spatial_pin.accuracy.tradeoff import Measured, Tradeoff
 
 if TYPE_CHECKING:
@@ -108,10 +108,21 @@ def plot(tradeoff: Tradeoff, path: str | Path | None = None) -> Figure:
     groups: dict[str, list[Measured]] = {}
     for row in tradeoff.rows:
         if row.errors is not None:
-            groups.setdefault(_group(tradeoff, row), []).append(row)
+            a, projected = row.accuracy, ", projected" * (row.accuracy.formulation == "projected")
+            name = f"order {a.order}" if tradeoff.kind == "sweep" else f"{a.integrator}{projected}"
+            groups.setdefault(name, []).append(row)
     for k, (name, rows) in enumerate(sorted(groups.items())):
         _draw(axes, tradeoff, name, rows, COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)])
-    _draw_front(axes, tradeoff)
+    places = [_point(tradeoff, row) for row in tradeoff.front]
+    if places:
+        x, y = zip(*places, strict=True)
+        axes.step(x, y, where="post", color=INK, linewidth=1.0, zorder=1, label="Pareto front")
+    last = np.inf
+    for row, place in zip(tradeoff.front, places, strict=True):
+        if last >= APART * place[1]:  # else it would lie on the label before
+            last = place[1]
+            axes.annotate(describe(row.accuracy, tradeoff.kind), place, xytext=(-5, -3),
+                          textcoords="offset points", ha="right", va="top", fontsize=7, color=INK)
     axes.set(xscale="log", yscale="log", xlabel="time per step [µs]",
              ylabel="largest error [rad, characteristic lengths; rates relative to the largest]")
     _frame(axes, tradeoff)
@@ -119,14 +130,6 @@ def plot(tradeoff: Tradeoff, path: str | Path | None = None) -> Figure:
     if path is not None:
         save_figure(figure, path)
     return figure
-
-
-def _group(tradeoff: Tradeoff, row: Measured) -> str:
-    """Return what a row is drawn with the others of."""
-    a = row.accuracy
-    if tradeoff.kind == "sweep":
-        return f"order {a.order}"
-    return f"{a.integrator}{', projected' * (a.formulation == 'projected')}"
 
 
 def _point(tradeoff: Tradeoff, row: Measured) -> tuple[float, float]:
@@ -141,21 +144,6 @@ def _draw(axes: Axes, tradeoff: Tradeoff, name: str, rows: list[Measured], colou
     bars = np.maximum(np.abs(times.T - np.array(x)), 0.0)
     axes.errorbar(x, y, xerr=bars, fmt=marker, color=colour, markersize=5, elinewidth=0.8,
                   label=name)
-
-
-def _draw_front(axes: Axes, tradeoff: Tradeoff) -> None:
-    points = [_point(tradeoff, row) for row in tradeoff.front]
-    if not points:
-        return
-    x, y = zip(*points, strict=True)
-    axes.step(x, y, where="post", color=INK, linewidth=1.0, zorder=1, label="Pareto front")
-    last = np.inf
-    for row, place in zip(tradeoff.front, points, strict=True):
-        if last < APART * place[1]:  # it would lie on the label before
-            continue
-        last = place[1]
-        axes.annotate(describe(row.accuracy, tradeoff.kind), place, xytext=(-5, -3),
-                      textcoords="offset points", ha="right", va="top", fontsize=7, color=INK)
 
 
 def _frame(axes: Axes, tradeoff: Tradeoff) -> None:

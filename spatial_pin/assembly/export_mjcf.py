@@ -36,7 +36,7 @@ def export_mjcf(mechanism: Mechanism, path: str | Path, state: State | None = No
         >>> sp.export_mjcf(sp.load("four_bar"), "four_bar.xml").name
         'four_bar.xml'
     """
-    from spatial_pin.formats.mjcf.export import write_mjcf  # when something is exported
+    from spatial_pin.formats.mjcf.writer import write_mjcf  # when something is exported
 
     needed(mechanism)
     if state is not None:

@@ -8,7 +8,6 @@ from typing import NamedTuple
 from spatial_pin._support.checks import names_of
 from spatial_pin._support.lazy import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 
 
@@ -71,9 +70,8 @@ def untied(mechanism: Mechanism) -> tuple[str, ...]:
         return ()
     ties = [(int(model.parents[i]), i) for i in range(1, model.njoints) if i not in floating]
     for closure in mechanism.closures:
-        if closure.type != COUPLING:  # couplings tell of joints, not of the ground
-            bodies = [mechanism.frame_on_joint(f)[0] for f in (*closure.frames, *closure.between)]
-            ties += [(bodies[0], other) for other in bodies[1:]]
+        bodies = [mechanism.frame_on_joint(f)[0] for f in (*closure.frames, *closure.between)]
+        ties += [(bodies[0], other) for other in bodies[1:]]
     groups = list(range(model.njoints))
     for one, other in ties:
         low, high = sorted((groups[one], groups[other]))

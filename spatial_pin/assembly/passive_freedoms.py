@@ -19,7 +19,6 @@ from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure, Coordinate
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -90,10 +89,8 @@ def _pairs(mechanism: Mechanism) -> list[tuple[int, int]]:
     model = mechanism.model
     pairs = [(int(model.parents[i]), i) for i in range(1, model.njoints)]
     for closure in mechanism.closures:
-        for frames in (closure.frames, closure.between):
-            if frames:
-                pairs.append((mechanism.frame_on_joint(frames[0])[0],
-                              mechanism.frame_on_joint(frames[1])[0]))
+        for one, other in closure.joined:
+            pairs.append((mechanism.frame_on_joint(one)[0], mechanism.frame_on_joint(other)[0]))
     return pairs
 
 
@@ -180,8 +177,7 @@ def _kinds_of_pairs(mechanism: Mechanism) -> list[tuple[tuple[int, int], str]]:
     """Return the two bodies of every pair, and what it is: of a part of one nothing."""
     kinds = [*mechanism.pairs]
     for closure in mechanism.closures:
-        kinds += [closure.type if closure.equations is None else ""] * sum(
-            bool(frames) for frames in (closure.frames, closure.between))
+        kinds += [closure.type if closure.equations is None else ""] * len(closure.joined)
     return list(zip(_pairs(mechanism), kinds, strict=True))
 
 
@@ -196,9 +192,8 @@ def _between_hinges(mechanism: Mechanism) -> frozenset[int]:
         *(name for c in mechanism.closures for name in c.joints))}
     closures: dict[int, list[Closure]] = {}
     for closure in mechanism.closures:
-        if closure.type != COUPLING:
-            for frame in (*closure.frames, *closure.between):
-                closures.setdefault(mechanism.frame_on_joint(frame)[0], []).append(closure)
+        for frame in (*closure.frames, *closure.between):
+            closures.setdefault(mechanism.frame_on_joint(frame)[0], []).append(closure)
     found = []
     for i in range(1, model.njoints):
         if counted[i] != 2 or mechanism.pairs[i - 1] not in HINGES:
@@ -218,7 +213,7 @@ def _meets(mechanism: Mechanism, body: int, closures: Iterable[Closure]) -> bool
     for closure in closures:
         kind = closure.type if closure.equations is None else "part"
         mine = [k for k, f in enumerate(closure.frames) if mechanism.frame_on_joint(f)[0] == body]
-        if not mine or closure.geometry is None:
+        if not mine:
             return False
         place = mechanism.frame_on_joint(closure.frames[mine[0]])[1]
         axes = closure.geometry.axes2 if mine[0] else closure.geometry.axes1

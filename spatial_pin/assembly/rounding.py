@@ -441,7 +441,7 @@ def _independent(
     """
     constraints = constraints_of(mechanism)
     weights = np.ones(constraints.n_closure)
-    weights[[at for at, _, _ in constraints.screws]] = KEPT
+    weights[[x.equation for x in constraints.angles]] = KEPT
     weights[constraints.n_products :] = KEPT
     paths = [*near, samples]
     everywhere = [x for path in paths for x in path]

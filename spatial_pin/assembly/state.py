@@ -474,7 +474,7 @@ def all_angles(mechanism: Mechanism, angles: Array) -> Array:
     """Return the angles of the screws of the `whole` of a mechanism, whose own are given."""
     assert mechanism.whole is not None
     own, every = (constraints_of(m) for m in (mechanism, mechanism.whole))
-    names = [[c.labels[at].closure for at, _, _ in c.screws] for c in (own, every)]
+    names = [[c.labels[x.equation].closure for x in c.angles] for c in (own, every)]
     known = dict(zip(names[0], angles, strict=True))
     return np.array([known.get(name, 0.0) for name in names[1]])
 

@@ -15,7 +15,6 @@ from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.errors import SingularError
 from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array, common_rows, decompose, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -93,7 +92,7 @@ def _nothing_moves(asked: Asked, names: str) -> str:
 
 def check_loops(mechanism: Mechanism) -> str:
     """Return what to look at where loops hold a mechanism that is to move."""
-    names = ", ".join(repr(c.name) for c in mechanism.closures if c.type != COUPLING)
+    names = ", ".join(repr(c.name) for c in mechanism.closures if c.frames)
     what = f"axes and frames of closure {names}" if names else "couplings"
     return f"check the {what}, and the axes of the joints"
 

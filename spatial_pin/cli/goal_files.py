@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -21,7 +21,6 @@ from spatial_pin.dimensions.bounds import Bounds
 from spatial_pin.errors import SpatialPinError, suggestion
 from spatial_pin.formats.toml_files import parse_toml
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.numerics.linalg import Array
 from spatial_pin.synthesis import goals
 from spatial_pin.synthesis.precision import Goal
 from spatial_pin.units import Quantity, quantity
@@ -38,20 +37,8 @@ BASES = {
 _NUMBER = re.compile(r"\s*[-+]?\.?\d")
 
 
-class Asked(NamedTuple):
-    """What a file asks for.
-
-    Attributes:
-        goals: of `sp.goals`.
-        bounds: by dimension (least, most), None for none, or for an end without one.
-    """
-
-    goals: list[Goal]
-    bounds: dict[str, Bounds]
-
-
-def read_goals(path: str | Path, mechanism: Mechanism) -> Asked:
-    """Return what a .toml or .csv file asks of a mechanism.
+def read_goals(path: str | Path, mechanism: Mechanism) -> tuple[list[Goal], dict[str, Bounds]]:
+    """Return the goals of a .toml or .csv file, and by dimension the bounds (least, most) or None.
 
     Raises:
         OSError: it cannot be read.
@@ -59,7 +46,7 @@ def read_goals(path: str | Path, mechanism: Mechanism) -> Asked:
     """
     path = Path(path)
     if path.suffix.lower() != ".toml":
-        return Asked(_goals_of_table(path, mechanism, {}), {})
+        return _goals_of_table(path, mechanism, {}), {}
     content = parse_toml(path.read_text(encoding="utf-8-sig"), path)
     for key in content:
         if key not in ("goal", "dimensions"):
@@ -76,7 +63,7 @@ def read_goals(path: str | Path, mechanism: Mechanism) -> Asked:
             found += _goals(path, mechanism, dict(table))
         except (SpatialPinError, ValueError, TypeError) as error:
             raise SpatialPinError(f"{path}: goal {k}: {error}") from error
-    return Asked(found, {name: _bounds(path, name, given) for name, given in bounds.items()})
+    return found, {name: _bounds(path, name, given) for name, given in bounds.items()}
 
 
 def _bounds(path: Path, name: str, given: Any) -> Bounds:
@@ -186,10 +173,7 @@ def _placement(given: Any, i: int) -> Any:
         return given
     for k, base in enumerate(("m", "m", "m", "rad", "rad", "rad")):
         _in_units(f"placement {i}", given[k], base)
-    return _posed(np.array(given, dtype=float))
-
-
-def _posed(numbers: Array) -> pin.SE3:
+    numbers = np.array(given, dtype=float)
     return pin.SE3(pin.exp3(numbers[3:]), numbers[:3])
 
 
@@ -219,7 +203,9 @@ def _goals_of_table(
     for name, target in targets.items():
         if name in moved:
             continue
-        kind = _kind_of(target)
+        kind = "poses"
+        if isinstance(target, np.ndarray):
+            kind = "path" if target.ndim == 2 else "function"
         parameters = inspect.signature(KINDS[kind]).parameters
         for key in more:
             if key not in parameters:
@@ -229,9 +215,3 @@ def _goals_of_table(
         raise SpatialPinError(f"{path}: there is no goal: columns NAME.x, NAME.y, NAME.z of a "
                               "frame, or of a coordinate that is no driver")
     return found
-
-
-def _kind_of(target: Sequence[Any] | Array) -> str:
-    if not isinstance(target, np.ndarray):
-        return "poses"
-    return "path" if target.ndim == 2 else "function"

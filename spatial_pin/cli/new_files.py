@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import warnings
-import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -101,15 +100,16 @@ def _text(name: str, tree: str, mechanism: sp.Mechanism) -> str:
     title = {"title": mechanism.title} if mechanism.title else {}
     parts = [HEAD + toml_text({"name": name, **title, "tree": tree}),
              _joints(mechanism), _closures(mechanism), _drivers(mechanism),
-             MORE.format(link=_ends(mechanism)[0], joint=_first_joint(mechanism)),
+             MORE.format(link=_ends(mechanism)[0], joint=[*mechanism.model.names, "joint"][1]),
              _guess(mechanism)]
     return "\n".join(part for part in parts if part)
 
 
 def _joints(mechanism: sp.Mechanism) -> str:
     """Return the tree's joints as comments: what they join, and their limits."""
-    ends = {joint.get("name"): [_attribute(joint.find(key)) for key in ("parent", "child")]
-            for joint in robot_of(mechanism).findall("joint")}
+    ends = {joint.get("name"): [
+        "" if (end := joint.find(key)) is None else end.get("link", "") for key in (
+            "parent", "child")] for joint in robot_of(mechanism).findall("joint")}
     bounds: dict[str, list[str]] = {}
     for limit in joint_limits(mechanism):
         bounds.setdefault(limit.name, ["", ""])[limit.side > 0] = f"{limit.value:.6g}"
@@ -121,10 +121,6 @@ def _joints(mechanism: sp.Mechanism) -> str:
         text = f"#   {joint:{WORD}}  {pair:11}  {where}"
         lines.append(f"{text}  ({limits} {unit})" if limits else text.rstrip())
     return "\n".join(lines) + "\n"
-
-
-def _attribute(element: ET.Element | None) -> str:
-    return element.get("link", "") if element is not None else ""
 
 
 def _closures(mechanism: sp.Mechanism) -> str:
@@ -152,10 +148,6 @@ def _ends(mechanism: sp.Mechanism) -> tuple[str, ...]:
     body = {link: mechanism.frame_on_joint(link)[0] for link in mechanism.links}
     last = max(reversed(body), key=lambda link: body[link])
     return (last,) if body[last] == 0 else (last, min(body, key=lambda link: body[link]))
-
-
-def _first_joint(mechanism: sp.Mechanism) -> str:
-    return str(next(iter(list(mechanism.model.names)[1:]), "joint"))
 
 
 def _drivers(mechanism: sp.Mechanism) -> str:

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Callable, Collection, Sequence
 from typing import Any, NamedTuple
 
-from spatial_pin.cli.results import SCREEN
+from spatial_pin.cli.printing import SCREEN
 from spatial_pin.cli.tables import read_target
 from spatial_pin.dimensions.bounds import Bounds
 from spatial_pin.units import Quantity, quantity
@@ -17,148 +17,94 @@ MECHANISM_HELP = ("library name (see `spatial-pin list`), or path of a mechanism
 AT_HELP = "where drivers, or coordinates, stand, as crank=60deg; the others stand at the guess"
 
 
+Option = tuple[tuple[str, ...], dict[str, Any]]  # flags and settings, as `add_argument` takes them
+
+
 class Command(NamedTuple):
     """What a word behind `spatial-pin` does.
 
     Attributes:
-        text: in a line of the help.
-        add_options: gives its parser what it understands.
-        run: does it.
+        run: does it; its docstring is the help.
+        options: what its parser understands.
         takes_mechanism: whether its first word names a mechanism.
+        one_of: options of which one is given, and only one.
     """
 
-    text: str
-    add_options: Callable[[argparse.ArgumentParser], None]
     run: Callable[[argparse.Namespace], None]
+    options: tuple[Option, ...]
     takes_mechanism: bool = True
+    one_of: tuple[Option, ...] = ()
+
+    @property
+    def text(self) -> str:
+        """What it does, in a line of the help."""
+        words = (self.run.__doc__ or "").rstrip(".")
+        return words[:1].lower() + words[1:]
 
 
 # ---------------------------------------------------------------- options
 
 
-def mechanism_options(sub: argparse.ArgumentParser) -> None:
-    """Add the mechanism, and how it is loaded."""
-    sub.add_argument("mechanism", metavar="M", help=MECHANISM_HELP)
-    sub.add_argument("--set", dest="parameters", action="append", default=[], type=setting,
-                     metavar="NAME=VALUE", help="a dimension of the mechanism, as d=315mm")
-    sub.add_argument("--trusted", action="store_true",
-                     help="its xacro files may read files outside their folder")
-    sub.add_argument("--free-flyer", action="store_true",
-                     help="a floating joint carries its root link")
-    sub.add_argument("--package", dest="packages", action="append", default=[],
-                     type=package, metavar="NAME=FOLDER",
-                     help="where package://NAME lies, as its files name meshes")
-    sub.add_argument("--model", metavar="NAME", help="which model of an SDFormat file with several")
-    sub.add_argument("--without", action="append", default=[], metavar="NAME",
-                     help="an element or joint of its tree's file that is left out")
+def option(*flags: str, **settings: Any) -> Option:
+    """Return an option, or a word that a command takes."""
+    return flags, settings
 
 
-def data_options(sub: argparse.ArgumentParser, json: str, csv: str = "") -> None:
-    """Add `--json` and, where there is a table, `--csv`.
+def data_options(json: str, csv: str = "") -> tuple[Option, ...]:
+    """Return `--json` and, where there is a table, `--csv`.
 
     Args:
-        sub: parser of the command.
         json: what is written as JSON.
         csv: what is written as a table; "" for none.
     """
-    sub.add_argument("--json", metavar="F", nargs="?", const=SCREEN,
-                     help=f"write {json} as JSON (to the screen without F)")
-    if csv:
-        sub.add_argument("--csv", metavar="F", nargs="?", const=SCREEN,
-                         help=f"write {csv} as a table (to the screen without F)")
+    return tuple(option(flag, metavar="F", nargs="?", const=SCREEN,
+                        help=f"write {what} as {form} (to the screen without F)")
+                 for flag, what, form in (("--json", json, "JSON"), ("--csv", csv, "a table"))
+                 if what)
 
 
-def result_options(sub: argparse.ArgumentParser) -> None:
-    """Add the forms in which a motion is written."""
-    data_options(sub, "the motion and its events", "coordinates, rates and accelerations")
-    sub.add_argument("--npz", metavar="F", help="write all arrays")
-    sub.add_argument("--plot", metavar="F", help="write a figure (.png, .svg, .pdf)")
-    sub.add_argument("--output", action="append", default=[], metavar="NAME",
-                     help="what --plot shows, as rocker_pin.ratio, coupler.com.acceleration or "
-                     "crank.effort")
-    sub.add_argument("--html", metavar="F", help="write a self-contained page with the animation")
-    sub.add_argument("--clearance", action="store_true",
-                     help="say how near links come to each other, and where they touch; the page "
-                          "shows it")
-    look_options(sub)
+def hold_option(more: str = "") -> tuple[Option, ...]:
+    """Return what stands still."""
+    return (option("--hold", action="append", default=[], metavar="NAME",
+                   help=f"a joint or coordinate that stands still, besides a free base{more}"),)
 
 
-def look_options(sub: argparse.ArgumentParser) -> None:
-    """Add what a picture shows."""
-    sub.add_argument("--trace", action="append", default=[], metavar="NAME",
-                     help="draw the path of a link, frame or joint, or of LINK.com")
-    sub.add_argument("--arrow", action="append", default=[], metavar="NAME.velocity",
-                     help="draw a velocity or acceleration as an arrow")
-    sub.add_argument("--axes", action="store_true", help="draw the axes of the joints")
-    sub.add_argument("--pairs", action="store_true", help="draw a sign for every pair")
-    sub.add_argument("--centres", action="store_true", help="mark the centres of mass")
+def sweep_arguments(needed: bool = True) -> tuple[Option, ...]:
+    """Return a driver, its first and its last value, and how it goes between them."""
+    times = None if needed else "?"
+    return (
+        option("driver", nargs=times, help="driver or coordinate"),
+        option("first", nargs=times, type=value, help="value, as -60deg"),
+        option("last", nargs=times, type=value, help="value, as 0.3m"),
+        option("--steps", type=count, default=361, help="number of values (361)"),
+        option("--speed", type=value, help="of the driver, as 240rpm; without one the motion has "
+               "no time, and its forces are those at rest"),
+        option("--acceleration", type=value, default=0.0, help="of the driver"),
+        option("--stop", action="store_true", help="end at a limit position instead of failing"),
+        *GUESS,
+    )
 
 
-def sweep_arguments(sub: argparse.ArgumentParser, needed: bool = True) -> None:
-    """Add a driver, its first and its last value, and how it goes between them."""
-    sub.add_argument("driver", nargs=None if needed else "?", help="driver or coordinate")
-    sub.add_argument("first", nargs=None if needed else "?", type=value, help="value, as -60deg")
-    sub.add_argument("last", nargs=None if needed else "?", type=value, help="value, as 0.3m")
-    sub.add_argument("--steps", type=count, default=361, help="number of values (361)")
-    sub.add_argument("--speed", type=value, help="of the driver, as 240rpm; without one the "
-                     "motion has no time, and its forces are those at rest")
-    sub.add_argument("--acceleration", type=value, default=0.0, help="of the driver")
-    sub.add_argument("--stop", action="store_true",
-                     help="end at a limit position instead of failing")
-    guess_option(sub)
+def over_options(held: str = f"{SPRINGS_HELP} (--over)") -> tuple[Option, ...]:
+    """Return a driver that goes over a range, for a row at each of its values."""
+    return (
+        option("--over", type=span, metavar="DRIVER=LO..HI",
+               help="do it all along a sweep of this driver or coordinate"),
+        option("--steps", type=count, default=361, help="number of values of --over (361)"),
+        *hold_option(held),
+    )
 
 
-def configuration_options(sub: argparse.ArgumentParser) -> None:
-    """Add where drivers stand, and the guess."""
-    sub.add_argument("values", nargs="*", default=[], type=setting, metavar="DRIVER=VALUE",
-                     help=AT_HELP)
-    guess_option(sub)
-
-
-def over_options(
-    sub: argparse.ArgumentParser, held: str = f"{SPRINGS_HELP} (--over)"
-) -> None:
-    """Add a driver that goes over a range, for a row at each of its values."""
-    sub.add_argument("--over", type=span, metavar="DRIVER=LO..HI",
-                     help="do it all along a sweep of this driver or coordinate")
-    sub.add_argument("--steps", type=count, default=361, help="number of values of --over (361)")
-    hold_option(sub, held)
-
-
-def rate_options(sub: argparse.ArgumentParser) -> None:
-    """Add how drivers move."""
-    sub.add_argument("--speed", action="append", default=[], type=setting, metavar="DRIVER=VALUE",
-                     help="how fast a driver goes, as crank=240rpm (0)")
-    sub.add_argument("--acceleration", action="append", default=[], type=setting,
-                     metavar="DRIVER=VALUE", help="acceleration of a driver (0)")
-
-
-def start_options(sub: argparse.ArgumentParser, speed: str) -> None:
-    """Add how a simulation begins."""
-    sub.add_argument("--at", action="append", default=[], type=setting, metavar="DRIVER=VALUE",
-                     help="where the simulation starts")
-    sub.add_argument(speed, action="append", default=[], type=setting,
-                     metavar="DRIVER=VALUE", help="how it starts, as crank=240rpm")
-    sub.add_argument("--effort", action="append", default=[], type=setting,
-                     metavar="JOINT=VALUE", help="a constant torque [N·m] or force [N] in it")
-
-
-def hold_option(sub: argparse.ArgumentParser, more: str = "") -> None:
-    """Add what stands still."""
-    sub.add_argument("--hold", action="append", default=[], metavar="NAME",
-                     help=f"a joint or coordinate that stands still, besides a free base{more}")
-
-
-def workers_option(sub: argparse.ArgumentParser) -> None:
-    """Add a number of processes."""
-    sub.add_argument("--workers", type=count, default=1,
-                     help="processes that work on it; the answer is the same (1)")
-
-
-def guess_option(sub: argparse.ArgumentParser) -> None:
-    """Add where it starts from."""
-    sub.add_argument("--guess", action="append", default=[], type=setting, metavar="JOINT=VALUE",
-                     help="start from here instead of the file's guess")
+def start_options(speed: str) -> tuple[Option, ...]:
+    """Return how a simulation begins."""
+    return (
+        option("--at", action="append", default=[], type=setting, metavar="DRIVER=VALUE",
+               help="where the simulation starts"),
+        option(speed, action="append", default=[], type=setting, metavar="DRIVER=VALUE",
+               help="how it starts, as crank=240rpm"),
+        option("--effort", action="append", default=[], type=setting, metavar="JOINT=VALUE",
+               help="a constant torque [N·m] or force [N] in it"),
+    )
 
 
 # ---------------------------------------------------------------- values
@@ -276,6 +222,62 @@ def package(text: str) -> tuple[str, str]:
     if not (name and separator and folder):
         raise argparse.ArgumentTypeError(f"{text!r} is not NAME=FOLDER")
     return name, folder
+
+
+# ---------------------------------------------------------------- options of several commands
+
+MECHANISM = (
+    option("mechanism", metavar="M", help=MECHANISM_HELP),
+    option("--set", dest="parameters", action="append", default=[], type=setting,
+           metavar="NAME=VALUE", help="a dimension of the mechanism, as d=315mm"),
+    option("--trusted", action="store_true",
+           help="its xacro files may read files outside their folder"),
+    option("--free-flyer", action="store_true", help="a floating joint carries its root link"),
+    option("--package", dest="packages", action="append", default=[], type=package,
+           metavar="NAME=FOLDER", help="where package://NAME lies, as its files name meshes"),
+    option("--model", metavar="NAME", help="which model of an SDFormat file with several"),
+    option("--without", action="append", default=[], metavar="NAME",
+           help="an element or joint of its tree's file that is left out"),
+)
+GUESS = (
+    option("--guess", action="append", default=[], type=setting, metavar="JOINT=VALUE",
+           help="start from here instead of the file's guess"),
+)
+CONFIGURATION = (
+    option("values", nargs="*", default=[], type=setting, metavar="DRIVER=VALUE", help=AT_HELP),
+    *GUESS,
+)
+RATE_OPTIONS = (
+    option("--speed", action="append", default=[], type=setting, metavar="DRIVER=VALUE",
+           help="how fast a driver goes, as crank=240rpm (0)"),
+    option("--acceleration", action="append", default=[], type=setting,
+           metavar="DRIVER=VALUE", help="acceleration of a driver (0)"),
+)
+WORKERS = (
+    option("--workers", type=count, default=1,
+           help="processes that work on it; the answer is the same (1)"),
+)
+LOOK = (
+    option("--trace", action="append", default=[], metavar="NAME",
+           help="draw the path of a link, frame or joint, or of LINK.com"),
+    option("--arrow", action="append", default=[], metavar="NAME.velocity",
+           help="draw a velocity or acceleration as an arrow"),
+    option("--axes", action="store_true", help="draw the axes of the joints"),
+    option("--pairs", action="store_true", help="draw a sign for every pair"),
+    option("--centres", action="store_true", help="mark the centres of mass"),
+)
+RESULT = (
+    *data_options("the motion and its events", "coordinates, rates and accelerations"),
+    option("--npz", metavar="F", help="write all arrays"),
+    option("--plot", metavar="F", help="write a figure (.png, .svg, .pdf)"),
+    option("--output", action="append", default=[], metavar="NAME",
+           help="what --plot shows, as rocker_pin.ratio, coupler.com.acceleration or "
+           "crank.effort"),
+    option("--html", metavar="F", help="write a self-contained page with the animation"),
+    option("--clearance", action="store_true",
+           help="say how near links come to each other, and where they touch; the page shows it"),
+    *LOOK,
+)
 
 
 # ---------------------------------------------------------------- ranges as people write them

@@ -7,20 +7,28 @@ import codecs
 import io
 import os
 import platform
+import re
 import shlex
 import sys
 import tempfile
+import textwrap
 import traceback
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from importlib.metadata import PackageNotFoundError, metadata, version
 from pathlib import Path
+from typing import Any
 
 import spatial_pin as sp
 from spatial_pin._support.outputs import figure_suffix
-from spatial_pin.cli.parser import options_of
-from spatial_pin.cli.results import SCREEN, Told, unheard, worded
+from spatial_pin.cli.commands import COMMANDS, GROUPS
+from spatial_pin.cli.options import MECHANISM, as_taken
+from spatial_pin.cli.printing import SCREEN, WIDTH, CutShort, unheard, worded
+from spatial_pin.errors import suggestion
 
+DESCRIPTION = "Spatial mechanisms with closed loops: load, close, move, see."
+MORE = "`spatial-pin COMMAND --help` says what a command takes."
+COLUMN = 15  # where the texts of commands begin in the help
 DATA = ("json", "csv")  # options that take - for the screen
 FILES = ("csv", "npz", "plot", "html", "json", "movie", "urdf",
          "picture", "curves", "report", "resume")  # options that name a file to write
@@ -31,10 +39,88 @@ SIGNS = {"°": " deg", "²": "2", "³": "3", "·": "*", "µ": "u", "±": "+-", "
          "√": "sqrt", "π": "pi", "−": "-", "≤": "<=", "×": "x", "ü": "ue"}
 
 
+class _Parser(argparse.ArgumentParser):
+    """Takes options between the words of a command: `assemble rssr --set d=315mm crank=60deg`."""
+
+    _within = False
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(allow_abbrev=False, **settings)  # --n would be any option with an n
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        if self.get_default("run") is None or self._within:
+            return super().parse_known_args(args, namespace)
+        self._within = True  # the next line calls this again, for options and words in turn
+        try:
+            return self.parse_known_intermixed_args(args, namespace)
+        finally:
+            self._within = False
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of all commands."""
+    lines = []
+    for title, group in GROUPS.items():
+        lines += ["", f"{title}:"]
+        for name, command in group.items():
+            lines += textwrap.wrap(command.text, WIDTH, initial_indent=f"  {name:{COLUMN - 2}}",
+                                   subsequent_indent=" " * COLUMN)
+    whole = _Parser(prog="spatial-pin", usage="spatial-pin [-h] [--version] COMMAND ...",
+                    description=DESCRIPTION, epilog="\n".join([*lines, "", MORE]),
+                    formatter_class=argparse.RawDescriptionHelpFormatter)
+    whole.add_argument("--version", action="version", version=f"spatial-pin {sp.__version__}")
+    commands = whole.add_subparsers(dest="command", required=True, metavar="COMMAND",
+                                    prog="spatial-pin", help=argparse.SUPPRESS)
+    parsers: dict[str, argparse.ArgumentParser] = {}
+    for name, command in COMMANDS.items():
+        sub = parsers[name] = commands.add_parser(name, description=command.text)
+        sub.set_defaults(run=command.run, usage_error=sub.error, hints=[], cut_short="",
+                         parsers=parsers)
+        for flags, settings in MECHANISM if command.takes_mechanism else ():
+            sub.add_argument(*flags, **settings)
+        exclusive = sub.add_mutually_exclusive_group(required=True) if command.one_of else sub
+        for flags, settings in command.one_of:
+            exclusive.add_argument(*flags, **settings)
+        for flags, settings in command.options:
+            sub.add_argument(*flags, **settings)
+    whole.set_defaults(parsers=parsers)
+    return whole
+
+
+def options_of(words: Sequence[str]) -> argparse.Namespace:
+    """Return the options that words ask for; their `run` is the command's.
+
+    Raises:
+        SystemExit: the words are none of a command, or ask for help.
+    """
+    whole = parser()
+    if words and words[0] not in COMMANDS and not words[0].startswith("-"):
+        whole.error(f"no command {words[0]!r}; {_near(words[0], COMMANDS)}")
+    if words and words[0] in COMMANDS:
+        words = as_taken(words, whole.get_default("parsers")[words[0]])
+    # argparse takes -90deg for an option, but nothing that begins with a space
+    options, rest = whole.parse_known_args(
+        [f" {w}" if re.match(r"-\.?\d", w) else w for w in words])
+    for word in rest:
+        sub = options.parsers[options.command]
+        known = [flag for action in sub._actions for flag in action.option_strings]
+        sub.error(f"no option {word!r}; {_near(word, known)}" if word.startswith("--") else
+                  f"nothing more is expected than was given before {word.strip()!r}")
+    return options
+
+
+def _near(word: str, known: Iterable[str]) -> str:
+    """Return the nearest of some words, else where they are told."""
+    near = suggestion(word, known)
+    return near if near.startswith("did you mean") else "--help says which there are"
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; return 0, 1 for a mechanism or solver error, 2 for usage."""
     words = sys.argv[1:] if arguments is None else arguments
-    _fit_streams()
+    for stream in (sys.stdout, sys.stderr):  # signs that an encoding lacks are written with others
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors=PLAIN)
     try:
         return _run(words)
     except Exception as error:  # the last resort: no user is shown a traceback
@@ -66,7 +152,7 @@ def _run(words: Sequence[str]) -> int:
         print(f"spatial-pin: {what}{error.strerror or error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt as end:
-        if not isinstance(end, Told):
+        if not isinstance(end, CutShort):
             print("spatial-pin: interrupted before there was a result", file=sys.stderr)
         return 130
     for hint in _hints(options):
@@ -77,19 +163,14 @@ def _run(words: Sequence[str]) -> int:
 
 
 def _refused(options: argparse.Namespace, error: Exception) -> int:
-    """Say what the library refuses; an error that it did not raise itself is raised again."""
-    if _is_foreign(error):
+    """Say what the library refuses; an error of another package, for nobody to read, goes on."""
+    frames = traceback.extract_tb(error.__traceback__)
+    if not isinstance(error, sp.SpatialPinError) and frames and (
+            PACKAGE not in Path(frames[-1].filename).parents):
         raise error
     print("; ".join([f"spatial-pin: {worded(options, error)}", *_hints(options)]),
           file=sys.stderr)
     return 1
-
-
-def _fit_streams() -> None:
-    """Have text printed in any encoding: signs that it lacks are written with those it has."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors=PLAIN)
 
 
 def _plain(error: UnicodeError) -> tuple[str, int]:
@@ -136,14 +217,6 @@ def _check_files(options: argparse.Namespace) -> None:
 
 
 # ---------------------------------------------------------------- what nobody foresaw
-
-
-def _is_foreign(error: BaseException) -> bool:
-    """Whether an error was raised by the code of another package, for nobody to read."""
-    if isinstance(error, sp.SpatialPinError):
-        return False
-    frames = traceback.extract_tb(error.__traceback__)
-    return bool(frames) and PACKAGE not in Path(frames[-1].filename).parents
 
 
 def _unforeseen(error: Exception, words: Sequence[str]) -> str:

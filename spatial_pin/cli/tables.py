@@ -1,19 +1,21 @@
-"""What the command line reads besides numbers: tables of values and poses, targets in space."""
+"""What the command line reads besides numbers: tables of values, poses, measurements; targets."""
 
 from __future__ import annotations
 
 import csv
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from spatial_pin._support.outputs import plain_text
+from spatial_pin.dimensions.measurements import ENCODER
+from spatial_pin.dimensions.measurements import UNITS as MEASURED_UNITS
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.inverse_kinematics import targets
 from spatial_pin.inverse_kinematics.named_targets import is_angle, is_coordinate, is_part
@@ -68,8 +70,9 @@ def read_table(
         if name in found:
             raise SpatialPinError(f"{path}: two columns are named {name!r}")
         _check_unit(path, mechanism, name, unit)
-        read = _Column(path, mechanism, name, unit, k, with_blanks)
-        found[name] = np.array([read(line, row) for row, line in rows])
+        found[name] = np.array([
+            _number(path, mechanism, (name, unit, k), row, line[k].strip() if k < len(line) else "",
+                    with_blanks) for row, line in rows])
     times = found.pop(TIME, None)
     if times is not None and not with_blanks and (back := np.diff(times) <= 0.0).any():
         k = int(np.argmax(back))
@@ -191,43 +194,120 @@ def _head(path: str | Path, text: str) -> tuple[str, str]:
     return name, unit
 
 
-class _Column(NamedTuple):
-    """What reads the numbers of a column.
+def _number(
+    path: str | Path, mechanism: Mechanism | None, column: tuple[str, str, int], row: int,
+    word: str, may_be_blank: bool,
+) -> float:
+    """Return the number [rad, m, s] of a field, NaN where it may be blank and is.
 
-    Attributes:
+    Args:
         path: of the file.
         mechanism: whose names these are.
-        name, unit: of the column.
-        k: its number, from 0.
-        may_be_blank: whether fields may be empty, which are NaN then.
+        column: its name and unit, and its number from 0.
+        row: of the file.
+        word: what stands there.
+        may_be_blank: whether it may be empty.
     """
+    name, unit, k = column
+    try:
+        value = UNITS[unit] * float(word)
+    except ValueError:
+        if may_be_blank and not word:
+            return float("nan")
+    else:
+        if math.isfinite(value) or (may_be_blank and math.isnan(value)):
+            return value
+    try:
+        found = quantity(word)
+    except ValueError:
+        raise SpatialPinError(f"{path}: line {row}, column {k + 1}: "
+                              f"{repr(word) if word else 'nothing'} is no number") from None
+    _check_unit(path, mechanism, name, found.unit)
+    return float(found)
 
-    path: str | Path
-    mechanism: Mechanism | None
-    name: str
-    unit: str
-    k: int
-    may_be_blank: bool
 
-    def __call__(self, line: list[str], row: int) -> float:
-        """Return the number of a line [rad, m, s]."""
-        word = line[self.k].strip() if self.k < len(line) else ""
-        try:
-            value = UNITS[self.unit] * float(word)
-        except ValueError:
-            if self.may_be_blank and not word:
-                return float("nan")
+# ---------------------------------------------------------------- measurements
+
+
+def read_measurements(
+    path: str | Path, mechanism: Mechanism, read: Collection[str] = ()
+) -> list[tuple[dict[str, float], dict[str, Any]]]:
+    """Return measurements as `calibrate` takes them: what encoders read, and what was measured.
+
+    Columns of drivers are what encoders read. Measured are `NAME.x`, `NAME.y`, `NAME.z` of a point
+    [m], with `NAME.rx`, `NAME.ry`, `NAME.rz` (rotation vector, rad) of a placement, other
+    coordinates by their names, and `NAME-OTHER` the distance of two frames [m]. A field that is
+    empty was not measured at that pose.
+
+    Args:
+        path: of the file.
+        mechanism: whose names these are.
+        read: coordinates besides the drivers that are read.
+
+    Raises:
+        OSError: it cannot be read.
+        SpatialPinError: it is no such table; says where.
+        UnknownNameError: there is no such frame, coordinate or driver.
+    """
+    columns, _ = read_table(path, mechanism, with_blanks=True)
+    own = {name for d in mechanism.drivers.values()
+           for name in (d.name, mechanism.coordinate(d.joint).name)} | set(read)
+    count = len(next(iter(columns.values()))) if columns else 0
+    found = []
+    for i in range(count):
+        row = {name: float(x[i]) for name, x in columns.items() if not np.isnan(x[i])}
+        encoders = {name: row.pop(name) for name in list(row) if name in own}
+        found.append((encoders, _measured(f"{path}: row {i + 1}", mechanism, row)))
+    return found
+
+
+def _measured(where: str, mechanism: Mechanism, row: Mapping[str, float]) -> dict[str, Any]:
+    """Return what was measured at a pose, by name of a frame or coordinate."""
+    found: dict[str, Any] = {}
+    frames: dict[str, dict[str, float]] = {}
+    for name, value in row.items():
+        frame, _, part = name.rpartition(".")
+        pair = _pair(mechanism, name)
+        if name in mechanism.coordinate_table:
+            found[name] = value
+        elif frame and part in (*POINT, *TURNED):
+            frames.setdefault(frame, {})[part] = value
+        elif pair:
+            if pair[0] in found or pair[0] in frames:
+                raise SpatialPinError(f"{where}: {pair[0]!r} is measured twice; write the distance "
+                                      f"as {pair[1]}-{pair[0]}")
+            found[pair[0]] = targets.distance(pair[1], value)
         else:
-            if math.isfinite(value) or (self.may_be_blank and math.isnan(value)):
-                return value
-        try:
-            found = quantity(word)
-        except ValueError:
-            said = repr(word) if word else "nothing"
-            raise SpatialPinError(f"{self.path}: line {row}, column {self.k + 1}: {said} is no "
-                                  "number") from None
-        _check_unit(self.path, self.mechanism, self.name, found.unit)
-        return float(found)
+            found[mechanism.coordinate(name).name] = value  # says which there are
+    return {**found, **{name: frame_targets(f"{where}: no", name, parts)[0]
+                        for name, parts in frames.items()}}
+
+
+def _pair(mechanism: Mechanism, name: str) -> tuple[str, str] | None:
+    """Return the two frames that `NAME-OTHER` names, if it does."""
+    model = mechanism.model
+    words = name.split("-")
+    for k in range(1, len(words)):
+        first, second = "-".join(words[:k]).strip(), "-".join(words[k:]).strip()
+        if model.existFrame(first) and model.existFrame(second):
+            return first, second
+    return None
+
+
+def check_sigma(mechanism: Mechanism, sigma: Mapping[str, float]) -> None:
+    """Refuse standard deviations whose units are not those of what they are of."""
+    for name, value in sigma.items():
+        kind = name.rpartition(".")[2]
+        coordinate = name.removesuffix(ENCODER)
+        unit = MEASURED_UNITS.get(kind, "")
+        if not unit and (coordinate in mechanism.drivers or coordinate in
+                         mechanism.coordinate_table):
+            unit = mechanism.coordinate(coordinate).unit
+        if unit and isinstance(value, Quantity) and not value.is_for(unit):
+            raise ValueError(f"sigma of {name} is in {unit}, not in {value.unit}")
+
+
+# ---------------------------------------------------------------- targets
 
 
 def read_target(text: str) -> tuple[str, Any]:

@@ -18,12 +18,13 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.constraints.compiled_equations import Constraints, constraints_of
-from spatial_pin.constraints.composed_equations import (
+from spatial_pin.constraints.compiled_equations import (
+    Constraints,
     combined_wrenches,
     composed_rates,
-    composed_rows,
+    constraints_of,
 )
+from spatial_pin.constraints.composed_equations import composed_rows
 from spatial_pin.constraints.opposite_axes import opposite_axes
 from spatial_pin.constraints.product_vectors import multiply
 from spatial_pin.constraints.trees import tree_of
@@ -130,12 +131,28 @@ class Evaluation:
         """Return (n_wrenches, 6) force on body 2 per unit of each equation, and its moment.
 
         World axes, the moment about the world origin, at the last `update`; an equation's
-        derivative is its wrench times the twist of body 2 relative to body 1. Couplings, which act
-        on joints, have none. Behind them come those of `Constraints.elsewhere`: they act on two
-        bodies of their own.
+        derivative is its wrench times the twist of body 2 relative to body 1. Joint coordinates
+        act on joints, see `joint_rows`. Behind them come those of `Constraints.elsewhere`: they
+        act on two bodies of their own.
         """
-        (found,) = combined_wrenches(self.constraints, [self._values[:, None]], [self.wrenches])
+        (found,) = combined_wrenches(self.constraints, [self._values[:, None]],
+                                     [self.q[:, None]], [self.wrenches])
         return found
+
+    def joint_rows(self) -> Array:
+        """Return (len(of_joints), nv) joint forces per unit of each equation `of_joints`.
+
+        They are the derivatives of these equations by joint coordinates as such.
+        """
+        c = self.constraints
+        found = np.zeros((c.n_closure, self.model.nv))
+        for group in c.composed:
+            if len(group.coordinates[0]):
+                value, _ = group.values(group.seeded([self._values[:, None]], [self.q[:, None]]))
+                none = np.zeros((len(self._values), self.model.nv))
+                found[group.rows] = composed_rows(
+                    group, value.changes[0], none, np.ones(self.model.nv))
+        return found[c.of_joints]
 
     def frame(self, frame: int) -> pin.SE3:
         """Return where a frame of the model is, relative to the centre, at the last `update`."""
@@ -154,9 +171,10 @@ class Evaluation:
         """Return derivatives (n_closure, 6) of equations for a twist of what a joint carries."""
         c, at = self.constraints, self.model.idx_vs[joint]
         signs = c.signs[:, at, None] / self.mechanism.velocity_scale[at]
-        (moved,) = combined_wrenches(c, [self._values[:, None]], [signs * self.wrenches])
-        for k, (row, _) in enumerate(c.elsewhere, start=c.n_closure):
-            moved[row] += moved[k]
+        (moved,) = combined_wrenches(c, [self._values[:, None]], [self.q[:, None]],
+                                     [signs * self.wrenches])
+        for k, x in enumerate(c.elsewhere, start=c.n_closure):
+            moved[x.equation] += moved[k]
         return moved[: c.n_closure]
 
     def _finish(self, q: Array) -> None:
@@ -168,13 +186,13 @@ class Evaluation:
         self.residual[:p] = self._values[:p]
         for group in c.composed:
             inputs = group.seeded([self._values[:, None]], [q[:, None]])
-            value, angle = group.values(inputs, c.reference(q, self.angle_reference))
+            value, angles = group.values(inputs, c.reference(q, self.angle_reference))
             size = self.mechanism.velocity_scale
             self.residual[group.rows] = value.values[0][:, 0]
             self.jacobian[group.rows] = composed_rows(group, value.changes[0], products, size)
-            if angle is not None:
-                self.angles[group.angles] = angle.values[0][:, 0]
-                self.angle_jacobian[group.angles] = composed_rows(
+            for numbers, angle in zip(group.angles, angles, strict=True):
+                self.angles[numbers] = angle.values[0][:, 0]
+                self.angle_jacobian[numbers] = composed_rows(
                     group, angle.changes[0], products, size)
         self.jacobian[c.n_closure :] = products[c.passive_at :]
 

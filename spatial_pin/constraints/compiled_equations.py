@@ -8,31 +8,47 @@ Every equation that is one product of vectors A and B is
 where W is its wrench at the world origin, J6 Pinocchio's world joint Jacobian and sign is +1 (-1)
 for the freedoms that move body 2 (body 1) only. Lengths are divided by the characteristic length.
 
-A screw's equation adds -k * angle, the angle of two directions, from two more products. A distance
-that is that of two other frames (`length_between`) is the difference of two distances, the second
-a product more. A coupling is linear in the joint coordinates. A resolved passive freedom is the
-absolute rotation of a body about a line fixed in it.
+All others are composed: sums of numbers times products, angles that count turns, joint coordinates
+and functions of these (`composed_equations`). A resolved passive freedom is the absolute rotation
+of a body about a line fixed in it.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import made_once
-from spatial_pin.constraints.kinds import KINDS, Composed, Equation, Kind, Parts
+from spatial_pin.constraints.composed_equations import Composed, Equation, Factor
 from spatial_pin.constraints.product_vectors import matrix_of, rate_matrix
 from spatial_pin.constraints.products import Products
 from spatial_pin.constraints.turns import turns_of
 from spatial_pin.mechanism.coordinates import needed
-from spatial_pin.mechanism.equations import ConstraintEquation
+from spatial_pin.mechanism.equations import (
+    FIRST_TWO,
+    Angle,
+    ConstraintEquation,
+    Cosine,
+    Distance,
+    FunctionOf,
+    JointCoordinate,
+    Quantity,
+    ScalarProduct,
+    Square,
+)
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.pairs import COUPLING
-from spatial_pin.mechanism.parts import Closure
+from spatial_pin.mechanism.parts import Closure, Coordinate
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.taylor import Taylor
+
+# Ratio of a coupling, of coordinates relative to their sizes, beyond which it is an equation of the
+# joint that moves less: gears have less.
+LARGE_RATIO = 100.0
 
 
 class EquationLabel(NamedTuple):
@@ -42,20 +58,49 @@ class EquationLabel(NamedTuple):
     equation: int
 
 
+class Elsewhere(NamedTuple):
+    """A product of an equation that acts on other bodies than the closure's first two.
+
+    Attributes:
+        equation: number of the equation.
+        product: number of the product.
+        joints: that carry its two bodies.
+    """
+
+    equation: int
+    product: int
+    joints: tuple[int, int]
+
+
+class CountedAngle(NamedTuple):
+    """An angle that counts turns.
+
+    Attributes:
+        equation: that it is of.
+        sine: number of the product; that of the cosine follows.
+        weight: of the angle in the equation, where it is a term of its own.
+    """
+
+    equation: int
+    sine: int
+    weight: float
+
+
 class Constraints:
     """The compiled closure equations of a mechanism.
 
     Attributes:
         labels: closure and equation of each of the `n_closure` closure equations.
         n_closure: number of closure equations; those of `n_passive` resolved freedoms follow them.
-        n_angles: number of equations with an angle that counts turns.
+        n_products: of them that have products; those of joint coordinates alone come last.
         n_wrenches: of `Evaluation.row_wrenches`.
-        equations: what they are made of, and after them the passive ones; see `kinds`.
+        equations: what they are made of, and after them the passive ones.
         plain: closure equations that are one product each; their numbers are its own.
-        composed: those that are more, by kind.
-        elsewhere: (equation, product) of products that act on other bodies than the closure's.
-        screws: (equation, product of the sine, pitch) of screws, in the order of their angles.
+        composed: those that are more, alike ones together.
+        elsewhere: products that act on other bodies than the closure's first two.
+        angles: what counts turns, in the order of its angles.
         turns: what counts the turns of each of them.
+        of_joints: (k,) equations that coordinates of joints occur in as such.
         idle_axes: joint and unit axis in its frame (3,) of each resolved passive freedom.
         terms: of the vectors A, B and X of each product, see `Term`.
         supports: (njoints, nv) 1 for the freedoms that move the body of each joint.
@@ -66,59 +111,76 @@ class Constraints:
         products = Products(mechanism)
         self.scale, self.supports = products.scale, products.supports
         self.idle_axes = products.idle_axes
-        labels: list[EquationLabel] = []
-        made: list[tuple[Kind, Closure, ConstraintEquation]] = []
-        for closure in mechanism.closures:
-            for k, equation in enumerate(closure.rows):
-                kind = KINDS["difference" if closure.between else equation.kind]
-                made.append((kind, closure, equation))
-                products.add_first(closure, equation)
-                labels.append(EquationLabel(closure.name, k))
-        self.n_products, self.n_angles = len(labels), 0
-        self.couplings = [c for c in mechanism.closures if c.type == COUPLING]
-        labels += [EquationLabel(c.name, 0) for c in self.couplings]
-        equations = self._equations(made, products)
+        rows = [(EquationLabel(c.name, k), c, e)
+                for c in mechanism.closures for k, e in enumerate(c.rows)]
+        first = [_first_product(e) for _, _, e in rows]
+        rows = [r for r, p in zip(rows, first, strict=True) if p] + [
+            r for r, p in zip(rows, first, strict=True) if not p]
+        self.labels = tuple(label for label, _, _ in rows)
+        self.n_closure, self.n_products = len(rows), len(rows) - first.count(None)
+        for _, closure, equation in rows[: self.n_products]:
+            product = _first_product(equation)
+            assert product is not None
+            products.add(product, closure, -_constant(equation) if _is_plain(equation) else 0.0)
+        self.elsewhere: list[Elsewhere] = []
+        self.angles: list[CountedAngle] = []
+        self.turns = [turns_of(mechanism, c, x) for _, c, e in rows for x in _angles_of(e)]
+        equations = [self._equation(at, closure, equation, products)
+                     for at, (_, closure, equation) in enumerate(rows)]
         self.passive_at = len(products)
         for passive in mechanism.passives:
             products.add_rotation(passive.body, passive.axis)
-        self.labels = tuple(labels)
-        self.n_closure, self.n_passive = len(labels), len(self.idle_axes)
-        equations += [Equation(KINDS["idle"], (at,))
-                      for at in range(self.passive_at, len(products))]
+        self.n_passive = len(self.idle_axes)
+        equations += [Equation((at,)) for at in range(self.passive_at, len(products))]
         self.equations = tuple(equations)
-        self._sort()
-        self.turns = [turns_of(mechanism, made[at][1]) for at, _, _ in self.screws]
+        closed = self.equations[: self.n_closure]
+        self.plain = np.array([at for at, e in enumerate(closed) if not e.terms], np.intp)
+        self.of_joints = np.array([at for at, e in enumerate(closed) if e.coordinates], np.intp)
+        self.composed = Composed.of(closed)
+        self.n_wrenches = self.n_closure + len(self.elsewhere)
         self._lay_out(products)
 
-    def _equations(
-        self, made: list[tuple[Kind, Closure, ConstraintEquation]], products: Products
-    ) -> list[Equation]:
-        """Return the closure equations; products beside their first ones are added kind by kind."""
-        equations: list[Any] = [None] * len(made)
-        for kind in KINDS.values():
-            for at, (own, closure, equation) in enumerate(made):
-                if own is kind:
-                    equations[at] = self._equation(
-                        kind, (at,), kind.parts(products, closure, equation))
-        kind = KINDS["coupling"]
-        return equations + [self._equation(kind, (), kind.parts(products, closure, None))
-                            for closure in self.couplings]
+    def _equation(
+        self, at: int, closure: Closure, equation: ConstraintEquation, products: Products
+    ) -> Equation:
+        """Return equation number `at`; products besides its first one are added."""
+        if _is_plain(equation):
+            return Equation((at,))
+        made = _Composing(self.mechanism, closure, products, at, len(self.angles))
+        size, terms = self._size(closure, equation), []
+        for weight, quantities in equation.terms:
+            lengths = sum(isinstance(x, Distance | Square) for x in quantities)
+            power = equation.is_length - lengths
+            if weight:
+                terms.append((size * weight * self.scale**power,
+                              tuple(made.factor(x) for x in quantities)))
+        for k, (_, place) in enumerate(made.angles):
+            own = sum(w for w, factors in terms if factors == (Factor("angle", k),))
+            self.angles.append(CountedAngle(at, made.products[place], own))
+        names = (*closure.frames, *closure.between)
+        for place, (one, two) in made.elsewhere:
+            self.elsewhere.append(Elsewhere(at, made.products[place], (
+                self.mechanism.frame_on_joint(names[one])[0],
+                self.mechanism.frame_on_joint(names[two])[0])))
+        return Equation(tuple(made.products), tuple(made.coordinates), tuple(made.angles),
+                        tuple(terms), tuple(place for place, _ in made.elsewhere))
 
-    def _equation(self, kind: Kind, first: tuple[int, ...], parts: Parts) -> Equation:
-        angle = self.n_angles if kind.angle else -1
-        self.n_angles += kind.angle is not None
-        return Equation(kind, (*first, *parts.products), parts.coordinates, parts.numbers, angle)
+    def _size(self, closure: Closure, equation: ConstraintEquation) -> float:
+        """Return what an equation of joint coordinates alone is multiplied by, else 1.
 
-    def _sort(self) -> None:
-        """Tell equations that are one product each from those that are more."""
-        self.plain = np.array([at for at, e in enumerate(self.equations[: self.n_products])
-                               if e.kind.is_product], np.intp)
-        self.composed = _composed(self.equations)
-        self.elsewhere = [(at, e.products[k]) for at, e in enumerate(self.equations)
-                          for k in e.kind.elsewhere]
-        self.n_wrenches = self.n_closure + len(self.elsewhere)
-        self.screws = [(at, e.products[1], e.numbers[0]) for at, e in enumerate(self.equations)
-                       if e.kind is KINDS["screw"]]
+        That is the size of its last coordinate. Where ratios are large, it is the one of the joint
+        that moves less, to a power of two, which changes no digit of a solution: else digits would
+        seem lost where the other ones move fast.
+        """
+        if _first_product(equation):
+            return 1.0
+        sizes = [1.0 if self.mechanism.coordinate(name).unit == "rad" else self.scale
+                 for name in closure.joints]
+        largest = max((abs(weight) / sizes[x[0].joint] for weight, x in equation.terms
+                       if len(x) == 1 and isinstance(x[0], JointCoordinate)), default=0.0)
+        if largest * sizes[-1] <= LARGE_RATIO:
+            return sizes[-1]
+        return float(2.0 ** round(-math.log2(largest)))
 
     def _lay_out(self, products: Products) -> None:
         """Make the arrays that products are evaluated by."""
@@ -135,19 +197,29 @@ class Constraints:
         for bias, (joint, axis) in zip(self.idle_bias, self.idle_axes, strict=True):
             bias[6 * joint + 3 : 6 * joint + 6] = axis
 
+    @property
+    def n_angles(self) -> int:
+        """Number of angles that count turns."""
+        return len(self.angles)
+
     @cached_property
     def tied(self) -> NDArray[np.bool_]:
         """(nv,) which coordinates occur in closure equations."""
-        found = np.zeros(self.mechanism.model.nv, bool)
-        for equation in self.equations[: self.n_closure]:
-            found |= np.any(self.signs[list(equation.products)] != 0.0, axis=0)
-            found[[c.v for c in equation.coordinates]] = True
+        return np.any(self.occurring[: self.n_closure], axis=0)  # type: ignore[no-any-return]
+
+    @cached_property
+    def occurring(self) -> NDArray[np.bool_]:
+        """(n_closure + n_passive, nv) which coordinates occur in each equation."""
+        found = np.zeros((len(self.equations), self.mechanism.model.nv), bool)
+        for own, equation in zip(found, self.equations, strict=True):
+            own |= np.any(self.signs[list(equation.products)] != 0.0, axis=0)
+            own[[c.v for c in equation.coordinates]] = True
         return found
 
     def reference(self, q: Array, angles: Array) -> Array:
-        """Return (n_angles,) what angles of screws are nearest to at q (nq,): turns that are told.
+        """Return (n_angles,) what angles are nearest to at q (nq,): where coordinates count turns.
 
-        Where coordinates do not tell them all, what they are near to anyway: `angles`.
+        Where they do not count them all, what they are near to anyway: `angles`.
         """
         if not any(turns.are_all for turns in self.turns):
             return angles
@@ -159,13 +231,71 @@ class Constraints:
         return self.supports[joint]
 
 
-def _composed(equations: tuple[Equation, ...]) -> list[Composed]:
-    """Return equations that are more than one product each, those of a kind together."""
-    found = []
-    for kind in dict.fromkeys(e.kind for e in equations if not e.kind.is_product):
-        places = [at for at, e in enumerate(equations) if e.kind is kind]
-        found.append(Composed(kind, np.array(places), tuple(equations[at] for at in places)))
-    return found
+class _Composing:
+    """The quantities of one equation, each numbered among those of its kind."""
+
+    def __init__(
+        self, mechanism: Mechanism, closure: Closure, products: Products, first: int, angles: int
+    ) -> None:
+        self.mechanism, self.closure, self.all_products = mechanism, closure, products
+        self._first, self._angles_before = first, angles
+        self.products: list[int] = []
+        self.coordinates: list[Coordinate] = []
+        self.angles: list[tuple[int, int]] = []
+        self.elsewhere: list[tuple[int, tuple[int, int]]] = []
+
+    def factor(self, quantity: Quantity) -> Factor:
+        """Return a quantity as one of those of the equation, to which it is added."""
+        if isinstance(quantity, FunctionOf):
+            return self.factor(quantity.argument)._replace(function=quantity.function)
+        if isinstance(quantity, JointCoordinate):
+            name = self.closure.joints[quantity.joint]
+            self.coordinates.append(self.mechanism.coordinate(name))
+            return Factor("coordinate", len(self.coordinates) - 1)
+        place = len(self.products)
+        for product in _products_of(quantity):
+            if product.frames != FIRST_TWO:
+                self.elsewhere.append((len(self.products), product.frames))
+            self.products.append(self.all_products.add(product, self.closure) if self.products
+                                 else self._first)
+        if not isinstance(quantity, Angle):
+            return Factor("product", place)
+        self.angles.append((self._angles_before + len(self.angles), place))
+        return Factor("angle", len(self.angles) - 1)
+
+
+def _products_of(quantity: Quantity) -> list[ScalarProduct]:
+    """Return the scalar products that a quantity is made of; of an angle sine and cosine."""
+    if isinstance(quantity, FunctionOf):
+        return _products_of(quantity.argument)
+    if isinstance(quantity, Angle):
+        return [Cosine(u, quantity.axes2[:, 0], quantity.frames)
+                for u in (quantity.axes1[:, 1], quantity.axes1[:, 0])]
+    return [] if isinstance(quantity, JointCoordinate) else [quantity]
+
+
+def _first_product(equation: ConstraintEquation) -> ScalarProduct | None:
+    return next((p for _, factors in equation.terms for x in factors for p in _products_of(x)),
+                None)
+
+
+def _angles_of(equation: ConstraintEquation) -> list[Angle]:
+    """Return the angles of an equation, in the order of its terms."""
+    bare = [x.argument if isinstance(x, FunctionOf) else x
+            for _, factors in equation.terms for x in factors]
+    return [x for x in bare if isinstance(x, Angle)]
+
+
+def _is_plain(equation: ConstraintEquation) -> bool:
+    """Whether an equation is one scalar product, less a constant."""
+    (weight, factors), *rest = equation.terms
+    return (weight == 1.0 and len(factors) == 1 and isinstance(factors[0], ScalarProduct)
+            and not any(factors for _, factors in rest))
+
+
+def _constant(equation: ConstraintEquation) -> float:
+    """Return the sum of its terms without quantities."""
+    return sum(weight for weight, factors in equation.terms if not factors)
 
 
 def constraints_of(mechanism: Mechanism) -> Constraints:
@@ -177,3 +307,54 @@ def constraints_of(mechanism: Mechanism) -> Constraints:
 @made_once
 def _compiled(mechanism: Mechanism) -> Constraints:
     return Constraints(mechanism)
+
+
+def composed_rates(
+    c: Constraints, products: Sequence[Array], coordinates: Sequence[Array]
+) -> Array:
+    """Return (n_closure, ...) the last of the products' derivatives, of the closure equations.
+
+    Args:
+        c: the equations.
+        products: (N, ...) derivatives 0, 1, ... of all products.
+        coordinates: q, v and further derivatives (nv, ...); zero where there are no more.
+    """
+    order = len(products) - 1
+    out = np.zeros((c.n_closure, *products[0].shape[1:]))
+    out[: c.n_products] = products[order][: c.n_products]
+    for group in c.composed:
+        value, _ = group.values(group.inputs(products, coordinates))
+        out[group.rows] = value.derivative(order)
+    return out
+
+
+def combined_wrenches(
+    c: Constraints, products: Sequence[Array], coordinates: Sequence[Array],
+    wrenches: Sequence[Array],
+) -> list[Array]:
+    """Return the wrenches of the equations; after them those that act on other bodies.
+
+    Args:
+        c: the equations.
+        products: (N, 1, ...) of the products, and a derivative of theirs if wanted.
+        coordinates: q (nq, 1, ...), and the same derivative of v's integral (nv, 1, ...).
+        wrenches: (N, 6, ...) of the products, or what else is linear in their derivatives; and
+            the same derivative of that.
+
+    Returns:
+        As many as `wrenches`, (n_wrenches, 6, ...).
+    """
+    out = [np.zeros((c.n_wrenches, *w.shape[1:])) for w in wrenches]
+    for total, w in zip(out, wrenches, strict=True):
+        total[c.plain] = w[c.plain]
+    extra = {x.product: k for k, x in enumerate(c.elsewhere, start=c.n_closure)}
+    for group in c.composed:
+        if not len(group.products):
+            continue
+        slopes = group.slopes(products, coordinates)[: len(group.products)]
+        for k, (at, slope) in enumerate(zip(group.products, slopes, strict=True)):
+            to = [extra[p] for p in at.tolist()] if k in group.elsewhere else group.rows
+            term = slope * Taylor.of([w[at] for w in wrenches])
+            for total, w in zip(out, term.values, strict=True):
+                total[to] += w
+    return out

@@ -1,38 +1,183 @@
 """Closure equations that are more than one product of vectors, from what they are made of.
 
-Screws, differences of distances and couplings: their values, rates, derivatives and wrenches follow
-from those of their products and coordinates, by the formulas in `kinds`.
+Screws, couplings, distances as long as others: sums of numbers times products, angles, joint
+coordinates and functions. Their values, rates, derivatives and wrenches follow from Taylor series
+of the products and coordinates.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from spatial_pin.constraints.compiled_equations import Constraints
-from spatial_pin.constraints.kinds import Composed
+from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.numerics.taylor import Taylor
+from spatial_pin.numerics.piecewise import Piecewise
+from spatial_pin.numerics.taylor import Taylor, argument
+
+Ints = NDArray[np.intp]
 
 
-def composed_rates(
-    c: Constraints, products: Sequence[Array], coordinates: Sequence[Array]
-) -> Array:
-    """Return (n_closure, ...) the last of the products' derivatives, of the closure equations.
+class Factor(NamedTuple):
+    """A quantity of an equation.
 
-    Args:
-        c: the equations.
-        products: (N, ...) derivatives 0, 1, ... of all products.
-        coordinates: q, v and further derivatives (nv, ...); zero where there are no more.
+    Attributes:
+        kind: "product", "coordinate" or "angle".
+        at: which of the equation's.
+        function: of it, or None for itself.
     """
-    order = len(products) - 1
-    out = np.zeros((c.n_closure, *products[0].shape[1:]))
-    out[: c.n_products] = products[order][: c.n_products]
-    for group in c.composed:
-        value, _ = group.values(group.inputs(products, coordinates))
-        out[group.rows] = value.derivative(order)
-    return out
+
+    kind: str
+    at: int
+    function: Piecewise | None = None
+
+
+class Equation(NamedTuple):
+    """One equation, compiled.
+
+    Attributes:
+        products: their numbers among all; of a plain equation the one that it is.
+        coordinates: of joints.
+        angles: number among all angles, and place of the sine in `products`, before the cosine.
+        terms: numbers with what they are multiplied by; none of a plain equation.
+        elsewhere: places of products that act on other bodies than the closure's first two.
+    """
+
+    products: tuple[int, ...]
+    coordinates: tuple[Coordinate, ...] = ()
+    angles: tuple[tuple[int, int], ...] = ()
+    terms: tuple[tuple[float, tuple[Factor, ...]], ...] = ()
+    elsewhere: tuple[int, ...] = ()
+
+    @property
+    def form(self) -> tuple[object, ...]:
+        """What equations that are evaluated together have in common."""
+        return (len(self.products), len(self.coordinates), tuple(sine for _, sine in self.angles),
+                tuple(factors for _, factors in self.terms), self.elsewhere)
+
+
+@dataclass(frozen=True, eq=False)
+class Composed:
+    """Equations of one form that are more than one product each.
+
+    Attributes:
+        rows: (m,) numbers among all equations.
+        equations: (m,) what they are made of.
+    """
+
+    rows: Ints
+    equations: tuple[Equation, ...]
+
+    @staticmethod
+    def of(equations: Sequence[Equation]) -> list[Composed]:
+        """Return those of equations that are composed, alike ones together."""
+        alike: dict[tuple[object, ...], list[int]] = {}
+        for at, equation in enumerate(equations):
+            if equation.terms:
+                alike.setdefault(equation.form, []).append(at)
+        return [Composed(np.array(rows, np.intp), tuple(equations[at] for at in rows))
+                for rows in alike.values()]
+
+    @cached_property
+    def products(self) -> Ints:
+        """(p, m) numbers of their products."""
+        return np.array([e.products for e in self.equations], np.intp).T
+
+    @cached_property
+    def coordinates(self) -> tuple[Ints, Ints]:
+        """(c, m) places of their coordinates in q, and in v."""
+        q, v = ([[getattr(c, at) for c in e.coordinates] for e in self.equations] for at in "qv")
+        return np.array(q, np.intp).T, np.array(v, np.intp).T
+
+    @cached_property
+    def angles(self) -> Ints:
+        """(k, m) numbers of their angles."""
+        return np.array([[number for number, _ in e.angles] for e in self.equations], np.intp).T
+
+    @cached_property
+    def weights(self) -> Array:
+        """(n_terms, m) numbers of their terms."""
+        return np.array([[weight for weight, _ in e.terms] for e in self.equations]).T
+
+    @property
+    def elsewhere(self) -> tuple[int, ...]:
+        """Places of products that act on other bodies than those of the closure."""
+        return self.equations[0].elsewhere
+
+    def inputs(
+        self, products: Sequence[Array], coordinates: Sequence[Array],
+        changes: Sequence[Array] = (), coordinate_changes: Sequence[Array] = (),
+    ) -> list[Taylor]:
+        """Return products and coordinates as series.
+
+        Args:
+            products: (N, ...) derivatives 0, 1, ... of all products in the parameter.
+            coordinates: q, v and further derivatives (nv,); zero where there are no more.
+            changes: (N, ...) derivatives of the products with respect to a second variable.
+            coordinate_changes: (nv, ...) the same of q, v and so on, as many.
+        """
+        found = [Taylor.of(*([x[at] for x in part] for part in (products, changes)))
+                 for at in self.products]
+        rest = np.zeros([len(self.rows)] + [1] * (np.ndim(products[0]) - 1))
+        for q, v in zip(*self.coordinates, strict=True):
+            known = [_alongside(x[v if k else q], rest) for k, x in enumerate(coordinates)]
+            found.append(Taylor.of([*known, *[rest] * (len(products) - len(known))],
+                                   [x[v] for x in coordinate_changes]))
+        return found
+
+    def seeded(self, products: Sequence[Array], coordinates: Sequence[Array]) -> list[Taylor]:
+        """Return products (N, 1, ...) and coordinates that change each by itself (m, n, ...)."""
+        inputs = self.inputs(products, coordinates)
+        seeds = np.eye(len(inputs)).reshape(len(inputs), 1, -1, *[1] * (np.ndim(products[0]) - 2))
+        return [Taylor(x.values, [seed, *[0.0] * (len(products) - 1)])
+                for x, seed in zip(inputs, seeds, strict=True)]
+
+    def values(self, inputs: list[Taylor], reference: Array | None = None
+               ) -> tuple[Taylor, list[Taylor]]:
+        """Return the equations (m, ...), and each of their angles.
+
+        Args:
+            inputs: products, then coordinates.
+            reference: (n_angles, ...) that the angles are nearest to [rad]; zero if left out.
+        """
+        like, first = inputs[0].values[0], self.equations[0]
+        angles = []
+        for (_, sine), numbers in zip(first.angles, self.angles, strict=True):
+            near = 0.0 if reference is None else _alongside(reference[numbers], like)
+            angles.append(argument(inputs[sine], inputs[sine + 1], near))
+        n = len(first.products)
+        known = {"product": inputs[:n], "coordinate": inputs[n:], "angle": angles}
+        total: Taylor = inputs[0] * 0.0
+        for weights, (_, factors) in zip(self.weights, first.terms, strict=True):
+            weight, term = _alongside(weights, like), None
+            for kind, at, function in factors:
+                x = known[kind][at]
+                x = function(x) if function else x
+                term = x if term is None else term * x
+            total = total + (weight if term is None else term * weight)
+        return total, angles
+
+    def slopes(self, products: Sequence[Array], coordinates: Sequence[Array]) -> list[Taylor]:
+        """Return derivatives (m, 1, ...) of the equations, by products and then coordinates.
+
+        Args:
+            products: (N, 1, ...) derivatives 0, 1, ... of all products in the parameter.
+            coordinates: the same of q and v, (nq, 1, ...) and (nv, 1, ...).
+        """
+        value, _ = self.values(self.seeded(products, coordinates))
+        n = len(self.products) + len(self.coordinates[0])
+        return [Taylor([x[:, k : k + 1] if np.ndim(x) and x.shape[1] == n else x
+                        for x in value.changes]) for k in range(n)]
+
+
+def _alongside(x: Array, like: Array) -> Array:
+    """Return an array (m, ...) with as many axes as another one, the missing ones last."""
+    return x.reshape(x.shape + (1,) * (np.ndim(like) - x.ndim))
 
 
 def composed_rows(group: Composed, slopes: Array, products: Array, scale: Array) -> Array:
@@ -52,31 +197,4 @@ def composed_rows(group: Composed, slopes: Array, products: Array, scale: Array)
     for k, v in enumerate(group.coordinates[1], start=p):
         own = slopes[:, k]
         out[np.arange(m), v] += own * scale[v].reshape(-1, *[1] * (own.ndim - 1))
-    return out
-
-
-def combined_wrenches(
-    c: Constraints, products: Sequence[Array], wrenches: Sequence[Array]
-) -> list[Array]:
-    """Return the wrenches of the equations; after them those that act on other bodies.
-
-    Args:
-        c: the equations.
-        products: (N, 1, ...) of the products, and a derivative of theirs if wanted.
-        wrenches: (N, 6, ...) of the products, or what else is linear in their derivatives; and
-            the same derivative of that.
-
-    Returns:
-        As many as `wrenches`, (n_wrenches, 6, ...).
-    """
-    out = [np.zeros((c.n_wrenches, *w.shape[1:])) for w in wrenches]
-    for total, w in zip(out, wrenches, strict=True):
-        total[c.plain] = w[c.plain]
-    extra = {row: k for k, (row, _) in enumerate(c.elsewhere, start=c.n_closure)}
-    for group in c.composed:
-        for k, (at, slope) in enumerate(zip(group.products, group.slopes(products), strict=True)):
-            to = [extra[row] for row in group.rows] if k in group.kind.elsewhere else group.rows
-            term = slope * Taylor.of([w[at] for w in wrenches])
-            for total, w in zip(out, term.values, strict=True):
-                total[to] += w
     return out

@@ -69,8 +69,9 @@ class KernelTree:
 
     def _create(self, scale: Array, is_core: NDArray[np.bool_]) -> None:
         t, n = self._tree, self._split.njoints
-        head = [n, self.model.nq, self.model.nv, *[0] * 8]
-        ints = np.concatenate([head, t.kind, t.parent, t.iq, t.iv, [0, 0, 0]]).astype(np.int64)
+        head = [n, self.model.nq, self.model.nv, *[0] * 11]  # no equations:
+        starts = [0] * 5  # of supports, terms, factors, patterns and turns
+        ints = np.concatenate([head, t.kind, t.parent, t.iq, t.iv, starts]).astype(np.int64)
         parts = (t.rotation, t.translation, t.pitch, t.mass, t.com, t.inertia,
                  self.model.gravity.linear, scale)
         self._reals = np.concatenate([np.asarray(x, float).ravel() for x in parts])

@@ -10,7 +10,6 @@ import pinocchio as pin
 from spatial_pin._support.lazy import made_once
 from spatial_pin.constraints.product_vectors import frames_of
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.numerics.linalg import Array
 
 
@@ -50,10 +49,9 @@ def _axis_pairs(mechanism: Mechanism) -> list[_AxisPair]:
     """Return the axes of all closures that have any."""
     found = []
     for closure in mechanism.closures:
-        if closure.type == COUPLING or not closure.pair.aligned:
+        if not closure.pair.aligned:
             continue
         geometry, first = closure.geometry, 2 if closure.pair.aligned == "z" else 0
-        assert geometry is not None
         one, two = (
             (frame.joint, (frame.placement.rotation @ axes)[:, first:])
             for frame, axes in zip(frames_of(mechanism, closure.frames),

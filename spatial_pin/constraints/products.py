@@ -7,7 +7,7 @@ import pinocchio as pin
 
 from spatial_pin.constraints.product_vectors import FrameOnBody, Term, Vectors, frames_of
 from spatial_pin.mechanism.coordinates import joint_values, with_values
-from spatial_pin.mechanism.equations import ConstraintEquation
+from spatial_pin.mechanism.equations import Angle, Cosine, Distance, ScalarProduct
 from spatial_pin.mechanism.mechanism import Mechanism, point_on_body
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
@@ -42,34 +42,33 @@ class Products:
     def __len__(self) -> int:
         return len(self.constants)
 
-    def _add_distance(self, frames: tuple[str, ...], unit: float, constant: float) -> None:
-        """Add d . d / 2 unit - constant of the vector d between two frames."""
-        one, two = frames_of(self.mechanism, frames)
-        half = self.scale / (2.0 * unit)
+    def add(self, product: ScalarProduct, closure: Closure, constant: float = 0.0) -> int:
+        """Add the product of two frames of a closure, less a constant; return its number."""
+        ends = [(*closure.frames, *closure.between)[k] for k in product.frames]
+        one, two = frames_of(self.mechanism, ends)
+        if isinstance(product, Cosine):
+            self._add_dot(one, product.u, two, product.w, constant)
+            return len(self) - 1
         self.a.add(two.origin(1.0), one.origin(-1.0))
-        self.b.add(two.origin(half), one.origin(-half))
-        self.x.add(two.origin(2.0))
-        self._finish(constant, 2.0, self._between(one, two))
-
-    def add_length(self, closure: Closure) -> int:
-        """Add the product of the distance between the closure's other two frames."""
-        self._add_distance(closure.between, unit_length(self.mechanism, closure), 0.0)
-        return len(self.constants) - 1
-
-    def add_first(self, closure: Closure, equation: ConstraintEquation) -> None:
-        """Add the product that an equation of a closure is, or begins with."""
-        if equation.u is None:  # distance: (d . d - L²) / 2L
-            unit = unit_length(self.mechanism, closure) if closure.between else equation.offset
-            self._add_distance(closure.frames, unit, 0.5 * equation.offset * self.scale)
-            return
-        one, two = frames_of(self.mechanism, closure.frames)
-        if equation.w is None:  # point or screw: u . d
-            self.a.add(two.origin(1.0), one.origin(-1.0))
-            self.b.add(one.direction(equation.u, self.scale))
+        if isinstance(product, Distance):
+            self.b.add(one.direction(product.u, self.scale))
             self.x.add(two.origin(1.0))
-            self._finish(0.0, 1.0, self._between(one, two))
         else:
-            self._add_dot(one, equation.u, two, equation.w, equation.offset)
+            length = product.length
+            half = 0.5 * self.scale / (unit_length(self.mechanism, closure)
+                                       if length is None else length)
+            self.b.add(two.origin(half), one.origin(-half))
+            self.x.add(two.origin(2.0))
+        factor = 1.0 if isinstance(product, Distance) else 2.0
+        self._finish(constant * self.scale, factor, self._between(one, two))
+        return len(self) - 1
+
+    def add_direction(self, angle: Angle, closure: Closure) -> tuple[int, int]:
+        """Add the products sine and cosine of an angle; return their numbers."""
+        of = angle.axes2[:, 0]
+        sine, cosine = (self.add(Cosine(u, of, angle.frames), closure)
+                        for u in (angle.axes1[:, 1], angle.axes1[:, 0]))
+        return sine, cosine
 
     def _add_dot(
         self, one: FrameOnBody, u: Array, two: FrameOnBody, w: Array, cosine: float
@@ -79,14 +78,6 @@ class Products:
         self.b.add(one.direction(u))
         self.x.add(two.direction(w))
         self._finish(cosine, 0.0, self._between(one, two))
-
-    def add_direction(self, closure: Closure, equation: ConstraintEquation) -> tuple[int, int]:
-        """Add the products sine and cosine of the angle of an equation; return their numbers."""
-        one, two = frames_of(self.mechanism, closure.frames)
-        assert equation.angle_from is not None and equation.angle_of is not None
-        for u in equation.angle_from[::-1]:  # y gives the sine, x the cosine
-            self._add_dot(one, u, two, equation.angle_of, 0.0)
-        return len(self.constants) - 2, len(self.constants) - 1
 
     def add_rotation(self, body: str, axis: tuple[str, str]) -> None:
         """Add the rotation of a body about the line through two points fixed in it."""

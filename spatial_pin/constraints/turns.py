@@ -1,4 +1,4 @@
-"""Which joints turn the two frames of a screw closure about its axis: they count its turns.
+"""Which joints turn two frames relative to each other about an axis: they count its turns.
 
 Two frames tell their angle within a turn. Hinges next to either frame, but for slides, whose axes
 are that of the screw turn it by their own coordinates. Where the hinges between these are parallel
@@ -16,6 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.constraints.composite_joints import split_of
+from spatial_pin.mechanism.equations import Angle
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
@@ -58,16 +59,15 @@ class _Hinge(NamedTuple):
         return len(sines) == 1 and sines[0] < NEARLY_PARALLEL
 
 
-def turns_of(mechanism: Mechanism, closure: Closure) -> Turns:
-    """Return what counts the turns of a screw closure."""
+def turns_of(mechanism: Mechanism, closure: Closure, angle: Angle) -> Turns:
+    """Return what counts the turns of an angle in an equation of a closure."""
     model, carriers = split_of(mechanism)
     ends, frames = [], []
-    for name in closure.frames:
+    for name in (closure.frames[k] for k in angle.frames):
         joint, placement = mechanism.frame_on_joint(name)
         ends.append(int(carriers[joint]))
         frames.append(_placement(model, ends[-1]).rotation @ placement.rotation)
-    assert closure.geometry is not None
-    one, two = frames[0] @ closure.geometry.axes1, frames[1] @ closure.geometry.axes2
+    one, two = frames[0] @ angle.axes1, frames[1] @ angle.axes2
     hinges = _between(model, *ends)
     first = list(takewhile(lambda x: x.is_about(one[:, 2]), hinges))
     rest = hinges[len(first) :][::-1]
@@ -79,8 +79,8 @@ def turns_of(mechanism: Mechanism, closure: Closure) -> Turns:
     are_all = bool(first or last) and all(x.is_about(middle[0].axes[0]) for x in middle)
     if middle and are_all:
         two = _aligning(middle[0].axes[0], two[:, 2], one[:, 2]) @ two
-    angle = math.atan2(one[:, 1] @ two[:, 0], one[:, 0] @ two[:, 0])
-    return Turns(row, angle if angle > HALF_TURN_NOISE - math.pi else angle + 2.0 * math.pi,
+    at_zero = math.atan2(one[:, 1] @ two[:, 0], one[:, 0] @ two[:, 0])
+    return Turns(row, at_zero if at_zero > HALF_TURN_NOISE - math.pi else at_zero + 2.0 * math.pi,
                  are_all)
 
 

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin._support.brief import first_names
+from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.stacked import cross
@@ -42,29 +42,14 @@ class ClosedPair(NamedTuple):
     point: Array
 
 
-class Lengths(NamedTuple):
-    """What makes a distance as long as two other frames are apart.
-
-    Attributes:
-        row: of the closure.
-        wrench: where `Poses.rows` has its wrench on the second of the two frames' bodies, which
-            acts on the first.
-        bodies: these two.
-    """
-
-    row: int
-    wrench: int
-    bodies: tuple[int, int]
-
-
 class Poses(NamedTuple):
     """What reactions are worked out from, at one or many configurations.
 
     Attributes:
         placements: (..., njoints, 4, 3) columns of the rotation, then the position, of each joint.
         columns: (..., 6, nv) world joint Jacobian.
-        rows: (..., n_wrenches, 6) wrench of each closure row at the world origin, then those of
-            the distances' lengths.
+        rows: (..., n_wrenches, 6) wrench of each closure row at the world origin, then those on
+            other bodies than the first two.
     """
 
     placements: Array
@@ -77,7 +62,7 @@ class Pairs:
 
     Attributes:
         closed: the closures between bodies.
-        lengths: what gives some of them their length.
+        elsewhere: forces of closures on other bodies than their first two.
         coupled: the joints that bear the force of a coupling.
         names: of all pairs, the tree's first.
     """
@@ -86,7 +71,8 @@ class Pairs:
         self.model = model = mechanism.model
         self.length, self.centre = mechanism.characteristic_length, mechanism.centre
         self.closed = _closed_pairs(mechanism)
-        self.lengths = _lengths(mechanism)
+        constraints = constraints_of(mechanism)
+        self.elsewhere, self._of_joints = constraints.elsewhere, constraints.of_joints
         self.coupled = sorted(set().union(*beside_couplings(mechanism).values()))
         self.names = [*list(model.names)[1:], *(pair.name for pair in self.closed)]
         self._levels = _levels(list(model.parents))
@@ -101,7 +87,7 @@ class Pairs:
             wrench = _borne(rows, multipliers, pair.rows)
             total[..., pair.bodies[0], :] -= wrench
             total[..., pair.bodies[1], :] += wrench
-        for row, at, (first, second) in self.lengths:
+        for at, (row, _, (first, second)) in enumerate(self.elsewhere, start=multipliers.shape[-1]):
             wrench = multipliers[..., row, None] * rows[..., at, :]
             total[..., first, :] -= wrench
             total[..., second, :] += wrench
@@ -170,15 +156,14 @@ class Pairs:
         return force
 
     def unstressed(
-        self, poses: Poses, couplings: Array, self_stresses: Array, pressing: Array | None = None,
+        self, poses: Poses, joint_rows: Array, self_stresses: Array, pressing: Array | None = None,
         unmoved: float = UNMOVED,
     ) -> dict[str, NDArray[np.bool_]]:
         """Return for every pair which components (6,) of its reaction no self-stress reaches.
 
         Args:
             poses: where the bodies are, at one configuration.
-            couplings: (n_couplings, nv) efforts at joints of unit multipliers of the couplings,
-                whose rows are the last.
+            joint_rows: (k, nv) efforts at joints of unit multipliers of `of_joints`.
             self_stresses: (k, n_closure) multipliers, of length 1, that balance among themselves.
             pressing: (k, nv) or with the efforts of actuators that go with them.
             unmoved: reaction to a unit self-stress that is none.
@@ -186,10 +171,10 @@ class Pairs:
         if not len(self_stresses):
             return {name: np.ones(6, dtype=bool) for name in self.names}
         unit = np.array([1.0] * 3 + [1.0 / self.length] * 3)
-        pulls = couplings * np.where(self.turns, 1.0 / self.length, 1.0)
+        pulls = joint_rows * np.where(self.turns, 1.0 / self.length, 1.0)
         scale = max(float(np.abs(poses.rows * unit).max(initial=0.0)),
                     float(np.abs(pulls).max(initial=0.0)), 1e-300)
-        efforts = self_stresses[:, self_stresses.shape[1] - len(couplings) :] @ couplings
+        efforts = self_stresses[:, self._of_joints] @ joint_rows
         if pressing is not None:
             efforts = efforts + pressing
         at_joints = _moved(-self._carried(self.on_bodies(poses.rows, self_stresses)),
@@ -218,7 +203,7 @@ def beside_couplings(mechanism: Mechanism) -> dict[str, list[int]]:
     """Return the joints of each coupling and all that lie between them, by the coupling's name."""
     found = {}
     for closure in mechanism.closures:
-        if closure.type == COUPLING:
+        if closure.joints:
             ends = {mechanism.joint_id(mechanism.coordinate(x).joint) for x in closure.joints}
             chains = [set(mechanism.model.supports[joint]) for joint in ends]
             found[closure.name] = sorted(set.union(*chains) - set.intersection(*chains) | ends)
@@ -265,28 +250,15 @@ def _levels(parents: list[int]) -> list[tuple[NDArray[np.intp], NDArray[np.intp]
 def _closed_pairs(mechanism: Mechanism) -> list[ClosedPair]:
     found, at = [], 0
     for closure in mechanism.closures:
-        if closure.type == COUPLING:
-            continue
         rows = slice(at, at + closure.n_rows)
-        at = rows.stop
-        found.append(_closed_pair(mechanism, closure, rows))
-    return found
-
-
-def _lengths(mechanism: Mechanism) -> list[Lengths]:
-    closed = [c for c in mechanism.closures if c.type != COUPLING]
-    n_closure = sum(c.n_rows for c in mechanism.closures)
-    starts = np.cumsum([0, *(c.n_rows for c in closed)]).tolist()
-    between = [(at, c.between) for at, c in zip(starts, closed, strict=False) if c.between]
-    found = []
-    for k, (row, frames) in enumerate(between, start=n_closure):
-        first, second = (mechanism.frame_on_joint(f)[0] for f in frames)
-        found.append(Lengths(row, k, (first, second)))
+        if closure.frames:
+            at = rows.stop
+            found.append(_closed_pair(mechanism, closure, rows))
     return found
 
 
 def _closed_pair(mechanism: Mechanism, closure: Closure, rows: slice) -> ClosedPair:
-    (first, _), (second, placement) = (mechanism.centred_frame(f) for f in closure.frames)
+    (first, _), (second, placement) = (mechanism.centred_frame(f) for f in closure.frames[:2])
     return ClosedPair(closure.name, rows, (first, second), np.append(placement.translation, 1.0))
 
 

@@ -9,8 +9,8 @@ from typing import Any, NoReturn
 import numpy as np
 
 from spatial_pin.errors import MechanismFileError, Mistakes, suggestion
-from spatial_pin.formats.urdf.model import LIMITS, RESISTANCES
-from spatial_pin.mechanism.pairs import unit
+from spatial_pin.formats.urdf.urdf_model import LIMITS, RESISTANCES
+from spatial_pin.mechanism.pairs import PAIRS, unit
 from spatial_pin.numerics.linalg import Array
 
 _REQUIRED: Any = object()
@@ -20,8 +20,9 @@ BELONGS = {  # where in a file each key has its place
     TOP: ("name", "title", "source", "tree", "complete", "gravity", "gap", "order", "joints",
           "closures", "drivers", "springs", "passive", "frames", "guess"),
     "in [joints.NAME]": ("type", "axis", "axis2", "lead", *RESISTANCES, *LIMITS),
-    "in [[closures]]": ("name", "type", "frames", "joints", "ratio", "offset", "length", BETWEEN,
-                        "equations", "axis", "axis2", "lead", "source"),
+    "in [[closures]]": ("name", "type", "frames", "joints", *sorted(
+        {key.name for pair in PAIRS.values() for key in pair.keys}, reverse=True), "length",
+        BETWEEN, "equations", "axis", "axis2", "lead", "source"),
     "in [drivers.NAME]": ("joint",),
     "in [[springs]]": ("name", "frames", "joint", "stiffness", "damping", "free_length",
                        "free_angle"),
@@ -78,7 +79,7 @@ def _said(value: Any) -> str:
     return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}..."
 
 
-class Table:
+class TomlTable:
     """A TOML table that is read key by key; every complaint names file, table and key."""
 
     def __init__(self, content: Any, where: str, place: str = TOP) -> None:
@@ -159,7 +160,7 @@ class Table:
         value = self.get(key)
         if not isinstance(value, list):
             return np.array([self.number(key, least=least)])
-        parts = [Table({key: x}, self.where).number(key, least=least) for x in value]
+        parts = [TomlTable({key: x}, self.where).number(key, least=least) for x in value]
         if not parts:
             self.fail(key, "is an empty list")
         return np.array(parts)
@@ -202,13 +203,19 @@ class Table:
             self.fail(key, f"has length {norm:.6g}; an axis is a unit vector")
         return unit(value)
 
+    def some_names(self, key: str, count: int) -> tuple[str, ...]:
+        """Return a list of some texts."""
+        value = self.get(key)
+        if not (isinstance(value, list) and len(value) == count
+                and all(isinstance(x, str) for x in value)):
+            some = {2: "two", 3: "three", 4: "four"}.get(count, str(count))
+            self.fail(key, f"must be a list of {some} names, not {_said(value)}")
+        return tuple(value)
+
     def two_names(self, key: str) -> tuple[str, str]:
         """Return a list of two texts."""
-        value = self.get(key)
-        if not (isinstance(value, list) and len(value) == 2
-                and all(isinstance(x, str) for x in value)):
-            self.fail(key, f"must be a list of two names, not {_said(value)}")
-        return value[0], value[1]
+        first, second = self.some_names(key, 2)
+        return first, second
 
     def places(self, key: str, count: int) -> tuple[int, ...]:
         """Some of the numbers 0 to count - 1, ascending."""
@@ -220,14 +227,14 @@ class Table:
                            f"not {_said(value)}")
         return tuple(value)
 
-    def table(self, key: str) -> Table:
+    def table(self, key: str) -> TomlTable:
         """Return the table under a key; an empty one where there is none."""
-        return Table(self.get(key, {}), f"{self.where}: {key}")
+        return TomlTable(self.get(key, {}), f"{self.where}: {key}")
 
-    def one_of(self, key: str, name: str) -> Table:
+    def one_of(self, key: str, name: str) -> TomlTable:
         """Return the table `[KEY.NAME]`."""
         inner = self.table(key)
-        return Table(inner.content[name], f"{inner.where}.{name}", f"in [{key}.NAME]")
+        return TomlTable(inner.content[name], f"{inner.where}.{name}", f"in [{key}.NAME]")
 
     def count(self, key: str) -> int:
         """Return how many tables `[[KEY]]` there are."""
@@ -236,11 +243,11 @@ class Table:
             self.fail(key, f"must be written as [[{key}]]")
         return len(value)
 
-    def item_of(self, key: str, i: int) -> Table:
+    def item_of(self, key: str, i: int) -> TomlTable:
         """Return a table `[[KEY]]` by its number."""
-        return Table(self.content[key][i], f"{self.where}: {key}[{i}]", f"in [[{key}]]")
+        return TomlTable(self.content[key][i], f"{self.where}: {key}[{i}]", f"in [[{key}]]")
 
-    def mended(self) -> Table | None:
+    def mended(self) -> TomlTable | None:
         """Return the table to be read on with, a stand-in for what was complained of last.
 
         Returns:
@@ -249,8 +256,8 @@ class Table:
         key = self._told[-1] if self._told and not self._ended else "type"
         if key == "type" or key in self._mended:
             return None
-        found = Table({k: x for k, x in self.content.items() if k not in self._told}, self._from,
-                      self.place)
+        own_lines = {k: x for k, x in self.content.items() if k not in self._told}
+        found = TomlTable(own_lines, self._from, self.place)
         own = STAND_INS.get(self.place, {})
         if key in own:
             found.content[key] = own[key]

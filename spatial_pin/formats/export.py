@@ -12,11 +12,11 @@ import numpy as np
 
 from spatial_pin._support.outputs import named_folder, named_path, replacing, write_text
 from spatial_pin.errors import MechanismFileError, SpatialPinError, warn
-from spatial_pin.formats.dialects import Reading, read_dialects
-from spatial_pin.formats.pinocchio_model.joints import joint_axis
-from spatial_pin.formats.sources import Trust, is_file
+from spatial_pin.formats.dialects import RobotReading, read_dialects
+from spatial_pin.formats.file_access import Trust, is_file
+from spatial_pin.formats.pinocchio_model.pair_tree import joint_axis
 from spatial_pin.formats.toml_files import toml_text
-from spatial_pin.formats.urdf.model import (
+from spatial_pin.formats.urdf.urdf_model import (
     LIMITS,
     PAIR_OF_URDF_TYPE,
     joint_axes,
@@ -81,7 +81,14 @@ def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
     files = {path: text}
     content = _beside(mechanism, path.name)
     is_said = content["gravity"] == STANDARD_GRAVITY and content.keys() <= {
-        "name", "tree", "complete", "gravity"} and not _states_more(mechanism, path)
+        "name", "tree", "complete", "gravity"}
+    if is_said:  # unless readers find loops or motors in the URDF, or beside it
+        reading = RobotReading(robot_of(mechanism), path)
+        try:
+            read_dialects(reading)
+            is_said = not reading.content
+        except MechanismFileError:
+            is_said = False
     if not is_said or (mechanism.path is not None and mechanism.path.suffix == ".toml"):
         files[path.with_suffix(".toml")] = toml_text(content)
     try:
@@ -89,16 +96,6 @@ def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
     except OSError as error:
         raise SpatialPinError(f"cannot write {error.filename}: {error.strerror}") from error
     return list(files)
-
-
-def _states_more(mechanism: Mechanism, path: Path) -> bool:
-    """Return whether readers find loops or motors in the URDF of a tree, or beside its file."""
-    reading = Reading(robot_of(mechanism), path)
-    try:
-        read_dialects(reading)
-    except MechanismFileError:
-        return True
-    return bool(reading.content)
 
 
 def _write(mechanism: Mechanism, texts: dict[Path, str], copies: dict[Path, Path]) -> None:
@@ -154,7 +151,11 @@ def _gathered(mechanism: Mechanism, trust: Trust | None = None) -> tuple[str, di
             gone.append(source.name)
             continue
         if source.parent not in folders:
-            folders[source.parent] = _free_folder(source.parent.name, set(folders.values()))
+            name, k = source.parent.name, 2
+            wanted = free = Path(MESHES) if name in ("", MESHES) else Path(MESHES) / name
+            while free in folders.values():
+                free, k = Path(MESHES) / f"{wanted.name}_{k}", k + 1
+            folders[source.parent] = free
         for part in (source, *_parts(source)):
             copies[folders[source.parent] / part.name] = part
         mesh.set("filename", str(folders[source.parent] / source.name))
@@ -162,14 +163,6 @@ def _gathered(mechanism: Mechanism, trust: Trust | None = None) -> tuple[str, di
         warn(f"mechanism {mechanism.name!r}: {len(gone)} mesh files are not there and are not "
              f"copied, {gone[0]!r} the first")
     return (ET.tostring(robot, encoding="unicode") if copies else mechanism.urdf), copies
-
-
-def _free_folder(name: str, taken: set[Path]) -> Path:
-    wanted = Path(MESHES) if name in ("", MESHES) else Path(MESHES) / name
-    found, k = wanted, 2
-    while found in taken:
-        found, k = Path(MESHES) / f"{wanted.name}_{k}", k + 1
-    return found
 
 
 def _parts(mesh: Path) -> list[Path]:
@@ -297,13 +290,11 @@ def tree_axes(mechanism: Mechanism, i: int) -> tuple[Array, Array, float]:
 def _closure(closure: Closure) -> dict[str, Any]:
     table: dict[str, Any] = {"name": closure.name, "type": closure.type}
     table.update({"source": closure.source} if closure.source else {})
-    if closure.type == COUPLING:
-        return {**table, "joints": list(closure.joints), "ratio": closure.ratio,
-                "offset": closure.offset}
     pair, geometry = closure.pair, closure.geometry
-    assert geometry is not None
-    table |= {"frames": list(closure.frames), **pair.told(
-        geometry.axes1[:, 2], geometry.axes2[:, 2], geometry.lead, geometry.length)}
+    names = {"frames": list(closure.frames), "joints": list(closure.joints)}
+    table |= {key: value for key, value in names.items() if value}
+    table |= {key.name: np.asarray(closure.numbers[key.name]).tolist() for key in pair.keys}
+    table |= pair.told(geometry.axes1[:, 2], geometry.axes2[:, 2], geometry.lead, geometry.length)
     if closure.between:
         del table["length"]
         table["length_between"] = list(closure.between)

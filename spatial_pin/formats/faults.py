@@ -24,7 +24,13 @@ class Faults:
 
     def notices(self, most: int | None = None) -> tuple[str, ...]:
         """Return a sentence for each kind, with all its faults or the first few."""
-        return tuple(_sentence(kind, found, most) for kind, found in self._found.items())
+        told = []
+        for kind, found in self._found.items():
+            named = ", ".join(found[:most])
+            rest = len(found) - len(found[:most])
+            more = f" and {rest} more" if rest else ""
+            told.append(f"{named}{more}: {kind}" if found else kind)
+        return tuple(told)
 
     def told(self) -> str:
         """Return one line for a warning, "" where nothing is wrong."""
@@ -32,11 +38,3 @@ class Faults:
         if len(notices) < 2:
             return "".join(notices)
         return "; ".join(f"({k}) {notice}" for k, notice in enumerate(notices, start=1))
-
-
-def _sentence(kind: str, found: list[str], most: int | None) -> str:
-    if not found:
-        return kind
-    rest = len(found) - len(found[:most])
-    more = f" and {rest} more" if rest else ""
-    return f"{', '.join(found[:most])}{more}: {kind}"

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Mapping, Sequence
+import xml.etree.ElementTree as ET
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import replace
 from os import PathLike, fspath
 from pathlib import Path
@@ -14,14 +15,9 @@ import numpy as np
 
 from spatial_pin._support.checks import number_from_zero
 from spatial_pin.errors import MechanismFileError, Mistakes, suggestion, warn
-from spatial_pin.formats import urdf_importer
-from spatial_pin.formats.checked_tables import Table
+from spatial_pin.formats.checked_tables import TomlTable
 from spatial_pin.formats.faults import Faults
-from spatial_pin.formats.free_flyer import with_free_flyer
-from spatial_pin.formats.imported import Importer, Request
-from spatial_pin.formats.mechanism_file import Said, mechanism_of
-from spatial_pin.formats.merging import merged, without_loops_and_motors
-from spatial_pin.formats.sources import (
+from spatial_pin.formats.file_access import (
     Trust,
     check_file,
     is_file,
@@ -29,10 +25,117 @@ from spatial_pin.formats.sources import (
     read_text,
     shown,
 )
-from spatial_pin.formats.table import endings, importer_of
+from spatial_pin.formats.importers import IMPORTERS, Importer, Request, endings, importer_of
+from spatial_pin.formats.mechanism_file import MechanismSpec, mechanism_of
 from spatial_pin.formats.toml_files import parse_toml
-from spatial_pin.formats.xacro.dimensions import arguments
+from spatial_pin.formats.urdf.validation import end_of
+from spatial_pin.formats.xacro.arguments import arguments
+from spatial_pin.formats.xacro.parsing import parse_urdf
 from spatial_pin.mechanism.mechanism import Mechanism
+
+LISTS = ("closures", "springs")
+TABLES = ("joints", "frames", "guess")
+SAME = "that is the same"
+
+
+def merged(own: Mapping[str, Any], stated: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
+    """Return the content of both, and what was left out, a sentence each.
+
+    Args:
+        own: what the mechanism file says, as `tomllib` reads it.
+        stated: what the file of its tree says beside the tree.
+
+    Returns:
+        The mechanism file's keys; a loop of the tree's file too, unless the mechanism file has a
+        closure of that name or between the same frames; its drivers, unless the mechanism file
+        names any.
+    """
+    both, notices = {**stated, **own}, []
+    for key in LISTS:
+        mine = own.get(key, [])
+        others = []
+        for entry in stated.get(key, ()):
+            reason = _replaced(entry, mine)
+            if reason == SAME:
+                continue
+            if reason:
+                notices.append(f"{key}: {entry['name']!r} ({entry.get('source') or 'of the tree'}) "
+                               f"is left out: the mechanism file has one {reason}")
+            else:
+                others.append(entry)
+        if others and isinstance(mine, list):
+            both[key] = [*mine, *others]
+    for key in TABLES:
+        mine = own.get(key, {})
+        if isinstance(mine, dict) and stated.get(key):
+            both[key] = {**stated[key], **mine}
+    for name, table in stated.get("joints", {}).items():
+        mine = both["joints"].get(name) if isinstance(both.get("joints"), dict) else None
+        if isinstance(mine, dict) and "type" not in mine:
+            both["joints"][name] = {**table, **mine}
+    return both, notices
+
+
+def _replaced(entry: Mapping[str, Any], mine: Any) -> str:
+    """Return why an entry gives way to one of the mechanism file's, "" where it does not."""
+    for other in mine if isinstance(mine, list) else ():
+        if isinstance(other, dict) and other.get("name") == entry["name"]:
+            same = all(other.get(key) == entry.get(key) for key in ("type", "frames", "joints"))
+            return SAME if same else "of that name"
+        frames = other.get("frames") if isinstance(other, dict) else None
+        if isinstance(frames, list) and frames in (entry.get("frames"),
+                                                   entry.get("frames", [])[::-1]) and frames:
+            return f"between the same frames: {other.get('name')!r}"
+    return ""
+
+
+ROOT_JOINT = "root_joint"  # as Pinocchio names it
+GROUNDS = ("world", "ground")  # names of the link that stands still, the first that is free
+
+
+def with_free_flyer(urdf: str, path: Path, refined: Container[str] = ()) -> str:
+    """Return URDF text in which a floating joint carries the root link.
+
+    A new link, `world`, becomes the root (`ground` where a link has that name): closures to what
+    stands still name it. What a file fixes to its root link goes with it.
+
+    Args:
+        urdf: plain URDF text of a tree.
+        path: where it comes from, for errors.
+        refined: names of floating joints that are another pair in truth.
+
+    Raises:
+        MechanismFileError: all that the root carries floats already.
+    """
+    robot = parse_urdf(urdf, path)
+    joints, links = robot.findall("joint"), robot.findall("link")
+    children = {end_of(joint, "child") for joint in joints}
+    roots = [link for link in links if link.get("name", "") not in children]
+    where = f"{shown(path)}: free_flyer=True"
+    if not roots:
+        return urdf  # no tree: told by whoever reads it
+    root = roots[0].get("name", "")
+    if len(roots) > 1:
+        names = ", ".join(link.get("name", "") for link in roots)
+        raise MechanismFileError(f"{where}: several links have no parent: {names}; join those that "
+                                 "float together by a fixed joint")
+    on_root = [joint for joint in joints if end_of(joint, "parent") == root]
+    if on_root and roots[0].find("inertial") is None and all(
+            x.get("type") == "floating" and x.get("name", "") not in refined for x in on_root):
+        link, name = end_of(on_root[0], "child"), on_root[0].get("name")
+        raise MechanismFileError(
+            f"{where}: link {link!r} floats on joint {name!r} already; leave free_flyer out")
+    if ROOT_JOINT in {joint.get("name") for joint in joints}:
+        raise MechanismFileError(f"{where}: there is a joint {ROOT_JOINT!r} already; rename it")
+    taken = {link.get("name") for link in links}
+    numbered = (f"{GROUNDS[-1]}_{k}" for k in range(len(taken) + 1))
+    ground = next(name for name in (*GROUNDS, *numbered) if name not in taken)
+    joint = ET.Element("joint", name=ROOT_JOINT, type="floating")
+    ET.SubElement(joint, "parent", link=ground)
+    ET.SubElement(joint, "child", link=root)
+    robot.insert(0, ET.Element("link", name=ground))
+    robot.insert(1, joint)
+    return ET.tostring(robot, encoding="unicode")
 
 
 def list_mechanisms() -> list[str]:
@@ -205,19 +308,20 @@ def _find(source: str | Path) -> Path:
 
 def _load_toml(request: Request) -> Mechanism:
     path, faults = request.path, Faults()
-    top = Table(parse_toml(read_text(path), path), str(path))
+    top = TomlTable(parse_toml(read_text(path), path), str(path))
     mistakes = Mistakes(str(path))
     with mistakes.each():
         file = _tree_of(top, request)
-        importer = importer_of(file) or urdf_importer.IMPORTER
+        importer = importer_of(file) or IMPORTERS["urdf"]
         complete = top.flag("complete")
         request = _choosing_model(request, file, importer)
         tree = importer.read(replace(request, path=file, complete=complete,
                                      alone=not complete and "closures" not in top))
-        stated = without_loops_and_motors(tree.content) if complete else tree.content
+        stated = {key: x for key, x in tree.content.items()
+                  if not complete or key not in (*LISTS, "drivers", "passive", "guess")}
         content, left_out = merged(top.content, stated)
     if mistakes:
-        Said(top, mistakes)
+        MechanismSpec(top, mistakes)
         mistakes.tell()
     for notice in (*tree.notices, *left_out):
         faults.note(notice)
@@ -244,7 +348,7 @@ def _empty_arguments(request: Request) -> list[str]:
     file = request.path
     try:
         if file.suffix == ".toml":
-            file = _tree_of(Table(parse_toml(read_text(file), file), str(file)), request)
+            file = _tree_of(TomlTable(parse_toml(read_text(file), file), str(file)), request)
         if file.suffix != ".xacro":
             return []
         texts = arguments(file, request.parameters, request.trusted, request.packages)
@@ -253,7 +357,7 @@ def _empty_arguments(request: Request) -> list[str]:
     return [name for name, text in texts.items() if not text.strip()]
 
 
-def _tree_of(top: Table, request: Request) -> Path:
+def _tree_of(top: TomlTable, request: Request) -> Path:
     """Return the file of the tree.
 
     Raises:
@@ -277,7 +381,7 @@ def _told(
         tables = joints if isinstance(joints, dict) else {}
         refined = [name for name, x in tables.items() if isinstance(x, dict) and "type" in x]
         urdf = with_free_flyer(urdf, file, refined)
-    made = mechanism_of(Table(content, str(request.path)), file, urdf, request, faults)
+    made = mechanism_of(TomlTable(content, str(request.path)), file, urdf, request, faults)
     if told := faults.told():
         warn(f"{shown(request.path)}: {told}")
     return made

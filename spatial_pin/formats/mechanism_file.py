@@ -12,32 +12,38 @@ from typing import Any
 import numpy as np
 
 from spatial_pin.errors import MechanismFileError, Mistakes
-from spatial_pin.formats.checked_tables import BELONGS, BETWEEN, TOP, Table, belongs
+from spatial_pin.formats.checked_tables import BELONGS, BETWEEN, TOP, TomlTable, belongs
 from spatial_pin.formats.faults import Faults
+from spatial_pin.formats.file_access import Trust
 from spatial_pin.formats.graph.urdf import without_loops
-from spatial_pin.formats.imported import Request
-from spatial_pin.formats.sources import Trust
-from spatial_pin.formats.urdf.model import LIMITS, RESISTANCES, JointRefinement, Tree, tree_of
-from spatial_pin.formats.xacro.dimensions import Written, dimensions
+from spatial_pin.formats.importers import Request
+from spatial_pin.formats.urdf.urdf_model import (
+    LIMITS,
+    RESISTANCES,
+    JointRefinement,
+    OpenTree,
+    tree_of,
+)
+from spatial_pin.formats.xacro.arguments import Written, dimensions
 from spatial_pin.mechanism.checks import check_mechanism, impossible_inertias
 from spatial_pin.mechanism.coordinates import check_guess
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.named_frames import Frame, add_frames
 from spatial_pin.mechanism.pairs import (
-    CLOSURE_TYPES,
-    COUPLING,
     JOINT_TYPES,
     PAIRS,
+    Key,
     Pair,
     PairGeometry,
     closure_geometry,
+    closure_types,
     hint_at_type,
 )
 from spatial_pin.mechanism.parts import Closure, Driver, Passive, Spring, drivers_of_tree
 
 
-class Said:
-    """What a mechanism file says, read key by key; mistakes are kept.
+class MechanismSpec:
+    """What a mechanism file says, read key by key; mistakes are collected.
 
     Attributes:
         refinements: of the tree's joints.
@@ -45,7 +51,7 @@ class Said:
         is_whole: by key, whether all under it could be read.
     """
 
-    def __init__(self, top: Table, mistakes: Mistakes) -> None:
+    def __init__(self, top: TomlTable, mistakes: Mistakes) -> None:
         self._mistakes = mistakes
         self.is_whole: dict[str, bool] = {}
         for key in ("name", "tree"):
@@ -79,7 +85,7 @@ class Said:
             self.order = top.names("order")
         top.note_strangers(mistakes)
 
-    def _frames(self, top: Table) -> dict[str, Frame]:
+    def _frames(self, top: TomlTable) -> dict[str, Frame]:
         with self._mistakes.each():
             if not isinstance(top.get("frames", {}), list):
                 return self._tables(top, "frames", _frame)
@@ -89,7 +95,9 @@ class Said:
         self.is_whole["frames"] = False
         return {}
 
-    def _tables(self, top: Table, key: str, read: Callable[[str, Table], Any]) -> dict[str, Any]:
+    def _tables(
+        self, top: TomlTable, key: str, read: Callable[[str, TomlTable], Any]
+    ) -> dict[str, Any]:
         """Return what the tables `[KEY.NAME]` that can be read say, by name."""
         found: dict[str, Any] = {}
         before, names = len(self._mistakes), list[str]()
@@ -103,12 +111,12 @@ class Said:
         self.is_whole[key] = len(self._mistakes) == before
         return found
 
-    def _read(self, table: Table, read: Callable[[Table], Any]) -> list[Any]:
+    def _read(self, table: TomlTable, read: Callable[[TomlTable], Any]) -> list[Any]:
         """Return what a table says, if it says it, or would with numbers for those that are none.
 
         Behind a mistake it is read again with a stand-in, for the next one.
         """
-        again: Table | None = table
+        again: TomlTable | None = table
         while again is not None:
             table = again
             with self._mistakes.each():
@@ -119,7 +127,7 @@ class Said:
         table.note_strangers(self._mistakes)
         return []
 
-    def _array(self, top: Table, key: str, read: Callable[[Table], Any]) -> tuple[Any, ...]:
+    def _array(self, top: TomlTable, key: str, read: Callable[[TomlTable], Any]) -> tuple[Any, ...]:
         """Return what the tables `[[KEY]]` that can be read say."""
         found: list[Any] = []
         before, tables = len(self._mistakes), 0
@@ -132,45 +140,43 @@ class Said:
         return tuple(found)
 
 
-def mechanism_of(top: Table, file: Path, urdf: str, request: Request, faults: Faults) -> Mechanism:
+def mechanism_of(
+    top: TomlTable, file: Path, urdf: str, request: Request, faults: Faults
+) -> Mechanism:
     """Return the mechanism of the expanded URDF of `file` and the table of the file asked for.
 
     Raises:
         MechanismFileError: it is none; has all mistakes that could be found at once.
     """
     mistakes = Mistakes(top.where)
-    said = Said(top, mistakes)
-    if not said.is_whole["joints"]:
+    spec = MechanismSpec(top, mistakes)
+    if not spec.is_whole["joints"]:
         mistakes.tell()  # what the tree is, is not known
     with mistakes.each():
-        cut = without_loops(urdf, top.content, said.refinements, file, faults)
+        cut = without_loops(urdf, top.content, spec.refinements, file, faults)
         if cut is not None:
             mistakes.tell()
             for notice in cut.notices:
                 faults.note(notice)
-            urdf, top = cut.urdf, Table(cut.content, top.where)
-            said = Said(top, mistakes)
+            urdf, top = cut.urdf, TomlTable(cut.content, top.where)
+            spec = MechanismSpec(top, mistakes)
         trust = Trust.of(file, request.packages, request.trusted)
-        tree = tree_of(urdf, file, said.refinements, faults, trust, said.order, top.where)
-        if said.gravity is not None:
-            tree.model.gravity.linear = said.gravity
-        return _build(top, tree, said, file, request, faults, mistakes)
+        tree = tree_of(urdf, file, spec.refinements, faults, trust, spec.order, top.where)
+        if spec.gravity is not None:
+            tree.model.gravity.linear = spec.gravity
+        return _build(top, tree, spec, file, request, faults, mistakes)
     mistakes.tell()
     raise AssertionError  # a mistake was kept
 
 
 def _build(
-    top: Table, tree: Tree, said: Said, file: Path, request: Request, faults: Faults,
-    mistakes: Mistakes,
+    top: TomlTable, tree: OpenTree, spec: MechanismSpec, file: Path, request: Request,
+    faults: Faults, mistakes: Mistakes,
 ) -> Mechanism:
-    where, parts = str(request.path), said.parts
-    if said.is_whole["frames"]:
+    where, parts = str(request.path), spec.parts
+    if spec.is_whole["frames"]:
         add_frames(tree.model, parts["frames"], where)
-    mimics = tuple(
-        Closure(f"mimic_{joint}", COUPLING, joints=(source, joint), ratio=ratio, offset=offset)
-        for joint, source, ratio, offset in tree.mimics
-    )
-    parts["closures"] = (*parts["closures"], *mimics)
+    parts["closures"] = (*parts["closures"], *tree.mimics)
     if "drivers" not in top:
         joints = dict(zip(list(tree.model.names)[1:], tree.pairs, strict=True))
         parts["drivers"] = drivers_of_tree(joints, parts["closures"])
@@ -181,24 +187,19 @@ def _build(
         parts["guess"] = written.values()
     mechanism = Mechanism(
         name=top.content.get("name", ""), tree=file, model=tree.model,
-        visual_model=tree.shapes.visual,
-        collision_model=tree.shapes.collision, pairs=tree.pairs, inertias=tree.inertias,
+        visual_model=partial(tree.shapes, "visual"),
+        collision_model=partial(tree.shapes, "collision"), pairs=tree.pairs, inertias=tree.inertias,
         parameters=dict(request.parameters), path=request.path, urdf=tree.urdf,
         slip_speeds=tree.slip_speeds, trusted=request.trusted, packages=request.packages,
         free_flyer=request.free_flyer, model_of_file=request.model, without=request.without,
         **parts,
     )
     mechanism.characteristic_length  # noqa: B018 - refused here where it is no number
-    if said.is_whole["frames"]:  # else names of those are missing
+    if spec.is_whole["frames"]:  # else names of those are missing
         check_mechanism(mechanism, where, mistakes)
-        if said.is_whole["drivers"]:
+        if spec.is_whole["drivers"]:
             _check_guess(mechanism, where, mistakes)
     mistakes.tell()
-    _judge_inertias(mechanism, faults)
-    return mechanism.with_fields(notices=faults.notices())
-
-
-def _judge_inertias(mechanism: Mechanism, faults: Faults) -> None:
     found = impossible_inertias(mechanism)
     for kind, links in (
         ("below zero, which no body has: motion is computed, forces are refused", found.negative),
@@ -207,6 +208,7 @@ def _judge_inertias(mechanism: Mechanism, faults: Faults) -> None:
     ):
         for link, words in links.items():
             faults.note(kind, f"link {link!r}: {words}")
+    return mechanism.with_fields(notices=faults.notices())
 
 
 def _check_guess(mechanism: Mechanism, where: str, mistakes: Mistakes) -> None:
@@ -222,7 +224,7 @@ def _check_guess(mechanism: Mechanism, where: str, mistakes: Mistakes) -> None:
             check_guess(mechanism, where, {key: value})
 
 
-def _refinement(table: Table) -> JointRefinement:
+def _refinement(table: TomlTable) -> JointRefinement:
     resistances = {key: table.numbers(key, least=0.0) for key in RESISTANCES if key in table}
     if np.any(resistances.get("slip_speed", 1.0) == 0.0):
         table.fail("slip_speed", "is 0; dry friction needs a speed at which it is nearly whole")
@@ -241,7 +243,7 @@ def _refinement(table: Table) -> JointRefinement:
     )
 
 
-def _lead(table: Table) -> float:
+def _lead(table: TomlTable) -> float:
     """Return the lead of a screw, which is not zero."""
     lead = table.number("lead")
     if lead == 0.0:
@@ -250,26 +252,34 @@ def _lead(table: Table) -> float:
     return lead
 
 
-def _closure(table: Table) -> Closure:
+def _closure(table: TomlTable) -> Closure:
     name = table.text("name")
     table.where += f" ({name!r})"
-    kind, source = table.choice("type", CLOSURE_TYPES, hint_at_type), table.text("source", "")
-    if kind == COUPLING:
-        closure = Closure(name, kind, source=source, joints=table.two_names("joints"),
-                          ratio=table.number("ratio", 1.0), offset=table.number("offset", 0.0))
-        if closure.ratio == 0.0:
-            table.fail("ratio", "is zero; lock the joint instead")
-    else:
-        is_distance = PAIRS[kind].uses_length
-        closure = Closure(name, kind, source=source, frames=table.two_names("frames"),
-                          between=_between(table) if is_distance else (),
-                          geometry=_geometry(table, PAIRS[kind]))
-        if "equations" in table:
-            closure = replace(closure, equations=table.places("equations", closure.n_rows))
+    kind = table.choice("type", closure_types(), hint_at_type)
+    pair, parts = PAIRS[kind], dict[str, Any](source=table.text("source", ""))
+    if pair.n_frames:
+        parts["frames"] = table.some_names("frames", pair.n_frames)
+    if pair.n_joints:
+        parts["joints"] = table.some_names("joints", pair.n_joints)
+    numbers = {key.name: _number(table, key) for key in pair.keys}
+    closure = Closure(name, kind, numbers=numbers, geometry=_geometry(table, pair),
+                      between=_between(table) if pair.uses_length else (), **parts)
+    if pair.n_frames and "equations" in table:
+        closure = replace(closure, equations=table.places("equations", closure.n_rows))
     return closure
 
 
-def _between(table: Table) -> tuple[str, ...]:
+def _number(table: TomlTable, key: Key) -> Any:
+    """Return a number of a closure, or a list of numbers (n,)."""
+    if key.is_list:
+        return table.numbers(key.name)
+    value = table.number(key.name) if key.default is None else table.number(key.name, key.default)
+    if value == 0.0 and key.no_zero:
+        table.fail(key.name, f"is zero; {key.no_zero}")
+    return value
+
+
+def _between(table: TomlTable) -> tuple[str, ...]:
     """The two frames whose distance is the length of a distance, if it has no other."""
     if BETWEEN not in table:
         return ()
@@ -278,7 +288,7 @@ def _between(table: Table) -> tuple[str, ...]:
     return table.two_names(BETWEEN)
 
 
-def _geometry(table: Table, pair: Pair) -> PairGeometry:
+def _geometry(table: TomlTable, pair: Pair) -> PairGeometry:
     axis = table.axis("axis") if pair.uses_axis and "axis" in table else None
     axis2 = table.axis("axis2") if pair.uses_axis2 and "axis2" in table else None
     length = 0.0
@@ -291,7 +301,7 @@ def _geometry(table: Table, pair: Pair) -> PairGeometry:
     return closure_geometry(pair, axis, axis2, length=length, lead=lead)
 
 
-def _spring(table: Table) -> Spring:
+def _spring(table: TomlTable) -> Spring:
     name = table.text("name")
     if ("joint" in table) == ("frames" in table):
         table.end("frames", "or joint: a spring needs exactly one of the two")
@@ -309,7 +319,7 @@ def _spring(table: Table) -> Spring:
     )
 
 
-def _frame(name: str, table: Table) -> Frame:
+def _frame(name: str, table: TomlTable) -> Frame:
     link = table.text("link")
     given = {key: tuple(table.vector(key).tolist()) for key in ("xyz", "rpy") if key in table}
     return Frame(name, link, **given)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats.sources import shown
+from spatial_pin.formats.file_access import shown
 
 DEEPEST_KEY = 8  # names in a key; a mechanism file needs three
 _TEXTS = re.compile(  # texts and comments, in which dots mean nothing

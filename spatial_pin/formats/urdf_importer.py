@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from pathlib import Path
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats.dialects import Reading, read_dialects
-from spatial_pin.formats.dialects.beside import gepetto
-from spatial_pin.formats.dialects.unknown import refuse_unread
-from spatial_pin.formats.imported import Imported, Importer, Request
-from spatial_pin.formats.sources import read_text
-from spatial_pin.formats.urdf.checks import end_of
-from spatial_pin.formats.urdf.elements import local
-from spatial_pin.formats.urdf.leaving_out import leave_out
+from spatial_pin.formats.dialects import RobotReading, read_dialects, yaml_loops
+from spatial_pin.formats.dialects.registry import refuse_unread
+from spatial_pin.formats.file_access import Trust, read_text, shown
+from spatial_pin.formats.importers import Imported, Request
+from spatial_pin.formats.urdf.elements import leave_out, local
+from spatial_pin.formats.urdf.validation import end_of
 from spatial_pin.formats.xacro.expansion import expand
-from spatial_pin.formats.xacro.parsing import ROOT, parse_urdf
+from spatial_pin.formats.xacro.parsing import ROOT, parse_urdf, parse_xml
 
 WORLD = "world"
 
@@ -30,17 +29,6 @@ def is_urdf(path: Path) -> bool:
     except MechanismFileError:  # in an encoding that other formats may know
         return False
     return root is not None and root[0].endswith("<robot")
-
-
-def _put_world(robot: ET.Element) -> list[str]:
-    """Put in the link `world` where something hangs on it that nothing defines, as Drake has it."""
-    links = {link.get("name") for link in robot.findall("link")}
-    named = {end_of(x, "parent") for x in robot.iter() if local(x) == "joint"}
-    named |= {x.get("name", "") for x in robot.iter() if local(x).endswith(("_body_A", "_body_B"))}
-    if WORLD in links or WORLD not in named:
-        return []
-    robot.insert(0, ET.Element("link", name=WORLD))
-    return [f"link {WORLD!r} is not defined: it is what stands still"]
 
 
 def read_urdf(request: Request, beside: Path | None = None) -> Imported:
@@ -62,15 +50,98 @@ def read_urdf(request: Request, beside: Path | None = None) -> Imported:
     if request.path.suffix != ".xacro" and (written := re.search(r"\$\{[^}]*\}", before)):
         notices.append(f"{written[0]} stands in it as it is written: xacro puts values in, where "
                        "the file's name ends in .urdf.xacro")
-    reading = Reading(robot, request.path, notices=[*notices, *_put_world(robot)])
+    links = {link.get("name") for link in robot.findall("link")}
+    named = {end_of(x, "parent") for x in robot.iter() if local(x) == "joint"}
+    named |= {x.get("name", "") for x in robot.iter() if local(x).endswith(("_body_A", "_body_B"))}
+    if WORLD in named - links:  # as Drake has it
+        robot.insert(0, ET.Element("link", name=WORLD))
+        notices.append(f"link {WORLD!r} is not defined: it is what stands still")
+    reading = RobotReading(robot, request.path, notices=notices)
     if request.complete:
         refuse_unread(reading)
     else:
         read_dialects(reading, beside)
     if request.alone and not reading.content.get("closures"):
-        gepetto.tell_unstated(reading)
+        yaml_loops.tell_unstated(reading)
     after = ET.tostring(reading.robot, encoding="unicode")
     return Imported(text if after == before else after, reading.content, tuple(reading.notices))
 
 
-IMPORTER = Importer("URDF or xacro", (".urdf", ".xacro", ".xml"), is_urdf, read_urdf)
+FOLDERS = ("", "urdf", "robots")  # where in a folder, or package, its URDF lies
+
+
+def is_statement(path: Path) -> bool:
+    """Return whether a YAML file states the loops of a URDF."""
+    return yaml_loops.is_closures(path) or yaml_loops.is_robot(path)
+
+
+def read_folder(request: Request) -> Imported:
+    """Read the robot of a folder: that of its `robot.yaml`, or of its only one, or its only URDF.
+
+    Raises:
+        MechanismFileError: there is none, or several and none is named `robot` or as the folder.
+    """
+    folder, trust = request.path, _trust(request)
+    stated = [p for ending in yaml_loops.ENDINGS for p in sorted(folder.glob(f"*{ending}"))
+              if trust.allows(p) and yaml_loops.is_robot(p)]
+    chosen = stated if len(stated) == 1 else [p for p in stated if p.stem == "robot"][:1]
+    urdf = yaml_loops.urdf_of(chosen[0], trust) if chosen else _only(folder, trust)
+    return _read(urdf, request, folder.resolve().name, chosen[0] if chosen else None)
+
+
+def read_statement(request: Request) -> Imported:
+    """Read the robot of a YAML file.
+
+    Raises:
+        MechanismFileError: it is about no file that is there.
+    """
+    path = request.path
+    if yaml_loops.is_closures(path):
+        folder = path.parent.parent if path.parent.name == "config" else path.parent
+        trust = Trust.of(folder, request.packages, request.trusted)
+        urdf, name = _only(folder, trust), folder.resolve().name
+    else:
+        urdf = yaml_loops.urdf_of(path, _trust(request))
+        name = path.resolve().parent.name if path.stem == "robot" else path.stem
+    return _read(urdf, request, name, path)
+
+
+def _read(urdf: Path, request: Request, name: str, statement: Path | None = None) -> Imported:
+    imported = read_urdf(replace(request, path=urdf), statement)
+    robot = parse_xml(imported.urdf, urdf)
+    for mesh in robot.iter("mesh"):
+        file = mesh.get("filename", "")
+        if file and "://" not in file:  # relative to the URDF, not to what was asked for
+            mesh.set("filename", str(urdf.resolve().parent / file))
+    return Imported(ET.tostring(robot, encoding="unicode"), {"name": name, **imported.content},
+                    imported.notices)
+
+
+def _trust(request: Request) -> Trust:
+    return Trust.of(request.path, request.packages, request.trusted)
+
+
+def _candidates(folder: Path, trust: Trust) -> list[Path]:
+    """Return the URDFs of a folder, those of the first place that has any."""
+    for place in FOLDERS:
+        found = sorted(p for p in (folder / place).glob("*.urdf") if trust.allows(p))
+        if found:
+            return found
+    return []
+
+
+def _only(folder: Path, trust: Trust) -> Path:
+    """Return the URDF that is meant by a folder."""
+    found = _candidates(folder, trust)
+    names = ("robot", folder.resolve().name)
+    chosen = found if len(found) == 1 else [p for p in found if p.stem in names][:1]
+    if not chosen:
+        listed = ", ".join(p.name for p in found) or "none"
+        raise MechanismFileError(f"{shown(folder)}: which .urdf is meant? There are: {listed}; "
+                                 "load one of them by its own path")
+    return chosen[0]
+
+
+def has_urdf(folder: Path) -> bool:
+    """Return whether there is a URDF in a folder."""
+    return bool(_candidates(folder, Trust.of(folder)))

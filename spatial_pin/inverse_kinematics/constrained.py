@@ -354,7 +354,8 @@ class Lagrangian:
         motions, slope = self.motions, self._rows @ self.motions.T
         curvature = self.changes(motions) @ motions.T
         sizes, ways = np.linalg.eigh(0.5 * (curvature + curvature.T))
-        parts = float(np.linalg.norm(slope, ord=2)) ** 2  # what the residuals' bending may cancel
+        # what the residuals' bending may cancel; NumPy 2.0 has no norm of an empty matrix
+        parts = float(np.linalg.norm(slope, ord=2)) ** 2 if slope.size else 0.0
         most = max(parts, float(np.abs(sizes).max(initial=0.0)))
         curved = np.abs(sizes) > max(TOLERANCES.half_precision * most, self.least)
         return sizes[curved], ways.T[curved] @ motions

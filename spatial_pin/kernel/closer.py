@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.kernel.kernel import Kernel, check
 from spatial_pin.kernel.library import INT, POINTER, REAL, address
+from spatial_pin.mechanism.equations import Cosine
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -193,7 +193,7 @@ class Closer:
         self._value = np.empty(kernel.nq)
         self._said = np.empty(kernel.nq, np.int64)
         self.knows_mirrors = rotations.shape[1] == sum(
-            c.type != COUPLING and bool(c.pair.aligned) for c in mechanism.closures)
+            bool(c.pair.aligned) for c in mechanism.closures)
         self._at_q, self._at_first, self._at_free, *self._at, self._at_turns = (
             address(x) for x in (self._q, self._first, self._free, self._pinned, self._reference))
         meant = MeantPlaces(address(self._value), address(self._said))
@@ -361,9 +361,9 @@ def _rotations(mechanism: Mechanism) -> Iterator[tuple[int, int]]:
     """Yield, per closure, its first equation of directions and how many axes these align."""
     at = 0
     for closure in mechanism.closures:
-        if closure.type == COUPLING:
+        if not closure.frames:
             continue
-        rows = at + np.flatnonzero([row.w is not None for row in closure.rows])
+        rows = at + np.flatnonzero([isinstance(row.first, Cosine) for row in closure.rows])
         at += closure.n_rows
         axes = AGREEING.get(closure.pair.aligned, 0)
         if axes and len(rows) == EQUATIONS[axes]:

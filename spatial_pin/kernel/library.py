@@ -16,6 +16,7 @@ CODES = ("done", "arrays that do not fit together", "no memory left", "a singula
          "not converged", "an unsafe step", "not finite")
 DONE, BAD_ARRAYS, SINGULAR, UNSAFE, NOT_FINITE = 0, 1, 3, 5, 6  # of them
 INT, REAL, POINTER = ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
+TYPES: dict[str, Any] = {"int": ctypes.c_int, "Int": INT, "Real": REAL, "void": None}
 REMEDY = "install the package with pip, or run `python scripts/build_kernel.py` in its source tree"
 
 _ENTRY = ctypes.c_double()
@@ -71,83 +72,13 @@ def library() -> ctypes.CDLL:
 
 
 def _declared(found: ctypes.CDLL) -> ctypes.CDLL:
-    """Tell what the functions take, and return the library."""
-    found.kernel_destroy.restype = None
-    found.kernel_destroy.argtypes = [POINTER]
-    found.kernel_create.argtypes = [POINTER, INT, POINTER, INT, POINTER]
-    found.kernel_set_numbers.argtypes = [POINTER, POINTER, INT]
-    found.kernel_evaluate.argtypes = [POINTER] * 10
-    found.kernel_evaluate_all.restype = None
-    found.kernel_evaluate_all.argtypes = [POINTER, INT, *[POINTER] * 4]
-    found.kernel_integrate.restype = None
-    found.kernel_integrate.argtypes = [POINTER, INT, POINTER, POINTER]
-    found.kernel_solve.argtypes = [POINTER] * 4
-    found.system_set.argtypes = [POINTER, POINTER, INT, POINTER, INT, POINTER, INT]
-    found.rates_create.argtypes = [POINTER, POINTER, INT, POINTER]
-    found.rates_place.argtypes = [*[POINTER] * 4, INT, POINTER, INT, POINTER]
-    found.rates_solve.argtypes = [*[POINTER] * 4, INT, POINTER, INT, INT, *[POINTER] * 6]
-    found.rates_columns.argtypes = [POINTER, INT, POINTER]
-    found.rates_acceleration.argtypes = found.rates_answer.argtypes = [POINTER] * 4
-    found.rates_jacobian.argtypes = [POINTER, INT, INT, *[POINTER] * 3]
-    found.regular_beside.argtypes = [*[POINTER] * 4, INT, POINTER, INT, POINTER]
-    found.closer_create.argtypes = [POINTER, POINTER, INT, POINTER, INT, POINTER]
-    found.closer_close.restype = found.closer_judge.restype = found.closer_descend.restype = None
-    found.closer_close.argtypes = [*[POINTER] * 6, REAL, REAL, INT, REAL, POINTER, POINTER]
-    found.closer_reach.argtypes = [POINTER, POINTER]
-    found.closer_judge.argtypes = [POINTER] * 7
-    found.closer_examine.argtypes = [POINTER] * 6
-    found.closer_descend.argtypes = [POINTER, INT, POINTER, POINTER, REAL, INT, POINTER]
-    found.dimensions_close.argtypes = [POINTER, POINTER, POINTER, INT, POINTER]
-    found.dimensions_evaluate.argtypes = [POINTER, POINTER, INT, *[POINTER] * 7]
-    found.path_create.argtypes = [POINTER] * 3
-    found.path_destroy.restype = None
-    found.path_destroy.argtypes = [POINTER]
-    found.path_start.argtypes = [POINTER, POINTER, POINTER, INT]
-    found.path_follow.restype = INT
-    found.path_follow.argtypes = [POINTER, POINTER, INT, POINTER, POINTER]
-    found.path_from_guess.restype = INT
-    found.path_from_guess.argtypes = [POINTER] * 4
-    found.path_stand.restype = REAL
-    found.path_stand.argtypes = [POINTER] * 2
-    found.path_go.argtypes = [POINTER, REAL]
-    found.path_prescribe.argtypes = [POINTER, REAL, INT, INT, POINTER, POINTER]
-    found.kkt_create.argtypes = [POINTER, POINTER, INT, INT, INT, REAL, POINTER]
-    found.kkt_accelerations.argtypes = [POINTER] * 10
-    found.kkt_solve.restype, found.kkt_solve.argtypes = None, [POINTER, INT, *[POINTER] * 4]
-    found.kkt_entries.restype, found.kkt_entries.argtypes = INT, [POINTER] * 4
-    found.kkt_chosen.restype, found.kkt_chosen.argtypes = INT, [POINTER, POINTER]
-    found.tree_create.argtypes = [POINTER] * 3
-    found.tree_motion.restype, found.tree_motion.argtypes = None, [POINTER] * 8
-    found.tree_jacobian.restype, found.tree_jacobian.argtypes = None, [POINTER] * 2
-    found.tree_forces.restype, found.tree_forces.argtypes = None, [POINTER] * 7
-    found.tree_masses.restype, found.tree_masses.argtypes = None, [POINTER] * 4
-    found.tree_eliminate.argtypes = [POINTER] * 7
-    found.tree_respond.restype, found.tree_respond.argtypes = REAL, [POINTER] * 3
-    found.tree_accelerations.restype, found.tree_accelerations.argtypes = None, [POINTER] * 5
-    _declare_dynamics(found)
+    """Tell what the functions take and return, as C says it, and return the library."""
+    text = ctypes.c_char_p.in_dll(found, "kernel_prototypes").value or b""
+    for prototype in text.decode().splitlines():
+        head, _, arguments = prototype.partition("(")
+        *returned, name = head.split()
+        function = getattr(found, name)
+        function.restype = TYPES[returned[-1]]
+        function.argtypes = [POINTER if "*" in x else TYPES.get(x.split()[-2], POINTER)
+                             for x in arguments.rstrip(")").split(",")]
     return found
-
-
-def _declare_dynamics(found: ctypes.CDLL) -> None:
-    found.integrator_destroy.restype, found.integrator_destroy.argtypes = None, [POINTER]
-    found.dynamics_create.argtypes = [POINTER, POINTER, INT, POINTER, INT, POINTER, POINTER]
-    found.dynamics_begin.argtypes = [*[POINTER] * 6, INT]
-    found.dynamics_renew.argtypes = [POINTER, REAL, *[POINTER] * 3]
-    found.dynamics_rates.argtypes = [POINTER, REAL, POINTER, POINTER]
-    found.dynamics_place.argtypes = [POINTER, REAL, *[POINTER] * 5]
-    found.dynamics_samples.argtypes = [POINTER, INT, *[POINTER] * 3]
-    found.dynamics_crossed.argtypes = [POINTER, REAL, REAL, POINTER, INT]
-    found.dynamics_crossed.restype = INT
-    found.dynamics_keep.argtypes = found.dynamics_pivot.argtypes = [POINTER]
-    found.dynamics_heaviest.argtypes = [POINTER]
-    found.dynamics_free.argtypes, found.dynamics_free.restype = [POINTER] * 2, None
-    found.dynamics_settle.argtypes = [POINTER, REAL, *[POINTER] * 3]
-    for count in (found.dynamics_evaluations, found.dynamics_factorisations):
-        count.argtypes, count.restype = [POINTER], INT
-    found.dynamics_keep.restype = found.dynamics_pivot.restype = REAL
-    found.dynamics_heaviest.restype = REAL
-    found.integrator_create.argtypes = [INT, INT, POINTER, POINTER, REAL, POINTER, REAL, REAL,
-                                        REAL, REAL, POINTER, POINTER]
-    found.integrator_step.argtypes = [POINTER]
-    found.integrator_between.argtypes = [POINTER, POINTER, INT, POINTER]
-    found.integrator_run.argtypes = [POINTER] * 3

@@ -7,6 +7,7 @@ its local z axis.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import accumulate, pairwise
 from typing import Any, NamedTuple
 
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import made_anew, made_once
 from spatial_pin.constraints.compiled_equations import Constraints, constraints_of
+from spatial_pin.constraints.composed_equations import Equation, Factor
 from spatial_pin.constraints.composite_joints import split_of
 from spatial_pin.constraints.product_vectors import Term
 from spatial_pin.constraints.tree_arrays import TreeArrays
@@ -22,6 +24,8 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 
 Ints = NDArray[np.int64]
+PRODUCT, SUM, IDLE = range(3)  # kinds of equations, see `kernel.h`
+QUANTITIES = ("product", "coordinate", "angle")  # kinds, in the order of `kernel.h`
 
 
 class Parts(NamedTuple):
@@ -95,24 +99,30 @@ def _packed(mechanism: Mechanism, idle: bool) -> Packed:
     tree = TreeArrays(model)
     vectors = _VectorTable(tree.frames, carriers)
     products = _products(constraints, vectors)
-    kinds, ints, reals, patterns = _equations(constraints)
     n_idle = constraints.n_passive if idle else 0
     n = constraints.n_closure + n_idle
-    kinds, ints, reals, patterns = kinds[:n], ints[:n], reals[:n], patterns[:n]
+    sums = _Sums(constraints.equations[:n])
+    patterns = [np.flatnonzero(row) for row in constraints.occurring[:n]]
+    kinds = [SUM if e.terms else PRODUCT for e in constraints.equations[: constraints.n_closure]]
+    product = [-1 if e.terms else e.products[0] for e in constraints.equations[:n]]
     starts = np.cumsum([0] + [len(p) for p in patterns])
     turns = _turns(constraints)
     head = [model.njoints, model.nq, model.nv, len(vectors.body), len(constraints.constants),
             constraints.n_closure, n_idle, constraints.n_angles,
-            len(products.support), starts[-1], len(turns.q)]
+            len(products.support), starts[-1], len(turns.q), len(sums.numbers),
+            len(sums.kinds), len(sums.functions)]
+    sines = [x.sine for x in constraints.angles]
     return Packed(
         _joined(np.int64, head, tree.kind, tree.parent, tree.iq, tree.iv, vectors.body,
                 vectors.flag, products.a_term, products.b_term, products.x_term,
-                products.start, products.support, kinds, ints, starts, *patterns, turns.start,
-                turns.q),
+                products.start, products.support, kinds, [IDLE] * n_idle, product,
+                [(x, x + 1) for x in sines], sums.terms, sums.factors, sums.kinds, sums.places,
+                sums.function, sums.shapes, starts, *patterns, turns.start, turns.q),
         _joined(float, tree.rotation, tree.translation, tree.pitch, tree.mass, tree.com,
                 tree.inertia, model.gravity.linear, mechanism.velocity_scale, vectors.local,
                 products.a_factor, products.b_factor, products.x_factor, constraints.constants,
-                constraints.factors, products.sign, reals, turns.offset, turns.sign),
+                constraints.factors, products.sign, turns.offset, turns.sign, sums.numbers,
+                *sums.functions),
         tree.frames, carriers, np.array(vectors.fixed_in, np.int64),
         np.array(vectors.flag, bool))
 
@@ -218,20 +228,46 @@ def _turns(constraints: Constraints) -> _Turns:
         (float, signs))))
 
 
-def _equations(constraints: Constraints) -> tuple[Ints, Ints, Array, list[Ints]]:
-    """Return kinds (n,), integers (n, 4), numbers (n, 3) and patterns of all equations.
+class _Sums:
+    """Arrays of equations that are sums of terms, see `kernel.h`.
 
-    The integers are products, then (q, v) of coordinates, then the angle.
+    Attributes:
+        terms, factors: where the terms of an equation and the quantities of a term begin.
+        numbers: of terms.
+        kinds, places, function: of quantities; the number of their function, or -1.
+        shapes, functions: of piecewise polynomials; their numbers.
     """
-    n = len(constraints.equations)
-    kinds, ints, reals = np.zeros(n, np.int64), np.full((n, 4), -1, np.int64), np.zeros((n, 3))
-    patterns = []
-    for at, e in enumerate(constraints.equations):
-        places = [*e.products, *(x for c in e.coordinates for x in (c.q, c.v)),
-                  *([e.angle] if e.angle >= 0 else [])]
-        kinds[at], ints[at, : len(places)], reals[at, : len(e.numbers)] = (
-            e.kind.code, places, e.numbers)
-        moved = np.any(constraints.signs[list(e.products)] != 0.0, axis=0)
-        moved[[c.v for c in e.coordinates]] = True
-        patterns.append(np.flatnonzero(moved))
-    return kinds, ints, reals, patterns
+
+    def __init__(self, equations: Sequence[Equation]) -> None:
+        self.terms, self.factors = [0], [0]
+        self.numbers: list[float] = []
+        self.kinds: list[int] = []
+        self.places: list[tuple[int, int]] = []
+        self.function: list[int] = []
+        self.shapes: list[tuple[int, ...]] = []
+        self.functions: list[Array] = []
+        for equation in equations:
+            for number, factors in equation.terms:
+                self.numbers.append(number)
+                for factor in factors:
+                    self._add(equation, factor)
+                self.factors.append(len(self.kinds))
+            self.terms.append(len(self.numbers))
+
+    def _add(self, equation: Equation, factor: Factor) -> None:
+        """Add a quantity, and the function of it if there is one."""
+        if factor.kind == "coordinate":
+            coordinate = equation.coordinates[factor.at]
+            place = coordinate.q, coordinate.v
+        else:
+            place = (equation.angles[factor.at][0] if factor.kind == "angle"
+                     else equation.products[factor.at]), 0
+        self.kinds.append(QUANTITIES.index(factor.kind))
+        self.places.append(place)
+        f = factor.function
+        self.function.append(-1 if f is None else len(self.shapes))
+        if f is not None:
+            pieces, width = f.coefficients.shape
+            first = sum(map(len, self.functions))
+            self.shapes.append((first, pieces, width - 1, int(f.is_periodic)))
+            self.functions.append(np.concatenate([f.breaks, f.coefficients.ravel(), [f.rise]]))

@@ -10,6 +10,7 @@ It imports nothing of the package: the build runs it before there is one.
 
 from __future__ import annotations
 
+import re
 import sys
 import zlib
 from pathlib import Path
@@ -35,3 +36,13 @@ def source_hash(folder: Path) -> str:
         text = file.read_bytes().replace(b"\r\n", b"\n")
         found = zlib.crc32(f"{file.name} {len(text)}\n".encode() + text, found)
     return f"{found:016x}"
+
+
+def prototypes(folder: Path) -> str:
+    """Return the prototypes of the functions that Python calls, as C has them, one a line."""
+    found = {}
+    for file in c_files(folder, ".c", ".h"):
+        for text in re.findall(r"^EXPORT ([^;{}]*\))\s*[;{]", file.read_text("utf-8"), re.MULTILINE):
+            words = " ".join(text.split())
+            found[words[: words.index("(")].split()[-1].lstrip("*")] = words
+    return "\n".join(found.values())

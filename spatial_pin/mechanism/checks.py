@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +12,6 @@ import pinocchio as pin
 from spatial_pin._support.lazy import made_once
 from spatial_pin.errors import MechanismFileError, Mistakes, SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism, named, point_on_body, rigid_distance
-from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure, Driver, Passive, Spring
 from spatial_pin.numerics.linalg import EPS, Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -95,22 +95,21 @@ def _check_unique(names: Iterable[str], where: str) -> None:
 
 
 def _check_closure(mechanism: Mechanism, closure: Closure, where: str) -> None:
-    if closure.type == COUPLING:
-        _all_named(mechanism.driven_coordinate, closure.joints, f"{where}: joints: ")
-        if closure.joints[0] == closure.joints[1]:
-            raise MechanismFileError(f"{where}: couples {closure.joints[0]!r} with itself")
-        return
+    _all_named(mechanism.driven_coordinate, closure.joints, f"{where}: joints: ")
+    for name in closure.joints:
+        if closure.joints.count(name) > 1:
+            raise MechanismFileError(f"{where}: couples {name!r} with itself")
     ids = _bodies(mechanism, closure.frames, f"{where}: frames: ")
-    if closure.frames[0] == closure.frames[1]:
-        raise MechanismFileError(f"{where}: joins frame {closure.frames[0]!r} with itself")
-    if ids[0] == ids[1]:
-        raise MechanismFileError(
-            f"{where}: frames {closure.frames[0]!r} and {closure.frames[1]!r} are fixed to the "
-            "same body; a closure joins two bodies that can move against each other"
-        )
+    for (name, body), (other, its) in combinations(zip(closure.frames, ids, strict=True), 2):
+        if name == other:
+            raise MechanismFileError(f"{where}: joins frame {name!r} with itself")
+        if body == its:
+            raise MechanismFileError(
+                f"{where}: frames {name!r} and {other!r} are fixed to the same body; a closure "
+                "joins two bodies that can move against each other")
     places = _all_named(
         mechanism.frame_on_joint, closure.between, f"{where}: length_between: ")
-    if set(closure.between) == set(closure.frames):
+    if closure.between and set(closure.between) == set(closure.frames):
         raise MechanismFileError(f"{where}: length_between: its own frames, which says nothing")
     length = rigid_distance(*places) if places else None
     if length is not None and length <= EPS * mechanism.characteristic_length:

@@ -23,10 +23,10 @@ from numpy.typing import ArrayLike
 from spatial_pin._support.checks import finite_number, positive_number, unit_vector
 from spatial_pin.errors import ClosureTypeError, suggestion
 from spatial_pin.mechanism.pairs import (
-    CLOSURE_TYPES,
     COUPLING,
     PAIRS,
     closure_geometry,
+    closure_types,
     hint_at_type,
     unit,
 )
@@ -54,7 +54,7 @@ def __dir__() -> list[str]:
 
 def __getattr__(name: str) -> Any:
     """Say which closure was meant by another word for one."""
-    hint = hint_at_type(name, CLOSURE_TYPES) or suggestion(name, CLOSURE_TYPES)
+    hint = hint_at_type(name, closure_types()) or suggestion(name, closure_types())
     raise AttributeError(f"there is no closure {name!r}; {hint}")
 
 
@@ -451,8 +451,8 @@ def coupling(joint_1: str, joint_2: str, ratio: float = 1.0, offset: float = 0.0
     for joint in (joint_1, joint_2):
         if not isinstance(joint, str):
             raise TypeError(f"a coupling joins two joints by name, not {joint!r}")
-    return Closure(_name(name), COUPLING, joints=(joint_1, joint_2), ratio=factor,
-                   offset=finite_number(offset, "offset"))
+    return Closure(_name(name), COUPLING, joints=(joint_1, joint_2), numbers={
+        "ratio": factor, "offset": finite_number(offset, "offset")})
 
 
 # ---------------------------------------------------------------- of Pinocchio

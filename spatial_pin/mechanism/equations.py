@@ -1,75 +1,156 @@
 """The scalar equations that closures are made of.
 
-With frames 1 and 2 at oM1 and oM2, let d be the vector from origin 1 to origin 2, u a vector
-fixed in frame 1 and w a vector fixed in frame 2. Every primitive is a scalar product of two such
-vectors [Haug1989, 9.4]:
+An equation is a sum of terms: a number times quantities. A quantity is a scalar product of vectors
+that are fixed in two frames, the angle of one frame relative to another, a joint coordinate, or a
+function of one of these. With d the vector from origin i to origin j, u a vector fixed in frame i
+and w a vector fixed in frame j, the scalar products are [Haug1989, 9.4]:
 
-==========  ======================  ============================================
-primitive   equation                meaning
-==========  ======================  ============================================
-point       u . d = 0               origin 2 lies in the plane through 1 normal to u
-dot         u . w = c               angle between two directions
-distance    (d . d - L^2) / 2L = 0  origins are L apart, or as far as two other frames
-screw       u . d = pitch * angle   slide along u proportional to the turn about u
-==========  ======================  ============================================
+===========  ==========  ====================================================
+quantity     value       an equation of it
+===========  ==========  ====================================================
+`Distance`   u . d       origin j lies in the plane through origin i normal to u
+`Cosine`     u . w       the angle between two directions is given
+`Square`     d . d / 2L  the origins are L apart, or as far as two other frames
+===========  ==========  ====================================================
 
-d, u and w are linear in the entries of oM1 and oM2, so that value, Jacobian and higher rates of
-every primitive come from one product rule (`spatial_pin.constraints.closure_equations`). The screw
-adds the relative angle of two directions, a function of two dot products.
+d, u and w are linear in the entries of oMi and oMj, so that value, Jacobian and higher rates of
+every quantity come from one product rule (`spatial_pin.constraints.closure_equations`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
 
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.piecewise import Piecewise
+
+FIRST_TWO = (0, 1)  # frames of a closure that most quantities are of
+
+
+class Distance(NamedTuple):
+    """Component [m] of the vector between two origins along u (3,), in the axes of the first."""
+
+    u: Array
+    frames: tuple[int, int] = FIRST_TWO
+
+
+class Cosine(NamedTuple):
+    """Scalar product of u (3,) in the axes of the first frame and w (3,) in those of the second."""
+
+    u: Array
+    w: Array
+    frames: tuple[int, int] = FIRST_TWO
+
+
+class Square(NamedTuple):
+    """Squared distance of two origins over 2 `length` [m].
+
+    Attributes:
+        length: [m]; None: how far apart the closure's last two frames are in the guess.
+        frames: which.
+    """
+
+    length: float | None
+    frames: tuple[int, int] = FIRST_TWO
+
+
+class Angle(NamedTuple):
+    """Angle [rad] of the second frame relative to the first about their z axes, counting turns.
+
+    Attributes:
+        axes1: (3, 3) x, y, z in columns, in the axes of the first frame.
+        axes2: (3, 3) the same in the axes of the second.
+        frames: which.
+    """
+
+    axes1: Array
+    axes2: Array
+    frames: tuple[int, int] = FIRST_TWO
+
+
+class JointCoordinate(NamedTuple):
+    """A joint coordinate [rad or m]: which of the closure's `joints`."""
+
+    joint: int
+
+
+class FunctionOf(NamedTuple):
+    """A piecewise polynomial of another quantity."""
+
+    function: Piecewise
+    argument: Angle | JointCoordinate
+
+
+ScalarProduct = Distance | Cosine | Square
+Quantity = ScalarProduct | Angle | JointCoordinate | FunctionOf
+Term = tuple[float, tuple[Quantity, ...]]
 
 
 @dataclass(frozen=True, eq=False)
 class ConstraintEquation:
-    """One scalar closure equation.
+    """One scalar closure equation: the sum of its terms is zero.
 
     Attributes:
-        u: (3,) vector in the axes of frame 1; None for a distance.
-        w: (3,) vector in the axes of frame 2; None where the second factor is d.
-        offset: the constant c of a dot equation, or the length L of a distance equation [m].
-        pitch: slide per radian of a screw equation [m/rad], else None.
-        angle_from: (2, 3) for a screw equation: the directions in frame 1 (x then y, normal to u)
-            against which the direction `angle_of` (3,) of frame 2 is measured.
-        angle_of: see `angle_from`.
-        kind: in the table `spatial_pin.constraints.kinds`.
+        terms: a number and the quantities that it is multiplied by.
+        is_length: whether the sum is a length [m] (to be divided by the characteristic length); of
+            coordinates alone it has the unit of the first.
     """
 
-    u: Array | None = None
-    w: Array | None = None
-    offset: float = 0.0
-    pitch: float | None = None
-    angle_from: Array | None = None
-    angle_of: Array | None = None
-    kind: str = "product"
+    terms: tuple[Term, ...]
+    is_length: bool = False
 
     @property
-    def is_length(self) -> bool:
-        """Whether the value is a length (to be divided by the characteristic length)."""
-        return self.w is None
+    def first(self) -> Quantity:
+        """The first quantity of its first term."""
+        return self.terms[0][1][0]
 
 
 def point(u: Array) -> ConstraintEquation:
     """Return the equation u . d = 0."""
-    return ConstraintEquation(u=u)
+    return ConstraintEquation(((1.0, (Distance(u),)),), is_length=True)
 
 
 def dot(u: Array, w: Array, cosine: float = 0.0) -> ConstraintEquation:
     """Return the equation u . w = cosine."""
-    return ConstraintEquation(u=u, w=w, offset=cosine)
+    constant: tuple[Term, ...] = ((-cosine, ()),) if cosine else ()
+    return ConstraintEquation(((1.0, (Cosine(u, w),)), *constant))
 
 
 def distance(length: float) -> ConstraintEquation:
-    """Return the equation |d| = length [m]."""
-    return ConstraintEquation(offset=length)
+    """Return the equation |d| = length [m]; zero: the distance of the closure's other two frames.
+
+    It is (d . d - L^2) / 2L = 0.
+    """
+    if length:
+        terms: tuple[Term, ...] = (1.0, (Square(length),)), (-0.5 * length, ())
+    else:
+        terms = (1.0, (Square(None),)), (-1.0, (Square(None, (2, 3)),))
+    return ConstraintEquation(terms, is_length=True)
 
 
 def screw(axes1: Array, axes2: Array, pitch: float) -> ConstraintEquation:
     """Return the equation slide = pitch [m/rad] * angle about z; `axes` (3, 3) hold x, y, z."""
-    return ConstraintEquation(u=axes1[:, 2], pitch=pitch, angle_from=axes1[:, :2].T,
-                              angle_of=axes2[:, 0], kind="screw")
+    terms = (1.0, (Distance(axes1[:, 2]),)), (-pitch, (Angle(axes1, axes2),))
+    return ConstraintEquation(terms, is_length=True)
+
+
+def linear_ratios(equation: ConstraintEquation) -> tuple[dict[int, float], float] | None:
+    """Return ratio by joint, and offset, of an equation as `linear` makes them; None of others."""
+    ratios, offset = {}, 0.0
+    for number, factors in equation.terms:
+        if not factors:
+            offset += number
+        elif len(factors) == 1 and isinstance(factors[0], JointCoordinate):
+            ratios[factors[0].joint] = number
+        else:
+            return None
+    return ratios, offset
+
+
+def linear(ratios: Array, offset: float = 0.0) -> ConstraintEquation:
+    """Return the equation of joint coordinates: sum of ratio * coordinate + offset = 0."""
+    terms = [(float(ratio), (JointCoordinate(k),)) for k, ratio in enumerate(np.asarray(ratios))]
+    return ConstraintEquation((*terms, (offset, ())))

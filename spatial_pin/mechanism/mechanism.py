@@ -23,7 +23,7 @@ from spatial_pin.errors import (
 from spatial_pin.mechanism.extent import Extent, centred, extent_of
 from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.mechanism.named_frames import Frame, frames_by_name
-from spatial_pin.mechanism.pairs import COUPLING, PAIRS
+from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mechanism.parts import Closure, Coordinate, Driver, Equations, Passive, Spring
 from spatial_pin.numerics.linalg import Array
 
@@ -198,12 +198,11 @@ class Mechanism:
         """Return the same mechanism with some of its equations only; this one is its `whole`."""
         closures = []
         for c, own, turned in zip(self.closures, kept.own, kept.turned, strict=True):
-            if own or not turned:
-                closures.append(c if c.type == COUPLING else c.with_equations(own))
+            if own or (c.frames and not turned):
+                closures.append(c.with_equations(own) if c.frames else c)
             if turned:
                 closures.append(c.turned().with_equations(turned))
-        return self.with_fields(whole=self, kept=kept, closures=tuple(
-            c for c in closures if c.type != COUPLING or kept.own[self.closures.index(c)]))
+        return self.with_fields(whole=self, kept=kept, closures=tuple(closures))
 
     # ------------------------------------------------------------ coordinates
 
@@ -429,7 +428,7 @@ class Mechanism:
         """
         models = []
         for closure in self.closures:
-            native = None if closure.type == COUPLING else closure.pair.native
+            native = closure.pair.native
             if native is None or closure.equations is not None:
                 part = "" if native is None else f" with equations {list(closure.equations or ())}"
                 raise ClosureTypeError(

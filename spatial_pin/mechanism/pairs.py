@@ -3,8 +3,8 @@
 To add a pair, add one entry to `PAIRS`:
 
 1. `freedom`: relative freedoms it leaves between its two bodies.
-2. `rows`: a function of `PairGeometry` that returns its closure equations, 6 - freedom of them,
-   independent wherever they hold.
+2. `rows`: a function of a `Closure` that returns its equations, 6 - freedom of them, independent
+   wherever they hold. They are sums of quantities, see `spatial_pin.mechanism.equations`.
 3. `joint`: a function (axis, axis2, lead) to a Pinocchio joint model, None where the pair only
    closes loops, with `coordinates` (suffix, unit) in the order of its velocity vector.
 4. `aligned`: which axes ("z", "xyz") must point the same way when closed: product equations have
@@ -15,15 +15,22 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.mechanism.equations import ConstraintEquation, distance, dot, point, screw
+from spatial_pin.mechanism.equations import (
+    ConstraintEquation,
+    distance,
+    dot,
+    linear,
+    point,
+    screw,
+)
 from spatial_pin.numerics.linalg import EPS, Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -47,12 +54,41 @@ class PairGeometry:
     lead: float = 0.0
 
 
+class ClosureData(Protocol):
+    """What the equations of a closure are made from: a `Closure`."""
+
+    @property
+    def geometry(self) -> PairGeometry:
+        """Axes, length and lead."""
+
+    @property
+    def numbers(self) -> Mapping[str, Any]:
+        """Its numbers, or (n,) of lists, by their keys in a mechanism file."""
+
+
+@dataclass(frozen=True)
+class Key:
+    """A number, or a list of numbers, that closures of a kind have in a mechanism file.
+
+    Attributes:
+        name: the key.
+        default: where it is left out; None: it must be there.
+        no_zero: what to do instead of zero; "": it may be zero.
+        is_list: whether it is a list of numbers.
+    """
+
+    name: str
+    default: float | None = None
+    no_zero: str = ""
+    is_list: bool = False
+
+
 @dataclass(frozen=True)
 class Pair:
     """One entry of `PAIRS`; see the module's docstring."""
 
     freedom: int
-    rows: Callable[[PairGeometry], tuple[ConstraintEquation, ...]] | None
+    rows: Callable[[ClosureData], tuple[ConstraintEquation, ...]] | None
     joint: Callable[[Array, Array, float], pin.JointModel] | None = None
     coordinates: tuple[tuple[str, str], ...] = ()
     aligned: str = ""
@@ -62,6 +98,9 @@ class Pair:
     uses_lead: bool = False
     uses_length: bool = False
     native: pin.ContactType | None = None
+    n_frames: int = 2
+    n_joints: int = 0  # whose coordinates are in its equations
+    keys: tuple[Key, ...] = ()  # besides axes, length and lead
 
     @cached_property
     def is_linear(self) -> bool:
@@ -146,43 +185,49 @@ def _planar_joint(axis: Array, *_: object) -> pin.JointModel:
     return _composite(prismatic_joint(x), prismatic_joint(y), revolute_joint(z))
 
 
-def _coincident(g: PairGeometry) -> tuple[ConstraintEquation, ...]:
-    return tuple(point(u) for u in g.axes1.T)
+Rows = tuple[ConstraintEquation, ...]
 
 
-def _on_line(g: PairGeometry) -> tuple[ConstraintEquation, ...]:
-    return point(g.axes1[:, 0]), point(g.axes1[:, 1])
+def _coincident(c: ClosureData) -> Rows:
+    return tuple(point(u) for u in c.geometry.axes1.T)
 
 
-def _on_plane(g: PairGeometry) -> tuple[ConstraintEquation, ...]:
-    return (point(g.axes1[:, 2]),)
+def _on_line(c: ClosureData) -> Rows:
+    return point(c.geometry.axes1[:, 0]), point(c.geometry.axes1[:, 1])
 
 
-def _parallel(g: PairGeometry) -> tuple[ConstraintEquation, ...]:
-    z2 = g.axes2[:, 2]
-    return dot(g.axes1[:, 0], z2), dot(g.axes1[:, 1], z2)
+def _on_plane(c: ClosureData) -> Rows:
+    return (point(c.geometry.axes1[:, 2]),)
 
 
-def _same_orientation(g: PairGeometry) -> tuple[ConstraintEquation, ...]:
-    (x1, y1, z1), (x2, y2, z2) = g.axes1.T, g.axes2.T
+def _parallel(c: ClosureData) -> Rows:
+    z2 = c.geometry.axes2[:, 2]
+    return dot(c.geometry.axes1[:, 0], z2), dot(c.geometry.axes1[:, 1], z2)
+
+
+def _same_orientation(c: ClosureData) -> Rows:
+    (x1, y1, z1), (x2, y2, z2) = c.geometry.axes1.T, c.geometry.axes2.T
     return dot(x1, y2), dot(y1, z2), dot(z1, x2)
 
 
-def _perpendicular(g: PairGeometry) -> tuple[ConstraintEquation, ...]:
-    return (dot(g.axes1[:, 2], g.axes2[:, 2]),)
+def _perpendicular(c: ClosureData) -> Rows:
+    return (dot(c.geometry.axes1[:, 2], c.geometry.axes2[:, 2]),)
 
 
-def _distance(g: PairGeometry) -> tuple[ConstraintEquation, ...]:
-    return (distance(g.length),)
+def _distance(c: ClosureData) -> Rows:
+    return (distance(c.geometry.length),)
 
 
-def _screw(g: PairGeometry) -> tuple[ConstraintEquation, ...]:
-    return (screw(g.axes1, g.axes2, g.lead / (2.0 * np.pi)),)
+def _screw(c: ClosureData) -> Rows:
+    return (screw(c.geometry.axes1, c.geometry.axes2, c.geometry.lead / (2.0 * np.pi)),)
 
 
-def _stack(*parts: Callable[[PairGeometry], tuple[ConstraintEquation, ...]]
-           ) -> Callable[[PairGeometry], tuple[ConstraintEquation, ...]]:
-    return lambda g: tuple(row for part in parts for row in part(g))
+def _coupling(c: ClosureData) -> Rows:
+    return (linear(np.array([-c.numbers["ratio"], 1.0]), -c.numbers["offset"]),)
+
+
+def _stack(*parts: Callable[[ClosureData], Rows]) -> Callable[[ClosureData], Rows]:
+    return lambda c: tuple(row for part in parts for row in part(c))
 
 
 _TRANSLATIONS = (("x", "m"), ("y", "m"), ("z", "m"))
@@ -218,11 +263,18 @@ PAIRS: dict[str, Pair] = {
     "point_on_plane": Pair(5, _on_plane),
     "parallel": Pair(4, _parallel, aligned="z"),
     "perpendicular": Pair(5, _perpendicular, uses_axis2=True),
+    "coupling": Pair(5, _coupling, uses_axis=False, n_frames=0, n_joints=2, keys=(
+        Key("ratio", 1.0, "lock the joint instead"), Key("offset", 0.0))),
 }
 
-COUPLING = "coupling"  # the one closure in joint coordinates: q_b = ratio * q_a + offset
+COUPLING = "coupling"
 JOINT_TYPES = tuple(name for name, pair in PAIRS.items() if pair.joint or name == "fixed")
-CLOSURE_TYPES = (*(name for name, pair in PAIRS.items() if pair.rows), COUPLING)
+
+
+def closure_types() -> tuple[str, ...]:
+    """Return the pairs that are types of closures."""
+    return tuple(name for name, pair in PAIRS.items() if pair.rows)
+
 
 # Other words for types, as files, books and other tools have them; of what is no type, what to do.
 TIES = ('gears, belts, ropes and racks tie two joints: [[closures]] with type = "coupling", joints '
@@ -260,10 +312,10 @@ def hint_at_type(word: str, valid: Collection[str]) -> str:
         valid: the types that it may be there.
     """
     plain = re.sub(r"[\s_-]+", "_", word.strip().lower()).removesuffix("joint").rstrip("_")
-    meant = OTHER_WORDS.get(plain, plain if plain in (*PAIRS, COUPLING) else "")
+    meant = OTHER_WORDS.get(plain, plain if plain in PAIRS else "")
     if meant in valid:
         return f"did you mean {meant!r}?"
-    if meant in (*PAIRS, COUPLING):
+    if meant in PAIRS:
         place = "[joints.NAME]" if meant in JOINT_TYPES else "[[closures]]"
         return f"did you mean {meant!r}? a mechanism file has that below {place}"
     return meant

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from spatial_pin._support.checks import finite_number
 from spatial_pin._support.lazy import cached_property
 from spatial_pin.mechanism.equations import ConstraintEquation
-from spatial_pin.mechanism.pairs import COUPLING, PAIRS, Pair, PairGeometry
+from spatial_pin.mechanism.pairs import PAIRS, Pair, PairGeometry
 
 
 class Coordinate(NamedTuple):
@@ -48,11 +50,12 @@ class Closure:
 
     Attributes:
         name, type: as in the mechanism file.
-        frames: names of the two frames it joins (empty for a coupling).
+        frames: names of the frames it joins (none of a coupling).
         between: names of two other frames whose distance is the length of this one (distance of
             variable length; else empty).
-        geometry: the pair's axes, length and lead (None for a coupling).
-        joints, ratio, offset: coupling: coordinate `joints[1]` = ratio * `joints[0]` + offset.
+        geometry: the pair's axes, length and lead.
+        joints: names of joint coordinates in its equations.
+        numbers: of its type, or (n,) of lists, by their keys in a mechanism file.
         equations: which of the pair's equations are asked for, None for all; the others must
             hold of themselves (planar loops).
         source: where it is stated, if not as a closure of a mechanism file.
@@ -63,36 +66,56 @@ class Closure:
         ('ball_b', 'spherical', ('coupler_b', 'rocker_b'), 3)
         >>> len(closure.rows), closure.can_turn, closure.pair.native is not None
         (3, True, True)
+        >>> closure.joined  # pairs of frames
+        (('coupler_b', 'rocker_b'),)
+        >>> gears = sp.load("geared_five_bar").closures[-1]
+        >>> gears.type, gears.joints, gears.ratio, round(gears.offset, 6)  # offset [rad]
+        ('coupling', ('left_pin', 'right_pin'), -2.0, 3.141593)
     """
 
     name: str
     type: str
     frames: tuple[str, ...] = ()
-    geometry: PairGeometry | None = None
+    geometry: PairGeometry = field(default_factory=lambda: PairGeometry(np.eye(3), np.eye(3)))
     joints: tuple[str, ...] = ()
-    ratio: float = 1.0
-    offset: float = 0.0
     equations: tuple[int, ...] | None = None
     between: tuple[str, ...] = ()
     source: str = ""
+    numbers: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def pair(self) -> Pair:
-        """The pair it realises; a coupling has none."""
+        """The pair it realises."""
         return PAIRS[self.type]
 
     @cached_property
     def rows(self) -> tuple[ConstraintEquation, ...]:
-        """Its scalar equations on the relative placement (none for a coupling)."""
-        if self.geometry is None or self.pair.rows is None:
-            return ()
-        rows = self.pair.rows(self.geometry)
+        """Its scalar equations."""
+        rows = self.pair.rows(self) if self.pair.rows else ()
         return rows if self.equations is None else tuple(rows[k] for k in self.equations)
+
+    @property
+    def ratio(self) -> float:
+        """Of a coupling: coordinate `joints[1]` = ratio * `joints[0]` + offset."""
+        return float(self.numbers.get("ratio", 1.0))
+
+    @property
+    def offset(self) -> float:
+        """Of a coupling, see `ratio` [rad or m]."""
+        return float(self.numbers.get("offset", 0.0))
+
+    @property
+    def joined(self) -> tuple[tuple[str, str], ...]:
+        """The pairs of frames that it joins, by name: the first with each other one."""
+        pairs = [(self.frames[0], other) for other in self.frames[1:]]
+        if self.between:
+            pairs.append((self.between[0], self.between[1]))
+        return tuple(pairs)
 
     @property
     def n_rows(self) -> int:
         """Number of scalar equations."""
-        return 1 if self.type == COUPLING else len(self.rows)
+        return len(self.rows)
 
     def with_equations(self, places: Iterable[int]) -> Closure:
         """Return it with some of its equations, by their places in `rows`."""
@@ -102,13 +125,12 @@ class Closure:
     @property
     def can_turn(self) -> bool:
         """Whether it means the same with its two frames exchanged, once all its equations hold."""
-        return (self.type != COUPLING and not self.between and not self.pair.uses_lead
+        return (len(self.frames) == 2 and not self.between and not self.pair.uses_lead
                 and self.equations is None and self.type not in ("point_on_line", "point_on_plane"))
 
     def turned(self) -> Closure:
         """Return it with its two frames exchanged: directions of frame 2 in its equations."""
         g = self.geometry
-        assert g is not None
         return replace(self, frames=self.frames[::-1],
                        geometry=replace(g, axes1=g.axes2, axes2=g.axes1))
 
@@ -225,9 +247,9 @@ def drivers_of_tree(joints: Mapping[str, str], closures: Iterable[Closure]) -> d
         closures: the closures and couplings.
     """
     closures = list(closures)
-    if any(c.type != COUPLING for c in closures):
+    if any(c.frames for c in closures):
         return {}
-    given = {c.joints[1] for c in closures}
+    given = {c.joints[-1] for c in closures}
     names = [f"{joint}.{suffix}" if suffix else joint
              for joint, pair in joints.items() if PAIRS[pair].is_linear
              for suffix, _ in PAIRS[pair].coordinates]

@@ -7,8 +7,6 @@ configurations count as a motion only if they lead far enough out for such power
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
@@ -48,18 +46,6 @@ MOST_SLIDES = 20  # at most: each leaves a third of the residual, all of them 3e
 SLID = 0.5
 
 
-class Way(NamedTuple):
-    """Closed configurations that lead out of one.
-
-    Attributes:
-        direction: (nv,) of its first part, up to a bend, a scaled velocity of length 1.
-        end: (nq,) the configuration where it was left.
-    """
-
-    direction: Array
-    end: Array
-
-
 def finite_freedom(evaluation: Evaluation, q: Array, tangents: Array) -> int:
     """Return the largest dimension of the closed configurations near q.
 
@@ -78,10 +64,10 @@ def finite_freedom(evaluation: Evaluation, q: Array, tangents: Array) -> int:
             continue
         if len(tangents) == 1:
             return 1
-        evaluation.update(way.end)
+        evaluation.update(way[1])
         there = null_space(evaluation.jacobian[:n], TOLERANCES.half_precision)
         best = max(best, len(finite_motions(
-            evaluation, way.end, there, steps=(WAY_OUT, SETTING_OUT))))
+            evaluation, way[1], there, steps=(WAY_OUT, SETTING_OUT))))
         if best == len(tangents):
             break
     return best
@@ -109,10 +95,10 @@ def finite_motions(
     for tangent in tangents:
         for step in steps:
             way = _way_out(evaluation, q, tangent, free, step)
-            along = np.zeros(0) if way is None else tangents @ way.direction
+            along = np.zeros(0) if way is None else tangents @ way[0]
             size = float(np.linalg.norm(along))
             if way is not None and size > TOLERANCES.moved:
-                left.append(way.direction)
+                left.append(way[0])
                 flat.append(along / size)  # bends are no motions of their own
                 break
     count = np.count_nonzero(decompose(np.array(flat)).s > TOLERANCES.moved)
@@ -121,7 +107,7 @@ def finite_motions(
 
 def _way_out(
     evaluation: Evaluation, q: Array, tangent: Array, free: NDArray[np.bool_], step: float
-) -> Way | None:
+) -> tuple[Array, Array] | None:
     """Return the way out of q along a tangent or against it; None where neither leads out."""
     return (_followed(evaluation, q, tangent, free, step)
             or _followed(evaluation, q, -tangent, free, step))
@@ -129,8 +115,11 @@ def _way_out(
 
 def _followed(
     evaluation: Evaluation, q: Array, direction: Array, free: NDArray[np.bool_], step: float
-) -> Way | None:
+) -> tuple[Array, Array] | None:
     """Follow closed configurations from q; None where they end.
+
+    Returned are the direction (nv,) of the first part, up to a bend, a scaled velocity of length 1,
+    and the configuration (nq,) where they are left.
 
     Loops that open by a high power of the distance stay closed to round-off over short steps, so
     these grow until the way is long, or has come round a bend.
@@ -163,7 +152,7 @@ def _followed(
         length, step = length + size, step * growth
         is_round = direction @ first < 0.0 and (length > SMALL_OVAL or worst < TOLERANCES.tight)
         if length >= WAY_OUT or is_round:
-            return Way(way / np.linalg.norm(way), at)
+            return way / np.linalg.norm(way), at
     return None
 
 

@@ -178,25 +178,17 @@ def _goes_on(evaluation: Evaluation, q: Array, joint: str, v: Array) -> bool:
     """Whether loops stay closed as a body goes on with its velocity, given by v (nv,), for long.
 
     So does a link that idles about its axis, or along it. What carries a body along a curve of its
-    own, like a platform on its legs, is no idle motion: its axis moves.
+    own, like a platform on its legs, is no idle motion: its axis moves. Chains of hinges that carry
+    it do not turn evenly as the body does: they close the loops again.
     """
-    mechanism, i = evaluation.mechanism, evaluation.mechanism.joint_id(joint)
+    mechanism, model, data = evaluation.mechanism, evaluation.model, evaluation.data
+    body = mechanism.joint_id(joint)
     there, _ = _gone(evaluation, q, joint, v)
-    if not inside_links(mechanism).isdisjoint(moved_bodies(evaluation, v[None])):
-        twist = joint_jacobian(evaluation.data, evaluation.model.nv) @ (
-            v * evaluation.constraints.support(i))
-        return _turns_on(evaluation, there, v, i, twist)
-    evaluation.update(there)
-    return bool(evaluation.closure_error < ALGEBRA_TOLERANCE)
-
-
-def _turns_on(evaluation: Evaluation, q: Array, v: Array, body: int, twist: Array) -> bool:
-    """Whether a body comes to about q (nq,) along its axis, as chains of hinges that carry it let.
-
-    The hinges do not turn evenly as the body does: they close the loops again.
-    """
-    mechanism, data, model = evaluation.mechanism, evaluation.data, evaluation.model
     moved = moved_bodies(evaluation, v[None])
+    if inside_links(mechanism).isdisjoint(moved):
+        evaluation.update(there)
+        return bool(evaluation.closure_error < ALGEBRA_TOLERANCE)
+    twist = joint_jacobian(data, model.nv) @ (v * evaluation.constraints.support(body))
     rest = [k for k in range(1, model.njoints) if k not in moved]
     before, places = data.oMi[body].copy(), evaluation.placements[rest].copy()
     hinges = {model.names[k] for k in range(1, model.njoints)
@@ -205,7 +197,7 @@ def _turns_on(evaluation: Evaluation, q: Array, v: Array, body: int, twist: Arra
     free = np.zeros(model.nv, dtype=bool)
     free[[c.v for c in mechanism.coordinate_table.values()
           if c.joint in hinges and c not in driven]] = True
-    error = close(evaluation, q, free, TOLERANCES.round_off)[1]
+    error = close(evaluation, there, free, TOLERANCES.round_off)[1]
     screw = pin.log6(data.oMi[body] * before.inverse()).vector
     size = np.array([1.0 / mechanism.characteristic_length] * 3 + [1.0] * 3)
     along, way = size * twist / np.linalg.norm(size * twist), size * screw
@@ -253,7 +245,7 @@ def _pairs_on_axis(
     centres = {model.names[i]: data.oMi[i].translation for i in range(1, model.njoints)
                if (i in moved) != (model.parents[i] in moved)}
     for closure in mechanism.closures:
-        for frames in (closure.frames, closure.between):
+        for frames in closure.joined:
             mine = [f for f in frames if mechanism.frame_on_joint(f)[0] in moved]
             if len(mine) == 1:
                 centres[closure.name] = evaluation.frame(mechanism.frame_id(mine[0])).translation

@@ -16,6 +16,12 @@ from spatial_pin.numerics.linalg import Array, null_space, rank, row_space
 # A singular value of twists that counts as zero: axes placed by files of nine digits and more are
 # one axis; those of six digits are what `gap` allows for, where there is any.
 ALGEBRA_TOLERANCE = 1e-8
+KINDS = {  # by dimension, and how many directions are turned about
+    (1, 0): "one direction", (2, 0): "translations in a plane", (3, 0): "translations",
+    (1, 1): "one axis", (2, 1): "one axis (turn and slide)", (3, 1): "planar",
+    (4, 1): "planar with slide along the axis", (3, 3): "spherical",
+    (6, 3): "spatial",
+}
 
 
 class Loop(NamedTuple):
@@ -43,16 +49,23 @@ def loop_of(evaluation: Evaluation, closure: Closure, tolerance: float) -> Loop:
     """Recognise the loop of a closure by the motions that its pairs generate."""
     mechanism, constraints = evaluation.mechanism, evaluation.constraints
     rows = [i for i, label in enumerate(constraints.labels) if label.closure == closure.name]
-    joints = joints_between(mechanism, closure.frames)
+    joints = sorted({i for frames in closure.joined for i in joints_between(mechanism, frames)})
     size = np.array([constraints.scale] * 3 + [1.0] * 3)
     columns = joint_jacobian(evaluation.data, mechanism.model.nv)
     twists = [columns[:, mechanism.model.idx_vs[i] + k] * size
               for i in joints for k in range(mechanism.model.nvs[i])]
-    wrenches = evaluation.wrenches[rows] / size
+    wrenches = evaluation.row_wrenches()[rows] / size
     own = null_space(wrenches / np.linalg.norm(wrenches, axis=1, keepdims=True))
-    algebra = _generated_algebra(np.vstack([*twists, own]) if twists else own, tolerance)
+    # an orthonormal basis of the Lie algebra that the twists, linear part first, generate
+    algebra, dimension = row_space(np.vstack([*twists, own]) if twists else own, tolerance), -1
+    while len(algebra) > dimension:  # it grows to dimension 6 at most
+        dimension = len(algebra)
+        brackets = [_bracket(a, b) for i, a in enumerate(algebra) for b in algebra[:i]]
+        algebra = row_space(np.vstack([algebra, *brackets]), tolerance)
     names = tuple(mechanism.model.names[i] for i in joints)
-    return Loop(closure.name, names, len(algebra), _algebra_name(algebra, tolerance))
+    turns = rank(algebra[:, 3:], tolerance) if len(algebra) else 0
+    kind = KINDS.get((len(algebra), turns), f"subgroup of dimension {len(algebra)}")
+    return Loop(closure.name, names, len(algebra), kind)
 
 
 def joints_between(mechanism: Mechanism, frames: Iterable[str]) -> list[int]:
@@ -63,28 +76,6 @@ def joints_between(mechanism: Mechanism, frames: Iterable[str]) -> list[int]:
     return sorted((first ^ second) - {0})
 
 
-def _generated_algebra(twists: Array, tolerance: float) -> Array:
-    """Return an orthonormal basis of the Lie algebra that twists (k, 6), linear first, generate."""
-    basis = row_space(twists, tolerance)
-    while True:  # it grows to dimension 6 at most
-        brackets = [_bracket(a, b) for i, a in enumerate(basis) for b in basis[:i]]
-        larger = row_space(np.vstack([basis, *brackets]), tolerance)
-        if len(larger) <= len(basis):
-            return larger
-        basis = larger
-
-
 def _bracket(a: Array, b: Array) -> Array:
     v, w, x, y = a[:3], a[3:], b[:3], b[3:]
     return np.concatenate([np.cross(w, x) - np.cross(y, v), np.cross(w, y)])
-
-
-def _algebra_name(algebra: Array, tolerance: float) -> str:
-    turns = rank(algebra[:, 3:], tolerance) if len(algebra) else 0
-    names = {
-        (1, 0): "one direction", (2, 0): "translations in a plane", (3, 0): "translations",
-        (1, 1): "one axis", (2, 1): "one axis (turn and slide)", (3, 1): "planar",
-        (4, 1): "planar with slide along the axis", (3, 3): "spherical",
-        (6, 3): "spatial",
-    }
-    return names.get((len(algebra), turns), f"subgroup of dimension {len(algebra)}")

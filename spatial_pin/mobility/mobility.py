@@ -1,24 +1,34 @@
-"""The truth about freedom: by formula, by rank, and by finite motion."""
+"""The truth about freedom: by formula, by rank, and by finite motion; drivers that it asks for."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from spatial_pin._support.brief import counted
 from spatial_pin._support.checks import checked
 from spatial_pin.assembly.assemble import assembled
-from spatial_pin.assembly.holding import free_bases
+from spatial_pin.assembly.holding import free_bases, still_entries
 from spatial_pin.assembly.rounding import as_meant, gap_words, rounding_of
 from spatial_pin.assembly.state import State, all_angles, of_mechanism
+from spatial_pin.assembly.undetermined import check_loops
 from spatial_pin.constraints.closure_equations import Evaluation, evaluated
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.errors import SpatialPinError
-from spatial_pin.mechanism.coordinates import finite_array, needed
+from spatial_pin.errors import MechanismFileError, SpatialPinError
+from spatial_pin.mechanism.coordinates import driver_coordinates, finite_array, needed
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mobility.finite_motions import finite_freedom, finite_motions
 from spatial_pin.mobility.idle_freedoms import PassiveFreedom, described, idle_freedoms
 from spatial_pin.mobility.loops import ALGEBRA_TOLERANCE, Loop, loop_of
-from spatial_pin.numerics.linalg import Array, decompose, independent_rows, null_space, rank
+from spatial_pin.numerics.linalg import (
+    Array,
+    common_rows,
+    decompose,
+    independent_rows,
+    null_space,
+    rank,
+)
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 MAX_NAMES = 8  # of redundant equations in a report: they fill one line
@@ -95,7 +105,9 @@ class Mobility:
               for x in self.loop_list),
             f"  closure rank {self.rank} of {rows} equations, instantaneous freedom "
             f"{self.instantaneous}",
-            f"  finite freedom {self.dof}{self._finite_words()}",
+            f"  finite freedom {self.dof}" + (
+                f", of which {len(self.passive)} passive and {self.dof - len(self.passive)} working"
+                if self.passive else ""),
         ]
         if self.redundant:
             names = ", ".join(self.redundant[:MAX_NAMES])
@@ -104,10 +116,6 @@ class Mobility:
             lines.append(f"  redundant equations ({len(self.redundant)}): {names}{more}")
         lines += [f"  passive freedom: {p}" for p in self.passive]
         return "\n".join(lines + self._notes())
-
-    def _finite_words(self) -> str:
-        working = self.dof - len(self.passive)
-        return f", of which {len(self.passive)} passive and {working} working" * bool(self.passive)
 
     def _notes(self) -> list[str]:
         notes = [f"  note: {joint} carries all of it as a free base: 6 of the freedoms, which are "
@@ -173,7 +181,9 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
             f"{evaluation.worst_closure()!r} is open by {evaluation.closure_error:.1e}"
         )
     jacobian = evaluation.jacobian[: evaluation.constraints.n_closure].copy()
-    every, rounding = _with_all_equations(evaluation), rounding_of(mechanism)
+    every, rounding = evaluation, rounding_of(mechanism)
+    if mechanism.whole is not None:  # with the equations left out of its file
+        every = evaluated(mechanism.whole, x, all_angles(mechanism, evaluation.angles))
     n, labels = every.constraints.n_closure, every.constraints.labels
     independent = independent_rows(every.jacobian[:n],
                                    max(TOLERANCES.half_precision, rounding)).tolist()
@@ -181,40 +191,78 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
                       for i in range(n) if i not in set(independent))
     r = rank(jacobian, TOLERANCES.half_precision)
     nv = mechanism.model.nv
-    closures = [c for c in every.mechanism.closures if c.type != COUPLING]
+    closures = [c for c in every.mechanism.closures if c.frames]
     loops = tuple(loop_of(every, c, max(ALGEBRA_TOLERANCE, rounding)) for c in closures)
-    couplings = len(every.constraints.couplings)
+    of_joints = n - every.constraints.n_products
     freedoms = nv + sum(6 - c.n_rows for c in closures)
     full = r == len(jacobian)
     dof = nv - r if full else finite_freedom(
         evaluation, x, null_space(jacobian, TOLERANCES.half_precision))
-    passive = [(joint, v) for joint, velocities in idle_freedoms(evaluation, x)
-               for v in (velocities if dof == nv - r else _finite(evaluation, x, velocities))]
+    passive = []
+    for joint, velocities in idle_freedoms(evaluation, x):
+        if dof < nv - r:  # those that are no instantaneous ones only
+            tangents = decompose(velocities / mechanism.velocity_scale).vt[: len(velocities)]
+            found = finite_motions(evaluation, x, tangents)
+            evaluation.update(x)
+            if len(found) < len(velocities):
+                velocities = found * mechanism.velocity_scale
+        passive += [described(evaluation, joint, v) for v in velocities]
     return Mobility(
         every.mechanism,
         kutzbach=nv - n,
-        grubler=freedoms - sum(loop.order for loop in loops) - couplings,
+        grubler=freedoms - sum(loop.order for loop in loops) - of_joints,
         loop_list=loops,
         rank=r,
         instantaneous=nv - r,
         dof=dof,
-        passive=tuple(described(evaluation, joint, v) for joint, v in passive),
+        passive=tuple(passive),
         redundant=redundant,
     )
 
 
-def _finite(evaluation: Evaluation, q: Array, velocities: Array) -> Array:
-    """Return those of motions (k, nv) at q (nq,) that are no instantaneous ones only."""
-    scale = evaluation.mechanism.velocity_scale
-    tangents = decompose(velocities / scale).vt[: len(velocities)]
-    found = finite_motions(evaluation, q, tangents)
-    evaluation.update(q)
-    return velocities if len(found) == len(velocities) else found * scale
+# ---------------------------------------------------------------- drivers
 
 
-def _with_all_equations(evaluation: Evaluation) -> Evaluation:
-    """Return an evaluation, at the same configuration, with the equations left out of its file."""
-    mechanism = evaluation.mechanism
-    if mechanism.whole is None:
-        return evaluation
-    return evaluated(mechanism.whole, evaluation.q, all_angles(mechanism, evaluation.angles))
+def driver_advice(state: State, found: Mobility) -> str:
+    """Return what to do where drivers and freedoms differ in number; "" where they do not.
+
+    Raises:
+        MechanismFileError: it has drivers and cannot move.
+    """
+    mechanism = state.mechanism
+    drivers = list(driver_coordinates(mechanism).values())
+    working = found.dof - len(found.passive)
+    entries = still_entries(mechanism, drivers)
+    free = working - len(entries)
+    missing = free - len(drivers)
+    count = f"{counted(len(drivers), 'driver')} for {counted(working, 'working freedom')}"
+    if not free and drivers:
+        raise MechanismFileError(
+            f"{mechanism.path}: it cannot move: {count}; {check_loops(mechanism)}")
+    if not free and mechanism.closures:
+        return f"it is a structure, which cannot move; if it is to, {check_loops(mechanism)}"
+    if not missing:
+        return ""
+    evaluation = evaluated(mechanism, state.q, state.angles)
+    if missing < 0:
+        rows = _tangents(evaluation).T[[c.v for c in drivers]]
+        independent = common_rows(rows[None], np.zeros((0, rows.shape[1])), len(drivers))
+        needless = ", ".join(f"[drivers.{name}]" for k, name in enumerate(mechanism.drivers)
+                             if k not in independent)
+        return f"{count}; leave out {-missing}: {needless}"
+    # coordinates that are independent of the drivers and move no passive freedom
+    rows = _tangents(evaluation).T
+    idle = [v for _, velocities in idle_freedoms(evaluation, state.q) for v in velocities]
+    still = np.abs(np.array(idle)).max(axis=0, initial=0.0) if idle else np.zeros(len(rows))
+    others = [c for c in mechanism.coordinate_table.values()
+              if still[c.v] < TOLERANCES.half_precision and c.v not in entries]
+    given = rows[[*(c.v for c in drivers), *entries]]
+    names = [others[k].name for k in common_rows(rows[[c.v for c in others]][None], given, missing)]
+    tables = ", ".join(f'[drivers.NAME] joint = "{name}"' for name in names)
+    return f"{count}; add {counted(missing, 'driver')}{', such as ' * bool(names)}{tables}"
+
+
+def _tangents(evaluation: Evaluation) -> Array:
+    """Return (freedoms, nv) velocities at which the loops stay closed."""
+    return null_space(evaluation.jacobian[: evaluation.constraints.n_closure],
+                      TOLERANCES.half_precision)

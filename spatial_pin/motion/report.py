@@ -118,7 +118,8 @@ def _closure_text(closure: Any) -> str:
         offset = f" + {closure.offset:g}" if closure.offset else ""
         return f"coupling: {b} = {closure.ratio:g} * {a}{offset} (1 equation){stated}"
     length = f", as far as {' - '.join(closure.between)}" if closure.between else ""
-    return (f"{closure.type}: {closure.frames[0]} - {closure.frames[1]}{length} "
+    names = " - ".join((*closure.frames, *closure.joints))
+    return (f"{closure.type}: {names}{length} "
             f"({counted(closure.n_rows, 'equation')}){stated}")
 
 

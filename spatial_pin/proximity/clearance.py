@@ -16,9 +16,8 @@ from spatial_pin.errors import SpatialPinError, unless_cut
 from spatial_pin.motion.motion import Event, Motion, motion_needed
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.proximity.between import Between
+from spatial_pin.proximity.clearance_search import Between, ClearanceSearch, MotionPlace, PairResult
 from spatial_pin.proximity.distances import Distances
-from spatial_pin.proximity.search import Found, Place, Search
 
 SHOWN = 12  # pairs of links in a report: the others are farther apart
 
@@ -243,7 +242,7 @@ def clearance(
     asked = None if pairs is None else list(pairs)
     if asked == []:
         raise ValueError("pairs is empty: name two links each, or leave it out for all")
-    search = Search(Distances(motion.mechanism, asked),
+    search = ClearanceSearch(Distances(motion.mechanism, asked),
                     Between(motion), touching)
     names = search.distances.pairs
     with progress_bar(len(motion) + len(names), "clearance", progress) as bar:
@@ -265,9 +264,9 @@ def _ranked(pairs: Sequence[PairClearance], size: float) -> tuple[PairClearance,
     return tuple(pair for _, pair in placed)
 
 
-def _searched(search: Search, bar: Any) -> tuple[Search, list[Found], bool]:
+def _searched(search: ClearanceSearch, bar: Any) -> tuple[ClearanceSearch, list[PairResult], bool]:
     """Return the search, what it found of each pair of links, and whether nothing cut it short."""
-    found, done, n = list[Found](), 0, len(search.distances.pairs)
+    found, done, n = list[PairResult](), 0, len(search.distances.pairs)
     try:
         for row in search.sample():
             done = row + 1
@@ -290,7 +289,7 @@ def standing(state: State) -> Motion:
     return Motion(s.mechanism, None, "", none, q, v, a, error[0], none, [], angles)
 
 
-def _pair(search: Search, k: int, found: Found) -> PairClearance:
+def _pair(search: ClearanceSearch, k: int, found: PairResult) -> PairClearance:
     between = search.between
     contacts = tuple(Contact(between.value(*first), between.value(*last))
                      for first, last in found.contacts)
@@ -300,13 +299,13 @@ def _pair(search: Search, k: int, found: Found) -> PairClearance:
 
 
 def _events(
-    between: Between, names: Sequence[tuple[str, str]], found: Sequence[Found]
+    between: Between, names: Sequence[tuple[str, str]], found: Sequence[PairResult]
 ) -> tuple[Event, ...]:
     """Return where links begin and cease to touch: not at the ends of the motion."""
     motion, placed = between.motion, []
     unit = motion.driver_unit if motion.driver is not None else "s"
     over = motion.driver_name or "time"
-    ends = Place(0, 0.0), Place(len(motion) - 1, 0.0)
+    ends = MotionPlace(0, 0.0), MotionPlace(len(motion) - 1, 0.0)
     for (a, b), one in zip(names, found, strict=True):
         for first, last in one.contacts:
             for kind, place, words in (("touch", first, "begin"), ("part", last, "cease")):

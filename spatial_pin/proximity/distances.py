@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from spatial_pin.constraints.trees import tree_of
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.proximity.solids import SUPPORTS, Solid, solids_of
+from spatial_pin.proximity.solids import SUPPORTS, ConvexSolid, solids_of
 
 GJK_STEPS = 1000  # of coal's algorithms, which end long before: their tolerances decide
 # Tolerances [m] with which solids that are apart, and how deep solids overlap, are asked for: of
@@ -86,7 +85,15 @@ class Distances:
         for k, solid in enumerate(self.solids):
             self._of[solid.link].append(k)
         self.joined: tuple[tuple[str, str], ...] = ()
-        self.pairs = self._unjoined() if pairs is None else tuple(map(self._checked, pairs))
+        if pairs is not None:
+            self.pairs = tuple(map(self._checked, pairs))
+        else:
+            joined = joined_bodies(mechanism, {s.joint for s in self.solids})
+            bodies = {(a, b): frozenset((self._joint(a), self._joint(b)))
+                      for a, b in combinations(self._of, 2)}
+            self.joined = tuple(names for names, two in bodies.items() if two in joined)
+            self.pairs = tuple(names for names, two in bodies.items()
+                               if len(two) == 2 and two not in joined)
         self._parts = [np.array(list(product(self._of[a], self._of[b]))).T for a, b in self.pairs]
         self._centres = np.array([s.centre for s in self.solids]).reshape(-1, 3)
         self._radii = np.array([s.radius for s in self.solids])
@@ -103,18 +110,6 @@ class Distances:
 
     def _joint(self, link: str) -> int:
         return self.solids[self._of[link][0]].joint
-
-    def _unjoined(self) -> tuple[tuple[str, str], ...]:
-        joined = joined_bodies(self.mechanism, {s.joint for s in self.solids})
-        found, self.joined = [], ()
-        for a, b in combinations(self._of, 2):
-            bodies = frozenset((self._joint(a), self._joint(b)))
-            if len(bodies) == 2:
-                if bodies in joined:
-                    self.joined += ((a, b),)
-                else:
-                    found.append((a, b))
-        return tuple(found)
 
     def _checked(self, pair: tuple[str, str]) -> tuple[str, str]:
         where = f"mechanism {self.mechanism.name!r}: "
@@ -262,7 +257,9 @@ def segments_apart(between: Array, first: Array, second: Array) -> Array:
     return np.sqrt(np.einsum("ki,ki->k", apart, apart))
 
 
-def nearest(a: Solid, at_a: coal.Transform3s, b: Solid, at_b: coal.Transform3s) -> Nearest:
+def nearest(
+    a: ConvexSolid, at_a: coal.Transform3s, b: ConvexSolid, at_b: coal.Transform3s
+) -> Nearest:
     """Return where two solids are nearest to each other.
 
     Two convex solids are as far apart as they are along the best direction, overlapping ones too:
@@ -284,8 +281,8 @@ def nearest(a: Solid, at_a: coal.Transform3s, b: Solid, at_b: coal.Transform3s) 
 
 
 def _deepest(
-    found: Nearest, normals: Sequence[Array], a: Solid, at_a: coal.Transform3s, b: Solid,
-    at_b: coal.Transform3s,
+    found: Nearest, normals: Sequence[Array], a: ConvexSolid, at_a: coal.Transform3s,
+    b: ConvexSolid, at_b: coal.Transform3s,
 ) -> Nearest:
     """Return how deep solids overlap: as found, unless another direction says less deep.
 
@@ -325,7 +322,7 @@ def _requests() -> tuple[coal.DistanceRequest, ...]:
 
 
 def _along(
-    ways: Array, a: Solid, at_a: coal.Transform3s, b: Solid, at_b: coal.Transform3s
+    ways: Array, a: ConvexSolid, at_a: coal.Transform3s, b: ConvexSolid, at_b: coal.Transform3s
 ) -> tuple[Nearest, Array]:
     """Return how far apart solids are along the best of directions (k, 3) of length one, and it."""
     apart, last = _apart_along(ways, a, at_a, b, at_b)
@@ -334,7 +331,7 @@ def _along(
 
 
 def _apart_along(
-    ways: Array, a: Solid, at_a: coal.Transform3s, b: Solid, at_b: coal.Transform3s
+    ways: Array, a: ConvexSolid, at_a: coal.Transform3s, b: ConvexSolid, at_b: coal.Transform3s
 ) -> tuple[Array, Array]:
     """Return how far apart solids are along directions (k,), and where the first ends (k, 3)."""
     own, other = at_a.getRotation(), at_b.getRotation()
@@ -355,10 +352,12 @@ def joined_bodies(mechanism: Mechanism, solid: set[int]) -> set[frozenset[int]]:
     for i in range(1, model.njoints):
         join(i, int(model.parents[i]))
     for c in mechanism.closures:
-        if c.type == COUPLING:
-            join(*(mechanism.joint_id(mechanism.coordinate(name).joint) for name in c.joints))
-        elif not c.pair.uses_length and any(row.is_length for row in c.rows):
-            join(*(mechanism.frame_on_joint(name)[0] for name in c.frames))
+        coupled = [mechanism.joint_id(mechanism.coordinate(name).joint) for name in c.joints]
+        for one, other in combinations(coupled, 2):
+            join(one, other)
+        if not c.pair.uses_length and any(row.is_length for row in c.rows):
+            for first, second in c.joined:
+                join(mechanism.frame_on_joint(first)[0], mechanism.frame_on_joint(second)[0])
     for i in range(model.njoints):
         if i not in solid:
             for j, k in combinations(joined.pop(i, set()) - {i}, 2):

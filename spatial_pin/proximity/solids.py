@@ -14,7 +14,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 
 
-class Solid(NamedTuple):
+class ConvexSolid(NamedTuple):
     """A convex solid of a link.
 
     Attributes:
@@ -38,31 +38,27 @@ class Solid(NamedTuple):
     thickness: float
 
 
-def solids_of(mechanism: Mechanism) -> list[Solid]:
+def solids_of(mechanism: Mechanism) -> list[ConvexSolid]:
     """Return the convex solids of all links.
 
     A link's solids are those that it collides with, where the file has any, else those that are
     drawn. Of a mesh they are the convex hulls of its connected parts: they hold the mesh, so that
     no distance is larger than its own.
     """
-    return [_solid(mechanism, geometry, shape) for geometry in _by_link(mechanism)
+    collide = list(mechanism.collision_model.geometryObjects)
+    links = {int(g.parentFrame) for g in collide}
+    drawn = [g for g in mechanism.visual_model.geometryObjects if int(g.parentFrame) not in links]
+    return [_solid(mechanism, geometry, shape) for geometry in (*collide, *drawn)
             for shape in _convex(geometry)]
 
 
-def _by_link(mechanism: Mechanism) -> Iterator[pin.GeometryObject]:
-    """Yield the geometry of each link: what collides, or else what is drawn."""
-    collide = list(mechanism.collision_model.geometryObjects)
-    yield from collide
-    links = {int(g.parentFrame) for g in collide}
-    yield from (g for g in mechanism.visual_model.geometryObjects
-                if int(g.parentFrame) not in links)
-
-
-def _solid(mechanism: Mechanism, geometry: pin.GeometryObject, shape: coal.ShapeBase) -> Solid:
+def _solid(
+    mechanism: Mechanism, geometry: pin.GeometryObject, shape: coal.ShapeBase
+) -> ConvexSolid:
     place = geometry.placement
     shape.computeLocalAABB()
     half, thickness = _segment(shape)
-    return Solid(mechanism.model.frames[geometry.parentFrame].name, int(geometry.parentJoint),
+    return ConvexSolid(mechanism.model.frames[geometry.parentFrame].name, int(geometry.parentJoint),
                  place.rotation, place.translation, shape, place.act(np.array(shape.aabb_center)),
                  float(shape.aabb_radius), place.rotation @ half, thickness)
 

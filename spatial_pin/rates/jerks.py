@@ -17,7 +17,7 @@ from spatial_pin._support.checks import checked, finite_number
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State, center_of_mass, mass_shares, of_mechanism
 from spatial_pin.constraints.closure_equations import TWIST_MATRIX, Evaluation, evaluation_of
-from spatial_pin.constraints.composed_equations import composed_rates
+from spatial_pin.constraints.compiled_equations import composed_rates
 from spatial_pin.constraints.composite_joints import split_of
 from spatial_pin.constraints.pinocchio_views import acceleration_derivatives
 from spatial_pin.errors import SpatialPinError

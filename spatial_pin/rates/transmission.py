@@ -17,7 +17,6 @@ from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array, null_space, row_space
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -175,8 +174,7 @@ def _input(mechanism: Mechanism, driver: str | None) -> Coordinate:
 
 def _own_joint(mechanism: Mechanism, output: Coordinate) -> int:
     joint = mechanism.joint_id(output.joint)
-    geared = [c.name for c in mechanism.closures
-              if c.type == COUPLING and output.name in c.joints]
+    geared = [c.name for c in mechanism.closures if output.name in c.joints]
     if geared:
         raise SpatialPinError(
             f"mechanism {mechanism.name!r}: {output.name!r} is moved by coupling {geared[0]!r}, "

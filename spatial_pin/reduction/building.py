@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.formats.pinocchio_model.from_model import Completed
-from spatial_pin.formats.pinocchio_model.joints import copy_numbers
-from spatial_pin.formats.pinocchio_model.urdf_text import urdf_of
-from spatial_pin.formats.urdf.writing import fresh
+from spatial_pin.formats.pinocchio_model.pair_tree import copy_numbers
+from spatial_pin.formats.pinocchio_model.urdf_text import LinkTree, urdf_of
+from spatial_pin.formats.urdf.elements import fresh
 from spatial_pin.mechanism.checks import check_mechanism
 from spatial_pin.mechanism.mechanism import Mechanism, point_on_body, rigid_distance
 from spatial_pin.mechanism.named_frames import add_frames
-from spatial_pin.mechanism.pairs import COUPLING, PAIRS, Z, closure_geometry
+from spatial_pin.mechanism.pairs import PAIRS, Z, closure_geometry
 from spatial_pin.mechanism.parts import Closure, Passive
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.reduction.influence import NeededParts, OutputInfluence, RequestedOutputs
@@ -56,7 +55,7 @@ class ReducedModel:
         self.closures: list[Closure] = []
         for closure in (mechanism.closures[k] for k in kept.closures):
             coupled = {mechanism.joint_id(mechanism.coordinate(n).joint) for n in closure.joints}
-            if closure.type != COUPLING or coupled & self.moving:  # else it is locked
+            if not closure.joints or closure.frames or coupled & self.moving:  # else it is locked
                 self.closures.append(closure)
         self.relations: list[tuple[str, Relation]] = []
         self.masses: list[tuple[str, BodyFrame, float]] = []
@@ -186,7 +185,7 @@ class ReducedTree:
                          source=full.source, inertias=self.inertias, frames=kept,
                          slip_speeds=slip_speeds, **parts)
         check_mechanism(made, f"{full.name} (reduced)")
-        return made.with_fields(urdf=urdf_of(made, Completed(self.model).bodies()))
+        return made.with_fields(urdf=urdf_of(made, LinkTree(self.model)))
 
 
 def built(model: ReducedModel) -> Mechanism:
@@ -255,7 +254,6 @@ def _turned(model: ReducedModel, closure: Closure, tree: ReducedTree) -> Closure
     """Return a closure between frames of its own where its axes are turned."""
     if closure.name not in model.turns:
         return closure
-    assert closure.geometry is not None
     frames = []
     for k, (name, axes) in enumerate(zip(
             closure.frames, (closure.geometry.axes1, closure.geometry.axes2), strict=True), 1):

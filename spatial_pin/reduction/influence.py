@@ -23,7 +23,6 @@ from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.mobility.loops import joints_between
 from spatial_pin.motion.motion import FRAME_UNITS
@@ -237,7 +236,6 @@ class OutputInfluence:
 
 def joints_of(mechanism: Mechanism, closure: Closure) -> set[int]:
     """Return the joints of the tree that a closure relates to each other."""
-    if closure.type == COUPLING:
-        return {mechanism.joint_id(mechanism.coordinate(name).joint) for name in closure.joints}
-    return {joint for frames in (closure.frames, closure.between) if frames
-            for joint in joints_between(mechanism, frames)}
+    coupled = {mechanism.joint_id(mechanism.coordinate(name).joint) for name in closure.joints}
+    return coupled | {joint for frames in closure.joined
+                      for joint in joints_between(mechanism, frames)}

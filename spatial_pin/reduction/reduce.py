@@ -17,9 +17,9 @@ from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.coordinates import coordinates_of, joint_values, needed
+from spatial_pin.mechanism.equations import linear_ratios
 from spatial_pin.mechanism.extent import Extent
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.resistance import resists
 from spatial_pin.numerics.linalg import Array, null_space, rank
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -282,9 +282,9 @@ def carried_over(reduced: Mechanism, state: State) -> State:
         j = full.getJointId(own.names[i])
         q[own.idx_qs[i] :][: own.nqs[i]] = state.q[full.idx_qs[j] :][: full.nqs[j]]
     at = [state.mechanism.coordinate_table[name].v for name in reduced.coordinates]
-    screws = [c.name for c in state.mechanism.closures if c.type == "screw"]
-    angles = np.array([state.angles[screws.index(c.name)]
-                       for c in reduced.closures if c.type == "screw"])
+    full, own = (constraints_of(m) for m in (state.mechanism, reduced))
+    names = [full.labels[x.equation] for x in full.angles]
+    angles = np.array([state.angles[names.index(own.labels[x.equation])] for x in own.angles])
     with evaluation_of(reduced, angles) as evaluation:
         evaluation.update(q)
         return State(reduced, q, state.v[at], state.a[at], in_time=state.in_time,
@@ -308,12 +308,14 @@ def _locked(
         guess = there
     for _ in mechanism.closures:  # what is geared to a locked joint is locked
         for c in mechanism.closures:
-            if c.type == COUPLING:
-                a, b = (mechanism.coordinate(name).name for name in c.joints)
-                if a in values:
-                    values[b] = c.ratio * values[a] + c.offset
-                elif b in values:
-                    values[a] = (values[b] - c.offset) / c.ratio
+            ratios = linear_ratios(c.rows[0]) if c.joints and not c.frames else None
+            if ratios is not None:
+                names = [mechanism.coordinate(name).name for name in c.joints]
+                free = [name for name in names if name not in values]
+                if len(free) == 1:
+                    known = sum(ratios[0][k] * values[name] for k, name in enumerate(names)
+                                if name not in free)
+                    values[free[0]] = -(known + ratios[1]) / ratios[0][names.index(free[0])]
     joints = set()
     for name in values:
         joint = mechanism.coordinate(name).joint

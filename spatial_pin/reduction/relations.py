@@ -178,7 +178,6 @@ class WeldedBodies:
         """Return the pair of a closure as seen from the body of joint i."""
         sides = [self.frame(f) for f in closure.frames]
         geometry = closure.geometry
-        assert geometry is not None
         axes = [m.rotation @ a for (_, m), a in zip(sides, (geometry.axes1, geometry.axes2),
                                                     strict=True)]
         own = 0 if sides[0][0] == i else 1

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.mechanism.resistance import resists
 from spatial_pin.numerics.linalg import Array, null_space
@@ -36,7 +35,7 @@ def drop_equations(model: ReducedModel) -> None:
     made = built(model)
     every = _slopes(made)
     for closure in made.closures:
-        if closure.type == COUPLING or closure.equations is not None:
+        if len(closure.frames) != 2 or closure.joints or closure.equations is not None:
             continue
         slopes = every[closure.name]
         turn = _turn(closure, slopes)
@@ -101,7 +100,7 @@ def leg_of(model: ReducedModel, closure: Closure) -> Leg | None:
     left where it stands, welded to the body that it hangs on.
     """
     chains = []
-    for frame in closure.frames:
+    for frame in closure.frames if len(closure.frames) == 2 else ():
         end = model.bodies.frame(frame)[0]
         chain = [int(j) for j in model.full.model.supports[end] if j in model.moving]
         chains += [tuple(chain[k:]) for k in reversed(range(len(chain) - 1))]
@@ -110,7 +109,7 @@ def leg_of(model: ReducedModel, closure: Closure) -> Leg | None:
         own = model.closures_on(joints)
         is_free = model.full.pairs[first - 1] == "floating"
         if first in model.influence.needed or not model.hangs_free(joints) or any(
-                c.type == COUPLING or c.equations or c.between for c in own) \
+                len(c.joined) != 1 or c.joints or c.equations for c in own) \
                 or closure not in own or len(own) != 1 + is_free:
             continue
         b = model.bodies.closing_pin(closure, last)
@@ -239,7 +238,7 @@ def _replace_link(model: ReducedModel, i: int) -> bool:
     own = model.closures_on((i,))
     is_free = model.full.pairs[i - 1] == "floating"
     if len(own) != (2 if is_free else 1) or any(
-            c.type == COUPLING or c.equations or c.between for c in own):
+            len(c.joined) != 1 or c.joints or c.equations for c in own):
         return False
     pins = [model.bodies.closing_pin(c, i) for c in own]
     if not is_free:

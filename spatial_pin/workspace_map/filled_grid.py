@@ -17,7 +17,7 @@ from spatial_pin.assembly.state import State
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.coordinates import coordinate_value
 from spatial_pin.mechanism.joint_limits import beyond_limits
-from spatial_pin.mobility.modes.modes import assembly_modes
+from spatial_pin.mobility.assembly_modes import assembly_modes
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.proximity.distances import Distances

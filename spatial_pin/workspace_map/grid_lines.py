@@ -15,8 +15,8 @@ from spatial_pin.motion.joint_limits import KIND as JOINT_LIMIT
 from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.proximity.clearance_search import PLACE_ERROR
 from spatial_pin.proximity.distances import Distances
-from spatial_pin.proximity.search import PLACE_ERROR
 from spatial_pin.rates.determined import Prescription
 from spatial_pin.rates.jacobians import jacobian, moving_coordinates
 

@@ -6,7 +6,7 @@ from folders import ROOT
 from offenders import listed
 
 from spatial_pin.formats.checked_tables import BELONGS
-from spatial_pin.mechanism.pairs import CLOSURE_TYPES, JOINT_TYPES
+from spatial_pin.mechanism.pairs import JOINT_TYPES, closure_types
 
 DOCS = ROOT / "docs"
 PACKAGE = ROOT / "spatial_pin"
@@ -69,5 +69,5 @@ def test_every_key_of_a_mechanism_file_is_told_where_it_belongs():
 
 def test_every_type_of_joint_and_closure_is_told():
     found = sections((DOCS / "mechanism_file.md").read_text(encoding="utf-8"))
-    assert sorted(found["Types of closures"]) == sorted(CLOSURE_TYPES)
+    assert sorted(found["Types of closures"]) == sorted(closure_types())
     assert sorted(found["Types of joints"]) == sorted(JOINT_TYPES)

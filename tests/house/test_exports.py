@@ -81,7 +81,7 @@ def given_to_users() -> dict[type, str]:
 
 
 # how a closure is made up of equations, and where a machine is: data of the library, not an answer
-INSIDE = {"ConstraintEquation", "Equations", "Extent", "Pair", "PairGeometry"}
+INSIDE = {"ClosureData", "ConstraintEquation", "Equations", "Extent", "Key", "Pair", "PairGeometry"}
 
 
 def test_every_type_that_a_user_gets_has_a_name_at_the_top() -> None:

@@ -14,9 +14,8 @@ from scipy.special import ellipj, ellipk
 from variety import each, few
 
 import spatial_pin as sp
-from spatial_pin.accuracy.exact import ExactRows
 from spatial_pin.accuracy.extended import EPS, Extended
-from spatial_pin.accuracy.reference import Astray, SimulationReference, SweepReference
+from spatial_pin.accuracy.reference import Astray, ExactRows, SimulationReference, SweepReference
 from spatial_pin.accuracy.tasks import SHORTER, SimulationTask, task_of
 from spatial_pin.accuracy.tradeoff import pareto, with_reference
 from spatial_pin.constraints.closure_equations import Evaluation

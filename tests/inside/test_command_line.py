@@ -15,9 +15,8 @@ import pytest
 
 import spatial_pin as sp
 from spatial_pin.cli.completion import CALLED, KINDS, NAMED, kind_of
-from spatial_pin.cli.parser import parser
-from spatial_pin.cli.remedies import in_options
-from spatial_pin.cli.results import fitted
+from spatial_pin.cli.printing import fitted, in_options
+from spatial_pin.cli.running import parser
 from spatial_pin.cli.tables import read_table
 from spatial_pin.units import quantity
 from spatial_pin.workspace_map.grid_axes import PARTS
@@ -98,16 +97,16 @@ OF_CALLERS = (
     ("checks.py", ""), ("lazy.py", ""), ("__init__.py", ""), ("settings.py", "tradeoff("),
     ("columns.py", "pip install"), ("state.py", "a State is needed"),
     ("motion.py", "a Motion is needed"), ("coordinates.py", "a Mechanism is needed"),
-    ("film.py", ""), ("clearances.py", "another motion"), ("workspaces.py", "another one"),
-    ("joints.py", "sp.closures"), ("closures.py", "sp.closures"), ("export.py", "from_model"),
+    ("film.py", ""), ("overlays.py", "another motion"), ("overlays.py", "another one"),
+    ("pair_tree.py", "sp.closures"), ("closures.py", "sp.closures"), ("export.py", "from_model"),
     ("tolerance.py", "to make a table of"), ("sweep.py", "speed=0.0 at rest"),
     ("sweep.py", "a sweep goes through a list"),
     ("outputs.py", "a motion by itself has no forces"), ("influence.py", "the whole mechanism"),
     ("influence.py", "dynamics=True"), ("reduce.py", "lump=True"), ("design.py", "goals"),
     ("stepping.py", "explicit integrator"), ("integrators.py", "needs a step"),
     ("simulate.py", "take a longer step"), ("jerks.py", "j="), ("forward.py", "a="),
-    ("coordinates.py", "CoordinateRates"), ("picture.py", ""), ("devtools.py", ""),
-    ("model.py", "canonical_link="),  # an attribute of SDFormat
+    ("coordinates.py", "CoordinateRates"), ("pictures.py", ""), ("browser.py", ""),
+    ("sdf_model.py", "canonical_link="),  # an attribute of SDFormat
 )
 
 

@@ -19,7 +19,7 @@ from spatial_pin.continuation.cursor import Cursor
 from spatial_pin.continuation.evaluation_order import there_and_back
 from spatial_pin.continuation.singular_points import zeros
 from spatial_pin.continuation.start import Start
-from spatial_pin.view.page.drive import Drive
+from spatial_pin.view.page.jog import Jog
 
 TURN = np.linspace(0.0, 2.0 * np.pi, 500)
 SCATTERED = np.concatenate([[0.3], np.random.default_rng(7).uniform(-2.0, 6.0, 400),
@@ -184,7 +184,7 @@ def test_where_many_windows_go_flat_is_told_in_few_steps(monkeypatch):
                          ids=["level", "little", "more", "opposite"])  # arms 2 and 3 [rad]
 def test_the_delta_robot_moved_by_hand_passes_its_change_points(held, steps):
     robot = library("delta")
-    drive = Drive(sp.assemble(robot, {"arm_1": 1.4, **arms(held)}), robot.drivers)
+    drive = Jog(sp.assemble(robot, {"arm_1": 1.4, **arms(held)}), robot.drivers)
     first, second = change_points(held)
     for value in [*np.linspace(1.4, 2.7, steps + 1)[1:], first, 0.5 * (first + second), second,
                   1.5, 2.7]:

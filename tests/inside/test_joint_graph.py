@@ -6,16 +6,16 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from spatial_pin.formats.graph import WORLD, Joint, JointGraph, Link, span
-from spatial_pin.formats.graph.chains import in_loops
-from spatial_pin.formats.graph.posture import coordinates_at
+from spatial_pin.formats.graph import WORLD, GraphJoint, JointGraph, Link, SpanningTree
+from spatial_pin.formats.graph.open_tree import coordinates_at
+from spatial_pin.formats.graph.spanning import in_loops
 from spatial_pin.mechanism.pairs import JOINT_TYPES, PAIRS
 
 MOVING = [kind for kind in JOINT_TYPES if kind != "fixed"]
 X, Y, Z = np.eye(3)
 
 
-def motion(joint: Joint, q: np.ndarray) -> pin.SE3:
+def motion(joint: GraphJoint, q: np.ndarray) -> pin.SE3:
     """Placement of a joint's frame on its child in that on its parent, by Pinocchio."""
     model = pin.Model()
     model.addJoint(0, PAIRS[joint.type].joint(joint.axis, joint.axis2, joint.lead),
@@ -25,11 +25,11 @@ def motion(joint: Joint, q: np.ndarray) -> pin.SE3:
     return data.oMi[1].copy()
 
 
-def sample(kind: str, seed: int = 0) -> tuple[Joint, np.ndarray]:
+def sample(kind: str, seed: int = 0) -> tuple[GraphJoint, np.ndarray]:
     """A joint about skew axes, and a configuration of it."""
     rng = np.random.default_rng(seed)
     turn = pin.exp3(rng.normal(size=3))
-    joint = Joint("j", kind, "a", "b", axis=turn[:, 0], axis2=turn[:, 1], lead=0.3)
+    joint = GraphJoint("j", kind, "a", "b", axis=turn[:, 0], axis2=turn[:, 1], lead=0.3)
     model = pin.Model()
     model.addJoint(0, PAIRS[kind].joint(joint.axis, joint.axis2, joint.lead), pin.SE3.Identity(),
                    "j")
@@ -73,13 +73,13 @@ def ring(kinds, **changes) -> JointGraph:
     names = [WORLD, *(f"l{k}" for k in range(1, len(kinds))), WORLD]
     joints = []
     for k, kind in enumerate(kinds):
-        joint = Joint(f"j{k}", kind, names[k], names[k + 1], axis=X, axis2=Y)
+        joint = GraphJoint(f"j{k}", kind, names[k], names[k + 1], axis=X, axis2=Y)
         joints.append(joint.but(**changes.get(joint.name, {})))
     return JointGraph(tuple(Link(name, massless=False) for name in names[1:-1]), tuple(joints))
 
 
 def cut_of(graph: JointGraph) -> str:
-    joint, = span(graph).cut
+    joint, = SpanningTree(graph).cut
     return joint.name
 
 
@@ -125,7 +125,7 @@ def test_the_order_of_the_file_does_not_change_which_kind_is_cut():
 
 def test_branches_of_the_tree_are_short():
     """A ring of 101 equal joints is cut in its middle."""
-    tree = span(ring(("revolute",) * 101))
+    tree = SpanningTree(ring(("revolute",) * 101))
     depth = {WORLD: 0}
     for joint in tree.joints:
         depth[joint.child] = depth[joint.parent] + 1
@@ -137,7 +137,7 @@ def test_joints_of_loops_are_those_without_which_their_links_stay_joined():
     for _ in range(60):
         n, m = rng.integers(1, 9), rng.integers(0, 14)
         names = [WORLD, *(f"l{k}" for k in range(n))]
-        joints = [Joint(f"j{k}", "revolute", *(names[i] for i in rng.choice(n + 1, 2, False)))
+        joints = [GraphJoint(f"j{k}", "revolute", *(names[i] for i in rng.choice(n + 1, 2, False)))
                   for k in range(m)]
 
         def joined(one, others):
@@ -162,9 +162,10 @@ def test_every_link_is_reached_once_whatever_the_graph():
         for k in range(m):
             one, two = rng.choice(n + 1, 2, replace=False)
             kind = str(rng.choice(["revolute", "spherical", "fixed", "distance", "prismatic"]))
-            joints.append(Joint(f"j{k}", kind, names[one], names[two],
-                                damping=float(rng.integers(2))))
-        tree = span(JointGraph(tuple(Link(x, massless=False) for x in names[1:]), tuple(joints)))
+            joints.append(GraphJoint(f"j{k}", kind, names[one], names[two],
+                                     damping=float(rng.integers(2))))
+        links = tuple(Link(x, massless=False) for x in names[1:])
+        tree = SpanningTree(JointGraph(links, tuple(joints)))
         reached = [*tree.roots, *(joint.child for joint in tree.joints)]
         assert sorted(reached) == sorted(names[1:])
         assert len(tree.joints) + len(tree.cut) == m

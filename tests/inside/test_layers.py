@@ -40,16 +40,21 @@ from pictured import (
 from variety import each
 
 import spatial_pin as sp
-from spatial_pin.mechanism.pairs import CLOSURE_TYPES, JOINT_TYPES
+from spatial_pin.mechanism.pairs import JOINT_TYPES, closure_types
 from spatial_pin.view.scene.film import film, length_words, nice
 from spatial_pin.view.scene.framing import ASPECT, FIELD_OF_VIEW, Framing, frame, occupied, rotate
 from spatial_pin.view.scene.layers import arrows
-from spatial_pin.view.scene.layers.bodies import BODY_COLOURS, GROUND_COLOUR, colour, link_of
+from spatial_pin.view.scene.layers.arrows import TRACE_COLOURS
 from spatial_pin.view.scene.layers.glyphs import GLYPHS, glyphs
 from spatial_pin.view.scene.layers.places import places
-from spatial_pin.view.scene.layers.traces import COLOURS as TRACE_COLOURS
+from spatial_pin.view.scene.layers.visuals import (
+    BODY_COLOURS,
+    GROUND_COLOUR,
+    colour,
+    link_of,
+    skeleton,
+)
 from spatial_pin.view.scene.meshcat_commands import scene
-from spatial_pin.view.scene.skeleton import skeleton
 from spatial_pin.view.scene.stage import Stage, joint_poses, quaternions_along, upright
 
 
@@ -119,7 +124,7 @@ SKEW = np.array([2.0, -3.0, 6.0]) / 7.0
 
 def test_every_pair_that_has_a_place_has_a_sign():
     without = {"fixed", "weld", "floating", "coupling"}
-    assert set(GLYPHS) == {*CLOSURE_TYPES, *JOINT_TYPES} - without
+    assert set(GLYPHS) == {*closure_types(), *JOINT_TYPES} - without
 
 
 def joint_of(tmp_path, kind: str) -> sp.State:
@@ -154,7 +159,7 @@ def test_sign_of_a_joint_stands_on_it_with_its_axis(tmp_path, kind):
             np.testing.assert_allclose(world[:3, 2], frame.rotation @ axis, atol=1e-12)
 
 
-@pytest.mark.parametrize("kind", [k for k in CLOSURE_TYPES if k in GLYPHS])
+@pytest.mark.parametrize("kind", [k for k in closure_types() if k in GLYPHS])
 def test_sign_of_a_closure_stands_on_its_frames(tmp_path, kind):
     keys = {"distance": {"length": 0.2}, "screw": {"lead": 0.02}}.get(kind, {})
     state = opened(tmp_path, kind, pin.SE3(np.eye(3), np.array([0.03, 0.04, 0.12])), **keys)

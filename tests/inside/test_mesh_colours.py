@@ -10,10 +10,10 @@ import pytest
 import umsgpack
 
 import spatial_pin as sp
-from spatial_pin.formats.meshes import meshes
-from spatial_pin.formats.urdf import shapes
+from spatial_pin.formats import mesh_files
+from spatial_pin.formats.urdf import geometry
 from spatial_pin.view.scene.film import film
-from spatial_pin.view.scene.layers.bodies import BODY_COLOURS, body_items
+from spatial_pin.view.scene.layers.visuals import BODY_COLOURS, body_items
 from spatial_pin.view.scene.meshcat_commands import scene
 
 RED, GREEN, URDF = (1.0, 0.0, 0.0, 1.0), (0.0, 0.5, 0.0, 0.25), (0.0, 0.0, 1.0, 1.0)
@@ -175,8 +175,8 @@ def test_colours_are_there_for_a_copy_sent_elsewhere_and_for_a_file_that_changed
 
 
 def test_loading_and_moving_read_no_mesh(load, monkeypatch):
-    monkeypatch.setattr(shapes, "read_meshes", None)
-    monkeypatch.setattr(meshes, "fault", None)
+    monkeypatch.setattr(geometry, "read_meshes", None)
+    monkeypatch.setattr(mesh_files, "fault", None)
     mechanism = load("part.obj", OBJ.format(third="red"))
     assert sp.assemble(mechanism).closure_error == 0.0
 

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from images import needs_browser
 
-from spatial_pin.view.browser.devtools import Browser
-from spatial_pin.view.page.notebook import PagePath, watched
+from spatial_pin.view.browser import Browser
+from spatial_pin.view.page.cards import PagePath, watched
 
 CELLS = (
     "import numpy as np, spatial_pin as sp\n"

@@ -24,8 +24,8 @@ from variety import each, few
 
 import spatial_pin as sp
 from spatial_pin.motion.default_motion import ROWS, SLIDE_RANGE, default_motion
-from spatial_pin.view.page.drive import BESIDE, Drive
 from spatial_pin.view.page.html import packed
+from spatial_pin.view.page.jog import BESIDE, Jog
 from spatial_pin.view.page.markup import number, table, tiny
 from spatial_pin.view.page.plots import default_outputs, svg
 from spatial_pin.view.page.sections import SECTIONS
@@ -73,7 +73,7 @@ def test_closed_browser_leaves_nothing_behind():
 
 FILMING = """
 import sys, time, numpy as np, spatial_pin as sp
-movie = __import__("importlib").import_module("spatial_pin.view.browser.movie")
+movie = __import__("importlib").import_module("spatial_pin.view.pictures")
 def shoot(browser, seconds):
     print(browser._process.pid, browser._folder.name, flush=True)
     time.sleep(600)
@@ -124,7 +124,7 @@ def test_browser_that_does_not_start_is_a_clear_error(monkeypatch, tmp_path):
     program = tmp_path / "chromium"
     program.write_text("#!/bin/sh\necho no display >&2\nexit 3\n")
     program.chmod(0o755)
-    monkeypatch.setattr("spatial_pin.view.browser.devtools.find_browser", lambda: str(program))
+    monkeypatch.setattr("spatial_pin.view.browser.find_browser", lambda: str(program))
     with pytest.raises(sp.SpatialPinError, match=r"ended at once:\s+no display"):
         Browser(SIZE)
 
@@ -145,7 +145,7 @@ def test_drive_is_where_a_sweep_is_and_comes_back(name):
     mechanism = sp.load(name)
     state = sp.assemble(mechanism)
     driver = next(iter(mechanism.drivers))
-    drive = Drive(state, mechanism.drivers)
+    drive = Jog(state, mechanism.drivers)
     start = drive.value(driver)
     step = 0.05 * (1.0 if mechanism.coordinate(driver).unit == "rad" else 0.1)
     values = start + step * np.arange(20)
@@ -165,7 +165,7 @@ def test_drive_is_where_a_sweep_is_and_comes_back(name):
 def test_limit_is_where_it_is_and_the_way_back_is_the_same():
     mechanism = sp.load("four_bar", **DOUBLE_ROCKER)
     limit = sp.limits(mechanism, "crank").upper.value
-    drive = Drive(sp.assemble(mechanism), mechanism.drivers)
+    drive = Jog(sp.assemble(mechanism), mechanism.drivers)
     drive.move("crank", 1.2)
     before = drive.state.q
     for beyond in (limit + 1e-9, limit + 0.01, 3.0, 2 * np.pi):
@@ -180,7 +180,7 @@ def test_limit_is_where_it_is_and_the_way_back_is_the_same():
 def test_value_of_the_limit_itself_is_reached_or_stopped_at_and_left_again():
     mechanism = sp.load("four_bar", **DOUBLE_ROCKER)
     limit = sp.limits(mechanism, "crank").upper.value
-    drive = Drive(sp.assemble(mechanism), mechanism.drivers)
+    drive = Jog(sp.assemble(mechanism), mechanism.drivers)
     for value in (limit, limit - 1e-13, limit - 1e-10, limit):
         drive.move("crank", value)
         assert drive.value("crank") == pytest.approx(limit, abs=1e-9)
@@ -193,7 +193,7 @@ def test_value_of_the_limit_itself_is_reached_or_stopped_at_and_left_again():
 def test_change_point_is_passed_straight_on(steps):
     mechanism = sp.load("four_bar", **PARALLELOGRAM)
     state = sp.assemble(mechanism, {"crank": 1.0})
-    drive = Drive(state, mechanism.drivers)
+    drive = Jog(state, mechanism.drivers)
     poses = joint_poses(mechanism.model, state.q[None])
     for value in [*np.linspace(1.0, 5.5, steps + 1)[1:], np.pi, 3.0, 1.0]:
         assert drive.move("crank", value) is None
@@ -204,7 +204,7 @@ def test_change_point_is_passed_straight_on(steps):
 
 def test_other_drivers_are_held_even_beside_a_limit():
     mechanism = sp.load("stewart")
-    drive = Drive(sp.assemble(mechanism), mechanism.drivers)
+    drive = Jog(sp.assemble(mechanism), mechanism.drivers)
     stop = drive.move("leg_1", 1.0)
     assert stop.kind == "limit"
     for name in ("leg_2", "leg_5"):
@@ -224,7 +224,7 @@ def test_a_move_ends_where_a_joint_runs_away():
     on_wall = sp.closures.point_on_plane(("universe", wall), ("slide", here), axis=[1, 0, 0])
     mech = sp.Mechanism.from_model(model, [on_wall], drivers=["arm"],
                                    guess={"arm": 0.1, "slide": 1.0}, name="wall")
-    drive = Drive(sp.assemble(mech), ["arm"])
+    drive = Jog(sp.assemble(mech), ["arm"])
     reach, stop = drive.reach("arm", 91), drive.move("arm", 2.0)
     for found, end in zip((*reach.stops, stop), (-1.0, 1.0, 1.0), strict=True):
         assert found.kind == "limit" and found.value == pytest.approx(end * np.pi / 2, abs=1e-12)
@@ -234,7 +234,7 @@ def test_a_move_ends_where_a_joint_runs_away():
 
 def test_a_driver_stops_where_any_joint_comes_to_its_limit(tmp_path):
     mechanism = limited_slider(tmp_path)
-    drive = Drive(sp.assemble(mechanism), mechanism.drivers)
+    drive = Jog(sp.assemble(mechanism), mechanism.drivers)
     drive.keeps_limits = True
     at = {end: np.arccos((0.01 + end**2 - 0.09) / (0.2 * end)) for end in (0.25, 0.38)}
     for wanted, value in ((0.0, at[0.38]), (3.0, at[0.25])):
@@ -258,7 +258,7 @@ def test_joint_limits_are_in_the_way_of_moves_beyond_the_end_of_the_branch(far):
     """The branch ends at 0.525 m, between the two values that such a move has."""
     mechanism = sp.load("stewart")
     limit = mechanism.model.upperPositionLimit[mechanism.coordinate("slide_1").q]
-    drive = Drive(sp.assemble(mechanism), mechanism.drivers)
+    drive = Jog(sp.assemble(mechanism), mechanism.drivers)
     drive.keeps_limits = True
     stop = drive.move("leg_1", far)
     assert (stop.kind, stop.of) == ("joint limit", "slide_1")
@@ -267,7 +267,7 @@ def test_joint_limits_are_in_the_way_of_moves_beyond_the_end_of_the_branch(far):
 
 def test_failure_nobody_thought_of_is_told_and_does_no_harm(rssr, monkeypatch, capfd):
     asking = Page(rssr)
-    monkeypatch.setattr(Drive, "move", lambda *_: 1 / 0)
+    monkeypatch.setattr(Jog, "move", lambda *_: 1 / 0)
     assert asking.move("crank", 5.0) == {"error": "ZeroDivisionError: division by zero"}
     monkeypatch.undo()
     assert asking.move("crank", 5.0)["values"]["crank"] == pytest.approx(5.0)

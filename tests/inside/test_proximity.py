@@ -15,9 +15,9 @@ from scipy.spatial.transform import Rotation
 
 import spatial_pin as sp
 from spatial_pin.motion.default_motion import default_motion
-from spatial_pin.proximity.between import Between
+from spatial_pin.proximity.clearance_search import Between
 from spatial_pin.proximity.distances import nearest, segments_apart
-from spatial_pin.proximity.solids import SUPPORTS, Solid, hulls, solids_of
+from spatial_pin.proximity.solids import SUPPORTS, ConvexSolid, hulls, solids_of
 from spatial_pin.view.scene.film import film
 from spatial_pin.view.scene.meshcat_commands import scene
 
@@ -66,13 +66,13 @@ SHAPES = {
 SIZES = st.tuples(*[st.floats(0.05, 1.0)] * 3)
 
 
-def placed(shape, seed: int) -> tuple[Solid, coal.Transform3s]:
+def placed(shape, seed: int) -> tuple[ConvexSolid, coal.Transform3s]:
     rng = np.random.default_rng(seed)
     shape.computeLocalAABB()
     frame = coal.Transform3s()
     frame.setRotation(Rotation.random(random_state=rng).as_matrix())
     frame.setTranslation(rng.normal(size=3) * 0.4)
-    return Solid("", 0, np.eye(3), np.zeros(3), shape, np.zeros(3), shape.aabb_radius,
+    return ConvexSolid("", 0, np.eye(3), np.zeros(3), shape, np.zeros(3), shape.aabb_radius,
                  np.zeros(3), shape.aabb_radius), frame
 
 

@@ -9,7 +9,7 @@ from loaded_library import library
 from variety import few
 
 import spatial_pin as sp
-from spatial_pin.accuracy.exact import ExactRows
+from spatial_pin.accuracy.reference import ExactRows
 from spatial_pin.constraints.composite_joints import split
 from spatial_pin.mechanism.coordinates import rotation_vector
 from spatial_pin.rates.rates import rate_error

@@ -21,7 +21,7 @@ from spatial_pin.synthesis.curve_atlas import CurveDatabase
 from spatial_pin.synthesis.demand import Candidate, smooth_peak
 from spatial_pin.synthesis.design import refuse_off_plane
 from spatial_pin.synthesis.design_problem import DesignProblem, LocalFit, _Exactly
-from spatial_pin.view.scene.overlay import overlaid
+from spatial_pin.view.scene.look import overlaid
 
 goals = sp.goals
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import spatial_pin as sp
-from spatial_pin.formats.sources import library_folder
+from spatial_pin.formats.file_access import library_folder
 
 FORMULAS = ("=cmd", "+sum", "-x", "@now")
 

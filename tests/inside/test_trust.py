@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import spatial_pin as sp
-from spatial_pin.formats.table import IMPORTERS
+from spatial_pin.formats.importers import IMPORTERS
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes on this system")
 LINK = '<robot name="m"><link name="base"/>{}</robot>'
@@ -290,7 +290,7 @@ def drawn(folder, name, content):
 
 
 def colours(mech):
-    from spatial_pin.formats.meshes.meshes import mesh_colours
+    from spatial_pin.formats.mesh_files import mesh_colours
 
     path = mech.visual_model.geometryObjects[0].meshPath
     return [colour for _, colour in mesh_colours(path)]

@@ -9,9 +9,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from spatial_pin.view.browser.devtools import NEXT_PICTURE, Browser
-from spatial_pin.view.browser.movie import READY, open_page, shoot
-from spatial_pin.view.browser.picture import find_browser
+from spatial_pin.view.browser import NEXT_PICTURE, Browser, find_browser
+from spatial_pin.view.pictures import READY, open_page, shoot
 
 __all__ = ["NEXT_PICTURE", "READY", "Browser", "browser", "complaints", "find_browser",
            "needs_browser", "one_browser", "open_page", "shoot"]

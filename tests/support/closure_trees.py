@@ -8,11 +8,12 @@ from mechanisms import between, closure, floating, load, point, refine
 
 import spatial_pin as sp
 from spatial_pin.constraints.closure_equations import Evaluation
-from spatial_pin.mechanism.pairs import CLOSURE_TYPES, COUPLING, JOINT_TYPES, PAIRS
+from spatial_pin.mechanism.pairs import COUPLING, JOINT_TYPES, PAIRS, closure_types
 
 __all__ = ["CLOSURE_TYPES", "COUPLING", "JOINT_TYPES", "PAIRS"]  # what others take from here
 LENGTH, LEAD = 0.37, 0.023
 KEYS = {"distance": {"length": LENGTH}, "screw": {"lead": LEAD}}
+CLOSURE_TYPES = closure_types()
 TYPES = [kind for kind in CLOSURE_TYPES if kind != COUPLING]
 JOINTS = [name for name, pair in PAIRS.items() if pair.joint]
 STEP = 3e-3  # step of the differences; their error is a few 1e-14 / STEP

@@ -68,7 +68,7 @@ def uncounted(mechanism: Mechanism, held: tuple[str, ...]) -> Uncounted:
     """Return what loops hide turns where coordinates are held."""
     constraints, table = constraints_of(mechanism), mechanism.coordinate_table
     fixed = {table[name].v for name in held if table[name].q >= 0}
-    tied = [{mechanism.coordinate(name).v for name in c.joints} for c in constraints.couplings]
+    tied = [{mechanism.coordinate(name).v for name in c.joints} for c in mechanism.closures]
     place = {c.q: c.v for c in table.values() if c.q >= 0}
     tied += [{place[q] for q in np.flatnonzero(turns.row).tolist()} for turns in constraints.turns
              if turns.are_all]
@@ -78,8 +78,8 @@ def uncounted(mechanism: Mechanism, held: tuple[str, ...]) -> Uncounted:
             known |= ends if ends & known else set()
     angles = {c.v for c in table.values() if c.unit == "rad"}
     hidden = set().union(*tied) & angles - known
-    by_path = {constraints.labels[at].closure for (at, _, _), turns in zip(
-        constraints.screws, constraints.turns, strict=True) if not turns.are_all}
+    by_path = {constraints.labels[x.equation].closure for x, turns in zip(
+        constraints.angles, constraints.turns, strict=True) if not turns.are_all}
     found: set[int] = set()
     for group in loop_groups(mechanism, tuple(sorted(fixed))):
         own = set(np.flatnonzero(group.entries).tolist())

@@ -58,8 +58,8 @@ def _group(
     names = tuple(known[k] for k in chosen)
     own: NDArray[np.bool_] = np.any(entries[chosen], axis=0)
     constraints = constraints_of(mechanism)
-    angles = [e.angle for label, e in zip(constraints.labels, constraints.equations, strict=False)
-              if e.angle >= 0 and label.closure in names]
+    angles = [k for k, x in enumerate(constraints.angles)
+              if constraints.labels[x.equation].closure in names]
     return LoopGroup(names, own, _places(mechanism, own), angles)
 
 
@@ -85,10 +85,8 @@ def _entries_of_closures(mechanism: Mechanism) -> NDArray[np.bool_]:
     constraints = constraints_of(mechanism)
     row = {name: k for k, name in enumerate(_names(mechanism))}
     found = np.zeros((len(row), mechanism.model.nv), dtype=bool)
-    for label, equation in zip(constraints.labels, constraints.equations, strict=False):
-        own = found[row[label.closure]]
-        own |= np.any(constraints.signs[list(equation.products)] != 0.0, axis=0)
-        own[[c.v for c in equation.coordinates]] = True
+    for label, own in zip(constraints.labels, constraints.occurring, strict=False):
+        found[row[label.closure]] |= own
     return found
 
 

@@ -18,7 +18,6 @@ from spatial_pin.constraints.opposite_axes import opposite_axes
 from spatial_pin.errors import AssemblyError
 from spatial_pin.mechanism.coordinates import coordinate_value, with_values
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -70,8 +69,8 @@ def _gap_words(search: Search, error: float, q: Array, worst: str) -> str:
     words = (f"closure {worst!r} stays open by {gap} (closure error {error:.1e}), the smallest gap "
              "found; ") + (_too_large(mechanism, q) if large else _open_words(search, q, worst))
     constraints = constraints_of(mechanism)
-    by_path = [constraints.labels[at].closure for (at, _, _), turns in zip(
-        constraints.screws, constraints.turns, strict=True) if not turns.are_all]
+    by_path = [constraints.labels[x.equation].closure for x, turns in zip(
+        constraints.angles, constraints.turns, strict=True) if not turns.are_all]
     if worst in by_path:
         words += ("; its joints do not tell how often this screw has turned, so that it is "
                   "assembled within half a turn of the guess: sweep to further turns, or put the "
@@ -126,9 +125,9 @@ def _open_words(search: Search, q: Array, worst: str) -> str:
 def what_of(mechanism: Mechanism, worst: str) -> str:
     """Return what of the closure that stays open the most may be wrong."""
     closure = {c.name: c for c in mechanism.closures}.get(worst)
-    if closure and closure.type == COUPLING:
+    if closure and closure.joints:
         return f"ratio and offset of coupling {worst!r}, and the other closures"
-    length = closure.geometry.length if closure and closure.geometry else 0.0
+    length = closure.geometry.length if closure else 0.0
     times = length / mechanism.characteristic_length
     hint = "" if times < NO_LENGTH else (
         f" (length = {length:g} m is {times:.3g} times the mechanism's size: {length:g} mm are "
@@ -172,8 +171,8 @@ def open_gap(mechanism: Mechanism, evaluation: Evaluation, closure: str) -> str:
     constraints = evaluation.constraints
     rows = [i for i, label in enumerate(constraints.labels) if label.closure == closure]
     kinds = {c.name: c for c in mechanism.closures}[closure]
-    is_length = [row.is_length for row in kinds.rows] if kinds.type != COUPLING else [
-        mechanism.coordinate(kinds.joints[1]).unit == "m"]
+    is_length = [row.is_length or (bool(kinds.joints)
+                 and mechanism.coordinate(kinds.joints[-1]).unit == "m") for row in kinds.rows]
     values = evaluation.residual[rows]
     lengths = float(np.linalg.norm(values[np.array(is_length)]))
     angles = float(np.linalg.norm(values[~np.array(is_length)]))

@@ -13,7 +13,6 @@ from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.kernel.closer import HELD, NAMED, TURNS, Meant, closer_of
 from spatial_pin.mechanism.joint_limits import position_limits
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.angles import whole_turns
 from spatial_pin.numerics.linalg import Array
@@ -24,8 +23,7 @@ PERIODIC = ("revolute", "cylindrical", "universal", "planar")
 @made_once
 def periodic(mechanism: Mechanism) -> list[Coordinate]:
     """Return the angles that mean the same after a whole turn: no closure counts it."""
-    coupled = {mechanism.coordinate(j).name for c in mechanism.closures if c.type == COUPLING
-               for j in c.joints}
+    coupled = {mechanism.coordinate(j).name for c in mechanism.closures for j in c.joints}
     counted = np.zeros(mechanism.model.nq, dtype=bool)
     for turns in constraints_of(mechanism).turns:
         counted |= turns.are_all & (turns.row != 0.0)

@@ -1,30 +1,26 @@
 """What the commands do: each calls one public verb and answers; they compute nothing.
 
-To add a command: its options, what it does, and its line in the `COMMANDS` of the module of its
-subject.
+To add a command: what it does, and its options in the `COMMANDS` of the module of its subject.
 """
 
 from spatial_pin.cli.commands import (
-    accuracy,
-    dimensions,
-    forces,
-    library,
+    mechanisms,
     motions,
     positions,
-    rates,
+    rates_and_forces,
     searching,
-    showing,
+    studies,
 )
 from spatial_pin.cli.options import Command
 
 GROUPS: dict[str, dict[str, Command]] = {
-    "mechanisms and their files": library.COMMANDS,
+    "mechanisms and their files": mechanisms.COMMANDS,
     "configurations": positions.COMMANDS,
     "motions": motions.COMMANDS,
-    "rates and forces": {**rates.COMMANDS, **forces.COMMANDS},
-    "for the eye": showing.COMMANDS,
-    "dimensions": dimensions.COMMANDS,
+    "rates and forces": rates_and_forces.COMMANDS,
+    "for the eye": motions.PAGES,
+    "dimensions": studies.COMMANDS,
     "searches": searching.COMMANDS,
-    "accuracy": accuracy.COMMANDS,
+    "accuracy": studies.ACCURACY,
 }
 COMMANDS = {name: command for group in GROUPS.values() for name, command in group.items()}

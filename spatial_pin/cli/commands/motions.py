@@ -1,4 +1,4 @@
-"""Commands of motions: sweep, follow, simulate, clearance; how motions are written."""
+"""Commands of motions: sweep, follow, simulate, clearance; show, report; how they are written."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 import spatial_pin as sp
-from spatial_pin.cli.asked import (
+from spatial_pin.cli.arguments import (
     RATES,
     as_far_as_found,
+    check_names,
     fitting,
     guess_of,
     held,
@@ -21,22 +22,23 @@ from spatial_pin.cli.asked import (
     loaded,
     unique,
 )
-from spatial_pin.cli.names import check_names
 from spatial_pin.cli.options import (
+    GUESS,
+    LOOK,
+    RESULT,
     SPRINGS_HELP,
     Command,
     above_zero,
     count,
     data_options,
-    guess_option,
     hold_option,
-    result_options,
+    option,
     setting,
     start_options,
     sweep_arguments,
     value,
 )
-from spatial_pin.cli.results import Told, finite, on_screen, say, tell
+from spatial_pin.cli.printing import CutShort, finite, on_screen, print_result, say, wrote
 from spatial_pin.cli.tables import name_of_column, read_table
 from spatial_pin.dynamics.outputs import with_forces
 from spatial_pin.motion.default_motion import default_motion
@@ -67,7 +69,7 @@ def write_followed(
         options.clearance = False
         motion = stopped.result
         write_motion(options, motion, f"cut short after {len(motion)} steps", False)
-        raise Told from None
+        raise CutShort from None
 
 
 def write_motion(
@@ -80,8 +82,8 @@ def write_motion(
         motion = found.motion
     lines = [motion_summary(motion), *([str(found)] if found is not None else []),
              *([last] if last else [])]
-    tell(options, "\n".join(lines), _content(motion, found, is_whole), motion.columns(),
-         _written(options, motion, found), found is None or found.is_whole)
+    print_result(options, "\n".join(lines), _content(motion, found, is_whole), motion.columns(),
+                 _written(options, motion, found), found is None or found.is_whole)
 
 
 def _written(
@@ -91,9 +93,13 @@ def _written(
     if options.npz:
         yield motion.save(options.npz)
     if options.plot:
-        asked = with_forces(motion, options.output or _with_ratios(motion),
-                            lambda: sp.kinetostatics(motion.mechanism, motion))
-        sp.plot(motion, asked, options.plot)
+        outputs = options.output
+        if not outputs:  # those looked at first, each coordinate with its speed ratio
+            coordinates = {} if motion.driver is None else motion.mechanism.coordinate_table
+            outputs = [name for output in default_outputs(motion) for name in (
+                [output, f"{output}.ratio"] if output in coordinates else [output])]
+        sp.plot(motion, with_forces(motion, outputs, lambda: sp.kinetostatics(
+            motion.mechanism, motion)), options.plot)
         yield options.plot
     if options.html:
         yield sp.export_html(motion, options.html, look=look_of(options, found))
@@ -109,27 +115,7 @@ def _content(
     return finite(content if found is None else {**content, "clearance": found.as_dict()})
 
 
-def _with_ratios(motion: sp.Motion) -> list[str]:
-    """The outputs looked at first, each coordinate with its speed ratio."""
-    coordinates = motion.mechanism.coordinate_table
-    if motion.driver is None:
-        return default_outputs(motion)
-    return [name for output in default_outputs(motion)
-            for name in ([output, f"{output}.ratio"] if output in coordinates else [output])]
-
-
 # ---------------------------------------------------------------- sweep
-
-
-def _sweep_options(sub: argparse.ArgumentParser) -> None:
-    sweep_arguments(sub)
-    sub.add_argument("--limits", action="store_true",
-                     help="a joint limit of the URDF, of any joint, is a limit position too")
-    hold_option(sub, SPRINGS_HELP)
-    sub.add_argument("--only", action="append", default=[], metavar="NAME",
-                     help="sweep the smallest model that yields this coordinate, link or frame, "
-                          "and say what it leaves out")
-    result_options(sub)
 
 
 def sweep_task(options: argparse.Namespace, mechanism: sp.Mechanism) -> dict[str, Any]:
@@ -190,7 +176,8 @@ def _reduced(
     return found, found.state(state)
 
 
-def _sweep(options: argparse.Namespace) -> None:
+def sweep(options: argparse.Namespace) -> None:
+    """Follow one branch from one driver value to another."""
     mechanism = loaded(options)
     mechanism.coordinate(options.driver)
     check_names(options, mechanism)
@@ -214,17 +201,8 @@ def shown(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion | s
 # ---------------------------------------------------------------- follow
 
 
-def _follow_options(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("table", metavar="TABLE", help="a .csv file: a line of names, as time [s], "
-                     "boom [deg], arm; then a line of numbers for every sample")
-    hold_option(sub)
-    sub.add_argument("--stop", action="store_true",
-                     help="end before what cannot be reached instead of failing")
-    guess_option(sub)
-    result_options(sub)
-
-
-def _follow(options: argparse.Namespace) -> None:
+def follow(options: argparse.Namespace) -> None:
+    """Follow one branch as several drivers go along a table."""
     mechanism = loaded(options)
     check_names(options, mechanism)
     values, times = read_table(options.table, mechanism)
@@ -240,18 +218,6 @@ def _follow(options: argparse.Namespace) -> None:
 
 
 # ---------------------------------------------------------------- simulate
-
-
-def _simulate_options(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("--duration", type=above_zero, required=True, help="how long, as 10 or 500ms")
-    sub.add_argument("--rows", type=count, default=1001, help="number of rows (1001)")
-    start_options(sub, "--speed")
-    sub.add_argument("--on-joint-limit", choices=("report", "stop", "ignore"), default="report",
-                     help="where a joint passes a limit of the URDF (report)")
-    sub.add_argument("--accuracy", choices=("draft", "engineering", "reference"),
-                     default="engineering", help="of the integrator (engineering)")
-    guess_option(sub)
-    result_options(sub)
 
 
 def beginning(
@@ -272,37 +238,24 @@ def beginning(
     return state, efforts
 
 
-def _simulate(options: argparse.Namespace) -> None:
+def simulate(options: argparse.Namespace) -> None:
+    """Let it move under gravity, springs and efforts."""
     mechanism = loaded(options)
     check_names(options, mechanism)
     state, efforts = beginning(options, mechanism, options.speed, options.duration)
     times = np.linspace(0.0, options.duration, options.rows)
     write_followed(options, lambda: sp.simulate(
         mechanism, state, options.duration, efforts, times, sp.Accuracy.named(options.accuracy),
-        on_joint_limit=options.on_joint_limit, progress=True), _cost_of)
-
-
-def _cost_of(motion: sp.Simulation) -> str:
-    return (f"energy drift {motion.energy_drift:.1e} of what is exchanged; {motion.steps} steps of "
-            f"the integrator in {', '.join(motion.coordinates)}")
+        on_joint_limit=options.on_joint_limit, progress=True), lambda motion: (
+            f"energy drift {motion.energy_drift:.1e} of what is exchanged; {motion.steps} steps "
+            f"of the integrator in {', '.join(motion.coordinates)}"))
 
 
 # ---------------------------------------------------------------- clearance
 
 
-def _clearance_options(sub: argparse.ArgumentParser) -> None:
-    sweep_arguments(sub, needed=False)
-    hold_option(sub, SPRINGS_HELP)
-    sub.add_argument("--at", action="append", default=[], type=setting, metavar="DRIVER=VALUE",
-                     help="at this configuration instead of along a sweep")
-    sub.add_argument("--between", nargs=2, action="append", default=[], metavar=("LINK", "LINK"),
-                     help="only these two links, joined ones too")
-    sub.add_argument("--tolerance", type=value, default=0.0, metavar="DISTANCE",
-                     help="links that are so near count as touching, as 2mm (0)")
-    data_options(sub, "the pairs of links", "the pairs of links")
-
-
-def _clearance(options: argparse.Namespace) -> None:
+def clearance(options: argparse.Namespace) -> None:
+    """How near links come to each other, and where they touch."""
     mechanism = loaded(options)
     in_units({"tolerance": options.tolerance}, "m", "cm", "mm", "um", "in")
     for link in (link for pair in options.between for link in pair):
@@ -317,29 +270,115 @@ def _clearance(options: argparse.Namespace) -> None:
     found = as_far_as_found(lambda: sp.clearance(
         subject, [(a, b) for a, b in options.between] or None, tolerance=float(options.tolerance),
         progress=True))
-    over = _name_of_value(found.motion)
+    motion = found.motion  # what the nearest places are values of, with the unit
+    over = "" if motion.time is None or len(motion) == 1 else "time [s]"
+    if motion.driver is not None:
+        over = f"{motion.driver_name} [{motion.driver_unit}]"
     table = {"first": [p.links[0] for p in found.pairs],
              "second": [p.links[1] for p in found.pairs],
              "distance [m]": [float(p.distance) for p in found.pairs],
              **({over: [float(p.value) for p in found.pairs]} if over else {}),
              "touches": [bool(p.contacts) for p in found.pairs]}
-    tell(options, found, finite({"mechanism": mechanism.name, "over": over, **found.as_dict()}),
-         table, is_whole=found.is_whole)
+    content = {"mechanism": mechanism.name, "over": over, **found.as_dict()}
+    print_result(options, found, finite(content), table, is_whole=found.is_whole)
 
 
-def _name_of_value(motion: sp.Motion) -> str:
-    """Return what the nearest places of a clearance are values of, with the unit."""
-    if motion.driver is not None:
-        return f"{motion.driver_name} [{motion.driver_unit}]"
-    return "" if motion.time is None or len(motion) == 1 else "time [s]"
+# ---------------------------------------------------------------- show, report
+
+
+def show(options: argparse.Namespace) -> None:
+    """Animate a motion in the browser."""
+    mechanism = loaded(options)
+    if options.live:
+        if options.movie or options.last is not None or options.hold:
+            options.usage_error("--live takes no values to sweep, holds nothing and makes no film")
+        check_names(options, mechanism)
+        state = sp.assemble(mechanism, {}, guess_of(options, mechanism))
+        viewer = sp.live(mechanism, state, drivers=[options.driver] if options.driver else None,
+                         outputs=options.output, limits=options.limits is not False)
+    else:
+        subject, look = shown(options, mechanism), look_of(options)
+        if options.movie:
+            wrote([sp.movie(subject, options.movie, look=look, progress=True)])
+            return
+        viewer = sp.show(subject, look=look)
+    with viewer:
+        print(f"{mechanism.name}: {viewer.url} (Ctrl-C ends)", flush=True)
+        viewer.wait()
+
+
+def report(options: argparse.Namespace) -> None:
+    """Write a page to send and to print: 3-D, curves, numbers."""
+    mechanism = loaded(options)
+    path = sp.report(shown(options, mechanism), options.html, outputs=options.output or None,
+                     title=options.title)
+    print_result(options, "", {"mechanism": mechanism.name, "wrote": [str(path)]}, files=[path])
 
 
 COMMANDS = {
-    "sweep": Command("follow one branch from one driver value to another", _sweep_options, _sweep),
-    "follow": Command("follow one branch as several drivers go along a table", _follow_options,
-                      _follow),
-    "simulate": Command("let it move under gravity, springs and efforts", _simulate_options,
-                        _simulate),
-    "clearance": Command("how near links come to each other, and where they touch",
-                         _clearance_options, _clearance),
+    "sweep": Command(sweep, (
+        *sweep_arguments(),
+        option("--limits", action="store_true",
+               help="a joint limit of the URDF, of any joint, is a limit position too"),
+        *hold_option(SPRINGS_HELP),
+        option("--only", action="append", default=[], metavar="NAME",
+               help="sweep the smallest model that yields this coordinate, link or frame, "
+                    "and say what it leaves out"),
+        *RESULT,
+    )),
+    "follow": Command(follow, (
+        option("table", metavar="TABLE", help="a .csv file: a line of names, as time [s], "
+               "boom [deg], arm; then a line of numbers for every sample"),
+        *hold_option(),
+        option("--stop", action="store_true",
+               help="end before what cannot be reached instead of failing"),
+        *GUESS,
+        *RESULT,
+    )),
+    "simulate": Command(simulate, (
+        option("--duration", type=above_zero, required=True, help="how long, as 10 or 500ms"),
+        option("--rows", type=count, default=1001, help="number of rows (1001)"),
+        *start_options("--speed"),
+        option("--on-joint-limit", choices=("report", "stop", "ignore"), default="report",
+               help="where a joint passes a limit of the URDF (report)"),
+        option("--accuracy", choices=("draft", "engineering", "reference"),
+               default="engineering", help="of the integrator (engineering)"),
+        *GUESS,
+        *RESULT,
+    )),
+    "clearance": Command(clearance, (
+        *sweep_arguments(needed=False),
+        *hold_option(SPRINGS_HELP),
+        option("--at", action="append", default=[], type=setting, metavar="DRIVER=VALUE",
+               help="at this configuration instead of along a sweep"),
+        option("--between", nargs=2, action="append", default=[], metavar=("LINK", "LINK"),
+               help="only these two links, joined ones too"),
+        option("--tolerance", type=value, default=0.0, metavar="DISTANCE",
+               help="links that are so near count as touching, as 2mm (0)"),
+        *data_options("the pairs of links", "the pairs of links"),
+    )),
+}
+PAGES = {
+    "show": Command(show, (
+        *sweep_arguments(needed=False),
+        *hold_option(SPRINGS_HELP),
+        option("--movie", metavar="F", help="write it as a film (.gif, .mp4) instead"),
+        option("--live", action="store_true",
+               help="move it by hand instead: a slider for every driver, or the one named"),
+        option("--limits", action=argparse.BooleanOptionalAction,
+               help="a joint limit of the URDF is a limit position too; --live keeps them "
+                    "at first unless it is told not to"),
+        option("--output", action="append", default=[], metavar="NAME",
+               help="what --live tells besides the drivers, as rocker_pin, coupler.position"),
+        *LOOK,
+    )),
+    "report": Command(report, (
+        *sweep_arguments(needed=False),
+        *hold_option(SPRINGS_HELP),
+        option("--html", metavar="F", required=True, help="the file to write"),
+        option("--output", action="append", default=[], metavar="NAME",
+               help="what its figures show, as rocker_pin or coupler.com.position"),
+        option("--title", help="heading (the mechanism's title)"),
+        *data_options("the name of the file"),
+    )),
 }

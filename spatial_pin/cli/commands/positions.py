@@ -7,46 +7,44 @@ import contextlib
 from typing import Any
 
 import spatial_pin as sp
-from spatial_pin.cli.asked import as_far_as_found, fitting, guess_of, held, loaded, unique
+from spatial_pin.cli.arguments import (
+    as_far_as_found,
+    check_names,
+    fitting,
+    guess_of,
+    held,
+    loaded,
+    unique,
+)
 from spatial_pin.cli.commands.motions import look_of, write_followed
-from spatial_pin.cli.names import check_names
 from spatial_pin.cli.options import (
     AT_HELP,
+    CONFIGURATION,
+    GUESS,
+    RESULT,
     SPRINGS_HELP,
     Command,
-    configuration_options,
     count,
     data_options,
-    guess_option,
     hold_option,
-    result_options,
+    option,
     setting,
     target,
 )
-from spatial_pin.cli.results import SCREEN, finite, tell
+from spatial_pin.cli.printing import SCREEN, finite, print_result
 from spatial_pin.cli.tables import read_table, targets_of
 from spatial_pin.inverse_kinematics.named_targets import read_targets
 from spatial_pin.inverse_kinematics.targets import CoordinateValue
 from spatial_pin.motion.report import assembly_summary, shown_value
 
 
-def _assemble_options(sub: argparse.ArgumentParser) -> None:
-    configuration_options(sub)
-    sub.add_argument("--limits", action="store_true", help="keep the joint limits")
-    sub.add_argument("--release", action=argparse.BooleanOptionalAction, default=True,
-                     help="let drivers that are given no value go, as little as possible, where "
-                          "the loops cannot close with them at their guess")
-    sub.add_argument("--free", action="append", default=[], metavar="DRIVER",
-                     help="a driver that goes where the loops take it")
-    data_options(sub, "the configuration", "its coordinates")
-
-
-def _assemble(options: argparse.Namespace) -> None:
+def assemble(options: argparse.Namespace) -> None:
+    """Close the loops at given driver values."""
     mechanism = loaded(options)
     values = fitting(options, mechanism, unique(options, options.values))
     state = sp.assemble(mechanism, values, guess_of(options, mechanism), limits=options.limits,
                         release=options.release, free=options.free)
-    tell(options, assembly_summary(state), _content(state), _table(state))
+    print_result(options, assembly_summary(state), _content(state), _table(state))
 
 
 def _content(state: sp.State) -> dict[str, Any]:
@@ -72,16 +70,8 @@ def _table(state: sp.State) -> dict[str, list[Any]]:
 # ---------------------------------------------------------------- limits, modes
 
 
-def _limits_options(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("driver", help="driver or coordinate")
-    sub.add_argument("--joints", action="store_true",
-                     help="and before a joint reaches a limit of the URDF")
-    hold_option(sub, SPRINGS_HELP)
-    guess_option(sub)
-    data_options(sub, "both ends", "both ends")
-
-
-def _limits(options: argparse.Namespace) -> None:
+def limits(options: argparse.Namespace) -> None:
+    """How far a driver can go on its branch."""
     mechanism = loaded(options)
     check_names(options, mechanism)
     found = sp.limits(mechanism, options.driver, guess_of(options, mechanism),
@@ -94,25 +84,14 @@ def _limits(options: argparse.Namespace) -> None:
     content = {"mechanism": mechanism.name, "driver": found.driver, "unit": found.unit,
                **{name: end._asdict() for name, end in ends.items()},
                "full_turn": found.full_turn, "grashof": grashof and grashof._asdict()}
-    tell(options, text, finite(content),
-         {"end": list(ends), f"value [{found.unit}]": [float(x.value) for x in ends.values()],
-          "kind": [x.kind for x in ends.values()]})
+    print_result(options, text, finite(content),
+                 {"end": list(ends),
+                  f"value [{found.unit}]": [float(x.value) for x in ends.values()],
+                  "kind": [x.kind for x in ends.values()]})
 
 
-def _modes_options(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("values", nargs="*", default=[], type=setting, metavar="DRIVER=VALUE",
-                     help=AT_HELP)
-    sub.add_argument("--patience", type=count, default=1000,
-                     help="go on until so many starts have found nothing new (1000)")
-    sub.add_argument("--copies", action="store_true",
-                     help="every reading of the coordinates, not one for each mode")
-    sub.add_argument("--limits", action="store_true",
-                     help="only modes that keep the joint limits of the URDF")
-    data_options(sub, "the modes", "the coordinates, a mode in every row,")
-    sub.add_argument("--html", metavar="F", help="write a page that shows them side by side")
-
-
-def _modes(options: argparse.Namespace) -> None:
+def modes(options: argparse.Namespace) -> None:
+    """All closed configurations at given driver values."""
     mechanism = loaded(options)
     values = fitting(options, mechanism, unique(options, options.values))
     modes = as_far_as_found(lambda: sp.assembly_modes(
@@ -123,48 +102,25 @@ def _modes(options: argparse.Namespace) -> None:
         lines += [f"{k}: branch {mode.branch or '?'}", assembly_summary(mode)]
     if any(mode.branch.startswith("singular") for mode in modes):
         lines.append("a singular mode can move to first order with the given values held")
+    table = {"mode": list(range(1, len(modes) + 1)), "branch": [m.branch for m in modes],
+             **{f"{name} [{c.unit}]": [float(m.coordinate(name).value) for m in modes]
+                for name, c in mechanism.coordinate_table.items()},
+             "closure error [-]": [float(m.closure_error) for m in modes]}
     files = []
     if options.html and modes:
         look = sp.Look(ghosts=tuple(modes[1:]), beside=True)
         files.append(sp.export_html(modes[0], options.html, look=look))
-    tell(options, "\n".join(lines), [
-        {"branch": mode.branch, "closure_error": mode.closure_error, "q": mode.q.tolist(),
-         "coordinates": _content(mode)["coordinates"]} for mode in modes],
-         _modes_table(mechanism, modes), files, modes.is_whole)
-
-
-def _modes_table(mechanism: sp.Mechanism, modes: sp.AssemblyModes) -> dict[str, list[Any]]:
-    """Return the modes, one a row."""
-    return {"mode": list(range(1, len(modes) + 1)), "branch": [m.branch for m in modes],
-            **{f"{name} [{c.unit}]": [float(m.coordinate(name).value) for m in modes]
-               for name, c in mechanism.coordinate_table.items()},
-            "closure error [-]": [float(m.closure_error) for m in modes]}
+    print_result(options, "\n".join(lines), [
+                {"branch": mode.branch, "closure_error": mode.closure_error, "q": mode.q.tolist(),
+                 "coordinates": _content(mode)["coordinates"]} for mode in modes],
+                 table, files, modes.is_whole)
 
 
 # ---------------------------------------------------------------- reach
 
 
-def _reach_options(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("targets", nargs="*", default=[], type=target, metavar="TARGET",
-                     help="NAME.position=x,y,z, NAME.pose=x,y,z,rx,ry,rz (rotation vector), "
-                          "NAME.orientation=rx,ry,rz, NAME.direction=x,y,z (of its z axis), "
-                          "NAME.distance=OTHER,d (of two frames), com=x,y,z (centre of mass, _ "
-                          "for any), COORDINATE=value, or another output of one number, as "
-                          "NAME.position.z=value, LINK.angle=value; with @w behind it is met "
-                          "as well as the others let it be, with the weight w")
-    sub.add_argument("--path", metavar="TABLE",
-                     help="a motion along a .csv file instead: a line of names, as time [s], "
-                          "tip.x [mm], tip.y, tip.z and tip.rx, tip.ry, tip.rz (rotation vector), "
-                          "coordinates, or other outputs, as tip.position.z, LINK.angle; then a "
-                          "line of numbers for every sample")
-    hold_option(sub)
-    sub.add_argument("--limits", action=argparse.BooleanOptionalAction, default=True,
-                     help="keep the joint limits")
-    guess_option(sub)
-    result_options(sub)
-
-
-def _reach(options: argparse.Namespace) -> None:
+def reach(options: argparse.Namespace) -> None:
+    """Find the configuration, or the motion, in which frames are where they should be."""
     mechanism = loaded(options)
     targets = _targets(options)
     if options.path:
@@ -191,7 +147,7 @@ def _reach(options: argparse.Namespace) -> None:
     files = []
     if options.html:
         files.append(sp.export_html(found, options.html, look=look_of(options)))
-    tell(options, "\n".join(lines), _content(found), _table(found), files)
+    print_result(options, "\n".join(lines), _content(found), _table(found), files)
 
 
 def _targets(options: argparse.Namespace) -> dict[str, Any]:
@@ -223,9 +179,53 @@ def _reach_path(
 
 
 COMMANDS = {
-    "assemble": Command("close the loops at given driver values", _assemble_options, _assemble),
-    "modes": Command("all closed configurations at given driver values", _modes_options, _modes),
-    "limits": Command("how far a driver can go on its branch", _limits_options, _limits),
-    "reach": Command("find the configuration, or the motion, in which frames are where they "
-                     "should be", _reach_options, _reach),
+    "assemble": Command(assemble, (
+        *CONFIGURATION,
+        option("--limits", action="store_true", help="keep the joint limits"),
+        option("--release", action=argparse.BooleanOptionalAction, default=True,
+               help="let drivers that are given no value go, as little as possible, where "
+                    "the loops cannot close with them at their guess"),
+        option("--free", action="append", default=[], metavar="DRIVER",
+               help="a driver that goes where the loops take it"),
+        *data_options("the configuration", "its coordinates"),
+    )),
+    "modes": Command(modes, (
+        option("values", nargs="*", default=[], type=setting, metavar="DRIVER=VALUE",
+               help=AT_HELP),
+        option("--patience", type=count, default=1000,
+               help="go on until so many starts have found nothing new (1000)"),
+        option("--copies", action="store_true",
+               help="every reading of the coordinates, not one for each mode"),
+        option("--limits", action="store_true",
+               help="only modes that keep the joint limits of the URDF"),
+        *data_options("the modes", "the coordinates, a mode in every row,"),
+        option("--html", metavar="F", help="write a page that shows them side by side"),
+    )),
+    "limits": Command(limits, (
+        option("driver", help="driver or coordinate"),
+        option("--joints", action="store_true",
+               help="and before a joint reaches a limit of the URDF"),
+        *hold_option(SPRINGS_HELP),
+        *GUESS,
+        *data_options("both ends", "both ends"),
+    )),
+    "reach": Command(reach, (
+        option("targets", nargs="*", default=[], type=target, metavar="TARGET",
+               help="NAME.position=x,y,z, NAME.pose=x,y,z,rx,ry,rz (rotation vector), "
+                    "NAME.orientation=rx,ry,rz, NAME.direction=x,y,z (of its z axis), "
+                    "NAME.distance=OTHER,d (of two frames), com=x,y,z (centre of mass, _ "
+                    "for any), COORDINATE=value, or another output of one number, as "
+                    "NAME.position.z=value, LINK.angle=value; with @w behind it is met "
+                    "as well as the others let it be, with the weight w"),
+        option("--path", metavar="TABLE",
+               help="a motion along a .csv file instead: a line of names, as time [s], "
+                    "tip.x [mm], tip.y, tip.z and tip.rx, tip.ry, tip.rz (rotation vector), "
+                    "coordinates, or other outputs, as tip.position.z, LINK.angle; then a "
+                    "line of numbers for every sample"),
+        *hold_option(),
+        option("--limits", action=argparse.BooleanOptionalAction, default=True,
+               help="keep the joint limits"),
+        *GUESS,
+        *RESULT,
+    )),
 }

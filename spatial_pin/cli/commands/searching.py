@@ -9,8 +9,9 @@ from typing import Any
 
 import spatial_pin as sp
 from spatial_pin._support.outputs import write_columns
-from spatial_pin.cli.asked import (
+from spatial_pin.cli.arguments import (
     as_far_as_found,
+    check_held,
     fitting,
     guess_of,
     held,
@@ -20,62 +21,33 @@ from spatial_pin.cli.asked import (
     workers,
 )
 from spatial_pin.cli.goal_files import check_bounds, read_goals
-from spatial_pin.cli.names import check_held
 from spatial_pin.cli.options import (
+    GUESS,
     SPRINGS_HELP,
+    WORKERS,
     Command,
     bounded,
     count,
     data_options,
     from_zero,
-    guess_option,
     hold_option,
     not_negative,
+    option,
     positive,
     rising,
     spread,
     value,
-    workers_option,
 )
-from spatial_pin.cli.readings import check_sigma, read_readings
-from spatial_pin.cli.results import finite, tell
+from spatial_pin.cli.printing import finite, print_result
+from spatial_pin.cli.tables import check_sigma, read_measurements
 from spatial_pin.units import LENGTHS
 from spatial_pin.workspace_map.grid_axes import PARTS
 from spatial_pin.workspace_map.section_curves import curve_columns
 from spatial_pin.workspace_map.workspace_result import unit_of
 
 
-def _workspace_options(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("frame", metavar="FRAME", help="link, frame or joint whose points are wanted")
-    sub.add_argument("ranges", nargs="+", type=rising, metavar="NAME=LO..HI",
-                     help="drivers, as crank=0..90deg, or parts of the frame's pose: x, y, z, "
-                          "turn_x, turn_y, turn_z, as x=-0.2..0.2")
-    sub.add_argument("--points", type=count, help="how many values each of them has")
-    sub.add_argument("--task", choices=("position", "pose"),
-                     help="what dexterity is of; of a grid of poses, whether the orientation is "
-                          "kept")
-    sub.add_argument("--limits", action=argparse.BooleanOptionalAction, default=True,
-                     help="keep the joint limits")
-    sub.add_argument("--on-crossing", choices=("stop", "straight"), default="stop",
-                     help="what to do where branches cross (stop)")
-    sub.add_argument("--clearance", type=not_negative, metavar="DISTANCE",
-                     help="links that are not joined keep this distance; 0: they do not touch")
-    sub.add_argument("--sheets", action="store_true",
-                     help="look for other branches over the same grid")
-    workers_option(sub)
-    hold_option(sub, SPRINGS_HELP)
-    guess_option(sub)
-    data_options(sub, "the table", "a row for every point of the grid")
-    sub.add_argument("--curves", metavar="F",
-                     help="write boundary and singular curves of a grid of two (.csv)")
-    sub.add_argument("--picture", metavar="F", help="write a figure (.png, .svg, .pdf)")
-    sub.add_argument("--plane", choices=("xy", "xz", "yz"), help="that the figure shows")
-    sub.add_argument("--at", type=value, metavar="VALUE",
-                     help="where the plane of a cross-section is")
-    sub.add_argument("--html", metavar="F", help="write a page with the mechanism and its points")
-
-
-def _workspace(options: argparse.Namespace) -> None:
+def workspace(options: argparse.Namespace) -> None:
+    """Where a frame gets to over ranges of drivers or poses."""
     mechanism = loaded(options)
     mechanism.frame_id(options.frame)
     check_held(options, mechanism)
@@ -89,6 +61,17 @@ def _workspace(options: argparse.Namespace) -> None:
             unit = unit_of(mechanism, name) if name in PARTS else ""
             if unit and not ends[k].is_for(unit):
                 raise ValueError(f"{name} is in {unit}, not in {ends[k].unit}")
+
+    def files() -> Iterator[Path | str]:
+        if options.curves:
+            yield write_columns(Path(options.curves), curve_columns(found, found.curves()))
+        if options.picture:
+            found.plot(options.picture, plane=options.plane, at=options.at)
+            yield options.picture
+        if options.html:
+            state = sp.assemble(found.mechanism, {}, guess_of(options, found.mechanism))
+            yield sp.export_html(state, options.html, look=sp.Look(workspace=found))
+
     with workers(options.workers) as executor:
         found = as_far_as_found(lambda: sp.workspace(
             mechanism, options.frame, ranges, points=options.points,
@@ -97,53 +80,16 @@ def _workspace(options: argparse.Namespace) -> None:
             sheets=options.sheets, executor=executor, progress=True))
     table = found.columns()
     columns = {name: column.tolist() for name, column in table.items()}
-    tell(options, found, finite({"mechanism": mechanism.name, "frame": found.frame,
-                                 "columns": columns}), table, _mapped(options, found),
-         found.is_whole)
-
-
-def _mapped(options: argparse.Namespace, found: sp.Workspace) -> Iterator[Path | str]:
-    """Write curves and pictures of a workspace, and yield the files."""
-    if options.curves:
-        yield write_columns(Path(options.curves), curve_columns(found, found.curves()))
-    if options.picture:
-        found.plot(options.picture, plane=options.plane, at=options.at)
-        yield options.picture
-    if options.html:
-        yield sp.export_html(sp.assemble(found.mechanism, {}, guess_of(
-            options, found.mechanism)), options.html,
-                             look=sp.Look(workspace=found))
+    print_result(options, found, finite({"mechanism": mechanism.name, "frame": found.frame,
+                                         "columns": columns}), table, files(),
+                 found.is_whole)
 
 
 # ---------------------------------------------------------------- design
 
 
-def _design_options(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("dimensions", nargs="*", default=[], type=bounded,
-                     metavar="NAME=LO..HI", help="a dimension that may change, and its bounds; "
-                     "NAME alone has none, NAME=LO.. one; besides those of the file")
-    sub.add_argument("--goals", metavar="F", required=True,
-                     help="what is asked for: a .toml file with [[goal]] tables and [dimensions], "
-                          "or a .csv file with columns as tip.x [mm], tip.y, tip.z (a path), with "
-                          "tip.rx, tip.ry, tip.rz (poses), or coordinates (a function), and "
-                          "drivers")
-    sub.add_argument("--starts", type=count, default=20, help="local solutions to try (20)")
-    sub.add_argument("--method", choices=("multistart", "atlas", "evolution", "local"),
-                     default="multistart", help="where they start (multistart)")
-    sub.add_argument("--seed", type=from_zero, default=0, help="of random numbers (0)")
-    sub.add_argument("--most", type=count, default=10, help="designs to tell of (10)")
-    workers_option(sub)
-    sub.add_argument("--resume", metavar="F",
-                     help="keep what is found in this file, and go on from what it has")
-    guess_option(sub)
-    sub.add_argument("--save", metavar="FOLDER", help="write the best as a mechanism")
-    data_options(sub, "all designs", "error and dimensions, a design in every row,")
-    sub.add_argument("--html", metavar="F", help="write a page that shows the best with its goals")
-    sub.add_argument("--report", metavar="F",
-                     help="write a page to send and to print: the best with its goals")
-
-
-def _design(options: argparse.Namespace) -> None:
+def design(options: argparse.Namespace) -> None:
+    """Find dimensions with which it does what is asked."""
     mechanism = loaded(options)
     goals, bounds = read_goals(options.goals, mechanism)
     bounds |= dict(options.dimensions)
@@ -152,81 +98,126 @@ def _design(options: argparse.Namespace) -> None:
     if not bounds:
         options.usage_error("nothing may change: name dimensions, as r2=50mm..0.6")
     check_bounds(bounds)
+
+    def files() -> Iterator[Path | str]:
+        if found and options.save:
+            yield found[0].mechanism.save(options.save)
+        if found and options.html:
+            yield sp.export_html(found, options.html)
+        if found and options.report:
+            yield sp.report(found, options.report)
+
     with workers(options.workers) as executor:
         found = as_far_as_found(lambda: sp.design(
             mechanism, goals, bounds, guess=guess_of(options, mechanism), starts=options.starts,
             method=options.method, seed=options.seed, executor=executor, progress=True,
             resume=options.resume, most=options.most))
     names = list(found[0].dimensions) if found else []
-    tell(options, found, found.as_dict(),
-         {"design": list(range(1, len(found) + 1)), "error": [float(x.error) for x in found],
-          **{name: [float(x.dimensions[name]) for x in found] for name in names}},
-         _designed(options, found), found.is_whole)
-
-
-def _designed(options: argparse.Namespace, found: sp.Designs) -> Iterator[Path | str]:
-    """Write the mechanism and pages of the best design, and yield the files."""
-    if not found:
-        return
-    if options.save:
-        yield found[0].mechanism.save(options.save)
-    if options.html:
-        yield sp.export_html(found, options.html)
-    if options.report:
-        yield sp.report(found, options.report)
+    print_result(options, found, found.as_dict(),
+                 {"design": list(range(1, len(found) + 1)),
+                  "error": [float(x.error) for x in found],
+                  **{name: [float(x.dimensions[name]) for x in found] for name in names}},
+                 files(), found.is_whole)
 
 
 # ---------------------------------------------------------------- calibrate
 
 
-def _calibrate_options(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("table", metavar="TABLE", help="a .csv file: a line of names, then a line of "
-                     "numbers for every pose; columns of drivers are what encoders read, measured "
-                     "are tip.x [mm], tip.y, tip.z and tip.rx, tip.ry, tip.rz (rotation vector), "
-                     "coordinates, and NAME-OTHER, a distance; an empty field was not measured")
-    sub.add_argument("--dimension", action="append", default=[], type=bounded,
-                     metavar="NAME[=LO..HI]", help="a dimension to find, as b or b=0.3..0.4")
-    sub.add_argument("--offset", action="append", default=[], metavar="DRIVER",
-                     help="a driver whose encoder is off")
-    sub.add_argument("--base", action="store_true", help="points and placements were measured in "
-                     "axes of their own: find where the mechanism stands in these")
-    sub.add_argument("--read", action="append", default=[], metavar="NAME",
-                     help="a coordinate that is read, besides the drivers")
-    sub.add_argument("--sigma", action="append", default=[], type=spread, metavar="NAME=VALUE",
-                     help="standard deviation of position, rotation, angle, length or encoder, or "
-                     "of one quantity, as position=0.02mm, crank.encoder=0.1deg")
-    sub.add_argument("--loss", choices=("linear", "soft_l1", "huber", "cauchy", "arctan"),
-                     default="linear", help="how much outliers count (linear: as the others)")
-    sub.add_argument("--margin", type=positive, default=1.5,
-                     help="what is farther off is an outlier [sigma] (1.5)")
-    guess_option(sub)
-    data_options(sub, "what was found", "the residuals, one a row,")
-    sub.add_argument("--folder", metavar="F", help="write the calibrated mechanism into a folder")
-
-
-def _calibrate(options: argparse.Namespace) -> None:
+def calibrate(options: argparse.Namespace) -> None:
+    """Find dimensions, offsets of encoders and the base from measurements."""
     mechanism = loaded(options)
     dimensions, sigma = dict(options.dimension), unique(options, options.sigma)
     if len(dimensions) < len(options.dimension):
         options.usage_error("a dimension is named twice")
     check_sigma(mechanism, sigma)
-    readings = read_readings(options.table, mechanism, options.read)
+    measurements = read_measurements(options.table, mechanism, options.read)
     found = as_far_as_found(lambda: sp.calibrate(
-        mechanism, readings, dimensions, offsets=options.offset, base=options.base,
+        mechanism, measurements, dimensions, offsets=options.offset, base=options.base,
         sigma=sigma or None, loss=options.loss, margin=options.margin,
         guess=guess_of(options, mechanism)))
     content: dict[str, Any] = found.as_dict()
     residuals = content["residuals"]
     table = {key: [row[key] for row in residuals] for key in residuals[0]} if residuals else {}
     files = [found.mechanism.save(options.folder)] if options.folder else []
-    tell(options, found, content, table, files, found.is_whole)
+    print_result(options, found, content, table, files, found.is_whole)
 
 
 COMMANDS = {
-    "workspace": Command("where a frame gets to over ranges of drivers or poses",
-                         _workspace_options, _workspace),
-    "design": Command("find dimensions with which it does what is asked", _design_options,
-                      _design),
-    "calibrate": Command("find dimensions, offsets of encoders and the base from measurements",
-                         _calibrate_options, _calibrate),
+    "workspace": Command(workspace, (
+        option("frame", metavar="FRAME", help="link, frame or joint whose points are wanted"),
+        option("ranges", nargs="+", type=rising, metavar="NAME=LO..HI",
+               help="drivers, as crank=0..90deg, or parts of the frame's pose: x, y, z, "
+                    "turn_x, turn_y, turn_z, as x=-0.2..0.2"),
+        option("--points", type=count, help="how many values each of them has"),
+        option("--task", choices=("position", "pose"),
+               help="what dexterity is of; of a grid of poses, whether the orientation is "
+                    "kept"),
+        option("--limits", action=argparse.BooleanOptionalAction, default=True,
+               help="keep the joint limits"),
+        option("--on-crossing", choices=("stop", "straight"), default="stop",
+               help="what to do where branches cross (stop)"),
+        option("--clearance", type=not_negative, metavar="DISTANCE",
+               help="links that are not joined keep this distance; 0: they do not touch"),
+        option("--sheets", action="store_true",
+               help="look for other branches over the same grid"),
+        *WORKERS,
+        *hold_option(SPRINGS_HELP),
+        *GUESS,
+        *data_options("the table", "a row for every point of the grid"),
+        option("--curves", metavar="F",
+               help="write boundary and singular curves of a grid of two (.csv)"),
+        option("--picture", metavar="F", help="write a figure (.png, .svg, .pdf)"),
+        option("--plane", choices=("xy", "xz", "yz"), help="that the figure shows"),
+        option("--at", type=value, metavar="VALUE",
+               help="where the plane of a cross-section is"),
+        option("--html", metavar="F", help="write a page with the mechanism and its points"),
+    )),
+    "design": Command(design, (
+        option("dimensions", nargs="*", default=[], type=bounded,
+               metavar="NAME=LO..HI", help="a dimension that may change, and its bounds; "
+               "NAME alone has none, NAME=LO.. one; besides those of the file"),
+        option("--goals", metavar="F", required=True,
+               help="what is asked for: a .toml file with [[goal]] tables and [dimensions], "
+                    "or a .csv file with columns as tip.x [mm], tip.y, tip.z (a path), with "
+                    "tip.rx, tip.ry, tip.rz (poses), or coordinates (a function), and "
+                    "drivers"),
+        option("--starts", type=count, default=20, help="local solutions to try (20)"),
+        option("--method", choices=("multistart", "atlas", "evolution", "local"),
+               default="multistart", help="where they start (multistart)"),
+        option("--seed", type=from_zero, default=0, help="of random numbers (0)"),
+        option("--most", type=count, default=10, help="designs to tell of (10)"),
+        *WORKERS,
+        option("--resume", metavar="F",
+               help="keep what is found in this file, and go on from what it has"),
+        *GUESS,
+        option("--save", metavar="FOLDER", help="write the best as a mechanism"),
+        *data_options("all designs", "error and dimensions, a design in every row,"),
+        option("--html", metavar="F", help="write a page that shows the best with its goals"),
+        option("--report", metavar="F",
+               help="write a page to send and to print: the best with its goals"),
+    )),
+    "calibrate": Command(calibrate, (
+        option("table", metavar="TABLE", help="a .csv file: a line of names, then a line of "
+               "numbers for every pose; columns of drivers are what encoders read, measured "
+               "are tip.x [mm], tip.y, tip.z and tip.rx, tip.ry, tip.rz (rotation vector), "
+               "coordinates, and NAME-OTHER, a distance; an empty field was not measured"),
+        option("--dimension", action="append", default=[], type=bounded,
+               metavar="NAME[=LO..HI]", help="a dimension to find, as b or b=0.3..0.4"),
+        option("--offset", action="append", default=[], metavar="DRIVER",
+               help="a driver whose encoder is off"),
+        option("--base", action="store_true", help="points and placements were measured in "
+               "axes of their own: find where the mechanism stands in these"),
+        option("--read", action="append", default=[], metavar="NAME",
+               help="a coordinate that is read, besides the drivers"),
+        option("--sigma", action="append", default=[], type=spread, metavar="NAME=VALUE",
+               help="standard deviation of position, rotation, angle, length or encoder, or "
+               "of one quantity, as position=0.02mm, crank.encoder=0.1deg"),
+        option("--loss", choices=("linear", "soft_l1", "huber", "cauchy", "arctan"),
+               default="linear", help="how much outliers count (linear: as the others)"),
+        option("--margin", type=positive, default=1.5,
+               help="what is farther off is an outlier [sigma] (1.5)"),
+        *GUESS,
+        *data_options("what was found", "the residuals, one a row,"),
+        option("--folder", metavar="F", help="write the calibrated mechanism into a folder"),
+    )),
 }

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.constraints.closure_equations import TWIST_MATRIX
 from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.constraints.composed_equations import Composed
 from spatial_pin.constraints.composite_joints import SplitModel
 from spatial_pin.constraints.pinocchio_views import acceleration_derivatives, twist_derivatives
 from spatial_pin.constraints.trees import Subtree, parts_of
@@ -66,6 +67,7 @@ class Rates(NamedTuple):
         vectors: by block A and B (k, 3), and their q derivatives (c, k, 3).
         placements: (njoints, 4, 3) columns of the rotation, then the position, of each joint.
         twists: (nv, 4, 4) world twists of the coordinates.
+        motion: q (nq,), v and a (nv,).
     """
 
     values: Array
@@ -74,6 +76,7 @@ class Rates(NamedTuple):
     vectors: list[tuple[Array, Array, Array, Array]]
     placements: Array
     twists: Array
+    motion: tuple[Array, Array, Array]
 
 
 class BodiesOfTree:
@@ -191,7 +194,8 @@ class Products:
             of_q[at], of_v[at] = (_leibniz(_change(levels, x)) for x in (by_q, by_v))
             vectors.append((*levels[0], *by_q[0]))
         placements, columns = self.bodies.places()
-        return Rates(values, of_q, of_v, vectors, placements, _matrix(columns.T).swapaxes(1, 2))
+        return Rates(values, of_q, of_v, vectors, placements, _matrix(columns.T).swapaxes(1, 2),
+                     (q, v, acceleration))
 
     def _of_block(self, block: Block) -> tuple[Levels, Levels, Levels]:
         """Return A and B with their rates, and what these change by with q and with v."""
@@ -314,10 +318,38 @@ class Rows:
         out = np.zeros((2, c.n_closure, self.nv))
         for total, change in zip(out, (rates.by_q, rates.by_v), strict=True):
             total[: c.n_products] = change[2][: c.n_products]
+            still = np.zeros((self.nv, self.nv))
+            moved = [still, still, still]
+            moved[0 if change is rates.by_q else 1] = np.eye(self.nv)
             for group in c.composed:
-                inputs = group.inputs([x[:, None] for x in rates.values], [], list(change))
+                inputs = group.inputs(
+                    [x[:, None] for x in rates.values], [x[:, None] for x in rates.motion],
+                    list(change), moved)
                 total[group.rows] = group.values(inputs)[0].change(2)
         return out[0], out[1]
+
+    def joint_rows(self, rates: Rates) -> tuple[Array, Array]:
+        """Return the derivatives (k, nv) of equations by joint coordinates as such.
+
+        And how they change with q (k, nv, nv).
+        """
+        c = self.constraints
+        rows, changes = np.zeros((c.n_closure, self.nv)), np.zeros((c.n_closure, self.nv, self.nv))
+        for group in c.composed:
+            slopes = self._slopes(group, rates)[len(group.products) :]
+            for v, (by, change) in zip(group.coordinates[1], slopes, strict=True):
+                np.add.at(rows, (group.rows, v), by)
+                np.add.at(changes, (group.rows, v), change)
+        return rows[c.of_joints], changes[c.of_joints]
+
+    def _slopes(self, group: Composed, rates: Rates) -> list[tuple[Array, Array]]:
+        """Return derivatives (m,) by products and coordinates, and how they change (m, nv)."""
+        products = [rates.values[0][:, None, None], rates.by_q[0][:, None]]
+        coordinates = [rates.motion[0][:, None, None], np.eye(self.nv)[:, None]]
+        m = len(group.rows)
+        return [(np.broadcast_to(x.values[0], (m, 1, 1))[:, 0, 0],
+                 np.broadcast_to(x.values[1], (m, 1, self.nv))[:, 0])
+                for x in group.slopes(products, coordinates)]
 
     def bending(self, rates: Rates, multipliers: Array, pulls: Array) -> Array:
         """Return q derivatives (nv, nv) of the joint forces of rows and springs, kept as strong.
@@ -327,16 +359,17 @@ class Rows:
             multipliers: (n_closure,) of the closure rows.
             pulls: (n_lines,) of the springs, by half their squared lengths.
         """
-        c, products = self.constraints, [rates.values[0][:, None, None], rates.by_q[0][:, None]]
+        c = self.constraints
         weights, along = np.zeros(self.products.n), np.zeros((self.nv, self.nv))
         weights[c.plain], weights[self.closed :] = multipliers[c.plain], pulls
         for group in c.composed:
-            own = multipliers[group.rows]
-            for at, slope in zip(group.products, group.slopes(products), strict=True):
-                by, change = (np.broadcast_to(x, (len(own), 1, n))[:, 0] for x, n in zip(
-                    slope.values, (1, self.nv), strict=True))
-                np.add.at(weights, at, own * by[:, 0])
+            own, slopes = multipliers[group.rows], self._slopes(group, rates)
+            for at, (by, change) in zip(group.products, slopes, strict=False):
+                np.add.at(weights, at, own * by)
                 along += (own[:, None] * rates.by_q[0][at]).T @ change
+            n = len(group.products)
+            for v, (_, change) in zip(group.coordinates[1], slopes[n:], strict=True):
+                np.add.at(along, v, own[:, None] * change)
         return along + self.products.bending(rates, weights)
 
 

@@ -177,8 +177,7 @@ def dynamics_derivatives(
         by = _changes(equations, answer, terms, chosen, multipliers)
     a, lam = Linear(answer.a, *by[0]), Linear(multipliers, *(x[chosen] for x in by[1]))
     moving = Changes(state, whole, answer.a, rows, rates, terms.lines, terms.turns,
-                     terms.outside.given, joint_efforts(mechanism, efforts),
-                     jacobian[rows.constraints.n_products :])
+                     terms.outside.given, joint_efforts(mechanism, efforts))
     return Derivatives(a, chosen, lam, ReactionChanges(answer, moving, a, lam, chosen))
 
 

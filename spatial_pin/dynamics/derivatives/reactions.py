@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.brief import brief
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.composed_equations import combined_wrenches
+from spatial_pin.constraints.compiled_equations import combined_wrenches
 from spatial_pin.constraints.composite_joints import SplitModel
 from spatial_pin.constraints.pinocchio_views import acceleration_derivatives
 from spatial_pin.constraints.trees import Subtree
@@ -66,7 +66,6 @@ class Changes(NamedTuple):
         lines, turns: the springs.
         outside: (joint, placement, force in world axes) of wrenches on frames.
         effort: (nv,) efforts at joints.
-        couplings: (k, nv) Jacobian of the coupling rows, which are the last ones.
     """
 
     state: State
@@ -78,7 +77,6 @@ class Changes(NamedTuple):
     turns: list[Pull]
     outside: list[tuple[int, pin.SE3, pin.Force]]
     effort: Array
-    couplings: Array
 
 
 class ReactionChanges:
@@ -196,7 +194,8 @@ class ReactionChanges:
             found.append(wrench)
             total[pair.bodies[0]] -= wrench
             total[pair.bodies[1]] += wrench
-        for row, at, (first, second) in pairs.lengths:
+        n_closure = len(self.multipliers)
+        for at, (row, _, (first, second)) in enumerate(pairs.elsewhere, start=n_closure):
             wrench = borne(slice(row, row + 1), slice(at, at + 1))
             total[first] -= wrench
             total[second] += wrench
@@ -215,7 +214,7 @@ class ReactionChanges:
             np.cross(dx, b[:, None]) + np.cross(x[:, None], db)], axis=-1).swapaxes(1, 2)
         found, changed = combined_wrenches(
             c, [rates.values[0][:n, None, None], rates.by_q[0][:n, None]],
-            [wrenches[:, :, None], by_q])
+            [rates.motion[0][:, None, None], np.eye(nv)[:, None]], [wrenches[:, :, None], by_q])
         return found[:, :, 0], changed
 
     def _springs(self, on_bodies: Array) -> None:
@@ -260,8 +259,11 @@ class ReactionChanges:
             total[:, 0] -= pull.force * pull.row
             total[:, self.by_q] -= np.outer(pull.row, pull.by_q)
             total[:, self.by_v] -= np.outer(pull.row, pull.by_v)
-        couplings = self.changes.couplings
-        return total + couplings.T @ self.multipliers[len(self.multipliers) - len(couplings) :]
+        rows, changes = self.changes.rows.joint_rows(self.changes.rates)
+        borne = self.multipliers[self.changes.rows.constraints.of_joints]
+        total += rows.T @ borne
+        total[:, self.by_q] += np.tensordot(borne[:, 0], changes, 1)
+        return total
 
     def _columns(self) -> tuple[Array, Array]:
         """Return the world joint Jacobian (6, nv) and the angular velocities, (nv, 3, nv).

@@ -115,9 +115,9 @@ class Equations(MotionEquations):
         what the bodies are moved with.
         """
         total = effort + self.turning - self.model.armature * a
-        couplings = self.couplings
-        if len(couplings):
-            total = total + multipliers[-len(couplings) :] @ couplings
+        of_joints = self.constraints.of_joints
+        if len(of_joints):
+            total = total + multipliers[of_joints] @ self.joint_rows
         return total
 
     def unique_in_loops(self, efforts: Array | None = None) -> dict[str, NDArray[np.bool_]]:
@@ -134,7 +134,7 @@ class Equations(MotionEquations):
             stresses = np.vstack([stresses, borne / size])
             pressing = np.vstack([pressing, efforts / size])
         rounding = 0.0 if self._rank is None else rounding_of(self.state.mechanism)
-        return self.pairs.unstressed(self.poses(), self.couplings, stresses, pressing,
+        return self.pairs.unstressed(self.poses(), self.joint_rows, stresses, pressing,
                                      max(rounding, UNMOVED))
 
     def unique(self, efforts: Array | None = None) -> dict[str, NDArray[np.bool_]]:

@@ -102,13 +102,12 @@ class Loops:
             self._derived = self.state
         return evaluation.jacobian[: self.n_closure]
 
-    @cached_property
-    def couplings(self) -> Array:
-        """(n_couplings, nv) joint forces per unit multiplier of couplings, constant."""
-        n = len(self.constraints.couplings)
-        if not n:
+    @property
+    def joint_rows(self) -> Array:
+        """(k, nv) joint forces per unit multiplier of the equations `Constraints.of_joints`."""
+        if not len(self.constraints.of_joints):
             return np.zeros((0, self.model.nv))
-        return self.scaled[self.n_closure - n :] / self.scale
+        return self.evaluation.joint_rows()
 
     # ------------------------------------------------------------ subspaces
 

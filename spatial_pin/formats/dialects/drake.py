@@ -19,15 +19,14 @@ import xml.etree.ElementTree as ET
 
 import pinocchio as pin
 
-from spatial_pin.formats.dialects.reading import Reading
-from spatial_pin.formats.urdf.checks import numbers
-from spatial_pin.formats.urdf.elements import is_prefixed, local
-from spatial_pin.formats.urdf.leaving_out import without_it
+from spatial_pin.formats.dialects.robot import RobotReading
+from spatial_pin.formats.urdf.elements import is_prefixed, local, without_it
+from spatial_pin.formats.urdf.validation import numbers
 
 TREE_JOINTS = ("ball", "universal", "screw", "planar")
 
 
-def read_joint(element: ET.Element, reading: Reading) -> None:
+def read_joint(element: ET.Element, reading: RobotReading) -> None:
     """Make a `<drake:joint>` a joint of the tree."""
     name, kind = element.get("name", ""), element.get("type", "")
     if kind not in TREE_JOINTS:
@@ -46,13 +45,13 @@ def read_joint(element: ET.Element, reading: Reading) -> None:
                        lead=_number(element, "screw_thread_pitch", reading))
 
 
-def read_ball(element: ET.Element, reading: Reading) -> None:
+def read_ball(element: ET.Element, reading: RobotReading) -> None:
     """Read a `<drake:ball_constraint>`."""
     reading.close(reading.name_of(element), "spherical", "<drake:ball_constraint>",
                   _points(element, reading))
 
 
-def read_distance(element: ET.Element, reading: Reading) -> None:
+def read_distance(element: ET.Element, reading: RobotReading) -> None:
     """Read a `<drake:distance_constraint>`, which is a spring where it yields."""
     length = _number(element, "distance_constraint_distance", reading)
     stiffness = _number(element, "distance_constraint_stiffness", reading, math.inf)
@@ -64,21 +63,21 @@ def read_distance(element: ET.Element, reading: Reading) -> None:
                   _points(element, reading), length=length)
 
 
-def read_spring(element: ET.Element, reading: Reading) -> None:
+def read_spring(element: ET.Element, reading: RobotReading) -> None:
     """Read a `<drake:linear_spring_damper>`."""
     length, stiffness, damping = (_number(element, f"linear_spring_damper_{key}", reading)
                                   for key in ("free_length", "stiffness", "damping"))
     _spring(element, length, stiffness, damping, reading)
 
 
-def refuse(element: ET.Element, reading: Reading) -> None:
+def refuse(element: ET.Element, reading: RobotReading) -> None:
     """Refuse what joins links or joints in a way that closures and springs do not have."""
     raise reading.fail(element, "joins links or joints by a law that this library does not have; "
                                 "take it out, or write [[closures]] or [[springs]] for it; "
                                 f"{without_it(element)}")
 
 
-def read_armatures(transmission: ET.Element, reading: Reading) -> None:
+def read_armatures(transmission: ET.Element, reading: RobotReading) -> None:
     """Read the inertia of a rotor, seen through its gear, of a `<transmission>`'s joint."""
     joint, actuator = transmission.find("joint"), transmission.find("actuator")
     inertia = _child(actuator, "rotor_inertia")
@@ -92,7 +91,7 @@ def read_armatures(transmission: ET.Element, reading: Reading) -> None:
 
 
 def _spring(element: ET.Element, length: float, stiffness: float, damping: float,
-            reading: Reading) -> None:
+            reading: RobotReading) -> None:
     name = reading.name_of(element, "springs")
     frames = [reading.frame(link, placement, f"{name}_{k}")
               for k, (link, placement) in enumerate(_points(element, reading), start=1)]
@@ -100,7 +99,7 @@ def _spring(element: ET.Element, length: float, stiffness: float, damping: float
                             "damping": damping, "free_length": length})
 
 
-def _points(element: ET.Element, reading: Reading) -> list[tuple[str, pin.SE3]]:
+def _points(element: ET.Element, reading: RobotReading) -> list[tuple[str, pin.SE3]]:
     """Return link and point of the two ends A and B."""
     ends = []
     for body, point in (("body_A", "p_AP"), ("body_B", "p_BQ")):
@@ -111,7 +110,9 @@ def _points(element: ET.Element, reading: Reading) -> list[tuple[str, pin.SE3]]:
     return ends
 
 
-def _number(element: ET.Element, key: str, reading: Reading, default: float | None = None) -> float:
+def _number(
+    element: ET.Element, key: str, reading: RobotReading, default: float | None = None
+) -> float:
     child = _child(element, key)
     if child is None and default is not None:
         return default
@@ -121,7 +122,7 @@ def _number(element: ET.Element, key: str, reading: Reading, default: float | No
     return reading.value(_needed(element, key, reading), element)
 
 
-def _needed(element: ET.Element, key: str, reading: Reading) -> ET.Element:
+def _needed(element: ET.Element, key: str, reading: RobotReading) -> ET.Element:
     child = _child(element, key)
     if child is None:
         raise reading.fail(element, f"has no <drake:{key}>")

@@ -1,6 +1,7 @@
 """SDFormat joints in the `<gazebo>` extension of a URDF, as Gazebo's own tutorial closes a loop.
 
     <gazebo>
+      <link name> <pose>x y z r p y</pose> <inertial/> <visual/> <collision/> </link>
       <joint name type>
         <parent>LINK</parent> <child>LINK</child>
         <pose relative_to="...">x y z r p y</pose>
@@ -10,6 +11,10 @@ SDFormat's rules: the pose is that of the joint's frame when all joints of the t
 the axes of the child link unless `relative_to` names another link (or joint, or `__model__`); the
 axis is in the joint's frame unless `expressed_in` names another. The joint is attached to both
 links where it stands then.
+
+The pose of a link is in the axes of the model, which are those of the root link, or of what
+`relative_to` names. The first joint between such a link and one of the tree becomes a joint of the
+tree, whose coordinate turns the joint's child against its parent; further joints are loops.
 
 A plugin with `<joint>` and `<mimicJoint>` couples these two; where the joint has a `<mimic>` of
 its own, that says the same. The plugin DetachableJoint holds `<child_link>` on `<parent_link>`
@@ -30,27 +35,31 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.formats.dialects.reading import Reading
-from spatial_pin.formats.dialects.tree import said
-from spatial_pin.formats.sdf.poses import MODEL, pose
-from spatial_pin.formats.sdf.unread import OWN, is_detachable
-from spatial_pin.formats.urdf.checks import end_of
-from spatial_pin.formats.urdf.elements import local
-from spatial_pin.formats.urdf.leaving_out import without_it
+from spatial_pin.formats.dialects.robot import RobotReading, said
+from spatial_pin.formats.sdf.sdf_elements import MODEL, link_elements, pose
+from spatial_pin.formats.sdf.sdf_model import OWN, is_detachable
+from spatial_pin.formats.urdf.elements import joint_element, local, without_it
+from spatial_pin.formats.urdf.validation import end_of
+from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.numerics.linalg import Array
 
 WORLD = "world"
 OLD = {"hinge": "revolute", "slider": "prismatic", "ball": "spherical"}
 
 
-def read_gazebo(element: ET.Element, reading: Reading) -> None:
+def read_gazebo(element: ET.Element, reading: RobotReading) -> None:
     """Read the joints of a `<gazebo>` element."""
     for joint in element.findall("joint"):
         if joint.find("parent") is not None or joint.find("child") is not None:
             _read_joint(joint, reading)
             element.remove(joint)
-    for plugin in element.iter("plugin"):
-        _read_mimic_plugin(plugin, reading)
+    for plugin in element.iter("plugin"):  # that couples two joints where <mimic> is passed over
+        names = [plugin.findtext(tag, "").strip() for tag in ("joint", "mimicJoint")]
+        if all(names):
+            ratio, offset = (reading.number(plugin.find(tag), plugin, default)
+                             for tag, default in (("multiplier", 1.0), ("offset", 0.0)))
+            reading.couple(names[0], names[1], ratio, offset,
+                           "<gazebo><plugin> with <mimicJoint>")
     for plugin in filter(is_detachable, element.findall("plugin")):
         _read_detachable(plugin, reading)
         element.remove(plugin)
@@ -60,7 +69,7 @@ def read_gazebo(element: ET.Element, reading: Reading) -> None:
             element.remove(joint)
 
 
-def _read_joint(joint: ET.Element, reading: Reading) -> None:
+def _read_joint(joint: ET.Element, reading: RobotReading) -> None:
     links = []
     for role in ("parent", "child"):
         name = linked(joint, role)
@@ -73,28 +82,28 @@ def _read_joint(joint: ET.Element, reading: Reading) -> None:
     reading.close(reading.name_of(joint), kind, "<gazebo><joint>", ends, (axes[0], axes[0]), **more)
 
 
-def geometry(joint: ET.Element, links: list[str], reading: Reading
+def geometry(joint: ET.Element, links: list[str], reading: RobotReading
              ) -> tuple[str, pin.SE3, list[Array], dict[str, Any]]:
     """Return a joint's pair, where its frame stands, its two axes there, and what else it needs."""
-    kind, stands = reading.pair(joint), _pose(joint, links[1], reading)
-    axes, more = _axes(joint, kind, stands, reading), {}
+    kind, place = reading.pair(joint), joint.find("pose")
+    base = (place.get("relative_to") if place is not None else None) or links[1]
+    stands = frame(base, joint, reading) * pose(place, reading.where(joint))
+    axes = _axes(joint, kind, stands, reading)
     if kind == "universal":
-        more = {"axis2": axes[1].tolist()}
-    elif kind == "screw":
-        more = {"lead": _lead(joint, reading)}
-    return kind, stands, axes, more
+        return kind, stands, axes, {"axis2": axes[1].tolist()}
+    if kind != "screw":
+        return kind, stands, axes, {}
+    if joint.find("screw_thread_pitch") is not None:
+        lead = reading.number(joint.find("screw_thread_pitch"), joint, 0.0)
+    else:  # turns per metre, against the right-handed sense
+        pitch = reading.number(joint.find("thread_pitch"), joint, 0.0)
+        if not pitch:
+            raise reading.fail(joint, "a screw needs <screw_thread_pitch>, in metres per turn")
+        lead = -2.0 * math.pi / pitch
+    return kind, stands, axes, {"lead": lead}
 
 
-def _read_mimic_plugin(plugin: ET.Element, reading: Reading) -> None:
-    """Read the plugin that couples two joints where Gazebo passes over <mimic>."""
-    names = [plugin.findtext(tag, "").strip() for tag in ("joint", "mimicJoint")]
-    if all(names):
-        ratio, offset = (reading.number(plugin.find(tag), plugin, default)
-                         for tag, default in (("multiplier", 1.0), ("offset", 0.0)))
-        reading.couple(names[0], names[1], ratio, offset, "<gazebo><plugin> with <mimicJoint>")
-
-
-def _read_detachable(plugin: ET.Element, reading: Reading) -> None:
+def _read_detachable(plugin: ET.Element, reading: RobotReading) -> None:
     """Read the plugin that holds a link on another where both stand."""
     parent, child, model = (plugin.findtext(tag, "").strip()
                             for tag in ("parent_link", "child_link", "child_model"))
@@ -114,30 +123,23 @@ def _read_detachable(plugin: ET.Element, reading: Reading) -> None:
                       [(link, reading.world[link].actInv(at)) for link in links])
 
 
-def _read_old_joint(joint: ET.Element, reading: Reading) -> None:
+def _read_old_joint(joint: ET.Element, reading: RobotReading) -> None:
     links = [reading.link(linked(joint, key), joint) for key in ("body1", "body2")]
-    anchor = reading.link(linked(joint, "anchor") or links[1], joint)
-    world, stands = reading.world, pin.SE3.Identity()
+    stands = reading.world[reading.link(linked(joint, "anchor") or links[1], joint)]
     offset, along = joint.find("anchorOffset"), joint.find("axis")
     if offset is not None:
-        stands.translation = reading.texts(offset, 3, joint)
+        stands = stands * pin.SE3(np.eye(3), reading.texts(offset, 3, joint))
     axis = np.array([0.0, 0.0, 1.0])
     if along is not None:
         axis = reading.unit(reading.texts(along, 3, joint), joint)
-    ends = [(link, world[link].actInv(world[anchor] * stands)) for link in links]
+    ends = [(link, reading.world[link].actInv(stands)) for link in links]
     reading.close(reading.name_of(joint), OLD[local(joint)], "<gazebo><joint:" + local(joint) + ">",
                   ends, (axis, axis))
     moved = [name for chain in reading.between(links) for name in chain]
     reading.drop_mimics(moved, f"{said(joint)} closes that loop itself")
 
 
-def _pose(joint: ET.Element, child: str, reading: Reading) -> pin.SE3:
-    place = joint.find("pose")
-    base = (place.get("relative_to") if place is not None else None) or child
-    return frame(base, joint, reading) * pose(place, reading.where(joint))
-
-
-def _axes(joint: ET.Element, kind: str, stands: pin.SE3, reading: Reading) -> list[Array]:
+def _axes(joint: ET.Element, kind: str, stands: pin.SE3, reading: RobotReading) -> list[Array]:
     """Return the unit vectors of <axis> and <axis2> in the joint's frame, z by default."""
     axes = []
     for tag in ("axis", "axis2"):
@@ -156,19 +158,7 @@ def _axes(joint: ET.Element, kind: str, stands: pin.SE3, reading: Reading) -> li
     return axes
 
 
-def _lead(joint: ET.Element, reading: Reading) -> float:
-    """Return the translation of a screw per turn [m]."""
-    pitch, old = joint.find("screw_thread_pitch"), joint.find("thread_pitch")
-    if pitch is not None:
-        return float(reading.texts(pitch, 1, joint)[0])
-    if old is not None:  # turns per metre, against the right-handed sense
-        value = float(reading.texts(old, 1, joint)[0])
-        if value:
-            return -2.0 * math.pi / value
-    raise reading.fail(joint, "a screw needs <screw_thread_pitch>, in metres per turn")
-
-
-def frame(name: str, joint: ET.Element, reading: Reading) -> pin.SE3:
+def frame(name: str, joint: ET.Element, reading: RobotReading) -> pin.SE3:
     """Return where a link, a joint of the tree, or the model stands when all joints are at zero."""
     if name not in reading.links and name in reading.joints:
         name = end_of(reading.joints[name], "child")
@@ -184,3 +174,50 @@ def linked(joint: ET.Element, tag: str) -> str:
     found = joint.find(tag)
     return ((found.text or "").strip() or found.get("link", "")) if found is not None else ""
 
+
+def hang_links(reading: RobotReading) -> None:
+    """Hang the links of all `<gazebo>` elements on the tree, as far as joints do so."""
+    holders = [e for e in reading.robot if e.tag == "gazebo"]
+    loose = {link.get("name", ""): link for e in holders for link in e.findall("link")}
+    for name in loose.keys() & reading.links.keys():
+        raise reading.fail(loose[name], "there is a link of that name in the URDF already")
+    hung = bool(loose)
+    while hung:
+        hung = False
+        for holder in holders:
+            for joint in holder.findall("joint"):
+                ends = [linked(joint, role) for role in ("parent", "child")]
+                new = [end for end in ends if end in loose]
+                if len(new) == 1 and all(end in reading.links for end in ends if end not in new):
+                    _hang(loose.pop(new[0]), joint, ends, reading)
+                    holder.remove(joint)
+                    hung = True
+
+
+def _hang(link: ET.Element, joint: ET.Element, ends: list[str], reading: RobotReading) -> None:
+    """Put a link, and the joint that carries it, into the tree."""
+    name, where = link.get("name", ""), reading.where(link)
+    place = link.find("pose")
+    base = frame(place.get("relative_to") or MODEL, link, reading) \
+        if place is not None else pin.SE3.Identity()
+    stands = base * pose(place, where)
+    reading.put_link(name, link_elements(link, lambda e, at: pose(e, at), where, reading.notices))
+    reading.world[name] = stands
+    kind, at, axes, more = geometry(joint, ends, reading)
+    carried, carrier = (ends[1], ends[0]) if ends[1] == name else (ends[0], ends[1])
+    names = reading.names["frames"]
+    between, tree_joint = names.free(f"{name}_carrier"), names.free(reading.name_of(joint))
+    reading.put_link(between, ())
+    for own_name, parent, child, placement in (
+            (tree_joint, carrier, between, reading.world[carrier].actInv(at)),
+            (names.free(f"{name}_fixed"), between, carried, at.actInv(stands))):
+        reading.put_joint(joint_element(reading.robot, own_name, "fixed", parent, child, placement))
+    sense = 1.0 if carried == ends[1] else -1.0  # the coordinate is the child's against the parent
+    if kind != "weld":
+        if PAIRS[kind].uses_axis:
+            more["axis"] = (sense * axes[0]).tolist()
+        for key in ("damping", "friction"):
+            found = joint.find(f"axis/dynamics/{key}")
+            if found is not None:
+                more[key] = reading.number(found, joint, 0.0)
+        reading.refine(tree_joint, type=kind, **more)

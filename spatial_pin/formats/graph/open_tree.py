@@ -5,20 +5,127 @@ from __future__ import annotations
 import copy
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats.graph.joints import WORLD, Joint, JointGraph, Link
-from spatial_pin.formats.graph.posture import drawn
-from spatial_pin.formats.graph.spanning import SpanningTree, span
-from spatial_pin.formats.imported import Imported
-from spatial_pin.formats.urdf.elements import finite_text, joint_element, numbers_text
-from spatial_pin.formats.urdf.writing import fresh, unique
-from spatial_pin.mechanism.pairs import PAIRS
+from spatial_pin.formats.graph.joint_graph import WORLD, GraphJoint, JointGraph, Link
+from spatial_pin.formats.graph.spanning import SpanningTree
+from spatial_pin.formats.importers import Imported
+from spatial_pin.formats.urdf.elements import (
+    finite_text,
+    fresh,
+    joint_element,
+    numbers_text,
+    unique,
+)
+from spatial_pin.mechanism.pairs import PAIRS, axes_from_z
+from spatial_pin.numerics.angles import whole_turns
+from spatial_pin.numerics.linalg import Array
+
+DRAWN = 100.0  # roundings of the file that links may be drawn away from their joints
+_Coordinates = Callable[[GraphJoint, pin.SE3], tuple[list[float], pin.SE3]]
+
+
+def drawn(tree: SpanningTree) -> tuple[dict[str, Any], list[str]]:
+    """Return the coordinates at which a file draws its links, and a notice of joints off there."""
+    rounding, links = tree.graph.rounding, tree.graph.links
+    at = {WORLD: pin.SE3.Identity(), **{link.name: link.placement for link in links}}
+    places = [x.translation for x in at.values() if x is not None]
+    size = float(np.ptp(places, axis=0).max()) or 1.0
+    guess: dict[str, Any] = {}
+    off: dict[str, float] = {}
+    for joint in tree.joints:
+        one, two = at[joint.parent], at[joint.child]
+        if one is None or two is None:
+            continue
+        relative = (one * joint.on_parent).inverse() * two * joint.on_child
+        values, reached = coordinates_at(joint, relative)
+        gap = reached.inverse() * relative
+        away = max(np.abs(gap.translation).max() / size, np.abs(pin.log3(gap.rotation)).max())
+        if away > DRAWN * rounding:
+            off[joint.name] = float(away)
+        if max(map(abs, values), default=0.0) > 10.0 * rounding:
+            guess[joint.name] = values if len(values) > 1 else values[0]
+    if not off:
+        return guess, []
+    name = max(off, key=off.__getitem__)
+    return guess, [f"links are not drawn where their joints hold them, at {len(off)} joints, most "
+                   f"at {name!r}, by {off[name]:.2g} of the size or rad: the joints count"]
+
+
+def coordinates_at(joint: GraphJoint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
+    """Return a joint's coordinates nearest to a placement of its frames, and that they give.
+
+    Args:
+        joint: the joint, of a pair that a tree can have.
+        relative: placement of its frame on the child in its frame on the parent.
+    """
+    values, reached = _OF_PAIR[joint.type](joint, relative)
+    return [float(x) for x in values], reached
+
+
+def _turn(axis: Array, relative: pin.SE3) -> float:
+    """Return the angle about an axis that comes nearest to a rotation."""
+    across = axes_from_z(axis)
+    turned = across.T @ relative.rotation @ across
+    return math.atan2(turned[1, 0] - turned[0, 1], turned[0, 0] + turned[1, 1])
+
+
+def _placed(rotation: Array, translation: Array) -> pin.SE3:
+    return pin.SE3(pin.exp3(rotation), translation)
+
+
+def _on_axis(turns: bool, slides: bool) -> _Coordinates:
+    """Return the coordinates of a pair that may turn about its axis, slide along it, or both."""
+
+    def found(joint: GraphJoint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
+        angle = _turn(joint.axis, relative) if turns else 0.0
+        slide = joint.axis @ relative.translation if slides else 0.0
+        return [angle] * turns + [slide] * slides, _placed(angle * joint.axis, slide * joint.axis)
+
+    return found
+
+
+def _screw_coordinates(joint: GraphJoint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
+    angle = _turn(joint.axis, relative)
+    if joint.lead:  # the slide tells how many turns
+        slide = joint.axis @ relative.translation
+        angle += whole_turns(2.0 * math.pi * slide / joint.lead - angle)
+    return [angle], _placed(angle * joint.axis, angle / (2.0 * math.pi) * joint.lead * joint.axis)
+
+
+def _planar_coordinates(joint: GraphJoint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
+    angle = _turn(joint.axis, relative)
+    x, y, _ = axes_from_z(joint.axis).T
+    at = [x @ relative.translation, y @ relative.translation]
+    return [*at, angle], _placed(angle * joint.axis, at[0] * x + at[1] * y)
+
+
+def _universal_coordinates(joint: GraphJoint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
+    one, two, third = joint.axis, joint.axis2, np.cross(joint.axis, joint.axis2)
+    pin2, pin1 = relative.rotation @ two, relative.rotation.T @ one
+    first = math.atan2(pin2 @ third, pin2 @ two)
+    second = math.atan2(pin1 @ third, pin1 @ one)
+    return [first, second], pin.SE3(pin.exp3(first * one) @ pin.exp3(second * two), np.zeros(3))
+
+
+def _spherical_coordinates(joint: GraphJoint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
+    vector = pin.log3(relative.rotation)
+    return list(vector), _placed(vector, np.zeros(3))
+
+
+_OF_PAIR: dict[str, _Coordinates] = {
+    "fixed": _on_axis(False, False), "revolute": _on_axis(True, False),
+    "prismatic": _on_axis(False, True), "cylindrical": _on_axis(True, True),
+    "screw": _screw_coordinates, "planar": _planar_coordinates, "universal": _universal_coordinates,
+    "spherical": _spherical_coordinates,
+    "floating": lambda _, placed: ([*placed.translation, *pin.log3(placed.rotation)], placed),
+}
+
 
 BASE = "root_joint"  # the joint that lets a base float, as Pinocchio names it
 GROUND = "world"  # the link that stands for the world
@@ -45,13 +152,20 @@ def open_tree(
         MechanismFileError: two fixed joints hold a link in two places, or something refers to the
             coordinate of every joint at which a loop could be cut.
     """
-    writer = _Writer(span(graph), where, content)
+    writer = _Writer(SpanningTree(graph), where, content)
     if robot is not None:
         writer.robot.attrib.update(robot.attrib)
         writer.robot.extend(x for x in robot if x.tag not in ("link", "joint"))
     writer.write()
     ET.indent(writer.robot)
-    return Imported(ET.tostring(writer.robot, encoding="unicode"), writer.merged(),
+    gone = {joint.name for joint in writer.tree.cut}
+    joints = {k: x for k, x in content.get("joints", {}).items() if k not in gone}
+    joints |= {k: {**joints.get(k, {}), **x} for k, x in writer.joints.items()}
+    merged = {**content, "joints": joints,
+              "closures": [*content.get("closures", []), *writer.closures],
+              "springs": [*content.get("springs", []), *writer.springs],
+              "guess": {**writer.guess, **content.get("guess", {})}}
+    return Imported(ET.tostring(writer.robot, encoding="unicode"), merged,
                     (*notices, *writer.notices))
 
 
@@ -89,15 +203,31 @@ class _Writer:
             self.joint(joint)
         for joint in self.tree.cut:
             self.closure(joint)
-        self.tell_parallel()
+        self.tell()
+
+    def tell(self) -> None:
+        """Tell of parallel joints, links that are drawn elsewhere, bases that float, and loops."""
+        between: dict[frozenset[str], list[str]] = {}
+        for joint in self.graph.joints:
+            between.setdefault(frozenset((joint.parent, joint.child)), []).append(joint.name)
+        several = "; ".join(", ".join(x) for x in between.values() if len(x) > 1)
+        if several:
+            self.notices.append("several joints join the same two links, and each of them holds: "
+                                f"{several}")
         self.guess, off = drawn(self.tree)
         self.notices += off
         if self.bases:
             self.notices.append(f"not joined to the world, so that it floats there: "
                                 f"{', '.join(self.bases)}")
-        self.tell_cut()
-
-    # ------------------------------------------------------------ names
+        cut = [f"{table['name']!r} ({table['type']})" for table in self.closures]
+        if len(cut) == 1:
+            self.notices.append(f"a loop is cut at joint {cut[0]}, which becomes a closure")
+        elif cut:
+            self.notices.append(f"{len(cut)} loops are cut at the joints {', '.join(cut)}, which "
+                                "become closures")
+        if self.lost:
+            self.notices.append("a closure has no coordinate, so that this does not act: "
+                                f"{', '.join(self.lost)}")
 
     def fresh(self, wanted: str) -> str:
         """Return a name that no link or joint has."""
@@ -106,8 +236,6 @@ class _Writer:
     def link_of(self, link: str) -> str:
         """Return the name of a link in the URDF."""
         return self.ground if link == WORLD else link
-
-    # ------------------------------------------------------------ elements
 
     def frame(self, wanted: str, link: str, place: pin.SE3) -> str:
         """Return the name of a link that stands at a place on another, that itself if it does."""
@@ -130,9 +258,7 @@ class _Writer:
         else:
             self.bodies[root.name] = WORLD, place
 
-    # ------------------------------------------------------------ joints of the tree
-
-    def joint(self, joint: Joint) -> None:
+    def joint(self, joint: GraphJoint) -> None:
         """Write a joint of the tree, and what hangs on it."""
         turned = joint.name in self.tree.turned
         if turned and joint.type in SYMMETRIC:
@@ -167,7 +293,7 @@ class _Writer:
         else:
             element.extend(copy.deepcopy(x) for x in joint.element if x.tag not in PLACED)
 
-    def describe(self, joint: Joint, element: ET.Element) -> None:
+    def describe(self, joint: GraphJoint, element: ET.Element) -> None:
         """Write limits, resistance and spring of a joint of the tree."""
         stated = (joint.lower, joint.upper, joint.effort, joint.velocity)
         if PAIRS[joint.type].freedom == 1 and any(map(math.isfinite, stated)):
@@ -181,13 +307,13 @@ class _Writer:
             self.springs.append({"name": f"{joint.name}_spring", "joint": joint.name,
                                  "stiffness": joint.stiffness, free: joint.reference})
 
-    # ------------------------------------------------------------ cut joints
-
-    def closure(self, joint: Joint) -> None:
+    def closure(self, joint: GraphJoint) -> None:
         """Write the closure that a cut joint becomes."""
         (one, place1), (two, place2) = self.bodies[joint.parent], self.bodies[joint.child]
         if one == two:
-            self.redundant(joint, place1 * joint.on_parent, place2 * joint.on_child)
+            self.check_redundant(joint, place1 * joint.on_parent, place2 * joint.on_child)
+            self.notices.append(f"joint {joint.name!r} joins links that are fixed to each other "
+                                "already: it is left out")
             return
         if joint.type == "floating":
             self.notices.append(f"joint {joint.name!r} is floating and closes a loop: it holds "
@@ -206,20 +332,17 @@ class _Writer:
                 for link, place in ((joint.parent, joint.on_parent), (joint.child, joint.on_child))
             ], **_pair_table(joint)}
         self.closures.append(table)
-        lost = _lost(joint)
+        lost = [f"{key} {getattr(joint, key):g}" for key in (*RESISTANCES, "stiffness")
+                if getattr(joint, key)]
+        if joint.is_limited:
+            lost.append(f"limits {joint.lower:g} to {joint.upper:g}")
         if lost:
             self.lost.append(f"{joint.name!r} ({', '.join(lost)})")
 
-    def redundant(self, joint: Joint, one: pin.SE3, two: pin.SE3) -> None:
-        """Tell of a joint between links that are fixed to each other.
+    def check_redundant(self, joint: GraphJoint, one: pin.SE3, two: pin.SE3) -> None:
+        """Refuse a fixed joint between links that other fixed joints hold otherwise.
 
-        Args:
-            joint: the joint.
-            one: placement of its frame on the body of both, by its parent.
-            two: the same by its child.
-
-        Raises:
-            MechanismFileError: it is fixed, too, and holds them otherwise.
+        `one` and `two` are the joint's frame by its parent and by its child on the body of both.
         """
         gap = one.inverse() * two
         size = float(np.abs([one.translation, two.translation]).max()) or 1.0
@@ -228,44 +351,9 @@ class _Writer:
             raise MechanismFileError(
                 f"{self.where}: fixed joint {joint.name!r} holds {joint.child!r} on "
                 f"{joint.parent!r} in another place than the other fixed joints do, by {most:.3g}")
-        self.notices.append(f"joint {joint.name!r} joins links that are fixed to each other "
-                            "already: it is left out")
-
-    def tell_parallel(self) -> None:
-        """Tell of several joints between the same two links: each of them holds."""
-        between: dict[frozenset[str], list[str]] = {}
-        for joint in self.graph.joints:
-            between.setdefault(frozenset((joint.parent, joint.child)), []).append(joint.name)
-        several = "; ".join(", ".join(x) for x in between.values() if len(x) > 1)
-        if several:
-            self.notices.append("several joints join the same two links, and each of them holds: "
-                                f"{several}")
-
-    def tell_cut(self) -> None:
-        """Tell which joints are cut."""
-        cut = [f"{table['name']!r} ({table['type']})" for table in self.closures]
-        if len(cut) == 1:
-            self.notices.append(f"a loop is cut at joint {cut[0]}, which becomes a closure")
-        elif cut:
-            self.notices.append(f"{len(cut)} loops are cut at the joints {', '.join(cut)}, which "
-                                "become closures")
-        if self.lost:
-            self.notices.append("a closure has no coordinate, so that this does not act: "
-                                f"{', '.join(self.lost)}")
-
-    def merged(self) -> dict[str, Any]:
-        """Return what a mechanism file says, with what is new."""
-        gone = {joint.name for joint in self.tree.cut}
-        given = {k: x for k, x in self.given.get("joints", {}).items() if k not in gone}
-        joints = {**given, **{k: {**given.get(k, {}), **x} for k, x in self.joints.items()}}
-        merged = {**self.given, "joints": joints}
-        for key, new in (("closures", self.closures), ("springs", self.springs)):
-            merged[key] = [*self.given.get(key, []), *new]
-        merged["guess"] = {**self.guess, **self.given.get("guess", {})}
-        return merged
 
 
-def _urdf_type(joint: Joint) -> str:
+def _urdf_type(joint: GraphJoint) -> str:
     """Return the URDF type that a joint is written with; "floating" for what URDF cannot say."""
     bounded = math.isfinite(joint.lower) or math.isfinite(joint.upper)
     if joint.type == "revolute":
@@ -275,16 +363,7 @@ def _urdf_type(joint: Joint) -> str:
     return joint.type if joint.type in ("fixed", "floating") else "floating"
 
 
-def _pair_table(joint: Joint) -> dict[str, Any]:
+def _pair_table(joint: GraphJoint) -> dict[str, Any]:
     """Return what a mechanism file says of a joint's pair."""
     return {"type": "weld" if joint.type == "fixed" else joint.type,
             **PAIRS[joint.type].told(joint.axis, joint.axis2, joint.lead, joint.length)}
-
-
-def _lost(joint: Joint) -> list[str]:
-    """Return what a closure cannot have of a joint."""
-    lost = [f"{key} {getattr(joint, key):g}" for key in (*RESISTANCES, "stiffness")
-            if getattr(joint, key)]
-    if joint.is_limited:
-        lost.append(f"limits {joint.lower:g} to {joint.upper:g}")
-    return lost

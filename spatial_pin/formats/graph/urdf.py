@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 
 from spatial_pin.formats.faults import Faults
-from spatial_pin.formats.graph.chains import in_loops
-from spatial_pin.formats.graph.joints import WORLD, Joint, JointGraph, Link
+from spatial_pin.formats.graph.joint_graph import WORLD, GraphJoint, JointGraph, Link
 from spatial_pin.formats.graph.open_tree import open_tree
-from spatial_pin.formats.imported import Imported
-from spatial_pin.formats.urdf.checks import check_joint, end_of, placement
-from spatial_pin.formats.urdf.model import (
+from spatial_pin.formats.graph.spanning import in_loops
+from spatial_pin.formats.importers import Imported
+from spatial_pin.formats.urdf.urdf_model import (
     CONTAINED_PAIRS,
     PAIR_OF_URDF_TYPE,
     JointRefinement,
     joint_axes,
 )
+from spatial_pin.formats.urdf.validation import check_joint, end_of, placement
 from spatial_pin.formats.xacro.parsing import parse_urdf
 from spatial_pin.mechanism.pairs import PAIRS
 
@@ -76,46 +76,40 @@ def _has_loop(robot: ET.Element) -> bool:
             parent == child or not {parent, child} <= known for parent, child in ends):
         return False  # other faults, which the reader of URDF refuses by name
     roots = known - {child for _, child in ends}  # they stand on the same ground
-    joints = [Joint(name, "fixed", WORLD if parent in roots else parent, child)
+    joints = [GraphJoint(name, "fixed", WORLD if parent in roots else parent, child)
               for name, (parent, child) in zip(names, ends, strict=True)]
     return bool(in_loops(joints))
 
 
-def _joint(element: ET.Element, pair: str, refined: JointRefinement | None, where: str) -> Joint:
+def _joint(
+    element: ET.Element, pair: str, refined: JointRefinement | None, where: str
+) -> GraphJoint:
     axis, axis2 = joint_axes(PAIRS[pair], element, refined, where)
-    joint = Joint(
+    dynamics, resistance = element.find("dynamics"), dict[str, Any]()
+    if dynamics is not None:
+        resistance = {key: float(dynamics.get(key, 0.0)) for key in ("damping", "friction")}
+    for key, values in refined.resistances.items() if refined else ():
+        if key != "slip_speed":
+            resistance[key] = float(np.max(values))  # the largest of several
+    joint = GraphJoint(
         element.get("name", ""), pair, end_of(element, "parent"), end_of(element, "child"),
         placement(element.find("origin"), where), axis=axis, axis2=axis2,
-        lead=refined.lead if refined else 0.0, element=element, **_resistance(element, refined))
+        lead=refined.lead if refined else 0.0, element=element, **resistance)
     limit = element.find("limit")
     if limit is None or element.get("type") not in LIMITED:
         return joint
     return joint.but(lower=float(limit.get("lower", 0.0)), upper=float(limit.get("upper", 0.0)))
 
 
-def _resistance(element: ET.Element, refined: JointRefinement | None) -> dict[str, Any]:
-    """Return damping, friction and armature of a joint, the largest of several."""
-    dynamics = element.find("dynamics")
-    stated = {key: float(dynamics.get(key, 0.0)) for key in ("damping", "friction")
-              } if dynamics is not None else {}
-    given = refined.resistances.items() if refined else ()
-    return {**stated, **{key: float(np.max(values)) for key, values in given
-                         if key != "slip_speed"}}
-
-
 def _link(element: ET.Element, named: set[str]) -> Link:
     """Return a link; one that something refers to counts as a body, which stays."""
     values = [x.get(key, "0") for x in element.iterfind("inertial/*")
               for key in ("value", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")]
-    massless = element.get("name") not in named and all(_is_zero(x) for x in values)
-    return Link(element.get("name", ""), None, tuple(element), massless)
-
-
-def _is_zero(text: str) -> bool:
     try:
-        return float(text) == 0.0
-    except ValueError:
-        return False
+        massless = element.get("name") not in named and not any(map(float, values))
+    except ValueError:  # refused later
+        massless = False
+    return Link(element.get("name", ""), None, tuple(element), massless)
 
 
 def _named(robot: ET.Element, content: Mapping[str, Any]) -> Iterator[str]:

@@ -12,7 +12,7 @@ import re
 import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +20,9 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats.meshes.meshes import OUTSIDE
-from spatial_pin.formats.sources import Trust, check_file, is_file, shown
-from spatial_pin.formats.urdf.leaving_out import notice_of
+from spatial_pin.formats.file_access import Trust, check_file, is_file, shown
+from spatial_pin.formats.mesh_files import OUTSIDE
+from spatial_pin.formats.urdf.elements import notice_of
 from spatial_pin.formats.xacro.parsing import PROLOGUE, parse_xml, without
 from spatial_pin.numerics.linalg import Array
 
@@ -51,30 +51,19 @@ class MeshFile:
     fault: str = ""
 
 
-@dataclass(frozen=True, eq=False)
-class Compiled:
-    """What MuJoCo made of a file.
-
-    Attributes:
-        model: `mujoco.MjModel`.
-        meshes: the file of every mesh asset, by its name.
-        massless: names of bodies whose inertia is not known, for want of meshes.
-        notices: what was changed or left out.
-    """
-
-    model: Any
-    meshes: dict[str, MeshFile]
-    massless: set[str] = field(default_factory=set)
-    notices: list[str] = field(default_factory=list)
-
-
-def compiled(path: Path, trust: Trust, without: Iterable[str] = ()) -> Compiled:
+def compiled(
+    path: Path, trust: Trust, without: Iterable[str] = ()
+) -> tuple[Any, dict[str, MeshFile], set[str], list[str]]:
     """Let MuJoCo compile an MJCF file.
 
     Args:
         path: the file.
         trust: which files it may name.
         without: names or types of elements and joints that are left out.
+
+    Returns:
+        `mujoco.MjModel`; the file of every mesh asset by its name; names of bodies whose inertia is
+        not known, for want of meshes; what was changed or left out.
 
     Raises:
         MechanismFileError: there is no `mujoco`, or it cannot compile the file, or the file names
@@ -85,7 +74,12 @@ def compiled(path: Path, trust: Trust, without: Iterable[str] = ()) -> Compiled:
     except ImportError as error:
         raise MechanismFileError(
             f"{shown(path)}: reading MJCF needs mujoco: pip install 'spatial_pin[mjcf]'") from error
-    folders = _scanned(path, trust)
+    seen: dict[Path, None] = {}  # files that MuJoCo opens as it reads, looked at before it does
+    copies = _copies(path, path.parent, trust, seen)
+    if copies > MOST_COPIES:
+        raise MechanismFileError(f"{shown(path)}: <replicate> and the like make {copies:.3g} "
+                                 f"copies; at most {MOST_COPIES:,} are read")
+    folders = list(dict.fromkeys(file.parent for file in seen))
     heard: list[str] = []
     try:
         with _listening(mujoco, heard):
@@ -93,7 +87,7 @@ def compiled(path: Path, trust: Trust, without: Iterable[str] = ()) -> Compiled:
             left_out = _leave_out(mujoco, spec, without, shown(path))
             meshes, massless, notices = _without_meshes(mujoco, spec, folders, trust)
             model = spec.compile()
-        return Compiled(model, meshes, massless, [*left_out, *dict.fromkeys(heard), *notices])
+        return model, meshes, massless, [*left_out, *dict.fromkeys(heard), *notices]
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         reason = " ".join(str(error).split())
         raise MechanismFileError(f"{shown(path)}: MuJoCo cannot read it: {reason}") from error
@@ -139,19 +133,6 @@ def _listening(mujoco: Any, heard: list[str]) -> Iterator[None]:
 # ---------------------------------------------------------------- before MuJoCo reads it
 
 
-def _scanned(path: Path, trust: Trust) -> list[Path]:
-    """Return the folders of a file and of those it takes bodies from; refuse endless copies.
-
-    Files that MuJoCo opens as it reads are looked at here, before it does.
-    """
-    seen: dict[Path, None] = {}
-    copies = _copies(path, path.parent, trust, seen)
-    if copies > MOST_COPIES:
-        raise MechanismFileError(f"{shown(path)}: <replicate> and the like make {copies:.3g} "
-                                 f"copies; at most {MOST_COPIES:,} are read")
-    return list(dict.fromkeys(file.parent for file in seen))
-
-
 def _copies(path: Path, main: Path, trust: Trust, seen: dict[Path, None]) -> float:
     """Return how many copies of elements a file makes, with those that it includes."""
     seen[path] = None
@@ -162,8 +143,7 @@ def _copies(path: Path, main: Path, trust: Trust, seen: dict[Path, None]) -> flo
             if element.tag in COPIES:
                 times *= _product(element.get("count", "1"))
                 total += times
-            for file in _read_at_once(element, (main, path.parent)):
-                _check_named(file, path, trust)
+            for file in _opened_at_once(element, path, main, trust):
                 if element.tag in TREES and is_file(file) and file not in seen:
                     total += times * _copies(file, main, trust, seen)
             deeper += [(child, times) for child in element]
@@ -171,22 +151,24 @@ def _copies(path: Path, main: Path, trust: Trust, seen: dict[Path, None]) -> flo
     return total
 
 
-def _read_at_once(element: ET.Element, folders: Iterable[Path]) -> list[Path]:
-    """Return the files that MuJoCo may open for an element as it reads, not when it compiles."""
+def _opened_at_once(element: ET.Element, path: Path, main: Path, trust: Trust) -> list[Path]:
+    """Return the files that MuJoCo may open for an element as it reads, not when it compiles.
+
+    Raises:
+        MechanismFileError: one may not be read, or is no file; MuJoCo would wait for a pipe.
+    """
     name = element.get("file", "") if element.tag in (*TREES, "flexcomp") else ""
     if element.tag == "config" and re.search(r"[/\\]|^\.\.$", element.get("value", "")):
         name = element.get("value", "")  # of a plugin, which does with it what it likes
-    return list(dict.fromkeys(folder / name for folder in folders)) if name else []
-
-
-def _check_named(file: Path, path: Path, trust: Trust) -> None:
-    """Refuse a file that `path` names and that may not be read; MuJoCo would wait for a pipe."""
-    try:
-        trust.resolved(file)
-        if os.path.exists(file):  # unlike Path.exists, false for names that are too long
-            check_file(file)
-    except MechanismFileError as error:
-        raise MechanismFileError(f"{shown(path)}: an include: {error}") from error
+    files = list(dict.fromkeys(folder / name for folder in (main, path.parent))) if name else []
+    for file in files:
+        try:
+            trust.resolved(file)
+            if os.path.exists(file):  # unlike Path.exists, false for names that are too long
+                check_file(file)
+        except MechanismFileError as error:
+            raise MechanismFileError(f"{shown(path)}: an include: {error}") from error
+    return files
 
 
 def _elements(path: Path, trust: Trust) -> list[ET.Element]:
@@ -230,9 +212,7 @@ def _without_meshes(
 ) -> tuple[dict[str, MeshFile], set[str], list[str]]:
     """Take from a spec all files that are not needed; return meshes, massless bodies, notices."""
     notices: list[str] = []
-    _name_bodies(spec)
-    for mesh in spec.meshes:  # as MuJoCo does, some of it only later
-        mesh.name = mesh.name or Path(mesh.file).stem
+    _name_all(spec)
     _without_pictures(mujoco, spec, notices)
     files, barred = _mesh_files(spec, folders, trust)
     missing = {name for name, file in files.items() if file is None}
@@ -247,7 +227,10 @@ def _without_meshes(
     for mesh in spec.meshes:
         meshes[mesh.name] = _placed(mesh, files.get(mesh.name))
         if mesh.file and mesh.name not in read:
-            _put_octahedron(mujoco, mesh)
+            mesh.file, mesh.uservert = "", OCTAHEDRON
+            mesh.scale, mesh.refpos = np.ones(3), np.zeros(3)
+            mesh.refquat = np.array([1.0, 0.0, 0.0, 0.0])
+            mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
     for names, why in ((barred, f"lie {OUTSIDE}, or are too large"),
                        (missing - barred, "are not there")):
         if names:
@@ -259,21 +242,23 @@ def _without_meshes(
     return meshes, massless, notices
 
 
+def _name_all(spec: Any) -> None:
+    """Name bodies and meshes that have no name, as MuJoCo does, some of it only later."""
+    taken = {body.name for body in spec.bodies}
+    for k, body in enumerate(spec.bodies):
+        if not body.name:
+            body.name = f"body_{k}"
+            while body.name in taken:
+                body.name += "_"
+            taken.add(body.name)
+    for mesh in spec.meshes:
+        mesh.name = mesh.name or Path(mesh.file).stem
+
+
 def some(names: Iterable[str]) -> str:
     """Return the first of some names, for a message."""
     listed = sorted(names)
     return ", ".join(listed[:3]) + (", ..." if len(listed) > 3 else "")
-
-
-def _name_bodies(spec: Any) -> None:
-    taken = {body.name for body in spec.bodies}
-    for k, body in enumerate(spec.bodies):
-        if not body.name:
-            name = f"body_{k}"
-            while name in taken:
-                name += "_"
-            body.name = name
-            taken.add(name)
 
 
 def _without_pictures(mujoco: Any, spec: Any, notices: list[str]) -> None:
@@ -298,19 +283,14 @@ def _mesh_files(
     files, barred = dict[str, Path | None](), set[str]()
     for mesh in spec.meshes:
         if mesh.file:
-            there = _files_of(spec, mesh, folders)
+            meshdir = getattr(mesh, "compiler", spec.compiler).meshdir  # MuJoCo 3 has one for all
+            name = re.split(r"[/\\]", mesh.file)[-1] if spec.strippath else mesh.file
+            tried = (folder / meshdir / name for folder in folders)
+            there = [file.resolve() for file in tried if is_file(file)]
             if not all(map(trust.allows, there)):
                 barred.add(mesh.name)
             files[mesh.name] = there[0] if there and mesh.name not in barred else None
     return files, barred
-
-
-def _files_of(spec: Any, mesh: Any, folders: list[Path]) -> list[Path]:
-    """Return the files that may be that of a mesh asset, of those that are there."""
-    meshdir = getattr(mesh, "compiler", spec.compiler).meshdir  # MuJoCo 3 has one for all
-    name = re.split(r"[/\\]", mesh.file)[-1] if spec.strippath else mesh.file
-    tried = (folder / meshdir / name for folder in folders)
-    return [file.resolve() for file in tried if is_file(file)]
 
 
 def _is_fitted(mujoco: Any, geom: Any) -> bool:
@@ -355,22 +335,15 @@ def _placed(mesh: Any, file: Path | None) -> MeshFile:
     """Return how the file of a mesh stands in a geom: x = scale * R' (file - refpos)."""
     w, x, y, z = mesh.refquat
     turn = pin.Quaternion(w, x, y, z).normalized().matrix().T
-    scale = np.array(mesh.scale)
+    scale, fault = np.array(mesh.scale), ""
     if np.any(turn != np.eye(3)) and np.ptp(scale) > 0.0:
-        return MeshFile(None, scale, pin.SE3.Identity(),
-                        "URDF cannot say that it is turned first and stretched then")
-    if not mesh.file:
-        return MeshFile(None, scale, pin.SE3.Identity(), "it is in no file of its own")
-    if Path(mesh.file).suffix.lower() == ".msh":
-        return MeshFile(None, scale, pin.SE3.Identity(), "its format is MuJoCo's own")
-    return MeshFile(file, scale, pin.SE3(turn, -scale * (turn @ mesh.refpos)))
-
-
-def _put_octahedron(mujoco: Any, mesh: Any) -> None:
-    mesh.file, mesh.uservert = "", OCTAHEDRON
-    mesh.scale, mesh.refpos = np.ones(3), np.zeros(3)
-    mesh.refquat = np.array([1.0, 0.0, 0.0, 0.0])
-    mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
+        fault = "URDF cannot say that it is turned first and stretched then"
+    elif not mesh.file:
+        fault = "it is in no file of its own"
+    elif Path(mesh.file).suffix.lower() == ".msh":
+        fault = "its format is MuJoCo's own"
+    placement = pin.SE3(turn, -scale * (turn @ mesh.refpos))
+    return MeshFile(None if fault else file, scale, placement, fault)
 
 
 def is_mjcf(path: Path) -> bool:

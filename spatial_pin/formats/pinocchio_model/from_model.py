@@ -12,13 +12,13 @@ from numpy.typing import ArrayLike
 
 from spatial_pin._support.checks import finite_array, number_from_zero
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.formats.pinocchio_model.joints import (
+from spatial_pin.formats.pinocchio_model.pair_tree import (
     check_placement,
     own_configuration,
     pair_tree,
 )
-from spatial_pin.formats.pinocchio_model.urdf_text import Bodies, urdf_of
-from spatial_pin.formats.urdf.writing import fresh
+from spatial_pin.formats.pinocchio_model.urdf_text import LinkTree, urdf_of
+from spatial_pin.formats.urdf.elements import fresh
 from spatial_pin.mechanism.checks import check_mechanism
 from spatial_pin.mechanism.closures import FramePlace, of_native
 from spatial_pin.mechanism.coordinates import check_guess, joint_vector
@@ -27,7 +27,6 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.named_frames import Frame, add_frames, frames_by_name
 from spatial_pin.mechanism.parts import Closure, Driver, Passive, Spring, drivers_of_tree
 
-GROUND = "world"  # the link that stands for the world
 UNIVERSE = "universe"  # what Pinocchio calls it
 WHERE = "from_model"
 
@@ -44,10 +43,12 @@ def mechanism_of(
     title = _text(given.name if name is None else name) or "mechanism"
     where = f"{WHERE} {title!r}"
     model, pairs, mimics = pair_tree(given, where)
-    bodies = Completed(model).bodies()
-    names = _Names(model, bodies, where)
+    bodies = LinkTree(model)
+    names = _FrameNames(model, bodies, where)
     names.keep_frames()
-    for key, place in _mapping(frames, "frames").items():
+    if frames is not None and not isinstance(frames, Mapping):
+        raise TypeError(f"frames is a dict by name, not {type(frames).__name__}")
+    for key, place in (frames or {}).items():
         names.add(key, place)
     closed = names.closures([*_several(closures, "closures"), *mimics])
     sprung = [replace(s, frames=names.named(s.frames, s.name))
@@ -89,12 +90,6 @@ def _text(name: Any) -> str:
     return name
 
 
-def _mapping(value: Any, what: str) -> Mapping[str, Any]:
-    if value is not None and not isinstance(value, Mapping):
-        raise TypeError(f"{what} is a dict by name, not {type(value).__name__}")
-    return value or {}
-
-
 def _several(values: Any, what: str) -> list[Any]:
     if values is None:
         return []
@@ -134,69 +129,6 @@ def _shapes(given: pin.GeometryModel | None, model: pin.Model, what: str) -> pin
     return given.copy()
 
 
-# ---------------------------------------------------------------- links
-
-
-class Completed:
-    """A model in which every joint has its frame and a link, and every other link a fixed joint."""
-
-    def __init__(self, model: pin.Model) -> None:
-        self.model, self.names = model, list(model.names)
-        frames = list(model.frames)
-        self.taken = {f.name for f in frames} | set(self.names)
-        self.taken_by_others = {f.name for f in frames if f.type != pin.FrameType.JOINT}
-        self.joint_frames = {f.name: k for k, f in enumerate(frames)
-                             if f.type == pin.FrameType.JOINT}
-        self.links: list[list[int]] = [[] for _ in self.names]
-        for k, frame in enumerate(frames):
-            if frame.type == pin.FrameType.BODY:
-                self.links[frame.parentJoint].append(k)
-        self.mounts: dict[str, str] = {}
-        self.used: set[int] = {0}
-
-    def bodies(self) -> Bodies:
-        """Put in what is missing, and return what there is."""
-        return Bodies(tuple(self._main(i) for i in range(len(self.names))), self.mounts)
-
-    def _add(self, name: str, joint: int, above: int, placement: pin.SE3,
-             kind: pin.FrameType) -> int:
-        return int(self.model.addFrame(pin.Frame(name, joint, above, placement, kind), False))
-
-    def _main(self, i: int) -> str:
-        """Return the link whose axes are those of joint i."""
-        here = pin.SE3.Identity()
-        above = self.joint_frames.get(self.names[i]) if i else 0
-        if above is None:
-            above = self._add(self.names[i], i, 0, here, pin.FrameType.JOINT)
-        main = next((k for k in self.links[i] if self.model.frames[k].placement.isIdentity(0.0)),
-                    None)
-        if main is None:
-            main = self._add(self._link_name(i), i, above, here, pin.FrameType.BODY)
-        for k in self.links[i]:
-            if k != main:
-                mount = self._mount(k)
-                self.mounts[self.model.frames[k].name] = self.model.frames[mount].name
-        return str(self.model.frames[main].name)
-
-    def _link_name(self, i: int) -> str:
-        """Return a name for the link that a joint moves: that of the joint, if no frame has it."""
-        if i and self.names[i] not in self.taken_by_others:
-            return str(self.names[i])
-        return fresh(f"{self.names[i]}_link" if i else GROUND, self.taken)
-
-    def _mount(self, link: int) -> int:
-        """Return the frame of the fixed joint that carries a link."""
-        frame = self.model.frames[link]
-        above = self.model.frames[frame.parentFrame]
-        if frame.parentFrame in self.used or above.type != pin.FrameType.FIXED_JOINT \
-                or above.parentJoint != frame.parentJoint or above.name in self.joint_frames \
-                or above.placement != frame.placement:
-            return self._add(fresh(f"{frame.name}_mount", self.taken), frame.parentJoint, 0,
-                             frame.placement, pin.FrameType.FIXED_JOINT)
-        self.used.add(frame.parentFrame)
-        return int(frame.parentFrame)
-
-
 def _inertias(model: pin.Model) -> dict[str, pin.Inertia]:
     """Return the own inertia of every link that has one.
 
@@ -225,10 +157,10 @@ def _inertias(model: pin.Model) -> dict[str, pin.Inertia]:
 # ---------------------------------------------------------------- frames and closures
 
 
-class _Names:
+class _FrameNames:
     """Gives names to frames that are given by a placement, and to closures that have none."""
 
-    def __init__(self, model: pin.Model, bodies: Bodies, where: str) -> None:
+    def __init__(self, model: pin.Model, bodies: LinkTree, where: str) -> None:
         self.model, self.bodies, self.where = model, bodies, where
         self.taken = {f.name for f in model.frames} | set(model.names)
         self.frames: dict[str, Frame] = {}

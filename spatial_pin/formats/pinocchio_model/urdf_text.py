@@ -7,8 +7,7 @@ so that all numbers but angles of rotation stand in the text as they are in the 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +15,11 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import warn
-from spatial_pin.formats.pinocchio_model.joints import joint_axis
-from spatial_pin.formats.sources import is_file
+from spatial_pin.formats.file_access import is_file
+from spatial_pin.formats.pinocchio_model.pair_tree import joint_axis
 from spatial_pin.formats.urdf.elements import (
     finite_text,
+    fresh,
     inertial,
     joint_element,
     numbers_text,
@@ -28,21 +28,69 @@ from spatial_pin.formats.urdf.elements import (
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 
+GROUND = "world"  # the link that stands for the world
 
-@dataclass(frozen=True)
-class Bodies:
-    """The links of a tree.
+
+class LinkTree:
+    """The links of a model, after what is missing was put into it.
+
+    Then every joint has its frame and a link, and every other link a fixed joint.
 
     Attributes:
         mains: by joint, the link whose axes are the joint's; of the universe the root.
         mounts: by link, the fixed joint that carries it; of all other links.
     """
 
-    mains: tuple[str, ...]
-    mounts: Mapping[str, str]
+    def __init__(self, model: pin.Model) -> None:
+        self._model = model
+        frames = list(model.frames)
+        self._taken = {f.name for f in frames} | set(model.names)
+        self._not_joints = {f.name for f in frames if f.type != pin.FrameType.JOINT}
+        self._joint_frames = {f.name: k for k, f in enumerate(frames)
+                              if f.type == pin.FrameType.JOINT}
+        self._used = {0}
+        links: list[list[int]] = [[] for _ in model.names]
+        for k, frame in enumerate(frames):
+            if frame.type == pin.FrameType.BODY:
+                links[frame.parentJoint].append(k)
+        self.mounts: dict[str, str] = {}
+        self.mains = tuple(self._complete(i, own) for i, own in enumerate(links))
+
+    def _add(self, name: str, joint: int, above: int, placement: pin.SE3,
+             kind: pin.FrameType) -> int:
+        return int(self._model.addFrame(pin.Frame(name, joint, above, placement, kind), False))
+
+    def _complete(self, i: int, links: Iterable[int]) -> str:
+        """Return the link whose axes are those of joint i; a new one is named as the joint."""
+        model, here = self._model, pin.SE3.Identity()
+        joint = str(model.names[i])
+        above = self._joint_frames.get(joint) if i else 0
+        if above is None:
+            above = self._add(joint, i, 0, here, pin.FrameType.JOINT)
+        main = next((k for k in links if model.frames[k].placement.isIdentity(0.0)), None)
+        if main is None:
+            name = joint if i and joint not in self._not_joints else fresh(
+                f"{joint}_link" if i else GROUND, self._taken)
+            main = self._add(name, i, above, here, pin.FrameType.BODY)
+        for k in links:
+            if k != main:
+                self.mounts[model.frames[k].name] = model.frames[self._mount(k)].name
+        return str(model.frames[main].name)
+
+    def _mount(self, link: int) -> int:
+        """Return the frame of the fixed joint that carries a link."""
+        frame = self._model.frames[link]
+        above = self._model.frames[frame.parentFrame]
+        if frame.parentFrame in self._used or above.type != pin.FrameType.FIXED_JOINT \
+                or above.parentJoint != frame.parentJoint or above.name in self._joint_frames \
+                or above.placement != frame.placement:
+            return self._add(fresh(f"{frame.name}_mount", self._taken), frame.parentJoint, 0,
+                             frame.placement, pin.FrameType.FIXED_JOINT)
+        self._used.add(frame.parentFrame)
+        return int(frame.parentFrame)
 
 
-def urdf_of(mechanism: Mechanism, bodies: Bodies) -> str:
+def urdf_of(mechanism: Mechanism, bodies: LinkTree) -> str:
     """Return the open tree as URDF text.
 
     Shapes that URDF does not have are left out, and a warning says so.
@@ -65,7 +113,7 @@ def urdf_of(mechanism: Mechanism, bodies: Bodies) -> str:
     return ET.tostring(robot, encoding="unicode")
 
 
-def _add_joint(mechanism: Mechanism, bodies: Bodies, robot: ET.Element, i: int) -> None:
+def _add_joint(mechanism: Mechanism, bodies: LinkTree, robot: ET.Element, i: int) -> None:
     model, pair = mechanism.model, mechanism.pairs[i - 1]
     q, v = model.idx_qs[i], model.idx_vs[i]
     low, high = float(model.lowerPositionLimit[q]), float(model.upperPositionLimit[q])
@@ -92,7 +140,7 @@ def _add_joint(mechanism: Mechanism, bodies: Bodies, robot: ET.Element, i: int) 
 
 
 def _add_shape(
-    mechanism: Mechanism, bodies: Bodies, links: Mapping[str, ET.Element], kind: str, shape: Any
+    mechanism: Mechanism, bodies: LinkTree, links: Mapping[str, ET.Element], kind: str, shape: Any
 ) -> None:
     solid = _solid(shape)
     if solid is None:

@@ -1,14 +1,16 @@
-"""Elements of URDF, their numbers with all digits."""
+"""Elements of URDF: their numbers with all digits, their writing, and those that are left out."""
 
 from __future__ import annotations
 
 import math
 import sys
 import xml.etree.ElementTree as ET
+from collections.abc import Iterable
 
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin.errors import MechanismFileError, suggestion
 from spatial_pin.numerics.linalg import Array
 
 URDF_AXIS = (1.0, 0.0, 0.0)  # of a joint without <axis>, in URDF and what extends it
@@ -69,11 +71,186 @@ def inertial(inertia: pin.Inertia) -> ET.Element:
 
 
 def joint_element(
-    robot: ET.Element, name: str, kind: str, parent: str, child: str, placement: pin.SE3
+    robot: ET.Element, name: str, kind: str, parent: str, child: str,
+    placement: pin.SE3 | None = None,
 ) -> ET.Element:
     """Add a joint between two links to a <robot>, and return it."""
     element = ET.SubElement(robot, "joint", name=name, type=kind)
-    element.append(origin(placement))
+    if placement is not None:
+        element.append(origin(placement))
     ET.SubElement(element, "parent", link=parent)
     ET.SubElement(element, "child", link=child)
     return element
+
+
+class UrdfText:
+    """A URDF that grows link by link and joint by joint; names are made unique.
+
+    Args:
+        name: of the robot.
+        root: name of the first link.
+        reserved: names that no frame may take.
+    """
+
+    def __init__(self, name: str, root: str, reserved: Iterable[str] = ()) -> None:
+        self._robot = ET.Element("robot", name=name)
+        self._reserved = set(reserved)
+        self._links: dict[str, ET.Element] = {}
+        self._joints: set[str] = set()
+        self._link(root)
+
+    def _link(self, wanted: str) -> str:
+        name = unique(wanted, self._links)
+        self._links[name] = ET.SubElement(self._robot, "link", name=name)
+        return name
+
+    def joint(
+        self, wanted: str, kind: str, parent: str, child: str, placement: pin.SE3,
+        axis: Array | None = None, limits: Array | None = None,
+    ) -> tuple[str, str]:
+        """Add a joint and the link that it carries.
+
+        Args:
+            wanted: name of the joint; a number is added where it is taken.
+            kind: its URDF type.
+            parent: name of the link that carries it.
+            child: name of the new link; a number is added where it is taken.
+            placement: of the joint in the parent link.
+            axis: (3,) unit vector in the joint's frame.
+            limits: (2,) lower and upper value [rad or m].
+
+        Returns:
+            The names of the joint and of the new link.
+        """
+        name, link = unique(wanted, self._joints), self._link(child)
+        self._joints.add(name)
+        joint = joint_element(self._robot, name, kind, parent, link, placement)
+        if axis is not None:
+            ET.SubElement(joint, "axis", xyz=numbers_text(axis))
+        if limits is not None:
+            ET.SubElement(joint, "limit", lower=repr(float(limits[0])),
+                          upper=repr(float(limits[1])), effort=repr(UNBOUNDED),
+                          velocity=repr(UNBOUNDED))
+        return name, link
+
+    def frame(self, wanted: str, parent: str, placement: pin.SE3) -> str:
+        """Add a link on a fixed joint and return its name."""
+        name = unique(wanted, self._reserved)
+        return self.fixed(parent, name, placement)
+
+    def fixed(self, parent: str, child: str, placement: pin.SE3) -> str:
+        """Add a link of a name that may be reserved on a fixed joint, and return its name."""
+        joint = unique(f"{child}_fixed", self._reserved)
+        return self.joint(joint, "fixed", parent, child, placement)[1]
+
+    def inertia(self, link: str, mass: float, placement: pin.SE3, moments: Array) -> None:
+        """Give a link a mass [kg] and moments (3,) [kg·m²] about the axes of a central frame."""
+        inertial = ET.SubElement(self._links[link], "inertial")
+        inertial.append(origin(placement))
+        ET.SubElement(inertial, "mass", value=repr(float(mass)))
+        xx, yy, zz = (repr(float(x)) for x in moments)
+        ET.SubElement(inertial, "inertia", ixx=xx, iyy=yy, izz=zz, ixy="0", ixz="0", iyz="0")
+
+    def shape(
+        self, link: str, kind: str, placement: pin.SE3, solid: str, sizes: dict[str, str],
+        rgba: Array | None = None,
+    ) -> None:
+        """Give a link a shape.
+
+        Args:
+            link: its name.
+            kind: "visual" or "collision".
+            placement: of the shape in the link.
+            solid: the URDF element, such as "box".
+            sizes: its attributes.
+            rgba: (4,) its colour.
+        """
+        shape = ET.SubElement(self._links[link], kind)
+        shape.append(origin(placement))
+        ET.SubElement(ET.SubElement(shape, "geometry"), solid, sizes)
+        if rgba is not None:
+            material = ET.SubElement(shape, "material", name=f"rgba {numbers_text(rgba)}",
+                                     override="true")
+            ET.SubElement(material, "color", rgba=numbers_text(rgba))
+
+    def text(self) -> str:
+        """Return the URDF."""
+        return ET.tostring(self._robot, encoding="unicode")
+
+
+def unique(wanted: str, taken: Iterable[str]) -> str:
+    """Return a name that is not taken: the wanted one, or that with a number."""
+    known = set(taken)
+    name, k = wanted, 2
+    while name in known:
+        name, k = f"{wanted}_{k}", k + 1
+    return name
+
+
+def fresh(wanted: str, taken: set[str]) -> str:
+    """Return a name that is not taken as `unique` does, and take it."""
+    name = unique(wanted, taken)
+    taken.add(name)
+    return name
+
+
+BODIES = ("link", "body", "model", "robot", "world")  # which joints of the same name are not
+
+
+def without_it(element: ET.Element) -> str:
+    """Return how one goes on without an element, for the message that it cannot be read."""
+    return go_on(element.get("name") or local(element))
+
+
+def go_on(name: str) -> str:
+    """Return how one goes on without what has a name, for the message that it cannot be read."""
+    return f"load(..., without=[{name!r}]) goes on without it"
+
+
+def leave_out(root: ET.Element, names: Iterable[str], where: str) -> list[str]:
+    """Take elements out of an XML file, by their names or tags; links and bodies stay.
+
+    Args:
+        root: the file's root element.
+        names: of what is taken out.
+        where: the file, for errors.
+
+    Returns:
+        A notice of what was taken out.
+
+    Raises:
+        MechanismFileError: nothing has one of the names.
+    """
+    wanted = dict.fromkeys(names)
+    matches: dict[str, list[str]] = {name: [] for name in wanted}
+    known: dict[str, None] = {}
+    for parent in list(root.iter()) if wanted else ():
+        for element in list(parent):
+            if not isinstance(element.tag, str) or local(element) in BODIES:
+                continue
+            own = [x for x in (element.get("name"), local(element)) if x]
+            known.update(dict.fromkeys(own))
+            for name in set(own) & wanted.keys():
+                matches[name].append(local(element))
+                if element in list(parent):
+                    parent.remove(element)
+    return notice_of(matches, known, where)
+
+
+def notice_of(matches: dict[str, list[str]], known: Iterable[str], where: str) -> list[str]:
+    """Return a notice of what was left out; none where nothing was to be.
+
+    Args:
+        matches: kinds of what was left out, by the name that it has.
+        known: names that could have been given.
+        where: the file, for errors.
+
+    Raises:
+        MechanismFileError: nothing has one of the names.
+    """
+    for name, kinds in matches.items():
+        if not kinds:
+            raise MechanismFileError(f"{where}: without: there is no element or joint {name!r}; "
+                                     f"{suggestion(name, known)}")
+    parts = [f"{name!r} ({', '.join(sorted(set(kinds)))})" for name, kinds in matches.items()]
+    return [f"left out by load(..., without=...): {', '.join(parts)}"] if parts else []

@@ -1,13 +1,13 @@
-"""USD, read through OpenUSD's own package: the joint graph that UsdPhysics states."""
+"""USD files, read with OpenUSD's own package: the joint graph that UsdPhysics states."""
 
 from __future__ import annotations
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats.imported import Imported, Importer, Request
-from spatial_pin.formats.sources import shown
+from spatial_pin.formats.file_access import shown
+from spatial_pin.formats.importers import Imported, Request
 
 
-def read_usd(request: Request) -> Imported:
+def read(request: Request) -> Imported:
     """Read a USD file.
 
     Raises:
@@ -22,11 +22,6 @@ def read_usd(request: Request) -> Imported:
     except ImportError as error:
         raise MechanismFileError(f"{where}: reading USD needs OpenUSD: pip install "
                                  "'spatial_pin[usd]'") from error
-    from spatial_pin.formats.usd.reading import read_stage
+    from spatial_pin.formats.usd.reader import read_stage
 
     return read_stage(request)
-
-
-IMPORTER = Importer("USD", (".usd", ".usda", ".usdc", ".usdz"), lambda path: True, read_usd)
-
-__all__ = ["IMPORTER", "read_usd"]

@@ -29,7 +29,7 @@ from xml.parsers.expat import ExpatError
 import numpy as np
 
 from spatial_pin.errors import MechanismFileError, suggestion, warn
-from spatial_pin.formats.sources import (
+from spatial_pin.formats.file_access import (
     NO_PACKAGES,
     REMEDY,
     Trust,

@@ -8,7 +8,7 @@ from pathlib import Path
 from xml.parsers.expat import errors
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats.sources import shown
+from spatial_pin.formats.file_access import shown
 
 DEEPEST_ELEMENT = 100  # elements within one another; URDF readers take 100 or 500 and then print
 UNBOUND = errors.codes[errors.XML_ERROR_UNBOUND_PREFIX]

@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats.sources import read_text, shown
+from spatial_pin.formats.file_access import read_text, shown
 
 UNITS = {  # tag -> its unit in radians or metres, as xacro has them
     "!radians": 1.0, "!degrees": math.pi / 180.0,

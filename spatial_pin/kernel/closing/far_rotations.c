@@ -25,7 +25,7 @@
 
 static Int equations_of(Int axes) { return axes == 3 ? 3 : 2; }
 
-static Int product_of(const Kernel *k, Int equation) { return k->equation_int[4 * equation]; }
+static Int product_of(const Kernel *k, Int equation) { return k->equation_product[equation]; }
 
 int rotations_are_sound(const Kernel *k, const Rotations *rotations)
 {

@@ -1,4 +1,4 @@
-/* Closure equations: value, Jacobian and second derivative of each kind, one entry a kind.
+/* Closure equations: value, Jacobian and second derivative.
  *
  * Most equations are products A . B - c of vectors that are fixed in bodies, or differences of
  * such. With f = force * B and m = X x B the wrench of the product about the world origin, its
@@ -8,16 +8,6 @@
 #include <string.h>
 
 #include "kernel.h"
-
-/* Of the four integers of an equation the first are products, then come the (q, v) of joint
- * coordinates, then the angle that counts turns. Kinds are numbered as in Python's table
- * (constraints/kinds.py): add one entry here and one there. */
-typedef struct {
-    int n_products, n_coordinates, n_angles;
-    void (*value)(Kernel *k, Int equation, const Int *of, const Real *by);
-    void (*jacobian)(Kernel *k, Int equation, const Int *of, const Real *by);
-    void (*bias)(Kernel *k, Int equation, const Int *of, const Real *by);
-} EquationTable;
 
 /* ---- products ---- */
 
@@ -73,27 +63,7 @@ static void store_row(Kernel *k, Int equation)
     }
 }
 
-/* ---- the kinds ---- */
-
-static void value_of_product(Kernel *k, Int equation, const Int *of, const Real *by)
-{
-    (void)by;
-    k->residual[equation] = k->value[of[0]];
-}
-
-static void jacobian_of_product(Kernel *k, Int equation, const Int *of, const Real *by)
-{
-    Real force[3], moment[3];
-    (void)by;
-    product_wrench(k, of[0], force, moment);
-    product_row(k, of[0], force, moment, k->entry + k->entry_start[equation]);
-}
-
-static void bias_of_product(Kernel *k, Int equation, const Int *of, const Real *by)
-{
-    (void)by;
-    k->bias[equation] = k->product_bias[of[0]];
-}
+/* ---- quantities of sums ---- */
 
 /* What an angle is nearest to: coordinates tell how often it has turned, or else the reference does. */
 static Real near_angle(const Kernel *k, Int angle)
@@ -105,108 +75,157 @@ static Real near_angle(const Kernel *k, Int angle)
     return near;
 }
 
-/* of: product, products of sine and cosine, angle; by: pitch */
-static void value_of_screw(Kernel *k, Int equation, const Int *of, const Real *by)
+static void place_angles(Kernel *k)
 {
     const Real around = 2.0 * PI;
-    Real angle = atan2(k->value[of[1]], k->value[of[2]]);
-    angle += around * nearbyint((near_angle(k, of[3]) - angle) / around);
-    k->angle[of[3]] = angle;
-    k->residual[equation] = k->value[of[0]] - by[0] * angle;
+    for (Int i = 0; i < k->n_angles; i++) {
+        const Int *of = k->angle_product + 2 * i;
+        const Real angle = atan2(k->value[of[0]], k->value[of[1]]);
+        k->angle[i] = angle + around * nearbyint((near_angle(k, i) - angle) / around);
+    }
 }
 
-static void jacobian_of_screw(Kernel *k, Int equation, const Int *of, const Real *by)
+static void angle_rates(Kernel *k)
 {
-    const Real s = k->value[of[1]], c = k->value[of[2]], square = s * s + c * c;
-    add_product_row(k, of[0], 1.0);
-    add_product_row(k, of[1], -by[0] * c / square);
-    add_product_row(k, of[2], by[0] * s / square);
+    for (Int i = 0; i < k->n_angles; i++) {
+        const Int sine = k->angle_product[2 * i], cosine = k->angle_product[2 * i + 1];
+        const Real s = k->value[sine], c = k->value[cosine], n = s * s + c * c;
+        const Real ds = k->product_rate[sine], dc = k->product_rate[cosine];
+        const Real dds = k->product_bias[sine], ddc = k->product_bias[cosine];
+        const Real rate = (c * ds - s * dc) / n;
+        k->angle_rate[i] = rate;
+        k->angle_bias[i] = (c * dds - s * ddc) / n - 2.0 * rate * (c * dc + s * ds) / n;
+    }
+}
+
+static void place_quantity(Kernel *k, Int i)
+{
+    const Int kind = k->quantity_kind[i], at = k->quantity_at[2 * i], f = k->quantity_function[i];
+    const Real x = kind == OF_PRODUCT ? k->value[at] : kind == ANGLE ? k->angle[at] : k->q[at];
+    k->quantity[i] = x;
+    if (f >= 0)
+        piecewise_at(k->function_shape + SHAPE * f, k->function_number, x, k->quantity + i,
+                     k->quantity_slope + i, k->quantity_bend + i);
+}
+
+static void rate_quantity(Kernel *k, Int i, const Real *v)
+{
+    const Int kind = k->quantity_kind[i], *at = k->quantity_at + 2 * i;
+    Real rate = v[at[1]], bias = 0.0;
+    if (kind != COORDINATE) {
+        rate = kind == ANGLE ? k->angle_rate[at[0]] : k->product_rate[at[0]];
+        bias = kind == ANGLE ? k->angle_bias[at[0]] : k->product_bias[at[0]];
+    }
+    if (k->quantity_function[i] >= 0) {
+        bias = k->quantity_slope[i] * bias + k->quantity_bend[i] * rate * rate;
+        rate *= k->quantity_slope[i];
+    }
+    k->quantity_rate[i] = rate;
+    k->quantity_bias[i] = bias;
+}
+
+/* Add factor times the derivatives of a quantity to the scratch row over all freedoms. */
+static void add_quantity_row(Kernel *k, Int i, Real factor)
+{
+    const Int kind = k->quantity_kind[i], *at = k->quantity_at + 2 * i;
+    if (k->quantity_function[i] >= 0)
+        factor *= k->quantity_slope[i];
+    if (kind == COORDINATE) {
+        k->row[at[1]] += factor * k->scale[at[1]];
+    } else if (kind == OF_PRODUCT) {
+        add_product_row(k, at[0], factor);
+    } else {
+        const Int *of = k->angle_product + 2 * at[0];
+        const Real s = k->value[of[0]], c = k->value[of[1]], square = s * s + c * c;
+        add_product_row(k, of[0], factor * c / square);
+        add_product_row(k, of[1], -factor * s / square);
+    }
+}
+
+/* ---- sums: terms, each a number times quantities ---- */
+
+/* A term's number times its quantities but two of them (-1: none). */
+static Real product_without(const Kernel *k, Int term, Int one, Int other)
+{
+    Real product = k->term_number[term];
+    for (Int i = k->factor_start[term]; i < k->factor_start[term + 1]; i++)
+        if (i != one && i != other)
+            product *= k->quantity[i];
+    return product;
+}
+
+static void value_of_sum(Kernel *k, Int equation)
+{
+    Real sum = 0.0;
+    for (Int t = k->term_start[equation]; t < k->term_start[equation + 1]; t++) {
+        for (Int i = k->factor_start[t]; i < k->factor_start[t + 1]; i++)
+            place_quantity(k, i);
+        sum += product_without(k, t, -1, -1);
+    }
+    k->residual[equation] = sum;
+}
+
+static void jacobian_of_sum(Kernel *k, Int equation)
+{
+    for (Int t = k->term_start[equation]; t < k->term_start[equation + 1]; t++)
+        for (Int i = k->factor_start[t]; i < k->factor_start[t + 1]; i++)
+            add_quantity_row(k, i, product_without(k, t, i, -1));
     store_row(k, equation);
 }
 
-static void bias_of_screw(Kernel *k, Int equation, const Int *of, const Real *by)
+static void bias_of_sum(Kernel *k, Int equation, const Real *v)
 {
-    const Real s = k->value[of[1]], c = k->value[of[2]], n = s * s + c * c;
-    const Real ds = k->product_rate[of[1]], dc = k->product_rate[of[2]];
-    const Real dds = k->product_bias[of[1]], ddc = k->product_bias[of[2]];
-    const Real rate = (c * ds - s * dc) / n;
-    const Real angle = (c * dds - s * ddc) / n - 2.0 * rate * (c * dc + s * ds) / n;
-    k->angle_rate[of[3]] = rate;
-    k->bias[equation] = k->product_bias[of[0]] - by[0] * angle;
+    Real sum = 0.0;
+    for (Int t = k->term_start[equation]; t < k->term_start[equation + 1]; t++) {
+        const Int begin = k->factor_start[t], end = k->factor_start[t + 1];
+        for (Int i = begin; i < end; i++)
+            rate_quantity(k, i, v);
+        for (Int i = begin; i < end; i++) {
+            sum += product_without(k, t, i, -1) * k->quantity_bias[i];
+            for (Int j = begin; j < end; j++)
+                if (j != i)
+                    sum += product_without(k, t, i, j) * k->quantity_rate[i] * k->quantity_rate[j];
+        }
+    }
+    k->bias[equation] = sum;
 }
 
-static void value_of_difference(Kernel *k, Int equation, const Int *of, const Real *by)
+/* ---- the kinds ---- */
+
+static void value_of(Kernel *k, Int equation)
 {
-    (void)by;
-    k->residual[equation] = k->value[of[0]] - k->value[of[1]];
+    if (k->equation_kind[equation] == PRODUCT)
+        k->residual[equation] = k->value[k->equation_product[equation]];
+    else if (k->equation_kind[equation] == SUM)
+        value_of_sum(k, equation); /* an idle rotation has no value, only a rate */
 }
 
-static void jacobian_of_difference(Kernel *k, Int equation, const Int *of, const Real *by)
+static void jacobian_of(Kernel *k, Int equation)
 {
-    (void)by;
-    add_product_row(k, of[0], 1.0);
-    add_product_row(k, of[1], -1.0);
-    store_row(k, equation);
+    const Int kind = k->equation_kind[equation], product = k->equation_product[equation];
+    Real force[3] = {0.0, 0.0, 0.0}, moment[3];
+    if (kind == SUM) {
+        jacobian_of_sum(k, equation);
+        return;
+    }
+    if (kind == PRODUCT)
+        product_wrench(k, product, force, moment);
+    product_row(k, product, force, kind == PRODUCT ? moment : k->B + 3 * product,
+                k->entry + k->entry_start[equation]);
 }
 
-static void bias_of_difference(Kernel *k, Int equation, const Int *of, const Real *by)
+static void bias_of(Kernel *k, Int equation, const Real *v)
 {
-    (void)by;
-    k->bias[equation] = k->product_bias[of[0]] - k->product_bias[of[1]];
+    const Int kind = k->equation_kind[equation], product = k->equation_product[equation];
+    if (kind == SUM) {
+        bias_of_sum(k, equation, v);
+    } else if (kind == PRODUCT) {
+        k->bias[equation] = k->product_bias[product];
+    } else {
+        const Int body = k->vector_body[k->b_term[2 * product]];
+        k->bias[equation] = dot3(k->B + 3 * product, k->alpha + 3 * body);
+    }
 }
-
-/* of: entries (q, v) of a and of b; by: unit, ratio, offset */
-static void value_of_coupling(Kernel *k, Int equation, const Int *of, const Real *by)
-{
-    k->residual[equation] = by[0] * (k->q[of[2]] - by[1] * k->q[of[0]] - by[2]);
-}
-
-static void jacobian_of_coupling(Kernel *k, Int equation, const Int *of, const Real *by)
-{
-    k->row[of[1]] -= by[0] * by[1] * k->scale[of[1]];
-    k->row[of[3]] += by[0] * k->scale[of[3]];
-    store_row(k, equation);
-}
-
-static void bias_of_coupling(Kernel *k, Int equation, const Int *of, const Real *by)
-{
-    (void)of;
-    (void)by;
-    k->bias[equation] = 0.0;
-}
-
-/* of: product whose B is the line; it has no value, only a rate */
-static void value_of_idle(Kernel *k, Int equation, const Int *of, const Real *by)
-{
-    (void)k;
-    (void)equation;
-    (void)of;
-    (void)by;
-}
-
-static void jacobian_of_idle(Kernel *k, Int equation, const Int *of, const Real *by)
-{
-    const Real none[3] = {0.0, 0.0, 0.0};
-    (void)by;
-    product_row(k, of[0], none, k->B + 3 * of[0], k->entry + k->entry_start[equation]);
-}
-
-static void bias_of_idle(Kernel *k, Int equation, const Int *of, const Real *by)
-{
-    (void)by;
-    const Int body = k->vector_body[k->b_term[2 * of[0]]];
-    k->bias[equation] = dot3(k->B + 3 * of[0], k->alpha + 3 * body);
-}
-
-static const EquationTable TABLE[] = {
-    [PRODUCT] = {1, 0, 0, value_of_product, jacobian_of_product, bias_of_product},
-    [SCREW_ANGLE] = {3, 0, 1, value_of_screw, jacobian_of_screw, bias_of_screw},
-    [DIFFERENCE] = {2, 0, 0, value_of_difference, jacobian_of_difference, bias_of_difference},
-    [COUPLING] = {0, 2, 0, value_of_coupling, jacobian_of_coupling, bias_of_coupling},
-    [IDLE] = {1, 0, 0, value_of_idle, jacobian_of_idle, bias_of_idle},
-};
-
-#define N_KINDS ((Int)(sizeof TABLE / sizeof *TABLE))
 
 /* ---- what Python's arrays must satisfy ---- */
 
@@ -232,35 +251,69 @@ static int covers(const Kernel *k, Int equation, Int product)
     return 1;
 }
 
+static int angle_is_sound(const Kernel *k, Int equation, Int angle)
+{
+    return within(angle, k->n_angles) && covers(k, equation, k->angle_product[2 * angle]) &&
+           covers(k, equation, k->angle_product[2 * angle + 1]);
+}
+
+static int quantity_is_sound(const Kernel *k, Int equation, Int i)
+{
+    const Int kind = k->quantity_kind[i], *at = k->quantity_at + 2 * i;
+    if (k->quantity_function[i] < -1 || k->quantity_function[i] >= k->n_functions ||
+        !within(at[1], k->nv)) /* zero but of coordinates */
+        return 0;
+    if (kind == COORDINATE)
+        return within(at[0], k->nq) && holds(k, equation, at[1]);
+    if (kind == OF_PRODUCT)
+        return within(at[0], k->n_products) && covers(k, equation, at[0]);
+    return kind == ANGLE && angle_is_sound(k, equation, at[0]);
+}
+
+static int sum_is_sound(const Kernel *k, Int equation)
+{
+    for (Int t = k->term_start[equation]; t < k->term_start[equation + 1]; t++)
+        for (Int i = k->factor_start[t]; i < k->factor_start[t + 1]; i++)
+            if (!quantity_is_sound(k, equation, i))
+                return 0;
+    return 1;
+}
+
 static int equation_is_sound(const Kernel *k, Int i)
 {
-    const Int kind = k->equation_kind[i], *of = k->equation_int + 4 * i;
-    if (!within(kind, N_KINDS) || (kind == IDLE) != (i >= k->n_closure))
+    const Int kind = k->equation_kind[i], product = k->equation_product[i];
+    if (!within(kind, IDLE + 1) || (kind == IDLE) != (i >= k->n_closure))
         return 0;
-    const EquationTable *entry = TABLE + kind;
-    for (int p = 0; p < entry->n_products; p++, of++)
-        if (!within(of[0], k->n_products) || !covers(k, i, of[0]))
+    if (kind == SUM)
+        return sum_is_sound(k, i);
+    if (!within(product, k->n_products) || !covers(k, i, product))
+        return 0;
+    /* their entries are written in the support's order */
+    const Int n = k->support_start[product + 1] - k->support_start[product];
+    if (k->entry_start[i + 1] - k->entry_start[i] != n)
+        return 0;
+    return kind != IDLE || k->b_term[2 * product] >= 0;
+}
+
+/* Whether places that parts of arrays begin at do not descend, from 0. */
+static int ascends(const Int *start, Int n)
+{
+    for (Int i = 0; i < n; i++)
+        if (start[i] > start[i + 1])
             return 0;
-    for (int c = 0; c < entry->n_coordinates; c++, of += 2)
-        if (!within(of[0], k->nq) || !within(of[1], k->nv) || !holds(k, i, of[1]))
-            return 0;
-    for (int a = 0; a < entry->n_angles; a++, of++)
-        if (!within(of[0], k->n_angles))
-            return 0;
-    of = k->equation_int + 4 * i;
-    if (kind == PRODUCT || kind == IDLE) { /* their entries are written in the support's order */
-        const Int n = k->support_start[of[0] + 1] - k->support_start[of[0]];
-        if (k->entry_start[i + 1] - k->entry_start[i] != n)
-            return 0;
-    }
-    return kind != IDLE || k->b_term[2 * of[0]] >= 0;
+    return start[0] == 0;
 }
 
 int equations_are_sound(const Kernel *k)
 {
-    if (k->n_angles > k->n_closure) /* each is of an equation */
+    const Int ne = k->n_equations;
+    if (piecewise_size(k->function_shape, k->n_functions) < 0 || !ascends(k->term_start, ne) ||
+        !ascends(k->factor_start, k->term_start[ne]))
         return 0;
-    for (Int i = 0; i < k->n_equations; i++)
+    for (Int i = 0; i < 2 * k->n_angles; i++)
+        if (!within(k->angle_product[i], k->n_products))
+            return 0;
+    for (Int i = 0; i < ne; i++)
         if (!equation_is_sound(k, i))
             return 0;
     return 1;
@@ -285,19 +338,28 @@ static void mark_vector(Kernel *k, Int i)
         k->is_vector[i] = INSIDE;
 }
 
-/* Mark what an equation of the system is made of. */
+static void mark_product(Kernel *k, Int product)
+{
+    k->is_product[product] = INSIDE;
+    mark_vector(k, k->x_term[product]);
+    for (int t = 0; t < 2; t++) {
+        mark_vector(k, k->a_term[2 * product + t]);
+        mark_vector(k, k->b_term[2 * product + t]);
+    }
+}
+
+/* Mark what an equation of the system is made of; products of angles are marked anyway. */
 static void mark_equation(Kernel *k, Int i)
 {
     k->is_equation[i] = INSIDE;
-    for (int p = 0; p < TABLE[k->equation_kind[i]].n_products; p++) {
-        const Int product = k->equation_int[4 * i + p];
-        k->is_product[product] = INSIDE;
-        mark_vector(k, k->x_term[product]);
-        for (int t = 0; t < 2; t++) {
-            mark_vector(k, k->a_term[2 * product + t]);
-            mark_vector(k, k->b_term[2 * product + t]);
-        }
+    if (k->equation_kind[i] != SUM) {
+        mark_product(k, k->equation_product[i]);
+        return;
     }
+    const Int end = k->factor_start[k->term_start[i + 1]];
+    for (Int x = k->factor_start[k->term_start[i]]; x < end; x++)
+        if (k->quantity_kind[x] == OF_PRODUCT)
+            mark_product(k, k->quantity_at[2 * x]);
 }
 
 static Int list(const char *mark, char wanted, Int n, Int *places)
@@ -323,8 +385,10 @@ void equations_of_system(Kernel *k)
     for (Int i = 0; i < k->n_chosen; i++)
         mark_equation(k, k->chosen[i]);
     for (Int i = 0; i < k->n_equations; i++)
-        if (i >= k->n_closure || TABLE[k->equation_kind[i]].n_angles)
+        if (i >= k->n_closure)
             mark_equation(k, i);
+    for (Int i = 0; i < 2 * k->n_angles; i++)
+        mark_product(k, k->angle_product[i]);
     list_parts(k, INSIDE, &k->system);
     list_parts(k, OUTSIDE, &k->rest);
 }
@@ -378,10 +442,10 @@ void equations_residuals(Kernel *k, const Parts *of)
         sum_of_terms(k->vector, k->b_term + 2 * i, k->b_factor + 2 * i, k->B + 3 * i);
         k->value[i] = dot3(k->A + 3 * i, k->B + 3 * i) - k->constant[i];
     }
-    for (Int e = 0; e < of->n_equations; e++) {
-        const Int i = of->equation[e];
-        TABLE[k->equation_kind[i]].value(k, i, k->equation_int + 4 * i, k->equation_real + 3 * i);
-    }
+    if (of != &k->rest)
+        place_angles(k);
+    for (Int e = 0; e < of->n_equations; e++)
+        value_of(k, of->equation[e]);
 }
 
 void equations_values(Kernel *k, const Real *q)
@@ -397,14 +461,33 @@ void equations_values_near(Kernel *k, const Real *q, const Real *reference)
     equations_values(k, q);
 }
 
+void equations_close_turns(Kernel *k, const Real *q)
+{
+    equations_values(k, q);
+    if (!k->n_angles)
+        return;
+    memcpy(k->angle_reference, k->angle, (size_t)k->n_angles * sizeof *k->angle);
+    for (Int e = 0; e < k->n_closure; e++) {
+        const Int end = k->term_start[e + 1];
+        for (Int t = k->term_start[e]; t < end; t++) {
+            const Int i = k->factor_start[t];
+            if (i < k->factor_start[t + 1] && k->quantity_kind[i] == ANGLE &&
+                k->quantity_function[i] < 0) {
+                const Real slope = product_without(k, t, i, -1);
+                k->angle_reference[k->quantity_at[2 * i]] -=
+                    slope != 0.0 ? k->residual[e] / slope : 0.0;
+                break; /* one angle of an equation closes it */
+            }
+        }
+    }
+    equations_values(k, q);
+}
+
 void equations_jacobian(Kernel *k, const Parts *of)
 {
     tree_columns(k);
-    for (Int e = 0; e < of->n_equations; e++) {
-        const Int i = of->equation[e];
-        TABLE[k->equation_kind[i]].jacobian(k, i, k->equation_int + 4 * i,
-                                            k->equation_real + 3 * i);
-    }
+    for (Int e = 0; e < of->n_equations; e++)
+        jacobian_of(k, of->equation[e]);
 }
 
 /* First and second derivatives of the vectors, without those of the joint velocities. */
@@ -443,10 +526,10 @@ void equations_bias(Kernel *k, const Parts *of, const Real *v)
         k->product_rate[i] = dot3(dA, B) + dot3(A, dB);
         k->product_bias[i] = dot3(ddA, B) + 2.0 * dot3(dA, dB) + dot3(A, ddB);
     }
-    for (Int e = 0; e < of->n_equations; e++) {
-        const Int i = of->equation[e];
-        TABLE[k->equation_kind[i]].bias(k, i, k->equation_int + 4 * i, k->equation_real + 3 * i);
-    }
+    if (of != &k->rest)
+        angle_rates(k);
+    for (Int e = 0; e < of->n_equations; e++)
+        bias_of(k, of->equation[e], v);
 }
 
 Real equations_error(const Kernel *k)

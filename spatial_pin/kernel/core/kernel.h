@@ -14,6 +14,7 @@
 #include <stddef.h>
 
 #include "entries.h"
+#include "piecewise.h"
 #include "tolerances.h"
 #include "vectors.h"
 
@@ -38,13 +39,18 @@ enum Code {
 
 enum JointKind { TURN = 1, SLIDE = 2, SCREW = 3, BALL = 4, FREE = 5 };
 
-/* Kinds of equations, in the order of the table of equations.c. */
+/* Kinds of equations. */
 enum EquationKind {
-    PRODUCT = 0,     /* product of two vectors */
-    SCREW_ANGLE = 1, /* product less pitch times an angle that counts turns */
-    DIFFERENCE = 2,  /* difference of two products: two distances */
-    COUPLING = 3,    /* b - ratio * a - offset of two joint coordinates */
-    IDLE = 4         /* angular velocity of a link about a line fixed in it */
+    PRODUCT = 0, /* product of two vectors */
+    SUM = 1,     /* of terms: numbers times quantities */
+    IDLE = 2     /* angular velocity of a link about a line fixed in it */
+};
+
+/* Kinds of quantities. */
+enum QuantityKind {
+    OF_PRODUCT = 0, /* a product */
+    COORDINATE = 1, /* a joint coordinate: its entries of q and v */
+    ANGLE = 2       /* an angle that counts turns */
 };
 
 /* A square matrix with a fixed pattern, factored as L U with an order of pivots chosen once. */
@@ -100,9 +106,19 @@ typedef struct Kernel {
     const Real *spin_sign;
     Parts all, system, rest; /* of the mechanism; of the square system; and what that is without */
     char *is_equation, *is_product, *is_vector; /* whether the system has it */
+    const Int *angle_product; /* (2) products of sine and cosine of an angle */
     const Int *equation_kind;
-    const Int *equation_int;   /* (4) see the table in equations.c */
-    const Real *equation_real; /* (3) */
+    const Int *equation_product; /* of those that are one */
+    const Int *term_start;       /* (n_equations + 1) terms of a sum */
+    const Int *factor_start;     /* (n_terms + 1) quantities that a term's number is multiplied by */
+    const Real *term_number;
+    Int n_quantities;
+    const Int *quantity_kind;
+    const Int *quantity_at;   /* (2) number of product or angle; entries of q and v */
+    const Int *quantity_function; /* of it, or -1 */
+    Int n_functions;
+    const Int *function_shape; /* (4) see piecewise.h */
+    const Real *function_number;
     const Int *entry_start;    /* (n_equations + 1) pattern of the Jacobian, rows */
     const Int *entry_v;        /* ascending within a row */
 
@@ -122,6 +138,10 @@ typedef struct Kernel {
     Real *added;                    /* (6) what joint accelerations add to these two, in turn */
     Real *bias;                     /* (n_equations) second derivatives at zero joint acceleration */
     Real *product_rate, *product_bias, *angle_rate; /* angle_rate: (n_angles) */
+    Real *angle_bias;
+    Real *quantity, *quantity_slope, *quantity_bend; /* values; of functions, derivatives by what
+                                                        they are of */
+    Real *quantity_rate, *quantity_bias;
     Real *vector_rate, *vector_bias;
     Real *row;                      /* (nv) scratch, zero between uses */
 
@@ -189,11 +209,13 @@ void equations_residuals(Kernel *k, const Parts *of);
 /* entry, after equations_values; bias, after that: of all equations, or of some */
 void equations_jacobian(Kernel *k, const Parts *of);
 void equations_bias(Kernel *k, const Parts *of, const Real *v);
-/* Find the parts of the square system: chosen equations, idle rotations, and screws, whose angles
-   and rates are asked for whether they are chosen or not; and the rest. */
+/* Find the parts of the square system: chosen equations, idle rotations, and all angles, which
+   count turns whether their equations are chosen or not; and the rest. */
 void equations_of_system(Kernel *k);
 void equations_make_room(Kernel *k); /* for parts */
 void equations_begin(Kernel *k);     /* the parts of all, and the ground */
+/* Evaluate at q, every angle in the turn that closes its equation best; the reference follows. */
+void equations_close_turns(Kernel *k, const Real *q);
 void equations_place_ground(Kernel *k); /* vectors that do not move, once for all */
 Real equations_error(const Kernel *k);           /* largest absolute residual; NaN if one is */
 int equations_are_sound(const Kernel *k);        /* whether their indices fit */

@@ -13,9 +13,15 @@
 #endif
 EXPORT extern const char kernel_source_hash[];
 const char kernel_source_hash[] = SOURCE_HASH;
+#ifndef PROTOTYPES
+#define PROTOTYPES "" /* of what Python calls: likewise */
+#endif
+EXPORT extern const char *const kernel_prototypes;
+const char *const kernel_prototypes = PROTOTYPES;
 
 /* Of anything counted: products of two counts stay far below 2^63 */
 #define MOST_COUNTED 100000000
+#define HEAD 14 /* counts that the arrays begin with */
 
 int widen(void **array, Int n, size_t size)
 {
@@ -59,16 +65,18 @@ int kernel_had_memory(Kernel *k)
 
 static int read_structure(Kernel *k, Source from)
 {
-    const Int *head = read_ints(&from, 11);
+    const Int *head = read_ints(&from, HEAD);
     if (!head)
         return 0;
-    for (int i = 0; i < 11; i++)
+    for (int i = 0; i < HEAD; i++)
         if (head[i] < 0 || head[i] > MOST_COUNTED)
             return 0;
     k->n_joints = head[0], k->nq = head[1], k->nv = head[2];
     k->n_vectors = head[3], k->n_products = head[4];
     k->n_closure = head[5], k->n_idle = head[6], k->n_angles = head[7];
     const Int n_support = head[8], n_entries = head[9], n_spins = head[10], np = k->n_products;
+    const Int n_terms = head[11];
+    k->n_quantities = head[12], k->n_functions = head[13];
     const Int n = k->n_joints, ne = k->n_equations = k->n_closure + k->n_idle;
     k->kind = read_ints(&from, n);
     k->parent = read_ints(&from, n);
@@ -82,13 +90,21 @@ static int read_structure(Kernel *k, Source from)
     k->support_start = read_ints(&from, np + 1);
     k->support_v = read_ints(&from, n_support);
     k->equation_kind = read_ints(&from, ne);
-    k->equation_int = read_ints(&from, 4 * ne);
+    k->equation_product = read_ints(&from, ne);
+    k->angle_product = read_ints(&from, 2 * k->n_angles);
+    k->term_start = read_ints(&from, ne + 1);
+    k->factor_start = read_ints(&from, n_terms + 1);
+    k->quantity_kind = read_ints(&from, k->n_quantities);
+    k->quantity_at = read_ints(&from, 2 * k->n_quantities);
+    k->quantity_function = read_ints(&from, k->n_quantities);
+    k->function_shape = read_ints(&from, 4 * k->n_functions);
     k->entry_start = read_ints(&from, ne + 1);
     k->entry_v = read_ints(&from, n_entries);
     k->spin_start = read_ints(&from, k->n_angles + 1);
     k->spin_q = read_ints(&from, n_spins);
     return n > 0 && !from.failed && from.n_ints == 0 && k->support_start[np] == n_support &&
-           k->entry_start[ne] == n_entries && k->spin_start[k->n_angles] == n_spins;
+           k->entry_start[ne] == n_entries && k->spin_start[k->n_angles] == n_spins &&
+           k->term_start[ne] == n_terms && k->factor_start[n_terms] == k->n_quantities;
 }
 
 /* Whether every freedom and every entry of q belongs to exactly one joint, parents come first. */
@@ -168,8 +184,8 @@ static int read_numbers(Kernel *k, const Real *reals, Int n_reals)
         {&k->gravity, 3},            {&k->scale, k->nv},       {&k->vector_local, 3 * k->n_vectors},
         {&k->a_factor, 2 * np},      {&k->b_factor, 2 * np},   {&k->x_factor, np},
         {&k->constant, np},          {&k->force, np},          {&k->support_sign, k->support_start[np]},
-        {&k->equation_real, 3 * ne}, {&k->spin_offset, k->n_angles},
-        {&k->spin_sign, k->spin_start[k->n_angles]},
+        {&k->spin_offset, k->n_angles}, {&k->spin_sign, k->spin_start[k->n_angles]},
+        {&k->term_number, k->term_start[ne]}, {&k->function_number, piecewise_size(k->function_shape, k->n_functions)},
     };
     const Int n_fields = (Int)(sizeof fields / sizeof *fields);
     Int total = 0;
@@ -204,7 +220,10 @@ static int make_room(Kernel *k)
         {&k->linear, 3 * nv},     {&k->angular, 3 * nv},    {&k->vector, 3 * k->n_vectors},
         {&k->A, 3 * np},          {&k->B, 3 * np},          {&k->value, np},
         {&k->residual, k->n_closure}, {&k->angle, k->n_angles}, {&k->angle_reference, k->n_angles},
-        {&k->angle_rate, k->n_angles},
+        {&k->angle_rate, k->n_angles}, {&k->angle_bias, k->n_angles},
+        {&k->quantity, k->n_quantities}, {&k->quantity_slope, k->n_quantities},
+        {&k->quantity_bend, k->n_quantities}, {&k->quantity_rate, k->n_quantities},
+        {&k->quantity_bias, k->n_quantities},
         {&k->entry, k->entry_start[ne]}, {&k->omega, 3 * n}, {&k->velocity, 3 * n},
         {&k->alpha, 3 * n},       {&k->acceleration, 3 * n}, {&k->added, 6 * n}, {&k->bias, ne},
         {&k->product_rate, np},   {&k->product_bias, np},   {&k->vector_rate, 3 * k->n_vectors},

@@ -19,10 +19,10 @@ static void normal_to(const Real *axis, Real *normal)
         normal[i] /= size;
 }
 
-/* The product of equation `idle`, whose B is the axis: the table of equations.c tells it. */
+/* The vector B of the product of equation `idle` is the axis. */
 static Int vector_of(const Kernel *k, Int idle)
 {
-    const Int product = k->equation_int[4 * (k->n_closure + idle)];
+    const Int product = k->equation_product[k->n_closure + idle];
     return k->b_term[2 * product];
 }
 

@@ -31,15 +31,7 @@ static void evaluate(Dynamics *d)
 {
     Kernel *k = d->k;
     memcpy(k->angle_reference, d->turns, (size_t)k->n_angles * sizeof *k->angle_reference);
-    equations_values(k, d->q);
-    for (Int i = 0; k->n_angles && i < k->n_closure; i++) {
-        const Real pitch = k->equation_real[3 * i];
-        const Int angle = k->equation_int[4 * i + 3];
-        if (k->equation_kind[i] == SCREW_ANGLE)
-            k->angle_reference[angle] = k->angle[angle] + (pitch != 0.0 ? k->residual[i] / pitch : 0.0);
-    }
-    if (k->n_angles)
-        equations_values(k, d->q);
+    equations_close_turns(k, d->q);
     memcpy(d->turns, k->angle, (size_t)k->n_angles * sizeof *d->turns);
 }
 

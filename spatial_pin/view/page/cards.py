@@ -1,25 +1,51 @@
-"""What a notebook shows of results besides their text: a few lines and a small table.
+"""What a notebook shows: results as a few lines and a small table, pages as frames that hold them.
 
-All names come from files of others: `markup` escapes them.
+All names come from files of others: `markup` escapes them. An exported notebook, or one on another
+machine, has no server to ask: it stores and exports whole pages.
 """
 
 from __future__ import annotations
 
+import html
+import os
+import sys
 from collections.abc import Iterable, Sequence
+from pathlib import PosixPath, WindowsPath
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from spatial_pin.accuracy.tradeoff import Tradeoff
-from spatial_pin.accuracy.tradeoff_view import cells
-from spatial_pin.assembly.state import State
-from spatial_pin.dynamics.kinetostatics import Kinetostatics
-from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mobility.mobility import Mobility
-from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.summary import EFFORTS, heading, tidy, where
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.page.markup import paragraph, table
 
+if TYPE_CHECKING:
+    from spatial_pin.accuracy.tradeoff import Tradeoff
+    from spatial_pin.assembly.state import State
+    from spatial_pin.dynamics.kinetostatics import Kinetostatics
+    from spatial_pin.mechanism.mechanism import Mechanism
+    from spatial_pin.mobility.mobility import Mobility
+    from spatial_pin.motion.motion import Motion
+
+SUFFIXES = (".html", ".htm", ".xhtml")
+STYLE = "width: 100%; height: 600px; border: 1px solid #dfe3e8"
+# JupyterLab takes frames out of notebooks of others until they are trusted, and leaves what is in
+# them, which no browser shows in a frame.
+HIDDEN = "Run this cell, or trust the notebook, to see the page that is stored here."
+# The frame of a page with a server: one that cannot be asked is replaced by a frame of what
+# needs none. The same frame would not do: what it was to load may fail later, and show an error.
+WATCHED = """<iframe src="{url}" id="{name}" data-still="{still}" style="{style}">{hidden}</iframe>
+<script>
+(() => {{
+  const frame = document.getElementById("{name}");
+  fetch("{url}", {{mode: "no-cors", cache: "no-store"}}).catch(() => {{
+    const other = frame.cloneNode();
+    other.removeAttribute("src");
+    other.srcdoc = frame.dataset.still;
+    frame.replaceWith(other);
+  }});
+}})();
+</script>"""
 MOST_ROWS = 20  # of a table: more push the notebook's next cell off the screen
 
 
@@ -108,6 +134,8 @@ def kinetostatics(shown: Kinetostatics) -> str:
 
 def tradeoff(shown: Tradeoff) -> str:
     """Return the table of settings, the Pareto front marked with *."""
+    from spatial_pin.accuracy.tradeoff_view import cells  # on use: not all that is shown is one
+
     heads, *rows = cells(shown)
     return _card(f"{shown.mechanism}: {shown.task}; reference: {shown.reference}",
                  _table([head.strip() for head in heads], rows, numbers=len(heads) - 1))
@@ -117,3 +145,38 @@ def _span(values: Array, among: Array | None = None) -> tuple[str, str]:
     """Return the least and the largest value, 0 for round-off of the largest among others."""
     every = values if among is None else among
     return tidy(values.min(), every), tidy(values.max(), every)
+
+
+# ---------------------------------------------------------------- pages
+
+
+def is_in_notebook() -> bool:
+    """Return whether this process is the kernel of a notebook; importing one's parts is not it."""
+    ipython = sys.modules.get("IPython")
+    return ipython is not None and hasattr(ipython.get_ipython(), "kernel")
+
+
+def framed(page: str) -> str:
+    """Return a frame that holds a page."""
+    return f'<iframe srcdoc="{_quoted(page)}" style="{STYLE}">{HIDDEN}</iframe>'
+
+
+def watched(url: str, still: str) -> str:
+    """Return a frame of a served page, and of a still one where the server does not answer."""
+    name = f"spatial_pin_{html.escape(url.rpartition(':')[2].strip('/'))}"
+    return WATCHED.format(url=html.escape(url), name=name, still=_quoted(still), style=STYLE,
+                          hidden=HIDDEN)
+
+
+def _quoted(page: str) -> str:
+    """Return a page as an attribute has it; only two characters end or change what is quoted."""
+    return page.replace("&", "&amp;").replace('"', "&quot;")
+
+
+class PagePath(PosixPath if os.name == "posix" else WindowsPath):  # type: ignore[misc]
+    """The path of a page that was written; as the last value of a cell it is the page."""
+
+    def _repr_html_(self) -> str | None:
+        """Return the page in a frame, for a notebook; None where there is none any more."""
+        is_page = self.suffix.lower() in SUFFIXES and self.is_file()  # not so of its folder
+        return framed(self.read_text(encoding="utf-8")) if is_page else None

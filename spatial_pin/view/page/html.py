@@ -17,10 +17,10 @@ import numpy as np
 
 from spatial_pin._support.checks import checked, plain_text
 from spatial_pin._support.outputs import named_path, write_text
-from spatial_pin.view.page.curves import curves_of
+from spatial_pin.view.page.plots import curves_of
 from spatial_pin.view.scene.film import Film, Reading, film, length_words
 from spatial_pin.view.scene.framing import ASPECT, Framing
-from spatial_pin.view.scene.overlay import overlaid
+from spatial_pin.view.scene.look import overlaid
 
 if TYPE_CHECKING:
     from spatial_pin.assembly.state import State
@@ -29,8 +29,7 @@ if TYPE_CHECKING:
     from spatial_pin.synthesis.ranked_designs import Design, Designs
     from spatial_pin.view.scene.anatomy import Signal
     from spatial_pin.view.scene.look import Look
-    from spatial_pin.view.scene.meshcat_commands import Scene
-    from spatial_pin.view.scene.stage import Entry
+    from spatial_pin.view.scene.meshcat_commands import MeshcatScene
 
 # What the page runs once it is unpacked, in this order: each may use what stands before it, and
 # functions of all.
@@ -52,7 +51,7 @@ def packed(data: Sequence[bytes]) -> dict[str, Any]:
 
 
 @cache
-def _meshcat() -> str:
+def packed_viewer() -> str:
     """Return meshcat's viewer, a third as long, as JSON."""
     viewer = files("meshcat").joinpath("viewer/dist/main.min.js").read_bytes()
     return json.dumps(packed([viewer]))
@@ -71,16 +70,6 @@ def _notes(shown: Film, framing: Framing) -> str:
     return "".join(f"<small>{html.escape(line)}</small>" for line in lines)
 
 
-def _legend(entries: tuple[Entry, ...]) -> str:
-    """Return what the colours mean."""
-    lines = []
-    for colour, text in entries:
-        rgb = ", ".join(str(round(255 * x)) for x in colour[:3])
-        swatch = f'<i style="background: rgb({rgb})"></i>'
-        lines.append(f"<small>{swatch}{html.escape(text)}</small>")
-    return "".join(lines)
-
-
 def _rows(readings: tuple[Reading, ...]) -> list[dict[str, Any]]:
     return [{**r._asdict(), "values": np.round(r.values, r.digits + 2).tolist()} for r in readings]
 
@@ -93,7 +82,7 @@ def _signals(found: Sequence[Signal]) -> dict[str, Any]:
 
 
 def _data(
-    shown: Film, drawn: Scene, curves: dict[str, Any] | None, found: Sequence[Signal]
+    shown: Film, drawn: MeshcatScene, curves: dict[str, Any] | None, found: Sequence[Signal]
 ) -> str:
     """Return what the page's script reads, as JSON that is safe inside a script element."""
     from spatial_pin.view.scene.anatomy import anatomy
@@ -127,17 +116,22 @@ def _data(
 
 
 def parts_of(
-    shown: Film, drawn: Scene, title: str | None, curves: dict[str, Any] | None,
+    shown: Film, drawn: MeshcatScene, title: str | None, curves: dict[str, Any] | None,
     found: Sequence[Signal] = (),
 ) -> dict[str, str]:
     """Return what stands at the marks of page.html, for a page that needs nobody."""
     folder = files("spatial_pin.view.page")
     title = plain_text(title or shown.mechanism.title or shown.mechanism.name, "title")
+    legend = []  # what the colours mean
+    for colour, text in drawn.layer.legend:
+        rgb = ", ".join(str(round(255 * x)) for x in colour[:3])
+        swatch = f'<i style="background: rgb({rgb})"></i>'
+        legend.append(f"<small>{swatch}{html.escape(text)}</small>")
     return {
         "TITLE": html.escape(title),
         "NOTES": _notes(shown, drawn.framing),
-        "LEGEND": _legend(drawn.layer.legend),
-        "MESHCAT": _meshcat(),
+        "LEGEND": "".join(legend),
+        "MESHCAT": packed_viewer(),
         "STYLE": folder.joinpath("page.css").read_text("utf-8"),
         "SCRIPT": packed_script(),
         "UNPACK": script_of(["unpack"]),

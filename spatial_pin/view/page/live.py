@@ -22,14 +22,13 @@ from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.outputs import Told
 from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.joint_limits import joint_limits
-from spatial_pin.mobility.modes.modes import assembly_modes
+from spatial_pin.mobility.assembly_modes import assembly_modes
 from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.outputs import is_force
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.view.page.curves import NO_RATES, growing_curves, points_now
-from spatial_pin.view.page.dragging import Grip, pulled
-from spatial_pin.view.page.drive import STOPS, Drive, Reach, Stop
 from spatial_pin.view.page.html import filled, packed_script, page, parts_of
+from spatial_pin.view.page.jog import STOPS, Grip, Jog, Reach, Stop, pulled
+from spatial_pin.view.page.plots import NO_RATES, growing_curves, points_now
 from spatial_pin.view.page.server import Service, Viewer, open_in_browser
 from spatial_pin.view.scene.film import Film, as_motion, film, length_words, reading, unit_of_length
 
@@ -37,7 +36,6 @@ if TYPE_CHECKING:
     from spatial_pin.mechanism.mechanism import Mechanism
     from spatial_pin.view.scene.anatomy import Signal
     from spatial_pin.view.scene.look import Look
-    from spatial_pin.view.scene.stage import Track
 
 # Samples that the way of one driver is shown by, or those of many drivers together: 3 degrees apart
 # over a turn, between which positions are interpolated; and of one of many drivers, either way.
@@ -77,45 +75,49 @@ class Dial(NamedTuple):
         return f"{STOPS[stop.kind]}{of}: {self.words(stop.value)}"
 
 
-def _dial(drive: Drive, name: str, reach: Reach) -> Dial:
-    if drive.mechanism.coordinate(name).unit == "rad":
-        return Dial(name, "°", math.pi / 180, 2)
-    size, unit = unit_of_length(max(map(abs, reach.ends)))
-    return Dial(name, f" {unit}", size, 2)
-
-
 class Desk:
     """A mechanism with a slider for every driver, and what the page of the sliders is told.
 
     Questions are answered one at a time.
 
     Attributes:
-        drive: the mechanism.
+        jog: the mechanism.
         dials: of its drivers.
         paths: of the joints in the picture, and their numbers.
     """
 
     def __init__(
-        self, drive: Drive, outputs: tuple[str, ...], curves: tuple[str, ...] = ()
+        self, jog: Jog, outputs: tuple[str, ...], curves: tuple[str, ...] = ()
     ) -> None:
         from spatial_pin.view.scene.meshcat_commands import joint_paths
 
-        self.drive = drive
+        self.jog = jog
         self.outputs, self.curves = outputs, curves
-        self._start = drive.state
+        self._start = jog.state
         self._modes: tuple[dict[str, float], list[State]] | None = None
         self._lock = threading.Lock()
-        self.rows = max(FEWEST_SAMPLES, LIVE_SAMPLES // len(drive.names))
+        self.rows = max(FEWEST_SAMPLES, LIVE_SAMPLES // len(jog.names))
         reaches = self.reaches()
-        self.dials = {name: _dial(drive, name, reach) for name, reach in reaches.items()}
-        self.film = _film(drive, reaches)
-        paths = enumerate(joint_paths(drive.mechanism.model))
+        self.dials = {}
+        for name, reach in reaches.items():
+            size, unit = math.pi / 180, "°"
+            if jog.mechanism.coordinate(name).unit != "rad":
+                size, word = unit_of_length(max(map(abs, reach.ends)))
+                unit = f" {word}"
+            self.dials[name] = Dial(name, unit, size, 2)
+        q = np.concatenate([reach.q for reach in reaches.values()])
+        n, nv = len(q), jog.mechanism.model.nv  # all ways as a film: the picture has room for them
+        still, zeros = np.zeros(n), np.zeros((n, nv))
+        angles = np.repeat(jog.state.angles[None], n, axis=0)
+        motion = Motion(jog.mechanism, still, "", None, q, zeros, zeros, still, still, [], angles)
+        self.film = Film(jog.mechanism, q, still, (), 0.0, (), motion, np.arange(n))
+        paths = enumerate(joint_paths(jog.mechanism.model))
         self.paths = {path: joint for joint, path in paths if joint}
         self.says()
 
     def reaches(self) -> dict[str, Reach]:
         """Return how far every driver can be moved from here."""
-        return {name: self.drive.reach(name, self.rows) for name in self.drive.names}
+        return {name: self.jog.reach(name, self.rows) for name in self.jog.names}
 
     def answer(self, question: Any) -> Answer:
         """Return the answer to a question of the page.
@@ -136,17 +138,27 @@ class Desk:
 
     def poses(self) -> list[tuple[str, list[float]]]:
         """Return the meshcat path and pose of everything that moves: x y z, x y z w, scales."""
-        from spatial_pin.view.scene.meshcat_commands import joint_paths
-        from spatial_pin.view.scene.stage import joint_poses
+        from spatial_pin.view.scene.layers.glyphs import glyphs
+        from spatial_pin.view.scene.layers.visuals import springs
+        from spatial_pin.view.scene.meshcat_commands import item_path, joint_paths
+        from spatial_pin.view.scene.stage import Stage, joint_poses, upright
 
-        model = self.drive.mechanism.model
-        joints = joint_poses(model, self.drive.state.q[None])
+        model = self.jog.mechanism.model
+        joints = joint_poses(model, self.jog.state.q[None])
         found = list(zip(joint_paths(model)[1:], joints[0, 1:].tolist(), strict=True))
-        return found + [(path, _numbers(track)) for path, track in _rods(self.film, joints)]
+        stage = Stage(self.film, (), joints, upright(model), 1.0)
+        rods = springs(stage).items
+        if any(closure.type == "distance" for closure in self.jog.mechanism.closures):
+            rods += glyphs(stage, through=True).items
+        for item in rods:
+            if item.track is not None:
+                scales = [] if item.track.scales is None else item.track.scales[0].tolist()
+                found.append((item_path(item, model), [*item.track.poses[0].tolist(), *scales]))
+        return found
 
     def values(self) -> dict[str, float]:
         """Return the driver values, each in its dial's unit."""
-        return {name: self.drive.value(name) / dial.size for name, dial in self.dials.items()}
+        return {name: self.jog.value(name) / dial.size for name, dial in self.dials.items()}
 
     def says(self) -> list[str]:
         """Return the readings.
@@ -155,21 +167,21 @@ class Desk:
             UnknownNameError: an output does not exist.
             SpatialPinError: an output is neither an angle nor a length.
         """
-        said = [dial.words(self.drive.value(name)) for name, dial in self.dials.items()]
+        said = [dial.words(self.jog.value(name)) for name, dial in self.dials.items()]
         if self.outputs:
-            told = Told(_now(self.drive), in_time=False)
+            told = Told(_now(self.jog), in_time=False)
             said += [_words(told, name) for name in self.outputs]
-        beyond = self.drive.state.beyond_limits
+        beyond = self.jog.state.beyond_limits
         said += [f"beyond limits: {', '.join(beyond)}"] if beyond else []
-        return [*said, f"closure error {self.drive.state.closure_error:.1e}"]
+        return [*said, f"closure error {self.jog.state.closure_error:.1e}"]
 
     def points(self) -> list[list[float | None]]:
         """Return what the place adds to the curves; nothing without any."""
-        return points_now(_now(self.drive), self.curves) if self.curves else []
+        return points_now(_now(self.jog), self.curves) if self.curves else []
 
     def signals(self) -> list[float]:
         """Return the coordinates, as the inspector of the page tells them."""
-        return [float(signal.values[0]) for signal in _signals(self.drive)]
+        return [float(signal.values[0]) for signal in _signals(self.jog)]
 
     # ------------------------------------------------------------ what is asked for
 
@@ -181,7 +193,7 @@ class Desk:
             raise UnknownNameError("driver", str(name), self.dials)
         if not isinstance(value, (int, float)):
             raise ValueError(f"{name}: {value!r} is not a number")
-        return _stopped(dial, self.drive.move(dial.name, value * dial.size))
+        return _stopped(dial, self.jog.move(dial.name, value * dial.size))
 
     def ranges(self, question: Mapping[str, Any]) -> Answer:
         """Tell how far every slider goes."""
@@ -193,48 +205,42 @@ class Desk:
         keep = question.get("keep")
         if not isinstance(keep, bool):
             raise ValueError(f"keep: {keep!r} is not true or false")
-        self.drive.keeps_limits = keep
+        self.jog.keeps_limits = keep
         return self.ranges(question)
 
     def home(self, question: Mapping[str, Any]) -> Answer:
         """Go back to where the page began."""
-        self.drive.place(self._start)
+        self.jog.place(self._start)
         return self.ranges(question)
 
     def mode(self, question: Mapping[str, Any]) -> Answer:
         """Go to the next assembly mode at the same driver values."""
-        modes = self._modes_here()
-        here = _nearest(self.drive.state, modes)
+        held = self.jog.held()
+        if self._modes is None or self._modes[0] != held:
+            self._modes = held, assembly_modes(
+                self.jog.mechanism, held, patience=FRUITLESS, most_starts=MOST_STARTS)
+        modes = self._modes[1]
+        here = _nearest(self.jog.state, modes)
         for step in range(1, len(modes)):
             k = (here + step) % len(modes)
             try:
-                self.drive.place(modes[k])
+                self.jog.place(modes[k])
             except SingularError:
                 continue
             return {"note": f"assembly mode {k + 1} of {len(modes)} found", **self.ranges(question)}
         return {"note": "no other assembly mode was found"}
 
-    def _modes_here(self) -> list[State]:
-        """Return the assembly modes at the present driver values."""
-        held = self.drive.held()
-        if self._modes is None or self._modes[0] != held:
-            modes = assembly_modes(
-                self.drive.mechanism, held, patience=FRUITLESS, most_starts=MOST_STARTS
-            )
-            self._modes = held, modes
-        return self._modes[1]
 
-
-def _now(drive: Drive) -> Motion:
+def _now(jog: Jog) -> Motion:
     """Return where a mechanism stands as a motion of one sample."""
-    return replace(as_motion(drive.state), driver_name=drive.names[0])
+    return replace(as_motion(jog.state), driver_name=jog.names[0])
 
 
-def _signals(drive: Drive) -> list[Signal]:
+def _signals(jog: Jog) -> list[Signal]:
     """Return the coordinates where a mechanism stands."""
     from spatial_pin.view.scene.anatomy import signals
 
-    return signals(film(drive.state))
+    return signals(film(jog.state))
 
 
 def _stopped(dial: Dial, stop: Stop | None) -> Answer:
@@ -262,9 +268,9 @@ def drag(desk: Desk, question: Mapping[str, Any]) -> Answer:
     grip = Grip(name="grip", weight=1.0, joint=joint, point=point, origin=origin,
                 direction=direction)
     said: Answer = {}
-    for name, value in pulled(desk.drive, grip).items():
-        if value != desk.drive.value(name):
-            said = _stopped(desk.dials[name], desk.drive.move(name, value)) or said
+    for name, value in pulled(desk.jog, grip).items():
+        if value != desk.jog.value(name):
+            said = _stopped(desk.dials[name], desk.jog.move(name, value)) or said
     return said
 
 
@@ -297,11 +303,6 @@ def _force_words(told: Told, name: str) -> str:
     return "; ".join(words)
 
 
-def _numbers(track: Track) -> list[float]:
-    scales = [] if track.scales is None else track.scales[0].tolist()
-    return [*track.poses[0].tolist(), *scales]
-
-
 def _range(dial: Dial, reach: Reach) -> Answer:
     """Return the ends of a slider, beyond its limits, and the marks of these."""
     lower, upper = (end / dial.size for end in reach.ends)
@@ -326,71 +327,21 @@ def _nearest(state: State, modes: list[State]) -> int:
     return int((apart + turned).sum(axis=1).argmin())
 
 
-def _film(drive: Drive, reaches: Mapping[str, Reach]) -> Film:
-    """Return all ways of all drivers as a film that stands still: the picture has room for it."""
-    q = np.concatenate([reach.q for reach in reaches.values()])
-    n, nv = len(q), drive.mechanism.model.nv
-    still, zeros = np.zeros(n), np.zeros((n, nv))
-    angles = np.repeat(drive.state.angles[None], n, axis=0)
-    motion = Motion(drive.mechanism, still, "", None, q, zeros, zeros, still, still, [], angles)
-    return Film(drive.mechanism, q, still, (), 0.0, (), motion, np.arange(n))
-
-
-def _rods(film: Film, joints: Array) -> list[tuple[str, Track]]:
-    """Return the meshcat path and track of every spring, and of every distance that is held.
-
-    Args:
-        film: of the mechanism.
-        joints: poses of its joints, shape (1, n_joints, 7).
-    """
-    from spatial_pin.view.scene.layers.glyphs import glyphs
-    from spatial_pin.view.scene.layers.springs import springs
-    from spatial_pin.view.scene.meshcat_commands import item_path
-    from spatial_pin.view.scene.stage import Stage, upright
-
-    model = film.mechanism.model
-    stage = Stage(film, (), joints, upright(model), 1.0)
-    items = springs(stage).items
-    if any(closure.type == "distance" for closure in film.mechanism.closures):
-        items += glyphs(stage, through=True).items
-    return [(item_path(item, model), item.track) for item in items if item.track is not None]
-
-
-def _check_look(look: Look | None, drive: Drive) -> None:
-    """Refuse what a page that is moved by hand cannot show."""
-    if look is None:
-        return
-    if look.arrows:
-        raise SpatialPinError(
-            "a page that is moved by hand knows no rates: leave `arrows` out of its look"
-        )
-    if look.traces and len(drive.names) > 1:
-        raise SpatialPinError(
-            f"a path belongs to one driver, and {len(drive.names)} are moved by hand: leave "
-            "`traces` out of the look, or name one driver in `drivers`"
-        )
-
-
-def _over(desk: Desk) -> str:
-    """Return the driver that curves are drawn over; "" where there are several."""
-    return desk.drive.names[0] if len(desk.drive.names) == 1 else ""
-
-
 def _page(desk: Desk, token: str, title: str | None, look: Look | None) -> str:
     """Return the page with its sliders."""
     from spatial_pin.view.scene.meshcat_commands import scene
 
     drawn = scene(desk.film, look)
-    over = _over(desk)
+    over = desk.jog.names[0] if len(desk.jog.names) == 1 else ""  # what curves are drawn over
     abscissa = f"{over} [{desk.dials[over].unit.strip()}]" if over else "movements"
-    curves = growing_curves(_now(desk.drive), desk.curves, abscissa)
-    parts = parts_of(desk.film, drawn, title, curves, _signals(desk.drive))
+    curves = growing_curves(_now(desk.jog), desk.curves, abscissa)
+    parts = parts_of(desk.film, drawn, title, curves, _signals(desk.jog))
     told = {
         "token": token,
         "dials": [dial._asdict() for dial in desk.dials.values()],
-        "modes": bool(desk.drive.mechanism.closures),
-        "limits": bool(joint_limits(desk.drive.mechanism)),
-        "keeps": desk.drive.keeps_limits,
+        "modes": bool(desk.jog.mechanism.closures),
+        "limits": bool(joint_limits(desk.jog.mechanism)),
+        "keeps": desk.jog.keeps_limits,
         "joints": list(desk.paths),
         "over": over,
     }
@@ -462,10 +413,18 @@ def live(
     state = starting_state(mechanism, guess, state)
     names = tuple(mechanism.drivers if drivers is None else dict.fromkeys(
         names_of(drivers, "drivers")))
-    drive = Drive(state, names)
-    drive.keeps_limits = limits and bool(joint_limits(mechanism))
-    _check_look(look, drive)
-    desk = Desk(drive, tuple(names_of(outputs, "outputs")), () if look is None else look.curves)
+    jog = Jog(state, names)
+    jog.keeps_limits = limits and bool(joint_limits(mechanism))
+    if look is not None and look.arrows:
+        raise SpatialPinError(
+            "a page that is moved by hand knows no rates: leave `arrows` out of its look"
+        )
+    if look is not None and look.traces and len(names) > 1:
+        raise SpatialPinError(
+            f"a path belongs to one driver, and {len(names)} are moved by hand: leave "
+            "`traces` out of the look, or name one driver in `drivers`"
+        )
+    desk = Desk(jog, tuple(names_of(outputs, "outputs")), () if look is None else look.curves)
     still = None if look is None else replace(look, curves=())
     service = Service(desk.answer)
     viewer = Viewer(_page(desk, service.token, title, look), port, service,

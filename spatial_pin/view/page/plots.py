@@ -1,4 +1,4 @@
-"""Outputs of a motion, or of its loads, drawn over its driver."""
+"""Outputs of a motion, or of its loads, over its driver: figures, and the curves of a page."""
 
 from __future__ import annotations
 
@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.checks import checked, plain_text
 from spatial_pin._support.outputs import literal, save_figure
-from spatial_pin.motion.motion import Output, motion_needed
+from spatial_pin.assembly.state import State
+from spatial_pin.errors import SpatialPinError, UnknownNameError
+from spatial_pin.motion.motion import Motion, Output, motion_needed
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.view.scene.film import one_way
+from spatial_pin.view.scene.film import Film, film, moments, one_way
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,8 +26,6 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
 
     from spatial_pin.dynamics.kinetostatics import Kinetostatics
-    from spatial_pin.mechanism.mechanism import Mechanism
-    from spatial_pin.motion.motion import Motion
 
 Array = NDArray[np.floating]
 
@@ -38,6 +38,7 @@ DEGREE_STEPS = (1, 1.5, 3, 4.5, 6, 9, 10)  # times a power of ten: ticks at 15, 
 OF_TIME = ("joint limit", "velocity limit", "effort limit", "stopped")
 DASHES = ((0, (4, 3)), (0, (1, 2)), (0, (7, 2, 1, 2)), (0, (2, 1)))  # of events, kind by kind
 MOST_PANELS = (4, 10)  # in one column, and in two: more columns keep a figure on a screen
+NO_RATES = "output {!r}: a page that is moved by hand knows no rates"
 MOST_OUTPUTS = 3  # drawn when none are named: more panels do not fit on a page
 
 
@@ -60,15 +61,6 @@ def _label(name: str, unit: str) -> str:
     return name if unit in ("", "1") else f"{name} [{unit}]"
 
 
-def _hold_still(axes: Axes, values: Array) -> None:
-    """Widen the range of a constant, so that its round-off does not fill the panel."""
-    finite = values[np.isfinite(values)]
-    if finite.size and np.ptp(finite) <= TOLERANCES.nothing * np.max(np.abs(finite)):
-        middle = float(np.mean(finite))
-        reach = 0.1 * abs(middle) or 1.0
-        axes.set_ylim(middle - reach, middle + reach)
-
-
 def style(axes: Axes) -> None:
     """Give a panel the library's looks."""
     axes.grid(color=FAINT, linewidth=0.6)
@@ -89,26 +81,22 @@ def _draw(axes: Axes, x: Array, output: Any) -> None:
             axes.plot(x, component, color=colour, label=name)
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=3, **LEGEND)
     axes.set_title(literal(_label(output.label, unit)), loc="left", fontsize=10, color=INK)
-    _hold_still(axes, values)
+    finite = values[np.isfinite(values)]
+    if finite.size and np.ptp(finite) <= TOLERANCES.nothing * np.max(np.abs(finite)):
+        middle = float(np.mean(finite))  # of a constant, whose round-off is not to fill the panel
+        reach = 0.1 * abs(middle) or 1.0
+        axes.set_ylim(middle - reach, middle + reach)
     style(axes)
 
 
-def _marks(motion: Motion, over: str) -> dict[str, Array]:
-    """Return where on the abscissa, the driver's or the time's, events lie, by their kind."""
-    if over == motion.driver_name:
-        events = motion.events
-    elif motion.driver is None:
-        events = [event for event in motion.events if event.kind in OF_TIME]
-    else:
-        return {}
-    return {kind: np.array([e.value for e in events if e.kind == kind])
-            for kind in dict.fromkeys(event.kind for event in events)}
-
-
 def _mark_events(figure: Figure, motion: Motion, name: str, unit: str) -> None:
-    """Draw a line at every event in all panels, and below them what the lines mean."""
+    """Draw a line at every event of the abscissa in all panels, and below them what they mean."""
+    events = [] if name != motion.driver_name else motion.events
+    if name != motion.driver_name and motion.driver is None:
+        events = [event for event in motion.events if event.kind in OF_TIME]
     handles: dict[str, Line2D] = {}
-    for k, (kind, values) in enumerate(_marks(motion, name).items()):
+    for k, kind in enumerate(dict.fromkeys(event.kind for event in events)):
+        values = np.array([event.value for event in events if event.kind == kind])
         for value in _in_degrees(values, "rad")[0] if unit == "°" else values:
             for axes in figure.axes:
                 handles[kind] = axes.axvline(value, color=INK, linewidth=0.9, label=kind,
@@ -125,29 +113,6 @@ def _moves(motion: Motion, name: str) -> bool:
     return len(values) > 0 and np.ptp(values, axis=0).max() > TOLERANCES.nothing * size
 
 
-def _of_joints(mechanism: Mechanism) -> dict[str, bool]:
-    """Return the outputs that tell where joints are, and whether they do from the ground.
-
-    They are the coordinates that a plain number describes, and the positions of floating bodies.
-    """
-    found = {}
-    for c in mechanism.coordinate_table.values():
-        from_ground = mechanism.model.parents[mechanism.joint_id(c.joint)] == 0
-        if c.q >= 0:
-            found[c.name] = from_ground
-        elif mechanism.pair_of(c.joint) == "floating":
-            found[f"{c.joint}.position"] = from_ground
-    return found
-
-
-def _of_links(mechanism: Mechanism) -> list[str]:
-    """Return the outputs that tell where the links are, the last of the tree first."""
-    links = [name for name in mechanism.links if name not in mechanism.unplaced]
-    heavy = [x for x in links if x in mechanism.inertias and mechanism.inertias[x].mass > 0.0]
-    found = [f"{x}.com.position" for x in heavy] or [f"{x}.position" for x in links]
-    return found[::-1]
-
-
 def default_outputs(motion: Motion) -> list[str]:
     """Return the outputs of a motion that an engineer looks at first, one to three.
 
@@ -157,9 +122,18 @@ def default_outputs(motion: Motion) -> list[str]:
     """
     mechanism = motion.mechanism
     swept = mechanism.coordinate(motion.driver_name).name if motion.driver_name else ""
-    joints = {name: ground for name, ground in _of_joints(mechanism).items() if name != swept}
-    grounded = [name for name, from_ground in joints.items() if from_ground]
-    for candidates in (grounded, list(joints), _of_links(mechanism)):
+    joints, grounded = list[str](), list[str]()
+    for c in mechanism.coordinate_table.values():
+        name = c.name if c.q >= 0 else f"{c.joint}.position"
+        if name in (swept, *joints) or (c.q < 0 and mechanism.pair_of(c.joint) != "floating"):
+            continue
+        joints.append(name)
+        if mechanism.model.parents[mechanism.joint_id(c.joint)] == 0:
+            grounded.append(name)
+    links = [name for name in mechanism.links if name not in mechanism.unplaced]
+    heavy = [x for x in links if x in mechanism.inertias and mechanism.inertias[x].mass > 0.0]
+    bodies = [f"{x}.com.position" for x in heavy] or [f"{x}.position" for x in links]
+    for candidates in (grounded, joints, bodies[::-1]):  # the last link of the tree first
         moving = [name for name in candidates if _moves(motion, name)]
         if moving:
             return moving[:MOST_OUTPUTS]
@@ -210,28 +184,6 @@ def _panels(figure: Figure, count: int, columns: int) -> list[Axes]:
     return panels
 
 
-def _label_abscissa(axes: Axes, x: Array, name: str, unit: str) -> None:
-    """Label the abscissa of the last panel of a column."""
-    from matplotlib.ticker import MaxNLocator
-
-    if len(x) and np.ptp(x) < NARROW * np.abs(x).max(initial=0.0):
-        axes.xaxis.set_major_locator(MaxNLocator(nbins=4))  # labels of many digits
-    elif unit == "°":
-        axes.xaxis.set_major_locator(MaxNLocator(nbins=10, steps=list(DEGREE_STEPS)))
-    axes.set_xlabel(literal(_label(name, unit)))
-
-
-def _columns(count: int, asked: int | None) -> int:
-    """Return in how many columns so many panels stand.
-
-    Raises:
-        ValueError: fewer than one was asked for.
-    """
-    if asked is not None and asked < 1:
-        raise ValueError(f"columns is {asked}; it is a whole number from 1 up")
-    return min(count, asked or 1 + sum(count > most for most in MOST_PANELS))
-
-
 @checked
 def plot(
     motion: Motion | Kinetostatics,
@@ -272,6 +224,8 @@ def plot(
         >>> len(figure.axes)
         2
     """
+    from matplotlib.ticker import MaxNLocator
+
     from spatial_pin._support.figures import ShownFigure
     from spatial_pin.dynamics.kinetostatics import Kinetostatics
 
@@ -286,17 +240,130 @@ def plot(
     x, driver, unit = abscissa(moved)
     title = moved.mechanism.title or moved.mechanism.name if title is None else plain_text(
         title, "title")
-    columns = _columns(len(found), columns)
+    if columns is not None and columns < 1:
+        raise ValueError(f"columns is {columns}; it is a whole number from 1 up")
+    columns = min(len(found), columns or 1 + sum(len(found) > most for most in MOST_PANELS))
     height = (1.0 if title else 0.6) + 2.1 * math.ceil(len(found) / columns)
     figure = ShownFigure(figsize=(7.5 if columns == 1 else 5.0 * columns, height))
     panels = _panels(figure, len(found), columns)
     for axes, output in zip(panels, found, strict=True):
         _draw(axes, x, output)
     _mark_events(figure, moved, driver, unit)
-    for axes in panels[-columns:]:
-        _label_abscissa(axes, x, driver, unit)
+    is_narrow = len(x) > 0 and np.ptp(x) < NARROW * np.abs(x).max(initial=0.0)
+    for axes in panels[-columns:]:  # the last of each column
+        if is_narrow:
+            axes.xaxis.set_major_locator(MaxNLocator(nbins=4))  # labels of many digits
+        elif unit == "°":
+            axes.xaxis.set_major_locator(MaxNLocator(nbins=10, steps=list(DEGREE_STEPS)))
+        axes.set_xlabel(literal(_label(driver, unit)))
     if title:
         figure.suptitle(literal(title), fontsize=12)
     if path is not None:
         save_figure(figure, path)
     return figure
+
+
+# ---------------------------------------------------------------- curves of a page
+
+
+def curves_of(
+    shown: Film, names: Sequence[str], others: Sequence[State | Motion] = ()
+) -> dict[str, Any] | None:
+    """Return the curves under the picture, for its script; None where nothing moves.
+
+    Args:
+        shown: the film.
+        names: of outputs, as `Motion.output` takes them: the page opens with them. Without any it
+            has those of `default_outputs`, behind a button.
+        others: what is shown beside it; motions that have an output too have dashed curves.
+
+    Raises:
+        UnknownNameError: there is no such output.
+        SpatialPinError: some are named, and nothing moves.
+    """
+    if not isinstance(shown.source, Motion) or not shown.seconds[-1] > 0:
+        if names:
+            raise SpatialPinError("curves belong to a motion: leave `curves` out of the look of "
+                                  "what stands still")
+        return None
+    motion = shown.motion
+    x, name, unit = abscissa(motion)
+    drawn = names or default_outputs(motion)
+    panels = _curve_panels(motion, drawn)
+    for k, other in enumerate((x for x in others if isinstance(x, Motion)), start=1):
+        _add_other(panels, shown, film(other), drawn, f"other {k}" if k > 1 else "other")
+    title = f"{name} [{unit}]" if unit else name
+    return {"x": _rounded(x), "name": title, "panels": panels, "open": bool(names)}
+
+
+def growing_curves(now: Motion, names: Sequence[str], over: str) -> dict[str, Any] | None:
+    """Return curves without points, for a page that adds them while a mechanism is moved by hand.
+
+    Args:
+        now: where it stands, one sample.
+        names: of outputs; None without any.
+        over: what they are drawn over, with its unit.
+
+    Raises:
+        UnknownNameError: there is no such output.
+        SpatialPinError: an output is a rate.
+    """
+    if not names:
+        return None
+    for output in map(now.output, names):
+        if output.unit not in ("rad", "m"):
+            raise SpatialPinError(NO_RATES.format(output.label))
+    panels = _curve_panels(now, names)
+    for line in (line for panel in panels for line in panel["lines"]):
+        line["values"] = []
+    return {"x": [], "name": over, "panels": panels, "open": True}
+
+
+def points_now(now: Motion, names: Sequence[str]) -> list[list[float | None]]:
+    """Return what a sample adds to growing curves: of every panel a value for each line."""
+    return [[line["values"][0] for line in panel["lines"]] for panel in _curve_panels(now, names)]
+
+
+def _add_other(
+    panels: list[dict[str, Any]], shown: Film, other: Film, names: Sequence[str], called: str
+) -> None:
+    """Add the curves of another motion to those of a film, where they are shown together."""
+    seconds, rows, _ = moments(shown, other)
+    panel = iter(panels)
+    for name in names:
+        own = drawn_parts(shown.motion, shown.motion.output(name))
+        try:
+            found = drawn_parts(other.motion, other.motion.output(name))
+        except UnknownNameError:
+            found = ()
+        for k, _ in enumerate(own):
+            there = next(panel)
+            for line in _curve_panel(found[k])["lines"] if k < len(found) else ():
+                given = np.array(line["values"], float)[rows]
+                values = np.interp(shown.seconds, seconds, given, left=np.nan, right=np.nan)
+                both = f"{line['name']} {called}".strip()
+                there["lines"].append({"name": both, "values": _rounded(values),
+                                       "of": line["of"]})
+
+
+def _curve_panels(motion: Motion, names: Sequence[str]) -> list[dict[str, Any]]:
+    return [_curve_panel(part) for name in names
+            for part in drawn_parts(motion, motion.output(name))]
+
+
+def _curve_panel(output: Output) -> dict[str, Any]:
+    values, unit = np.asarray(output.values, float), "" if output.unit == "1" else output.unit
+    if unit == "rad":
+        values, unit = np.rad2deg(values), "°"
+    columns = values.reshape(len(values), -1).T
+    names = "xyz" if len(columns) == 3 else [""] * len(columns)
+    lines = [{"name": name, "values": _rounded(x), "of": k}
+             for k, (name, x) in enumerate(zip(names, columns, strict=True))]
+    label = f"{output.label} [{unit}]" if unit else output.label
+    return {"name": output.label, "label": label, "unit": unit,
+            "lines": lines}
+
+
+def _rounded(values: Array) -> list[float | None]:
+    """Return values with the digits that a curve can show; None for what is none."""
+    return [float(f"{x:.6g}") if math.isfinite(x) else None for x in values]

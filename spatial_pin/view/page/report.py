@@ -19,53 +19,15 @@ from spatial_pin.assembly.state import State
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.motion.motion import Motion
 from spatial_pin.synthesis.ranked_designs import Design, Designs
+from spatial_pin.view.page.cards import PagePath
 from spatial_pin.view.page.html import script_of
 from spatial_pin.view.page.markup import paragraph
-from spatial_pin.view.page.notebook import PagePath
 from spatial_pin.view.page.plots import default_outputs
 from spatial_pin.view.page.sections import SECTIONS, Subject
 from spatial_pin.view.scene.film import not_shown
-from spatial_pin.view.scene.look import Look
-from spatial_pin.view.scene.overlay import overlaid
+from spatial_pin.view.scene.look import Look, overlaid
 
 COUNTED_AT = 0.29  # part of a motion after which its freedoms are counted: no round driver value
-
-
-def _subject(
-    given: Motion | State | Design | Designs, outputs: Sequence[str] | str | None,
-    title: str | None, look: Look | None,
-) -> Subject:
-    shown, look = overlaid(given, look)
-    if not isinstance(shown, State | Motion):
-        raise SpatialPinError(not_shown(shown))
-    mechanism = shown.mechanism
-    title = plain_text(title or mechanism.title or mechanism.name, "title")
-    if isinstance(shown, State):
-        return Subject(shown, None, shown, (), title, look)
-    if len(shown) == 0:
-        raise ValueError("the motion has no samples: there is nothing to report")
-    if outputs is None:
-        outputs = default_outputs(shown)
-    names = (outputs,) if isinstance(outputs, str) else tuple(outputs)
-    state = shown.state(int(COUNTED_AT * len(shown)))
-    return Subject(shown, shown, state, names, title, look)
-
-
-def _head(subject: Subject) -> str:
-    mechanism = subject.mechanism
-    today = f"{date.today():%d %B %Y}".replace(" ", "\u00a0")
-    words = [f"Mechanism {mechanism.name}", mechanism.source, today]
-    return paragraph(" · ".join(word for word in words if word))
-
-
-def _foot() -> str:
-    import spatial_pin
-
-    versions = {"spatial_pin": spatial_pin.__version__, "Pinocchio": pin.__version__,
-                "NumPy": np.__version__, "Python": platform.python_version()}
-    made = ", ".join(f"{name} {version}" for name, version in versions.items())
-    return html.escape(f"Computed with {made}. Units are SI; angles are given in degrees, "
-                       "their rates in radians.")
 
 
 @checked
@@ -106,14 +68,35 @@ def report(
         >>> sp.report(motion, "report.html", outputs=["rocker_pin", "rocker_pin.rate"]).name
         'report.html'
     """
+    import spatial_pin
+
     path = named_path(path)
-    subject = _subject(motion_or_state, outputs, title, look)
+    shown, look = overlaid(motion_or_state, look)
+    if not isinstance(shown, State | Motion):
+        raise SpatialPinError(not_shown(shown))
+    mechanism = shown.mechanism
+    title = plain_text(title or mechanism.title or mechanism.name, "title")
+    if isinstance(shown, State):
+        subject = Subject(shown, None, shown, (), title, look)
+    elif len(shown) == 0:
+        raise ValueError("the motion has no samples: there is nothing to report")
+    else:
+        outputs = default_outputs(shown) if outputs is None else outputs
+        names = (outputs,) if isinstance(outputs, str) else tuple(outputs)
+        state = shown.state(int(COUNTED_AT * len(shown)))
+        subject = Subject(shown, shown, state, names, title, look)
+    today = f"{date.today():%d %B %Y}".replace(" ", "\u00a0")
+    words = [f"Mechanism {mechanism.name}", mechanism.source, today]
+    versions = {"spatial_pin": spatial_pin.__version__, "Pinocchio": pin.__version__,
+                "NumPy": np.__version__, "Python": platform.python_version()}
+    made = ", ".join(f"{name} {version}" for name, version in versions.items())
     written = (write(subject) for write in SECTIONS)
     parts = {
         "TITLE": html.escape(subject.title),
-        "HEAD": _head(subject),
+        "HEAD": paragraph(" · ".join(word for word in words if word)),
         "SECTIONS": "\n".join(part for part in written if part),
-        "FOOT": _foot(),
+        "FOOT": html.escape(f"Computed with {made}. Units are SI; angles are given in degrees, "
+                            "their rates in radians."),
         "SCRIPT": script_of(["report", "narrow"]),
     }
     template = files("spatial_pin.view.page").joinpath("report.html").read_text("utf-8")

@@ -33,7 +33,7 @@ from spatial_pin.view.page.designed import goals_told
 from spatial_pin.view.page.html import page
 from spatial_pin.view.page.markup import number, paragraph, section, table, tiny
 from spatial_pin.view.page.plots import abscissa, plot, svg
-from spatial_pin.view.scene.loads import loads
+from spatial_pin.view.scene.film import loads
 from spatial_pin.view.scene.look import Look
 
 if TYPE_CHECKING:

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any
 
 from spatial_pin._support.checks import checked
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.view.page.cards import framed, is_in_notebook, watched
 from spatial_pin.view.page.html import page
-from spatial_pin.view.page.notebook import framed, is_in_notebook, watched
 
 if TYPE_CHECKING:
     from spatial_pin.assembly.state import State

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -84,7 +83,13 @@ def signals(film: Film, loads: Kinetostatics | None = None) -> list[Signal]:
         film: the film; one of a state has no rates.
         loads: forces of its whole motion, if they are known.
     """
-    found = list(_of_coordinates(film))
+    found, source = list[Signal](), film.source
+    for name, c in film.mechanism.coordinate_table.items():
+        value, rate, _ = (np.atleast_1d(x)[film.rows] for x in source.coordinate(name))
+        values, unit = (np.rad2deg(value), "°") if c.unit == "rad" else (value, c.unit)
+        found.append(Signal(name, unit, c.joint, "value", values))
+        if isinstance(source, Motion):
+            found.append(Signal(f"{name}.rate", source.rate_unit(c.unit), c.joint, "rate", rate))
     if loads is None:
         return found
     for name, wrench in loads.reactions.items():
@@ -93,13 +98,3 @@ def signals(film: Film, loads: Kinetostatics | None = None) -> list[Signal]:
             size = np.linalg.norm(wrench[film.rows, part], axis=1)
             found.append(Signal(one, unit, name, what, size))
     return found
-
-
-def _of_coordinates(film: Film) -> Iterator[Signal]:
-    source = film.source
-    for name, c in film.mechanism.coordinate_table.items():
-        value, rate, _ = (np.atleast_1d(x)[film.rows] for x in source.coordinate(name))
-        told = (np.rad2deg(value), "°") if c.unit == "rad" else (value, c.unit)
-        yield Signal(name, told[1], c.joint, "value", told[0])
-        if isinstance(source, Motion):
-            yield Signal(f"{name}.rate", source.rate_unit(c.unit), c.joint, "rate", rate)

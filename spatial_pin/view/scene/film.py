@@ -101,10 +101,8 @@ class Film:
         """Efforts and reactions of the samples shown.
 
         Raises:
-            SpatialPinError: see `spatial_pin.view.scene.loads`.
+            SpatialPinError: see `loads`.
         """
-        from spatial_pin.view.scene.loads import loads
-
         return loads(self.source, self.motion)
 
     @cached_property
@@ -116,6 +114,29 @@ class Film:
         sampled = {f.name: _some(getattr(whole, f.name), rows, len(whole)) for f in fields(whole)
                    if f.name != "events"}
         return replace(whole, **sampled, events=[])
+
+
+def loads(shown: Motion | State, motion: Motion) -> Kinetostatics:
+    """Return efforts and reactions with which the drivers bring a motion about.
+
+    Args:
+        shown: what the motion was taken from.
+        motion: the samples in question.
+
+    Raises:
+        SpatialPinError: the drivers cannot bring it about, or it is a simulation in which other
+            forces acted too, which would be taken for theirs.
+    """
+    from spatial_pin.dynamics.kinetostatics import kinetostatics  # on use: few films show forces
+    from spatial_pin.dynamics.simulation.simulate import Simulation
+
+    if isinstance(shown, Simulation) and not shown.by_drivers:
+        raise SpatialPinError(
+            f"mechanism {motion.mechanism.name!r}: efforts elsewhere than at its drivers, laws "
+            "of springs, or a slip speed of its own acted in this simulation: use `kinetostatics` "
+            "with `actuated`, `laws` and `slip_speed`"
+        )
+    return kinetostatics(motion.mechanism, motion)
 
 
 def _some(x: Any, rows: NDArray[np.intp], n: int) -> Any:
@@ -155,37 +176,28 @@ def nice(x: float) -> float:
     return min((f * decade for f in (1.0, 2.0, 5.0, 10.0)), key=lambda f: abs(math.log(x / f)))
 
 
-def _time_pace(time: Array) -> tuple[Array, str]:
-    """Return seconds of the film for times of the motion [s], true where that can be watched."""
-    elapsed = time - time[0]
-    factor = 1.0
-    if not SHORTEST_FILM <= elapsed[-1] <= LONGEST_FILM:
-        factor = nice(USUAL_FILM / elapsed[-1])
-    if factor == 1.0:
-        return elapsed, ""
-    much, way = (factor, "slower") if factor > 1 else (1 / factor, "faster")
-    return elapsed * factor, f"shown {much:g}x {way}"
-
-
-def _driver_pace(driver: Array, unit: str) -> tuple[Array, str]:
-    """Return seconds of the film at a constant driver speed, one second a radian if watchable."""
-    travel = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(driver)))))
-    if unit == "rad" and SHORTEST_FILM <= travel[-1] <= LONGEST_FILM:
-        return travel, "shown at 1 rad/s"
-    speed = nice(travel[-1] / USUAL_FILM)
-    words = f"{speed:g} rad/s" if unit == "rad" else f"{1e3 * speed:g} mm/s"
-    return travel / speed, f"shown at {words}"
-
-
 def _pace(motion: Motion) -> tuple[Array, str]:
     """Return when each sample is shown [s], and what is to be said about it."""
     n = len(motion.q)
     if n == 1:
         return np.zeros(1), ""
     if motion.time is not None and np.all(np.diff(motion.time) > 0):
-        return _time_pace(np.asarray(motion.time, float))
+        elapsed = np.asarray(motion.time, float) - motion.time[0]
+        factor = 1.0  # true where that can be watched
+        if not SHORTEST_FILM <= elapsed[-1] <= LONGEST_FILM:
+            factor = nice(USUAL_FILM / elapsed[-1])
+        if factor == 1.0:
+            return elapsed, ""
+        much, way = (factor, "slower") if factor > 1 else (1 / factor, "faster")
+        return elapsed * factor, f"shown {much:g}x {way}"
     if motion.driver is not None and np.ptp(motion.driver) > 0:
-        return _driver_pace(np.asarray(motion.driver, float), motion.driver_unit)
+        steps = np.abs(np.diff(np.asarray(motion.driver, float)))
+        travel, unit = np.concatenate(([0.0], np.cumsum(steps))), motion.driver_unit
+        if unit == "rad" and SHORTEST_FILM <= travel[-1] <= LONGEST_FILM:
+            return travel, "shown at 1 rad/s"  # one second a radian
+        speed = nice(travel[-1] / USUAL_FILM)
+        words = f"{speed:g} rad/s" if unit == "rad" else f"{1e3 * speed:g} mm/s"
+        return travel / speed, f"shown at {words}"
     return np.linspace(0.0, USUAL_FILM, n), f"shown at {(n - 1) / USUAL_FILM:.3g} samples a second"
 
 
@@ -232,18 +244,6 @@ def _marks(motion: Motion, seconds: Array) -> tuple[Mark, ...]:
         moment = seconds[before] + part * (seconds[after] - seconds[before])
         marks.append(Mark(float(moment), event.kind, event.text))
     return tuple(marks)
-
-
-def _thinned(film: Film) -> Film:
-    """Return the film with at most MAX_ROWS samples, first and last kept."""
-    n = len(film.q)
-    if n <= MAX_ROWS:
-        return film
-    kept = np.unique(np.round(np.linspace(0, n - 1, MAX_ROWS)).astype(int))
-    readings = tuple(r._replace(values=r.values[kept]) for r in film.readings)
-    notes = (*film.notes, f"{len(kept)} of {n} rows")
-    q, seconds, rows = film.q[kept], film.seconds[kept], film.rows[kept]
-    return replace(film, q=q, seconds=seconds, readings=readings, notes=notes, rows=rows)
 
 
 def not_shown(given: object) -> str:
@@ -320,7 +320,11 @@ def film(motion_or_state: Motion | State) -> Film:
     seconds, note = _pace(motion)
     error = float(np.max(motion.closure_error))
     q, notes = np.asarray(motion.q, float), (note,) if note else ()
-    rows, readings = np.arange(len(q)), _readings(motion)
+    n, readings, rows = len(q), _readings(motion), np.arange(len(q))
     marks = _marks(motion, seconds)
-    whole = Film(motion.mechanism, q, seconds, readings, error, notes, motion, rows, marks)
-    return _thinned(whole)
+    if n > MAX_ROWS:  # first and last among those that are left
+        rows = np.unique(np.round(np.linspace(0, n - 1, MAX_ROWS)).astype(int))
+        readings = tuple(r._replace(values=r.values[rows]) for r in readings)
+        notes = (*notes, f"{len(rows)} of {n} rows")
+        q, seconds = q[rows], seconds[rows]
+    return Film(motion.mechanism, q, seconds, readings, error, notes, motion, rows, marks)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from spatial_pin._support.checks import check_kind, names_of
+from spatial_pin.errors import SpatialPinError
 
 if TYPE_CHECKING:
     from spatial_pin.assembly.state import State
     from spatial_pin.motion.motion import Motion
     from spatial_pin.proximity.clearance import Clearance
-    from spatial_pin.synthesis.ranked_designs import Design
+    from spatial_pin.synthesis.ranked_designs import Design, Designs
     from spatial_pin.view.scene.layers.arrows import Vectors
     from spatial_pin.workspace_map.workspace_result import Workspace
 
@@ -84,15 +85,42 @@ class Look:
             names = tuple(names_of(getattr(self, name), f"Look: {name}"))
             object.__setattr__(self, name, names)
         for name, kind in (("arrows", "str | Vectors"), ("ghosts", "State | Motion")):
-            object.__setattr__(self, name, _all(f"Look: {name}", kind, getattr(self, name)))
+            values = getattr(self, name)
+            if isinstance(values, str) or any(hasattr(values, x) for x in ("_fields", "mechanism")):
+                values = (values,)
+            check_kind(f"Look: {name}", "Iterable", values)
+            values = tuple(values)
+            for value in values:
+                check_kind(f"Look: {name}", kind, value)
+            object.__setattr__(self, name, values)
 
 
-def _all(where: str, kind: str, values: Any) -> tuple[Any, ...]:
-    """Return values, or a single one, of a kind as a tuple."""
-    if isinstance(values, str) or hasattr(values, "_fields") or hasattr(values, "mechanism"):
-        values = (values,)
-    check_kind(where, "Iterable", values)
-    found = tuple(values)
-    for value in found:
-        check_kind(where, kind, value)
-    return found
+def overlaid(
+    given: Motion | State | Design | Designs, look: Look | None
+) -> tuple[Motion | State, Look | None]:
+    """Return what is shown, and how; a motion or a state as they are.
+
+    Of designs the best is shown, and of it the motion through the samples of its first goal.
+    Samples that no motion joins are shown beside each other.
+
+    Raises:
+        SpatialPinError: nothing was found.
+    """
+    from spatial_pin.synthesis.ranked_designs import (  # on use: a picture needs no search
+        Design,
+        Designs,
+    )
+
+    if isinstance(given, Designs):
+        if not given:
+            raise SpatialPinError(f"{given.name}: no design was found that could be shown; ask for "
+                                  "more starts, or for less")
+        given = given[0]
+    if not isinstance(given, Design):
+        return given, look
+    look = replace(look or Look(), design=given)
+    try:
+        return given.motion(), look
+    except SpatialPinError:  # its defects tell why
+        first, *others = given.states
+        return first, replace(look, ghosts=(*look.ghosts, *others))

@@ -13,21 +13,15 @@ import umsgpack
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.scene.film import Film
 from spatial_pin.view.scene.framing import FIELD_OF_VIEW, Framing, direction, frame, occupied
-from spatial_pin.view.scene.layers.arrows import arrows
+from spatial_pin.view.scene.layers.arrows import arrows, traces
 from spatial_pin.view.scene.layers.axes import axes
-from spatial_pin.view.scene.layers.bodies import bodies, colour
-from spatial_pin.view.scene.layers.centres import centres
-from spatial_pin.view.scene.layers.clearances import clearances
-from spatial_pin.view.scene.layers.designs import designs
 from spatial_pin.view.scene.layers.gaps import gaps
 from spatial_pin.view.scene.layers.ghosts import beside, ghosts
 from spatial_pin.view.scene.layers.glyphs import glyphs
-from spatial_pin.view.scene.layers.springs import springs
-from spatial_pin.view.scene.layers.traces import traces
-from spatial_pin.view.scene.layers.workspaces import workspaces
+from spatial_pin.view.scene.layers.overlays import clearances, designs, workspaces
+from spatial_pin.view.scene.layers.visuals import bodies, centres, colour, springs, with_skeleton
 from spatial_pin.view.scene.look import Look
-from spatial_pin.view.scene.quiet_meshcat import meshcat, mg
-from spatial_pin.view.scene.skeleton import with_skeleton
+from spatial_pin.view.scene.shapes import meshcat, mg
 from spatial_pin.view.scene.stage import (
     Item,
     Layer,
@@ -40,7 +34,7 @@ from spatial_pin.view.scene.stage import (
 )
 
 __all__ = [
-    "Scene",
+    "MeshcatScene",
     "colour",
     "grid_lines",
     "item_path",
@@ -63,7 +57,7 @@ FLOAT32 = 0x17  # meshcat's MessagePack extension for a Float32Array
 FRONT_SIDE, BOTH_SIDES = 0, 2  # of faces, as three.js numbers them
 
 
-class Scene(NamedTuple):
+class MeshcatScene(NamedTuple):
     """A picture.
 
     Attributes:
@@ -81,13 +75,13 @@ class Scene(NamedTuple):
     framing: Framing
     layer: Layer
     extras: list[bytes]
-    parts: list[Part]
+    parts: list[ScenePart]
     extent: Array
     hidden: list[str]
     shadow: bool | None
 
 
-class Part(NamedTuple):
+class ScenePart(NamedTuple):
     """Something in a picture that has a name.
 
     Attributes:
@@ -105,15 +99,6 @@ class Part(NamedTuple):
     along: list[float] | None = None
 
 
-def _part(item: Item, model: pin.Model) -> Part:
-    at = along = None
-    if item.group == "pairs" and item.joint is not None:
-        at = item.placement[:3, 3].tolist()
-    if item.axial:
-        along = item.placement[:3, 2].tolist()
-    return Part(item_path(item, model), item.group, item.called or item.name, at, along)
-
-
 @dataclass(frozen=True)
 class Recorder:
     """A meshcat window that keeps the commands it is sent instead of sending them on."""
@@ -125,37 +110,28 @@ class Recorder:
         self.commands.append(umsgpack.packb(command.lower()))
 
 
-@dataclass(frozen=True, eq=False)
-class Tracks:
-    """An animation that repeats for ever, one track for each thing that moves.
+def animation(seconds: Array, tracks: dict[str, Track]) -> bytes:
+    """Return the command of an animation that repeats for ever.
 
     Meshcat's own `Animation` keeps every key apart; arrays make the page five times smaller.
 
-    Attributes:
+    Args:
         seconds: when each sample is shown, shape (N,) [s].
-        tracks: by meshcat path.
+        tracks: of each thing that moves, by meshcat path.
     """
-
-    seconds: Array
-    tracks: dict[str, Track]
-
-    def lower(self) -> dict[str, Any]:
-        """Return the command as meshcat's viewer reads it."""
-        options = {"play": True, "repetitions": math.inf}
-        clips = [{"path": p, "clip": self._clip(x)} for p, x in self.tracks.items()]
-        return {"type": "set_animation", "animations": clips, "options": options, "path": ""}
-
-    def _clip(self, track: Track) -> dict[str, Any]:
+    clips = []
+    for path, track in tracks.items():
         poses = track.poses
         parts = [("position", "vector3", poses[:, :3]), ("quaternion", "quaternion", poses[:, 3:])]
         if track.scales is not None:
             parts.append(("scale", "vector3", track.scales))
-        times = _float32(self.seconds if track.seconds is None else track.seconds)
-        tracks = [
-            {"name": f".{name}", "type": kind, "times": times, "values": _float32(x)}
-            for name, kind, x in parts
-        ]
-        return {"fps": 1, "name": "default", "tracks": tracks}
+        times = _float32(seconds if track.seconds is None else track.seconds)
+        keys = [{"name": f".{name}", "type": kind, "times": times, "values": _float32(x)}
+                for name, kind, x in parts]
+        clips.append({"path": path, "clip": {"fps": 1, "name": "default", "tracks": keys}})
+    options = {"play": True, "repetitions": math.inf}
+    return umsgpack.packb({"type": "set_animation", "animations": clips, "options": options,
+                           "path": ""})
 
 
 def _float32(x: Array) -> Any:
@@ -178,39 +154,30 @@ def _plain(name: str) -> str:
     return name.replace("/", "_")
 
 
-def _material(item: Item) -> Any:
-    *rgb, opacity = item.colour
-    red, green, blue = (round(255 * x) for x in rgb)
-    return mg.MeshPhongMaterial(
-        color=(red << 16) + (green << 8) + blue,
-        opacity=opacity,
-        flatShading=item.solid.faceted,
-        specular=GLOSS,
-        transparent=item.through or opacity != 1.0,
-        depthTest=not item.through,
-        side=FRONT_SIDE if item.through else BOTH_SIDES,
-    )
-
-
-def _track_matrix(track: Track) -> Array:
-    """Return where a track starts, shape (4, 4)."""
-    matrix = pin.XYZQUATToSE3(track.poses[0]).homogeneous
-    if track.scales is not None:
-        matrix[:3, :3] *= np.maximum(track.scales[0], 1e-9)  # a matrix of 0 has no rotation
-    return matrix
-
-
 def _add_items(viewer: Any, film: Film, items: tuple[Item, ...]) -> dict[str, Track]:
     """Send the solids; return the tracks of those that move on their own."""
     tracks = {}
     for item in items:
         path = item_path(item, film.mechanism.model)
         if item.track is not None:
-            viewer[path].set_transform(_track_matrix(item.track))
+            start = pin.XYZQUATToSE3(item.track.poses[0]).homogeneous
+            if item.track.scales is not None:  # a matrix of 0 has no rotation
+                start[:3, :3] *= np.maximum(item.track.scales[0], 1e-9)
+            viewer[path].set_transform(start)
             tracks[path] = item.track
             path += "/solid"
+        *rgb, opacity = item.colour
+        red, green, blue = (round(255 * x) for x in rgb)
         node = viewer[path]
-        node.set_object(item.solid.geometry, _material(item))
+        node.set_object(item.solid.geometry, mg.MeshPhongMaterial(
+            color=(red << 16) + (green << 8) + blue,
+            opacity=opacity,
+            flatShading=item.solid.faceted,
+            specular=GLOSS,
+            transparent=item.through or opacity != 1.0,
+            depthTest=not item.through,
+            side=FRONT_SIDE if item.through else BOTH_SIDES,
+        ))
         node.set_transform(item.placement @ item.solid.placement)
     return tracks
 
@@ -246,16 +213,6 @@ def _add_surroundings(viewer: Any, framing: Framing) -> None:
     camera.set_property("fov", FIELD_OF_VIEW)
 
 
-def _joint_tracks(viewer: Any, film: Film, poses: Array) -> dict[str, Track]:
-    """Send the first sample's placements; return the tracks of the joints that move."""
-    tracks = {}
-    for j, path in enumerate(joint_paths(film.mechanism.model)):
-        viewer[path].set_transform(pin.XYZQUATToSE3(poses[0, j]).homogeneous)
-        if np.ptp(poses[:, j], axis=0).max() > 0:
-            tracks[path] = Track(poses[:, j])
-    return tracks
-
-
 def _layers(stage: Stage, look: Look, bare: bool, towards: Array) -> dict[str, list[Layer]]:
     """Return all that is shown, by groups; `bare` where the model brings no picture of its own."""
     layers = {"links": [bodies(stage)], "springs": [springs(stage)], "gaps": [gaps(stage)]}
@@ -282,20 +239,7 @@ def _in_groups(layers: dict[str, list[Layer]]) -> Layer:
     return joined([grouped(group, layer) for group, found in layers.items() for layer in found])
 
 
-def _hidden(stage: Stage, shown: dict[str, list[Layer]]) -> Layer:
-    """Return what the page can show besides, if its reader wants it."""
-    layers = {"pairs": [glyphs(stage, through=True)], "axes": [axes(stage)]}
-    return _in_groups({group: found for group, found in layers.items() if group not in shown})
-
-
-def _extent(points: Array) -> Array:
-    """Return those points (K, 3) that are the farthest in any of 27 directions."""
-    steps = [-1.0, 0.0, 1.0]
-    directions = np.array([(x, y, z) for x in steps for y in steps for z in steps])
-    return points[np.unique((directions @ points.T).argmax(axis=1))]
-
-
-def scene(film: Film, look: Look | None = None) -> Scene:
+def scene(film: Film, look: Look | None = None) -> MeshcatScene:
     """Return what shows a film.
 
     The scene is centred and scaled to a radius of 1, so that the viewer's lights and clipping
@@ -314,18 +258,33 @@ def scene(film: Film, look: Look | None = None) -> Scene:
     bodies_alone = frame(held, towards)
     stage = Stage(film, tuple(visuals), poses, upright(model), bodies_alone.radius)
     shown = _layers(stage, look, bare, towards)
-    layer, hidden = _in_groups(shown), _hidden(stage, shown)
+    on_demand = {"pairs": [glyphs(stage, through=True)], "axes": [axes(stage)]}
+    layer = _in_groups(shown)
+    hidden = _in_groups({name: x for name, x in on_demand.items() if name not in shown})
     points = np.concatenate([held, layer.points])
     framing = frame(points, towards) if len(layer.points) else bodies_alone
     recorder, extras = Recorder(), Recorder()
     viewer = meshcat.Visualizer(window=recorder)
     _add_surroundings(viewer, framing)
-    tracks = _joint_tracks(viewer, film, poses) | _add_items(viewer, film, layer.items)
+    tracks = {}
+    for j, path in enumerate(joint_paths(model)):
+        viewer[path].set_transform(pin.XYZQUATToSE3(poses[0, j]).homogeneous)
+        if np.ptp(poses[:, j], axis=0).max() > 0:
+            tracks[path] = Track(poses[:, j])
+    tracks |= _add_items(viewer, film, layer.items)
     tracks |= _add_items(meshcat.Visualizer(window=extras), film, hidden.items)
     if film.seconds[-1] > 0:
-        viewer.window.send(Tracks(film.seconds, tracks))
-    parts = [_part(item, model) for item in (*layer.items, *hidden.items)]
-    extent = _extent(points) if len(points) else points
+        recorder.commands.append(animation(film.seconds, tracks))
+    parts = []
+    for item in (*layer.items, *hidden.items):
+        is_sign = item.group == "pairs" and item.joint is not None
+        parts.append(ScenePart(item_path(item, model), item.group, item.called or item.name,
+                               item.placement[:3, 3].tolist() if is_sign else None,
+                               item.placement[:3, 2].tolist() if item.axial else None))
+    if len(points):  # those that are the farthest in any of 27 directions
+        steps = [-1.0, 0.0, 1.0]
+        directions = np.array([(x, y, z) for x in steps for y in steps for z in steps])
+        points = points[np.unique((directions @ points.T).argmax(axis=1))]
     groups = list(dict.fromkeys(item.group for item in hidden.items))
-    return Scene(recorder.commands, framing, layer, extras.commands, parts, extent, groups,
+    return MeshcatScene(recorder.commands, framing, layer, extras.commands, parts, points, groups,
                  look.shadow)

@@ -6,17 +6,24 @@ To add a shape: a function from the coal shape, and the size [m] of the scene it
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import coal
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
-from spatial_pin.formats.meshes.meshes import mesh_colours
+from spatial_pin.formats.mesh_files import mesh_colours
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.view.scene.quiet_meshcat import mg
+
+with warnings.catch_warnings():  # of a deprecated part of zmq
+    warnings.simplefilter("ignore", DeprecationWarning)
+    import meshcat
+    import meshcat.geometry as mg
+
+__all__ = ["Solid", "ball", "bar", "coloured", "meshcat", "mg", "moved", "rod", "solid", "tube",
+           "turned"]
 
 Y_TO_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 
@@ -167,7 +174,10 @@ def tube(path: Array, radius: float, segments: int = 8) -> Any:
     angle = np.arange(segments) * 2 * np.pi / segments
     ring = np.cos(angle)[:, None] * u[:, None] + np.sin(angle)[:, None] * v[:, None]
     points = path[:, None] + radius * ring
-    return mg.TriangularMeshGeometry(points.reshape(-1, 3), _quads(len(path), segments))
+    k, s = np.divmod(np.arange((len(path) - 1) * segments), segments)
+    a, b = k * segments + s, k * segments + (s + 1) % segments
+    quads = np.stack([a, b, b + segments, a, b + segments, a + segments], axis=1)
+    return mg.TriangularMeshGeometry(points.reshape(-1, 3), quads.reshape(-1, 3))
 
 
 def _frames_along(tangent: Array) -> tuple[Array, Array]:
@@ -184,14 +194,6 @@ def _frames_along(tangent: Array) -> tuple[Array, Array]:
         last = u[k] = across / np.linalg.norm(across)
         v[k] = np.cross(t, u[k])
     return u, v
-
-
-def _quads(rings: int, segments: int) -> NDArray[np.int64]:
-    """Return the triangles between rings of points that follow each other, shape (2 K, 3)."""
-    k, s = np.divmod(np.arange((rings - 1) * segments), segments)
-    a, b = k * segments + s, k * segments + (s + 1) % segments
-    quads = np.stack([a, b, b + segments, a, b + segments, a + segments], axis=1)
-    return quads.reshape(-1, 3)
 
 
 def coloured(visual: pin.GeometryObject) -> list[tuple[Solid, tuple[float, ...] | None]]:

@@ -1,4 +1,4 @@
-"""Vectors at points, one scale for each quantity.
+"""Vectors at points, one scale for each quantity; paths of points, as thin tubes.
 
 To draw vectors of another kind (forces, say), make `Vectors` of them and give them as
 `Look.arrows`; to give their quantity a colour of its own, add it to COLOURS.
@@ -13,11 +13,10 @@ import numpy as np
 from spatial_pin._support.brief import brief
 from spatial_pin._support.checks import as_array
 from spatial_pin.errors import UnknownNameError
-from spatial_pin.motion.motion import Motion
+from spatial_pin.motion.motion import FrameMotion, Motion
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.scene.film import length_words, nice
-from spatial_pin.view.scene.layers.traces import point_motion
-from spatial_pin.view.scene.shapes import Solid, rod, turned
+from spatial_pin.view.scene.shapes import Solid, ball, moved, rod, tube, turned
 from spatial_pin.view.scene.stage import (
     Colour,
     Entry,
@@ -45,6 +44,14 @@ COLOURS: dict[str, Colour] = {
     "force": (0.05, 0.05, 0.05, 1.0),
     "moment": (0.35, 0.35, 0.38, 1.0),
 }
+TUBE = 0.006  # radius of a tube relative to the size of the scene
+BEHIND = 0.35  # opacity where bodies stand before it
+TRACE_COLOURS = (
+    (0.55, 0.08, 0.45, 1.0),
+    (0.10, 0.13, 0.17, 1.0),
+    (0.00, 0.38, 0.45, 1.0),
+    (0.48, 0.30, 0.05, 1.0),
+)
 TURNING = ("angular velocity", "angular acceleration", "moment")  # drawn with two heads
 
 
@@ -75,6 +82,40 @@ class Vectors(NamedTuple):
 
     def __repr__(self) -> str:
         return brief(self, point="m", vector=self.unit)
+
+
+def point_motion(motion: Motion, name: str) -> FrameMotion:
+    """Return the motion of a link, frame or joint, or of a link's centre of mass (`NAME.com`).
+
+    Raises:
+        UnknownNameError: there is none of that name.
+        SpatialPinError: the link has no mass.
+    """
+    if name.endswith(".com"):
+        return motion.com(name.removesuffix(".com"))
+    return motion.frame(name)
+
+
+def traces(stage: Stage, names: tuple[str, ...]) -> Layer:
+    """Return the paths of named points.
+
+    Raises:
+        UnknownNameError: there is none of that name.
+        SpatialPinError: a link asked for its centre of mass has none.
+    """
+    paths = [stage.seen(point_motion(stage.film.motion, name).position) for name in names]
+    colours = [TRACE_COLOURS[k % len(TRACE_COLOURS)] for k in range(len(names))]
+    items: list[Item] = []
+    for name, path, colour in zip(names, paths, colours, strict=True):
+        radius, title = TUBE * stage.size, f"path of {name}"
+        drawn = Solid(tube(path, radius))
+        if np.ptp(path, axis=0).max() < 1e-3 * radius:  # a single point
+            drawn = Solid(ball(radius).geometry, moved(path[0]))
+        items.append(Item(title, drawn, colour))
+        items.append(Item(f"{title}, behind", drawn, (*colour[:3], BEHIND), through=True,
+                          called=title))
+    legend = tuple(Entry(c, f"path of {n}") for c, n in zip(colours, names, strict=True))
+    return Layer(tuple(items), np.concatenate([np.zeros((0, 3)), *paths]), legend)
 
 
 def load(loads: Kinetostatics, pair: str, kind: str) -> Vectors:
@@ -162,21 +203,7 @@ def _of_quantity(stage: Stage, vectors: list[Vectors]) -> Layer:
     return Layer(items, np.concatenate([tip for _, tip in drawn]), (Entry(colour, words),))
 
 
-def _as_shown(stage: Stage, asked: str | Vectors) -> Vectors:
-    """Return vectors with one row for each sample shown."""
-    film = stage.film
-    if isinstance(asked, str):
-        name, _, kind = asked.rpartition(".")
-        return load(film.loads, name, kind) if kind in LOADS else rates(film.motion, asked)
-    n = len(np.atleast_2d(film.source.q))
-    point, vector = (as_array(x, "points and vectors") for x in (asked.point, asked.vector))
-    if point.shape != (n, 3) or vector.shape != (n, 3):
-        shapes = f"{point.shape} and {vector.shape}"
-        raise ValueError(f"{asked.name}: points and vectors are {shapes}; ({n}, 3) is needed")
-    return asked._replace(point=point[film.rows], vector=vector[film.rows])
-
-
-def arrows(stage: Stage, asked: tuple[str | Vectors, ...]) -> list[Layer]:
+def arrows(stage: Stage, specs: tuple[str | Vectors, ...]) -> list[Layer]:
     """Return vectors at their points, one layer for each quantity.
 
     Raises:
@@ -184,7 +211,16 @@ def arrows(stage: Stage, asked: tuple[str | Vectors, ...]) -> list[Layer]:
         ValueError: one has not as many rows as the motion has samples.
     """
     quantities: dict[str, list[Vectors]] = {}
-    for one in asked:
-        vectors = _as_shown(stage, one)
+    film, n = stage.film, len(np.atleast_2d(stage.film.source.q))
+    for one in specs:
+        if isinstance(one, str):
+            name, _, kind = one.rpartition(".")
+            vectors = load(film.loads, name, kind) if kind in LOADS else rates(film.motion, one)
+        else:
+            point, vector = (as_array(x, "points and vectors") for x in (one.point, one.vector))
+            if point.shape != (n, 3) or vector.shape != (n, 3):
+                shapes = f"{point.shape} and {vector.shape}"
+                raise ValueError(f"{one.name}: points and vectors are {shapes}; ({n}, 3) is needed")
+            vectors = one._replace(point=point[film.rows], vector=vector[film.rows])
         quantities.setdefault(vectors.quantity, []).append(vectors)
     return [_of_quantity(stage, vectors) for vectors in quantities.values()]

@@ -8,12 +8,11 @@ import numpy as np
 
 from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.mechanism.equations import ConstraintEquation
-from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.mechanism.equations import Distance, Square
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.view.scene.film import Film, Reading, unit_of_length
+from spatial_pin.view.scene.film import Reading, unit_of_length
 from spatial_pin.view.scene.shapes import ball, rod
 from spatial_pin.view.scene.stage import Entry, Item, Layer, Stage, ball_at, rod_between
 
@@ -23,7 +22,7 @@ POINTER = 0.16  # length of the directions that should agree relative to the siz
 GAP_DIGITS = 3  # that a gap is told with: its size matters, not its value
 
 
-class Gap(NamedTuple):
+class ClosureGap(NamedTuple):
     """How far a closure is open, sample by sample; 0 where it is closed.
 
     Attributes:
@@ -39,89 +38,65 @@ class Gap(NamedTuple):
     offset: Array
 
 
-def _residuals(film: Film) -> Array:
-    """Return the residuals of every sample that has an open closure, 0 elsewhere, (N, rows)."""
-    evaluation = Evaluation(constraints_of(film.mechanism))
-    motion = film.motion
-    found = np.zeros((len(film.rows), len(evaluation.residual)))
-    for k in film.open_rows:
-        if motion.angles.size:
-            evaluation.angle_reference[:] = motion.angles[k]
-        evaluation.update(motion.q[k])
-        found[k] = evaluation.residual
-    found[np.abs(found) <= TOLERANCES.half_precision] = 0.0
-    return found
-
-
-def _coupling_gap(stage: Stage, closure: Closure, residual: Array) -> Gap:
-    """Return by how much the second coordinate of a coupling is wrong."""
-    mechanism, none = stage.film.mechanism, np.zeros((len(residual), 3))
-    error = np.abs(residual[:, 0])
-    if mechanism.coordinate(closure.joints[1]).unit == "rad":
-        return Gap(closure, 0 * error, error, none)
-    return Gap(closure, error * mechanism.characteristic_length, 0 * error, none)
-
-
-def _length(stage: Stage, closure: Closure, row: ConstraintEquation) -> Array | float:
+def _length(stage: Stage, closure: Closure) -> Array | float:
     """Return how long a distance is to be, (N,) [m] where other frames tell."""
     if not closure.between:
-        return row.offset
+        return closure.geometry.length
     first, second = (stage.points(i, m.translation) for i, m in map(
         stage.film.mechanism.frame_on_joint, closure.between))
     return np.linalg.norm(second - first, axis=1)
 
 
-def _pair_gap(stage: Stage, closure: Closure, residual: Array) -> Gap:
+def _pair_gap(stage: Stage, closure: Closure, residual: Array) -> ClosureGap:
     """Return by how much the frames of a closure are off.
 
     The offset is the sum of the directions that a length row is measured along, each times what
     it is off by: that takes frame 2 to the nearest place where the closure holds.
     """
     mechanism = stage.film.mechanism
-    (i1, m1), (i2, m2) = (mechanism.frame_on_joint(name) for name in closure.frames)
+    (i1, m1), (i2, m2) = (mechanism.frame_on_joint(name) for name in closure.frames[:2])
     turn = stage.rotations(i1, m1.rotation)
     apart = stage.points(i2, m2.translation) - stage.points(i1, m1.translation)
     length = residual * mechanism.characteristic_length
     offset, angular = np.zeros_like(apart), np.zeros(len(apart))
     for row, off in zip(closure.rows, length.T, strict=True):
-        if row.u is None:  # distance: along the line between the frames
+        first = row.first
+        if isinstance(first, Square):  # along the line between the frames
             far = np.linalg.norm(apart, axis=1)
-            wrong = np.where(off != 0.0, far - _length(stage, closure, row), 0.0)
+            wrong = np.where(off != 0.0, far - _length(stage, closure), 0.0)
             offset += apart * (wrong / np.where(far > 0, far, 1.0))[:, None]
-        elif row.is_length:
-            offset += off[:, None] * (turn @ row.u)
+        elif isinstance(first, Distance):
+            offset += off[:, None] * (turn @ first.u)
         else:
             angular = np.hypot(angular, off / mechanism.characteristic_length)
     angles = np.arcsin(np.minimum(angular, 1.0))
-    return Gap(closure, np.linalg.norm(offset, axis=1), angles, offset)
+    return ClosureGap(closure, np.linalg.norm(offset, axis=1), angles, offset)
 
 
-def gaps_of(stage: Stage) -> list[Gap]:
+def gaps_of(stage: Stage) -> list[ClosureGap]:
     """Return the closures that are open in any sample."""
-    mechanism = stage.film.mechanism
-    residuals = _residuals(stage.film)
+    mechanism, film = stage.film.mechanism, stage.film
+    evaluation = Evaluation(constraints_of(mechanism))
+    residuals = np.zeros((len(film.rows), len(evaluation.residual)))  # 0 where all are closed
+    for k in film.open_rows:
+        if film.motion.angles.size:
+            evaluation.angle_reference[:] = film.motion.angles[k]
+        evaluation.update(film.motion.q[k])
+        residuals[k] = evaluation.residual
+    residuals[np.abs(residuals) <= TOLERANCES.half_precision] = 0.0
     labels = np.array([label.closure for label in constraints_of(mechanism).labels])
     found = []
     for closure in mechanism.closures:
         own = residuals[:, labels == closure.name]
         if np.any(own):
-            measure = _coupling_gap if closure.type == COUPLING else _pair_gap
-            found.append(measure(stage, closure, own))
+            if closure.frames:
+                found.append(_pair_gap(stage, closure, own))
+                continue
+            error, none = np.abs(own[:, 0]), np.zeros((len(own), 3))  # of the last coordinate
+            is_angle = mechanism.coordinate(closure.joints[-1]).unit == "rad"
+            lengths = 0 * error if is_angle else error * mechanism.characteristic_length
+            found.append(ClosureGap(closure, lengths, error if is_angle else 0 * error, none))
     return found
-
-
-def _alarms(gap: Gap) -> list[Reading]:
-    """Return what is to be said of a gap, in every sample."""
-    said = []
-    name = f"closure {gap.closure.name}"
-    if np.any(gap.lengths):
-        largest = float(gap.lengths.max())
-        size, unit = unit_of_length(largest)
-        said.append(Reading(name, gap.lengths / size, f" {unit}", _digits(largest / size)))
-    if np.any(gap.angles):
-        degrees = np.rad2deg(gap.angles)
-        said.append(Reading(name, degrees, "°", _digits(float(degrees.max()))))
-    return [r._replace(says=" open by ") for r in said]
 
 
 def _digits(largest: float) -> int:
@@ -129,7 +104,7 @@ def _digits(largest: float) -> int:
     return int(np.clip(GAP_DIGITS - 1 - np.floor(np.log10(largest)), 0, 8))
 
 
-def _length_items(stage: Stage, gap: Gap) -> tuple[list[Item], Array]:
+def _length_items(stage: Stage, gap: ClosureGap) -> tuple[list[Item], Array]:
     """Return two balls and a rod from where a frame should be to where it is; and both places."""
     i2, m2 = stage.film.mechanism.frame_on_joint(gap.closure.frames[1])
     there = stage.points(i2, m2.translation)
@@ -145,11 +120,10 @@ def _length_items(stage: Stage, gap: Gap) -> tuple[list[Item], Array]:
     return items, np.concatenate([here, there])
 
 
-def _angle_items(stage: Stage, gap: Gap) -> tuple[list[Item], Array]:
+def _angle_items(stage: Stage, gap: ClosureGap) -> tuple[list[Item], Array]:
     """Return the direction of each frame that is off the most, as rods from the second frame."""
     mechanism, geometry = stage.film.mechanism, gap.closure.geometry
-    assert geometry is not None
-    (i1, m1), (i2, m2) = (mechanism.frame_on_joint(name) for name in gap.closure.frames)
+    (i1, m1), (i2, m2) = (mechanism.frame_on_joint(name) for name in gap.closure.frames[:2])
     axes1 = stage.rotations(i1, m1.rotation @ geometry.axes1)
     axes2 = stage.rotations(i2, m2.rotation @ geometry.axes2)
     cosines = np.sum(axes1 * axes2, axis=1)  # (N, 3), of x, y and z
@@ -178,7 +152,14 @@ def gaps(stage: Stage) -> Layer:
     alarms: list[Reading] = []
     points: list[Array] = [np.zeros((0, 3))]
     for gap in gaps_of(stage):
-        alarms += _alarms(gap)
+        name, measures = f"closure {gap.closure.name}", []
+        if np.any(gap.lengths):
+            size, unit = unit_of_length(float(gap.lengths.max()))
+            measures.append((gap.lengths / size, f" {unit}"))
+        if np.any(gap.angles):
+            measures.append((np.rad2deg(gap.angles), "°"))
+        alarms += [Reading(name, values, unit, _digits(float(values.max())), says=" open by ")
+                   for values, unit in measures]
         kinds = ((gap.offset, _length_items), (gap.angles, _angle_items))
         for measure, make in kinds if gap.closure.frames else ():
             if np.any(measure):

@@ -16,9 +16,8 @@ from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.scene.film import driver_readings, film, moments
 from spatial_pin.view.scene.framing import axes_of_view, occupied
-from spatial_pin.view.scene.layers.bodies import body_items
+from spatial_pin.view.scene.layers.visuals import body_items, with_skeleton
 from spatial_pin.view.scene.shapes import moved
-from spatial_pin.view.scene.skeleton import with_skeleton
 from spatial_pin.view.scene.stage import Entry, Item, Label, Layer, Stage, Track, joint_poses
 
 OPACITY = 0.28  # of four that lie on each other a body behind is still seen
@@ -69,20 +68,13 @@ def _other(stage: Stage, shown: State | Motion, name: str) -> Other:
                 f"a ghost is a state of mechanism {mechanism.name!r}; "
                 f"the picture is of {stage.film.mechanism.name!r}"
             )
-        items = [_standing(part, poses[0]) for part in parts]
+        items = [part if part.joint == 0 else replace(part, joint=None, placement=pin.XYZQUATToSE3(
+            poses[0, part.joint]).homogeneous @ part.placement) for part in parts]
         return Other(items, points, words(shown))
     seconds, rows, how = moments(stage.film, own)
     items = [part if part.joint == 0 else replace(part, joint=None, track=Track(
         poses[rows, part.joint], None, seconds)) for part in parts]
     return Other(items, points, f"another motion, {how}")
-
-
-def _standing(part: Item, poses: Array) -> Item:
-    """Return a part of a body where its joint stands, poses (n_joints, 7)."""
-    if part.joint == 0:
-        return part
-    placement = pin.XYZQUATToSE3(poses[part.joint]).homogeneous @ part.placement
-    return replace(part, joint=None, placement=placement)
 
 
 def _shifted(item: Item, shift: Array) -> Item:

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.pairs import COUPLING, axes_from_z
+from spatial_pin.mechanism.pairs import axes_from_z
 from spatial_pin.numerics.linalg import Array
 
 AXIS_PLACES = {  # which of a joint's freedoms turn about its axis, or slide along it
@@ -75,12 +75,12 @@ def _tree_places(mechanism: Mechanism) -> list[Place]:
 
 
 def _closure_places(mechanism: Mechanism) -> list[Place]:
-    """Return the pairs of the closures; a coupling joins no two frames and has none."""
+    """Return the pairs of the closures that join two frames."""
     found = []
     for closure in mechanism.closures:
-        if closure.type == COUPLING or closure.geometry is None:
+        if not closure.frames:
             continue
-        (i1, m1), (i2, m2) = (mechanism.frame_on_joint(name) for name in closure.frames)
+        (i1, m1), (i2, m2) = (mechanism.frame_on_joint(name) for name in closure.frames[:2])
         turn1, turn2 = closure.geometry.axes1, closure.geometry.axes2
         if closure.type == "spherical":
             turn1 = axes_from_z(_outward(m1))

@@ -1,0 +1,300 @@
+"""Commands of how motion is passed on, and of forces at rest: jacobian, transmission, statics."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+import spatial_pin as sp
+from spatial_pin._support.columns import Quantity, flat
+from spatial_pin.assembly.holding import held_by
+from spatial_pin.cli.arguments import (
+    along,
+    check_names,
+    held,
+    in_units,
+    loaded,
+    motion_over,
+    state_at,
+)
+from spatial_pin.cli.options import (
+    CONFIGURATION,
+    SPRINGS_HELP,
+    Command,
+    data_options,
+    hold_option,
+    numbers,
+    option,
+    over_options,
+)
+from spatial_pin.cli.printing import finite, grid, print_result
+from spatial_pin.motion.motion import first_samples
+from spatial_pin.motion.summary import EFFORTS, tidy
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.rates.rates import check_not_held
+
+UNITS = {"v": "m", "w": "rad"}  # of what rows are rates of
+ROWS = ("vx", "vy", "vz", "wx", "wy", "wz")
+COMPONENTS = [(part, unit, axis) for part, unit in (("force", "N"), ("moment", "N·m"))
+              for axis in "xyz"]
+EFFORTS_OF_MANY = "* is one of many: the drivers can press against each other"
+
+
+def jacobian(options: argparse.Namespace) -> None:
+    """Twist of a frame per unit speed of every driver, loops closed."""
+    mechanism = loaded(options)
+    mechanism.frame_id(options.frame)
+    check_names(options, mechanism)
+    names = _movers(options, mechanism)
+    by = [mechanism.driven_coordinate(name) for name in names]
+    state = state_at(options, mechanism)
+    found = sp.jacobian(mechanism, state, options.frame, options.by or None,
+                        hold=held(options))
+    units = [[_per(UNITS[row[0]], c.unit) for c in by] for row in ROWS]
+    heads = [f"{name} [{c.unit}]" for name, c in zip(names, by, strict=True)]
+    lines = [f"{mechanism.name}: twist of {options.frame} at its origin, world axes, per unit "
+             "speed of the drivers, loops closed",
+             grid([[row, UNITS[row[0]], *(tidy(x, found) for x in found[k])]
+                   for k, row in enumerate(ROWS)], ("", "of", *heads))]
+    table = {"component": list(ROWS), "of": [UNITS[row[0]] for row in ROWS],
+             **{head: found[:, k].tolist() for k, head in enumerate(heads)}}
+    print_result(options, "\n".join(lines), finite({
+                "mechanism": mechanism.name, "frame": options.frame, "rows": list(ROWS),
+                "drivers": names, "units": units, "matrix": found.tolist(),
+                "closure_error": state.closure_error}), table)
+
+
+def _movers(options: argparse.Namespace, mechanism: sp.Mechanism) -> list[str]:
+    """Return the names of what moves the frame: those of `--by`, else the drivers not held.
+
+    Raises:
+        SpatialPinError: all drivers are held.
+        ValueError: what is to move it is held.
+    """
+    if options.by:
+        check_not_held(mechanism, [mechanism.driven_coordinate(x) for x in options.by],
+                       held(options))
+        return list(options.by)
+    still = held_by(mechanism, held(options)).entries
+    moving = [x for x in mechanism.drivers if mechanism.driven_coordinate(x).v not in still]
+    if mechanism.drivers and not moving:
+        raise sp.SpatialPinError(
+            f"mechanism {mechanism.name!r}: nothing moves {options.frame!r}: "
+            f"{', '.join(mechanism.drivers)} {'are' if len(mechanism.drivers) > 1 else 'is'} "
+            "held; hold less, or name what moves it with --by")
+    return moving
+
+
+def _units(output: str, driver: str) -> dict[str, str]:
+    return {"ratio": _per(output, driver), "angle": "rad",
+            "mechanical_advantage": _per(driver, output)}
+
+
+def _per(unit: str, by: str) -> str:
+    return "1" if unit == by else f"{unit}/{by}"
+
+
+# ---------------------------------------------------------------- transmission
+
+
+def transmission(options: argparse.Namespace) -> None:
+    """Speed ratio, mechanical advantage and transmission angle of an output."""
+    mechanism = loaded(options)
+    output = mechanism.driven_coordinate(options.output)
+    for name in filter(None, [options.driver]):
+        mechanism.driven_coordinate(name)
+    motion = motion_over(options, mechanism, of_rates=True)
+    if motion is not None:
+        _tell_along(options, motion)
+        return
+    state = state_at(options, mechanism)
+    found = sp.transmission(mechanism, state, output.name, options.driver, options.pair,
+                            hold=held(options))
+    driver = mechanism.driven_coordinate(options.driver or next(iter(mechanism.drivers)))
+    units = _units(output.unit, driver.unit)
+    shown = {"speed ratio": (found.ratio, units["ratio"]),
+             "mechanical advantage": (found.mechanical_advantage, units["mechanical_advantage"]),
+             "transmission angle": (found.angle, f"rad ({np.degrees(found.angle):.6g}°)")}
+    rows = [[name, f"{x:.9g}", unit.removeprefix("1")] for name, (x, unit) in shown.items()]
+    head = f"{mechanism.name}: {driver.name} moves {output.name} at {found.at}"
+    content = {"mechanism": mechanism.name, "output": output.name, "driver": driver.name,
+               **found._asdict(), "units": units, "closure_error": state.closure_error}
+    print_result(options, f"{head}\n{grid(rows)}", finite(content),
+                 {"quantity": list(units), "value": [float(getattr(found, name)) for name in units],
+                  "unit": list(units.values())})
+
+
+def _tell_along(options: argparse.Namespace, motion: sp.Motion) -> None:
+    """Answer with the transmission along a sweep."""
+    mechanism, driver = motion.mechanism, options.driver or motion.driver_name
+    found: list[sp.Transmission] = along(options, lambda: _each(options, motion, driver))
+    values, ratios, angles = (np.asarray(x)[: len(found)] for x in (
+        motion.driver, [x.ratio for x in found], [x.angle for x in found]))
+    units = _units(*(mechanism.driven_coordinate(x).unit for x in (options.output, driver)))
+    table = flat({
+        motion.driver_name: Quantity(values, motion.driver_unit),
+        "ratio": Quantity(ratios, units["ratio"].replace("1", "-")),
+        "mechanical advantage": Quantity(np.array([x.mechanical_advantage for x in found]),
+                                         units["mechanical_advantage"].replace("1", "-")),
+        "transmission angle": Quantity(angles, "rad")})
+    unit, rows = motion.driver_unit, []
+    for name, column, mark in (("speed ratio", ratios, ""),
+                               ("transmission angle", np.degrees(angles), "°")):
+        for word, k in (("least", int(column.argmin())), ("most", int(column.argmax()))):
+            rows.append([word, name, f"{column[k]:.6g}{mark}",
+                         f"at {motion.driver_name} = {values[k]:.6g} {unit}"])
+    head = (f"{mechanism.name}: {driver} moves {options.output} at {found[0].at}, "
+            f"{len(found)} values")
+    content = {"mechanism": mechanism.name, "output": options.output, "driver": driver,
+               "at": found[0].at, "units": units,
+               "columns": {name: x.tolist() for name, x in table.items()}}
+    print_result(options, f"{head}\n{grid(rows)}", finite(content), table)
+
+
+def _each(options: argparse.Namespace, motion: sp.Motion, driver: str) -> list[sp.Transmission]:
+    """Return the transmission at every sample.
+
+    Raises:
+        Interrupted: Ctrl-C ended it; has those until then.
+    """
+    found: list[sp.Transmission] = []
+    try:
+        for state in map(motion.state, range(len(motion))):
+            found.append(sp.transmission(motion.mechanism, state, options.output, driver,
+                                         options.pair, hold=held(options)))
+    except KeyboardInterrupt:
+        if not found:
+            raise
+        raise sp.Interrupted(first_samples(motion, len(found)), found) from None
+    return found
+
+
+# ---------------------------------------------------------------- statics
+
+
+def statics(options: argparse.Namespace) -> None:
+    """Efforts that hold it at rest against gravity, springs and loads."""
+    mechanism = loaded(options)
+    actuated = options.actuated or None
+    for name in options.actuated:
+        mechanism.driven_coordinate(name)
+    external = _external_forces(options, mechanism)
+    motion = motion_over(options, mechanism)
+    if motion is None:
+        _print_efforts(options, mechanism, sp.inverse_dynamics(
+            mechanism, state_at(options, mechanism), actuated, external=external))
+        return
+    found: sp.Kinetostatics = along(options, lambda: sp.kinetostatics(
+        mechanism, motion, actuated, external=external))
+    table = found.columns()
+    content = {"mechanism": mechanism.name,
+               "columns": {name: x.tolist() for name, x in table.items()},
+               "reactions": {name: x.tolist() for name, x in found.reactions.items()},
+               "on_ground": found.on_ground.tolist()}
+    print_result(options, found, finite(content), table)
+
+
+def _external_forces(
+    options: argparse.Namespace, mechanism: sp.Mechanism
+) -> dict[str, pin.Force]:
+    """Return the loads by link or frame."""
+    if len(dict(options.loads)) < len(options.loads):
+        options.usage_error("a name is given two loads")
+    found = {}
+    for name, given in options.loads:
+        mechanism.frame_id(name)
+        if len(given) not in (3, 6):
+            options.usage_error(f"--load {name}: a force has 3 numbers, with a moment 6, not "
+                                f"{len(given)}")
+        force, moment = given[:3], given[3:] or (0.0, 0.0, 0.0)
+        for x in force:
+            in_units({f"a force on {name}": x}, "N", "kN")
+        for x in moment:
+            in_units({f"a moment on {name}": x}, "Nm", "N·m")
+        found[name] = pin.Force(np.array(force, dtype=float), np.array(moment, dtype=float))
+    return found
+
+
+def _print_efforts(
+    options: argparse.Namespace, mechanism: sp.Mechanism, found: sp.Efforts
+) -> None:
+    """Answer with efforts and reactions of one configuration."""
+    units = {name: EFFORTS[mechanism.coordinate(name).unit] for name in found.efforts}
+    alone = found.unique_efforts
+    efforts = [[name, f"{x:.9g}{'*' * (not alone[name])}", units[name]]
+               for name, x in found.efforts.items()]
+    whole = np.array([force.vector for force in found.reactions.values()])
+    pairs = [[name, *_marked(force.linear, found.unique[name][:3], whole),
+              *_marked(force.angular, found.unique[name][3:], whole)]
+             for name, force in found.reactions.items()]
+    lines = [f"{mechanism.name} at rest, closed to {found.state.closure_error:.1e}", "efforts:",
+             grid(efforts), "reactions of pairs, world axes [N, N·m]:",
+             grid(pairs, ("", "fx", "fy", "fz", "mx", "my", "mz"))]
+    if not all(alone.values()):
+        lines.append(EFFORTS_OF_MANY)
+    lines += found.why_not_unique()
+    content = {
+        "mechanism": mechanism.name, "closure_error": found.state.closure_error,
+        "coordinates": {name: found.state.coordinate(name).value
+                        for name in mechanism.coordinates},
+        "efforts": found.efforts, "units": units, "unique_efforts": alone,
+        "reactions": {name: [*force.linear.tolist(), *force.angular.tolist()]
+                      for name, force in found.reactions.items()},
+        "unique": {name: each.tolist() for name, each in found.unique.items()},
+        "on_ground": [*found.on_ground.linear.tolist(), *found.on_ground.angular.tolist()],
+    }
+    print_result(options, "\n".join(lines), finite(content), _table(found, units))
+
+
+def _table(found: sp.Efforts, units: dict[str, str]) -> dict[str, list[Any]]:
+    """Return efforts and reactions, a number a row; named as `Kinetostatics.columns` names them."""
+    rows = [(f"{name} effort", x, units[name], found.unique_efforts[name])
+            for name, x in found.efforts.items()]
+    ground = {"on ground": (found.on_ground, np.ones(6, dtype=bool))}
+    for name, (force, unique) in ({f"{name} reaction": (x, found.unique[name])
+                                  for name, x in found.reactions.items()} | ground).items():
+        rows += [(f"{name} {part} {axis}", float(x), unit, bool(one)) for (part, unit, axis), x, one
+                 in zip(COMPONENTS, force.vector, unique, strict=True)]
+    return dict(zip(("quantity", "value", "unit", "unique"), map(list, zip(*rows, strict=True)),
+                    strict=True))
+
+
+def _marked(x: Array, unique: Any, whole: Array) -> list[str]:
+    """Return components, 0 where they are round-off of the whole, * where they are of many."""
+    return [f"{float(tidy(c, whole)):.4g}{'*' * (not one)}"
+            for c, one in zip(x, unique, strict=True)]
+
+
+COMMANDS = {
+    "jacobian": Command(jacobian, (
+        option("frame", metavar="FRAME", help="link, frame or joint whose twist is wanted"),
+        *CONFIGURATION,
+        option("--by", action="append", default=[], metavar="NAME",
+               help="a driver or coordinate that moves it (all drivers)"),
+        *hold_option(SPRINGS_HELP),
+        *data_options("the matrix", "the matrix"),
+    )),
+    "transmission": Command(transmission, (
+        option("output", metavar="OUTPUT", help="coordinate of a joint of one freedom"),
+        *CONFIGURATION,
+        option("--driver", metavar="NAME", help="what moves it (the only driver)"),
+        option("--pair", metavar="NAME",
+               help="closure or joint at which its link is moved, where there are several"),
+        *over_options(SPRINGS_HELP),
+        *data_options("it", "it, along --over one row a value,"),
+    )),
+    "statics": Command(statics, (
+        *CONFIGURATION,
+        option("--load", dest="loads", action="append", default=[], type=numbers,
+               metavar="NAME=FX,FY,FZ[,MX,MY,MZ]",
+               help="a force [N], and moment [N·m], on a link or frame at its origin, "
+                    "world axes, as tip=0,0,-50N"),
+        option("--actuated", action="append", default=[], metavar="NAME",
+               help="a driver, joint or coordinate that holds it (all drivers)"),
+        *over_options(),
+        *data_options("efforts and reactions", "efforts and reactions, along --over one a column,"),
+    )),
+}

@@ -1,0 +1,264 @@
+"""Commands of what dimensions change, and settings: sensitivity, tolerance, tradeoff."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import numpy as np
+
+import spatial_pin as sp
+from spatial_pin._support.columns import heading
+from spatial_pin.accuracy.tradeoff_view import table
+from spatial_pin.cli.arguments import (
+    along,
+    as_far_as_found,
+    held,
+    in_units,
+    loaded,
+    motion_over,
+    state_at,
+    unique,
+    workers,
+)
+from spatial_pin.cli.commands.motions import beginning, sweep_task
+from spatial_pin.cli.options import (
+    CONFIGURATION,
+    RATE_OPTIONS,
+    SPRINGS_HELP,
+    WORKERS,
+    Command,
+    above_zero,
+    count,
+    data_options,
+    from_zero,
+    hold_option,
+    option,
+    over_options,
+    positive,
+    spread,
+    start_options,
+    sweep_arguments,
+)
+from spatial_pin.cli.printing import finite, print_result
+from spatial_pin.dimensions.sensitivity import unit_of_derivative
+from spatial_pin.errors import UnknownNameError
+from spatial_pin.motion.motion import first_samples
+from spatial_pin.motion.outputs import label_of
+
+OUTPUT_HELP = ("as rocker_pin, rocker_pin.rate, coupler.position, crank.effort, "
+               "limit.lower.rocker_pin")
+WIDE_SPREAD = 0.1  # standard deviation relative to the dimension from which a unit may be missing
+XYZ = ("x", "y", "z")
+UNITS = {"time_per_step": "s", "spread": "s", **dict.fromkeys(  # of others "-", of texts none
+    ("setting", "steps", "solver_steps", "below_reference", "on_front", "said"), "")}
+PARTS = "errors of positions, velocities and accelerations one by one: --csv, --json"
+COMPONENTS = {3: XYZ, 6: tuple(f"{part} {axis}" for part in ("force", "moment") for axis in XYZ)}
+
+
+def _check_dimensions(mechanism: sp.Mechanism, names: list[str]) -> None:
+    for name in names:
+        if name not in mechanism.dimensions:
+            raise UnknownNameError("dimension", name, mechanism.dimensions,
+                                   f"mechanism {mechanism.name!r}: ")
+
+
+def _numbers(name: str, value: Any) -> dict[str, float]:
+    """Return the numbers of an output by name: `NAME.x` of a vector, `NAME.force.x` of a wrench."""
+    value = np.asarray(value)
+    if value.ndim == 0:
+        return {name: float(value)}
+    return {f"{name}.{axis.replace(' ', '.')}": float(x)
+            for axis, x in zip(COMPONENTS[len(value)], value, strict=True)}
+
+
+# ---------------------------------------------------------------- sensitivity
+
+
+def sensitivity(options: argparse.Namespace) -> None:
+    """How an output changes with the dimensions."""
+    mechanism = loaded(options)
+    _check_dimensions(mechanism, options.to)
+    if not mechanism.dimensions:
+        options.hints.append(f"{mechanism.name} has no dimensions: "
+                             '<xacro:arg name="b" default="0.4"/> in a .xacro tree makes one')
+    subject = motion_over(options, mechanism) or state_at(options, mechanism)
+    found = along(options, lambda: sp.sensitivity(
+        mechanism, subject, options.output, options.to or None))
+    content = {"mechanism": mechanism.name, "output": found.output, "unit": found.unit,
+               "derivative_unit": unit_of_derivative(found.unit),
+               "value": np.asarray(found.value).tolist(),
+               "derivatives": {k: np.asarray(x).tolist() for k, x in found.derivatives.items()},
+               "errors": {k: np.asarray(x).tolist() for k, x in found.errors.items()},
+               "idle": found.idle}
+    if isinstance(subject, sp.Motion):
+        subject = first_samples(subject, len(found.value))
+        content["driver"] = {"name": subject.driver_name, "unit": subject.driver_unit,
+                             "values": np.asarray(subject.driver).tolist()}
+        print_result(options, _along(subject, found), finite(content), _columns(subject, found))
+        return
+    rows = [(name, *row) for name, x in found.derivatives.items() for row in zip(
+        _numbers(found.output, x), _numbers("", x).values(),
+        np.broadcast_to(found.errors[name], np.shape(x) or (1,)), strict=True)]
+    print_result(options, f"{mechanism.name}: {found}", finite(content),
+                 {"dimension": [row[0] for row in rows], "of": [row[1] for row in rows],
+                  "derivative": [row[2] for row in rows], "error": [float(row[3]) for row in rows],
+                  "unit": [unit_of_derivative(found.unit)] * len(rows)})
+
+
+def _columns(motion: sp.Motion, found: sp.Sensitivity) -> dict[str, Any]:
+    """Return an output and its derivatives along a sweep, by name."""
+    columns: dict[str, Any] = {heading(motion.driver_name, motion.driver_unit): motion.driver}
+    unit = "-" if found.unit in ("", "1") else found.unit
+    for name, of, x in [(label_of(found.output), unit, found.value),
+                        *((f"d/d {k}", "", x) for k, x in found.derivatives.items())]:
+        x = np.asarray(x)
+        columns |= {heading(name, of): x} if x.ndim == 1 else {
+            heading(f"{name} {axis}", of): x[:, k] for k, axis in enumerate(COMPONENTS[x.shape[1]])}
+    return columns
+
+
+def _along(motion: sp.Motion, found: sp.Sensitivity) -> str:
+    """Return how large derivatives get along a sweep, and where."""
+    values = np.asarray(motion.driver)
+    lines = [f"{motion.mechanism.name}: {found.output} over {motion.driver_name}, "
+             f"{len(values)} values"]
+    lines += [f"  d/d {name} = 0: it changes nothing in the file" for name in found.idle]
+    for name, x in found.derivatives.items():
+        if name in found.idle:
+            continue
+        size = np.abs(x) if np.ndim(x) == 1 else np.linalg.norm(x, axis=1)
+        k = int(size.argmax())
+        lines.append(f"  d/d {name}: at most {size[k]:.9g}, at {motion.driver_name} = "
+                     f"{values[k]:.6g} {motion.driver_unit} (± {np.max(found.errors[name]):.0e}) "
+                     f"[{unit_of_derivative(found.unit)}]")
+    return "\n".join(lines)
+
+
+# ---------------------------------------------------------------- tolerance
+
+
+def tolerance(options: argparse.Namespace) -> None:
+    """How an output scatters when the dimensions do."""
+    mechanism = loaded(options)
+    spread = unique(options, options.deviation)
+    _check_dimensions(mechanism, list(spread))
+    in_units(spread, "m", "cm", "mm", "um", "in", "rad", "deg", "°")
+    for name, x in spread.items():
+        nominal = abs(mechanism.dimensions[name])
+        if not getattr(x, "unit", "") and nominal > 0.0 and x > WIDE_SPREAD * nominal:
+            options.hints.append(f"{name} scatters by {x / nominal:.0%} of its "
+                                 f"{mechanism.dimensions[name]:.6g}: {x:g}mm?")
+    state = state_at(options, mechanism)
+    with workers(options.workers) as executor:
+        found = as_far_as_found(lambda: sp.tolerance(
+            mechanism, [options.output, *options.also], spread, state, samples=options.samples,
+            executor=executor, seed=options.seed, progress=True))
+    kinds = {"nominal": found.nominal, "linear": found.linear,
+             **({"mean": found.mean, "sampled": found.sampled} if found.sampled else {})}
+    content = {"mechanism": mechanism.name, "units": found.units, "deviations": spread,
+               "samples": len(found.is_closed), "failed": found.failed,
+               "is_whole": found.is_whole,
+               **{kind: {k: np.asarray(x).tolist() for k, x in (of or {}).items()}
+                  for kind, of in kinds.items()}}
+    columns = {kind: [x for name, value in (of or {}).items()
+                      for x in _numbers(name, value).values()] for kind, of in kinds.items()}
+    names = [(one, found.units[name]) for name, value in found.nominal.items()
+             for one in _numbers(name, value)]
+    print_result(options, f"{mechanism.name}: {found}", finite(content),
+                 {"output": [name for name, _ in names], "unit": [unit for _, unit in names],
+                  **columns},
+                 is_whole=found.is_whole)
+
+
+# ---------------------------------------------------------------- tradeoff
+
+
+def tradeoff(options: argparse.Namespace) -> None:
+    """Measure what accuracy settings cost and lose on a motion of it."""
+    mechanism = loaded(options)
+    task = _task(options, mechanism)
+    found = as_far_as_found(lambda: sp.tradeoff(
+        mechanism, task, repeats=options.repeats, progress=True))
+    text, files = f"{table(found, is_narrow=True)}\n{PARTS}", []
+    if not found.is_whole:
+        text += "\ncut short"
+    elif options.error is not None:
+        pick = sp.Accuracy.for_error(options.error, measured=found)
+        text += f"\ncheapest for an error of {options.error:.3g}: {pick}"
+    if options.plot:
+        found.plot(options.plot)
+        files.append(options.plot)
+    content = finite(found.as_dict())
+    keys = [key for key, x in content["rows"][0].items() if not isinstance(x, list | dict)]
+    print_result(options, text, content, {heading(key, UNITS.get(key, "-")): [
+                row[key] for row in content["rows"]] for key in keys}, files, found.is_whole)
+
+
+def _task(options: argparse.Namespace, mechanism: sp.Mechanism) -> str | dict[str, Any]:
+    """What a trade-off is measured on."""
+    if options.simulate is None:
+        if options.at or options.begin or options.effort or options.rows:
+            options.usage_error("--at, --begin, --effort and --rows need --simulate")
+        if options.driver is None:
+            if options.hold:
+                options.usage_error("--hold needs a driver, a first and a last value")
+            return "sweep"
+        if options.last is None:
+            options.usage_error("a sweep needs a driver, a first and a last value")
+        still = {"hold": held(options)} if options.hold else {}
+        return sweep_task(options, mechanism) | still
+    if options.driver is not None or options.speed is not None or options.acceleration:
+        options.usage_error("--simulate takes no driver to sweep: its speeds are given by --begin")
+    if options.hold:
+        options.usage_error("--hold is of a sweep: in a simulation forces move all")
+    said = options.at or options.begin or options.effort or options.rows or options.guess
+    if not options.simulate:
+        if said:
+            options.usage_error("--simulate needs a duration where more is said")
+        return "simulate"
+    state, efforts = beginning(options, mechanism, options.begin, options.simulate)
+    return {"state": state, "duration": options.simulate, "efforts": efforts,
+            "times": np.linspace(0.0, options.simulate, options.rows or 201)}
+
+
+COMMANDS = {
+    "sensitivity": Command(sensitivity, (
+        option("output", metavar="OUTPUT", help=OUTPUT_HELP),
+        *CONFIGURATION,
+        *RATE_OPTIONS,
+        option("--to", action="append", default=[], metavar="NAME",
+               help="a dimension that changes (all)"),
+        *over_options(),
+        *data_options("the derivatives", "derivatives, along --over one a column,"),
+    )),
+    "tolerance": Command(tolerance, (
+        option("output", metavar="OUTPUT", help=OUTPUT_HELP),
+        *CONFIGURATION,
+        *RATE_OPTIONS,
+        option("--also", action="append", default=[], metavar="OUTPUT",
+               help="another output, of the same samples"),
+        option("--deviation", action="append", default=[], required=True, type=spread,
+               metavar="NAME=VALUE", help="standard deviation of a dimension, as b=0.1mm"),
+        option("--samples", type=from_zero, default=0,
+               help="draw so many mechanisms, besides the linear estimate (0)"),
+        option("--seed", type=from_zero, default=0, help="of random numbers (0)"),
+        *WORKERS,
+        *data_options("means and spreads", "means and spreads"),
+    )),
+}
+ACCURACY = {
+    "tradeoff": Command(tradeoff, (
+        *sweep_arguments(needed=False),
+        *hold_option(SPRINGS_HELP),
+        option("--simulate", nargs="?", const=0.0, type=above_zero, metavar="DURATION",
+               help="a simulation instead of a sweep, as 10 or 500ms "
+                    "(a few seconds under gravity)"),
+        *start_options("--begin"),  # --speed is that of a sweep
+        option("--rows", type=count, help="number of its rows (201)"),
+        option("--repeats", type=count, default=5, help="runs of each setting (5)"),
+        option("--error", type=positive, help="name the cheapest setting for this error"),
+        *data_options("the table", "a setting in every row,"),
+        option("--plot", metavar="F", help="write a figure (.png, .svg, .pdf)"),
+    )),
+}

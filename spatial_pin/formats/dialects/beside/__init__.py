@@ -1,1 +1,0 @@
-"""Loops that are stated in a file beside the URDF."""

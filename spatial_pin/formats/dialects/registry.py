@@ -1,0 +1,168 @@
+"""The dialects in which a URDF, or a file beside it, states loops.
+
+To add one: write a module whose reader takes the element and the `Reading`, and name it here by
+its element; what is recognised otherwise is a line in `read_dialects`.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Collection, Iterator
+from pathlib import Path
+
+from spatial_pin.formats.dialects import drake, gazebo, yaml_loops
+from spatial_pin.formats.dialects.robot import RobotReading
+from spatial_pin.formats.dialects.urdf_loops import (
+    drive_the_rest,
+    read_closing_frames,
+    read_constraint,
+    read_coupling,
+    read_independent,
+    read_loop,
+    read_loop_joint,
+    read_ros2_control,
+    read_transmission,
+)
+from spatial_pin.formats.urdf.elements import is_prefixed, local, without_it
+
+KNOWN = ("link", "joint", "material", "transmission", "ros2_control")  # what is read
+HARMLESS = (  # they name links, and join none: drawing, sensing, contact, planning
+    "sensor", "camera", "mujoco_camera", "frame", "fixed_frame", "mujoco", "collision_filter_group",
+    "collision_filter_groups", "disable_collisions", "enable_collisions",
+    "disable_default_collisions", "link_sphere_approximation", "group", "chain", "group_state",
+    "end_effector", "virtual_joint", "passive_joint", "joint_property", "self_collision_checking",
+)
+ROLES = (  # what the two ends of a joint are called
+    ("parent", "child"), ("predecessor", "successor"), ("link1", "link2"), ("link_1", "link_2"),
+    ("link_a", "link_b"), ("linka", "linkb"), ("body1", "body2"), ("body_1", "body_2"),
+    ("body_a", "body_b"), ("bodya", "bodyb"), ("body0", "body1"), ("link0", "link1"),
+    ("frame1", "frame2"), ("frame_a", "frame_b"), ("framea", "frameb"), ("site1", "site2"),
+    ("parent_link", "child_link"), ("base_link", "follower_link"), ("from", "to"),
+)
+
+
+def refuse_unread(reading: RobotReading) -> None:
+    """Refuse elements that nobody reads and that join links.
+
+    Directly in the robot these are all that name two links and are not known to be harmless; in
+    `<gazebo>`, where plugins name links for many reasons, those whose two ends are named as the
+    ends of a joint are.
+    """
+    links = reading.links.keys()
+    for joint in reading.robot.findall("joint"):
+        for role in ("parent", "child"):
+            if len(joint.findall(role)) > 1:
+                raise reading.fail(joint, f"has several <{role}>; a joint joins two links")
+    for element in reading.robot:
+        if not isinstance(element.tag, str) or local(element) in (*KNOWN, *HARMLESS):
+            continue
+        if local(element) == "gazebo":
+            for inner in element.iter():
+                _refuse(inner, _ends(inner, links), reading)
+        else:
+            _refuse(element, list(dict.fromkeys(_named(element, links))), reading)
+
+
+def tell_copies(reading: RobotReading) -> None:
+    """Tell of joints that a loop moves and a <mimic> as well, which viewers need for the loop."""
+    copies = [name for name in sorted(reading.in_loops())
+              if reading.joints[name].find("mimic") is not None]
+    if copies:
+        reading.notices.append(f"{', '.join(copies)}: moved by a loop, with a <mimic> too; where "
+                               "that only copies the loop, and not to the last digit, nothing can "
+                               "move: take the <mimic> out then")
+
+
+def _refuse(element: ET.Element, ends: list[str], reading: RobotReading) -> None:
+    if len(ends) > 1:
+        raise reading.fail(element, f"joins the links {', '.join(map(repr, ends))} in a way that "
+                                    "is not known, and a loop is never dropped: take it out, or "
+                                    "write a [[closures]] entry for it in a .toml file instead; "
+                                    f"{without_it(element)}")
+
+
+def _named(element: ET.Element, links: Collection[str]) -> Iterator[str]:
+    """Yield the links that an element names, in its attributes or text, at any depth.
+
+    Joints may have the names of links: what is called a joint names a joint.
+    """
+    for inner in element.iter():
+        if not isinstance(inner.tag, str) or (inner is not element and "joint" in local(inner)):
+            continue
+        for key, value in inner.attrib.items():
+            own_name = inner is element and key == "name"
+            if value in links and "joint" not in key and not own_name:
+                yield value
+        if (inner.text or "").strip() in links:
+            yield (inner.text or "").strip()
+
+
+def _ends(element: ET.Element, links: Collection[str]) -> list[str]:
+    """Return the links at the ends that an element itself gives, as attributes or children."""
+    named = {key.lower(): value for key, value in element.attrib.items() if value in links}
+    for child in element:
+        if isinstance(child.tag, str):
+            values = (*child.attrib.values(), (child.text or "").strip())
+            named.update((local(child).lower(), value) for value in values if value in links)
+    for role in ROLES:
+        if all(key in named for key in role):
+            return list(dict.fromkeys(named[key] for key in role))
+    return []
+
+
+Reader = Callable[[ET.Element, RobotReading], None]
+
+ELEMENTS: dict[str, Reader] = {  # directly in <robot>; they are taken out
+    "loop": read_loop,
+    "coupling": read_coupling,
+    "constraint": read_constraint,
+    "loop_constraint": read_constraint,
+    "loop_joint": read_loop_joint,
+    "ball_constraint": drake.read_ball,
+    "distance_constraint": drake.read_distance,
+    "linear_spring_damper": drake.read_spring,
+    "linear_bushing_rpy": drake.refuse,
+    "tendon_constraint": drake.refuse,
+}
+LEFT: dict[str, Reader] = {  # they stay in the URDF
+    "gazebo": gazebo.read_gazebo,
+    "transmission": read_transmission,
+    "ros2_control": read_ros2_control,
+}
+BESIDE: tuple[tuple[Callable[[Path], Path | None], Callable[[Path], bool],
+                    Callable[[Path, RobotReading], None]], ...] = (  # where is it, is it, read
+    (yaml_loops.robot_beside, yaml_loops.is_robot, yaml_loops.read_robot),
+    (yaml_loops.closures_beside, yaml_loops.is_closures, yaml_loops.read_closures),
+)
+
+
+def read_dialects(reading: RobotReading, beside: Path | None = None) -> None:
+    """Read all that states loops and motors in a robot and beside its file.
+
+    Args:
+        reading: the robot.
+        beside: a file beside it, if that is known; else it is looked for.
+
+    Raises:
+        MechanismFileError: an element joins links in a way that is not known, or cannot be read.
+    """
+    for element in reading.take(lambda e: local(e) == "joint" and is_prefixed(e)):
+        drake.read_joint(element, reading)
+    gazebo.hang_links(reading)
+    for element in list(reading.robot):
+        if isinstance(element.tag, str) and local(element) in LEFT:
+            LEFT[local(element)](element, reading)
+    for element in reading.take(lambda e: local(e) in ELEMENTS):
+        ELEMENTS[local(element)](element, reading)
+    read_independent(reading)
+    read_closing_frames(reading)
+    for file_of, states, read in BESIDE:
+        path = beside if beside is not None and states(beside) else file_of(reading.path)
+        if path is not None:
+            read(path, reading)
+    refuse_unread(reading)
+    tell_copies(reading)
+    if not reading.content.get("closures"):  # all joints of a tree drive it, motors or not
+        reading.content.pop("drivers", None)
+    elif not reading.all_driven:
+        drive_the_rest(reading)

@@ -1,0 +1,315 @@
+"""YAML files that state the loops of the URDF beside them.
+
+`robot.yaml`, as the repository example-parallel-robots of Gepetto has it:
+
+    closed_loop: [[FRAME, FRAME], ...]   frames that coincide
+    type: ["3d", "6d", ...]              3d: their origins only; otherwise they are welded
+    name_mot: [JOINT, ...]               actuated joints
+    joint_name: [JOINT, ...]             joints of the URDF whose type is replaced
+    joint_type: [SPHERICAL, UJOINT_XY, FIXED, ...]
+
+A `UJOINT_AB` turns about axis A of the joint's frame and then about axis B that turns with it;
+FIXED stays at its zero. `urdf` may name the file that all this is said of. Joints that do not exist
+are told and passed over, as their authors' reader does: published files have such names.
+
+`loop_closures.yaml`, which sw2robot and scikit-robot write beside the URDF of a cut linkage:
+
+    closures:                            hinges that the tree had to drop
+      - {link_a, link_b, point: [x, y, z], axis: [x, y, z]}
+    independent: [JOINT, ...]            driven
+    dependent: [JOINT, ...]              solved for; a <mimic> of theirs says the loop a second time
+
+Point and axis are in the axes of the root link when all joints are at zero. RoboNex has another
+layout under the same name: `pin_loops` and `ball_loops` with the point in the axes of either link
+(parent, child, parent_xyz, child_xyz, and the pin's axis), `ball_upgrades` (joints that are balls)
+and `actuated_joints`.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from itertools import takewhile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.errors import MechanismFileError, suggestion
+from spatial_pin.formats.dialects.robot import RobotReading
+from spatial_pin.formats.file_access import Trust, is_file, read_text, shown
+from spatial_pin.numerics.linalg import Array
+
+
+def table_of(path: Path) -> dict[str, Any]:
+    """Return the table that a YAML file holds; an empty one where it holds something else.
+
+    Raises:
+        MechanismFileError: it cannot be read.
+    """
+    from spatial_pin.formats.xacro.yaml_files import read_yaml  # on use: yaml takes 20 ms to import
+
+    content = read_yaml(path, float)
+    return content if isinstance(content, dict) else {}
+
+
+def lists_of(table: dict[str, Any], keys: tuple[str, ...], names: tuple[str, ...],
+             path: Path) -> dict[str, list[Any]]:
+    """Return the lists of a table, empty where a key is missing.
+
+    Args:
+        table: what the file says.
+        keys: of the lists that it may have.
+        names: those of them that are lists of names.
+        path: of the file.
+
+    Raises:
+        MechanismFileError: one is no list, or not of names, or there is another key.
+    """
+    for key, value in table.items():
+        if key not in keys:
+            raise MechanismFileError(f"{shown(path)}: {str(key)[:60]} is not a key of such a file; "
+                                     f"there are: {', '.join(keys)}")
+        if value is not None and not isinstance(value, list):
+            raise MechanismFileError(f"{shown(path)}: {key} must be a list")
+        if key in names and not all(isinstance(name, str) for name in value or ()):
+            raise MechanismFileError(f"{shown(path)}: {key} must be a list of names")
+    return {key: table.get(key) or [] for key in keys}
+
+
+ROBOT_NAMES = ("type", "name_mot", "joint_name", "joint_type")
+URDF = ("urdf", "name_urdf", "urdf_file")
+ENDINGS = (".yaml", ".yml")
+UNSTATED = re.compile(r"(?P<loop>closedloop\w*?\d+)_?A(?P<kind>_[36]D)?", re.I)
+AXES = dict(zip("XYZ", np.eye(3).tolist(), strict=True))
+SOURCE = "closed_loop"
+
+
+def is_robot(path: Path) -> bool:
+    """Return whether a YAML file is one, or was meant to be: reading then says what is wrong."""
+    try:
+        return SOURCE in table_of(path)
+    except MechanismFileError:
+        pass
+    try:
+        return SOURCE in read_text(path)
+    except MechanismFileError:
+        return False
+
+
+def urdf_of(path: Path, trust: Trust | None = None) -> Path:
+    """Return the URDF that a `robot.yaml` is about: named in it, of its name, or the only one.
+
+    Args:
+        path: the file.
+        trust: which files it may name; None: those of its folder.
+
+    Raises:
+        MechanismFileError: there is none, or several and none is named.
+    """
+    table = table_of(path)
+    named = next((table[key] for key in URDF if isinstance(table.get(key), str)), None)
+    if named is not None:
+        try:
+            (trust or Trust.of(path)).checked(path.parent / named)
+        except MechanismFileError as error:
+            raise MechanismFileError(f"{shown(path)}: urdf: {error}") from error
+        return path.parent / named
+    own = path.with_suffix(".urdf")
+    if is_file(own):
+        return own
+    found = sorted(path.parent.glob("*.urdf"))
+    if len(found) != 1:
+        raise MechanismFileError(f"{shown(path)}: {len(found)} .urdf files beside it, none of its "
+                                 f"name; write \"urdf: NAME.urdf\" into it")
+    return found[0]
+
+
+def robot_beside(urdf: Path) -> Path | None:
+    """Return the YAML file beside a URDF that is about it."""
+    own = [urdf.with_suffix(ending) for ending in ENDINGS]
+    shared = [urdf.parent / f"robot{ending}" for ending in ENDINGS]
+    for path in dict.fromkeys([*own, *shared]):
+        if Trust.of(urdf).allows(path) and is_robot(path) and os.path.realpath(
+                urdf_of(path)) == os.path.realpath(urdf):
+            return path
+    return None
+
+
+def tell_unstated(reading: RobotReading) -> None:
+    """Tell of frames that are called as the ends of loops, where no file says that they are."""
+    links = reading.links
+    ends = [link for link in reading.links if UNSTATED.fullmatch(link)
+            and UNSTATED.sub(r"\g<loop>_B\g<kind>", link) in links]
+    if ends:
+        reading.notices.append(f"{', '.join(ends)}: frames called like the ends of loops, and no "
+                               "robot.yaml beside it says so: these loops are open; write that "
+                               "file, or [[closures]] in a .toml file")
+
+
+def read_robot(path: Path, reading: RobotReading) -> None:
+    """Read a `robot.yaml`.
+
+    Raises:
+        MechanismFileError: it names what does not exist, or a type that is not known.
+    """
+    table = {key: value for key, value in table_of(path).items() if key not in URDF}
+    lists = lists_of(table, (SOURCE, *ROBOT_NAMES), ROBOT_NAMES, path)
+    _read_types(lists, path, reading)
+    names = {**reading.links, **reading.joints}
+    for k, pair in enumerate(lists["closed_loop"]):
+        where = f"{shown(path)}: closed_loop[{k}]"
+        if not (isinstance(pair, list) and len(pair) == 2
+                and all(isinstance(frame, str) for frame in pair)):
+            raise MechanismFileError(f"{where} must be two names of frames")
+        for frame in pair:
+            if frame not in names:
+                raise MechanismFileError(f"{where}: frame {frame!r} does not exist; "
+                                         f"{suggestion(frame, names)}")
+        kind = "spherical" if lists["type"] and lists["type"][k].lower() == "3d" else "weld"
+        reading.add("closures", {"name": _common_name(pair, k), "type": kind, "frames": pair,
+                                 "source": f"closed_loop of {path.name}"})
+    if lists["name_mot"]:
+        reading.content["drivers"], reading.all_driven = {}, True
+    for motor in lists["name_mot"]:
+        if motor in reading.joints:
+            reading.drive(motor)
+        else:
+            reading.notices.append(f"{path.name}: name_mot: there is no joint {motor!r}; it drives "
+                                   "nothing")
+
+
+def _read_types(lists: dict[str, list[Any]], path: Path, reading: RobotReading) -> None:
+    if len(lists["joint_name"]) != len(lists["joint_type"]):
+        raise MechanismFileError(f"{shown(path)}: {len(lists['joint_name'])} joint_name for "
+                                 f"{len(lists['joint_type'])} joint_type")
+    if lists["type"] and len(lists["type"]) != len(lists["closed_loop"]):
+        raise MechanismFileError(f"{shown(path)}: {len(lists['closed_loop'])} closed_loop for "
+                                 f"{len(lists['type'])} type")
+    for name, kind in zip(lists["joint_name"], lists["joint_type"], strict=True):
+        where = f"{shown(path)}: joint_name {name!r}"
+        if name not in reading.joints:
+            reading.notices.append(f"{path.name}: joint_name: there is no joint {name!r}, which "
+                                   f"would be {kind}; {suggestion(name, reading.joints)}")
+            continue
+        pins = re.fullmatch(r"UJOINT_([XYZ])([XYZ])", kind)
+        if kind == "SPHERICAL":
+            reading.refine(name, type="spherical")
+        elif kind == "FIXED":
+            reading.joints[name].set("type", "fixed")
+        elif pins and pins[1] != pins[2]:
+            reading.refine(name, type="universal", axis=AXES[pins[1]], axis2=AXES[pins[2]])
+        else:
+            raise MechanismFileError(f"{where}: joint_type {kind!r} is not known; there are: "
+                                     "SPHERICAL, FIXED, UJOINT_XY and the like")
+
+
+def _common_name(pair: list[str], k: int) -> str:
+    """Return what the two frames of a loop are called in common, or its number."""
+    same = takewhile(lambda letters: letters[0] == letters[1], zip(*pair, strict=False))
+    name = "".join(a for a, _ in same).rstrip("_- ")
+    return name or f"closed_loop_{k + 1}"
+
+
+NAME = "loop_closures.yaml"
+LOOPS = ("closures", "pin_loops", "ball_loops")
+CLOSURE_NAMES = ("independent", "dependent", "ball_upgrades", "actuated_joints")
+LIMITS = ("ball_limit_deg",)  # how far a ball swings: a limit of what closes, which has none here
+LARGEST_COORDINATE = 1e300  # of a coordinate; whole numbers may be beyond float
+ROOT = "base_link"  # what sw2robot calls the root, whatever its name
+
+
+def closures_beside(urdf: Path) -> Path | None:
+    """Return the file that is about a URDF: beside it, or in the package of its `urdf` folder."""
+    folders, home = [urdf.parent], urdf.parent
+    if urdf.parent.name == "urdf":
+        home = urdf.parent.parent
+        folders += [home, home / "config"]
+    trust = Trust(home.resolve())
+    return next((path for folder in folders if trust.allows(path := folder / NAME)), None)
+
+
+def is_closures(path: Path) -> bool:
+    """Return whether a file is one; its name says so."""
+    return path.name == NAME
+
+
+def read_closures(path: Path, reading: RobotReading) -> None:
+    """Read a `loop_closures.yaml`.
+
+    Raises:
+        MechanismFileError: it names what does not exist, or has other keys.
+    """
+    table = {key: value for key, value in table_of(path).items() if key not in LIMITS}
+    lists = lists_of(table, (*LOOPS, *CLOSURE_NAMES), CLOSURE_NAMES, path)
+    loops = [entry for key in LOOPS for entry in lists[key] if isinstance(entry, dict)]
+    named = {entry[key] for entry in loops for key in ("link_a", "link_b", "parent", "child")
+             if isinstance(entry.get(key), str)}
+    if named and not named & reading.links.keys():
+        reading.notices.append(f"{path.name} beside it is about other links, "
+                               f"{', '.join(sorted(named))}: its loops are not closed here")
+        return
+    for key, kind in zip(LOOPS, ("revolute", "revolute", "spherical"), strict=True):
+        for k, content in enumerate(lists[key]):
+            entry = _LoopEntry(content, f"{key}[{k}]", path, reading)
+            (entry.close_hinge if key == "closures" else entry.close_pair)(kind)
+    for name in lists["ball_upgrades"]:
+        reading.joint(name, f"ball_upgrades of {path.name}")
+        reading.refine(name, type="spherical")
+    motors = [*lists["independent"], *lists["actuated_joints"]]
+    if motors:
+        reading.content["drivers"], reading.all_driven = {}, True
+    for name in motors:
+        reading.joint(name, f"{path.name}")
+        reading.drive(name)
+    for name in lists["dependent"]:
+        reading.joint(name, f"dependent of {path.name}")
+    reading.drop_mimics(lists["dependent"], f"{path.name} has the loop itself, of which it is a "
+                                            "copy or an approximation")
+
+
+class _LoopEntry:
+    """One loop of the file."""
+
+    def __init__(self, content: Any, where: str, path: Path, reading: RobotReading) -> None:
+        self.content = content if isinstance(content, dict) else {}
+        self.where, self.reading, self.source = f"{path.name}: {where}", reading, path.name
+
+    def link(self, key: str) -> str:
+        name = self.content.get(key)
+        if name == ROOT and ROOT not in self.reading.links:
+            name = self.reading.root
+        return self.reading.link(name if isinstance(name, str) else None, self.where)
+
+    def vector(self, key: str) -> Array:
+        value = self.content.get(key)
+        numbers = isinstance(value, list) and len(value) == 3 and all(
+            isinstance(x, int | float) and abs(x) <= LARGEST_COORDINATE for x in value)
+        if not numbers:
+            raise MechanismFileError(f"{shown(self.reading.path)}: {self.where}: {key} must be "
+                                     "three finite numbers")
+        return np.array(value, dtype=float)
+
+    def close_hinge(self, kind: str) -> None:
+        """Close a loop of which point and axis are as the root stands."""
+        links, world = [self.link("link_a"), self.link("link_b")], self.reading.world
+        at = pin.SE3(np.eye(3), self.vector("point"))
+        axis = self.reading.unit(self.vector("axis"), self.where)
+        self.close(kind, [(link, world[link].actInv(at)) for link in links], (axis, axis))
+
+    def close_pair(self, kind: str) -> None:
+        """Close a loop of which the point is given on either link."""
+        links, world = [self.link("parent"), self.link("child")], self.reading.world
+        ends = [(link, pin.SE3(np.eye(3), self.vector(f"{side}_xyz")))
+                for link, side in zip(links, ("parent", "child"), strict=True)]
+        axes = None
+        if kind == "revolute":
+            axis = self.reading.unit(self.vector("axis"), self.where)
+            axes = axis, world[links[1]].rotation.T @ world[links[0]].rotation @ axis
+        self.close(kind, ends, axes)
+
+    def close(self, kind: str, ends: list[tuple[str, pin.SE3]],
+              axes: tuple[Array, Array] | None) -> None:
+        name = str(self.content.get("name") or "__".join(link for link, _ in ends))
+        self.reading.close(name, kind, self.source, ends, axes)

@@ -1,0 +1,129 @@
+"""What an importer is given and gives, the table of formats, and which of them a file is in."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from spatial_pin.errors import MechanismFileError
+from spatial_pin.formats.file_access import check_file, shown
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is to be read, and how.
+
+    Attributes:
+        path: the file, or the folder for formats that are one.
+        parameters: values of xacro arguments [SI, rad]; other formats have none.
+        trusted: whether the file may read files from anywhere, see `load`.
+        packages: folders of ROS packages, by name, absolute; go before all others.
+        model: which model of a file with several; None: its only one.
+        without: names of elements and joints that are left out.
+        free_flyer: whether a floating joint is put below the root of what is read.
+        alone: whether no mechanism file with closures says more of it.
+        complete: whether a mechanism file says all that there is beside links and joints.
+        expanded: what the xacro file of its tree expands to, where that is known.
+    """
+
+    path: Path
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    trusted: bool = False
+    packages: Mapping[str, Path] = field(default_factory=dict)
+    model: str | None = None
+    without: tuple[str, ...] = ()
+    free_flyer: bool = False
+    alone: bool = True
+    complete: bool = False
+    expanded: str | None = None
+
+
+@dataclass(frozen=True)
+class Imported:
+    """An open tree and all that a file says beside it.
+
+    Attributes:
+        urdf: the open tree as plain URDF text, files of meshes by absolute paths.
+        content: what a mechanism file would say beside it, as `tomllib` reads one; `name` and
+            `tree` may be left out.
+        notices: what was changed or left out in reading, a sentence each; `load` warns of them.
+    """
+
+    urdf: str
+    content: Mapping[str, Any] = field(default_factory=dict)
+    notices: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Importer:
+    """A file format.
+
+    Attributes:
+        title: the format's name, for messages.
+        suffixes: endings of the names of its files, lower case, with the dot.
+        recognises: whether a file (or folder) with one of these endings is one of it; it reads no
+            more than it must. A folder has the ending "/".
+        read: reads one; raises `MechanismFileError` where it cannot be used.
+        has_models: whether a file of it may hold several models, of which `load` takes one.
+    """
+
+    title: str
+    suffixes: tuple[str, ...]
+    recognises: Callable[[Path], bool]
+    read: Callable[[Request], Imported]
+    has_models: bool = False
+
+
+def on_use(module: str, name: str = "read") -> Callable[[Any], Any]:
+    """Return a function of a module of formats, which is imported when it is first called."""
+    return lambda given: getattr(import_module(f"spatial_pin.formats.{module}"), name)(given)
+
+
+FOLDER = "/"  # the ending of a folder's name
+
+IMPORTERS: dict[str, Importer] = {
+    "urdf": Importer("URDF or xacro", (".urdf", ".xacro", ".xml"),
+                     on_use("urdf_importer", "is_urdf"), on_use("urdf_importer", "read_urdf")),
+    "sdf": Importer("SDFormat", (".sdf", ".world"), lambda path: True, on_use("sdf.reader"),
+                    has_models=True),
+    "usd": Importer("USD", (".usd", ".usda", ".usdc", ".usdz"), lambda path: True, on_use("usd")),
+    "mjcf": Importer("MJCF", (".xml", ".mjcf"), on_use("mjcf.compiling", "is_mjcf"),
+                     on_use("mjcf.reader")),
+    "folder": Importer("a folder with a URDF", (FOLDER,), on_use("urdf_importer", "has_urdf"),
+                       on_use("urdf_importer", "read_folder")),
+    "statement": Importer("robot.yaml or loop_closures.yaml beside a URDF", (".yaml", ".yml"),
+                          on_use("urdf_importer", "is_statement"),
+                          on_use("urdf_importer", "read_statement")),
+}
+
+
+def endings() -> tuple[str, ...]:
+    """Return the endings of all files that are read, a mechanism file's first."""
+    known = [s for importer in IMPORTERS.values() for s in importer.suffixes if s != FOLDER]
+    return tuple(dict.fromkeys([".toml", *known]))
+
+
+def importer_of(path: Path) -> Importer | None:
+    """Return the importer that reads a file or folder; None where its name ends as none does.
+
+    Raises:
+        MechanismFileError: the file is not there, or is in none of the formats of its ending.
+    """
+    # os.path, unlike Path.is_dir, is false for names that are too long
+    ending = FOLDER if os.path.isdir(path) else path.suffix.lower()
+    candidates = [x for x in IMPORTERS.values() if ending in x.suffixes]
+    if not candidates:
+        return None
+    if ending != FOLDER:
+        check_file(path)
+    for importer in candidates:
+        if importer.recognises(path):
+            return importer
+    if ending == FOLDER:
+        raise MechanismFileError(f"{shown(path)}: there is no URDF in this folder; "
+                                 "load a file by its own path")
+    raise MechanismFileError(f"{shown(path)}: none of: {', '.join(x.title for x in candidates)}")

@@ -1,1 +1,0 @@
-"""Meshes: read in a process of its own."""

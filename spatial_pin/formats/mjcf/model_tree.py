@@ -1,0 +1,330 @@
+"""MuJoCo's compiled bodies, joints, geoms and sites to an open tree.
+
+Joint coordinates are MuJoCo's: where a joint has a `ref`, its zero lies that far before the pose
+that the file shows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.formats.mjcf.compiling import MeshFile
+from spatial_pin.formats.urdf.elements import UrdfText, fresh, numbers_text
+from spatial_pin.numerics.linalg import Array
+
+WORLD = "world"
+SPHERE = Path(__file__).with_name("unit_sphere.obj")
+DRAWN_GROUPS = 3  # MuJoCo's viewers show the first three groups of geoms
+GREY = np.array([0.5, 0.5, 0.5, 1.0])  # of a geom that has no colour of its own
+
+
+class PlacedJoint(NamedTuple):
+    """Where a joint stands.
+
+    Attributes:
+        name: of the joint.
+        parent: link that carries it.
+        child: link that it carries, whose frame is the joint's.
+        placement: of the joint's zero in the parent link.
+        axis: (3,) unit vector in the joint's frame.
+    """
+
+    name: str
+    parent: str
+    child: str
+    placement: pin.SE3
+    axis: Array
+
+
+@dataclass(eq=False)
+class MjcfReading:
+    """A model that is being read.
+
+    Attributes:
+        mujoco: the module.
+        model: `mujoco.MjModel`.
+        meshes: the file of every mesh asset, by its name.
+        massless: names of bodies whose inertia is not known.
+        urdf: the open tree so far.
+        links: name of the link of every body.
+        joints: place of every joint.
+        refined: what URDF cannot say of joints, by name.
+        sites: name of the link of every site, by its number.
+        tendons: numbers of the tendons that are read as springs.
+        notices: what was changed or left out.
+    """
+
+    mujoco: Any
+    model: Any
+    meshes: Mapping[str, MeshFile]
+    massless: Container[str]
+    urdf: UrdfText
+    links: list[str] = field(default_factory=lambda: [WORLD])
+    joints: list[PlacedJoint] = field(default_factory=list)
+    refined: dict[str, dict[str, Any]] = field(default_factory=dict)
+    sites: dict[int, str] = field(default_factory=dict)
+    tendons: set[int] = field(default_factory=set)
+    notices: list[str] = field(default_factory=list)
+
+    def is_off(self, flag: str) -> bool:
+        """Whether the file switches something off for the whole model, such as "GRAVITY"."""
+        bit = getattr(self.mujoco.mjtDisableBit, f"mjDSBL_{flag}")
+        return bool(self.model.opt.disableflags & int(bit))
+
+    def is_single(self, joint: int) -> bool:
+        """Whether a joint has one coordinate: a slide or a hinge."""
+        return bool(self.model.jnt_type[joint] >= int(self.mujoco.mjtJoint.mjJNT_SLIDE))
+
+
+def pose(position: Array, quaternion: Array) -> pin.SE3:
+    """Return a placement of a position (3,) and a quaternion (4,) with the real part first."""
+    w, x, y, z = quaternion
+    return pin.SE3(pin.Quaternion(w, x, y, z).normalized().matrix(), np.array(position))
+
+
+def shift(position: Array) -> pin.SE3:
+    """Return a translation."""
+    return pin.SE3(np.eye(3), np.array(position))
+
+
+def read_tree(
+    mujoco: Any, model: Any, meshes: Mapping[str, MeshFile], massless: Container[str], name: str
+) -> MjcfReading:
+    """Read bodies, joints, geoms and sites."""
+    bodies = [model.body(b).name for b in range(model.nbody)]
+    joints = _joint_names(mujoco, model)
+    reading = MjcfReading(mujoco, model, meshes, massless,
+                          UrdfText(name, WORLD, [*bodies, *joints]))
+    for body in range(1, model.nbody):
+        reading.links.append(_add_body(reading, body, joints))
+        mass, moments = float(model.body_mass[body]), np.array(model.body_inertia[body])
+        if (mass or np.any(moments)) and bodies[body] not in massless:
+            placement = pose(model.body_ipos[body], model.body_iquat[body])
+            reading.urdf.inertia(reading.links[body], mass, placement, moments)
+    for site in range(model.nsite):  # one with name and frame of its body is this body
+        name, body = model.site(site).name, model.site_bodyid[site]
+        placement = pose(model.site_pos[site], model.site_quat[site])
+        if name == bodies[body] and placement.isIdentity(0.0):
+            reading.sites[site] = reading.links[body]
+        elif name:
+            known = {*reading.links, *(place.name for place in reading.joints)}
+            wanted = name if name not in known else f"{name}_site"
+            reading.sites[site] = reading.urdf.frame(wanted, reading.links[body], placement)
+    for geom in range(model.ngeom):
+        _add_geom(reading, geom)
+    return reading
+
+
+def _joint_names(mujoco: Any, model: Any) -> list[str]:
+    """Return the names of the joints; those without are named after body and kind."""
+    names = [model.joint(j).name for j in range(model.njnt)]
+    taken = set(names)
+    for j, name in enumerate(names):
+        if not name:
+            kind = mujoco.mjtJoint(model.jnt_type[j]).name.removeprefix("mjJNT_").lower()
+            names[j] = fresh(f"{model.body(model.jnt_bodyid[j]).name}_{kind}", taken)
+    return names
+
+
+# ---------------------------------------------------------------- bodies and joints
+
+
+def _add_body(reading: MjcfReading, body: int, names: list[str]) -> str:
+    """Add a body and the joints before it, and return the name of its link."""
+    model, urdf, wanted = reading.model, reading.urdf, reading.model.body(body).name
+    link = reading.links[model.body_parentid[body]]
+    placement = pose(model.body_pos[body], model.body_quat[body])
+    if model.body_mocapid[body] >= 0:
+        reading.notices.append(f"mocap body {wanted!r} is fixed where the file has it")
+    first, count = model.body_jntadr[body], model.body_jntnum[body]
+    if count == 0:
+        return urdf.fixed(link, wanted, placement)
+    for joint in range(first, first + count):
+        anchor = np.array(model.jnt_pos[joint])
+        ends = joint == first + count - 1 and not np.any(anchor)
+        child = wanted if ends else f"{wanted}_at_{names[joint]}"
+        link = _add_joint(reading, joint, names[joint], link, child, placement * shift(anchor))
+        placement = shift(-anchor)
+    return link if ends else urdf.fixed(link, wanted, placement)
+
+
+def _add_joint(
+    reading: MjcfReading, joint: int, wanted: str, parent: str, child: str, placement: pin.SE3
+) -> str:
+    """Add a joint at a placement in the parent where its coordinate is `ref`; return its link."""
+    model, kinds = reading.model, reading.mujoco.mjtJoint
+    kind, axis = model.jnt_type[joint], np.array(model.jnt_axis[joint])
+    ref = model.qpos0[model.jnt_qposadr[joint]]
+    limits = model.jnt_range[joint] \
+        if model.jnt_limited[joint] and not reading.is_off("LIMIT") else None
+    written = "floating"
+    refinement: dict[str, Any] = {}
+    if kind == kinds.mjJNT_FREE:
+        placement, limits = pin.SE3.Identity(), None
+    elif kind == kinds.mjJNT_BALL:
+        if limits is not None:
+            reading.notices.append(f"ball joint {wanted!r}: its range is left out")
+        refinement, limits = {"type": "spherical"}, None
+    elif kind == kinds.mjJNT_HINGE:
+        placement = placement * pin.SE3(pin.exp3(-ref * axis), np.zeros(3))
+        written = "continuous" if limits is None else "revolute"
+    else:
+        placement = placement * shift(-ref * axis)
+        written = "floating" if limits is None else "prismatic"
+        refinement = {"type": "prismatic", "axis": axis.tolist()} if limits is None else {}
+    turns = None if written == "floating" else axis
+    name, link = reading.urdf.joint(wanted, written, parent, child, placement, turns, limits)
+    reading.joints.append(PlacedJoint(name, parent, link, placement, axis))
+    refinement = {**refinement, **_resistances(reading, joint), **_effort(reading, joint)}
+    if refinement:
+        reading.refined[name] = refinement
+    return link
+
+
+def _resistances(reading: MjcfReading, joint: int) -> dict[str, float]:
+    """Return damping, friction and armature of a joint, as `[joints.X]` has them."""
+    model, dof = reading.model, reading.model.jnt_dofadr[joint]
+    values = {
+        "damping": 0.0 if reading.is_off("DAMPER") else (
+            model.dof_damping[dof] + _of_actuators(reading, joint, "actuator_damping")),
+        "friction": 0.0 if reading.is_off("FRICTIONLOSS") else model.dof_frictionloss[dof],
+        "armature": model.dof_armature[dof] + _of_actuators(reading, joint, "actuator_armature"),
+    }
+    return {key: float(x) for key, x in values.items() if x != 0.0}
+
+
+def _of_actuators(reading: MjcfReading, joint: int, key: str) -> float:
+    """Return what actuators add to a joint of one coordinate, by the square of their gears."""
+    model = reading.model
+    values = getattr(model, key, None)  # older MuJoCo has none
+    if values is None or not reading.is_single(joint):
+        return 0.0
+    own = moves_joint(reading) & (model.actuator_trnid[:, 0] == joint)
+    return float(model.actuator_gear[own, 0] ** 2 @ values[own])
+
+
+def moves_joint(reading: MjcfReading) -> Array:
+    """Return which actuators act on a joint and not through something else."""
+    kinds, found = reading.mujoco.mjtTrn, reading.model.actuator_trntype
+    return (found == int(kinds.mjTRN_JOINT)) | (found == int(kinds.mjTRN_JOINTINPARENT))
+
+
+def _effort(reading: MjcfReading, joint: int) -> dict[str, float]:
+    """Return the limits of what actuators do at a joint, as `[joints.X]` has them."""
+    lower, upper = _forces(reading, joint)
+    if reading.model.jnt_actfrclimited[joint]:
+        low, high = reading.model.jnt_actfrcrange[joint]
+        lower, upper = max(lower, float(low)), min(upper, float(high))
+    if lower > upper or np.inf in (-lower, upper):
+        return {}
+    return {"effort": upper} if lower == -upper else {"effort": upper, "lower_effort": lower}
+
+
+def _forces(reading: MjcfReading, joint: int) -> tuple[float, float]:
+    """Return the least and the largest force of all actuators together at a joint."""
+    model = reading.model
+    own = moves_joint(reading) & (model.actuator_trnid[:, 0] == joint)
+    on_tendon = (model.wrap_objid == joint) & (
+        model.wrap_type == int(reading.mujoco.mjtWrap.mjWRAP_JOINT))
+    if not (reading.is_single(joint) and np.any(own) and np.all(model.actuator_forcelimited[own])
+            ) or np.any(on_tendon):
+        return -np.inf, np.inf
+    ends = model.actuator_gear[own, :1] * model.actuator_forcerange[own]
+    return float(ends.min(axis=1).sum()) + 0.0, float(ends.max(axis=1).sum()) + 0.0
+
+
+# ---------------------------------------------------------------- shapes
+
+
+def _add_geom(reading: MjcfReading, geom: int) -> None:
+    model = reading.model
+    solid = _solid(reading, geom)
+    if solid is None:
+        return
+    tag, sizes, inner = solid
+    link = reading.links[model.geom_bodyid[geom]]
+    placement = pose(model.geom_pos[geom], model.geom_quat[geom]) * inner
+    touches = bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
+    if not touches or model.geom_group[geom] < DRAWN_GROUPS:
+        reading.urdf.shape(link, "visual", placement, tag, sizes, _colour(model, geom))
+    if touches:
+        reading.urdf.shape(link, "collision", placement, tag, sizes)
+
+
+def _colour(model: Any, geom: int) -> Array:
+    """Return the colour (4,) of a geom: its own where it says one, else its material's."""
+    own, material = np.array(model.geom_rgba[geom], dtype=float), model.geom_matid[geom]
+    if material >= 0 and np.array_equal(own, GREY):
+        return np.array(model.mat_rgba[material], dtype=float)
+    return own
+
+
+def _solid(reading: MjcfReading, geom: int) -> tuple[str, dict[str, str], pin.SE3] | None:
+    """Return URDF element, its attributes and its placement in the geom; None for no solid."""
+    model, kinds, here = reading.model, reading.mujoco.mjtGeom, pin.SE3.Identity()
+    kind, size = model.geom_type[geom], model.geom_size[geom]
+    if kind == kinds.mjGEOM_SPHERE:
+        return "sphere", {"radius": numbers_text(size[:1])}, here
+    if kind == kinds.mjGEOM_BOX:
+        return "box", {"size": numbers_text(2.0 * size)}, here
+    if kind == kinds.mjGEOM_CYLINDER or kind == kinds.mjGEOM_CAPSULE:
+        tag = "cylinder" if kind == kinds.mjGEOM_CYLINDER else "capsule"
+        sizes = {"radius": numbers_text(size[:1]), "length": numbers_text(2.0 * size[1:2])}
+        return tag, sizes, here
+    if kind == kinds.mjGEOM_ELLIPSOID:
+        return "mesh", {"filename": str(SPHERE), "scale": numbers_text(size)}, here
+    return _mesh(reading, geom) if kind == kinds.mjGEOM_MESH else None
+
+
+def _mesh(reading: MjcfReading, geom: int) -> tuple[str, dict[str, str], pin.SE3] | None:
+    model, mesh = reading.model, reading.model.geom_dataid[geom]
+    name = model.mesh(mesh).name
+    asset = reading.meshes[name]
+    if asset.file is None:
+        told = f"mesh {name!r} is left out: {asset.fault}"
+        if asset.fault and told not in reading.notices:
+            reading.notices.append(told)
+        return None
+    centred = pose(model.mesh_pos[mesh], model.mesh_quat[mesh])  # by MuJoCo
+    sizes = {"filename": str(asset.file), "scale": numbers_text(asset.scale)}
+    return "mesh", sizes, centred.inverse() * asset.placement
+
+
+# ---------------------------------------------------------------- tendons
+
+
+def fixed_lengths(reading: MjcfReading, tendon: int) -> dict[int, float]:
+    """Return what each joint adds to the length of a fixed tendon; none of a spatial one."""
+    model = reading.model
+    found: dict[int, float] = {}
+    for k in range(model.tendon_adr[tendon], model.tendon_adr[tendon] + model.tendon_num[tendon]):
+        if model.wrap_type[k] != int(reading.mujoco.mjtWrap.mjWRAP_JOINT):
+            return {}
+        joint = int(model.wrap_objid[k])
+        found[joint] = found.get(joint, 0.0) + float(model.wrap_prm[k])
+    return found
+
+
+def straight_sites(reading: MjcfReading, tendon: int) -> list[int]:
+    """Return the two sites of a straight tendon between bodies that can move; else none."""
+    model = reading.model
+    wraps = slice(model.tendon_adr[tendon], model.tendon_adr[tendon] + model.tendon_num[tendon])
+    kinds, sites = model.wrap_type[wraps], [int(site) for site in model.wrap_objid[wraps]]
+    if len(sites) != 2 or np.any(kinds != int(reading.mujoco.mjtWrap.mjWRAP_SITE)):
+        return []
+    bodies = {int(model.body_weldid[model.site_bodyid[site]]) for site in sites}
+    return sites if len(bodies) == 2 else []
+
+
+def site_frames(reading: MjcfReading, name: str, sites: list[int]) -> list[str]:
+    """Return the links that stand for sites; those of sites without a name are added."""
+    model = reading.model
+    return [reading.sites.get(site) or reading.urdf.frame(
+        f"{name}_{k}", reading.links[model.site_bodyid[site]],
+        pose(model.site_pos[site], model.site_quat[site])) for k, site in enumerate(sites, start=1)]

@@ -1,0 +1,345 @@
+"""MjcfDocument a mechanism as MJCF, its closures as equalities between sites.
+
+A body stands for every link, its frame the link's. Joints keep their names and coordinates; those
+of several coordinates become several joints, named as the coordinates. MuJoCo is not needed.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin._support.outputs import named_path, write_text
+from spatial_pin.errors import ClosureTypeError, SpatialPinError, warn
+from spatial_pin.formats.file_access import is_file
+from spatial_pin.formats.mjcf.compiling import some
+from spatial_pin.formats.mjcf.document import (
+    MjcfDocument,
+    add_joints,
+    add_parts,
+    is_movable,
+    parts_of,
+    placed,
+    tie_screw,
+)
+from spatial_pin.formats.mjcf.model_tree import WORLD
+from spatial_pin.formats.urdf.elements import numbers_text, unique
+from spatial_pin.formats.urdf.validation import placement
+from spatial_pin.mechanism.checks import refuse_negative_inertias
+from spatial_pin.mechanism.coordinates import joint_values, with_values
+from spatial_pin.mechanism.mechanism import Mechanism, rigid_distance
+from spatial_pin.mechanism.pairs import COUPLING
+from spatial_pin.mechanism.parts import Closure
+from spatial_pin.numerics.linalg import Array
+
+MESHES = (".obj", ".stl")  # files that MuJoCo reads
+GROUPS = {"visual": {"group": "2", "contype": "0", "conaffinity": "0"},
+          "collision": {"group": "3"}}
+
+
+def add_shapes(document: MjcfDocument) -> None:
+    """Add the geoms of all links; tell which meshes MuJoCo cannot read."""
+    robot = ET.fromstring(document.mechanism.urdf)
+    colours = {m.get("name", ""): m.find("color") for m in robot.iter("material")
+               if m.find("color") is not None}
+    assets: dict[tuple[str, str], str] = {}
+    lost: set[str] = set()
+    for link in robot.findall("link"):
+        body = document.links.get(link.get("name", ""))
+        for kind in GROUPS if body is not None else ():
+            for shape in link.findall(kind):
+                geom = _geom(document, shape, assets)
+                if geom is None:
+                    lost.add(shape.find("geometry/mesh").get("filename", ""))  # type: ignore[union-attr]
+                    continue
+                material = shape.find("material")
+                colour = None if material is None else colours.get(material.get("name", ""))
+                rgba = {} if colour is None else {"rgba": colour.get("rgba", "")}
+                assert body is not None
+                ET.SubElement(body, "geom", {**geom, **GROUPS[kind], **rgba})
+    if lost:
+        some = ", ".join(sorted(Path(x).name for x in lost)[:3])
+        warn(f"mechanism {document.mechanism.name!r}: {len(lost)} meshes are not there or in "
+             f"formats that MuJoCo does not read ({some}): left out")
+
+
+def _geom(
+    document: MjcfDocument, shape: ET.Element, assets: dict[tuple[str, str], str]
+) -> dict[str, str] | None:
+    """Return the attributes of the geom of a URDF shape; None for a mesh that is not readable."""
+    solid = next(iter(shape.find("geometry")))  # type: ignore[arg-type]
+    geom = placed(placement(shape.find("origin"), ""))
+    if solid.tag == "mesh":
+        file, scale = solid.get("filename", ""), solid.get("scale", "1 1 1")
+        if Path(file).suffix.lower() not in MESHES or not is_file(Path(file)):
+            return None
+        if (file, scale) not in assets:
+            assets[file, scale] = unique(Path(file).stem, assets.values())
+            ET.SubElement(document.part("asset"), "mesh", name=assets[file, scale], file=file,
+                          scale=scale, inertia="shell")
+        return {**geom, "type": "mesh", "mesh": assets[file, scale]}
+    if solid.tag == "box":
+        size = _numbers(solid.get("size", "")) / 2.0
+    elif solid.tag == "sphere":
+        size = _numbers(solid.get("radius", ""))
+    else:  # cylinder or capsule
+        size = np.array([float(solid.get("radius", "")), float(solid.get("length", "")) / 2.0])
+    return {**geom, "type": solid.tag, "size": numbers_text(size)}
+
+
+def _numbers(text: str) -> Array:
+    return np.array([float(word) for word in text.split()])
+
+
+EQUALITIES = {"spherical": "connect", "weld": "weld", "fixed": "weld"}
+COMPOSED = ("prismatic", "cylindrical", "planar", "universal", "screw")
+
+
+def add_closures(document: MjcfDocument, q: Array) -> None:
+    """Add an equality for every closure.
+
+    Args:
+        document: the document, its bodies in place.
+        q: (nq,) where the key is.
+
+    Raises:
+        ClosureTypeError: MuJoCo has no equality that is exactly that closure.
+    """
+    for closure in document.mechanism.closures:
+        if closure.type == COUPLING:
+            first, second = (document.mechanism.coordinate(name).name for name in closure.joints)
+            document.tie(closure.name, second, first, closure.ratio, closure.offset)
+        elif closure.type in EQUALITIES:
+            _equality(document, EQUALITIES[closure.type], closure)
+        elif closure.type == "revolute":  # two points of its axis, far apart
+            along = np.array([0.0, 0.0, document.mechanism.characteristic_length])
+            _equality(document, "connect", closure)
+            _equality(document, "connect", closure, "_end", pin.SE3(np.eye(3), along))
+        elif closure.type == "distance":
+            _rope(document, closure)
+        elif closure.type in COMPOSED:
+            _compose(document, closure, q)
+        else:
+            raise ClosureTypeError(
+                f"mechanism {document.mechanism.name!r}: closure {closure.name!r} is "
+                f"{closure.type}; MuJoCo has no equality that is exactly this")
+
+
+def _frames_of(closure: Closure) -> tuple[pin.SE3, pin.SE3]:
+    """Return the pair's axes in frame 1 and in frame 2, z its axis."""
+    return (pin.SE3(closure.geometry.axes1, np.zeros(3)),
+            pin.SE3(closure.geometry.axes2, np.zeros(3)))
+
+
+def _equality(
+    document: MjcfDocument, kind: str, closure: Closure, suffix: str = "",
+    shift: pin.SE3 | None = None,
+) -> None:
+    """Add an equality of sites at a closure's frames, turned to the pair's axes, then shifted."""
+    name, sites = f"{closure.name}{suffix}", {}
+    ends = zip(closure.frames, _frames_of(closure), strict=True)
+    for k, (frame, axes) in enumerate(ends, start=1):
+        joint, placement = document.mechanism.frame_on_joint(frame)
+        moved = axes if shift is None else axes * shift
+        sites[f"site{k}"] = (document.frame(frame) if moved.isIdentity(0.0)
+                             else document.site(f"{name}_{k}", joint, placement * moved))
+    ET.SubElement(document.part("equality"), kind, {"name": name, **sites})
+
+
+def _rope(document: MjcfDocument, closure: Closure) -> None:
+    """A distance is a straight tendon whose length is held, or is that of another."""
+    rest = _tendon(document, closure.name, closure.frames)
+    attributes = {"name": closure.name, "tendon1": closure.name}
+    length: float | None = closure.geometry.length
+    if closure.between:
+        length = rigid_distance(*map(document.mechanism.frame_on_joint, closure.between))
+    if length is not None:
+        offset, ratio = length - rest, 0.0
+    else:
+        attributes["tendon2"] = f"{closure.name}_other"
+        offset, ratio = _tendon(document, attributes["tendon2"], closure.between) - rest, 1.0
+    attributes["polycoef"] = numbers_text(np.array([offset, ratio, 0.0, 0.0, 0.0]))
+    ET.SubElement(document.part("equality"), "tendon", attributes)
+
+
+def _tendon(document: MjcfDocument, name: str, frames: tuple[str, ...]) -> float:
+    """Add a straight tendon between two frames; return its length [m] where joints are at zero."""
+    mech = document.mechanism
+    tendon = ET.SubElement(document.part("tendon"), "spatial", name=name)
+    data = mech.model.createData()
+    pin.forwardKinematics(mech.model, data, mech.neutral)
+    points = []
+    for frame in frames:
+        ET.SubElement(tendon, "site", site=document.frame(frame))
+        joint, placement = mech.frame_on_joint(frame)
+        points.append(data.oMi[joint].act(placement.translation))
+    return float(np.linalg.norm(points[1] - points[0]))
+
+
+def _compose(document: MjcfDocument, closure: Closure, q: Array) -> None:
+    """Add a body that moves on frame 1 as the pair does, and weld it to frame 2."""
+    mech, geometry = document.mechanism, closure.geometry
+    (joint1, at1), (joint2, at2) = (
+        (joint, place * axes) for (joint, place), axes in
+        zip(map(mech.frame_on_joint, closure.frames), _frames_of(closure), strict=True))
+    x, y, z = np.eye(3)
+    if closure.type == "universal":  # the second pin, z of frame 2, is the body's x
+        at2 = at2 * pin.SE3(np.column_stack([z, x, y]), np.zeros(3))
+    name = unique(closure.name, [*mech.model.names, *document.links])
+    body = ET.SubElement(document.bodies[joint1], "body", placed(at1, name=name))
+    data = mech.model.createData()
+    pin.forwardKinematics(mech.model, data, q)
+    moved = (data.oMi[joint1] * at1).inverse() * data.oMi[joint2] * at2
+    parts = parts_of(name, closure.type, z, x)
+    add_parts(document, body, parts, _values(closure.type, moved))
+    if closure.type == "screw":
+        tie_screw(document, parts, geometry.lead)
+    document.least_inertia(name, body)
+    site1 = document.new_site(f"{closure.name}_1", -1, pin.SE3.Identity(), body)
+    ET.SubElement(document.part("equality"), "weld", name=closure.name, site1=site1,
+                  site2=document.site(f"{closure.name}_2", joint2, at2))
+
+
+def _values(pair: str, moved: pin.SE3) -> Array:
+    """Return the coordinates of the parts of a pair about z at a relative placement."""
+    turn = np.arctan2(moved.rotation[1, 0], moved.rotation[0, 0])
+    x, y, z = moved.translation
+    if pair == "planar":
+        return np.array([x, y, turn])
+    if pair == "universal":
+        return np.array([turn, np.arctan2(moved.rotation[2, 1], moved.rotation[2, 2])])
+    return np.array([z]) if pair == "prismatic" else np.array([turn, z])
+
+
+# ---------------------------------------------------------------- springs and drivers
+
+
+def add_springs(document: MjcfDocument) -> None:
+    """Add a straight tendon for every spring between two frames."""
+    mech = document.mechanism
+    for spring in mech.springs:
+        if not spring.frames:
+            continue
+        tendon = ET.SubElement(document.part("tendon"), "spatial", {
+            "name": spring.name, "stiffness": repr(float(spring.stiffness)),
+            "damping": repr(float(spring.damping)),
+            "springlength": repr(float(spring.free_length))})
+        for frame in spring.frames:
+            ET.SubElement(tendon, "site", site=document.frame(frame))
+
+
+def add_drivers(document: MjcfDocument) -> None:
+    """Add a motor for every driver; tell which has none."""
+    mech, lost = document.mechanism, []
+    for driver in mech.drivers.values():
+        name = mech.coordinate(driver.joint).name
+        if name in document.joints:
+            ET.SubElement(document.part("actuator"), "motor", name=driver.name, joint=name)
+        else:
+            lost.append(driver.name)
+    if lost:
+        warn(f"mechanism {mech.name!r}: drivers {', '.join(lost)} turn components of a joint that "
+             "has no motor in MuJoCo: left out")
+
+
+SUFFIXES = (".xml", ".mjcf")
+HOME = "home"  # the name of the key
+
+
+def write_mjcf(mechanism: Mechanism, path: str | Path, q: Array | None = None) -> Path:
+    """Write a mechanism as MJCF, see `spatial_pin.export_mjcf`.
+
+    Args:
+        mechanism: the mechanism.
+        path: the file; its name ends in .xml or .mjcf.
+        q: (nq,) where the key "home" is; default the guess.
+
+    Raises:
+        ClosureTypeError: MuJoCo has no equality that is exactly one of its closures.
+        SpatialPinError: something else has no counterpart, or the file cannot be written.
+    """
+    path = named_path(path)
+    if path.suffix.lower() not in SUFFIXES:
+        raise SpatialPinError(f"{path}: the name of an MJCF file ends in .xml or .mjcf")
+    if mechanism.path is not None and path.resolve() == mechanism.path.resolve():
+        raise SpatialPinError(f"{path} is a file of the mechanism itself; choose another")
+    if q is None:
+        guess = joint_values(mechanism, mechanism.guess)
+        q = with_values(mechanism, mechanism.neutral, guess)
+    text = mjcf_text(mechanism, q)
+    try:
+        write_text(path, text)
+    except OSError as error:
+        raise SpatialPinError(f"cannot write {error.filename}: {error.strerror}") from error
+    return path
+
+
+def mjcf_text(mechanism: Mechanism, q: Array) -> str:
+    """Return a mechanism as MJCF text, its key at q (nq,)."""
+    refuse_negative_inertias(mechanism)
+    document, model = MjcfDocument(mechanism), mechanism.model
+    _add_links(document, 0, document.bodies[0])
+    waiting = _children(model, 0)
+    while waiting:
+        i = waiting.pop(0)
+        body = ET.SubElement(document.bodies[model.parents[i]], "body",
+                             placed(model.jointPlacements[i]))
+        document.bodies[i] = body
+        add_joints(document, i, body, q)
+        _add_links(document, i, body)
+        waiting += _children(model, i)
+    add_shapes(document)
+    points = [f.name for f in model.frames if f.type == pin.FrameType.OP_FRAME]
+    for name in dict.fromkeys([*mechanism.frames, *points]):
+        document.frame(name)
+    add_closures(document, q)
+    add_springs(document)
+    add_drivers(document)
+    values = [x for joint in document.parts["worldbody"].iter("joint")
+              for x in document.home[joint.get("name", "")]]
+    if values:
+        ET.SubElement(document.part("keyframe"), "key", name=HOME,
+                      qpos=numbers_text(np.array(values)))
+    if document.light:
+        warn(f"mechanism {mechanism.name!r}: MuJoCo moves no body without mass and moments of "
+             f"inertia: {some(document.light)} have got as much as nobody feels")
+    if mechanism.passives:
+        spins = some(passive.name for passive in mechanism.passives)
+        warn(f"mechanism {mechanism.name!r}: passive spins ({spins}) are free in MuJoCo")
+    ET.indent(document.root)
+    return ET.tostring(document.root, encoding="unicode") + "\n"
+
+
+def _children(model: pin.Model, i: int) -> list[int]:
+    return [k for k in range(1, model.njoints) if model.parents[k] == i]
+
+
+def _add_links(document: MjcfDocument, i: int, body: ET.Element) -> None:
+    """Add the links of tree joint i: one is its body, the others are fixed in that."""
+    mech = document.mechanism
+    frames = [f for f in mech.model.frames
+              if f.type == pin.FrameType.BODY and f.parentJoint == i]
+    own = [f.name for f in frames  # the body of the joint; the world's only where it has its name
+           if (f.placement.isIdentity(0.0) if i > 0 else f.name == WORLD)][:1]
+    name = own[0] if own else mech.model.names[i]
+    if i > 0:
+        body.set("name", _unlike_world(name))
+    inertias = {}
+    for frame in frames:
+        document.links[frame.name] = body if [frame.name] == own else ET.SubElement(
+            body, "body", placed(frame.placement, name=_unlike_world(frame.name)))
+        inertias[frame.name] = mech.inertias.get(frame.name, pin.Inertia.Zero())
+    if i > 0 and not any(map(is_movable, inertias.values())):
+        carries = any(mech.model.inertias[k].mass for k in mech.model.subtrees[i].tolist()[1:])
+        document.least_inertia(name, body, inertias.pop(name, None), carries=carries)
+    for link, inertia in inertias.items():
+        element = document.links[link]
+        if element.tag == "body" and (inertia.mass or np.any(inertia.inertia)):
+            document.inertia(element, inertia)
+
+
+def _unlike_world(name: str) -> str:
+    return f"{name}_link" if name == WORLD else name  # MuJoCo keeps that name for itself

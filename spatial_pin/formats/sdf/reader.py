@@ -1,0 +1,214 @@
+"""SDFormat, read with standard XML: one model, or a world with one, as a joint graph."""
+
+from __future__ import annotations
+
+import copy
+import re
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.errors import MechanismFileError, suggestion
+from spatial_pin.formats.file_access import read_text, shown
+from spatial_pin.formats.graph.open_tree import open_tree
+from spatial_pin.formats.importers import Imported, Request
+from spatial_pin.formats.sdf.sdf_constraints import constraints, couplings
+from spatial_pin.formats.sdf.sdf_elements import MODEL, SCOPE, WORLDS, is_true, number_list, pose
+from spatial_pin.formats.sdf.sdf_model import SdfModel, refuse_include
+from spatial_pin.formats.urdf.elements import leave_out, local, numbers_text
+from spatial_pin.formats.xacro.parsing import parse_xml, without
+
+ATTRIBUTES = ("relative_to", "frame", "attached_to", "expressed_in")  # that name a frame
+TEXTS = ("parent", "child", "gearbox_reference_body")  # elements whose text names one
+ENDS = ("_body_A", "_body_B")  # of the names of Drake's elements that do
+NAMED = ("link", "joint", "frame", "plugin")  # elements that an inner model brings along
+
+
+def with_nested(model: ET.Element, where: str, version: tuple[int, int]) -> ET.Element:
+    """Return a model with the models within it, as one.
+
+    Raises:
+        MechanismFileError: one has no name or link, or something in it cannot be read.
+    """
+    if model.find("model") is None:
+        return model
+    whole = ET.Element(model.tag, model.attrib)
+    whole.extend(x for x in model if x.tag != "model")
+    for inner in model.findall("model"):
+        whole.extend(_parts(with_nested(inner, where, version), where, version))
+    return whole
+
+
+def _parts(inner: ET.Element, where: str, version: tuple[int, int]) -> list[ET.Element]:
+    """Return what an inner model, itself without inner ones, brings into the outer one."""
+    name = inner.get("name", "")
+    where = f"{where}: nested model {name!r}"
+    if not name:
+        raise MechanismFileError(f"{where} has no name")
+    alone = ET.Element(inner.tag, {k: x for k, x in inner.attrib.items() if k != "placement_frame"})
+    alone.extend(x for x in inner if x.tag != "pose")
+    reader = SdfModel(alone, where, version)  # which refuses what cannot be read
+    frame = ET.Element("frame", name=name, attached_to=f"{name}{SCOPE}{reader.canonical}")
+    stated, by = inner.find("pose"), inner.get("placement_frame")
+    placement = pose(stated, where)
+    if by:
+        placement = placement * reader.frames.in_world(by, "placement_frame").inverse()
+    turn = pin.Quaternion(placement.rotation).coeffs()
+    at = ET.SubElement(frame, "pose", rotation_format="quat_xyzw",
+                       relative_to=reader.frames.relative_to(stated, MODEL))
+    at.text = numbers_text(np.concatenate([placement.translation, turn]))
+    return [frame, *(_scoped(x, name) for x in inner if x.tag in NAMED or "}" in str(x.tag))]
+
+
+def _scoped(element: ET.Element, scope: str) -> ET.Element:
+    """Return an element of an inner model with the names that it has in the outer one."""
+    moved = copy.deepcopy(element)
+    if "name" in moved.attrib and moved.tag != "plugin":
+        moved.set("name", f"{scope}{SCOPE}{moved.get('name')}")
+    if moved.tag == "plugin":
+        moved.set("scope", SCOPE.join(filter(None, (scope, moved.get("scope")))))
+    for part in moved.iter():
+        for key in ATTRIBUTES:
+            if part.get(key):
+                part.set(key, _name(part.get(key, ""), scope))
+        if local(part) == "mimic" and part.get("joint"):
+            part.set("joint", _name(part.get("joint", ""), scope))
+        if moved.tag != "plugin" and (local(part) in TEXTS or local(part).endswith(ENDS)):
+            part.text = _name((part.text or "").strip(), scope)
+    _place(moved, scope)
+    return moved
+
+
+def _name(name: str, scope: str) -> str:
+    """Return what the outer model calls a link, joint or frame of an inner one."""
+    if name in WORLDS:
+        return name
+    return scope if name in ("", MODEL) else f"{scope}{SCOPE}{name}"
+
+
+def _place(moved: ET.Element, scope: str) -> None:
+    """Put the inner model's frame where an element is placed or turned by it without a word."""
+    if moved.tag == "frame" and not moved.get("attached_to"):
+        moved.set("attached_to", scope)
+    if moved.tag == "link":
+        at = moved.find("pose")
+        if at is None:
+            at = ET.SubElement(moved, "pose")
+        if not (at.get("relative_to") or at.get("frame")):
+            at.set("relative_to", scope)
+    for axis in (*moved.findall("axis"), *moved.findall("axis2")):
+        flag, xyz = axis.find("use_parent_model_frame"), axis.find("xyz")
+        if flag is not None and (flag.text or "").strip().lower() in ("1", "true"):
+            axis.remove(flag)
+            if xyz is None:
+                xyz = ET.SubElement(axis, "xyz")
+                xyz.text = "0 0 1"
+            xyz.set("expressed_in", scope)
+
+
+OLDEST, NEWEST = (1, 4), (1, 12)
+SCENERY = ("model://sun", "model://ground_plane")
+
+
+def read(request: Request) -> Imported:
+    """Read an SDFormat file.
+
+    Raises:
+        MechanismFileError: it cannot be used; says which element and why.
+    """
+    path = request.path
+    if request.parameters:
+        raise MechanismFileError(f"{path}: parameters {sorted(request.parameters)} given, but only "
+                                 ".xacro files have any")
+    root = parse_xml(_plain(read_text(path)), path)
+    version = _version(root, path)
+    without = leave_out(root, request.without, shown(path))
+    model, content, notices = _one_model(root, path, request.model)
+    where = f"{path}: model {model.get('name', '')!r}"
+    reader = SdfModel(with_nested(model, where, version), where, version)
+    graph = reader.graph()
+    graph = replace(graph, joints=(*graph.joints, *constraints(reader)))
+    content["closures"] = couplings(reader, graph.joints)
+    coupled = {name for table in content["closures"] for name in table["joints"]}
+    graph = replace(graph, needed=frozenset(coupled | {x.rpartition(".")[0] for x in coupled}))
+    content = {"name": model.get("name") or path.stem, **content}
+    return open_tree(graph, str(path), content, (*without, *notices, *reader.notices))
+
+
+def _plain(text: str) -> str:
+    """Return XML text without comments and declaration: in SDFormat these may stand as they like.
+
+    Lines keep their numbers.
+    """
+    return without(without(text, "<!--", "-->"), "<?xml", "?>").lstrip(" \t\ufeff")
+
+
+def _version(root: ET.Element, path: Path) -> tuple[int, int]:
+    if root.tag != "sdf":
+        raise MechanismFileError(f"{path}: the root element is <{root.tag}>, not <sdf>")
+    found = re.fullmatch(r"\s*(\d+)\.(\d+)(\.\d+)?\s*", root.get("version", ""))
+    version = (int(found[1]), int(found[2])) if found else (0, 0)
+    if not OLDEST <= version <= NEWEST:
+        raise MechanismFileError(
+            f"{path}: SDFormat version {root.get('version', '')!r}; versions "
+            f"{'.'.join(map(str, OLDEST))} to {'.'.join(map(str, NEWEST))} are read")
+    return version
+
+
+def _one_model(
+    root: ET.Element, path: Path, name: str | None
+) -> tuple[ET.Element, dict[str, Any], list[str]]:
+    """Return the one model of a file, or that of the name, what its world says, and notices."""
+    models, content, notices = root.findall("model"), {}, []
+    for world in root.findall("world"):
+        where = f"{path}: world {world.get('name', '')!r}"
+        for include in world.findall("include"):
+            uri = (include.findtext("uri") or "").strip()
+            if uri not in SCENERY:
+                refuse_include(where, uri)
+        for joint in world.findall("joint"):
+            raise MechanismFileError(f"{where}: <joint name={joint.get('name', '')!r}> joins "
+                                     "models; only joints within one model are read")
+        gravity = world.find("gravity")
+        if gravity is None:
+            gravity = world.find("physics/gravity")  # up to version 1.5
+        if gravity is not None:
+            content["gravity"] = number_list(gravity.text, 3, f"{where}: <gravity>").tolist()
+        models += world.findall("model")
+    if name is not None:
+        chosen = _named(models, name, path)
+        others = [x.get("name", "") for x in models if x is not chosen]
+        if others and SCOPE not in name:
+            notices.append(f"of {len(models)} models only {name!r} is read")
+        return chosen, content, notices
+    moving = [model for model in models if not is_true(model, "static")] or models
+    if len(moving) != 1:
+        names = [repr(model.get("name", "")) for model in moving]
+        choice = f"; load(..., model={names[0]}) takes one of them" if names else ""
+        raise MechanismFileError(f"{path}: it needs exactly one model that is not static; it has "
+                                 f"{', '.join(names) or 'none'}{choice}")
+    notices += [f"the static model {model.get('name', '')!r} is left out" for model in models
+                if model is not moving[0]]
+    return moving[0], content, notices
+
+
+def _named(models: list[ET.Element], name: str, path: Path) -> ET.Element:
+    """Return the model of a name, of an inner one "outer::inner"."""
+    chosen, inner = None, models
+    for part in name.split(SCOPE):
+        named = {x.get("name", ""): x for x in inner}
+        if part not in named:
+            raise MechanismFileError(f"{shown(path)}: there is no model {name!r}; "
+                                     f"{suggestion(part, named)}")
+        chosen = named[part]
+        inner = chosen.findall("model")
+    assert chosen is not None
+    if SCOPE not in name:
+        return chosen
+    alone = ET.Element(chosen.tag, chosen.attrib)  # it stands in no outer model here
+    alone.extend(x for x in chosen if x.tag != "pose")
+    return alone

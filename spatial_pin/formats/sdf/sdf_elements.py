@@ -1,0 +1,292 @@
+"""SDFormat: numbers, poses, the frames that these are relative to, and what links hold."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.errors import MechanismFileError, suggestion
+from spatial_pin.formats.graph.joint_graph import WORLD
+from spatial_pin.formats.urdf.elements import finite_numbers, numbers_text, origin
+from spatial_pin.formats.urdf.elements import inertial as inertial_element
+from spatial_pin.numerics.linalg import Array
+
+MODEL = "__model__"  # a model's own frame
+SCOPE = "::"  # between the names of a model and of what is in it
+WORLDS = ("world",)
+NO_LIMIT = 1e16  # SDFormat's number for a limit that is none
+TRUE = ("1", "true")
+
+
+def number_list(text: str | None, count: int, where: str) -> Array:
+    """Return the `count` finite numbers of a text.
+
+    Raises:
+        MechanismFileError: there are more or fewer, or no numbers.
+    """
+    try:
+        return finite_numbers(text or "", count)
+    except ValueError as wanted:
+        shown = " ".join((text or "").split())[:80]
+        raise MechanismFileError(f"{where} is {shown!r}; it must be {wanted}") from None
+
+
+def number(parent: ET.Element | None, tag: str, default: float, where: str) -> float:
+    """Return the number in a child element, the default where there is none."""
+    element = parent.find(tag) if parent is not None else None
+    if element is None:
+        return default
+    return float(number_list(element.text, 1, f"{where}: <{tag}>")[0])
+
+
+def bound(parent: ET.Element | None, tag: str, none: float, where: str) -> float:
+    """Return a limit, `none` (plus or minus infinity) where there is none."""
+    element = parent.find(tag) if parent is not None else None
+    text = (element.text or "").strip().lower() if element is not None else ""
+    if element is None or text.lstrip("+-") in ("inf", "infinity"):
+        return none
+    value = float(number_list(text, 1, f"{where}: <{tag}>")[0])
+    return none if abs(value) >= NO_LIMIT else value
+
+
+def is_true(parent: ET.Element, tag: str) -> bool:
+    """Return whether a child element says so."""
+    return (parent.findtext(tag) or "").strip().lower() in TRUE
+
+
+def pose(element: ET.Element | None, where: str) -> pin.SE3:
+    """Return the placement that a <pose> states; the identity where it is missing or empty."""
+    text = (element.text or "").strip() if element is not None else ""
+    if element is None or not text:
+        return pin.SE3.Identity()
+    where = f"{where}: <pose>"
+    if element.get("rotation_format", "euler_rpy") == "quat_xyzw":
+        values = number_list(text, 7, where)
+        size = float(np.linalg.norm(values[3:]))
+        if size < 1e-6:
+            raise MechanismFileError(f"{where}: its quaternion is zero")
+        return pin.SE3(pin.Quaternion(values[3:] / size).matrix(), values[:3])
+    values = number_list(text, 6, where)
+    angles = values[3:]
+    if element.get("degrees", "").strip().lower() in TRUE:
+        angles = np.radians(angles)
+    return pin.SE3(pin.rpy.rpyToMatrix(angles), values[:3])
+
+
+@dataclass(frozen=True, eq=False)
+class SdfFrame:
+    """A frame of a model, which other frames may be placed by.
+
+    Attributes:
+        relative_to: the frame it is placed by.
+        placement: in that.
+        attached_to: link, frame or joint that it moves with; itself for a link.
+    """
+
+    relative_to: str
+    placement: pin.SE3
+    attached_to: str
+
+
+@dataclass
+class SdfFrames:
+    """The frames of a model, links, joints and the model's own among them.
+
+    Attributes:
+        where: the file and model, for errors.
+        of_model: the model's own frame in the world.
+        table: by name.
+    """
+
+    where: str
+    of_model: pin.SE3
+    table: dict[str, SdfFrame] = field(default_factory=dict)
+    _known: dict[str, pin.SE3] = field(default_factory=dict)
+
+    def relative_to(self, element: ET.Element | None, default: str) -> str:
+        """Return the name of the frame that a <pose> is relative to."""
+        if element is None:
+            return default
+        return element.get("relative_to") or element.get("frame") or default
+
+    def _named(self, name: str, asking: str) -> SdfFrame:
+        if name not in self.table:
+            raise MechanismFileError(f"{self.where}: {asking}: no link, joint or frame {name!r}; "
+                                     f"{suggestion(name, self.table)}")
+        return self.table[name]
+
+    def in_world(self, name: str, asking: str) -> pin.SE3:
+        """Return where a frame stands in the world.
+
+        Args:
+            name: of the frame.
+            asking: the element that asks, for errors.
+
+        Raises:
+            MechanismFileError: there is no such frame, or it is placed by itself.
+        """
+        way: dict[str, SdfFrame] = {}
+        while name not in self._known and name not in (MODEL, *WORLDS):
+            if name in way:
+                raise MechanismFileError(
+                    f"{self.where}: the poses of {', '.join(way)} are relative to each other")
+            way[name] = self._named(name, asking)
+            asking, name = f"<pose> of {name!r}", way[name].relative_to
+        ground = {MODEL: self.of_model, **dict.fromkeys(WORLDS, pin.SE3.Identity())}
+        at = ground[name] if name in ground else self._known[name]
+        for link, frame in reversed(way.items()):
+            at = self._known[link] = at * frame.placement
+        return at
+
+    def link(self, name: str, asking: str, canonical: str) -> str:
+        """Return the link that a frame moves with, `WORLD` for the world's.
+
+        Raises:
+            MechanismFileError: there is none.
+        """
+        way: dict[str, None] = {}
+        while name not in WORLDS:
+            if name == MODEL:
+                name = canonical
+            frame = self._named(name, asking)
+            if frame.attached_to == name:
+                return name
+            if name in way:
+                raise MechanismFileError(
+                    f"{self.where}: the frames {', '.join(way)} are attached to each other")
+            way[name] = None
+            asking, name = f"attached_to of {name!r}", frame.attached_to
+        return WORLD
+
+
+MOMENTS = {"ixx": 1.0, "ixy": 0.0, "ixz": 0.0, "iyy": 1.0, "iyz": 0.0, "izz": 1.0}  # by default
+SIZES = {  # of shapes, with SDFormat's defaults
+    "box": {"size": "1 1 1"}, "sphere": {"radius": "1"}, "cylinder": {"radius": "1", "length": "1"},
+    "capsule": {"radius": "0.5", "length": "1"},
+}
+ELLIPSOID = {"radii": "1 1 1"}
+WATER = 1000.0  # kg/m³, SDFormat's density of a shape
+SOLIDS: dict[str, Callable[..., tuple[float, pin.Inertia]]] = {  # volume, inertia of 1 kg
+    "box": lambda x, y, z: (x * y * z, pin.Inertia.FromBox(1.0, x, y, z)),
+    "sphere": lambda r: (4.0 / 3.0 * math.pi * r**3, pin.Inertia.FromSphere(1.0, r)),
+    "cylinder": lambda r, h: (math.pi * r**2 * h, pin.Inertia.FromCylinder(1.0, r, h)),
+    "capsule": lambda r, h: (math.pi * r**2 * (h + 4.0 / 3.0 * r),
+                             pin.Inertia.FromCapsule(1.0, r, h)),
+    "ellipsoid": lambda x, y, z: (4.0 / 3.0 * math.pi * x * y * z,
+                                  pin.Inertia.FromEllipsoid(1.0, x, y, z)),
+}
+PlaceOf = Callable[[ET.Element | None, str], pin.SE3]  # <pose>, where -> placement on the link
+
+
+def link_elements(link: ET.Element, place_of: PlaceOf, where: str, left_out: list[str]
+                  ) -> tuple[ET.Element, ...]:
+    """Return <inertial>, <visual> and <collision> of a link.
+
+    Args:
+        link: its element.
+        place_of: gives the placement that a <pose> states, on the link.
+        where: file and link, for errors.
+        left_out: is added to, what URDF has no shape for.
+
+    Raises:
+        MechanismFileError: a number is none.
+    """
+    inertial, inside = link.find("inertial"), f"{where}: <inertial>"
+    if inertial is not None and inertial.get("auto", "").lower() in TRUE:
+        elements = [inertial_element(_of_shapes(link, inertial, place_of, where, left_out))]
+    else:  # a link that has none has one kilogram, as SDFormat says
+        inertia = link.find("inertial/inertia")
+        elements = [ET.Element("inertial")]
+        elements[0].append(origin(pose(link.find("inertial/pose"), inside)))
+        mass = number(inertial, "mass", 1.0, inside)
+        ET.SubElement(elements[0], "mass", value=repr(mass))
+        ET.SubElement(elements[0], "inertia", {
+            key: repr(number(inertia, key, default, inside)) for key, default in MOMENTS.items()})
+    for kind in ("visual", "collision"):
+        for shape in link.findall(kind):
+            name = f"{kind} {shape.get('name', '')!r}"
+            stated = shape.find("geometry/*")
+            solid = _solid(stated, f"{where}: {name}")
+            if solid is None:
+                kind_of = "no shape" if stated is None else f"{stated.tag}: URDF has no such shape"
+                left_out.append(f"{name} of link {link.get('name')!r} ({kind_of})")
+                continue
+            element = ET.Element(kind, name=shape.get("name", ""))
+            element.append(origin(place_of(shape.find("pose"), f"{where}: {name}")))
+            ET.SubElement(element, "geometry").append(solid)
+            colour = _colour(shape, f"{where}: {name}")
+            if colour is not None and kind == "visual":
+                element.append(colour)
+            elements.append(element)
+    return tuple(elements)
+
+
+def is_massless(link: ET.Element, where: str) -> bool:
+    """Return whether a link says that it has neither mass nor moments of inertia."""
+    inertial, inertia = link.find("inertial"), link.find("inertial/inertia")
+    moments = [number(inertia, key, default, where) for key, default in MOMENTS.items()]
+    return number(inertial, "mass", 1.0, where) == 0.0 and not any(moments)
+
+
+def _of_shapes(
+    link: ET.Element, inertial: ET.Element, place_of: PlaceOf, where: str, left_out: list[str]
+) -> pin.Inertia:
+    """Return the inertia of a link's collision shapes, of 1000 kg/m³ where nothing else is said."""
+    whole = pin.Inertia.Zero()
+    if link.find("collision") is None:
+        left_out.append(f"the mass of link {link.get('name')!r} (it has no collision shape)")
+    by_default = number(inertial, "density", WATER, where)
+    for shape in link.findall("collision"):
+        name = f"{where}: collision {shape.get('name', '')!r}"
+        stated = shape.find("geometry/*")
+        make = SOLIDS.get("" if stated is None else str(stated.tag))
+        if make is None or stated is None:
+            left_out.append(f"the mass of collision {shape.get('name', '')!r} of link "
+                            f"{link.get('name')!r} (its volume is not known)")
+            continue
+        default = SIZES.get(str(stated.tag), ELLIPSOID)
+        size = [x for key, text in default.items() for x in number_list(
+            stated.findtext(key, text), len(text.split()), f"{name}: <{key}>").tolist()]
+        volume, inertia = make(*size)
+        density = number(shape, "density", by_default, name)
+        part = pin.Inertia(density * volume, inertia.lever, density * volume * inertia.inertia)
+        whole += place_of(shape.find("pose"), name).act(part)
+    return whole
+
+
+def _solid(solid: ET.Element | None, where: str) -> ET.Element | None:
+    """Return the shape, None where URDF has none."""
+    if solid is None:
+        return None
+    if solid.tag in SIZES:
+        return ET.Element(str(solid.tag), {
+            key: numbers_text(number_list(solid.findtext(key, default), len(default.split()),
+                                          f"{where}: <{key}>"))
+            for key, default in SIZES[str(solid.tag)].items()})
+    if solid.tag == "mesh" and solid.find("submesh") is None:
+        uri = (solid.findtext("uri") or "").strip()
+        element = ET.Element("mesh", filename=uri)
+        if solid.find("scale") is not None:
+            scale = number_list(solid.findtext("scale"), 3, f"{where}: <scale>")
+            element.set("scale", numbers_text(scale))
+        return element
+    return None
+
+
+def _colour(shape: ET.Element, where: str) -> ET.Element | None:
+    stated = shape.find("material/diffuse")
+    if stated is None:
+        stated = shape.find("material/ambient")
+    if stated is None:
+        return None
+    words = (stated.text or "").split()
+    values = number_list(" ".join([*words, "1"] if len(words) == 3 else words), 4,
+                         f"{where}: <{stated.tag}>")
+    element = ET.Element("material", name="", override="true")
+    ET.SubElement(element, "color", rgba=numbers_text(np.clip(values, 0.0, 1.0)))
+    return element

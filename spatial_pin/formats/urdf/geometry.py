@@ -1,0 +1,244 @@
+"""Shapes of an open tree, visual and collision; meshes are read when shapes are asked for.
+
+They are made here and not by the URDF reader, which leaves out all shapes of a link that has one
+it does not know.
+"""
+
+from __future__ import annotations
+
+import os
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.errors import MechanismFileError, warn
+from spatial_pin.formats.faults import Faults
+from spatial_pin.formats.file_access import Trust, shown
+from spatial_pin.formats.mesh_files import mesh_colours, mesh_file, package_of, read_meshes
+from spatial_pin.formats.urdf.validation import numbers, placement
+from spatial_pin.numerics.linalg import Array
+
+KINDS = ("visual", "collision")
+SIZES = {  # shape -> its attributes with their number of entries
+    "box": {"size": 3}, "sphere": {"radius": 1}, "mesh": {},
+    "cylinder": {"radius": 1, "length": 1}, "capsule": {"radius": 1, "length": 1},
+}
+SOLIDS = {"box": coal.Box, "sphere": coal.Sphere, "cylinder": coal.Cylinder,
+          "capsule": coal.Capsule}
+NO_COLOUR = (0.9, 0.9, 0.9, 1.0)  # as Pinocchio has it where there is none
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A shape in a URDF.
+
+    Attributes:
+        kind: "visual" or "collision".
+        link: whose it is.
+        name: of its geometry object.
+        place: in the link's frame.
+        solid: a name of SIZES.
+        sizes: the numbers of SIZES [m], of a mesh its scale along x, y and z.
+        file: of a mesh, as the URDF names it.
+        path: of a mesh, where it lies; None where it is not found.
+        is_barred: whether a mesh is there and may not be read.
+        colour: red, green, blue, opacity; None where the URDF gives none.
+        overrides: whether it goes before the colours of a mesh, as `override="true"` at its
+            material says; otherwise those of the mesh do, as other viewers of URDF have it.
+    """
+
+    kind: str
+    link: str
+    name: str
+    place: pin.SE3
+    solid: str
+    sizes: tuple[float, ...]
+    file: str = ""
+    path: Path | None = None
+    is_barred: bool = False
+    colour: tuple[float, ...] | None = None
+    overrides: bool = False
+
+
+def geometry_of(
+    model: pin.Model, shapes: Iterable[Shape], where: str, kind: str
+) -> pin.GeometryModel:
+    """Return the shapes of an open tree of one kind, "visual" or "collision"; meshes are read.
+
+    Args:
+        model: the open tree.
+        shapes: all of them.
+        where: the file, for messages.
+        kind: which of them.
+    """
+    by_link: dict[str, list[Shape]] = {}
+    for shape in shapes:
+        if shape.kind == kind:
+            by_link.setdefault(shape.link, []).append(shape)
+    read = read_meshes(str(shape.path) for own in by_link.values() for shape in own
+                       if shape.path is not None)
+    geometry, faults = pin.GeometryModel(), Faults()
+    for k, frame in enumerate(model.frames):
+        if frame.type != pin.FrameType.BODY:
+            continue
+        for shape in by_link.get(frame.name, ()):
+            solid = _solid(shape, read, faults)
+            if solid is None:
+                continue
+            is_mesh = shape.solid == "mesh"
+            path = str(shape.path) if is_mesh else shape.solid.upper()
+            painted = is_mesh and any(colour for _, colour in mesh_colours(path))
+            geometry.addGeometryObject(pin.GeometryObject(
+                shape.name, frame.parentJoint, k, frame.placement * shape.place, solid, path,
+                np.array(shape.sizes) if is_mesh else np.ones(3),
+                shape.colour is not None and (shape.overrides or not painted),
+                np.array(shape.colour or NO_COLOUR), ""))
+    if faults.told():
+        warn(f"{where}: {faults.told()}")
+    return geometry
+
+
+def _solid(
+    shape: Shape, read: Mapping[str, tuple[Array, Array] | str], faults: Faults
+) -> pin.CollisionGeometry | None:
+    if shape.solid != "mesh":
+        return SOLIDS[shape.solid](*shape.sizes)
+    if shape.path is None:  # as was told when it was sought
+        return None
+    found = read[str(shape.path)]
+    if isinstance(found, str):
+        faults.note("left out",
+                    f"link {shape.link!r}: mesh {shown(shape.file)!r} cannot be read ({found})")
+        return None
+    points, corners = found
+    solid = coal.BVHModelOBBRSS()
+    solid.beginModel(len(corners), len(points))
+    solid.addVertices(points * np.array(shape.sizes))
+    solid.addTriangles(corners)
+    solid.endModel()
+    solid.computeLocalAABB()
+    return solid
+
+
+# ---------------------------------------------------------------- in a URDF
+
+
+def take_shapes(
+    robot: ET.Element, path: Path, trust: Trust, faults: Faults
+) -> tuple[Shape, ...]:
+    """Take the shapes out of a URDF; no mesh is opened.
+
+    Args:
+        robot: the URDF; the paths of meshes that are there are made absolute in it.
+        path: where it comes from.
+        trust: which meshes may be read.
+        faults: notes what is left out.
+
+    Raises:
+        MechanismFileError: a shape has impossible numbers.
+    """
+    materials = _Materials(robot, faults)
+    folder = path if os.path.isdir(path) else path.parent
+    taken = []
+    for link in robot.findall("link"):
+        name = link.get("name", "")
+        where = f"{path}: link {name!r}"
+        capsules = [x.get("name") for x in link.iterfind("collision_checking/capsule")]
+        for kind in KINDS:
+            count = 0
+            for element in link.findall(kind):
+                place = placement(element.find("origin"), where)
+                colour = materials.of(element, where) if kind == "visual" else None
+                solid = next((x for x in element.iterfind("geometry/*") if x.tag in SIZES), None)
+                if solid is None:
+                    faults.note(f"none of {', '.join(SIZES)}, left out",
+                                f"a <{kind}> of link {name!r}")
+                    continue
+                tag = solid.tag
+                if kind == "collision" and element.find("geometry/cylinder") is not None \
+                        and element.get("name") in capsules:
+                    tag = "capsule"  # as Pinocchio's users write it
+                overrides = element.find("material[@override='true']") is not None
+                shape = Shape(kind, name, f"{name}_{count}", place, tag, _sizes(solid, where),
+                              colour=colour, overrides=overrides)
+                if solid.tag == "mesh":
+                    shape = _sought(shape, solid, folder, trust, faults)
+                taken.append(shape)
+                count += 1
+    lost = [x for x in taken if x.solid == "mesh" and x.path is None and not x.is_barred]
+    packages = dict.fromkeys(
+        package[0] for shape in lost
+        if (package := package_of(shape.file)) is not None and package[1])  # not beside the URDF
+    named = ", ".join(f"{name!r}: FOLDER" for name in packages)
+    remedy = f"; say where it lies: load(..., packages={{{named}}})" if named else ""
+    for shape in lost:
+        faults.note(f"not found, left out of pictures{remedy}",
+                    f"link {shape.link!r}: mesh {shown(shape.file)!r}")
+    return tuple(taken)
+
+
+def _sizes(solid: ET.Element, where: str) -> tuple[float, ...]:
+    """Return the numbers of a shape, which must not be negative; of a mesh its scale."""
+    if solid.tag == "mesh":  # one number for all three, of more the first
+        count = len(solid.get("scale", "1 1 1").split())
+        if "scale" not in solid.attrib:
+            return (1.0, 1.0, 1.0)
+        given = numbers(solid, "scale", count if count > 3 or count == 1 else 3, where).tolist()
+        return tuple((given * 3)[:3])
+    found: list[float] = []
+    for attribute, count in SIZES[solid.tag].items():
+        values = numbers(solid, attribute, count, where)
+        if np.any(values < 0.0):
+            raise MechanismFileError(f"{where}: <{solid.tag}> has a negative {attribute}")
+        found += values.tolist()
+    return tuple(found)
+
+
+def _sought(
+    shape: Shape, mesh: ET.Element, folder: Path, trust: Trust, faults: Faults
+) -> Shape:
+    """Return a mesh with the path where it lies, which is put in the URDF."""
+    file = mesh.get("filename", "")
+    path = mesh_file(file, folder, trust)
+    if isinstance(path, Path):
+        mesh.set("filename", str(path))
+        return replace(shape, file=file, path=path)
+    if path:
+        faults.note(f"left out of pictures ({path})", f"link {shape.link!r}: mesh {shown(file)!r}")
+    return replace(shape, file=file, is_barred=bool(path))
+
+
+class _Materials:
+    """Colours by the names of materials; the first that is given for a name counts."""
+
+    def __init__(self, robot: ET.Element, faults: Faults) -> None:
+        self._colours: dict[str, ET.Element] = {}
+        seen: set[str] = set()
+        for material in robot.findall("material"):
+            name = material.get("name", "")
+            if name in seen:
+                faults.note("given more than once, the first counts", f"material {name!r}")
+            seen.add(name)
+            self._add(material)
+        for material in robot.iterfind("link/visual/material"):
+            self._add(material)
+
+    def _add(self, material: ET.Element) -> None:
+        colour = material.find("color")
+        if colour is not None and material.get("name"):
+            self._colours.setdefault(material.get("name", ""), colour)
+
+    def of(self, element: ET.Element, where: str) -> tuple[float, ...] | None:
+        """Return the colour of a visual; None where it has none."""
+        material = element.find("material")
+        if material is None:
+            return None
+        colour = self._colours.get(material.get("name", ""), material.find("color"))
+        if colour is None:
+            return None
+        return tuple(numbers(colour, "rgba", 4, where).astype(np.float32).tolist())

@@ -1,0 +1,471 @@
+"""URDF and xacro to a Pinocchio model whose joints are the pairs that URDF cannot name.
+
+Pinocchio's own reader builds the model; what it accepts silently (mass below zero, NaN) is refused
+before, loops are cut by then, and afterwards the model is rebuilt joint by joint, same numbering,
+with the refined joints in place. Angles of `continuous` joints become one coordinate, so that they
+count turns.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.errors import MechanismFileError, Mistakes, suggestion
+from spatial_pin.formats.faults import Faults
+from spatial_pin.formats.file_access import Trust
+from spatial_pin.formats.urdf.elements import UNBOUNDED, URDF_AXIS, numbers_text
+from spatial_pin.formats.urdf.geometry import geometry_of, take_shapes
+from spatial_pin.formats.urdf.validation import (
+    INERTIAL,
+    check_joint,
+    check_links,
+    check_structure,
+    end_of,
+    numbers,
+)
+from spatial_pin.formats.xacro.parsing import parse_urdf
+from spatial_pin.mechanism.inertia import put_inertias
+from spatial_pin.mechanism.pairs import COUPLING, JOINT_TYPES, PAIRS, Pair, hint_at_type, unit
+from spatial_pin.mechanism.parts import Closure
+from spatial_pin.numerics.linalg import Array
+
+CONTAINED_PAIRS = {  # URDF type -> pairs that a refinement may make of it
+    "floating": JOINT_TYPES,
+    "planar": ("planar", "revolute", "prismatic", "fixed"),
+    "continuous": ("revolute", "fixed"),
+    "revolute": ("revolute", "fixed"),
+    "prismatic": ("prismatic", "fixed"),
+    "fixed": ("fixed",),
+}
+PAIR_OF_URDF_TYPE = {"continuous": "revolute"}
+NUMBERS = ("xyz", "rpy", "value", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+LARGEST_AXIS = 1e150  # whose square is a number
+RESISTANCES = ("damping", "friction", "armature", "slip_speed")  # of `[joints.X]`
+LIMITS = {  # of `[joints.X]`, with the limits of `pin.Model` that they set, and by which factor
+    "lower": {"lowerPositionLimit": 1.0}, "upper": {"upperPositionLimit": 1.0},
+    "velocity": {"upperVelocityLimit": 1.0, "lowerVelocityLimit": -1.0},
+    "lower_velocity": {"lowerVelocityLimit": 1.0},
+    "effort": {"upperEffortLimit": 1.0, "lowerEffortLimit": -1.0},
+    "lower_effort": {"lowerEffortLimit": 1.0},
+}
+
+
+@dataclass(frozen=True, eq=False)
+class JointRefinement:
+    """What a mechanism file says of a URDF joint.
+
+    Attributes:
+        type: a name of `PAIRS`; None for that of the URDF.
+        axis: (3,) unit vector in the joint frame, None for the default.
+        axis2: (3,) unit vector, second pin of a universal joint.
+        lead: translation per turn of a screw [m].
+        resistances: some of `RESISTANCES`, a number for all coordinates or one for each.
+        limits: some of `LIMITS`, likewise; of positions one for each entry of q.
+        where: file and table, for errors.
+    """
+
+    type: str | None = None
+    axis: Array | None = None
+    axis2: Array | None = None
+    lead: float = 0.0
+    resistances: Mapping[str, Array] = field(default_factory=dict)
+    limits: Mapping[str, Array] = field(default_factory=dict)
+    where: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class OpenTree:
+    """The open tree of a mechanism.
+
+    Attributes:
+        model: Pinocchio model with the refined joints.
+        shapes: gives what is drawn ("visual") and what collides ("collision").
+        pairs: pair name of every joint of the model, in the order of `model.joints[1:]`.
+        inertias: inertia of every link that has one, in the link's frame.
+        mimics: couplings of the joints that mimic others.
+        urdf: the expanded URDF text.
+        slip_speeds: (nv,) speeds at which dry friction is nearly whole; NaN where none is given.
+    """
+
+    model: pin.Model
+    shapes: Callable[[str], pin.GeometryModel]
+    pairs: tuple[str, ...]
+    inertias: dict[str, pin.Inertia]
+    mimics: tuple[Closure, ...]
+    urdf: str
+    slip_speeds: Array
+
+
+def tree_of(
+    urdf: str, path: Path, refinements: Mapping[str, JointRefinement], faults: Faults,
+    trust: Trust, order: Sequence[str] = (), order_of: str = "",
+) -> OpenTree:
+    """Build the open tree of plain URDF text.
+
+    Args:
+        urdf: the text.
+        path: where it comes from, for relative paths and errors.
+        refinements: what a mechanism file says of joints.
+        faults: notes what is wrong in it and can be lived with.
+        trust: which meshes may be read.
+        order: joints in the order of their coordinates; those not named go first. Default that of
+            Pinocchio's reader: joint by joint upwards, alphabetically at each link.
+        order_of: the file that says so, for errors.
+
+    Raises:
+        MechanismFileError: it is not a tree, or has impossible numbers.
+    """
+    robot = parse_urdf(urdf, path)
+    for parent in list(robot.iter()):  # what is no URDF: of other namespaces, left by xacro
+        for key in [key for key in parent.attrib if "}" in key]:
+            del parent.attrib[key]
+        for child in [child for child in parent if "}" in child.tag]:
+            parent.remove(child)
+    check_structure(robot, path, faults)
+    mistakes = Mistakes(str(path))
+    with mistakes.each():
+        inertias = check_links(robot, path, faults)
+    with mistakes.each():
+        pairs = _joint_pairs(robot, refinements, path)
+        mimics = _mimics(robot, pairs, path, faults)
+    for joint in robot.findall("joint"):
+        with mistakes.each():
+            check_joint(joint, path, faults)
+    mistakes.tell()
+    shapes = take_shapes(robot, path, trust, faults)
+    whole = ET.tostring(robot, encoding="unicode")  # with absolute paths of meshes
+    elements = {joint.get("name", ""): joint for joint in robot.findall("joint")}
+    plain = _read(robot, path)
+    model = _rebuild(plain, pairs, elements, refinements, _ordered(plain, order, order_of), path)
+    slip_speeds = _put_numbers(model, refinements)
+    try:
+        put_inertias(model, inertias)
+    except (RuntimeError, ValueError) as error:
+        raise MechanismFileError(
+            f"{path}: inertias leave the range of numbers: it is too large or too heavy"
+        ) from error
+    of_joints = tuple(pairs[name] for name in list(model.names)[1:])
+    geometry = partial(geometry_of, model, shapes, str(path))
+    return OpenTree(model, geometry, of_joints, inertias, mimics, whole, slip_speeds)
+
+
+def _plain(element: ET.Element) -> ET.Element:
+    """Return a joint without mimic and limits; a continuous one as a revolute one.
+
+    Then it has one coordinate.
+    """
+    kind = element.get("type", "")
+    joint = ET.Element("joint", {**element.attrib, "type": PAIR_OF_URDF_TYPE.get(kind, kind)})
+    for part in element:
+        if part.tag in ("parent", "child"):
+            joint.append(part)
+        elif part.tag == "axis" and kind != "fixed":
+            joint.append(_normal(_scaled(part)))
+        elif part.tag == "origin":
+            joint.append(_normal(part))
+    ET.SubElement(joint, "limit", lower="-1", upper="1", effort="1", velocity="1")
+    return joint
+
+
+def _scaled(axis: ET.Element) -> ET.Element:
+    """Return an axis whose squares the URDF reader can add up."""
+    values = np.array([float(word) for word in axis.get("xyz", "").split()])
+    largest = float(np.abs(values).max(initial=0.0))
+    if largest < LARGEST_AXIS:
+        return axis
+    return ET.Element("axis", xyz=numbers_text(values / largest))
+
+
+def _normal(element: ET.Element) -> ET.Element:
+    """Return an element with its numbers as the URDF reader takes them: of no denormal size."""
+    def plain(word: str) -> str:
+        return "0" if abs(float(word)) < sys.float_info.min else word
+
+    return ET.Element(element.tag, {
+        key: " ".join(map(plain, text.split())) for key, text in element.items()
+        if key in NUMBERS})
+
+
+def _whole(inertial: ET.Element) -> ET.Element:
+    """Return an <inertial> in which nothing is missing."""
+    whole = ET.Element("inertial")
+    whole.extend(map(_normal, inertial.findall("origin")[:1]))
+    for tag, key in INERTIAL:
+        found, stated = whole.find(tag), inertial.find(tag)
+        element = ET.SubElement(whole, tag) if found is None else found
+        element.set(key, "0" if stated is None else _normal(stated).get(key, "0"))
+    return whole
+
+
+def _read(robot: ET.Element, path: Path) -> pin.Model:
+    """Return Pinocchio's model of a URDF without its shapes."""
+    bare = ET.Element("robot", name=robot.get("name") or path.stem)
+    for element in robot:
+        if element.tag == "link":
+            link = ET.SubElement(bare, "link", name=element.get("name", ""))
+            for inertial in element.findall("inertial")[:1]:
+                link.append(_whole(inertial))
+        elif element.tag == "joint":
+            bare.append(_plain(element))
+    try:
+        return pin.buildModelFromXML(ET.tostring(bare, encoding="unicode"))
+    except Exception as error:
+        reason = " ".join(str(error).split())
+        raise MechanismFileError(f"{path}: Pinocchio cannot read it: {reason}") from error
+
+
+# ---------------------------------------------------------------- joints
+
+
+def _joint_pairs(
+    robot: ET.Element, refinements: Mapping[str, JointRefinement], path: Path
+) -> dict[str, str]:
+    """Return the pair of every joint; refinements URDF can express are written into `robot`."""
+    joints = {joint.get("name", ""): joint for joint in robot.findall("joint")}
+    for name, refined in refinements.items():
+        if name not in joints:
+            raise MechanismFileError(
+                f"{refined.where}: the URDF has no such joint; {suggestion(name, joints)}")
+    pairs = {}
+    for name, joint in joints.items():
+        kind = joint.get("type", "")
+        if kind not in CONTAINED_PAIRS:
+            hint = hint_at_type(kind, CONTAINED_PAIRS) or suggestion(kind, CONTAINED_PAIRS)
+            raise MechanismFileError(
+                f"{path}: joint {name!r}: URDF has no joint type {kind!r}; {hint} (write "
+                "type=\"floating\" and name the pair in the .toml file for spherical, universal, "
+                "cylindrical and screw)"
+            )
+        given = refinements.get(name)
+        pair = given.type if given else None
+        if pair and pair not in CONTAINED_PAIRS[kind]:
+            raise MechanismFileError(
+                f"{given.where if given else path}: joint {name!r} is {kind} in the URDF, which "
+                f"does not contain a {pair} pair; make it \"floating\" there"
+            )
+        pairs[name] = pair or PAIR_OF_URDF_TYPE.get(kind, kind)
+        if given and pairs[name] == "fixed" and (given.resistances or given.limits):
+            key = next(iter({**given.resistances, **given.limits}))
+            raise MechanismFileError(
+                f"{given.where}: {key}: joint {name!r} is fixed and has nothing that could "
+                "resist or be limited; take the key out"
+            )
+        if pairs[name] == "fixed":
+            joint.set("type", "fixed")
+    return pairs
+
+
+def _rebuild(
+    model: pin.Model,
+    pairs: Mapping[str, str],
+    elements: Mapping[str, ET.Element],
+    refinements: Mapping[str, JointRefinement],
+    order: Sequence[int],
+    path: Path,
+) -> pin.Model:
+    """Return a copy of `model` with every joint replaced by the model of its pair, in order."""
+    new = pin.Model()
+    new.name, new.gravity = model.name, model.gravity
+    places = {0: 0}
+    for i in order:
+        name = model.names[i]
+        pair = PAIRS[pairs[name]]
+        where = f"{path}: joint {name!r}"
+        refined = refinements.get(name, JointRefinement())
+        axis, axis2 = joint_axes(pair, elements[name], refined, where)
+        assert pair.joint is not None
+        kind = elements[name].get("type", "")
+        as_read = PAIR_OF_URDF_TYPE.get(kind, kind) == pairs[name] \
+            and pairs[name] in ("revolute", "prismatic") and refined.axis is None
+        joint = model.joints[i] if as_read else pair.joint(axis, axis2, refined.lead)
+        places[i] = new.addJoint(places[model.parents[i]], joint, model.jointPlacements[i], name,
+                                 *stated_limits(elements[name], joint.nq, joint.nv))
+    new.lowerVelocityLimit = -new.upperVelocityLimit  # addJoint of Pinocchio 4.1 stores the upper
+    for frame in list(model.frames)[1:]:
+        frame.parentJoint = places[frame.parentJoint]
+        new.addFrame(frame, False)
+    return new
+
+
+def urdf_order(robot: ET.Element) -> list[str]:
+    """Return the joints of a URDF, fixed ones too, in the order of Pinocchio's reader."""
+    above: dict[str, list[ET.Element]] = {}
+    for joint in sorted(robot.findall("joint"), key=lambda j: j.get("name", "").encode(),
+                        reverse=True):
+        above.setdefault(end_of(joint, "parent"), []).append(joint)
+    children = {end_of(joint, "child") for joint in robot.findall("joint")}
+    todo = [joint for link, joints in above.items() if link not in children for joint in joints]
+    found = []
+    while todo:
+        joint = todo.pop()
+        found.append(joint.get("name", ""))
+        todo += above.get(end_of(joint, "child"), [])
+    return found
+
+
+def _ordered(model: pin.Model, order: Sequence[str], where: str) -> list[int]:
+    """Return the joints of a model in the order asked for."""
+    names = list(model.names)
+    wanted = {name: k for k, name in enumerate(order)}
+    if len(wanted) < len(order):
+        raise MechanismFileError(f"{where}: order: a joint is named twice")
+    for name in order:
+        if name not in names[1:]:
+            raise MechanismFileError(f"{where}: order: no joint that moves is named {name!r}; "
+                                     f"{suggestion(name, names[1:])}")
+    found = sorted(range(1, model.njoints), key=lambda i: wanted.get(names[i], -1))
+    places = {joint: k for k, joint in enumerate(found)}
+    for joint in found:
+        parent = model.parents[joint]
+        if parent and places[parent] > places[joint]:
+            raise MechanismFileError(f"{where}: order: {names[joint]!r} comes before "
+                                     f"{names[parent]!r}, on which it hangs")
+    return found
+
+
+def joint_axes(
+    pair: Pair, element: ET.Element, refined: JointRefinement | None, where: str
+) -> tuple[Array, Array]:
+    """Return the unit axes of a tree joint: the mechanism file's, else the URDF's, else default."""
+    tag = element.find("axis")
+    if refined is not None and refined.axis is not None:
+        axis = refined.axis
+    elif tag is not None and pair.uses_axis:
+        axis = numbers(tag, "xyz", 3, where)
+        if math.hypot(*axis) < 1e-12:
+            raise MechanismFileError(f"{where}: <axis> is zero")
+    elif pair.uses_axis and element.get("type") != "floating":
+        axis = np.array(URDF_AXIS)
+    else:
+        axis = np.array(pair.axis)
+    axis2 = refined.axis2 if refined and refined.axis2 is not None else np.array([0.0, 1.0, 0.0])
+    axis = unit(axis)
+    kind = refined.type if refined is not None else None
+    said = refined.where if refined and refined.where else where
+    if element.get("type") == "planar" and kind not in (None, "planar"):
+        normal = numbers(tag, "xyz", 3, where) if tag is not None else np.array(URDF_AXIS)
+        cosine, turns = abs(float(axis @ unit(normal))), kind == "revolute"
+        if abs(cosine - turns) > 1e-9:
+            raise MechanismFileError(
+                f"{said} is planar in the URDF: a {kind} pair in it must have its axis "
+                f"{'about' if turns else 'square to'} the plane's normal; make it \"floating\" "
+                "there")
+    if pair.uses_axis2:
+        axis2 = unit(axis2)
+        if abs(axis @ axis2) > 1e-9:
+            raise MechanismFileError(
+                f"{said}: the pins {axis} and {axis2} of a universal joint must be perpendicular"
+            )
+    return axis, axis2
+
+
+def stated_limits(element: ET.Element, nq: int, nv: int) -> tuple[Array, ...]:
+    """Return the bounds that a URDF states for a joint, in the order of `pin.Model.addJoint`.
+
+    One scalar of the URDF holds for every coordinate of the pair, except the position limits of
+    a pair with several coordinates and those of a continuous joint, which are none.
+
+    Args:
+        element: the joint.
+        nq: entries of its pair in the configuration.
+        nv: entries of its pair in the velocity.
+    """
+    limit, dynamics, kind = element.find("limit"), element.find("dynamics"), element.get("type")
+
+    def scalar(source: ET.Element | None, key: str, default: float) -> float:
+        value = float(source.get(key, default)) if source is not None else default
+        return value if abs(value) < UNBOUNDED else math.copysign(math.inf, value)
+
+    effort, velocity = scalar(limit, "effort", math.inf), scalar(limit, "velocity", math.inf)
+    bounded = nq == 1 and kind != "continuous"
+    stated = limit is not None and kind in ("revolute", "prismatic")
+    free = 0.0 if stated else math.inf  # URDF's defaults
+    lower = scalar(limit, "lower", 0.0 - free) if bounded else -math.inf
+    upper = scalar(limit, "upper", free) if bounded else math.inf
+    friction, damping = scalar(dynamics, "friction", 0.0), scalar(dynamics, "damping", 0.0)
+    return (
+        np.full(nv, -effort), np.full(nv, effort), np.full(nv, -velocity), np.full(nv, velocity),
+        np.full(nq, lower), np.full(nq, upper), np.zeros(nq),
+        np.full(nv, -friction), np.full(nv, friction), np.full(nv, damping),
+    )
+
+
+def own_entries(model: pin.Model, joint: int, array: str) -> slice:
+    """Return where the entries of a joint stand in one of the limits of a model."""
+    of_q = "Position" in array
+    at, count = ((model.idx_qs, model.nqs) if of_q else (model.idx_vs, model.nvs))
+    return slice(at[joint], at[joint] + count[joint])
+
+
+def _put_numbers(model: pin.Model, refinements: Mapping[str, JointRefinement]) -> Array:
+    """Put limits, damping, friction and armature of a mechanism file into a model.
+
+    Those of the URDF stand in it already. Limits go in the order of `LIMITS`.
+
+    Returns:
+        (nv,) slip speeds, NaN where there are none.
+
+    Raises:
+        MechanismFileError: there are more or fewer numbers than coordinates, or a lower limit is
+            above the upper one.
+    """
+    slip_speeds = np.full(model.nv, math.nan)
+    of_resistances = {
+        "friction": ((model.upperDryFrictionLimit, 1.0), (model.lowerDryFrictionLimit, -1.0)),
+        "damping": ((model.damping, 1.0),), "armature": ((model.armature, 1.0),),
+        "slip_speed": ((slip_speeds, 1.0),)}
+    stated = {name: x for name, x in refinements.items() if x.limits or x.resistances}
+    for name, refined in stated.items():
+        joint = model.getJointId(name)
+        given = {key: refined.limits[key] for key in LIMITS if key in refined.limits}
+        for key, values in {**given, **refined.resistances}.items():
+            targets = of_resistances.get(key) or [
+                (getattr(model, array), factor) for array, factor in LIMITS[key].items()]
+            own = own_entries(model, joint, next(iter(LIMITS.get(key, {key: 1.0}))))
+            count = own.stop - own.start
+            if values.size not in (1, count):
+                raise MechanismFileError(
+                    f"{refined.where}: {key} has {values.size} numbers; give one for all, or one "
+                    f"for each of the {count} coordinate(s) of the joint")
+            for array, factor in targets:
+                array[own] = factor * values
+        for kind in ("Position", "Velocity", "Effort") if refined.limits else ():
+            own = own_entries(model, joint, kind)
+            if np.any(getattr(model, f"lower{kind}Limit")[own]
+                      > getattr(model, f"upper{kind}Limit")[own]):
+                raise MechanismFileError(
+                    f"{refined.where}: a lower {kind.lower()} limit is above the upper one")
+    return slip_speeds
+
+
+def _mimics(
+    robot: ET.Element, pairs: Mapping[str, str], path: Path, faults: Faults
+) -> tuple[Closure, ...]:
+    mimics = []
+    for joint in robot.findall("joint"):
+        mimic, name = joint.find("mimic"), joint.get("name", "")
+        if mimic is None:
+            continue
+        source, where = mimic.get("joint", ""), f"{path}: joint {name!r}"
+        ratio = numbers(mimic, "multiplier", 1, where)[0] if "multiplier" in mimic.attrib else 1.0
+        offset = numbers(mimic, "offset", 1, where)[0] if "offset" in mimic.attrib else 0.0
+        if pairs[name] == "fixed":
+            faults.note("fixed, its <mimic> says nothing", f"joint {name!r}")
+        elif source not in pairs:
+            faults.note("mimics a joint that does not exist, moves on its own",
+                        f"joint {name!r} (of {source!r}, {suggestion(source, pairs)})")
+        elif pairs[source] == "fixed" or source == name:
+            faults.note("mimics a fixed joint or itself, moves on its own", f"joint {name!r}")
+        else:
+            mimics.append(Closure(f"mimic_{name}", COUPLING, joints=(source, name),
+                                  numbers={"ratio": float(ratio), "offset": float(offset)}))
+    return tuple(mimics)

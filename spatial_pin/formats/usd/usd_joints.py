@@ -1,0 +1,363 @@
+"""USD: joints between rigid bodies, and what couples and moves them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterable, Mapping
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from pxr import UsdPhysics
+
+from spatial_pin.formats.graph.joint_graph import WORLD, GraphJoint, Link
+from spatial_pin.formats.urdf.elements import go_on
+from spatial_pin.formats.usd.rigid_bodies import Body, body_of
+from spatial_pin.formats.usd.usd_stage import DEGREE, UsdStage, applied, brief_names
+
+PHYSX, NEWTON, EQUALITY = "PhysxMimicJointAPI", "NewtonMimicAPI", "MjcEqualityJointAPI"
+
+
+def mimics(
+    stage: UsdStage, prim: Any, name: str, of_path: Mapping[str, str]
+) -> list[dict[str, Any]]:
+    """Return the mimics that a joint states, as a mechanism file has couplings.
+
+    Args:
+        stage: the stage.
+        prim: of the joint.
+        name: of the joint.
+        of_path: names of all joints by path.
+
+    Raises:
+        MechanismFileError: one is of a kind that is not known, or names no joint that it could be.
+    """
+    found = []
+    for schema in applied(prim):
+        kind, _, freedom = schema.partition(":")
+        if kind == PHYSX:  # coordinate + gearing * other's + offset = 0
+            start = f"physxMimicJoint:{freedom}"
+            sign, words = -1.0, (f"{start}:referenceJoint", f"{start}:gearing", f"{start}:offset")
+        elif kind == NEWTON:  # coordinate = coef0 + coef1 * other's
+            if prim.GetAttribute("newton:mimicEnabled").Get() is False:
+                continue
+            sign, words = 1.0, ("newton:mimicJoint", "newton:mimicCoef1", "newton:mimicCoef0")
+        elif kind == EQUALITY:  # the same, its offset in radians
+            if any(stage.optional(prim, f"mjc:coef{k}", 0.0) for k in (2, 3, 4)):
+                stage.fail(prim, f"{schema}: a coupling of higher order than one is not read")
+            if NEWTON in applied(prim):  # which says the rest
+                continue
+            sign, words = 1.0, ("mjc:target", "mjc:coef1", "mjc:coef0")
+        elif "Mimic" in kind:
+            stage.fail(prim, f"{schema} couples joints and is not read; {go_on(prim.GetName())}")
+        else:
+            continue
+        other, unit = _leader(stage, prim, schema, words[0])
+        unit = 1.0 if kind == EQUALITY and unit == DEGREE else unit
+        if str(other.GetPath()) not in of_path:
+            stage.fail(prim, f"{schema}: {other.GetPath()} is no joint")
+        found.append({
+            "name": f"mimic_{name}", "type": "coupling",
+            "joints": [of_path[str(other.GetPath())], name],
+            "ratio": sign * stage.optional(prim, words[1], 1.0),
+            "offset": sign * stage.optional(prim, words[2], 0.0) * unit})
+    return found
+
+
+def _leader(stage: UsdStage, prim: Any, schema: str, relationship: str) -> tuple[Any, float]:
+    """Return the joint that is mimicked, and the unit of both coordinates [rad, m]."""
+    targets = prim.GetRelationship(relationship).GetTargets()
+    other = stage.usd.GetPrimAtPath(targets[0]) if len(targets) == 1 else None
+    if not other:
+        stage.fail(prim, f"{schema}: {relationship} must be one joint")
+    units = ((UsdPhysics.RevoluteJoint, DEGREE), (UsdPhysics.PrismaticJoint, stage.metre))
+    for kind, unit in units:
+        if prim.IsA(kind) and other.IsA(kind):
+            return other, unit
+    stage.fail(prim, f"{schema}: it couples a joint that turns with one that slides, or other "
+                     "joints than these; that is not read")
+
+
+MUJOCO = "MjcJointAPI"
+ACTUATOR = "MjcActuator"
+
+
+def with_resistance(stage: UsdStage, prim: Any, joint: GraphJoint) -> GraphJoint:
+    """Return a joint with damping, dry friction, armature and spring, in SI units."""
+    turns = joint.type != "prismatic"
+    mass = stage.kilogram * (stage.metre ** 2 if turns else 1.0)
+    stiffness = stage.optional(prim, "mjc:stiffness", 0.0) * mass
+    if stiffness and (stage.optional(prim, "mjc:springref", 0.0) or joint.type == "spherical"):
+        stage.notices.append(f"the spring of joint {joint.name!r} is left out: where it is at rest "
+                             "has no unit, or it has several coordinates")
+        stiffness = 0.0
+    force = mass if turns else stage.kilogram * stage.metre
+    return joint.but(
+        damping=stage.optional(prim, "mjc:damping", 0.0) * mass,
+        friction=stage.optional(prim, "mjc:frictionloss", 0.0) * force,
+        armature=stage.optional(prim, "mjc:armature", 0.0) * mass, stiffness=stiffness)
+
+
+def actuated(stage: UsdStage, of_path: Mapping[str, str]) -> list[str]:
+    """Return the joints that actuators move."""
+    found, others = [], []
+    for prim in stage.prims():
+        if str(prim.GetTypeName()) == ACTUATOR:
+            targets = prim.GetRelationship("mjc:target").GetTargets()
+            names = [of_path[str(target)] for target in targets if str(target) in of_path]
+            found += names
+            others += [] if names else [prim.GetName()]
+    if others:
+        stage.notices.append(f"actuators of no joint are left out: {', '.join(others)}")
+    return list(dict.fromkeys(found))
+
+
+def in_series(
+    joints: Iterable[GraphJoint], named: Collection[str]
+) -> tuple[list[Link], list[GraphJoint]]:
+    """Return joints of which those in series have massless links between them, and these links.
+
+    Args:
+        joints: all joints.
+        named: those of them that MuJoCo's schemas describe.
+    """
+    groups: dict[tuple[str, str], list[GraphJoint]] = {}
+    for joint in joints:
+        key = (joint.parent, joint.child) if joint.name in named else (joint.name, "")
+        groups.setdefault(key, []).append(joint)
+    links, found = [], []
+    for chain in groups.values():
+        for k in range(len(chain) - 1):
+            this, after = chain[k], chain[k + 1]
+            link = f"{this.name}/{after.name}"  # at zero it stands as the second body does
+            links.append(Link(link))
+            chain[k] = this.but(child=link)
+            chain[k + 1] = after.but(parent=link, on_parent=after.on_child)
+        found += chain
+    return links, found
+
+
+DIRECTIONS = {"X": np.eye(3)[0], "Y": np.eye(3)[1], "Z": np.eye(3)[2]}
+FREEDOMS = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
+PAIR_OF_FREEDOMS = {  # by the axes that several coordinates slide along and turn about
+    **{("", turns): "universal" for turns in ("XY", "XZ", "YZ")}, ("", "XYZ"): "spherical",
+    **{(axis, axis): "cylindrical" for axis in "XYZ"},
+    ("XY", "Z"): "planar", ("XZ", "Y"): "planar", ("YZ", "X"): "planar"}
+UNREAD = ("Joint", "Attachment", "Constraint")  # endings of types that join bodies
+LARGEST_FLOAT = 3.4e38  # of a 32-bit number: USD's own for a force without limit
+
+
+def read_joints(
+    stage: UsdStage, bodies: dict[str, Body]
+) -> tuple[list[GraphJoint], list[Link], list[str], list[dict[str, Any]]]:
+    """Return all joints, massless links between those in series, names of driven ones, couplings.
+
+    Raises:
+        MechanismFileError: one is of a kind that cannot be read, or has impossible numbers.
+    """
+    of_path = _names(stage)
+    tendons = [str(prim.GetPath()) for prim in stage.prims()
+               if any("Tendon" in schema for schema in applied(prim))]
+    if tendons:
+        stage.notices.append(f"tendons pull on {', '.join(tendons)}: they are left out")
+    joints, driven, passive, series = list[GraphJoint](), list[str](), list[str](), list[str]()
+    couplings: list[dict[str, Any]] = []
+    for path, name in of_path.items():
+        prim = stage.usd.GetPrimAtPath(path)
+        joint = _joint(stage, prim, name, bodies)
+        if joint is None:
+            continue
+        if MUJOCO in applied(prim):
+            joint = with_resistance(stage, prim, joint)
+            series.append(name)
+        joints.append(joint)
+        drives = _drives(stage, prim)
+        if any(drive["stiffness"] or drive["damping"] for drive in drives.values()):
+            driven.append(name)
+        elif drives:
+            passive.append(name)
+        couplings += mimics(stage, prim, name, of_path)
+    driven += [x for x in actuated(stage, of_path) if x not in driven]
+    links, joints = in_series(joints, series)
+    if driven:
+        stage.notices.append("drives move joints as drivers; their stiffness and damping are no "
+                             f"springs here: {', '.join(driven)}")
+    if passive:
+        stage.notices.append("drives without stiffness and damping are no drivers: "
+                             f"{', '.join(passive)}")
+    return joints, links, driven, couplings
+
+
+def _names(stage: UsdStage) -> dict[str, str]:
+    """Return a name for every joint by path, as brief as is unambiguous."""
+    prims = []
+    for prim in stage.prims():
+        kind = str(prim.GetTypeName())
+        if prim.IsA(UsdPhysics.Joint):
+            prims.append(prim)
+        elif kind.endswith(UNREAD):
+            stage.fail(prim, f"a {kind} is not read; write a joint of UsdPhysics in its place")
+    return brief_names(prims)
+
+
+# ---------------------------------------------------------------- one joint
+
+
+def _joint(stage: UsdStage, prim: Any, name: str, bodies: dict[str, Body]) -> GraphJoint | None:
+    """Return a joint, None for one that holds nothing."""
+    api = UsdPhysics.Joint(prim)
+    if api.GetJointEnabledAttr().Get() is False:
+        stage.notices.append(f"joint {name!r} is not enabled: it is left out")
+        return None
+    ends, frames = [], []
+    for side, rel, position, rotation in (
+            (0, api.GetBody0Rel(), api.GetLocalPos0Attr(), api.GetLocalRot0Attr()),
+            (1, api.GetBody1Rel(), api.GetLocalPos1Attr(), api.GetLocalRot1Attr())):
+        link, frame = _end(stage, prim, side, rel, position, rotation, bodies)
+        ends.append(link)
+        frames.append(frame)
+    if ends[0] == ends[1]:
+        what = "the world" if ends[0] == WORLD else repr(ends[0])
+        stage.notices.append(f"joint {name!r} joins {what} with itself: it is left out")
+        return None
+    joint = GraphJoint(name, "fixed", ends[0], ends[1], frames[0], frames[1],
+                  cut=api.GetExcludeFromArticulationAttr().Get() is True)
+    if prim.IsA(UsdPhysics.FixedJoint):
+        return joint
+    if prim.IsA(UsdPhysics.RevoluteJoint):
+        return _about(stage, prim, joint, "revolute", UsdPhysics.RevoluteJoint)
+    if prim.IsA(UsdPhysics.PrismaticJoint):
+        return _about(stage, prim, joint, "prismatic", UsdPhysics.PrismaticJoint)
+    if prim.IsA(UsdPhysics.SphericalJoint):
+        return _spherical(stage, prim, joint)
+    if prim.IsA(UsdPhysics.DistanceJoint):
+        return _distance(stage, prim, joint)
+    return _generic(stage, prim, joint)
+
+
+def _end(
+    stage: UsdStage, prim: Any, side: int, rel: Any, position: Any, rotation: Any,
+    bodies: dict[str, Body],
+) -> tuple[str, pin.SE3]:
+    """Return the link at an end of a joint, and the joint's frame on it."""
+    targets = rel.GetTargets()
+    if len(targets) > 1:
+        stage.fail(prim, f"body{side} names {len(targets)} prims; it must be one")
+    at, turn = stage.numbers(position, 3), stage.rotation(rotation)
+    if not targets:
+        return WORLD, pin.SE3(turn, stage.metre * at)
+    target = stage.usd.GetPrimAtPath(targets[0])
+    if not target:
+        stage.fail(prim, f"body{side} is {targets[0]}, which does not exist")
+    body = body_of(target, bodies)
+    if body is not None and body.prim == target:
+        return body.name, pin.SE3(turn, stage.metre * at * body.scale)
+    placement, scale = stage.placement(target)
+    frame = placement * pin.SE3(turn, stage.metre * at * scale)
+    return (WORLD, frame) if body is None else (body.name, body.placement.actInv(frame))
+
+
+def _about(stage: UsdStage, prim: Any, joint: GraphJoint, pair: str, schema: Any) -> GraphJoint:
+    """Return a joint of a pair about or along an axis that it states."""
+    api = schema(prim)
+    lower, upper = (stage.number(x) for x in (api.GetLowerLimitAttr(), api.GetUpperLimitAttr()))
+    axis = DIRECTIONS[stage.word(api.GetAxisAttr(), DIRECTIONS)]
+    return _one(stage, prim, joint.but(type=pair, axis=axis), lower, upper)
+
+
+def _one(stage: UsdStage, prim: Any, joint: GraphJoint, lower: float, upper: float) -> GraphJoint:
+    """Return a joint of one coordinate with limits and what its drive and simulator say."""
+    turns = joint.type == "revolute"
+    unit = DEGREE if turns else stage.metre
+    if not lower <= upper:
+        stage.fail(prim, f"its lower limit {lower} is above its upper limit {upper}")
+    force = stage.kilogram * stage.metre ** (2 if turns else 1)
+    drives = _drives(stage, prim)
+    most = max((drive["most"] for drive in drives.values()), default=math.inf)
+    fastest = stage.optional(prim, "physxJoint:maxJointVelocity", math.inf)
+    armature = stage.optional(prim, "physxJoint:armature", 0.0)
+    if stage.optional(prim, "physxJoint:jointFriction", 0.0):
+        stage.notices.append(f"the friction coefficient of joint {joint.name!r} is left out")
+    return joint.but(
+        lower=_limit(lower, unit), upper=_limit(upper, unit),
+        effort=math.inf if most >= LARGEST_FLOAT else most * force,
+        velocity=math.inf if fastest >= LARGEST_FLOAT else fastest * unit,
+        armature=armature * stage.kilogram * stage.metre ** (2 if turns else 0))
+
+
+def _limit(value: float, unit: float) -> float:
+    return math.copysign(math.inf, value) if abs(value) >= LARGEST_FLOAT else float(value) * unit
+
+
+def _spherical(stage: UsdStage, prim: Any, joint: GraphJoint) -> GraphJoint:
+    api = UsdPhysics.SphericalJoint(prim)
+    cone = [stage.number(x) for x in (api.GetConeAngle0LimitAttr(), api.GetConeAngle1LimitAttr())]
+    if any(0.0 <= angle < LARGEST_FLOAT for angle in cone):
+        stage.notices.append(f"the cone limit of joint {joint.name!r} is left out")
+    return joint.but(type="spherical")
+
+
+def _distance(stage: UsdStage, prim: Any, joint: GraphJoint) -> GraphJoint | None:
+    api = UsdPhysics.DistanceJoint(prim)
+    least, most = (stage.number(x) for x in (api.GetMinDistanceAttr(), api.GetMaxDistanceAttr()))
+    if least != most or least < 0.0:
+        stage.notices.append(f"joint {joint.name!r} bounds a distance and holds none: it is left "
+                             "out")
+        return None
+    if least == 0.0:
+        return joint.but(type="spherical")
+    return joint.but(type="distance", length=least * stage.metre)
+
+
+def _generic(stage: UsdStage, prim: Any, joint: GraphJoint) -> GraphJoint | None:
+    """Return the pair that a joint with six lockable freedoms is.
+
+    A freedom whose lower limit is above its upper limit is locked.
+    """
+    limits = {}
+    for schema in applied(prim):
+        kind, _, freedom = schema.partition(":")
+        if kind == "PhysicsLimitAPI":
+            api = UsdPhysics.LimitAPI(prim, freedom)
+            limits[freedom] = stage.number(api.GetLowAttr()), stage.number(api.GetHighAttr())
+    if "distance" in limits:
+        stage.fail(prim, "a limit of distance is not read; write a PhysicsDistanceJoint")
+    free = [x for x in FREEDOMS if x not in limits or not limits[x][0] > limits[x][1]]
+    slides = [x[-1] for x in free if x.startswith("trans")]
+    turns = [x[-1] for x in free if x.startswith("rot")]
+    if not free:
+        return joint
+    if len(free) == 6:
+        stage.notices.append(f"joint {joint.name!r} holds nothing: it is left out")
+        return None
+    if len(free) == 1:
+        kind = "revolute" if turns else "prismatic"
+        joint = joint.but(type=kind, axis=DIRECTIONS[free[0][-1]])
+        return _one(stage, prim, joint, *limits.get(free[0], (-math.inf, math.inf)))
+    pair = PAIR_OF_FREEDOMS.get(("".join(slides), "".join(turns)))
+    if pair is None:
+        stage.fail(prim, f"a joint free in {', '.join(free)} is no pair that is known here; "
+                           "write it as several joints with bodies between them")
+    if any(abs(x) < LARGEST_FLOAT for name in free for x in limits.get(name, ())):
+        stage.notices.append(f"the limits of joint {joint.name!r} are left out: it has "
+                             f"{len(free)} coordinates")
+    if pair == "universal":
+        stage.notices.append(f"joint {joint.name!r} is a universal joint: it turns about "
+                             f"{turns[0]} of body0 first, then about {turns[1]} of body1")
+    return joint.but(type=pair, axis=DIRECTIONS[turns[0]], axis2=DIRECTIONS[turns[-1]])
+
+
+# ---------------------------------------------------------------- drives and mimics
+
+
+def _drives(stage: UsdStage, prim: Any) -> dict[str, dict[str, float]]:
+    """Return stiffness, damping and largest force of the drives of a joint."""
+    found = {}
+    for schema in applied(prim):
+        kind, _, freedom = schema.partition(":")
+        if kind == "PhysicsDriveAPI":
+            api = UsdPhysics.DriveAPI(prim, freedom)
+            found[freedom] = {"stiffness": stage.number(api.GetStiffnessAttr()),
+                              "damping": stage.number(api.GetDampingAttr()),
+                              "most": stage.number(api.GetMaxForceAttr())}
+    return found

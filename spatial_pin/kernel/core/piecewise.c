@@ -1,0 +1,54 @@
+#include "piecewise.h"
+
+#include <math.h>
+
+#define MOST_PIECES 1000000
+#define MOST_DEGREE 1000
+
+/* The last piece that begins at or before x, among all but the first; 0 if there is none. */
+static Int piece_of(const Real *breaks, Int n, Real x)
+{
+    Int low = 0, high = n; /* breaks[low] <= x < breaks[high], but beyond the ends */
+    while (high - low > 1) {
+        const Int middle = low + (high - low) / 2;
+        if (x < breaks[middle])
+            high = middle;
+        else
+            low = middle;
+    }
+    return low;
+}
+
+void piecewise_at(const Int *shape, const Real *numbers, Real x, Real *value, Real *slope,
+                  Real *bend)
+{
+    const Int n = shape[PIECES], degree = shape[DEGREE];
+    const Real *breaks = numbers + shape[FIRST_NUMBER], *coefficients = breaks + n + 1;
+    const Real period = breaks[n] - breaks[0], rise = coefficients[n * (degree + 1)];
+    const Real periods = shape[REPEATS] ? floor((x - breaks[0]) / period) : 0.0;
+    x -= period * periods;
+    const Int piece = piece_of(breaks, n, x);
+    const Real *c = coefficients + piece * (degree + 1);
+    Real sum[3] = {c[degree], 0.0, 0.0};
+    x -= breaks[piece];
+    for (Int k = degree - 1; k >= 0; k--) {
+        sum[2] = sum[2] * x + 2.0 * sum[1];
+        sum[1] = sum[1] * x + sum[0];
+        sum[0] = sum[0] * x + c[k];
+    }
+    *value = sum[0] + rise * periods;
+    *slope = sum[1];
+    *bend = sum[2];
+}
+
+Int piecewise_size(const Int *shape, Int n)
+{
+    Int total = 0;
+    for (Int i = 0; i < n; i++, shape += SHAPE) {
+        if (shape[FIRST_NUMBER] != total || shape[PIECES] < 1 || shape[PIECES] > MOST_PIECES ||
+            shape[DEGREE] < 0 || shape[DEGREE] > MOST_DEGREE || (shape[REPEATS] & ~(Int)1))
+            return -1;
+        total += shape[PIECES] + 1 + shape[PIECES] * (shape[DEGREE] + 1) + 1;
+    }
+    return total;
+}

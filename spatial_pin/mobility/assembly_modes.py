@@ -1,0 +1,234 @@
+"""Assembly modes: all closed configurations for given driver values."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from itertools import product
+
+import numpy as np
+
+from spatial_pin._support.checks import checked, generator, mapping, positive_number
+from spatial_pin._support.progress import progress_bar
+from spatial_pin.assembly.assemble import assembled, standing_drivers, tell
+from spatial_pin.assembly.holding import free_bases
+from spatial_pin.assembly.rounding import as_meant
+from spatial_pin.assembly.search.guesses import read_guess
+from spatial_pin.assembly.search.within_limits import violated_limit
+from spatial_pin.errors import AssemblyError, unless_cut
+from spatial_pin.mechanism.coordinates import coordinate_value, finite_number, needed
+from spatial_pin.mechanism.joint_limits import beyond_limits
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mobility.mode_check import SAME_MODE, BodyMark, ModeCheck, ModeKind
+from spatial_pin.mobility.mode_groups import groups_of, modes_of_groups
+from spatial_pin.mobility.mode_list import AssemblyModes, labels, missing_by, order
+from spatial_pin.mobility.mode_search import Mode, ModeSearch, moving
+from spatial_pin.mobility.rods import Rod, core_of, rods_of
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.settings import Accuracy, accuracy_of
+
+# Starts from which the readings of a rod are sought: there are two as a rule, and both are missed
+# by so many in one of a hundred cases.
+READINGS = 8
+ENDLESS = 10**8  # starts: days, at a thousand a second
+
+
+def _as_states(check: ModeCheck, search: ModeSearch, copies: bool, limits: bool) -> AssemblyModes:
+    """Return the modes found as States, sorted.
+
+    Args:
+        check: of the whole mechanism.
+        search: what was found.
+        copies: whether all configurations of a mode are listed.
+        limits: whether only those that keep the joint limits are.
+    """
+    marks, all_copies = search.recognition.marks, copies or limits
+    found = [(q, mode.kind, mode.count) for mode in search.modes
+             for q in (_readings(check, marks, mode, copies, limits) if all_copies else [mode.q])]
+    if limits:
+        found = [x for x in found if not violated_limit(check.mechanism, check.state(x[0]).q)]
+    if all_copies and not copies:
+        found = _one_of_each(check, found)
+    loose = {joint for _, kind, _ in found for joint, _ in kind.idle}
+    found.sort(key=lambda x: order(check.state(x[0]), loose))
+    signs = check.signs([(q, kind) for q, kind, _ in found])
+    states = [check.state(q, branch) for (q, _, _), branch in
+              zip(found, labels(signs), strict=True)]
+    return AssemblyModes(
+        states, held=check.held, starts=search.starts, closed=search.closed,
+        found=[count for _, _, count in found],
+        missing=missing_by([mode.count for mode in search.modes]) if search.is_free else 0.0,
+        continua=() if search.continuum is None else (search.continuum,),
+        is_whole=search.is_whole)
+
+
+def _readings(
+    check: ModeCheck, marks: Mapping[int, BodyMark], mode: Mode, copies: bool, limits: bool
+) -> list[Array]:
+    """Return a mode with the core's rods in their readings: all, or those within limits."""
+    choices = []
+    for rod in mode.rods:
+        own = _readings_of(check, {k: marks[k] for k in rod.lines}, rod, mode.q)
+        if limits:
+            own = [x for x in own if not x[2]]
+        choices.append([x[:2] for x in own][: None if copies else 1])
+    readings = []
+    for choice in product(*choices):
+        q = mode.q.copy()
+        for at, values in choice:
+            q[at] = values
+        readings.append(q)
+    return readings
+
+
+def _readings_of(
+    check: ModeCheck, marks: Mapping[int, BodyMark], rod: Rod, q: Array
+) -> list[tuple[slice, Array, bool]]:
+    """Return the readings of a rod's first joint, and whether one is beyond joint limits."""
+    model, i = check.mechanism.model, min(rod.lines)
+    own = slice(model.idx_qs[i], model.idx_qs[i] + model.nqs[i])
+    names = {c.name for c in check.mechanism.coordinate_table.values()
+             if c.joint in {model.names[k] for k in rod.lines}}
+    rng = np.random.default_rng(6)
+    signatures: list[Array] = []
+    readings = []
+    for k in range(READINGS):
+        start = q if not k else check.shaken((rod,), q, rng)
+        found = check.place_rods((rod,), start)
+        if found is None:
+            continue
+        signature = check.signature(marks, found)
+        if all(np.abs(signature - other).max() >= SAME_MODE for other in signatures):
+            signatures.append(signature)
+            beyond = beyond_limits(check.mechanism, check.state(found).q)
+            readings.append((own, found[own], not names.isdisjoint(beyond)))
+    return readings
+
+
+def _one_of_each(
+    check: ModeCheck, found: list[tuple[Array, ModeKind, int]]
+) -> list[tuple[Array, ModeKind, int]]:
+    """Return one copy of each mode, the counts summed."""
+    kept: list[tuple[Array, ModeKind, int]] = []
+    signatures: list[Array] = []
+    for q, kind, count in found:
+        marks = check.marks(q, kind.idle, all_copies=False)
+        signature = check.signature(marks, q)
+        for k, other in enumerate(signatures):
+            if other.shape == signature.shape and np.abs(other - signature).max() < SAME_MODE:
+                kept[k] = kept[k][0], kept[k][1], max(kept[k][2], count)
+                break
+        else:
+            signatures.append(signature)
+            kept.append((q, kind, count))
+    return kept
+
+
+@checked
+def assembly_modes(
+    mechanism: Mechanism,
+    drivers: Mapping[str, float] | None = None,
+    *,
+    free: Iterable[str] = (),
+    copies: bool = False,
+    limits: bool = False,
+    patience: int = 1000,
+    most_starts: int = 50_000,
+    seed: int = 0,
+    accuracy: Accuracy | None = None,
+    progress: bool = False,
+) -> AssemblyModes:
+    """Find the closed configurations of a mechanism at given driver values, from random starts.
+
+    Configurations that differ only by passive freedoms, whole turns, rods turned about their own
+    lines, or the two readings of a universal joint are one mode. Starts go on until `patience` of
+    them in a row have found nothing new and the rarest mode has been found twenty times, or until
+    `most_starts`; `AssemblyModes.missing` estimates how many have not been found.
+    Nothing proves that a finite number of starts has found all: raise `patience` for rare modes. A
+    screw joint of the tree, and an angle of a coupling whose ratio is no whole number, is looked
+    at near its zero, for each of its turns may be a mode of its own.
+
+    Args:
+        mechanism: the mechanism.
+        drivers: values of drivers or coordinates to hold [rad, m]; drivers that are not named
+            stand at the guess, if the loops can be closed there.
+        free: drivers that are not to stand at the guess.
+        copies: list all configurations of a mode that differ in coordinates, not one of them.
+        limits: leave out modes of which no copy keeps the joint limits.
+        patience: go on until so many starts in a row have found nothing new.
+        most_starts: stop after so many starts in any case.
+        seed: of the random starts; the same seed gives the same list.
+        accuracy: tolerance to reach; default "engineering".
+        progress: show a bar on stderr after a second, if that is a terminal.
+
+    Returns:
+        The modes, sorted by their coordinates. `State.branch` labels each: the sign of the
+        determinant of the closed loops ("+" or "-"), numbered if there are several of a sign; ""
+        where passive freedoms or missing drivers leave it open; "singular" where the mode can move
+        to first order. Configurations that can really move are not modes; those found beside modes
+        are in `AssemblyModes.continua`.
+
+    Raises:
+        ContinuumError: the mechanism can move with the values held, in its guess or in every
+            configuration found; names the freedoms and what to hold.
+        UnknownNameError, ValueError: names that do not exist, values that are not finite.
+        Interrupted: after Ctrl-C; `.result` has the modes that were found until then.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> modes = sp.assembly_modes(mech, {"crank": 1.0})  # [rad]
+        >>> [(m.branch, round(m.coordinate("rocker_pin").value, 3)) for m in modes]
+        [('+', -2.285), ('-', 1.625)]
+    """
+    needed(mechanism)
+    positive_number(patience, "patience")
+    positive_number(most_starts, "most_starts")
+    rng = generator(seed)
+    if min(patience, most_starts) > ENDLESS:
+        raise ValueError(f"patience is {patience:.3g} and most_starts is {most_starts:.3g}; one of "
+                         f"them must be {ENDLESS:.0e} at most, or the search hardly ends")
+    accuracy = accuracy_of(accuracy)
+    mechanism = as_meant(mechanism, accuracy)
+    held = _held(mechanism, mapping(drivers, "drivers"), free)
+    rods = rods_of(mechanism)
+
+    def searched(part: Mechanism, fixed: Mapping[str, float]) -> AssemblyModes:
+        loose = {c.joint for name, c in part.coordinate_table.items() if name not in fixed}
+        own = [rod for rod in rods if any(part.model.names[i] in loose for i in rod.lines)]
+        check = ModeCheck(part, fixed, own, accuracy.tolerance, accuracy.gap)
+        search = ModeSearch(check, core_of(part, fixed, own), copies or limits)
+        search.look_at_guess()
+        with progress_bar(most_starts, f"{mechanism.name}: modes", progress) as bar:
+            search.run(rng, patience, most_starts, bar)
+        if search.continuum is not None and not search.modes:
+            raise moving(check, search.continuum)
+        return _as_states(check, search, copies, limits)
+
+    groups = groups_of(mechanism, held)
+    found = searched(mechanism, held) if not groups else modes_of_groups(
+        ModeCheck(mechanism, held, rods, accuracy.tolerance, accuracy.gap), groups, searched)
+    if found and mechanism.whole is not None:
+        tell(found[0])
+    return unless_cut(found)
+
+
+def _held(
+    mechanism: Mechanism, named: Mapping[str, float], free: Iterable[str]
+) -> dict[str, float]:
+    """Return the coordinates held: those named, drivers that stand at the guess, a free base."""
+    held = {mechanism.driven_coordinate(name).name: finite_number(value, f"driver {name!r}")
+            for name, value in named.items()}
+    standing = standing_drivers(mechanism, held, mechanism.start(held), free)
+    if bases := free_bases(mechanism):
+        q = read_guess(mechanism, mechanism.start(held)).q
+        held |= {c.name: coordinate_value(mechanism, c, q)
+                 for c in mechanism.coordinate_table.values() if c.joint in bases}
+    for name in standing:
+        mechanism.driven_coordinate(name)  # refuses components of balls and floating joints
+    if standing:
+        try:
+            state = assembled(mechanism, held, free=free)
+        except AssemblyError:
+            return held
+        gone = {mechanism.coordinate(name).name for name in state.released}
+        standing = {name: value for name, value in standing.items() if name not in gone}
+    return held | standing

@@ -1,0 +1,358 @@
+"""What a closed configuration is with values held: a mode, or one of a set that can move."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from spatial_pin.assembly.close import close
+from spatial_pin.assembly.passive_freedoms import moved_bodies, unseen_links
+from spatial_pin.assembly.search.whole_turns import nearest_turn, turned_apart
+from spatial_pin.assembly.state import State, gap_of
+from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.constraints.pinocchio_views import joint_jacobian
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.pairs import PAIRS
+from spatial_pin.mobility.finite_motions import WAY_OUT, finite_motions
+from spatial_pin.mobility.idle_freedoms import IDLE, idle_freedoms
+from spatial_pin.mobility.mode_list import Continuum
+from spatial_pin.mobility.rods import Rod
+from spatial_pin.numerics.linalg import (
+    Array,
+    common_rows,
+    decompose,
+    determinant_signs,
+    null_space,
+    rank,
+    row_space,
+)
+from spatial_pin.numerics.tolerances import TOLERANCES
+
+# Largest difference of two placements of one mode [characteristic lengths, 1]. At a singular mode
+# it is the square root of the residual: loops count as closed at its square, 1e-10.
+SAME_MODE = 1e-5
+MOVING = 1e-3  # part of the fastest joint's speed that is worth a name: three digits of a report
+# Part of a motion that coordinates must change by to hold it: a tenth leaves its place known to one
+# digit less than theirs.
+HOLDS = 0.1
+# Parts of the way between two configurations where loops are looked at: what is closed there by
+# chance is open at another.
+BETWEEN = (0.25, 0.5, 0.75)
+# Starts for rods whose other end cannot be reached from the guess: one in two reaches it, and all
+# of so many fail in one of a million cases.
+TRIES = 20
+
+
+# ---------------------------------------------------------------- marks: what tells modes apart
+# Of a rod that is its line; of a link with a passive freedom, what the freedom leaves at rest; of
+# any other link its whole placement. All of it is linear in the joint placements.
+
+
+class BodyMark(NamedTuple):
+    """What of a body counts: points (k, 3) [m] and directions (l, 3), in its joint's axes."""
+
+    points: Array
+    directions: Array
+
+
+WHOLE = BodyMark(np.zeros((1, 3)), np.eye(3))
+NOTHING = BodyMark(np.zeros((0, 3)), np.zeros((0, 3)))
+
+
+def rows_of(marks: Mapping[int, BodyMark], n_joints: int, length: float) -> Array:
+    """Return coefficients (rows, 4 n_joints) of marks on joint placements, lengths divided."""
+    rows = []
+    for body, mark in marks.items():
+        for vectors, flag, unit in ((mark.points, 1.0, length), (mark.directions, 0.0, 1.0)):
+            for x in vectors:
+                row = np.zeros((n_joints, 4))
+                row[body] = np.array([*x, flag]) / unit
+                rows.append(row.reshape(-1))
+    return np.array(rows).reshape(len(rows), 4 * n_joints)
+
+
+def resting(evaluation: Evaluation, idle: list[tuple[str, Array]]) -> dict[int, BodyMark]:
+    """Return what passive freedoms leave at rest of the bodies that they move."""
+    mechanism, marks = evaluation.mechanism, {}
+    for _, velocities in idle:
+        for body in moved_bodies(evaluation, velocities):
+            points = _points(mechanism, body)
+            speeds = _speeds(evaluation, body, points, velocities)
+            speeds = np.abs(speeds.reshape(len(velocities), len(points), 3)).max(axis=(0, 2))
+            twists = _twists(evaluation, body, velocities)
+            slide = _speeds(evaluation, body, np.zeros((1, 3)), velocities)
+            fastest = float(max(np.abs(twists[:, 3:]).max(), np.abs(slide).max()))
+            spins = twists[:, 3:]
+            axes = row_space(spins[np.abs(spins).max(axis=1) > IDLE * fastest], IDLE)
+            steady = np.eye(3)  # directions that stay as they are
+            if len(axes):
+                rotation = evaluation.data.oMi[body].rotation
+                steady = axes @ rotation if len(axes) == 1 else np.empty((0, 3))
+            marks[body] = BodyMark(points[speeds <= IDLE * fastest], steady)
+    return marks
+
+
+def _twists(evaluation: Evaluation, body: int, velocities: Array) -> Array:
+    """Return (k, 6) twists of a body about the world origin for joint velocities (k, nv)."""
+    columns = joint_jacobian(evaluation.data, evaluation.model.nv)
+    return velocities @ (columns * evaluation.constraints.support(body)).T
+
+
+def _speeds(evaluation: Evaluation, body: int, points: Array, velocities: Array) -> Array:
+    """Return (k, 3 points) velocities of points of a body [characteristic lengths]."""
+    placement = evaluation.data.oMi[body]
+    places = points @ placement.rotation.T + placement.translation
+    twists = _twists(evaluation, body, velocities)
+    speeds = twists[:, None, :3] + np.cross(twists[:, None, 3:], places[None])
+    return speeds.reshape(len(velocities), -1) * evaluation.constraints.scale
+
+
+def _points(mechanism: Mechanism, body: int) -> Array:
+    """Return the centres (k, 3) of a body's pairs."""
+    model = mechanism.centred_model
+    points = [np.zeros(3)]
+    points += [model.jointPlacements[i].translation for i in range(1, model.njoints)
+               if model.parents[i] == body]
+    for closure in mechanism.closures:
+        placed = map(mechanism.centred_frame, (*closure.frames, *closure.between))
+        points += [M.translation for joint, M in placed if joint == body]
+    return np.array(points)
+
+
+# ---------------------------------------------------------------- the check
+
+
+class ModeKind(NamedTuple):
+    """What a closed configuration is.
+
+    Attributes:
+        nullity: freedoms to first order with the values held.
+        idle: (joint's name, (k, nv) velocities) of the links that are passive.
+        motions: (d, nv) finite motions, scaled; of a regular configuration the passive ones.
+    """
+
+    nullity: int
+    idle: list[tuple[str, Array]]
+    motions: Array
+
+    @property
+    def passive(self) -> int:
+        """Number of passive freedoms."""
+        return sum(len(v) for _, v in self.idle)
+
+    @property
+    def is_singular(self) -> bool:
+        """Whether it can move, passive freedoms apart, if only to first order."""
+        return self.nullity > self.passive
+
+    @property
+    def moves(self) -> bool:
+        """Whether it can really move, passive freedoms apart."""
+        return len(self.motions) > self.passive
+
+
+class ModeCheck:
+    """The closure equations of a mechanism with coordinates held.
+
+    Attributes:
+        held: their values [rad, m].
+        free: (nv,) which velocities may close the loops.
+        rods: by the joint of each of their bodies.
+    """
+
+    def __init__(
+        self, mechanism: Mechanism, held: Mapping[str, float], rods: list[Rod], tolerance: float,
+        gap: float,
+    ) -> None:
+        self.mechanism, self.held, self.tolerance = mechanism, dict(held), tolerance
+        self.rods, self.gap = rods, gap
+        self.evaluation = Evaluation(constraints_of(mechanism))
+        self.free = np.ones(mechanism.model.nv, dtype=bool)
+        self.fixed = [mechanism.coordinate_table[name].v for name in held]
+        self.free[self.fixed] = False
+
+    def close(self, q: Array, iterations: int = 60) -> Array | None:
+        """Return q closed, values held; None if that fails or gives a mirror image."""
+        q, error = close(self.evaluation, q, self.free, self.tolerance, iterations)
+        return q if error <= SAME_MODE * SAME_MODE and not self.evaluation.mirrored() else None
+
+    def holds(self, q: Array) -> bool:
+        """Whether the equations that the mechanism is without hold at q to the gap allowed."""
+        return gap_of(self.mechanism, q, self.evaluation.angles) <= self.gap
+
+    def kind(self, q: Array) -> ModeKind:
+        """Return what a closed configuration is."""
+        evaluation, n = self.evaluation, self.evaluation.constraints.n_closure
+        idle = idle_freedoms(evaluation, q, self.fixed)
+        evaluation.update(q)
+        inner = null_space(evaluation.jacobian[:n, self.free], TOLERANCES.half_precision)
+        tangents = np.zeros((len(inner), len(self.free)))
+        tangents[:, self.free] = inner
+        kind = ModeKind(len(tangents), idle, tangents)
+        if kind.is_singular:
+            kind = kind._replace(motions=finite_motions(evaluation, q, tangents, self.free))
+        evaluation.update(q)
+        return kind
+
+    def is_joined(self, q: Array, other: Array) -> bool:
+        """Whether loops are closed all the way between two closed configurations (nq,) nearby.
+
+        Of modes that cannot move, both are then one, as far as round-off tells.
+        """
+        way = turned_apart(self.mechanism, q, other)
+        size = float(np.linalg.norm(way))
+        for part in BETWEEN if size < WAY_OUT else ():
+            step = self.mechanism.velocity_scale * part * way
+            start = pin.integrate(self.mechanism.model, q, step)
+            found, error = close(self.evaluation, start, self.free, self.tolerance,
+                                 cut=TOLERANCES.well_conditioned)
+            moved = float(np.linalg.norm(turned_apart(self.mechanism, start, found)))
+            if error > SAME_MODE * SAME_MODE or moved > TOLERANCES.unexplained * size:
+                return False
+        return size < WAY_OUT
+
+    def continuum(self, q: Array, kind: ModeKind) -> Continuum:
+        """Return what can move at a configuration, and what would hold it."""
+        mechanism, motions = self.mechanism, kind.motions
+        if kind.idle:
+            scaled = np.vstack([v for _, v in kind.idle]) / mechanism.velocity_scale
+            passive = decompose(scaled).vt[: rank(scaled)]
+            motions = motions - motions @ passive.T @ passive
+        motions = decompose(motions).vt[: len(kind.motions) - kind.passive]
+        speeds = np.abs(motions).max(axis=0)
+        table = mechanism.coordinate_table.values()
+        moving = [c for c in table if speeds[c.v] > MOVING * speeds.max()]
+        driven = [mechanism.driven_coordinate(name) for name in mechanism.drivers]
+        first = [c for c in driven if c in moving]
+        rest = sorted((c for c in moving if c not in first),
+                      key=lambda c: (c.q < 0, -round(float(speeds[c.v]), 6)))
+        hold: list[str] = []
+        basis = np.empty((len(motions), 0))
+        for c in [*first, *rest]:
+            wider = np.hstack([basis, motions[:, c.v : c.v + 1]])
+            if decompose(wider).s[-1] > HOLDS * MOVING and len(hold) < len(motions):
+                basis = wider
+                hold.append(next((d for d, x in mechanism.drivers.items()
+                                  if mechanism.driven_coordinate(x.joint) == c), c.name))
+        return Continuum(self.state(q), len(motions), tuple(c.name for c in moving), tuple(hold))
+
+    def marks(
+        self, q: Array, idle: list[tuple[str, Array]], all_copies: bool
+    ) -> dict[int, BodyMark]:
+        """Return what tells modes apart of every body.
+
+        Args:
+            q: (nq,) a closed configuration.
+            idle: its passive freedoms.
+            all_copies: rods that are turned about their lines are told apart too, and links
+                inside chains of hinges.
+        """
+        marks = dict.fromkeys(range(1, self.mechanism.model.njoints), WHOLE)
+        self.evaluation.update(q)
+        marks |= resting(self.evaluation, idle)
+        if not all_copies:
+            marks |= {i: BodyMark(line.point[None], line.direction[None])
+                      for rod in self.rods for i, line in rod.lines.items()}
+            marks |= dict.fromkeys(unseen_links(self.mechanism), NOTHING)
+        return marks
+
+    def signature(self, marks: Mapping[int, BodyMark], q: Array) -> Array:
+        """Return the marks (rows, 3) at a configuration."""
+        n, length = self.mechanism.model.njoints, self.mechanism.characteristic_length
+        self.evaluation.update(q)
+        return rows_of(marks, n, length) @ self.evaluation.placements.reshape(4 * n, 3)
+
+    # ------------------------------------------------------------ links that stand as they like
+
+    def _columns(self, bodies: set[int], with_children: bool) -> NDArray[np.bool_]:
+        """Return (nv,) which velocities are those of the joints of bodies."""
+        model = self.mechanism.model
+        mask = np.zeros(model.nv, dtype=bool)
+        for i in range(1, model.njoints):
+            if i in bodies or (with_children and int(model.parents[i]) in bodies):
+                mask[model.idx_vs[i] : model.idx_vs[i] + model.nvs[i]] = True
+        return mask & self.free
+
+    def place_rods(self, rods: tuple[Rod, ...], q: Array) -> Array | None:
+        """Return q with rods placed between their ends, all else held, and then closed."""
+        if not rods:
+            return self.close(q)
+        columns = self._columns({i for rod in rods for i in rod.lines}, with_children=False)
+        rng = np.random.default_rng(5)
+        for _ in range(TRIES):
+            found, error = close(self.evaluation, q, columns, self.tolerance)
+            if error <= SAME_MODE:
+                return self.close(found)
+            q = self.shaken(rods, q, rng)
+        return None
+
+    def shaken(self, rods: Iterable[Rod], q: Array, rng: np.random.Generator) -> Array:
+        """Return q with rods turned at random."""
+        columns = self._columns({i for rod in rods for i in rod.lines}, with_children=False)
+        angles = rng.uniform(-np.pi, np.pi, len(columns))
+        scale = self.mechanism.velocity_scale
+        return pin.integrate(self.mechanism.model, q, np.where(columns, scale * angles, 0.0))
+
+    def settled(self, q: Array, base: Array, marks: Mapping[int, BodyMark]) -> Array:
+        """Return the copy of a mode in which rods and passive links stand as in `base`, if near.
+
+        So that it does not depend on the start that found the mode.
+        """
+        model = self.mechanism.model
+        bodies = {i for i, mark in marks.items() if mark is not WHOLE}
+        if not bodies:
+            return q
+        start = q.copy()
+        for i in bodies:
+            own = slice(model.idx_qs[i], model.idx_qs[i] + model.nqs[i])
+            start[own] = base[own]
+        columns = self._columns(bodies, with_children=True)
+        found, error = close(self.evaluation, start, columns, self.tolerance)
+        polished = self.close(found) if error <= SAME_MODE else None
+        if polished is None:
+            return q
+        apart = np.abs(self.signature(marks, polished) - self.signature(marks, q))
+        return polished if apart.max(initial=0.0) < SAME_MODE else q
+
+    # ------------------------------------------------------------ States
+
+    def state(self, q: Array, branch: str = "") -> State:
+        """Return a closed configuration as a State."""
+        q, model = nearest_turn(self.mechanism, q, self.held, {}), self.mechanism.model
+        for i, name in enumerate(self.mechanism.pairs, start=1):
+            if not PAIRS[name].is_linear:  # quaternions of one sign: w, or the first that is not 0
+                last = model.idx_qs[i] + model.nqs[i]
+                quaternion = q[[last - 1, *range(last - 4, last - 1)]]
+                if quaternion[np.abs(quaternion) > SAME_MODE][0] < 0.0:
+                    q[last - 4 : last] *= -1.0
+        self.evaluation.update(q)
+        return State(self.mechanism, q, closure_error=self.evaluation.closure_error,
+                     angles=self.evaluation.angles, branch=branch)
+
+    def signs(self, modes: list[tuple[Array, ModeKind]]) -> list[str]:
+        """Return the signs of the determinants of the closed loops at modes, in words.
+
+        Of redundant equations the same are left out in all modes.
+        """
+        evaluation, mechanism = self.evaluation, self.mechanism
+        nv, n = mechanism.model.nv, evaluation.constraints.n_closure
+        regular = [k for k, (_, kind) in enumerate(modes) if not kind.is_singular]
+        jacobians = np.zeros((len(regular), *evaluation.jacobian.shape))
+        for at, k in enumerate(regular):
+            evaluation.update(modes[k][0])
+            jacobians[at] = evaluation.jacobian
+        drive = np.eye(nv)[sorted(self.fixed)]
+        words = ["" if k in regular else "singular" for k in range(len(modes))]
+        count = nv - len(drive) - (jacobians.shape[1] - n)
+        rows = common_rows(jacobians[:, :n], drive, count)
+        if len(rows) == count and nv:
+            whole = [np.vstack([j[rows], j[n:], drive]) for j in jacobians]
+            for k, sign in zip(regular, determinant_signs(np.array(whole).reshape(-1, nv, nv)),
+                               strict=True):
+                words[k] = {1: "+", -1: "-", 0: ""}[sign]
+        return words

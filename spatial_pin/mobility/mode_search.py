@@ -1,0 +1,391 @@
+"""The search for assembly modes: starts are closed, and sorted by what they end at."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spatial_pin.assembly.search.guesses import read_guess
+from spatial_pin.errors import ContinuumError
+from spatial_pin.kernel.closer import Closer
+from spatial_pin.kernel.kernel import Kernel
+from spatial_pin.mechanism.coordinates import with_values
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.pairs import PAIRS
+from spatial_pin.mobility.finite_motions import SETTING_OUT, WAY_OUT
+from spatial_pin.mobility.mode_check import SAME_MODE, BodyMark, ModeCheck, ModeKind, rows_of
+from spatial_pin.mobility.mode_list import Continuum
+from spatial_pin.mobility.rods import Core, Rod
+from spatial_pin.numerics.linalg import Array, null_space, null_vectors
+from spatial_pin.numerics.tolerances import TOLERANCES
+
+# Starts that the rarest mode must have had before no more are sought: one that has half its share
+# of starts is then missed in exp(-10) of cases, 5e-5.
+TIMES = 20
+# Singular modes are the same up to this: where four of them meet they are known to the fourth root
+# of round-off, 1e-4; ten times that.
+SINGULAR_SAME = 1e-3
+MOST_MODES = 1000  # after which no more are sought: more are a continuum cut by its tolerance
+BEYOND = 0.25  # part of the range of closed slides that starts go beyond it: modes not yet found
+# Starts slide by up to so many characteristic lengths either way: links reach one, and the ground
+# stands no farther than half of another from where its frame is drawn.
+SLIDES = 1.5
+# Steps of a start. Of random starts of `delta` 57 % close in 60 steps, 75 % in 120 and 240; of the
+# Gough platform with forty modes 98.5 %, 99.75 % and as many.
+ITERATIONS = 120
+# starts closed together: few as the first may tell all, later ones many
+FEWEST_TOGETHER, MOST_TOGETHER = 64, 512
+LARGEST = 1 << 21  # numbers in their Jacobians: 16 MB
+LOOKED_AT = 20  # closed configurations looked at for a regular one: if all are singular, it is so
+MOST_REJECTED = 64  # mirror images that are known again: each is compared with every start
+
+
+class Starts:
+    """Configurations of a mechanism, drawn at random, and where descents from them end.
+
+    Args:
+        mechanism: the core of what is searched.
+        held: its coordinates that are held [rad, m].
+
+    Attributes:
+        kernel: of the mechanism.
+        free: (nv,) which velocities may close the loops.
+    """
+
+    def __init__(self, mechanism: Mechanism, held: Mapping[str, float]) -> None:
+        self._mechanism, self._held = mechanism, held
+        self._closer = Closer(mechanism)
+        self.kernel = self._closer.kernel
+        table, nv = mechanism.coordinate_table, mechanism.model.nv
+        self.free = np.ones(nv, dtype=bool)
+        self.free[[table[name].v for name in held]] = False
+        self._most = int(np.clip(LARGEST // max(1, self.kernel.n_closure * nv), 1, MOST_TOGETHER))
+        self._size = min(FEWEST_TOGETHER, self._most)
+        self._slides = [at for c in table.values() if c.unit == "m" and c.name not in held
+                        and (at := mechanism.place_of(c)) >= 0]
+        self._low = np.full(len(self._slides), np.inf)
+        self._high = -self._low
+
+    def draw(self, rng: np.random.Generator, most: int) -> Array:
+        """Return some more configurations (nq, m), `most` at most."""
+        m = min(self._size, most) if self.free.any() else 1
+        self._size = min(2 * self._size, self._most)
+        mechanism, model = self._mechanism, self._mechanism.model
+        q = np.repeat(np.array(mechanism.neutral)[:, None], m, axis=1)
+        reach = rng.uniform(0.0, SLIDES * mechanism.characteristic_length, m)
+        for c in mechanism.coordinate_table.values():  # angles uniform, slides about neutral
+            if c.q >= 0:
+                q[c.q] = rng.uniform(-1.0, 1.0, m) * (np.pi if c.unit == "rad" else reach)
+        for i, name in enumerate(mechanism.pairs, start=1):
+            if not PAIRS[name].is_linear:  # orientations uniform
+                at, n = model.idx_qs[i], model.nqs[i]
+                quaternion = rng.normal(size=(4, m))
+                q[at + n - 4 : at + n] = quaternion / np.linalg.norm(quaternion, axis=0)
+                if n == 7:
+                    q[at : at + 3] = rng.uniform(-1.0, 1.0, (3, m)) * reach
+        for name, value in self._held.items():
+            q[mechanism.coordinate_table[name].q] = value
+        # every other start has slides in the range of closed configurations, and a part beyond it:
+        # a mechanism may be small against its distance from the origin
+        if self._slides and np.isfinite(self._low).all():
+            beyond = BEYOND * (self._high - self._low)
+            q[self._slides, 1::2] = rng.uniform(
+                (self._low - beyond)[:, None], (self._high + beyond)[:, None],
+                (len(self._slides), m // 2))
+        return q
+
+    def descend(self, q: Array) -> tuple[Array, Array]:
+        """Return configurations q (nq, m) with their loops closed, and residuals (m,)."""
+        found, error = self._closer.descend(q.T, self.free, TOLERANCES.tight, ITERATIONS)
+        return found.T, error
+
+    def learn(self, closed: Array) -> None:
+        """Learn from closed configurations (nq, m) where slides are."""
+        ends = closed[self._slides]
+        self._low = np.minimum(self._low, ends.min(axis=1, initial=np.inf))
+        self._high = np.maximum(self._high, ends.max(axis=1, initial=-np.inf))
+
+
+class Recognition:
+    """Signatures of configurations: equal where these are one mode.
+
+    Args:
+        check: of the whole mechanism.
+        core: what is searched.
+        base: (nq,) configuration of the whole mechanism where it is not the core's.
+        kernel: of the core.
+        free: (nv,) velocities of the core that may close the loops.
+        all_copies: whether copies of a mode are told apart.
+
+    Attributes:
+        marks: what counts of each body; empty before anything was learnt.
+        is_learnt: whether signatures can be made.
+        generic_nullity: freedoms to first order of a regular configuration of the core.
+    """
+
+    def __init__(
+        self, check: ModeCheck, core: Core, base: Array, kernel: Kernel,
+        free: NDArray[np.bool_], all_copies: bool,
+    ) -> None:
+        self._check, self._core, self._base = check, core, base
+        self._kernel, self._free, self._all_copies = kernel, free, all_copies
+        self.marks: dict[int, BodyMark] = {}
+        self.is_learnt = False
+        self._rows: Array = np.empty((0, 0))
+        self.generic_nullity = 0
+
+    def learn(self, q: Array) -> None:
+        """Learn from closed configurations q (nq, m) which freedoms are passive."""
+        looked_at = 0
+        for x in q.T:
+            whole = self.whole(x)
+            if whole is None:
+                continue
+            kind = self._check.kind(whole)
+            if not self.is_learnt or not kind.is_singular:
+                self.is_learnt = True
+                self.marks = self._check.marks(whole, kind.idle, self._all_copies)
+                nullity = len(null_space(self.jacobians(x[:, None])[0], TOLERANCES.half_precision))
+                self.generic_nullity = nullity - kind.nullity + kind.passive
+            looked_at += 1
+            if not kind.is_singular or looked_at == LOOKED_AT:
+                break
+        if self.is_learnt:
+            own = {k: self.marks[i] for k, i in enumerate(self._core.joints, start=1)}
+            self._rows = rows_of(own, len(self._core.joints) + 1,
+                                 self._check.mechanism.characteristic_length)
+
+    def signatures(self, q: Array) -> Array:
+        """Return (m, rows, 3) what tells configurations q (nq, m) of the core apart."""
+        placed = self._kernel.placements(q.T)
+        return self._rows @ placed.reshape(len(placed), -1, 3)
+
+    def signature(self, q: Array) -> Array:
+        """Return (rows, 3) of one configuration (nq,) of the whole mechanism."""
+        model, own = self._check.mechanism.model, self._core.mechanism.model
+        parts = [q[model.idx_qs[i] : model.idx_qs[i] + model.nqs[i]] for i in self._core.joints]
+        x: Array = np.concatenate([np.empty(0), *parts]).reshape(own.nq)
+        return self.signatures(x[:, None])[0]
+
+    def jacobians(self, q: Array) -> Array:
+        """Return (m, n_closure, free) derivatives of the core's equations at q (nq, m)."""
+        return self._kernel.jacobians(q.T)[:, : self._kernel.n_closure, self._free]
+
+    def whole(self, x: Array) -> Array | None:
+        """Return a configuration of the core as one of the mechanism, None if it is none."""
+        mechanism = self._check.mechanism
+        return self._check.place_rods(
+            self._core.rods, self._core.whole(mechanism, self._base, x))
+
+
+def apart(signatures: Array, other: Array) -> Array:
+    """Return (m,) largest differences of signatures (m, rows, 3) from another (rows, 3)."""
+    return np.abs(signatures - other).max(axis=(1, 2), initial=0.0)
+
+
+class Mode:
+    """A mode found: a closed configuration, and how many starts have ended there."""
+
+    def __init__(self, q: Array, kind: ModeKind, signature: Array, rods: tuple[Rod, ...]) -> None:
+        self.q, self.kind, self.signature, self.rods = q, kind, signature, rods
+        self.count = 0
+
+    @property
+    def reach(self) -> float:
+        """How far from its signature a configuration is still this mode."""
+        return SINGULAR_SAME if self.kind.is_singular else SAME_MODE
+
+
+class ModeSearch:
+    """Closed configurations of the core found so far, one of each mode.
+
+    Args:
+        check: of the whole mechanism.
+        core: what is searched.
+        all_copies: whether copies of a mode are told apart.
+
+    Attributes:
+        modes: these.
+        recognition: what tells them apart.
+        continuum: what can move, if anything found can.
+        starts, closed: number of starts, and of those that closed.
+        is_whole: whether nothing cut it short.
+    """
+
+    def __init__(self, check: ModeCheck, core: Core, all_copies: bool) -> None:
+        self._check, self._core = check, core
+        mechanism = check.mechanism
+        self._base = with_values(
+            mechanism, read_guess(mechanism, mechanism.start(check.held)).q, check.held)
+        table = core.mechanism.coordinate_table
+        self._starts = Starts(
+            core.mechanism, {name: x for name, x in check.held.items() if name in table})
+        self.recognition = Recognition(
+            check, core, self._base, self._starts.kernel, self._starts.free, all_copies)
+        self.modes: list[Mode] = []
+        self._rejected: list[Array] = []
+        self.continuum: Continuum | None = None
+        self.starts = self.closed = self._newest = 0
+        self.is_whole = True
+
+    @property
+    def is_free(self) -> bool:
+        """Whether anything is left to move with the values held."""
+        return bool(self._starts.free.any())
+
+    def look_at_guess(self) -> None:
+        """Refuse a mechanism that can move in its guess.
+
+        Raises:
+            ContinuumError: it can.
+        """
+        q = self._check.close(self._base)
+        if q is None:
+            return
+        kind = self._check.kind(q)
+        if kind.moves:
+            raise moving(self._check, self._check.continuum(q, kind))
+
+    def run(self, rng: np.random.Generator, patience: int, most_starts: int, bar: Any) -> None:
+        """Try starts until further ones can be spared.
+
+        Raises:
+            KeyboardInterrupt: before a mode was found.
+        """
+        try:
+            while self.starts < most_starts and len(self.modes) < MOST_MODES:
+                least = min((mode.count for mode in self.modes), default=TIMES)
+                if (self.starts and not self.is_free) or (
+                        self.starts - self._newest >= patience and least >= TIMES):
+                    break
+                self._attempt(rng, most_starts)
+                bar.n = self.starts
+                bar.set_postfix(found=len(self.modes))
+        except KeyboardInterrupt:  # what was found until then is the answer
+            if not self.modes:
+                raise
+            self.is_whole = False
+        self._join()
+
+    def _join(self) -> None:
+        """Make one mode of singular ones that round-off lets stand anywhere along a valley."""
+        groups: list[list[Mode]] = []
+        for mode in self.modes:
+            own = [group for group in groups if mode.kind.is_singular and any(
+                self._check.is_joined(mode.q, other.q) for other in group)]
+            groups = [group for group in groups if group not in own]
+            groups.append([mode, *(other for group in own for other in group)])
+        self.modes = []
+        for group in groups:
+            middle = min(group, key=lambda x: max(
+                apart(x.signature[None], y.signature)[0] for y in group))
+            middle.count = sum(x.count for x in group)
+            self.modes.append(middle)
+
+    def _attempt(self, rng: np.random.Generator, most_starts: int) -> None:
+        """Close the loops from some more starts, and sort what they end at."""
+        starts = self._starts.draw(rng, most_starts - self.starts)
+        q, error = self._starts.descend(starts)
+        closed = np.flatnonzero(error <= SAME_MODE * SAME_MODE)
+        q, numbers = q[:, closed], self.starts + closed
+        self._starts.learn(q)
+        self.starts += starts.shape[1]
+        if not self.recognition.is_learnt:
+            self.recognition.learn(q)
+        if self.recognition.is_learnt:
+            self._sort(q, self.recognition.signatures(q), numbers)
+
+    def _sort(self, q: Array, signatures: Array, starts: NDArray[np.intp]) -> None:
+        """Count configurations q (nq, m) of known modes, and find new ones."""
+        for mode in self.modes:
+            q, signatures, starts = self._count(mode, q, signatures, starts)
+        for rejected in self._rejected:
+            other = apart(signatures, rejected) >= SAME_MODE
+            q, signatures, starts = q[:, other], signatures[other], starts[other]
+        while starts.size:
+            if self.continuum is not None:
+                moving = self._moving(q, signatures)
+                self.closed += int(np.count_nonzero(moving))
+                q, signatures, starts = q[:, ~moving], signatures[~moving], starts[~moving]
+                if not starts.size:
+                    return
+            left, first = starts.size, int(starts[0])
+            found = self._mode(q[:, 0])
+            if found is not None:
+                near = [x for x in self.modes
+                        if apart(found.signature[None], x.signature)[0] < x.reach]
+                if not near:
+                    self.modes.append(found)
+                    self._newest = first + 1
+                for mode in near or [found]:
+                    q, signatures, starts = self._count(mode, q, signatures, starts)
+            if starts.size == left:  # rejected, or it went on to a mode far from here
+                q, signatures, starts = q[:, 1:], signatures[1:], starts[1:]
+
+    def _count(
+        self, mode: Mode, q: Array, signatures: Array, starts: NDArray[np.intp]
+    ) -> tuple[Array, Array, NDArray[np.intp]]:
+        other = apart(signatures, mode.signature) >= mode.reach
+        same = int(np.count_nonzero(~other))
+        mode.count += same
+        self.closed += same
+        return q[:, other], signatures[other], starts[other]
+
+    def _mode(self, x: Array) -> Mode | None:
+        """Return the mode that a configuration of the core belongs to, if it is one."""
+        q = self.recognition.whole(x)
+        if q is None or not self._check.holds(q):
+            if len(self._rejected) < MOST_REJECTED:
+                self._rejected.append(self.recognition.signatures(x[:, None])[0])
+            return None
+        kind = self._check.kind(q)
+        if kind.moves:
+            self.closed += 1
+            if self.continuum is None:
+                self.continuum = self._check.continuum(q, kind)
+            return None
+        q = self._check.settled(q, self._base, self.recognition.marks)
+        return Mode(q, kind, self.recognition.signature(q), self._core.rods)
+
+    def _moving(self, q: Array, signatures: Array) -> NDArray[np.bool_]:
+        """Whether configurations q (nq, m) go on when pushed where they can to first order.
+
+        A little, and as far as what opens loops by a high power only does not lead.
+        """
+        jacobian = self.recognition.jacobians(q)
+        if not jacobian.size:
+            return np.ones(q.shape[1], dtype=bool)
+        vectors, ranks = null_vectors(jacobian, TOLERANCES.half_precision)
+        moves = jacobian.shape[2] - ranks > self.recognition.generic_nullity
+        for push in (SETTING_OUT, WAY_OUT):
+            at = np.flatnonzero(moves)
+            if at.size:
+                moves[at] = self._goes_on(q[:, at], signatures[at], vectors[at].T, push)
+        return moves
+
+    def _goes_on(self, q: Array, signatures: Array, vectors: Array, push: float
+                 ) -> NDArray[np.bool_]:
+        """Whether configurations q (nq, m) are elsewhere after a push along vectors (n, m)."""
+        scale = self._core.mechanism.velocity_scale[:, None]
+        step = np.zeros((len(scale), q.shape[1]))
+        step[self._starts.free] = vectors
+        step *= push / np.maximum(np.linalg.norm(step, axis=0), 1e-300)
+        pushed = self._starts.kernel.displaced(q.T, (scale * step).T).T
+        found, error = self._starts.descend(pushed)
+        left = apart(self.recognition.signatures(found), signatures)
+        asked = apart(self.recognition.signatures(pushed), signatures)
+        return (error <= SAME_MODE * SAME_MODE) & (left > TOLERANCES.moved * asked)
+
+
+def moving(check: ModeCheck, continuum: Continuum) -> ContinuumError:
+    """Return the error of a mechanism that can move with its values held."""
+    mechanism = check.mechanism
+    values = ", ".join(f"{name} = {value:.6g}" for name, value in check.held.items())
+    return ContinuumError(
+        f"mechanism {mechanism.name!r} with {values or 'nothing'} held can still move, and what "
+        f"moves is no assembly mode: {continuum}",
+        state=continuum.state, freedoms=continuum.freedoms,
+        coordinates=continuum.coordinates, hold=continuum.hold)

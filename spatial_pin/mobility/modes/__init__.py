@@ -1,1 +1,0 @@
-"""Assembly modes: all closed configurations for given driver values."""

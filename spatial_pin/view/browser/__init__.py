@@ -1,1 +1,0 @@
-"""Pictures and films, taken by a browser without a window."""

@@ -1,0 +1,352 @@
+"""A mechanism jogged by hand: one driver at a time on its branch, or a link that is dragged."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.assembly.holding import BASE
+from spatial_pin.assembly.state import State
+from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
+from spatial_pin.continuation.branch_points import passage
+from spatial_pin.continuation.cursor import Cursor, Stopped
+from spatial_pin.continuation.pseudo_arclength import Arrival
+from spatial_pin.continuation.start import Start
+from spatial_pin.errors import SingularError, SpatialPinError
+from spatial_pin.inverse_kinematics.reach import reach
+from spatial_pin.inverse_kinematics.targets import Residual, Target
+from spatial_pin.kernel.kernel import kernel_of
+from spatial_pin.mechanism.coordinates import finite_number
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.parts import Coordinate
+from spatial_pin.motion.joint_limits import joint_limits_passed
+from spatial_pin.motion.motion import Motion
+from spatial_pin.motion.sweep import sweep
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.rates.prescribed import driven_coordinates
+from spatial_pin.settings import Accuracy
+
+TURN = 2 * np.pi  # either way, that a driver without limits can be moved by hand [rad]
+DRAGGED = 0.5  # the same of one that slides relative to the characteristic length
+FARTHEST_MOVE = 20.0  # turns, or characteristic lengths, that one move may go
+BESIDE = 1e-5  # distance from a limit that the next move begins at [rad, characteristic lengths]
+FIRM = 1e-4  # smallest over largest pivot that a move may begin with
+MOST_BRANCH_POINTS = 100  # in one move
+NUDGE = 0.05  # away from a dead centre [rad, characteristic lengths]: its square moves the link
+STILL = 1e-6  # of a driver that does not move [rad or m]
+OFF_POINTER = 1e-3  # of a point from the pointer [characteristic lengths]: a pixel or two
+STOPS = {
+    "limit": "limit position",
+    "branch point": "branch point",
+    "singular": "singular configuration",
+    "lost": "end of the branch as far as it can be followed",
+    "joint limit": "joint limit",
+}
+
+
+class Stop(NamedTuple):
+    """Where a driver cannot go on.
+
+    Attributes:
+        kind: one of STOPS.
+        value: driver value [rad or m].
+        of: the coordinate whose joint limit it is.
+    """
+
+    kind: str
+    value: float
+    of: str = ""
+
+
+class Reach(NamedTuple):
+    """How far a driver can be moved, the others held.
+
+    Attributes:
+        ends: least and greatest driver value [rad or m].
+        stops: what is there; None where it goes on.
+        q: configurations from one end to the other, shape (N, nq).
+    """
+
+    ends: tuple[float, float]
+    stops: tuple[Stop | None, Stop | None]
+    q: Array
+
+
+class Jog:
+    """A closed configuration that follows its drivers, never leaving its branch.
+
+    Attributes:
+        mechanism: what moves.
+        state: where it is.
+        names: of the drivers or coordinates that move it.
+        keeps_limits: whether joint limits of the URDF are in the way, of any joint.
+    """
+
+    def __init__(self, state: State, names: Iterable[str]) -> None:
+        """Stand at a state.
+
+        Args:
+            state: where to begin.
+            names: drivers, or any coordinates that determine the motion.
+
+        Raises:
+            SingularError: they do not determine it there.
+            UnknownNameError: there is no such driver or coordinate.
+            SpatialPinError: there are none.
+        """
+        self.mechanism = state.mechanism
+        self.names = tuple(names)
+        if not self.names:
+            raise SpatialPinError(
+                f"mechanism {self.mechanism.name!r} has no drivers: name coordinates to move it by"
+            )
+        self._accuracy = Accuracy.named("engineering")
+        self.keeps_limits = False
+        self._driven = [self.mechanism.driven_coordinate(c.name)
+                        for c in driven_coordinates(self.mechanism, self.names)]
+        self._coordinates = {n: self.mechanism.driven_coordinate(n) for n in self.names}
+        self.place(state)
+
+    def place(self, state: State) -> None:
+        """Go to another closed configuration, of this branch or any other.
+
+        Raises:
+            SingularError: the drivers do not determine the motion there.
+        """
+        with self._cursor(state, self._driven):
+            self.state = self._regular = state  # moves begin where the motion is determined
+        self._home = {name: self.value(name) for name in self.names}
+
+    def value(self, name: str) -> float:
+        """Return where a driver is [rad or m]."""
+        return self.values(self.state)[name]
+
+    def values(self, state: State) -> dict[str, float]:
+        """Return where the drivers of a state are [rad or m]."""
+        return {name: float(state.q[c.q]) for name, c in self._coordinates.items()}
+
+    def others(self) -> list[str]:
+        """Return the coordinates that are held and not moved."""
+        moved = {c.name for c in self._coordinates.values()}
+        return [c.name for c in self._driven if c.name not in moved]
+
+    def held(self) -> dict[str, float]:
+        """Return the values of all coordinates that are held, those that are moved too."""
+        return {c.name: float(self.state.q[c.q]) for c in self._driven}
+
+    def span(self, name: str) -> float:
+        """Return how far a driver without limits goes either way [rad or m]."""
+        unit = self._coordinates[name].unit
+        return TURN if unit == "rad" else DRAGGED * self.mechanism.characteristic_length
+
+    def move(self, name: str, value: float) -> Stop | None:
+        """Move a driver to a value [rad or m], or as far as it goes; the others are held.
+
+        Returns:
+            What is in the way, if anything is: the mechanism then stands there.
+
+        Raises:
+            ValueError: the value is not finite, or too far away to be followed at once.
+        """
+        value = finite_number(value, f"value of {name!r}")
+        coordinate = self._coordinates[name]
+        unit = TURN if coordinate.unit == "rad" else self.mechanism.characteristic_length
+        if abs(value - self.value(name)) > FARTHEST_MOVE * unit:
+            words = "turns" if coordinate.unit == "rad" else "characteristic lengths"
+            raise ValueError(f"{name}: a move goes no further than {FARTHEST_MOVE:g} {words}")
+        values = np.array([self.value(name), value])
+        limit = self._joint_limit(name, values, self._followed(name, values))
+        goal = value if limit is None else limit.value
+        driven = sorted(self._driven, key=lambda c: c.name != coordinate.name)
+        with self._cursor(self._regular, driven) as cursor:
+            stop = self._go(cursor, goal)
+        if self.state is not self._regular:  # else the others would jump in the next move
+            with self._cursor(self._regular, driven) as cursor:
+                end = goal if stop is None else stop.value
+                size = self.mechanism.velocity_scale[cursor.start.driven[0].v]
+                near = float(np.copysign(BESIDE * size, end - cursor.here.s))
+                if abs(end - cursor.here.s) > abs(near):
+                    with contextlib.suppress(Stopped):
+                        cursor.reach(end - near)
+                        self._keep(cursor)
+        return stop or limit
+
+    def _followed(self, name: str, values: Array) -> Motion | None:
+        """Return the motion from where the mechanism stands through values of a driver."""
+        others = {c.name: float(self._regular.q[c.q]) for c in self._driven
+                  if c.name != self._coordinates[name].name}
+        try:
+            return sweep(self.mechanism, name, values, guess=self._regular, hold=others,
+                         on_limit="stop")
+        except SpatialPinError as error:
+            return getattr(error, "motion", None)
+
+    def _joint_limit(self, name: str, values: Array, motion: Motion | None) -> Stop | None:
+        """Return the first joint limit on the way through values of a driver, if they are kept.
+
+        A joint that is beyond its limit from the start may come back, but go no further.
+        """
+        if not self.keeps_limits or motion is None or not len(motion):
+            return None
+        if len(motion) < len(values):  # a last sample just before its end, if that is between two
+            last, end = float(motion.swept[-1]), motion.events[-1].value
+            before = BESIDE * self.mechanism.velocity_scale[self._coordinates[name].v]
+            near = end - float(np.copysign(before, values[-1] - values[0]))
+            if (near - last) * (values[-1] - values[0]) > 0.0:
+                motion = self._followed(name, np.append(motion.swept, near)) or motion
+        start, stops = float(motion.swept[0]), list[Stop]()
+        for passing in joint_limits_passed(motion):
+            room = passing.limit.room(motion.q[:2])
+            if passing.where:
+                stops.append(Stop("joint limit", passing.value, passing.limit.name))
+            elif room[-1] < room[0]:
+                stops.append(Stop("joint limit", start, passing.limit.name))
+        return min(stops, key=lambda stop: abs(stop.value - start), default=None)
+
+    @contextlib.contextmanager
+    def _cursor(self, state: State, driven: Sequence[Coordinate]) -> Iterator[Cursor]:
+        """Acquire a cursor on the branch of a state, the first coordinate driven.
+
+        Raises:
+            SingularError: the drivers do not determine the motion there.
+        """
+        with evaluation_of(self.mechanism, state.angles) as evaluation, \
+                kernel_of(self.mechanism) as kernel:
+            yield Cursor(Start(state, driven, None, self._accuracy, kernel, evaluation))
+
+    def _go(self, cursor: Cursor, value: float) -> Stop | None:
+        """Follow a branch to a value, straight on where it crosses another one."""
+        for _ in range(MOST_BRANCH_POINTS):
+            try:
+                cursor.reach(value)
+            except Stopped as stopped:
+                self._keep(cursor)
+                found = passage(cursor, stopped.arrival)
+                if found is None:
+                    return self._stop(cursor, stopped.arrival)
+                cursor.stand(found.place(value))
+            if cursor.here.s == value:
+                break
+        self.state = self._keep(cursor)
+        return None
+
+    def _stop(self, cursor: Cursor, arrival: Arrival) -> Stop:
+        """Stand where a branch has ended."""
+        self.state = cursor.here.state(cursor.start)
+        if arrival.runs_away:
+            return Stop("limit", float(arrival.value))
+        if arrival.kind != "lost":
+            evaluation = cursor.start.evaluation
+            evaluation.angle_reference[:] = self.state.angles
+            evaluation.update(arrival.q)
+            self.state = State(self.mechanism, arrival.q, angles=evaluation.angles,
+                               closure_error=evaluation.closure_error)
+        return Stop(arrival.kind, float(arrival.value))
+
+    def _keep(self, cursor: Cursor) -> State:
+        """Return where a point stands; the next move begins there if the motion is determined."""
+        state = cursor.here.state(cursor.start)
+        with contextlib.suppress(SingularError):
+            if cursor.start.checked_system(state).pivot >= FIRM:
+                self._regular = state
+        return state
+
+    def reach(self, name: str, rows: int) -> Reach:
+        """Return how far a driver can be moved, in as many samples either way.
+
+        One without limits goes a turn, or half a characteristic length, either way of where the
+        mechanism was placed.
+        """
+        home, span, now = self._home[name], self.span(name), self.value(name)
+        if abs(now - home) > span:
+            home = self._home[name] = now
+        lower, upper = (self._way(name, home + sense * span, rows) for sense in (-1.0, 1.0))
+        q = np.concatenate([lower[2][::-1], self.state.q[None], upper[2]])
+        return Reach((lower[0], upper[0]), (lower[1], upper[1]), q)
+
+    def _way(self, name: str, end: float, rows: int) -> tuple[float, Stop | None, Array]:
+        """Return how far a driver comes on the way to a value, what stops it, and the samples."""
+        start = float(self._regular.q[self._coordinates[name].q])
+        values = np.linspace(start, end, rows)
+        motion = self._followed(name, values)
+        if motion is None:
+            return start, Stop("lost", start), self.state.q[None]
+        limit = self._joint_limit(name, values, motion)
+        if limit is not None:
+            there = np.abs(motion.swept - start) <= abs(limit.value - start)
+            return limit.value, limit, motion.q[there]
+        if len(motion) == rows:
+            return end, None, motion.q
+        event = motion.events[-1]
+        return event.value, Stop(event.kind, event.value), motion.q
+
+
+# ---------------------------------------------------------------- dragging
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Grip(Target):
+    """A point of a body on a line of the world: where the eye sees the pointer.
+
+    Attributes:
+        joint: number of the joint that the body hangs on.
+        point: in the joint's frame, shape (3,) [m].
+        origin: of the line, shape (3,) [m].
+        direction: unit vector along it, shape (3,).
+    """
+
+    joint: int
+    point: Array
+    origin: Array
+    direction: Array
+
+    def residual(self, evaluation: Evaluation) -> Residual:
+        """See `Target`: how far the point is from the line, by the characteristic length."""
+        at = evaluation.data.oMi[self.joint].act(self.point)
+        moved = evaluation.body_jacobian(self.joint)
+        slope = moved[:3] - pin.skew(at) @ moved[3:]
+        across = np.eye(3) - np.outer(self.direction, self.direction)
+        size = evaluation.mechanism.characteristic_length
+        origin = self.origin - evaluation.mechanism.centre
+        return across @ (at - origin) / size, across @ slope / size
+
+    def check(self, mechanism: Mechanism) -> None:
+        """See `Target`: it names no frame."""
+
+    def distance(self, state: State) -> float:
+        """Return how far the point is from the line [m]."""
+        at = state.data.oMi[self.joint].act(self.point)
+        return float(np.linalg.norm(np.cross(at - self.origin, self.direction)))
+
+
+def pulled(jog: Jog, grip: Grip) -> dict[str, float]:
+    """Return the driver values [rad or m] at which a point is nearest to the pointer.
+
+    Drivers without a slider, and all else that is held, stay where they are. Nothing is returned
+    where nothing better is found.
+    """
+    nearest = found = _reached(jog, jog.state, {"grip": grip})
+    is_stuck = found is not None and len(jog.names) == 1 and (  # its link is at a dead centre
+        abs(jog.values(found)[jog.names[0]] - jog.value(jog.names[0])) < STILL) and (
+        grip.distance(found) > OFF_POINTER * jog.mechanism.characteristic_length)
+    for nudge in (NUDGE, -NUDGE) if is_stuck else ():
+        name, = jog.names
+        size = jog.mechanism.velocity_scale[jog.mechanism.driven_coordinate(name).v]
+        beside = _reached(jog, jog.state, {name: jog.value(name) + nudge * size})
+        found = beside and _reached(jog, beside, {"grip": grip})
+        if found and (nearest is None or grip.distance(found) < 0.9 * grip.distance(nearest)):
+            nearest = found
+    return {} if nearest is None else jog.values(nearest)
+
+
+def _reached(jog: Jog, start: State, targets: Mapping[str, Any]) -> State | None:
+    """Return the configuration near another that meets targets; None where there is none."""
+    with contextlib.suppress(SpatialPinError):
+        return reach(jog.mechanism, targets, start, hold=[BASE, *jog.others()],
+                     limits=jog.keeps_limits, starts=0)
+    return None

@@ -1,0 +1,215 @@
+"""What verbs have found of a motion, drawn over it: clearance, workspace, goals of a design."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.proximity.clearance import Clearance, PairClearance
+from spatial_pin.synthesis.goals import PathGoal, PosesGoal
+from spatial_pin.synthesis.ranked_designs import Design
+from spatial_pin.view.scene.film import Reading, length_words, unit_of_length
+from spatial_pin.view.scene.layers.arrows import traces
+from spatial_pin.view.scene.layers.visuals import body_items
+from spatial_pin.view.scene.shapes import Solid, ball, mg, moved, rod
+from spatial_pin.view.scene.stage import (
+    Colour,
+    Entry,
+    Item,
+    Layer,
+    Stage,
+    Track,
+    ball_at,
+    joined,
+    rod_between,
+)
+from spatial_pin.workspace_map.workspace_result import Workspace
+
+TOUCHING = (0.86, 0.08, 0.10, 1.0)
+LINE = (0.10, 0.13, 0.17, 1.0)
+CLEARANCE_BALL, CLEARANCE_ROD = 0.012, 0.005  # radius relative to the size of the scene
+SWELL = 1.02  # red links are drawn over their own colours, so much larger
+LINES = 1  # pairs that do not touch and are joined by a line: the nearest
+WORKSPACE_BALL = 0.008  # radius relative to the size of the scene
+MOST_BALLS = 6000  # points that are drawn, so that a page stays small
+DEXTERITY_COLOURS: tuple[Colour, ...] = (  # from singular to even
+    (0.27, 0.00, 0.33, 1.0), (0.23, 0.32, 0.55, 1.0), (0.13, 0.57, 0.55, 1.0),
+    (0.37, 0.79, 0.38, 1.0), (0.99, 0.91, 0.15, 1.0))
+BRANCH_END: Colour = (0.84, 0.37, 0.00, 1.0)
+CORNERS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
+FACES = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4],
+                  [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])
+# radii, and a length, relative to the size of the scene
+DESIGN_BALL, DESIGN_ROD, DESIGN_ARM = 0.014, 0.005, 0.10
+TARGET = (0.08, 0.08, 0.10, 1.0)  # no part is black
+AXES = ((0.80, 0.12, 0.12, 1.0), (0.10, 0.55, 0.15, 1.0), (0.12, 0.30, 0.80, 1.0))  # x, y, z
+# a rod along z is turned so that z is x, y, z
+TURNS = (np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]], dtype=float),
+         np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]], dtype=float), np.eye(3))
+
+
+def clearances(stage: Stage, found: Clearance) -> Layer:
+    """Return links that touch in red, lines between nearest points, and what is to be said.
+
+    Raises:
+        SpatialPinError: it was found over another motion.
+    """
+    film = stage.film
+    if len(found.motion) <= int(film.rows[-1]) or not np.array_equal(
+            found.motion.q[film.rows], film.q):
+        raise SpatialPinError(
+            f"mechanism {film.mechanism.name!r}: the clearance is that of another motion than the "
+            "one shown; ask sp.clearance of this one")
+    touching = [pair for pair in found.pairs if pair.contacts]
+    nearest = [pair for pair in found.pairs if not pair.contacts][:LINES]
+    items = [*_red_links(stage, found, touching)]
+    for pair in (*touching, *nearest):
+        items += _line(stage, pair, TOUCHING if pair.contacts else LINE)
+    legend = [Entry(TOUCHING, "links that touch")] * bool(touching)
+    legend += [Entry(LINE, f"least over the motion, {_names(p)}: {length_words(p.distance)}")
+               for p in nearest]
+    alarms = []
+    for pair in touching:  # how deep they overlap
+        distances = pair.distances[film.rows]
+        depth = np.where(distances <= found.tolerance, -distances, 0.0)
+        size, unit = unit_of_length(float(np.abs(depth).max()) or 1.0)
+        alarms.append(Reading(_names(pair), depth / size, f" {unit}", 2, says=" overlap by "))
+    return Layer(tuple(items), np.zeros((0, 3)), tuple(legend), tuple(alarms))
+
+
+def _names(pair: PairClearance) -> str:
+    return " and ".join(pair.links)
+
+
+def _red_links(stage: Stage, found: Clearance, pairs: list[PairClearance]) -> list[Item]:
+    """Return copies in red of links that touch, seen only as long as they do."""
+    frames = stage.film.mechanism.model.frames
+    rows = stage.film.rows
+    is_red = {link: np.zeros(len(rows), dtype=bool) for pair in pairs for link in pair.links}
+    for pair in pairs:
+        for link in pair.links:
+            is_red[link] |= pair.distances[rows] <= found.tolerance
+    items = []
+    for link, when in is_red.items():
+        own = [v for v in stage.visuals if frames[v.parentFrame].name == link]
+        scales = np.repeat(np.where(when, SWELL, 0.0)[:, None], 3, axis=1)
+        for item in body_items(own, stage):
+            poses = stage.poses[:, item.joint]
+            turns = Rotation.from_quat(poses[:, 3:])
+            places = poses[:, :3] + turns.apply(item.placement[:3, 3])
+            turned = (turns * Rotation.from_matrix(item.placement[:3, :3])).as_quat()
+            items.append(Item(f"touching {link} {item.name}", item.solid, TOUCHING,
+                              track=Track(np.concatenate([places, turned], axis=1), scales)))
+    return items
+
+
+def _line(stage: Stage, pair: PairClearance, colour: tuple[float, ...]) -> list[Item]:
+    """Return a line between the nearest points of two links, with a ball at either end."""
+    a, b = (stage.seen(pair.points[stage.film.rows, k]) for k in (0, 1))
+    name, size = f"clearance {_names(pair)}", stage.size
+    return [
+        Item(name, rod(CLEARANCE_ROD * size), colour, track=rod_between(a, b), through=True),
+        *(Item(f"{name} {k}", ball(CLEARANCE_BALL * size), colour, track=ball_at(p), through=True)
+          for k, p in enumerate((a, b), start=1)),
+    ]
+
+
+# ---------------------------------------------------------------- workspace
+
+
+def workspaces(stage: Stage, found: Workspace) -> Layer:
+    """Return the points of a workspace in colours, and where the branch ends.
+
+    Raises:
+        SpatialPinError: it is that of another mechanism.
+    """
+    shown_one, own = stage.film.mechanism.name, found.mechanism.name
+    if shown_one != own:
+        raise SpatialPinError(f"mechanism {shown_one!r}: the workspace is that of another one, "
+                              f"{own!r}; ask sp.workspace of this one")
+    items, legend = [], []
+    shown: list[Array] = [np.zeros((0, 3))]
+    for name, points, colour, text in _groups(found):
+        seen = stage.seen(points)
+        corners = seen[:, None] + WORKSPACE_BALL * stage.size * CORNERS  # of octahedra, as one
+        faces = FACES + 6 * np.arange(len(seen))[:, None, None]  # solid: balls would be slow
+        octahedra = mg.TriangularMeshGeometry(corners.reshape(-1, 3), faces.reshape(-1, 3))
+        items.append(Item(name, Solid(octahedra, faceted=True), colour))
+        legend.append(Entry(colour, text))
+        shown.append(seen)
+    return Layer(tuple(items), np.concatenate(shown), tuple(legend))
+
+
+def _groups(found: Workspace) -> Iterator[tuple[str, Array, Colour, str]]:
+    """Yield name, points, colour and words of what is drawn alike."""
+    rows = np.flatnonzero(found.reached & ~np.isnan(found.dexterity))
+    rows = rows[:: -(-len(rows) // MOST_BALLS) or 1]
+    values = found.dexterity[rows]
+    top = float(values.max(initial=0.0)) or 1.0
+    n = len(DEXTERITY_COLOURS)
+    level = np.minimum((values / top * n).astype(int), n - 1)
+    for k, colour in enumerate(DEXTERITY_COLOURS):
+        if (level == k).any():
+            low, high = (top * x / n for x in (k, k + 1))
+            yield (f"workspace {k}", found.points[rows[level == k]], colour,
+                   f"{found.frame}: dexterity {low:.2g} to {high:.2g}")
+    ends = found.boundary.points
+    ends = ends[~np.isnan(ends).any(axis=1)]
+    ends = ends[:: -(-len(ends) // MOST_BALLS) or 1]
+    if len(ends):
+        yield "workspace ends", ends, BRANCH_END, f"{found.frame}: the branch ends"
+
+
+# ---------------------------------------------------------------- goals of a design
+
+
+def designs(stage: Stage, design: Design, drawn: tuple[str, ...]) -> Layer:
+    """Return balls at target points, triads at target placements, and paths of their frames.
+
+    Args:
+        stage: what is shown.
+        design: whose goals are drawn.
+        drawn: frames whose paths are drawn anyway.
+
+    Raises:
+        SpatialPinError: something else is shown than the design's mechanism.
+    """
+    shown = stage.film.mechanism
+    if shown.name != design.mechanism.name or shown.dimensions != design.mechanism.dimensions:
+        raise SpatialPinError(f"mechanism {shown.name!r}: the design has other dimensions than the "
+                              "mechanism shown; show design.motion() or one of design.states")
+    layers, frames = list[Layer](), list[str]()
+    for k, met in enumerate(design.met):
+        if isinstance(met.goal, PathGoal):
+            seen = stage.seen(met.targets)
+            balls = [Item(f"design {k} point {i}", ball(DESIGN_BALL * stage.size), TARGET,
+                          placement=moved(point), through=True) for i, point in enumerate(seen)]
+            words = f"points asked of {met.goal.frame}"
+            layers.append(Layer(tuple(balls), seen, (Entry(TARGET, words),)))
+        elif isinstance(met.goal, PosesGoal):
+            layers.append(_triads(stage, f"design {k}", met.goal, met.targets))
+        else:
+            continue
+        frames.append(met.goal.frame)
+    if len(stage.film.rows) > 1:
+        layers.append(traces(stage, tuple(x for x in dict.fromkeys(frames) if x not in drawn)))
+    return joined(layers)
+
+
+def _triads(stage: Stage, name: str, goal: PosesGoal, placements: Array) -> Layer:
+    """Return three rods at every placement, in the colours of x, y and z."""
+    items = []
+    for i, placement in enumerate(placements):
+        for axis, colour, turn in zip("xyz", AXES, TURNS, strict=True):
+            place = moved(stage.seen(placement[:3, 3]))
+            place[:3, :3] = stage.upright @ placement[:3, :3] @ turn
+            items.append(Item(f"{name} placement {i} {axis}",
+                              rod(DESIGN_ROD * stage.size, 0.0, DESIGN_ARM * stage.size), colour,
+                              placement=place, through=True))
+    legend = tuple(Entry(colour, f"{axis} of placements asked of {goal.frame}")
+                   for axis, colour in zip("xyz", AXES, strict=True))
+    return Layer(tuple(items), stage.seen(placements[:, :3, 3]), legend)
