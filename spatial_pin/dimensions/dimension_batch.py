@@ -77,7 +77,18 @@ class DimensionNumbers:
             scaled = np.flatnonzero(self._powers)
             ratio = self._span.at(found) / self._mechanism.characteristic_length
             blocks.append((scaled, self.base[scaled] * ratio[:, None] ** self._powers[scaled]))
-        blocks += [*self._joint_blocks(found), *self._vector_blocks(found)]
+        # placements of joints, which the kernel's have their axes along z in
+        carriers, turned = self._packed.carriers, self._packed.frames
+        split, at = split_of(self._mechanism).model, self._packed.places()
+        for i, pose in found.joints.items():
+            first = int(carriers[i - 1]) + 1  # of the single joints that it is split into
+            own = self._mechanism.centred_model.jointPlacements[i]
+            rest = own.actInv(split.jointPlacements[first])
+            placed, above = pose @ PlacementBatch.of(rest), turned[split.parents[first]]
+            columns = (above.T @ placed.rotation @ turned[first]).transpose(0, 2, 1)
+            blocks += [(at.rotation[first].ravel(), columns.reshape(-1, 9)),
+                       (at.translation[first], placed.translation @ above)]
+        blocks += self._vector_blocks(found)
         blocks += [
             (end, self._offset(name, found))
             for name, frame, end in zip(self._points, self._frames, self._end, strict=True)
@@ -122,19 +133,6 @@ class DimensionNumbers:
                 if frame.parentJoint == i:
                     frames[k] = back @ _frame(model, k, found)
         return found._replace(joints=joints, frames=frames)
-
-    def _joint_blocks(self, found: TracedGeometry) -> Iterator[Block]:
-        """Yield the placements of joints, which the kernel's have their axes along z in."""
-        carriers, turned = self._packed.carriers, self._packed.frames
-        split, places = split_of(self._mechanism).model, self._packed.places()
-        for i, pose in found.joints.items():
-            at = int(carriers[i - 1]) + 1  # the first of the single joints that it is split into
-            own = self._mechanism.centred_model.jointPlacements[i]
-            rest = own.actInv(split.jointPlacements[at])
-            placed, above = pose @ PlacementBatch.of(rest), turned[split.parents[at]]
-            columns = (above.T @ placed.rotation @ turned[at]).transpose(0, 2, 1)
-            yield places.rotation[at].ravel(), columns.reshape(-1, 9)
-            yield places.translation[at], placed.translation @ above
 
     def _vector_blocks(self, found: TracedGeometry) -> Iterator[Block]:
         """Yield the vectors of closure equations and the axes of idle rotations."""

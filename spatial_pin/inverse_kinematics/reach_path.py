@@ -56,9 +56,9 @@ class LeastMotionPath:
     def go_on(self) -> None:
         """Add a state, with least motion; where that leads no further, look back.
 
-        The states before it are then gone anew, from as far back as it takes.
+        The states before it are then gone anew, evenly, from as far back as it takes.
         """
-        k = len(self.states)
+        k, model = len(self.states), self._mechanism.model
         try:
             self.states.append(self._reached(k, self.states[-1], 0))
             return
@@ -68,8 +68,17 @@ class LeastMotionPath:
         steps = self._steps(best)
         while steps.max() > UNEVEN * np.median(steps) and back < last:
             back = min(max(1, 2 * back), last)
-            tried = self._anew(last - back, goal)
-            if tried is not None and self._steps(tried).max() < steps.max():
+            since = last - back
+            here, tried = self.states[since], self.states[: since + 1]
+            try:
+                for i in range(since + 1, k):
+                    q = pin.interpolate(model, here.q, goal.q, (i - since) / (k - since))
+                    near = State(self._mechanism, q, angles=here.angles)
+                    tried.append(self._reached(i, near, 0))
+            except ReachError:
+                continue
+            tried.append(goal)
+            if self._steps(tried).max() < steps.max():
                 best, steps = tried, self._steps(tried)
         self.states = best
 
@@ -77,19 +86,6 @@ class LeastMotionPath:
         """Return the state that meets the targets of a sample with least motion from another."""
         return reach(self._mechanism, targets_at(self._tables, k), near, hold=self._hold,
                      starts=starts)
-
-    def _anew(self, since: int, goal: State) -> list[State] | None:
-        """Return states that go evenly from one that there is to a goal; None if they cannot."""
-        model, here, n = self._mechanism.model, self.states[since], len(self.states)
-        found = []
-        for k in range(since + 1, n):
-            q = pin.interpolate(model, here.q, goal.q, (k - since) / (n - since))
-            near = State(self._mechanism, q, angles=here.angles)
-            try:
-                found.append(self._reached(k, near, 0))
-            except ReachError:
-                return None
-        return [*self.states[: since + 1], *found, goal]
 
     def _steps(self, states: list[State]) -> Array:
         """Return how far each state is from the one before [rad, characteristic lengths]."""

@@ -62,6 +62,22 @@ class TargetTable:
     values: Array | None = None
     first: Target | None = None  # of an output, its target at the first sample
 
+    @classmethod
+    def of_output(
+        cls, mechanism: Mechanism, name: str, given: Any, shape: tuple[int, ...]
+    ) -> TargetTable | None:
+        """Return the table of an output; None if the name is that of something else."""
+        is_vector = shape == (3,) and component(name)[1] is None and name.endswith(".position")
+        full = np.asarray(given, dtype=float)
+        full = full[None] if is_vector or not shape else full
+        first = output_target(mechanism, name, full[0])
+        if first is None:
+            return None
+        full = finite_array(full, full.shape, f"target {name!r}")
+        if isinstance(first, Position):  # of a frame's origin, by its full name
+            return cls(first.name, full)
+        return cls(name, values=full, first=first)
+
     @property
     def is_coordinate(self) -> bool:
         """Whether it is of a coordinate."""
@@ -147,7 +163,7 @@ def _table(mechanism: Mechanism, name: str, given: Any) -> TargetTable:
     if shape is None or (len(shape) < 2 and shape != (3,) and _is_point(mechanism, name)):
         raise TypeError(f"{what} is no table: it is points (N, 3), a list of pinocchio.SE3, or "
                         "numbers (N,) of a coordinate or another output")
-    of_output = _of_output(mechanism, name, given, shape)
+    of_output = TargetTable.of_output(mechanism, name, given, shape)
     if of_output is not None:
         return of_output
     if shape == (3,) and _is_point(mechanism, name):
@@ -158,22 +174,6 @@ def _table(mechanism: Mechanism, name: str, given: Any) -> TargetTable:
     mechanism.prescribed_coordinate(name)
     values = finite_array(given, shape, what) if shape else [finite_number(given, what)]
     return TargetTable(name, values=np.asarray(values))
-
-
-def _of_output(
-    mechanism: Mechanism, name: str, given: Any, shape: tuple[int, ...]
-) -> TargetTable | None:
-    """Return the table of an output; None if the name is that of something else."""
-    is_vector = shape == (3,) and component(name)[1] is None and name.endswith(".position")
-    full = np.asarray(given, dtype=float)
-    full = full[None] if is_vector or not shape else full
-    first = output_target(mechanism, name, full[0])
-    if first is None:
-        return None
-    full = finite_array(full, full.shape, f"target {name!r}")
-    if isinstance(first, Position):  # of a frame's origin, by its full name
-        return TargetTable(first.name, full)
-    return TargetTable(name, values=full, first=first)
 
 
 def _is_point(mechanism: Mechanism, name: str) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.continuation.curve_start import body_places, not_spinning, system_at
 from spatial_pin.continuation.solution_curve import Curve
+from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Event
 from spatial_pin.motion.trace import trace
@@ -65,6 +67,22 @@ class Circuit:
         # a screw may have gone on by less than a step
         self.is_closed = ends_at_first and self._ahead(self._n - 1, self._places[0]) is not None
         self.turn = float(self.motion.swept[-1] - self.motion.swept[0]) if self.is_closed else 0.0
+
+    @classmethod
+    def through(
+        cls, mechanism: Mechanism, driver: str, states: Sequence[State]
+    ) -> list[tuple[Circuit, dict[int, CircuitPlace]]]:
+        """Return the circuits that states lie on, and where."""
+        found: list[tuple[Circuit, dict[int, CircuitPlace]]] = []
+        rest = list(range(len(states)))
+        while rest:
+            circuit = cls(mechanism, driver, states[rest[0]])
+            places = {i: place for i in rest if (place := circuit.place(states[i])) is not None}
+            if rest[0] not in places:
+                raise SpatialPinError(f"the curve through sample {rest[0]} cannot be followed")
+            found.append((circuit, places))
+            rest = [i for i in rest if i not in places]
+        return found
 
     @property
     def turns_fully(self) -> bool:

@@ -80,16 +80,25 @@ class UsedBranch(NamedTuple):
         """Return the driver's best sense, how far on it meets samples, and which are in order.
 
         Where the driver turns fully, it begins at the first sample, and goes on for less than a
-        turn.
+        turn. In order is the longest sequence that does not fall.
         """
-        senses = []
+        senses, n = [], len(self.values)
         for sense in (1.0, -1.0):
             offsets = sense * (self.values - self.values[0])
             if self.circuit.turns_fully:
                 turn = abs(self.circuit.turn)
                 offsets %= turn
                 offsets[turn - offsets < TOLERANCES.half_precision] = 0.0
-            rising = _longest_rise(offsets)
+            length, before = np.ones(n, dtype=int), np.full(n, -1)
+            for k in range(1, n):
+                lower = np.flatnonzero(offsets[:k] <= offsets[k] + TOLERANCES.half_precision)
+                if lower.size:
+                    before[k] = lower[np.argmax(length[lower])]
+                    length[k] = length[before[k]] + 1
+            rising, k = np.zeros(n, dtype=bool), int(np.argmax(length))
+            while k >= 0:
+                rising[k] = True
+                k = int(before[k])
             senses.append((int(rising.sum()), -float(np.ptp(offsets)), sense, offsets, rising))
         best = max(senses, key=lambda x: x[:3])
         return best[2], best[3], best[4]
@@ -177,7 +186,7 @@ def defects(
     if driver is None or why:
         return (Defect("not judged", everything, f"{ALL}: {why}"), *beyond)
     try:
-        circuits = _circuits(mechanism, states, driver)
+        circuits = Circuit.through(mechanism, driver, states)
     except SpatialPinError as error:
         return (Defect("not judged", everything, f"{ALL}: {error}"), *beyond)
     found, branches = [*_circuit_defects(circuits)], list[UsedBranch]()
@@ -207,21 +216,6 @@ def _moved_besides(mechanism: Mechanism, states: Sequence[State], driver: str | 
                 mechanism.velocity_scale[coordinate.v]):
             return f"driver {name!r} moves besides {driver!r}"
     return ""
-
-
-def _circuits(
-    mechanism: Mechanism, states: Sequence[State], driver: str
-) -> list[tuple[Circuit, dict[int, CircuitPlace]]]:
-    found: list[tuple[Circuit, dict[int, CircuitPlace]]] = []
-    rest = list(range(len(states)))
-    while rest:
-        circuit = Circuit(mechanism, driver, states[rest[0]])
-        places = {i: place for i in rest if (place := circuit.place(states[i])) is not None}
-        if rest[0] not in places:
-            raise SpatialPinError(f"the curve through sample {rest[0]} cannot be followed")
-        found.append((circuit, places))
-        rest = [i for i in rest if i not in places]
-    return found
 
 
 def _circuit_defects(found: Sequence[tuple[Circuit, dict[int, CircuitPlace]]]) -> Iterator[Defect]:
@@ -260,21 +254,6 @@ def _branch_defects(branches: Sequence[UsedBranch]) -> Iterator[Defect]:
 
 def _named(samples: tuple[int, ...]) -> str:
     return f"sample{'s' * (len(samples) > 1)} {', '.join(map(str, samples))}"
-
-
-def _longest_rise(values: Array) -> Array:
-    """Return which of some values (k,) make their longest sequence that does not fall."""
-    length, before = np.ones(len(values), dtype=int), np.full(len(values), -1)
-    for k in range(1, len(values)):
-        lower = np.flatnonzero(values[:k] <= values[k] + TOLERANCES.half_precision)
-        if lower.size:
-            before[k] = lower[np.argmax(length[lower])]
-            length[k] = length[before[k]] + 1
-    kept, k = np.zeros(len(values), dtype=bool), int(np.argmax(length))
-    while k >= 0:
-        kept[k] = True
-        k = int(before[k])
-    return kept
 
 
 def _beyond_limits(states: Sequence[State]) -> Iterator[Defect]:
