@@ -12,10 +12,10 @@ import spatial_pin as sp
 from spatial_pin import targets
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.inverse_kinematics import reach
+from spatial_pin.inverse_kinematics.constrained import Lagrangian, Stationary
 from spatial_pin.inverse_kinematics.descending import Descent
 from spatial_pin.inverse_kinematics.named_targets import read_targets
 from spatial_pin.inverse_kinematics.solving import Solver
-from spatial_pin.inverse_kinematics.stationary import LeastSquares, Stationary
 
 
 def test_an_answer_from_afar_comes_without_whole_turns(tmp_path, monkeypatch):
@@ -36,8 +36,8 @@ def test_forces_pull_as_the_derivatives_say(tmp_path):
     with evaluation_of(mechanism) as evaluation:
         base = Solver(evaluation, [], [], [], 1e-12)
         wanted = [targets.Position(name="link3", point=np.array([2.0, 2.5, 0.0]), weight=1.0)]
-        least = LeastSquares(base, [], wanted, base.stops.moves)
-        sizes, ways = least.curved(state.q)
+        least = Lagrangian(base, [], wanted, state.q, base.stops.moves)
+        sizes, ways = least.curved()
         bent = Stationary(name="", sum=least, sizes=sizes, ways=ways)
         assert len(sizes)
         for target in (*wanted, bent):

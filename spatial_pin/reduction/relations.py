@@ -47,23 +47,15 @@ OPEN_CONFIGURATIONS = 4
 
 
 class Pin(NamedTuple):
-    """One pair of a link.
+    """One pair of a link."""
 
-    Attributes:
-        kind: its pair.
-        body: joint whose body is the neighbour.
-        centre, axis: (3,) of the pair, in the axes of the neighbour.
-        own_centre, own_axis: (3,) the same in the axes of the link (universal: the other axis).
-        turn: (3, 3) from the link's axes to the neighbour's, where the pair keeps them.
-    """
-
-    kind: str
-    body: int
-    centre: Array
+    kind: str  # its pair
+    body: int  # joint whose body is the neighbour
+    centre: Array  # (3,) of the pair, in the axes of the neighbour
     axis: Array
-    own_centre: Array
+    own_centre: Array  # (3,) the same in the axes of the link (universal: the other axis)
     own_axis: Array
-    turn: Array
+    turn: Array  # (3, 3) from the link's axes to the neighbour's, where the pair keeps them
 
     def seen_from(self, placement: pin.SE3) -> Pin:
         """Return the pin as one of a body against which its link has this placement."""
@@ -72,7 +64,7 @@ class Pin(NamedTuple):
                              turn=self.turn @ placement.rotation.T)
 
 
-class Place(NamedTuple):
+class BodyFrame(NamedTuple):
     """A frame on the body of a joint: origin (3,), z axis (3,), and what x should be near."""
 
     body: int
@@ -91,19 +83,13 @@ class Place(NamedTuple):
 
 
 class Relation(NamedTuple):
-    """A closure to be: of the pair `type` between z axes (or origins) of two places.
-
-    Attributes:
-        length: of a distance [m].
-        ends: (3,) its two ends on the link, in the axes of the link.
-        between: places whose distance it is, where that changes.
-    """
+    """A closure to be: of the pair `type` between z axes (or origins) of two places."""
 
     type: str
-    places: tuple[Place, Place]
-    length: float = 0.0
-    ends: tuple[Array, ...] = ()
-    between: tuple[Place, ...] = ()
+    places: tuple[BodyFrame, BodyFrame]
+    length: float = 0.0  # of a distance [m]
+    ends: tuple[Array, ...] = ()  # (3,) its two ends on the link, in the axes of the link
+    between: tuple[BodyFrame, ...] = ()  # places whose distance it is, where that changes
 
 
 class Surroundings:
@@ -145,19 +131,13 @@ class Surroundings:
 
 
 def open_configurations(mechanism: Mechanism, q: Array, free: Array | float = 1.0) -> list[Array]:
-    """Return random configurations about q, with all loops open.
-
-    Args:
-        mechanism: the mechanism.
-        q: (nq,) configuration.
-        free: (nv,) 1 for what moves, else 0.
-    """
+    """Return random configurations about q, with all loops open."""
     model, scale, rng = mechanism.model, mechanism.velocity_scale, np.random.default_rng(13)
     return [pin.integrate(model, q, rng.uniform(-2.0, 2.0, model.nv) * scale * free)
             for _ in range(OPEN_CONFIGURATIONS)]
 
 
-class Bodies:
+class WeldedBodies:
     """The rigid bodies of a tree some of whose joints are welded.
 
     Args:
@@ -210,15 +190,15 @@ def _balls(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:
     length = float(np.linalg.norm(b.own_centre - a.own_centre))
     if length <= TOLERANCES.tight * around.length:
         return None
-    return [Relation("distance", (Place(a.body, a.centre), Place(b.body, b.centre)), length,
+    return [Relation("distance", (BodyFrame(a.body, a.centre), BodyFrame(b.body, b.centre)), length,
                      (a.own_centre, b.own_centre))]
 
 
 def _ball_revolute(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:
     d = a.own_centre - b.own_centre
     along = float(d @ b.own_axis)
-    centre = Place(b.body, b.centre + along * b.axis, b.axis)
-    point = Place(a.body, a.centre)
+    centre = BodyFrame(b.body, b.centre + along * b.axis, b.axis)
+    point = BodyFrame(a.body, a.centre)
     radius = float(np.linalg.norm(d - along * b.own_axis))
     if radius <= TOLERANCES.tight * around.length:
         return [Relation("spherical", (centre, point))]
@@ -227,43 +207,34 @@ def _ball_revolute(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | Non
                      (b.own_centre + along * b.own_axis, a.own_centre))]
 
 
-def _ball_prismatic(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:
-    origin = b.centre + b.turn @ (a.own_centre - b.own_centre)
-    return [Relation("point_on_line", (Place(b.body, origin, b.axis), Place(a.body, a.centre)))]
-
-
-def _ball_cylindrical(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:
-    away = np.cross(a.own_centre - b.own_centre, b.own_axis)
-    if np.linalg.norm(away) > TOLERANCES.tight * around.length:
+def _ball_on_line(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:
+    away, origin = a.own_centre - b.own_centre, b.centre
+    if b.kind == "prismatic":
+        origin = b.centre + b.turn @ away
+    elif np.linalg.norm(np.cross(away, b.own_axis)) > TOLERANCES.tight * around.length:
         return None
-    return [Relation("point_on_line", (Place(b.body, b.centre, b.axis), Place(a.body, a.centre)))]
+    line = BodyFrame(b.body, origin, b.axis)
+    return [Relation("point_on_line", (line, BodyFrame(a.body, a.centre)))]
 
 
 def _ball_planar(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:
     height = float((a.own_centre - b.own_centre) @ b.own_axis)
-    plane = Place(b.body, b.centre + height * b.axis, b.axis)
-    return [Relation("point_on_plane", (plane, Place(a.body, a.centre)))]
+    plane = BodyFrame(b.body, b.centre + height * b.axis, b.axis)
+    return [Relation("point_on_plane", (plane, BodyFrame(a.body, a.centre)))]
 
 
 def _revolutes(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:
-    cosine = float(a.own_axis @ b.own_axis)
-    if np.linalg.norm(np.cross(a.own_axis, b.own_axis)) <= TOLERANCES.tight:
-        return _parallel_revolutes(a, b, np.sign(cosine), around)
-    return _meeting_revolutes(a, b, around)
-
-
-def _parallel_revolutes(
-    a: Pin, b: Pin, sense: float, around: Surroundings
-) -> list[Relation] | None:
-    if not around.keep_plane(a, b, a.axis, sense * b.axis):
+    if np.linalg.norm(np.cross(a.own_axis, b.own_axis)) > TOLERANCES.tight:
+        return _meeting_revolutes(a, b, around)
+    if not around.keep_plane(a, b, a.axis, np.sign(float(a.own_axis @ b.own_axis)) * b.axis):
         return None
     d = b.own_centre - a.own_centre
     along = float(d @ b.own_axis)
     length = float(np.linalg.norm(d - along * b.own_axis))
     if length <= TOLERANCES.tight * around.length:
         return None
-    other = Place(b.body, b.centre - along * b.axis)
-    return [Relation("distance", (Place(a.body, a.centre), other), length,
+    other = BodyFrame(b.body, b.centre - along * b.axis)
+    return [Relation("distance", (BodyFrame(a.body, a.centre), other), length,
                      (a.own_centre, b.own_centre - along * b.own_axis))]
 
 
@@ -274,15 +245,15 @@ def _meeting_revolutes(a: Pin, b: Pin, around: Surroundings) -> list[Relation] |
         return None
     meeting = a.centre + s * a.axis, b.centre + t * b.axis
     if abs(u @ w) <= TOLERANCES.tight:
-        return [Relation("universal", (Place(a.body, meeting[0], a.axis),
-                                       Place(b.body, meeting[1], b.axis)))]
+        return [Relation("universal", (BodyFrame(a.body, meeting[0], a.axis),
+                                       BodyFrame(b.body, meeting[1], b.axis)))]
     if np.linalg.norm(np.cross(u, w)) < FLAT_ANGLE or not around.keep_point(
             a.body, meeting[0], b.body, meeting[1]):
         return None
     reach = 0.5 * around.length
     chord = reach * float(np.linalg.norm(u - w))
-    return [Relation("distance", (Place(a.body, meeting[0] + reach * a.axis),
-                                  Place(b.body, meeting[1] + reach * b.axis)), chord,
+    return [Relation("distance", (BodyFrame(a.body, meeting[0] + reach * a.axis),
+                                  BodyFrame(b.body, meeting[1] + reach * b.axis)), chord,
                      (a.own_centre + (s + reach) * u, b.own_centre + (t + reach) * w))]
 
 
@@ -293,8 +264,8 @@ def _revolute_prismatic(a: Pin, b: Pin, around: Surroundings) -> list[Relation] 
     if not around.keep_plane(a, b, a.axis, normal):
         return None
     origin = b.centre + b.turn @ (a.own_centre - b.own_centre)
-    across = Place(b.body, origin, np.cross(normal, b.axis))
-    return [Relation("point_on_plane", (across, Place(a.body, a.centre)))]
+    across = BodyFrame(b.body, origin, np.cross(normal, b.axis))
+    return [Relation("point_on_plane", (across, BodyFrame(a.body, a.centre)))]
 
 
 def _prismatics(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:
@@ -305,8 +276,8 @@ def _prismatics(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:
     normals = a.turn @ normal, b.turn @ normal
     if not around.keep_plane(a, b, *normals):
         return None
-    slide = Place(a.body, a.centre, a.axis, normals[0])
-    return [Relation("parallel", (slide, Place(b.body, b.centre, b.turn @ a.own_axis)))]
+    slide = BodyFrame(a.body, a.centre, a.axis, normals[0])
+    return [Relation("parallel", (slide, BodyFrame(b.body, b.centre, b.turn @ a.own_axis)))]
 
 
 def _welded(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:
@@ -314,10 +285,10 @@ def _welded(a: Pin, b: Pin, around: Surroundings) -> list[Relation] | None:
     x = np.eye(3)[int(np.argmin(np.abs(a.own_axis)))]
     centre = b.centre + b.turn @ (a.own_centre - b.own_centre)
     is_slide = a.kind == "prismatic"
-    first = Place(a.body, a.centre, a.axis, a.turn @ x if is_slide else None)
-    second = Place(b.body, centre, b.turn @ a.own_axis, b.turn @ x if is_slide else None)
+    first = BodyFrame(a.body, a.centre, a.axis, a.turn @ x if is_slide else None)
+    second = BodyFrame(b.body, centre, b.turn @ a.own_axis, b.turn @ x if is_slide else None)
     if a.kind == "spherical":
-        first, second = Place(a.body, a.centre), Place(b.body, centre)
+        first, second = BodyFrame(a.body, a.centre), BodyFrame(b.body, centre)
     return [Relation(a.kind, (first, second))]
 
 
@@ -327,8 +298,8 @@ RELATIONS: dict[tuple[str, str], _Rule] = {
     ("spherical", "spherical"): _balls,
     ("spherical", "universal"): _balls,
     ("spherical", "revolute"): _ball_revolute,
-    ("spherical", "prismatic"): _ball_prismatic,
-    ("spherical", "cylindrical"): _ball_cylindrical,
+    ("spherical", "prismatic"): _ball_on_line,
+    ("spherical", "cylindrical"): _ball_on_line,
     ("spherical", "planar"): _ball_planar,
     ("revolute", "revolute"): _revolutes,
     ("revolute", "prismatic"): _revolute_prismatic,

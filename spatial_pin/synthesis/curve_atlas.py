@@ -15,13 +15,14 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.dimensions.family import Members
+from spatial_pin.dimensions.dimension_batch import DimensionBatch
 from spatial_pin.numerics.curve_matching import Movable, lengths_along, matches
 from spatial_pin.numerics.linalg import Array, pseudo_inverses
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.synthesis.precision import Path
-from spatial_pin.synthesis.problem import WEIGHTS, Found, Problem
-from spatial_pin.synthesis.settling import Samples, Settling, spread
+from spatial_pin.synthesis.design_problem import DesignProblem, LocalSolution
+from spatial_pin.synthesis.design_space import WEIGHTS
+from spatial_pin.synthesis.inner_problem import GoalStates, InnerProblem, spread
+from spatial_pin.synthesis.precision import PathGoal
 
 # Curves drawn together, from random numbers of their own; where every mechanism has to be loaded,
 # which takes some thirty milliseconds, fewer.
@@ -49,39 +50,35 @@ NO_NUMBERS = np.empty(0)  # of a turn, which has none of its own
 
 
 @dataclass(frozen=True, eq=False)
-class Begin:
-    """A start with its configurations.
+class AtlasStart:
+    """A start with its configurations."""
 
-    Attributes:
-        x: (n,) dimensions and own numbers.
-        samples: configurations at the samples of the path.
-        misfit: what the curve misses of the path's shape, relative to its size.
-        tried: sets of dimensions that it took to bring it to the path.
-    """
-
-    x: Array
-    samples: Samples
-    misfit: float
-    tried: int
+    x: Array  # (n,) dimensions and own numbers
+    samples: GoalStates  # configurations at the samples of the path
+    misfit: float  # what the curve misses of the path's shape, relative to its size
+    tried: int  # sets of dimensions that it took to bring it to the path
 
 
-class Atlas:
+class CurveDatabase:
     """Curves that a mechanism draws, and what of them looks like a path.
-
-    Args:
-        problem: with one path of free timing.
 
     Attributes:
         curves: how many are drawn together.
         number: of the path among goals of precision; goal: it.
-
-    Raises:
-        ValueError: it has none, or another number of drivers than one that turns.
     """
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: DesignProblem) -> None:
         self.p = problem
-        self.number, self.goal = _path_of(problem)
+        paths = [(k, s.goal) for k, s in enumerate(problem.settlings)
+                 if isinstance(s.goal, PathGoal) and not s.goal.drivers
+                 and s.goal.count >= LEAST_POINTS]
+        if len(paths) != 1:
+            raise ValueError(
+                f"method 'atlas' is for one path of free timing through {LEAST_POINTS} points or "
+                f"more; there are {len(paths)}: take another method")
+        self.number, self.goal = paths[0]
+        if not np.ptp(self.goal.points, axis=0).any():
+            raise ValueError("method 'atlas' is for a path; its points are all at one place")
         self.curves = CURVES if problem.family.is_traced else LOADED
         mechanism = problem.mechanism
         names = list(mechanism.drivers)
@@ -95,13 +92,13 @@ class Atlas:
         self._turn = self._driven(np.zeros((TURN_STEPS + 1, 3)), self._values)
         self._own = problem.own[self.number]
 
-    def _driven(self, points: Array, values: Array) -> Settling:
+    def _driven(self, points: Array, values: Array) -> InnerProblem:
         """Return the path through points as one that the driver leads along."""
-        return Settling(self.p.family, replace(
+        return InnerProblem(self.p.family, replace(
             self.goal, points=points, drivers={self._driver.name: values}, input_offset=False,
             placement=False, scale=False))
 
-    def sheet(self, rng: np.random.Generator) -> list[Begin]:
+    def sheet(self, rng: np.random.Generator) -> list[AtlasStart]:
         """Return the best of some drawn curves, the best first."""
         drawn = np.array([self.p.draw(rng) for _ in range(self.curves)])
         x, samples, points = self._curves(drawn, rng)
@@ -112,12 +109,12 @@ class Atlas:
         found = matches(self.goal.points, curves, self.goal.closed, movable)
         best = np.argsort(found.misfit, kind="stable")[:MOST_BROUGHT]
         parts = lengths_along(curves)
-        begins = list[Begin]()
+        begins: list[AtlasStart] = []
         for i in best.tolist():
             rows = np.rint(np.interp(found.at[i], parts[i], np.arange(TURN_STEPS + 1.0)))
             own = [samples[int(row)].taken(slice(i, i + 1)) for row in rows]
-            alike = Begin(
-                x[i], Samples.joined([s._replace(at=np.array([k])) for k, s in enumerate(own)]),
+            alike = AtlasStart(
+                x[i], GoalStates.joined([s._replace(at=np.array([k])) for k, s in enumerate(own)]),
                 float(found.misfit[i]), 0)
             there = self._brought(alike, float(found.size[i]), found.rotation[i])
             begins += [there] if there is not None else []
@@ -125,9 +122,7 @@ class Atlas:
                 break
         return begins
 
-    # ------------------------------------------------------------ curves
-
-    def _curves(self, x: Array, rng: np.random.Generator) -> tuple[Array, list[Samples], Array]:
+    def _curves(self, x: Array, rng: np.random.Generator) -> tuple[Array, list[GoalStates], Array]:
         """Return numbers (m, n) with which the driver turns fully, configurations, and curves.
 
         Half of them begin at the closed state, half anywhere: a mechanism may be assembled in
@@ -138,12 +133,12 @@ class Atlas:
         state, m = self.p.nominal(), len(x)
         q = np.repeat(state.q[None], m, axis=0)
         q[1::2] = spread(self.p.mechanism, state.q, len(q[1::2]), rng)
-        here = Samples(q, np.repeat(state.angles[None], m, axis=0), np.zeros(m, dtype=np.intp))
-        found: list[Samples] = []
+        here = GoalStates(q, np.repeat(state.angles[None], m, axis=0), np.zeros(m, dtype=np.intp))
+        found: list[GoalStates] = []
         for k, value in enumerate(self._values.tolist()):
             ahead = self._ahead(found) if len(found) > 1 else here.q.copy()
             ahead[:, self._driver.q] = value
-            here = Samples(ahead, here.angles, np.full(len(x), k))
+            here = GoalStates(ahead, here.angles, np.full(len(x), k))
             here, closed = self._closed(members, here, NEXT_STEPS if k > 1 else FIRST_STEPS)
             x, members, here = x[closed], members.taken(closed), here.taken(closed)
             found = [*(s.taken(closed) for s in found), here]
@@ -153,7 +148,7 @@ class Atlas:
         back = np.flatnonzero(gap < COMES_BACK * size)[:MOST_COMPARED]
         return (x[back], [s.taken(back) for s in found], points[back])
 
-    def _ahead(self, found: Sequence[Samples]) -> Array:
+    def _ahead(self, found: Sequence[GoalStates]) -> Array:
         """Return where joints are if they go on as they came."""
         last, before = found[-1].q, found[-2].q
         model = self.p.mechanism.model
@@ -164,8 +159,8 @@ class Atlas:
                          for a, b in zip(last, before, strict=True)]).reshape(last.shape)
 
     def _closed(
-        self, members: Members, samples: Samples, steps: int
-    ) -> tuple[Samples, NDArray[np.intp]]:
+        self, members: DimensionBatch, samples: GoalStates, steps: int
+    ) -> tuple[GoalStates, NDArray[np.intp]]:
         """Return configurations after some of Newton's steps, the driver standing, and the closed.
 
         Normal equations do: curves are to be told apart by eye.
@@ -185,17 +180,17 @@ class Atlas:
             longest = np.abs(moved).max(axis=1, initial=0.0)
             moved *= np.minimum(1.0, LONGEST_NEWTON / np.maximum(longest, LONGEST_NEWTON))[:, None]
             q, angles = family.displaced(q, moved * scale), bodies.angles
-        return Samples(q, angles, at), np.flatnonzero(error < NEARLY)
+        return GoalStates(q, angles, at), np.flatnonzero(error < NEARLY)
 
-    def _points(self, members: Members, samples: Samples) -> Array:
+    def _points(self, members: DimensionBatch, samples: GoalStates) -> Array:
         """Return where the frame is (m, 3), one configuration for each set of dimensions."""
         bodies = self.p.family.bodies(members, samples.q, samples.angles, with_jacobian=False)
         return bodies.origin(self.goal.frame)
 
-    def _movable(self, x: Array, samples: Sequence[Samples]) -> Movable:
+    def _movable(self, x: Array, samples: Sequence[GoalStates]) -> Movable:
         """Return how dimensions, or numbers of the goal, move a curve as a whole."""
         placed, scaled = self.goal.placement, self.goal.scale
-        some = Samples.joined(samples[::6])
+        some = GoalStates.joined(samples[::6])
         columns = self._turn.slopes(*self._around(x), some, NO_NUMBERS).reshape(-1, self.p.n)
         inverse = pseudo_inverses(columns[None], TOLERANCES.singular)[0]
         arms = self._points(self._same(x, len(some.q)), some)
@@ -217,23 +212,29 @@ class Atlas:
             turns[:] = False
         return Movable(shifts, turns, scaled or can(arms))
 
-    # ------------------------------------------------------------ to the path
-
-    def _brought(self, alike: Begin, size: float, rotation: Array) -> Begin | None:
+    def _brought(self, alike: AtlasStart, size: float, rotation: Array) -> AtlasStart | None:
         """Return where a curve has been brought to the path; None if bounds do not let it.
 
-        It is moved as a whole, a step at a time, by dimensions that Newton's method finds.
+        It is moved as a whole, a step at a time, by dimensions that Newton's method finds. A
+        drawing that may stand anywhere, or have any size, is put where the curve is itself.
 
         Args:
             alike: a curve of which a part looks like the path.
             size: by which it is to grow.
             rotation: (3, 3) by which it is to turn.
         """
-        p, goal = self.p, self.goal
-        x, size, turn, away = self._drawn_there(alike, size, rotation)
-        timed = self._driven(goal.points, alike.samples.q[:, self._driver.q])
+        p, goal, x = self.p, self.goal, alike.x.copy()
+        size, turn = max(size, LEAST_SIZE), pin.log3(rotation)
         own = self._points(self._same(x, goal.count), alike.samples)
-        there = own.mean(axis=0)
+        there, numbers = own.mean(axis=0), np.zeros(len(goal.own_names))
+        away = there - goal.points.mean(axis=0)
+        if goal.placement:
+            numbers[:3], numbers[3:6] = away / p.mechanism.characteristic_length, -turn
+            turn, away = np.zeros(3), np.zeros(3)
+        if goal.scale:
+            numbers[-1], size = -np.log(size), 1.0
+        x[self._own] = numbers
+        timed = self._driven(goal.points, alike.samples.q[:, self._driver.q])
         width = float(np.abs(own - there).max()) * max(size, 1.0)
         steps = max(abs(np.log(size)) / np.log(SIZE_STEP), float(np.linalg.norm(turn)) / WAY_STEP,
                     float(np.abs(away).max()) / width)
@@ -250,18 +251,18 @@ class Atlas:
             x = x.copy()
             x[: p.n] -= p.sizes[: p.n] * (inverse @ missed)
         outside = np.maximum(p.lower - x, x - p.upper) > OUTSIDE * p.sizes
-        return None if outside.any() else Begin(
+        return None if outside.any() else AtlasStart(
             np.clip(x, p.lower, p.upper), samples, alike.misfit, n * BRINGING_CORRECTIONS)
 
-    def _same(self, x: Array, m: int) -> Members:
+    def _same(self, x: Array, m: int) -> DimensionBatch:
         """Return the mechanism of x for m configurations."""
         return self.p.members(x).taken(np.zeros(m, dtype=np.intp))
 
-    def _around(self, x: Array) -> tuple[Members, Members, Array]:
+    def _around(self, x: Array) -> tuple[DimensionBatch, DimensionBatch, Array]:
         """Return the mechanism of x, those around it, and the widths between these."""
         return self.p.members(x), *self.p.around(x)
 
-    def solved(self, begin: Begin) -> Found:
+    def solved(self, begin: AtlasStart) -> LocalSolution:
         """Return the local solution from a curve."""
         near = [begin.samples]
         if len(self.p.settlings) > 1:
@@ -269,40 +270,3 @@ class Atlas:
             near[self.number] = begin.samples
         found = self.p.solve_from(begin.x, near, WEIGHTS[1:])
         return replace(found, evaluations=found.evaluations + begin.tried)
-
-    def _drawn_there(
-        self, alike: Begin, size: float, rotation: Array
-    ) -> tuple[Array, float, Array, Array]:
-        """Return numbers with the drawing where a curve is, and what is left to bring that to it.
-
-        A drawing that may stand anywhere, or have any size, is put there itself.
-
-        Returns:
-            Numbers; size and rotation vector of the drawing relative to the curve, and the shift
-            of the curve from it.
-        """
-        goal, x = self.goal, alike.x.copy()
-        size, turn = max(size, LEAST_SIZE), pin.log3(rotation)
-        away = self._points(self._same(x, goal.count), alike.samples).mean(
-            axis=0) - goal.points.mean(axis=0)
-        own = np.zeros(len(goal.own_names))
-        if goal.placement:
-            own[:3], own[3:6] = away / self.p.mechanism.characteristic_length, -turn
-            turn, away = np.zeros(3), np.zeros(3)
-        if goal.scale:
-            own[-1], size = -np.log(size), 1.0
-        x[self._own] = own
-        return x, size, turn, away
-
-
-def _path_of(problem: Problem) -> tuple[int, Path]:
-    """Return the number of the only path of free timing among goals of precision, and it."""
-    found = [(k, s.goal) for k, s in enumerate(problem.settlings)
-             if isinstance(s.goal, Path) and not s.goal.drivers and s.goal.count >= LEAST_POINTS]
-    if len(found) != 1:
-        raise ValueError(
-            f"method 'atlas' is for one path of free timing through {LEAST_POINTS} points or more; "
-            f"there are {len(found)}: take another method")
-    if not np.ptp(found[0][1].points, axis=0).any():
-        raise ValueError("method 'atlas' is for a path; its points are all at one place")
-    return found[0]

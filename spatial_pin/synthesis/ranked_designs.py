@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import Any, NamedTuple, overload
 
 import numpy as np
-import pinocchio as pin
 
 from spatial_pin._support.brief import brief, counted
 from spatial_pin.assembly.assemble import assembled
@@ -26,11 +25,10 @@ from spatial_pin.motion.trace import trace
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.synthesis.defects import Defect, defects, limits_passed
-from spatial_pin.synthesis.demands.candidate import Candidate, in_own_turn
-from spatial_pin.synthesis.demands.demand import Moving
-from spatial_pin.synthesis.precision import Function, Goal, Path, Poses, Precision
-from spatial_pin.synthesis.problem import Found, Problem
-from spatial_pin.synthesis.search import Searched
+from spatial_pin.synthesis.demand import Candidate, MotionDemand, in_own_turn
+from spatial_pin.synthesis.design_problem import DesignProblem, LocalSolution
+from spatial_pin.synthesis.global_search import Searched
+from spatial_pin.synthesis.precision import FunctionGoal, Goal, PathGoal, Precision
 
 TURN_SAMPLES, PART_SAMPLES = 361, 30  # of a turn, and from sample to sample
 MOST_TRACED = 4000  # of a curve: thirteen turns of one driver
@@ -147,23 +145,20 @@ class Design:
         """Circuit, branch, order, joint limits and transmission, as far as they are not right."""
         found = list[Defect]()
         for met in self.met:
-            output = met.goal.output if isinstance(met.goal, Function) else None
+            output = met.goal.output if isinstance(met.goal, FunctionGoal) else None
             own = defects(self.mechanism, met.states, met.driver, output=output,
                           ordered=not met.goal.drivers,
-                          cyclic=isinstance(met.goal, Path) and met.goal.closed)
+                          cyclic=isinstance(met.goal, PathGoal) and met.goal.closed)
             which = f"{met.goal.name}: " if len(self.met) > 1 else ""
             found += [defect._replace(text=which + defect.text) for defect in own]
-        return (*found, *self._limits_of_demands())
-
-    def _limits_of_demands(self) -> Iterator[Defect]:
-        """Yield joint limits that are passed in motions which demands are about."""
-        candidate, told = Candidate(self.mechanism, self.states), set[Defect]()
-        for demand in self.demands:
-            if isinstance(demand, Moving) and joint_limits(self.mechanism):
+        candidate, seen = Candidate(self.mechanism, self.states), set[Defect]()
+        for demand in self.demands if joint_limits(self.mechanism) else ():
+            if isinstance(demand, MotionDemand):
                 passed = limits_passed(demand.motion(candidate)[0])
-                yield from (x._replace(text=f"{demand.name}: {x.text}")
-                            for x in passed if x not in told)
-                told.update(passed)
+                found += [x._replace(text=f"{demand.name}: {x.text}")
+                          for x in passed if x not in seen]
+                seen.update(passed)
+        return tuple(found)
 
     @property
     def at_bounds(self) -> dict[str, str]:
@@ -213,7 +208,12 @@ class Design:
         if not names:
             raise SpatialPinError(f"mechanism {self.mechanism.name!r} has no driver that leads "
                                   f"through the samples of {met.goal.name!r}")
-        return _through(self.mechanism, names, met.states)
+        at = np.array([[state.coordinate(name).value for name in names] for state in met.states])
+        rows = np.arange(len(at))
+        parts = np.linspace(0.0, len(at) - 1.0, (len(at) - 1) * PART_SAMPLES + 1)
+        return follow(self.mechanism, {name: np.interp(parts, rows, x)
+                                       for name, x in zip(names, at.T, strict=True)},
+                      guess=met.states[0])
 
     def as_dict(self) -> dict[str, Any]:
         """Return it as plain numbers and lists, as JSON has them; None for no bound.
@@ -359,19 +359,7 @@ def _round(mechanism: Mechanism, driver: str, state: State) -> Motion:
     return trace(mechanism, driver, state, most_rows=MOST_TRACED)
 
 
-def _through(mechanism: Mechanism, names: Sequence[str], states: Sequence[State]) -> Motion:
-    """Return the motion in which several drivers go from state to state in straight lines."""
-    at = np.array([[state.coordinate(name).value for name in names] for state in states])
-    parts = np.linspace(0.0, len(states) - 1.0, (len(states) - 1) * PART_SAMPLES + 1)
-    rows = np.arange(len(states))
-    return follow(mechanism, {name: np.interp(parts, rows, x)
-                              for name, x in zip(names, at.T, strict=True)}, guess=states[0])
-
-
-# ---------------------------------------------------------------- made from what was found
-
-
-def designs_of(problem: Problem, searched: Searched, most: int) -> Designs:
+def designs_of(problem: DesignProblem, searched: Searched, most: int) -> Designs:
     """Return the best of what a search found."""
     made, why = list[Design](), searched.why
     failed = searched.failed
@@ -389,24 +377,25 @@ def designs_of(problem: Problem, searched: Searched, most: int) -> Designs:
 
 
 def _ranked(designs: Sequence[Design]) -> list[Design]:
-    """Return designs as they are, but of equal errors those with fewer defects first."""
+    """Return designs as they are, but of equal errors those with fewer defects first.
+
+    Those that keep it from moving as it should count first.
+    """
+    def flaws(design: Design) -> tuple[int, int]:
+        grave = sum(defect.kind in ("circuit", "branch", "order", "joint limit")
+                    for defect in design.defects)
+        return grave, len(design.defects) - grave
+
     found: list[Design] = []
-    left = list(designs)
-    while left:
-        equal = [x for x in left if abs(x.error - left[0].error) <= EQUAL * (1.0 + left[0].error)]
-        found += equal if len(equal) == 1 else sorted(equal, key=_flaws)
-        left = [x for x in left if all(x is not y for y in equal)]
+    rest = list(designs)
+    while rest:
+        equal = [x for x in rest if abs(x.error - rest[0].error) <= EQUAL * (1.0 + rest[0].error)]
+        found += equal if len(equal) == 1 else sorted(equal, key=flaws)
+        rest = [x for x in rest if all(x is not y for y in equal)]
     return found
 
 
-def _flaws(design: Design) -> tuple[int, int]:
-    """Return how many defects keep it from moving as asked, and how many others it has."""
-    grave = sum(defect.kind in ("circuit", "branch", "order", "joint limit")
-                for defect in design.defects)
-    return grave, len(design.defects) - grave
-
-
-def design_of(problem: Problem, found: Found) -> Design:
+def design_of(problem: DesignProblem, found: LocalSolution) -> Design:
     """Return one solution, its mechanism loaded and closed."""
     n = problem.n
     dimensions = dict(zip(problem.names[:n], found.x[:n].tolist(), strict=True))
@@ -417,15 +406,17 @@ def design_of(problem: Problem, found: Found) -> Design:
         own = found.x[end : end + len(settling.names)]
         end += len(own)
         goal = settling.goal
-        states = tuple(_closed(there, in_own_turn(there, q, goal.drivers), angles)
-                       for q, angles in zip(samples.q, samples.angles, strict=True))
-        met.append(Met(goal, states, _targets(goal, problem.mechanism,
-                                              own[: len(goal.own_names)])))
-        missed = goal.errors(settling.residual(members, samples, own), problem.mechanism,
-                             own[: len(goal.own_names)])
+        drawn = own[: len(goal.own_names)]
+        # configurations of the family leave out a last digit
+        states = tuple(
+            assembled(there, {}, State(there, in_own_turn(there, q, goal.drivers),
+                                       closure_error=np.nan, angles=angles))
+            for q, angles in zip(samples.q, samples.angles, strict=True))
+        met.append(Met(goal, states, goal.targets(problem.mechanism, drawn)))
+        missed = goal.errors(settling.residual(members, samples, own), problem.mechanism, drawn)
         name = _free_name(goal.name, errors)
         errors[name] = _error(missed, goal.unit_of(problem.mechanism))
-        numbers |= {f"{name}: {key}": _natural(goal, problem.mechanism, key, x)
+        numbers |= {f"{name}: {key}": goal.natural(problem.mechanism, key, x)
                     for key, x in zip(settling.names, own.tolist(), strict=True)}
     states = tuple(state for one in met for state in one.states) or (
         followed(there, {}, problem.nominal()),)
@@ -442,42 +433,11 @@ def design_of(problem: Problem, found: Found) -> Design:
         tuple(problem.demands))
 
 
-def _closed(mechanism: Mechanism, q: Array, angles: Array) -> State:
-    """Return the closed state at a configuration of the family, which leaves out a last digit."""
-    return assembled(mechanism, {}, State(mechanism, q, closure_error=np.nan, angles=angles))
-
-
 def _error(values: Array, unit: str) -> GoalError:
     missed = np.abs(values)
     return GoalError(float(np.sqrt(np.mean(missed**2))), float(missed.max()), unit, len(missed))
 
 
 def _free_name(name: str, taken: Mapping[str, Any]) -> str:
-    """Return a name, numbered if it is taken."""
     names = [name, *(f"{name} ({k})" for k in range(2, len(taken) + 3))]
     return next(x for x in names if x not in taken)
-
-
-def _targets(goal: Goal, mechanism: Mechanism, own: Array) -> Array:
-    """Return the targets of a goal in the world."""
-    if isinstance(goal, Path):
-        return goal.drawn(mechanism, own)[0]
-    if isinstance(goal, Poses):
-        points, rotation = goal.drawn(mechanism, own)
-        return np.array([pin.SE3(rotation @ turned, point).homogeneous
-                         for turned, point in zip(goal.rotations, points, strict=True)])
-    assert isinstance(goal, Function)
-    size = mechanism.velocity_scale[mechanism.prescribed_coordinate(goal.output).v]
-    return goal.values + (own[0] * size if goal.offset else 0.0)
-
-
-def _natural(goal: Precision, mechanism: Mechanism, name: str, value: float) -> float:
-    """Return a number of a goal's own in its unit; a scale is a factor."""
-    if name == "scale":
-        return float(np.exp(value))
-    if name.startswith("placement."):
-        return value * (1.0 if "r" in name[-2:] else mechanism.characteristic_length)
-    coordinate = goal.output if isinstance(goal, Function) and name == "offset" else (
-        name.removesuffix(".zero"))
-    return value * float(
-        mechanism.velocity_scale[mechanism.prescribed_coordinate(coordinate).v])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +15,7 @@ from spatial_pin._support.outputs import literal, save_figure
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.motion.sweep import check_choice
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.workspace_map.result import Curve, Workspace
+from spatial_pin.workspace_map.workspace_result import Curve, Workspace
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -37,12 +38,12 @@ def plot(
         normal = int(np.argmin(np.ptp(points, axis=0)))
         plane = next(name for name, k in PLANES.items() if k == normal)
     check_choice("plane", plane, tuple(PLANES))
-    sides = _Slab.of(points, PLANES[plane], at, thickness)
+    holds, where = _slab(points, PLANES[plane], at, thickness)
     figure = ShownFigure(figsize=(7.0, 5.8))
     figure.set_layout_engine("compressed")  # axes of equal units leave no margin beside them
     axes = figure.subplots()
     x, y = ("xyz".index(c) for c in plane)
-    seen = sides.holds(points)
+    seen = holds(points)
     n = int(np.count_nonzero(seen))
     dots = axes.scatter(points[seen, x], points[seen, y], c=found.dexterity[found.reached][seen],
                         s=float(np.clip(4e4 / max(n, 1), 3.0, 40.0)), linewidths=0, cmap="viridis")
@@ -50,14 +51,14 @@ def plot(
     curves = _curves(found) if at is None else ()
     for borders, colour, label in ((found.boundary, BOUNDARY, "the branch ends"),
                                    (found.singular, SINGULAR, "the determinant vanishes")):
-        places = borders.points[sides.holds(borders.points)]
+        places = borders.points[holds(borders.points)]
         lines = [c.points for c in curves if c.is_boundary == (borders is found.boundary)]
         for k, line in enumerate(lines):
             axes.plot(line[:, x], line[:, y], color=colour, lw=1.6, label="" if k else label)
         if len(places) and not lines:
             axes.scatter(places[:, x], places[:, y], s=7, color=colour, linewidths=0, label=label)
     axes.set(xlabel=f"{plane[0]} [m]", ylabel=f"{plane[1]} [m]", aspect="equal")
-    axes.set_title(literal(f"{found.mechanism.name}: {found.frame}{sides.words}"), color=INK)
+    axes.set_title(literal(f"{found.mechanism.name}: {found.frame}{where}"), color=INK)
     if axes.get_legend_handles_labels()[0]:
         figure.legend(loc="outside lower center", ncols=2, frameon=False)
     if path is not None:
@@ -74,34 +75,16 @@ def _curves(found: Workspace) -> tuple[Curve, ...]:
     return ()
 
 
-class _Slab:
-    """The part of space near a plane; all of space where it has no place."""
+def _slab(
+    points: Array, normal: int, at: float | None, thickness: float | None
+) -> tuple[Callable[[Array], NDArray[np.bool_]], str]:
+    """Return which of points (N, 3) are near a plane, if it has a place, and where that is."""
+    half = 0.5 * (THIN_SLICE * float(np.ptp(points, axis=0).max()) if thickness is None
+                  else positive_number(thickness, "thickness"))
+    place = None if at is None else finite_number(at, "at")
 
-    def __init__(self, normal: int, at: float | None, half: float) -> None:
-        self._normal, self._at, self._half = normal, at, half
-
-    @classmethod
-    def of(cls, points: Array, normal: int, at: float | None, thickness: float | None) -> _Slab:
-        """Return the slab that is asked for, among points (N, 3).
-
-        Raises:
-            ValueError: a number is not finite, or the thickness not above zero.
-        """
-        given = (THIN_SLICE * float(np.ptp(points, axis=0).max()) if thickness is None
-                 else positive_number(thickness, "thickness"))
-        return cls(normal, None if at is None else finite_number(at, "at"), 0.5 * given)
-
-    def holds(self, points: Array) -> NDArray[np.bool_]:
-        """Return which points (N, 3) are in it: those that are not known are not."""
+    def holds(points: Array) -> NDArray[np.bool_]:
         known = np.asarray(~np.isnan(points).any(axis=1))
-        if self._at is None:
-            return known
-        known &= np.abs(points[:, self._normal] - self._at) <= self._half
-        return known
+        return known if place is None else known & (np.abs(points[:, normal] - place) <= half)
 
-    @property
-    def words(self) -> str:
-        """Where it is, for a title."""
-        if self._at is None:
-            return ""
-        return f", {'xyz'[self._normal]} = {self._at:.4g} ± {self._half:.2g} m"
+    return holds, "" if place is None else f", {'xyz'[normal]} = {place:.4g} ± {half:.2g} m"

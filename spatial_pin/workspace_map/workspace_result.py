@@ -20,7 +20,7 @@ from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.workspace_map.dexterity import SINGULAR
-from spatial_pin.workspace_map.poses import PARTS, SLIDES
+from spatial_pin.workspace_map.grid_axes import PARTS, SLIDES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -273,7 +273,7 @@ class Workspace(Tabular):
             >>> curve.is_boundary, curve.points.shape[1]  # (m, 3) [m]
             (True, 3)
         """
-        from spatial_pin.workspace_map.curves import curves
+        from spatial_pin.workspace_map.section_curves import curves
 
         return curves(self, at, tolerance)
 
@@ -307,7 +307,7 @@ class Workspace(Tabular):
             >>> figure.axes[0].get_xlabel()
             'x [m]'
         """
-        from spatial_pin.workspace_map.picture import plot
+        from spatial_pin.workspace_map.workspace_plot import plot
 
         return plot(self, path, plane, at, thickness)
 

@@ -28,32 +28,19 @@ BEFORE = np.array([9.0, 4.0, 1.0])  # squares, so that square roots are evenly s
 TO_END = np.array([1.0, -3.0, 3.0])  # the parabola through them, at the end
 
 
-class Asked(NamedTuple):
-    """What is asked for, the same for all lines.
+class GridConfig(NamedTuple):
+    """What is asked for, the same for all lines."""
 
-    Attributes:
-        mechanism: what is followed: the mechanism, or its copy whose coordinates are poses.
-        names: coordinates that span the grid.
-        frame: whose points are wanted.
-        columns: coordinates that Jacobians are taken with respect to; None: all drivers.
-        limits: whether joint limits are kept.
-        on_crossing: what to do at branch points, as `sweep` has it.
-        standing: coordinates that stand still besides.
-        hold: names of what else stands still, "base" among them, as `sweep` has it.
-        body: the mechanism itself.
-        apart: least distance of links that are not joined that is kept [m]; None: none is.
-    """
-
-    mechanism: Mechanism
-    names: tuple[str, ...]
-    frame: str
-    columns: tuple[str, ...] | None
-    limits: bool
-    on_crossing: str
-    standing: tuple[str, ...]
-    hold: tuple[str, ...]
-    body: Mechanism
-    apart: float | None = None
+    mechanism: Mechanism  # what is followed: the mechanism, or its copy whose coordinates are poses
+    names: tuple[str, ...]  # coordinates that span the grid
+    frame: str  # whose points are wanted
+    columns: tuple[str, ...] | None  # coordinates that Jacobians are for; None: all drivers
+    limits: bool  # whether joint limits are kept
+    on_crossing: str  # what to do at branch points, as `sweep` has it
+    standing: tuple[str, ...]  # coordinates that stand still besides
+    hold: tuple[str, ...]  # names of what else stands still, as `sweep` has it
+    body: Mechanism  # the mechanism itself
+    apart: float | None = None  # least distance that links which are not joined keep [m]
 
     @property
     def is_posed(self) -> bool:
@@ -75,70 +62,50 @@ class Asked(NamedTuple):
                      angles=state.angles)
 
 
-class Run(NamedTuple):
-    """A way along a line of the grid, from a configuration.
+class GridLine(NamedTuple):
+    """A way along a line of the grid, from a configuration."""
 
-    Attributes:
-        axis: number of the coordinate that changes.
-        at: (k,) where it begins.
-        values: (m,) of that coordinate to go to, the next first.
-        q, angles: the configuration where it begins.
-        error: its closure error.
-    """
-
-    axis: int
-    at: Array
-    values: Array
-    q: Array
+    axis: int  # number of the coordinate that changes
+    at: Array  # (k,) where it begins
+    values: Array  # (m,) of that coordinate to go to, the next first
+    q: Array  # the configuration where it begins
     angles: Array
-    error: float
+    error: float  # its closure error
 
 
-class End(NamedTuple):
-    """Where the branch ends.
+class Termination(NamedTuple):
+    """Where the branch ends."""
 
-    Attributes:
-        why: "limit", "branch point", "singular", "lost", or "joint limit: " and which.
-        value: of the coordinate that changes.
-        point: (3,) of the frame there; NaN where it could not be followed up to there, or runs
-            away without end.
-        q, angles: the last configuration before it that is known; None where none is.
-    """
-
-    why: str
-    value: float
+    why: str  # "limit", "branch point", "singular", "lost", or "joint limit: " and which
+    value: float  # of the coordinate that changes
+    # (3,) of the frame there; NaN where it could not be followed up to there, or runs away without
+    # end
     point: Array
-    q: Array | None = None
+    q: Array | None = None  # the last configuration before it that is known; None where none is
     angles: Array | None = None
 
 
-class Followed(NamedTuple):
-    """What was found along a run, at the m values that were reached.
+class LinePoints(NamedTuple):
+    """What was found along a run, at the m values that were reached."""
 
-    Attributes:
-        q, angles: (m, nq), (m, n_angles) configurations.
-        errors: (m,) closure errors.
-        points, rotations: (m, 3), (m, 3, 3) of the frame.
-        jacobians: (m, 6, c) of the frame in natural units.
-        end: why it goes no further; None where all values were reached.
-    """
-
-    q: Array
+    q: Array  # (m, nq), (m, n_angles) configurations
     angles: Array
-    errors: Array
-    points: Array
+    errors: Array  # (m,) closure errors
+    points: Array  # (m, 3), (m, 3, 3) of the frame
     rotations: Array
-    jacobians: Array
-    end: End | None
+    jacobians: Array  # (m, 6, c) of the frame in natural units
+    end: Termination | None  # why it goes no further; None where all values were reached
 
 
-def followed(asked: Asked, runs: Sequence[Run]) -> list[Followed]:
+def followed(asked: GridConfig, runs: Sequence[GridLine]) -> list[LinePoints]:
     """Return what is found along some runs."""
     distances = None if asked.apart is None else Distances(asked.body)
     return [_along(asked, run, distances) for run in runs]
 
 
-def motion_along(asked: Asked, run: Run, values: Array) -> tuple[Motion | None, int, End | None]:
+def motion_along(
+    asked: GridConfig, run: GridLine, values: Array
+) -> tuple[Motion | None, int, Termination | None]:
     """Follow the branch from where a run begins to values of its coordinate.
 
     Returns:
@@ -155,19 +122,19 @@ def motion_along(asked: Asked, run: Run, values: Array) -> tuple[Motion | None, 
     except SpatialPinError as error:
         kept: Motion | None = getattr(error, "motion", None)
         n = 0 if kept is None else len(kept)
-        return kept, n, End(LOST, float(values[max(n - 1, 0)]), NOWHERE)
+        return kept, n, Termination(LOST, float(values[max(n - 1, 0)]), NOWHERE)
     n, end = len(motion), None
     if n < len(values):
         last = motion.events[-1]  # what ended it
-        end = End(last.kind, last.value, NOWHERE)
+        end = Termination(last.kind, last.value, NOWHERE)
     passed = [e for e in motion.events if e.kind == JOINT_LIMIT] if asked.limits else []
     if passed:
         n, words = passed[0].row, passed[0].text.partition(" passed ")[0]
-        end = End(f"{JOINT_LIMIT}: {words}", passed[0].value, NOWHERE)
+        end = Termination(f"{JOINT_LIMIT}: {words}", passed[0].value, NOWHERE)
     return motion, n, end
 
 
-def touching(asked: Asked, distances: Distances, q: Array) -> str:
+def touching(asked: GridConfig, distances: Distances, q: Array) -> str:
     """Return which links are nearer to each other than is allowed, in words; empty if none."""
     assert asked.apart is not None
     distances.place(q[: asked.body.model.nq])
@@ -179,8 +146,9 @@ def touching(asked: Asked, distances: Distances, q: Array) -> str:
 
 
 def _apart(
-    asked: Asked, run: Run, distances: Distances, motion: Motion, n: int, end: End | None
-) -> tuple[int, End | None]:
+    asked: GridConfig, run: GridLine, distances: Distances, motion: Motion, n: int,
+    end: Termination | None,
+) -> tuple[int, Termination | None]:
     """Return how many rows of a motion count, and why no more, where links are to keep apart.
 
     They are looked at at points of the grid; the place before one at which they come too near is
@@ -205,11 +173,11 @@ def _apart(
             else:
                 good, q, angles = middle, there.q[1], there.angles[1]
                 point = there.frame(asked.frame).position[1]
-        return row, End(words, good, point, q, angles)
+        return row, Termination(words, good, point, q, angles)
     return n, end
 
 
-def _along(asked: Asked, run: Run, distances: Distances | None) -> Followed:
+def _along(asked: GridConfig, run: GridLine, distances: Distances | None) -> LinePoints:
     motion, n, end = motion_along(asked, run, run.values)
     is_near = False
     if motion is not None and distances is not None:
@@ -218,7 +186,7 @@ def _along(asked: Asked, run: Run, distances: Distances | None) -> Followed:
         is_near = n < whole
     if motion is None or n < 2:
         n_angles, none = len(run.angles), np.empty((0, 3))
-        rows = Followed(np.empty((0, len(run.q))), np.empty((0, n_angles)), np.empty(0), none,
+        rows = LinePoints(np.empty((0, len(run.q))), np.empty((0, n_angles)), np.empty(0), none,
                         np.empty((0, 3, 3)), natural_jacobians(asked, []), end)
         last = run
     else:
@@ -226,14 +194,14 @@ def _along(asked: Asked, run: Run, distances: Distances | None) -> Followed:
         states = [motion.state(row) for row in range(1, n)]
         q, angles, errors, points, turns = (x[1:n].copy() for x in (
             motion.q, motion.angles, motion.closure_error, frame.position, frame.rotation))
-        rows = Followed(q, angles, errors, points, turns, natural_jacobians(asked, states), end)
+        rows = LinePoints(q, angles, errors, points, turns, natural_jacobians(asked, states), end)
         last = begun(run, float(motion.swept[n - 1]), motion, n - 1)
     if end is None or is_near:
         return rows._replace(end=end)
     return rows._replace(end=_seen(asked, last, end))
 
 
-def begun(run: Run, value: float, motion: Motion, row: int) -> Run:
+def begun(run: GridLine, value: float, motion: Motion, row: int) -> GridLine:
     """Return a run that begins at a row of a motion along another one."""
     at = run.at.copy()
     at[run.axis] = value
@@ -241,7 +209,7 @@ def begun(run: Run, value: float, motion: Motion, row: int) -> Run:
                         error=float(motion.closure_error[row]))
 
 
-def _seen(asked: Asked, last: Run, end: End) -> End:
+def _seen(asked: GridConfig, last: GridLine, end: Termination) -> Termination:
     """Return an end with the frame's point there, seen from the last configuration before it.
 
     Near a limit position points go as the square root of what is left of the driver's way: they
@@ -264,7 +232,7 @@ def _seen(asked: Asked, last: Run, end: End) -> End:
     return end._replace(point=TO_END @ places[1:4], q=motion.q[3], angles=motion.angles[3])
 
 
-def natural_jacobians(asked: Asked, states: Sequence[State]) -> Array:
+def natural_jacobians(asked: GridConfig, states: Sequence[State]) -> Array:
     """Return (m, 6, c) Jacobians, lengths divided by the characteristic length; NaN if singular."""
     mechanism = asked.body
     moving = asked.moving

@@ -10,14 +10,14 @@ configurations less the part that moving the joints takes away: variable project
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.dimensions.family import Bodies, Family, Members
+from spatial_pin.dimensions.dimension_batch import DimensionBatch, DimensionFamily, EvaluatedBatch
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, pseudo_inverses
 from spatial_pin.numerics.stacked import damped_solutions, null_spaces, projected
@@ -36,42 +36,31 @@ MOST_OPEN = 0.1  # by which a step along the loops may open them: so much is clo
 FLOOR_DAMPING = 1e-14
 
 
-class Samples(NamedTuple):
-    """Configurations of a goal.
+class GoalStates(NamedTuple):
+    """Configurations of a goal."""
 
-    Attributes:
-        q: (m, nq); angles: (m, n_angles) of screw closures [rad].
-        at: (m,) of which samples of the goal they are.
-    """
+    q: Array  # (m, nq)
+    angles: Array  # (m, n_angles) of screw closures [rad]
+    at: NDArray[np.intp]  # (m,) of which samples of the goal they are
 
-    q: Array
-    angles: Array
-    at: NDArray[np.intp]
-
-    def taken(self, some: slice | NDArray[np.intp]) -> Samples:
+    def taken(self, some: slice | NDArray[np.intp]) -> GoalStates:
         """Return some of them."""
-        return Samples(self.q[some], self.angles[some], self.at[some])
+        return GoalStates(self.q[some], self.angles[some], self.at[some])
 
     @classmethod
-    def joined(cls, several: Sequence[Samples]) -> Samples:
+    def joined(cls, several: Sequence[GoalStates]) -> GoalStates:
         """Return all of them as one."""
         return cls(*(np.concatenate(x) for x in zip(*several, strict=True)))
 
 
-class Rows(NamedTuple):
-    """Equations of m configurations that are to hold, and residuals that are to be small.
+class GoalRows(NamedTuple):
+    """Equations of m configurations that are to hold, and residuals that are to be small."""
 
-    Attributes:
-        held: (m, h) closure equations, then drivers; wanted: (m, r) residuals of the goal.
-        held_moves, wanted_moves: their derivatives (m, ., nv) for v / `velocity_scale`.
-        held_own, wanted_own: those for the goal's own numbers (m, ., n_own).
-    """
-
-    held: Array
-    wanted: Array
-    held_moves: Array
+    held: Array  # (m, h) closure equations, then drivers
+    wanted: Array  # (m, r) residuals of the goal
+    held_moves: Array  # their derivatives (m, ., nv) for v / `velocity_scale`
     wanted_moves: Array
-    held_own: Array
+    held_own: Array  # those for the goal's own numbers (m, ., n_own)
     wanted_own: Array
 
     def together(self, weight: float) -> tuple[Array, Array, Array]:
@@ -81,18 +70,14 @@ class Rows(NamedTuple):
                 np.concatenate([weight * self.held_own, self.wanted_own], axis=1))
 
 
-class Settling:
+class InnerProblem:
     """A goal of precision on a family of mechanisms.
-
-    Args:
-        family: of mechanisms.
-        goal: what they should do.
 
     Attributes:
         names: of the goal's own numbers.
     """
 
-    def __init__(self, family: Family, goal: Precision) -> None:
+    def __init__(self, family: DimensionFamily, goal: Precision) -> None:
         self.family, self.goal = family, goal
         mechanism = family.mechanism
         goal.check(mechanism)
@@ -110,21 +95,25 @@ class Settling:
         return np.concatenate([self.goal.own_start(self.family.mechanism),
                                np.zeros(self._n_zeros)])
 
-    # ------------------------------------------------------------ equations
-
-    def _values_only(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> tuple[Array, Array]:
+    def _values_only(
+        self, bodies: EvaluatedBatch, at: NDArray[np.intp], own: Array
+    ) -> tuple[Array, Array]:
         zeros = own[len(own) - self._n_zeros :] if self._n_zeros else 0.0
         away = (bodies.q[:, self._driven_q] - self._values[at]) / self._sizes - zeros
         wanted = self.goal.residual(bodies, at, own[: len(own) - self._n_zeros])
         return np.concatenate([bodies.residual, away], axis=1), wanted
 
-    def equations(self, members: Members, samples: Samples, own: Array) -> tuple[Array, Array]:
+    def equations(
+        self, members: DimensionBatch, samples: GoalStates, own: Array
+    ) -> tuple[Array, Array]:
         """Return equations and residuals (m, h + r), and the angles of screws."""
         bodies = self.family.bodies(self._each(members, len(samples.q)), samples.q, samples.angles,
                                     with_jacobian=False)
         return np.concatenate(self._values_only(bodies, samples.at, own), axis=1), bodies.angles
 
-    def rows(self, members: Members, samples: Samples, own: Array) -> tuple[Rows, Array]:
+    def rows(
+        self, members: DimensionBatch, samples: GoalStates, own: Array
+    ) -> tuple[GoalRows, Array]:
         """Return equations and residuals with their derivatives, and the angles of screws."""
         m, nv, at = len(samples.q), self.family.mechanism.model.nv, samples.at
         bodies = self.family.bodies(self._each(members, m), samples.q, samples.angles)
@@ -136,62 +125,77 @@ class Settling:
         held_own = np.zeros((m, held.shape[1], n))
         if k:
             held_own[:, -d:, n - k :] = -np.eye(d)
-        return Rows(held, wanted, np.concatenate([bodies.jacobian, stands], axis=1), moved,
+        return GoalRows(held, wanted, np.concatenate([bodies.jacobian, stands], axis=1), moved,
                     held_own, np.concatenate([by_own, np.zeros((*by_own.shape[:2], k))], axis=2)
                     ), bodies.angles
 
     @staticmethod
-    def _each(members: Members, m: int) -> Members:
+    def _each(members: DimensionBatch, m: int) -> DimensionBatch:
         """Return members for m configurations: one for all, or one for each."""
         return members if len(members.holds) == m else members.taken(np.zeros(m, dtype=np.intp))
 
-    def placed(self, samples: Samples, own: Array) -> Samples:
+    def placed(self, samples: GoalStates, own: Array) -> GoalStates:
         """Return configurations with the drivers where they should stand."""
         q = samples.q.copy()
         zeros = own[len(own) - self._n_zeros :] if self._n_zeros else 0.0
         q[:, self._driven_q] = self._values[samples.at] + zeros * self._sizes
         return samples._replace(q=q)
 
-    def _moved(self, samples: Samples, steps: Array) -> Array:
-        """Return configurations moved by v / `velocity_scale` (m, nv)."""
+    def _moved(self, samples: GoalStates, steps: Array) -> Array:
         return self.family.displaced(samples.q, steps * self.family.mechanism.velocity_scale)
 
-    # ------------------------------------------------------------ loosely
-
-    def loosely(self, members: Members, samples: Samples, own: Array, weight: float) -> Samples:
+    def loosely(
+        self, members: DimensionBatch, samples: GoalStates, own: Array, weight: float
+    ) -> GoalStates:
         """Return configurations where open loops, weighted, and missed goals are least together."""
-        rows, angles = self.rows(members, samples, own)
-        residual, slope, _ = rows.together(weight)
-        cost = np.einsum("mi,mi->m", residual, residual)
-        damping = np.full(len(cost), FIRST_DAMPING)
-        samples = samples._replace(angles=angles)
+        def evaluated(at: GoalStates) -> tuple[GoalStates, _Loose]:
+            rows, angles = self.rows(members, at, own)
+            residual, slope, _ = rows.together(weight)
+            missed = np.einsum("mi,mi->m", residual, residual)
+            return at._replace(angles=angles), _Loose(residual, slope, missed)
+
+        def judged(new: _Loose, old: _Loose) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+            better = new.missed < old.missed
+            return better, better & (old.missed - new.missed < TOLERANCES.nothing * old.missed)
+
+        return self._descended(*evaluated(samples), evaluated, judged, FIRST_DAMPING, 0.0)
+
+    def _descended(
+        self, samples: GoalStates, known: Any, evaluated: Callable[[GoalStates], tuple[Any, Any]],
+        judged: Callable[[Any, Any], tuple[Any, Any]], first: float, least: float,
+    ) -> GoalStates:
+        """Return where Levenberg's method leads, every configuration damped for itself.
+
+        Args:
+            samples: where it begins.
+            known: what is known there, with `steps`.
+            evaluated: returns configurations as they are, and what is known there.
+            judged: tells of what is new and known which steps help, and which gain next to nothing.
+            first: damping at first.
+            least: damping at least after a step that did not help.
+        """
+        damping = np.full(len(samples.q), first)
         for _ in range(SETTLING_STEPS):
-            steps = _steps(slope, residual, damping)
-            there = samples._replace(q=self._moved(samples, steps))
-            rows, angles = self.rows(members, there, own)
-            new, new_slope, _ = rows.together(weight)
-            new_cost = np.einsum("mi,mi->m", new, new)
-            better = new_cost < cost
-            samples = _chosen(better, there._replace(angles=angles), samples)
-            small = np.abs(steps).max(axis=1) < TOLERANCES.half_precision
-            gained = cost - new_cost < TOLERANCES.nothing * cost
-            residual = np.where(better[:, None], new, residual)
-            slope = np.where(better[:, None, None], new_slope, slope)
-            cost = np.where(better, new_cost, cost)
-            damping = np.where(better, SETTLING_EASING * damping, SETTLING_HARDENING * damping)
-            if np.all(small | (better & gained) | (damping > MOST_DAMPING)):
+            steps = known.steps(damping)
+            there, new = evaluated(samples._replace(q=self._moved(samples, steps)))
+            better, idle = judged(new, known)
+            samples, known = _chosen(better, there, samples), _chosen(better, new, known)
+            damping = np.where(better, SETTLING_EASING * damping,
+                               SETTLING_HARDENING * np.maximum(damping, least))
+            small = np.abs(steps).max(axis=1, initial=0.0) < TOLERANCES.half_precision
+            if np.all(small | idle | (damping > MOST_DAMPING)):
                 break
         return samples
 
     def loose_residual(
-        self, members: Members, samples: Samples, own: Array, weight: float
+        self, members: DimensionBatch, samples: GoalStates, own: Array, weight: float
     ) -> Array:
         """Return the residuals (k, h + r) that are left so."""
         return self.rows(members, samples, own)[0].together(weight)[0]
 
     def loose_slopes(
-        self, members: Members, around: Members, widths: Array, samples: Samples, own: Array,
-        weight: float,
+        self, members: DimensionBatch, around: DimensionBatch, widths: Array, samples: GoalStates,
+        own: Array, weight: float,
     ) -> Array:
         """Return their derivatives (k, h + r, n + n_own) for dimensions and own numbers."""
         rows, _ = self.rows(members, samples, own)
@@ -202,17 +206,10 @@ class Settling:
         return projected(fixed, moved)
 
     def _at_rest(
-        self, members: Members, around: Members, widths: Array, samples: Samples, own: Array
+        self, members: DimensionBatch, around: DimensionBatch, widths: Array, samples: GoalStates,
+        own: Array,
     ) -> tuple[Array, Array]:
-        """Return derivatives (k, ., n) for the dimensions where no joint moves.
-
-        Args:
-            members: the mechanism.
-            around: mechanisms ahead of and behind the dimensions, (2 n,).
-            widths: (n,) between both.
-            samples: configurations.
-            own: own numbers.
-        """
+        """Return derivatives (k, ., n) for the dimensions where no joint moves."""
         k, n = len(samples.q), len(widths)
         if not n:
             rows, _ = self.rows(members, samples, own)
@@ -226,11 +223,9 @@ class Settling:
             found.append(((ahead - behind) / widths[:, None, None]).transpose(1, 2, 0))
         return found[0], found[1]
 
-    # ------------------------------------------------------------ exactly
-
     def closed(
-        self, members: Members, samples: Samples, own: Array
-    ) -> tuple[Samples, Rows, NDArray[np.bool_]]:
+        self, members: DimensionBatch, samples: GoalStates, own: Array
+    ) -> tuple[GoalStates, GoalRows, NDArray[np.bool_]]:
         """Return configurations with loops closed and drivers in place, and which have them so."""
         there = self.placed(samples, own)
         rows, angles = self.rows(members, there, own)
@@ -252,8 +247,8 @@ class Settling:
         return there, rows, error <= TOLERANCES.closed
 
     def exactly(
-        self, members: Members, samples: Samples, own: Array
-    ) -> tuple[Samples, Array, NDArray[np.bool_]]:
+        self, members: DimensionBatch, samples: GoalStates, own: Array
+    ) -> tuple[GoalStates, Array, NDArray[np.bool_]]:
         """Return closed configurations that meet the goal best, residuals, and which are closed.
 
         Each step closes the loops and goes along them towards the goal at once. Steps are compared
@@ -262,32 +257,28 @@ class Settling:
         samples, rows, is_closed = self.closed(members, samples, own)
         if not is_closed.all():
             return samples, rows.wanted, is_closed
-        along = _Along.of(rows)
-        damping = np.full(len(samples.q), FLOOR_DAMPING)
-        for _ in range(SETTLING_STEPS):
-            steps = along.steps(damping)
-            there = samples._replace(q=self._moved(samples, steps))
-            rows, angles = self.rows(members, there, own)
-            new = _Along.of(rows)
-            better = (new.missed <= along.missed) & (new.open <= MOST_OPEN)
-            samples = _chosen(better, there._replace(angles=angles), samples)
-            along = _chosen(better, new, along)
-            damping = np.where(better, SETTLING_EASING * damping,
-                               SETTLING_HARDENING * np.maximum(damping, FIRST_DAMPING))
-            still = np.abs(steps).max(axis=1, initial=0.0) < TOLERANCES.half_precision
-            if np.all(still | (damping > MOST_DAMPING)):
-                break
+
+        def evaluated(at: GoalStates) -> tuple[GoalStates, _Along]:
+            rows, angles = self.rows(members, at, own)
+            return at._replace(angles=angles), _Along.of(rows)
+
+        def judged(new: _Along, old: _Along) -> tuple[NDArray[np.bool_], bool]:
+            return (new.missed <= old.missed) & (new.open <= MOST_OPEN), False
+
+        samples = self._descended(
+            samples, _Along.of(rows), evaluated, judged, FLOOR_DAMPING, FIRST_DAMPING)
         samples, rows, is_closed = self.closed(members, samples, own)
         return samples, rows.wanted, is_closed
 
-    def residual(self, members: Members, samples: Samples, own: Array) -> Array:
+    def residual(self, members: DimensionBatch, samples: GoalStates, own: Array) -> Array:
         """Return the goal's residuals (k, r) at configurations."""
         each = self._each(members, len(samples.q))
         bodies = self.family.bodies(each, samples.q, samples.angles, with_jacobian=False)
         return self._values_only(bodies, samples.at, own)[1]
 
     def slopes(
-        self, members: Members, around: Members, widths: Array, samples: Samples, own: Array
+        self, members: DimensionBatch, around: DimensionBatch, widths: Array, samples: GoalStates,
+        own: Array,
     ) -> Array:
         """Return their derivatives (k, r, n + n_own), loops closed and the best timing kept."""
         rows, _ = self.rows(members, samples, own)
@@ -300,27 +291,30 @@ class Settling:
         return projected(whole, rows.wanted_moves @ motions.transpose(0, 2, 1), rows.wanted)
 
 
+class _Loose(NamedTuple):
+    """What is missed at m configurations, open loops among it."""
+
+    residual: Array  # (m, r)
+    slope: Array  # (m, r, nv)
+    missed: Array  # (m,) the sum of its squares
+
+    def steps(self, damping: Array) -> Array:
+        """Return Levenberg's steps (m, nv)."""
+        return _steps(self.slope, self.residual, damping)
+
+
 class _Along(NamedTuple):
-    """What is missed at m configurations whose loops are nearly closed, and the way on.
+    """What is missed at m configurations whose loops are nearly closed, and the way on."""
 
-    Attributes:
-        back: (m, nv) steps that close the loops.
-        motions: (m, nv, nv) orthonormal motions that keep them closed, among rows of zeros.
-        left: (m, r) what is missed after steps back.
-        slope: (m, r, nv) its derivatives along the motions.
-        missed: (m,) the sum of its squares.
-        open: (m,) by how much the loops are open.
-    """
-
-    back: Array
-    motions: Array
-    left: Array
-    slope: Array
-    missed: Array
-    open: Array
+    back: Array  # (m, nv) steps that close the loops
+    motions: Array  # (m, nv, nv) orthonormal motions that keep them closed, among rows of zeros
+    left: Array  # (m, r) what is missed after steps back
+    slope: Array  # (m, r, nv) its derivatives along the motions
+    missed: Array  # (m,) the sum of its squares
+    open: Array  # (m,) by how much the loops are open
 
     @classmethod
-    def of(cls, rows: Rows) -> _Along:
+    def of(cls, rows: GoalRows) -> _Along:
         """Return it from equations."""
         inverse = pseudo_inverses(rows.held_moves, TOLERANCES.singular)
         back = -np.einsum("mvh,mh->mv", inverse, rows.held)

@@ -12,17 +12,23 @@ from spatial_pin.assembly.search.whole_turns import turned_apart
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.workspace_map.dexterity import SINGULAR, Task
-from spatial_pin.workspace_map.filling import Border
-from spatial_pin.workspace_map.lines import Asked
-from spatial_pin.workspace_map.locus import AT_CORNER, RANGE, Locus, Spot, walk
-from spatial_pin.workspace_map.result import Curve, Workspace, unit_of
-from spatial_pin.workspace_map.section import LIMIT, Section
+from spatial_pin.workspace_map.dexterity import SINGULAR, FrameTask
+from spatial_pin.workspace_map.filled_grid import Border
+from spatial_pin.workspace_map.grid_lines import GridConfig
+from spatial_pin.workspace_map.locus import (
+    AT_CORNER,
+    LIMIT,
+    RANGE,
+    Locus,
+    Section,
+    walk,
+)
+from spatial_pin.workspace_map.workspace_result import Curve, Workspace, unit_of
 
 MEETS = 1e3 * AT_CORNER  # so near to each other ends of curves are one corner
 
 
-class Piece(NamedTuple):
+class CurvePiece(NamedTuple):
     """A curve of one kind."""
 
     y: Array
@@ -31,8 +37,8 @@ class Piece(NamedTuple):
 
 
 def curves_of(
-    asked: Asked, task: Task, borders: Sequence[Border], free: tuple[int, int], spans: Array,
-    tolerance: float,
+    asked: GridConfig, task: FrameTask, borders: Sequence[Border], free: tuple[int, int],
+    spans: Array, tolerance: float,
 ) -> list[Curve]:
     """Return the curves in a section of a grid, the pieces of the boundary joined at corners.
 
@@ -44,9 +50,6 @@ def curves_of(
         spans: (k, 2) ranges of all coordinates.
         tolerance: how far a curve may bend away from straight pieces [rad, characteristic
             lengths].
-
-    Raises:
-        SpatialPinError: a coordinate of the grid is a component of a ball.
     """
     kinds = {LIMIT} | ({SINGULAR} if task.is_square else set())
     with evaluation_of(asked.mechanism) as evaluation:
@@ -55,7 +58,7 @@ def curves_of(
         seeds: list[tuple[str, Array, Array]] = [
             (b.why, b.q, b.angles) for b in borders
             if b.why in kinds and b.q is not None and b.angles is not None]
-        pieces: list[Piece] = []
+        pieces: list[CurvePiece] = []
         while seeds:
             why, q, angles = seeds.pop(0)
             evaluation.angle_reference[:] = angles
@@ -63,43 +66,32 @@ def curves_of(
         return [_curve(section, chain, tolerance) for chain in joined(pieces)]
 
 
-def _follow(locus: Locus, q: Array, pieces: list[Piece]) -> list[tuple[str, Array, Array]]:
+def _follow(locus: Locus, q: Array, pieces: list[CurvePiece]) -> list[tuple[str, Array, Array]]:
     """Add the curve near a configuration to the pieces; return where others go on from its ends."""
     start = locus.beginning(q)
-    if start is None or _is_known(start.y, locus, pieces):
+    if start is None or any(  # on a curve that is known
+            piece.why == locus.why and _distance(start.y, piece.y) <= 2.0 * locus.tolerance
+            for piece in pieces):
         return []
     if any(limit.room(start.q) < -AT_CORNER * limit.size
            for words, limit in locus.section.limits.items() if words != locus.why):
         return []
     ahead = walk(locus, start)
     if ahead.end == "closed":
-        pieces.append(Piece(np.array([x.y for x in ahead.spots]), locus.why, True))
+        pieces.append(CurvePiece(np.array([x.y for x in ahead.spots]), locus.why, True))
         return []
     back = walk(locus, start._replace(t=-start.t, dy=-start.dy))
     spots = [*back.spots[:0:-1], *ahead.spots]
-    if len(spots) > 1:
-        pieces.append(Piece(np.array([x.y for x in spots]), locus.why,
-                            ahead.end == back.end == RANGE and _is_turn_on(locus, spots)))
+    if len(spots) > 1:  # the last point may be the first, but for whole turns of joints
+        way = turned_apart(locus.section.asked.mechanism, spots[0].q, spots[-1].q)
+        is_closed = ahead.end == back.end == RANGE and bool(np.linalg.norm(way) < MEETS)
+        pieces.append(CurvePiece(np.array([x.y for x in spots]), locus.why, is_closed))
     kinds = {LIMIT, *locus.section.limits}
     return [(end, spot.q, spot.angles) for end, spot in
             ((ahead.end, spots[-1]), (back.end, spots[0])) if end in kinds]
 
 
-def _is_turn_on(locus: Locus, spots: Sequence[Spot]) -> bool:
-    """Whether the last point is the first, but for whole turns of joints."""
-    first, last = spots[0], spots[-1]
-    way = turned_apart(locus.section.asked.mechanism, first.q, last.q)
-    return bool(np.linalg.norm(way) < MEETS)
-
-
-def _is_known(y: Array, locus: Locus, pieces: Sequence[Piece]) -> bool:
-    """Whether a point is on a curve that is known, to the tolerance."""
-    return any(piece.why == locus.why and _distance(y, piece.y) <= 2.0 * locus.tolerance
-               for piece in pieces)
-
-
 def _distance(y: Array, line: Array) -> float:
-    """Return the distance of a point from a polyline (m, n)."""
     first, way = line[:-1], np.diff(line, axis=0)
     part = np.einsum("ij,ij->i", y - first, way) / np.maximum(
         np.einsum("ij,ij->i", way, way), TOLERANCES.nothing**2)
@@ -107,10 +99,10 @@ def _distance(y: Array, line: Array) -> float:
     return float(np.linalg.norm(y - near, axis=1).min())
 
 
-def joined(pieces: Sequence[Piece]) -> list[list[Piece]]:
+def joined(pieces: Sequence[CurvePiece]) -> list[list[CurvePiece]]:
     """Return pieces that meet at their ends as chains; curves of determinants stay alone."""
     left = list(pieces)
-    chains: list[list[Piece]] = []
+    chains: list[list[CurvePiece]] = []
     while left:
         chain = [left.pop(0)]
         while not chain[0].is_closed and chain[0].why != SINGULAR:
@@ -122,7 +114,7 @@ def joined(pieces: Sequence[Piece]) -> list[list[Piece]]:
     return chains
 
 
-def _grown(chain: list[Piece], left: list[Piece]) -> list[Piece] | None:
+def _grown(chain: list[CurvePiece], left: list[CurvePiece]) -> list[CurvePiece] | None:
     """Return a chain with one more piece, which is taken from those that are left."""
     for k, piece in enumerate(left):
         if piece.is_closed or piece.why == SINGULAR:
@@ -137,7 +129,7 @@ def _grown(chain: list[Piece], left: list[Piece]) -> list[Piece] | None:
     return None
 
 
-def _curve(section: Section, chain: list[Piece], tolerance: float) -> Curve:
+def _curve(section: Section, chain: list[CurvePiece], tolerance: float) -> Curve:
     y = np.concatenate([chain[0].y, *(piece.y[1:] for piece in chain[1:])])
     meets = len(y) > 2 and bool(np.linalg.norm(y[-1] - y[0]) < MEETS)
     is_closed = chain[0].is_closed or (len(chain) > 1 and meets)

@@ -8,8 +8,9 @@ by sets of dimensions between; those that come to a singular configuration are l
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import NamedTuple
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,18 +21,110 @@ from spatial_pin.assembly.search.whole_turns import periodic
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.constraints.workspaces import acquired
-from spatial_pin.dimensions.drive import Drive
-from spatial_pin.dimensions.numbers import DimensionNumbers
+from spatial_pin.dimensions.dimension_batch import DimensionNumbers
+from spatial_pin.dimensions.homotopy import followed
 from spatial_pin.dimensions.variants import TracedGeometry, TracedTree, Variants
+from spatial_pin.dynamics.outputs import Told
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.dimensions import ClosedSamples, DimensionCloser, Numbers
 from spatial_pin.mechanism.coordinates import coordinate_rates
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.motion.motion import FRAME_UNITS
-from spatial_pin.motion.outputs import COORDINATE_OUTPUTS, RATES, component
+from spatial_pin.motion.limits import limits
+from spatial_pin.motion.motion import FRAME_UNITS, Motion
+from spatial_pin.motion.outputs import COORDINATE_OUTPUTS, RATES, component, is_force, is_of_whole
 from spatial_pin.numerics.linalg import Array, decompose, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.rates.rates import prescribed_at, solve_rates
 from spatial_pin.settings import Accuracy
+
+
+def end_of_range(output: str) -> tuple[str, str] | None:
+    """Return which end ("lower" or "upper") of which driver's range an output is; None if none."""
+    kind, _, rest = output.partition(".")
+    end, _, driver = rest.partition(".")
+    return (end, driver) if kind == "limit" and end in ("lower", "upper") else None
+
+
+def with_forces(outputs: Iterable[str]) -> bool:
+    """Whether one of the outputs is a force."""
+    return any(is_force(output) for output in outputs)
+
+
+def with_masses(mechanism: Mechanism, outputs: Iterable[str]) -> bool:
+    """Whether one of the outputs depends on masses: a force, or what is of all links together."""
+    return any(is_force(output) or is_of_whole(mechanism, output) for output in outputs)
+
+
+@dataclass(frozen=True)
+class DriverMotion:
+    """The drivers' motion at a state: values, speeds, accelerations, keyed by coordinate."""
+
+    driver: str  # whose speed ratios are relative to
+    values: dict[str, float]
+    speeds: dict[str, float]
+    accelerations: dict[str, float]
+    # whether rates are those in time; where they are not, forces are those at rest
+    in_time: bool = True
+
+    @classmethod
+    def of(cls, state: State, driver: str = "", held: Iterable[str] = ()) -> DriverMotion:
+        """Return the motion of a mechanism's drivers, or of what else is held, in a state."""
+        mechanism = state.mechanism
+        names = list(held) or [d.joint for d in mechanism.drivers.values()]
+        rates = {name: state.coordinate(name) for name in names}
+        first = driver or next(iter(mechanism.drivers), next(iter(mechanism.coordinates), ""))
+        values, speeds, accelerations = (
+            {name: r[k] for name, r in rates.items()} for k in range(3))
+        return cls(first, values, speeds, accelerations, state.in_time)
+
+    @classmethod
+    def along(cls, motion: Motion, state: State) -> DriverMotion:
+        """Return the same at a state of a motion: of its drivers, or what was swept instead."""
+        mechanism, name = state.mechanism, motion.driver_name
+        drivers = [mechanism.coordinate(d.joint) for d in mechanism.drivers.values()]
+        if motion.driver is None or mechanism.coordinate(name) in drivers:
+            return cls.of(state, name)
+        return cls.of(state, name, [c.name for c in prescribed_at(state, [name])])
+
+    @property
+    def moves(self) -> bool:
+        """Whether anything does."""
+        return any(self.speeds.values()) or any(self.accelerations.values())
+
+    def evaluate(self, mechanism: Mechanism, near: State, outputs: Sequence[str]) -> list[Any]:
+        """Return outputs of a mechanism whose drivers move as here.
+
+        Args:
+            mechanism: the mechanism.
+            near: a closed state of it at these or other dimensions, whose branch is followed.
+            outputs: as for `sensitivity`.
+        """
+        told: Told | None = None
+        found = []
+        for output in outputs:
+            end = end_of_range(output)
+            if end is not None:
+                bound = getattr(limits(mechanism, end[1], near), end[0])
+                if bound.kind == "none":
+                    raise SpatialPinError(f"mechanism {mechanism.name!r}: {end[1]!r} has no limit")
+                found.append(bound.value)
+                continue
+            if told is None:
+                state = followed(mechanism, self.values, near)
+                told = self.told(solve_rates(mechanism, state, self.speeds, self.accelerations)
+                                 if self.moves else state)
+            values = told.output(output).values[0]
+            found.append(float(values) if np.ndim(values) == 0 else values)
+        return found
+
+    def told(self, state: State) -> Told:
+        """Return what a state tells by the names of outputs."""
+        value, speed, _ = state.coordinate(self.driver)
+        return Told(Motion(
+            state.mechanism, np.array([value]), self.driver, None, state.q[None], state.v[None],
+            state.a[None], np.array([state.closure_error]), np.array([speed]),
+            angles=np.array(state.angles)[None]), self.in_time)
+
 
 # rad, characteristic lengths, that a joint may go at once: its cosine is still 0.97
 LONGEST_AT_ONCE = 0.25
@@ -68,20 +161,14 @@ def _wanted(mechanism: Mechanism, spec: str) -> _Wanted | None:
 
 
 class MadeOf(NamedTuple):
-    """What m samples are made of.
+    """What m samples are made of."""
 
-    Attributes:
-        dimensions: (k, m).
-        geometry: what follows from them in the file.
-        numbers: of the kernel.
-    """
-
-    dimensions: Array
-    geometry: TracedGeometry
-    numbers: Numbers
+    dimensions: Array  # (k, m)
+    geometry: TracedGeometry  # what follows from them in the file
+    numbers: Numbers  # of the kernel
 
 
-class Samples:
+class VariedSamples:
     """Outputs of a mechanism at many sets of its dimensions; make it by `of`.
 
     Args:
@@ -99,7 +186,7 @@ class Samples:
     @classmethod
     def of(
         cls, mechanism: Mechanism, dimensions: Iterable[str], outputs: Iterable[str]
-    ) -> Samples | None:
+    ) -> VariedSamples | None:
         """Return what closes samples together; None where each takes a mechanism of its own.
 
         That is so where the file cannot be followed from its dimensions, and for outputs that are
@@ -115,7 +202,7 @@ class Samples:
         except SpatialPinError:  # an output that does not exist: whoever asks for it says so
             return None
 
-    def near(self, state: State, drive: Drive) -> Near | None:
+    def near(self, state: State, drive: DriverMotion) -> Near | None:
         """Return what closes samples from a closed state; None where that is all but singular."""
         found = _System.at(state, drive)
         return Near(self, state, drive, found) if found is not None else None
@@ -142,11 +229,11 @@ class Samples:
                 start.q, start.angles, numbers, self._numbers.joints, rates,
                 Accuracy.named("engineering").tolerance, DAMPED_STEPS)
 
-    def values(self, closed: ClosedSamples, drive: Drive) -> list[Array]:
+    def values(self, closed: ClosedSamples, drive: DriverMotion) -> list[Array]:
         """Return the outputs, each (m,) or (m, 3)."""
         return [self._value(x, closed, drive) for x in self._wanted]
 
-    def _value(self, wanted: _Wanted, closed: ClosedSamples, drive: Drive) -> Array:
+    def _value(self, wanted: _Wanted, closed: ClosedSamples, drive: DriverMotion) -> Array:
         name, kind, is_point, k = wanted
         if is_point:
             vectors = closed.points[:, self._points.index(name), POINT_KINDS.index(kind)]
@@ -172,7 +259,7 @@ class _System(NamedTuple):
     free: NDArray[np.bool_]
 
     @classmethod
-    def at(cls, state: State, drive: Drive) -> _System | None:
+    def at(cls, state: State, drive: DriverMotion) -> _System | None:
         """Return the system; None where its equations are not clearly independent."""
         mechanism = state.mechanism
         held = [mechanism.driven_coordinate(name) for name in drive.values]
@@ -200,7 +287,9 @@ class Near:
         own: outputs at the mechanism's own dimensions, each (1,) or (1, 3).
     """
 
-    def __init__(self, samples: Samples, state: State, drive: Drive, system: _System) -> None:
+    def __init__(
+        self, samples: VariedSamples, state: State, drive: DriverMotion, system: _System
+    ) -> None:
         self._samples, self._state, self._drive, self._system = samples, state, drive, system
         self._rates = None
         if drive.moves:
@@ -232,34 +321,28 @@ class Near:
     def _gone(
         self, dimensions: Array, parts: int, end: MadeOf | None = None
     ) -> tuple[NDArray[np.bool_], ClosedSamples]:
-        """Take samples to their dimensions in some equal parts of the way."""
+        """Take samples to their dimensions in some equal parts of the way.
+
+        Good ones are closed next to where they started, and `assembly.nearest_turn` would leave
+        their angles as they are.
+        """
         closed, good = self._begin(dimensions.shape[1]), np.ones(dimensions.shape[1], dtype=bool)
+        model, turn = self._state.mechanism.model, 2.0 * np.pi
         for k in range(1, parts + 1):
             made_of = end or self._samples.made_of(dimensions, k / parts)
             closed = self._samples.close(
                 closed, made_of.numbers, self._rates if k == parts else None, self._system)
-            good &= (made_of.geometry.holds & self._is_on_branch(closed)
-                     & self._in_place(closed, made_of.geometry))
+            step = np.maximum(closed.farthest, TOLERANCES.nothing)
+            good &= (
+                made_of.geometry.holds & (closed.error <= TOLERANCES.zero)
+                & (closed.farthest <= LONGEST_AT_ONCE) & (closed.way <= WAY)
+                & (closed.bend <= TOLERANCES.contraction * step) & (closed.sign == self._own.sign)
+                & (closed.magnitude > self._own.magnitude + np.log(LEAST_DETERMINANT))
+                & (closed.opened <= TOLERANCES.singular))
+            for at in (c.q for c in periodic(self._state.mechanism)):
+                lower, upper = (made_of.geometry.limits.get(
+                    (bound, at), getattr(model, f"{bound}PositionLimit")[at])
+                    for bound in ("lower", "upper"))
+                q = closed.q[:, at]
+                good &= ~(((q > upper) & (q - turn >= lower)) | ((q < lower) & (q + turn <= upper)))
         return good, closed
-
-    def _is_on_branch(self, closed: ClosedSamples) -> NDArray[np.bool_]:
-        """Whether samples (m,) are closed next to where they started."""
-        step = np.maximum(closed.farthest, TOLERANCES.nothing)
-        good: NDArray[np.bool_] = (
-            (closed.error <= TOLERANCES.zero)
-            & (closed.farthest <= LONGEST_AT_ONCE) & (closed.way <= WAY)
-            & (closed.bend <= TOLERANCES.contraction * step) & (closed.sign == self._own.sign)
-            & (closed.magnitude > self._own.magnitude + np.log(LEAST_DETERMINANT))
-            & (closed.opened <= TOLERANCES.singular))
-        return good
-
-    def _in_place(self, closed: ClosedSamples, geometry: TracedGeometry) -> NDArray[np.bool_]:
-        """Whether `assembly.nearest_turn` would leave the angles (m,) as they are."""
-        model, turn = self._state.mechanism.model, 2.0 * np.pi
-        good = np.ones(len(closed.q), dtype=bool)
-        for at in (c.q for c in periodic(self._state.mechanism)):
-            lower, upper = (geometry.limits.get((bound, at), getattr(model, f"{bound}PositionLimit")
-                                                [at]) for bound in ("lower", "upper"))
-            q = closed.q[:, at]
-            good &= ~(((q > upper) & (q - turn >= lower)) | ((q < lower) & (q + turn <= upper)))
-        return good

@@ -11,23 +11,22 @@ many starts cost little more than one.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.assembly.state import State
-from spatial_pin.dimensions.family import Family, Members
-from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.dimensions.dimension_batch import DimensionBatch
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.synthesis.settling import Samples, Settling, spread
+from spatial_pin.synthesis.design_space import DesignSpace
+from spatial_pin.synthesis.inner_problem import GoalStates, InnerProblem, spread
 
-CROWD_STEPS = 120  # of Levenberg's: half of those that lead somewhere need seventy
-CROWD_DAMPING = 1e-2  # relative to equations of order one
+BATCH_STEPS = 120  # of Levenberg's: half of those that lead somewhere need seventy
+BATCH_DAMPING = 1e-2  # relative to equations of order one
 # by what damping goes after a step that helped, and after one that did not
-CROWD_EASING, CROWD_HARDENING = 0.3, 4.0
-LEAST_CROWD_DAMPING, MOST_DAMPING = 1e-15, 1e6  # round-off of the equations; nothing moves any more
+BATCH_EASING, BATCH_HARDENING = 0.3, 4.0
+LEAST_BATCH_DAMPING, MOST_DAMPING = 1e-15, 1e6  # round-off of the equations; nothing moves any more
 MET, NEAR = TOLERANCES.nothing**2, TOLERANCES.nothing  # sums of squares, of this size and less
 MOST_NEAR = 2  # of those that have come near which are looked at
 TOGETHER = 1e-4  # part of the sizes, within which two ends are one
@@ -36,44 +35,17 @@ TOGETHER = 1e-4  # part of the sizes, within which two ends are one
 AHEAD = TOLERANCES.singular
 
 
-class Asked(Protocol):
-    """A problem as `Problem` poses it: what is fitted, and between which bounds."""
+class StartEquations(NamedTuple):
+    """Equations of M starts, k samples of a goal each, and how they change."""
 
-    mechanism: Mechanism
-    family: Family
-    settlings: list[Settling]
-    own: list[slice]
-    names: tuple[str, ...]
-    n: int
-    lower: Array
-    upper: Array
-    sizes: Array
-
-    def nominal(self) -> State:
-        """Return a closed state."""
-
-
-class _Equations(NamedTuple):
-    """Equations of M starts, k samples of a goal each, and how they change.
-
-    Attributes:
-        value: (M, k, r).
-        moves: (M, k, r, nv) derivatives for v / `velocity_scale`.
-        numbers: (M, k, r, n) derivatives for the numbers of the problem, relative to their sizes.
-    """
-
-    value: Array
-    moves: Array
+    value: Array  # (M, k, r)
+    moves: Array  # (M, k, r, nv) derivatives for v / `velocity_scale`
+    # (M, k, r, n) derivatives for the numbers of the problem, relative to their sizes
     numbers: Array
 
 
-class Crowd:
+class BatchedStarts:
     """Starts that are fitted together.
-
-    Args:
-        problem: whose goals of precision are to be met exactly.
-        x: (M, n) numbers to start from.
-        rng: of the configurations.
 
     Attributes:
         x: (M, n) where they are.
@@ -82,15 +54,15 @@ class Crowd:
         evaluations: sets of dimensions that were tried.
     """
 
-    def __init__(self, problem: Asked, x: Array, rng: np.random.Generator) -> None:
+    def __init__(self, problem: DesignSpace, x: Array, rng: np.random.Generator) -> None:
         self._p, self.x, self.evaluations = problem, x, 0
         state, mechanism, m = problem.nominal(), problem.mechanism, len(x)
         self._counts = [s.goal.count for s in problem.settlings]
         self.samples = []
         for settling, own, k in zip(problem.settlings, problem.own, self._counts, strict=True):
-            some = Samples(spread(mechanism, state.q, m * k, rng),
+            some = GoalStates(spread(mechanism, state.q, m * k, rng),
                            np.repeat(state.angles[None], m * k, axis=0), np.tile(np.arange(k), m))
-            self.samples.append(Samples.joined([
+            self.samples.append(GoalStates.joined([
                 settling.placed(some.taken(slice(i * k, i * k + k)), x[i, own])
                 for i in range(m)]))
         values, self.samples = self._values(x, self.samples)
@@ -99,13 +71,13 @@ class Crowd:
     def fit(self) -> None:
         """Move all of them, until each is at rest or its goals are met."""
         p, m = self._p, len(self.x)
-        damping, done = np.full(m, CROWD_DAMPING), ~np.isfinite(self.cost)
+        damping, done = np.full(m, BATCH_DAMPING), ~np.isfinite(self.cost)
         every = self._equations(np.arange(m))
-        for _ in range(CROWD_STEPS):
+        for _ in range(BATCH_STEPS):
             rows = np.flatnonzero(~done)
             if not rows.size:
                 return
-            steps, moved = _steps([_Equations(*(part[rows] for part in e)) for e in every],
+            steps, moved = _steps([StartEquations(*(part[rows] for part in e)) for e in every],
                                   damping[rows])
             there = np.clip(self.x[rows] + p.sizes * steps, p.lower, p.upper)
             samples = [self._moved(s, k, rows, part) for s, k, part in
@@ -116,8 +88,8 @@ class Crowd:
             self.x[rows[better]], self.cost[rows[better]] = there[better], cost[better]
             self.samples = [_put(s, k, new, rows, better) for s, k, new in
                             zip(self.samples, self._counts, samples, strict=True)]
-            damping[rows] *= np.where(better, CROWD_EASING, CROWD_HARDENING)
-            np.maximum(damping, LEAST_CROWD_DAMPING, out=damping)
+            damping[rows] *= np.where(better, BATCH_EASING, BATCH_HARDENING)
+            np.maximum(damping, LEAST_BATCH_DAMPING, out=damping)
             done |= (damping > MOST_DAMPING) | (self.cost < TOLERANCES.tight**2)
             if better.any():
                 for e, new in zip(every, self._equations(rows[better]), strict=True):
@@ -140,14 +112,12 @@ class Crowd:
                 found.append(i)
         return found
 
-    def of(self, i: int) -> list[Samples]:
+    def of(self, i: int) -> list[GoalStates]:
         """Return the configurations of a start by goal."""
         return [s.taken(slice(i * k, i * k + k))
                 for s, k in zip(self.samples, self._counts, strict=True)]
 
-    # ------------------------------------------------------------ equations
-
-    def _values(self, x: Array, samples: list[Samples]) -> tuple[list[Array], list[Samples]]:
+    def _values(self, x: Array, samples: list[GoalStates]) -> tuple[list[Array], list[GoalStates]]:
         """Return equations (m, k, r) by goal at numbers (m, n), and configurations as they are."""
         self.evaluations += len(x)
         members = self._p.family.at(x[:, : self._p.n].T)
@@ -161,11 +131,12 @@ class Crowd:
             there.append(some._replace(angles=angles))
         return found, there
 
-    def _goals(self, samples: list[Samples]) -> Iterator[tuple[Settling, slice, int, Samples]]:
+    def _goals(
+        self, samples: list[GoalStates]
+    ) -> Iterator[tuple[InnerProblem, slice, int, GoalStates]]:
         yield from zip(self._p.settlings, self._p.own, self._counts, samples, strict=True)
 
-    def _equations(self, rows: NDArray[np.intp]) -> list[_Equations]:
-        """Return equations and derivatives of some starts."""
+    def _equations(self, rows: NDArray[np.intp]) -> list[StartEquations]:
         p, x, n = self._p, self.x[rows], self._p.n
         sizes = p.sizes[:n]
         ahead = np.repeat(x[:, :n], n + 1, axis=0).reshape(len(x), n + 1, n)
@@ -189,13 +160,14 @@ class Crowd:
             numbers = np.zeros((*value.shape, len(p.names)))
             numbers[..., :n] = (rise / inward[:, :, None, None]).transpose(0, 2, 3, 1)
             numbers[..., own] = by_own.reshape(*value.shape, -1)
-            found.append(_Equations(value, moves.reshape(*value.shape, -1), numbers))
+            found.append(StartEquations(value, moves.reshape(*value.shape, -1), numbers))
         rise = sum(np.einsum("mkrn,mkr->mn", e.numbers, e.value) for e in found)
         held = ((x <= p.lower) & (rise > 0.0)) | ((x >= p.upper) & (rise < 0.0))
         return [e._replace(numbers=np.where(held[:, None, None], 0.0, e.numbers)) for e in found]
 
-    def _moved(self, samples: Samples, k: int, rows: NDArray[np.intp], steps: Array) -> Samples:
-        """Return configurations of some starts moved by steps (m, k, nv)."""
+    def _moved(
+        self, samples: GoalStates, k: int, rows: NDArray[np.intp], steps: Array
+    ) -> GoalStates:
         some = _some(samples, k, rows)
         scale = self._p.mechanism.velocity_scale
         return some._replace(q=self._p.family.displaced(
@@ -207,7 +179,7 @@ def _cost(values: list[Array]) -> Array:
     return np.where(np.isfinite(found), found, np.inf)
 
 
-def _steps(equations: list[_Equations], damping: Array) -> tuple[Array, list[Array]]:
+def _steps(equations: list[StartEquations], damping: Array) -> tuple[Array, list[Array]]:
     """Return Levenberg's steps (m, n) of the numbers, and (m, k, nv) of configurations by goal.
 
     The longest part of each is one at most.
@@ -235,8 +207,8 @@ def _steps(equations: list[_Equations], damping: Array) -> tuple[Array, list[Arr
 
 
 def _all(
-    work: Callable[[Members, Samples, Array], Sequence[Array]], members: Members,
-    samples: Samples, own: Array, k: int,
+    work: Callable[[DimensionBatch, GoalStates, Array], Sequence[Array]], members: DimensionBatch,
+    samples: GoalStates, own: Array, k: int,
 ) -> list[Array]:
     """Return what some work makes of configurations, k for each of the numbers own (m, n_own)."""
     if not own.shape[1]:
@@ -246,16 +218,15 @@ def _all(
     return [np.concatenate(part) for part in zip(*parts, strict=True)]
 
 
-def _some(samples: Samples, k: int, rows: NDArray[np.intp]) -> Samples:
-    """Return the configurations of some starts, k each."""
+def _some(samples: GoalStates, k: int, rows: NDArray[np.intp]) -> GoalStates:
     return samples.taken((rows[:, None] * k + np.arange(k)).ravel())
 
 
 def _put(
-    samples: Samples, k: int, new: Samples, rows: NDArray[np.intp], better: NDArray[np.bool_]
-) -> Samples:
+    samples: GoalStates, k: int, new: GoalStates, rows: NDArray[np.intp], better: NDArray[np.bool_]
+) -> GoalStates:
     """Return configurations with new ones of some starts where they are better."""
     at = (rows[:, None] * k + np.arange(k))[better].ravel()
     q, angles = samples.q.copy(), samples.angles.copy()
     q[at], angles[at] = (a[np.repeat(better, k)] for a in new[:2])
-    return Samples(q, angles, samples.at)
+    return GoalStates(q, angles, samples.at)
