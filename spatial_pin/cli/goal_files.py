@@ -19,7 +19,7 @@ import pinocchio as pin
 from spatial_pin.cli.tables import read_table, targets_of
 from spatial_pin.dimensions.bounds import Bounds
 from spatial_pin.errors import SpatialPinError, suggestion
-from spatial_pin.formats.toml_files import parse_toml
+from spatial_pin.formats.parsing import parse_toml
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.synthesis import goals
 from spatial_pin.synthesis.precision import Goal

@@ -15,7 +15,7 @@ import spatial_pin as sp
 from spatial_pin._support.outputs import write_text
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.formats.export import robot_of
-from spatial_pin.formats.toml_files import toml_text
+from spatial_pin.formats.parsing import toml_text
 from spatial_pin.mechanism.coordinates import coordinates_of
 from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.mechanism.pairs import COUPLING

@@ -1,0 +1,148 @@
+"""Dimensions: the arguments of a mechanism's xacro file, and numbers that are written with them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+from xml.dom import minidom
+
+from spatial_pin.errors import MechanismFileError
+from spatial_pin.formats.file_access import NO_PACKAGES, shown
+from spatial_pin.formats.xacro.expansion import Expansion, arguments_of, xacro_text
+
+EMPTY = '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"/>'
+
+
+def dimensions(
+    path: Path, parameters: Mapping[str, float], trusted: bool = False,
+    packages: Mapping[str, Path] = NO_PACKAGES,
+) -> dict[str, float]:
+    """Return the value of every xacro argument that is a number, given or by default."""
+    texts = arguments(path, parameters, trusted, packages)
+    return {name: float(text) for name, text in texts.items() if _is_number(text)}
+
+
+def arguments(
+    path: Path, parameters: Mapping[str, float], trusted: bool, packages: Mapping[str, Path]
+) -> dict[str, str]:
+    """Return the text of every xacro argument of a file, given or by default."""
+    expansion = Expansion(path, trusted, packages)
+    defaults = arguments_of(expansion) if path.suffix == ".xacro" else {}
+    texts = {name: xacro_text(parameters.get(name, text)) for name, text in defaults.items()}
+    if all(map(_is_number, texts.values())):
+        return texts
+    return _evaluated(defaults, {name: texts[name] for name in parameters}, expansion)
+
+
+def _is_number(value: Any) -> bool:
+    try:
+        return math.isfinite(float(value))
+    except (TypeError, ValueError, OverflowError):
+        return False
+
+
+def _evaluated(
+    defaults: Mapping[str, str], given: Mapping[str, str], expansion: Expansion
+) -> dict[str, str]:
+    """Return the texts of arguments, given or by defaults that are evaluated as in a file."""
+    document = minidom.parseString(EMPTY)
+    root = document.documentElement
+    assert root is not None
+    for name, default in defaults.items():
+        for tag, key, text in (("xacro:arg", "default", default),
+                               ("dimension", "value", f"$(arg {name})")):
+            holder = document.createElement(tag)
+            holder.setAttribute("name", name)
+            holder.setAttribute(key, text)
+            root.appendChild(holder)
+
+    def process(xacro: Any) -> None:
+        xacro.init_stacks(str(expansion.path))
+        xacro.process_doc(document, mappings=dict(given))
+
+    expansion.guarded(process)
+    found = document.getElementsByTagName("dimension")
+    return {e.getAttribute("name"): e.getAttribute("value") for e in found}
+
+
+# ---------------------------------------------------------------- numbers written with them
+
+
+class Values(dict[str, Any]):
+    """A table of a mechanism file with numbers in the place of texts with `${...}`.
+
+    It remembers how they are written.
+    """
+
+    def __init__(
+        self, table: Mapping[str, Any], where: Path, table_name: str, tree: Path,
+        parameters: Mapping[str, float], trusted: bool, packages: Mapping[str, Path],
+    ) -> None:
+        """Work a table out.
+
+        Args:
+            table: as the file has it.
+            where: the file.
+            table_name: what the table is called, for errors.
+            tree: the file of the tree, whose arguments are the names in the texts.
+            parameters: what both were loaded with [SI, rad].
+            trusted: likewise.
+            packages: likewise.
+
+        Raises:
+            MechanismFileError: a text is no expression of the arguments, or its value no number.
+        """
+        super().__init__(table)
+        self._table, self._where, self._name = table, where, table_name
+        self._loaded = tree, parameters, trusted, packages
+        if any(map(_is_written, table.values())):
+            texts = arguments(tree, parameters, trusted, packages)
+            expansion = Expansion(where, trusted, packages)
+            self.update(expansion.guarded(partial(self._worked_out, expansion, texts)))
+
+    def at(self, given: Mapping[str, float]) -> Values:
+        """Return the same table with other arguments than the parameters [SI, rad]."""
+        tree, parameters, trusted, packages = self._loaded
+        return Values(self._table, self._where, self._name, tree, {**parameters, **given}, trusted,
+                      packages)
+
+    def _worked_out(
+        self, expansion: Expansion, texts: dict[str, str], xacro: Any
+    ) -> dict[str, Any]:
+        """Return the table with all texts worked out by a copy of xacro."""
+        where = shown(self._where)
+        xacro.init_stacks(str(self._where))
+        xacro.substitution_args_context["arg"] = texts
+        names = {**xacro._global_symbols,
+                 **{name: expansion.literal(text) for name, text in texts.items()}}
+
+        def number(key: str, value: Any) -> Any:
+            if isinstance(value, list):
+                return [number(key, x) for x in value]
+            if not _is_written(value):
+                return value
+            try:
+                result = expansion.eval_text(value, names)
+            except MechanismFileError as error:
+                reason = str(error).removeprefix(f"{where}: ")
+                known = f"dimensions are: {', '.join(texts)}" if texts else "no dimensions"
+                raise MechanismFileError(f"{where}: {self._name}: {key}: {reason} "
+                                         f"({known})") from error
+            several = isinstance(result, list | tuple)
+            parts = list(result) if several else [result]
+            if not all(not isinstance(x, bool) and _is_number(x) for x in parts):
+                raise MechanismFileError(f"{where}: {self._name}: {key}: {value!r} is "
+                                         f"{str(result)[:80]!r}, no finite number")
+            return [float(x) for x in parts] if several else float(result)
+
+        return {key: number(key, value) for key, value in self._table.items()}
+
+
+def _is_written(value: Any) -> bool:
+    """Whether a value is, or holds, a text to be worked out."""
+    if isinstance(value, list):
+        return any(map(_is_written, value))
+    return isinstance(value, str) and "$" in value
