@@ -90,14 +90,13 @@ if TYPE_CHECKING:
     from spatial_pin.rates.jerks import Jerks, solve_jerks
     from spatial_pin.rates.rates import solve_rates
     from spatial_pin.rates.transmission import Transmission, transmission
-    from spatial_pin.reduction.differences import Difference, Verification
+    from spatial_pin.reduction.losses import Difference, Omission, Verification
     from spatial_pin.reduction.reduce import Reduced, reduce
-    from spatial_pin.reduction.report import Omission
     from spatial_pin.synthesis import goals
     from spatial_pin.synthesis.defects import Defect
     from spatial_pin.synthesis.design import design
     from spatial_pin.synthesis.precision import Goal
-    from spatial_pin.synthesis.results import Design, Designs, GoalError, Met
+    from spatial_pin.synthesis.ranked_designs import Design, Designs, GoalError, Met
     from spatial_pin.view import (
         Look,
         Viewer,
@@ -110,8 +109,8 @@ if TYPE_CHECKING:
         show,
     )
     from spatial_pin.view.scene.layers.arrows import Vectors
-    from spatial_pin.workspace_map.result import Borders, Curve, Workspace
     from spatial_pin.workspace_map.workspace import workspace
+    from spatial_pin.workspace_map.workspace_result import Borders, Curve, Workspace
 
 __version__ = "0.2.0"
 
@@ -156,17 +155,16 @@ _ON_USE = {
     "rates.jerks": "Jerks solve_jerks",
     "rates.rates": "solve_rates",
     "rates.transmission": "Transmission transmission",
-    "reduction.differences": "Difference Verification",
+    "reduction.losses": "Difference Omission Verification",
     "reduction.reduce": "Reduced reduce",
-    "reduction.report": "Omission",
     "synthesis": "goals",
     "synthesis.defects": "Defect",
     "synthesis.design": "design",
     "synthesis.precision": "Goal",
-    "synthesis.results": "Design Designs GoalError Met",
+    "synthesis.ranked_designs": "Design Designs GoalError Met",
     "view": "Look Viewer export_html live movie plot report screenshot show",
     "view.scene.layers.arrows": "Vectors",
-    "workspace_map.result": "Borders Curve Workspace",
+    "workspace_map.workspace_result": "Borders Curve Workspace",
     "workspace_map.workspace": "workspace",
 }
 _MODULES = {name: module for module, names in _ON_USE.items() for name in names.split()}

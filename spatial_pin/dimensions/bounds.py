@@ -24,12 +24,6 @@ def bounds_of(
         dimensions: their names, or {name: (least, most) or None}; an end without bound is None,
             or infinity of its sign.
         around: whether bounds must hold the dimension that the mechanism has.
-
-    Raises:
-        UnknownNameError: there is no such dimension.
-        ValueError: bounds are none, NaN, infinity at the other end, or the wrong way round; a name
-            comes twice.
-        SpatialPinError: the mechanism has no file to change dimensions in.
     """
     names = names_of(dimensions, "dimensions")
     given = dimensions if isinstance(dimensions, Mapping) else {}

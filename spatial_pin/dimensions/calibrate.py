@@ -19,18 +19,17 @@ from spatial_pin.dimensions.bounds import bounds_of
 from spatial_pin.dimensions.homotopy import followed, varied
 from spatial_pin.dimensions.measurements import (
     UNITS,
-    Quantity,
+    MeasuredQuantity,
     base_from,
     encoders_of,
     read_measurements,
 )
-from spatial_pin.dimensions.predictions import Predictions, Situation, Unknowns
+from spatial_pin.dimensions.predictions import FittedState, Predictions, Unknowns
 from spatial_pin.dimensions.sensitivity import with_spread
 from spatial_pin.errors import SpatialPinError, unless_cut
 from spatial_pin.mechanism.coordinates import needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.follow import follow
-from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array, decompose, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -127,7 +126,6 @@ class Calibration:
                            "before": y, "weight": w} for (i, label), unit, x, y, w in self._rows()]}
 
     def _rows(self) -> Iterable[tuple[tuple[int, str], str, float, float, float]]:
-        """Yield label, unit, residual, residual before and weight of all numbers."""
         return zip(self.labels, self.units, self.residuals.tolist(), self.before.tolist(),
                    self.weights.tolist(), strict=True)
 
@@ -166,16 +164,13 @@ class Calibration:
             lines.append(f"  {name:{width}}  {found}  (was {self.nominal[name]:.6g})")
         for unit in sorted(set(self.units)):
             own = np.array([x == unit for x in self.units])
-            lines.append(f"  residuals: {_rms(self.residuals[own]):.3g} {unit} (root mean square), "
-                         f"{_rms(self.before[own]):.3g} {unit} before")
+            now, was = (np.sqrt(np.mean(x[own]**2)) for x in (self.residuals, self.before))
+            lines.append(f"  residuals: {now:.3g} {unit} (root mean square), {was:.3g} {unit} "
+                         "before")
         if self.outliers:
             lines.append(f"  {len(self.outliers)} numbers count less than half, as outliers")
         lines += [f"  undetermined: {words}" for words in self.undetermined]
         return "\n".join(lines)
-
-
-def _rms(residuals: Array) -> float:
-    return float(np.sqrt(np.mean(residuals**2)))
 
 
 @checked
@@ -250,85 +245,64 @@ def calibrate(
                         f"{type(base).__name__}")
     margin = positive_number(margin, "margin")
     drivers, quantities = read_measurements(mechanism, measurements, sigma)
-    unknowns = Unknowns(tuple(bounds), _offsets(mechanism, offsets, drivers), base is not False,
-                        encoders_of(mechanism, drivers, sigma))
-    _check_enough(unknowns, quantities)
-    start = _start(mechanism, drivers, guess)
-    quantities = [[q.turned_to(s.mechanism, s.q) for q in some]
-                  for some, s in zip(quantities, start, strict=True)]
-    place = base if isinstance(base, pin.SE3) else _base(start, quantities) if base else None
-    predictions = Predictions(Situation(start[0].mechanism, start, place), unknowns, drivers,
-                              quantities)
-    return unless_cut(_Search(predictions, loss, margin).result(bounds, quantities, sigma is None))
-
-
-# ---------------------------------------------------------------- what is asked
-
-
-def _offsets(
-    mechanism: Mechanism, offsets: Iterable[str], drivers: list[dict[str, float]]
-) -> tuple[str, ...]:
-    names = names_of(offsets, "offsets")
-    held = [mechanism.driven_coordinate(name).name for name in names]
-    if len(set(held)) < len(held):
-        raise ValueError("offsets names one driver twice")
-    for name, coordinate in zip(names, held, strict=True):
-        if not any(coordinate in read for read in drivers):
-            raise ValueError(f"offsets: no measurement has a value of {name!r}")
-    return tuple(names)
-
-
-def _check_enough(unknowns: Unknowns, quantities: list[list[Quantity]]) -> None:
+    unknowns = Unknowns.of(
+        mechanism, bounds, names_of(offsets, "offsets"), base is not False, drivers,
+        encoders_of(mechanism, drivers, sigma))
     n, m = len(unknowns.names), sum(len(q.labels()) for some in quantities for q in some)
     if not n:
         raise ValueError("nothing is looked for: name dimensions or offsets, or set base=True")
     if m < n:
         raise ValueError(f"{n} unknowns need as many numbers at least; {m} were measured: measure "
                          "at more poses, or look for less")
+    start = _start(mechanism, drivers, guess)
+    quantities = [[q.turned_to(s.mechanism, s.q) for q in some]
+                  for some, s in zip(quantities, start, strict=True)]
+    place = base if isinstance(base, pin.SE3) else None
+    if base is True:
+        place = base_from([(q.target, state.placement(q.target.name))
+                           for state, some in zip(start, quantities, strict=True) for q in some
+                           if q.kind in ("position", "rotation")])
+    predictions = Predictions(FittedState(start[0].mechanism, start, place), unknowns, drivers,
+                              quantities)
+    fit = CalibrationFit(predictions, loss, margin)
+    return unless_cut(fit.result(bounds, quantities, sigma is None))
 
 
 def _start(
     mechanism: Mechanism, drivers: list[dict[str, float]],
     guess: Mapping[str, Any] | State | Array | None,
 ) -> list[State]:
-    """Return the states at the nominal dimensions, on the branch of the guess."""
+    """Return the states at the nominal dimensions, on the branch of the guess.
+
+    Drivers lead along straight lines from one measurement to the next, or from the first.
+    """
     states = [assembled(mechanism, drivers[0], guess)]
     for i, read in enumerate(drivers[1:], start=2):
         error = None
         for near, was in ((states[-1], drivers[i - 2]), (states[0], drivers[0])):
-            try:
-                states.append(_led(mechanism, near, {**read, **was}, {**was, **read}))
+            begin, end = {**read, **was}, {**was, **read}
+            if begin == end:
+                states.append(near)
                 break
+            try:
+                there = follow(mechanism, {name: [begin[name], x] for name, x in end.items()},
+                               guess=near, on_crossing="raise").state(-1)
             except SpatialPinError as found:
                 error = error or found
+                continue
+            states.append(State(there.mechanism, there.q, closure_error=there.closure_error,
+                                angles=there.angles))
+            break
         if len(states) < i:
             raise SpatialPinError(f"measurement {i} cannot be reached at the nominal dimensions: "
                                   f"{error}") from error
     return states
 
 
-def _led(
-    mechanism: Mechanism, near: State, begin: Mapping[str, float], end: Mapping[str, float]
-) -> State:
-    """Return where drivers lead along straight lines."""
-    if begin == end:
-        return near
-    motion: Motion = follow(mechanism, {name: [begin[name], x] for name, x in end.items()},
-                            guess=near, on_crossing="raise")
-    there = motion.state(-1)
-    return State(there.mechanism, there.q, closure_error=there.closure_error, angles=there.angles)
 
 
-def _base(states: list[State], quantities: list[list[Quantity]]) -> pin.SE3:
-    return base_from([(q.target, state.placement(q.target.name))
-                      for state, some in zip(states, quantities, strict=True) for q in some
-                      if q.kind in ("position", "rotation")])
 
-
-# ---------------------------------------------------------------- the search
-
-
-class _Search:
+class CalibrationFit:
     """Finds the unknowns by SciPy's trust region."""
 
     def __init__(self, predictions: Predictions, loss: str, margin: float) -> None:
@@ -337,16 +311,10 @@ class _Search:
         self._is_whole = True
 
     def result(
-        self, bounds: Mapping[str, tuple[float, float]], quantities: list[list[Quantity]],
+        self, bounds: Mapping[str, tuple[float, float]], quantities: list[list[MeasuredQuantity]],
         scattered: bool,
     ) -> Calibration:
-        """Return what is found.
-
-        Args:
-            bounds: by dimension.
-            quantities: what was measured.
-            scattered: whether the residuals tell how large standard deviations are.
-        """
+        """Return what is found."""
         p, names = self._predictions, self._predictions.unknowns.names
         encoders, n = p.unknowns.encoders, len(names)
         before = p.errors(np.zeros(len(p.sizes)))
@@ -432,10 +400,6 @@ class _Search:
 
 class _Spread:
     """What a Jacobian tells of the unknowns, its columns scaled to length one.
-
-    Args:
-        jacobian: (m, n) of errors in standard deviations.
-        whole: length of errors as large as the mechanism; `nothing` of it is round-off.
 
     Attributes:
         rank: how many combinations of unknowns it determines.

@@ -16,12 +16,12 @@ from spatial_pin.assembly.close import close
 from spatial_pin.assembly.search.closing import ACCEPTED
 from spatial_pin.assembly.search.whole_turns import nearest_turn
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.formats.files import load
+from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.mechanism.coordinates import coordinate_round_off, with_values
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.numerics.linalg import Array, decompose, determinant_sign_of, independent_rows
+from spatial_pin.numerics.linalg import decompose, determinant_sign_of, independent_rows
 from spatial_pin.settings import Accuracy
 
 # rad, characteristic lengths, that a coordinate may move in one step: Newton's method begins at the
@@ -50,9 +50,6 @@ def followed(mechanism: Mechanism, drivers: Mapping[str, float], near: State) ->
         mechanism: at the dimensions wanted.
         drivers: values of coordinates to hold [rad, m].
         near: a closed state of the mechanism at other dimensions.
-
-    Raises:
-        SpatialPinError: the branch ends before it.
     """
     drivers = {mechanism.driven_coordinate(name).name: x for name, x in drivers.items()}
     if mechanism.coordinates != near.mechanism.coordinates:
@@ -84,30 +81,25 @@ def _step(state: State, there: Mechanism, drivers: Mapping[str, float]) -> State
     free = np.ones(near.model.nv, dtype=bool)
     free[[near.coordinate_table[name].v for name in drivers]] = False
     accuracy = Accuracy.named("engineering")
-    with evaluation_of(near, state.angles) as evaluation:
+    with loops_of(near, state.angles) as evaluation:
         evaluation.update(state.q)
         jacobian = evaluation.jacobian[: evaluation.constraints.n_closure, free]
         rows = independent_rows(jacobian)
         spare = decompose(jacobian[rows]).null_space
         before = determinant_sign_of(np.vstack([jacobian[rows], spare]))
-    with evaluation_of(there, state.angles) as evaluation:
+    with loops_of(there, state.angles) as evaluation:
         q = with_values(there, state.q, dict(drivers))
         q, error = close(evaluation, q, free, accuracy.tolerance)
         q = nearest_turn(there, q, drivers, values)
         evaluation.update(q)
         if not error <= max(ACCEPTED, coordinate_round_off(there, q)) or evaluation.mirrored():
             return None
-        if _farthest(there, state.q, q) > FARTHEST_COORDINATE:
+        table = [c for c in there.coordinate_table.values() if c.q >= 0]
+        if any(abs(q[c.q] - state.q[c.q]) / there.velocity_scale[c.v] > FARTHEST_COORDINATE
+               for c in table):
             return None
         jacobian = evaluation.jacobian[: evaluation.constraints.n_closure, free]
         after = determinant_sign_of(np.vstack([jacobian[rows], spare]))
         if after != before:
             return None
         return State(there, q, closure_error=evaluation.closure_error, angles=evaluation.angles)
-
-
-def _farthest(mechanism: Mechanism, before: Array, after: Array) -> float:
-    """Return by how much a coordinate moves at most [rad, characteristic lengths]."""
-    table = [c for c in mechanism.coordinate_table.values() if c.q >= 0]
-    return max((abs(after[c.q] - before[c.q]) / mechanism.velocity_scale[c.v] for c in table),
-               default=0.0)

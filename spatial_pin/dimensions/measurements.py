@@ -10,7 +10,6 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin._support.checks import finite_number, mapping, positive_number, rows_of
-from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.inverse_kinematics.named_targets import read_targets
 from spatial_pin.inverse_kinematics.targets import (
@@ -21,6 +20,7 @@ from spatial_pin.inverse_kinematics.targets import (
     Position,
     Target,
 )
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.coordinates import coordinate_value
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, decompose
@@ -29,32 +29,20 @@ UNITS = {"position": "m", "rotation": "rad", "angle": "rad", "length": "m"}  # b
 ENCODER = ".encoder"  # what names of encoders end with, in sigma and labels
 
 
-class Reading(NamedTuple):
-    """A pose at which something was measured.
+class MeasuredPose(NamedTuple):
+    """A pose at which something was measured."""
 
-    Attributes:
-        drivers: what their encoders read, by driver [rad or m].
-        measured: what was measured, by name of a frame or coordinate.
-    """
-
-    drivers: Mapping[str, float]
-    measured: Mapping[str, Any]
+    drivers: Mapping[str, float]  # what their encoders read, by driver [rad or m]
+    measured: Mapping[str, Any]  # what was measured, by name of a frame or coordinate
 
 
 class Encoder(NamedTuple):
-    """An encoder that reads with an error, at one pose.
+    """An encoder that reads with an error, at one pose."""
 
-    Attributes:
-        pose: its number, from 0.
-        coordinate: that it reads.
-        sigma: standard deviation [rad or m].
-        unit: "rad" or "m".
-    """
-
-    pose: int
-    coordinate: str
-    sigma: float
-    unit: str
+    pose: int  # its number, from 0
+    coordinate: str  # that it reads
+    sigma: float  # standard deviation [rad or m]
+    unit: str  # "rad" or "m"
 
     @property
     def label(self) -> str:
@@ -63,34 +51,47 @@ class Encoder(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Quantity:
-    """One thing measured at one pose.
+class MeasuredQuantity:
+    """One thing measured at one pose."""
 
-    Attributes:
-        target: what it is.
-        kind: "position", "rotation", "angle" or "length".
-        sigma: its standard deviation [m or rad]; without any, what counts as one.
-    """
+    target: Target  # what it is
+    kind: str  # "position", "rotation", "angle" or "length"
+    sigma: float  # its standard deviation [m or rad]; without any, what counts as one
 
-    target: Target
-    kind: str
-    sigma: float
+    @classmethod
+    def of(
+        cls, mechanism: Mechanism, target: Target, sigma: Mapping[str, float] | None
+    ) -> MeasuredQuantity:
+        """Return it with the standard deviation that is given, or what counts as one."""
+        kind = ("position" if isinstance(target, Position) else
+                "rotation" if isinstance(target, Orientation) else "length")
+        if isinstance(target, CoordinateValue):
+            unit = mechanism.prescribed_coordinate(target.name).unit
+            kind = "angle" if unit == "rad" else "length"
+        found = cls(target, kind, 1.0)
+        if sigma is None:
+            size = mechanism.characteristic_length if UNITS[kind] == "m" else 1.0
+            return replace(found, sigma=size)
+        for name in (*_names(found), kind):
+            if name in sigma:
+                return replace(found, sigma=sigma[name])
+        raise ValueError(f"sigma says nothing of {target.name!r}: add {kind!r} [{UNITS[kind]}]")
 
-    def error(self, evaluation: Evaluation, base: pin.SE3 | None) -> tuple[Array, Array]:
-        """Return model less measurement (k,) [m, rad], and its derivative (k, nv) for velocities.
-
-        Args:
-            evaluation: at the pose's configuration.
-            base: of the mechanism in the axes of what measures.
-        """
-        size = _unit_size(self.target, evaluation.mechanism)
+    def error(self, evaluation: LoopEquations, base: pin.SE3 | None) -> tuple[Array, Array]:
+        """Return model less measurement (k,) [m, rad], and its derivative (k, nv)."""
+        mechanism, size = evaluation.mechanism, 1.0  # what one of the residual stands for
+        if isinstance(self.target, CoordinateValue):
+            coordinate = mechanism.prescribed_coordinate(self.target.name)
+            size = float(mechanism.velocity_scale[coordinate.v])
+        elif not isinstance(self.target, Orientation):
+            size = mechanism.characteristic_length
         error, slope = in_world(self.target, base).residual(evaluation)
         if base is not None and isinstance(self.target, Position):
             # in the axes of what measures, where moving all together changes nothing
             error, slope = base.rotation @ error, base.rotation @ slope
         return size * error, size * slope
 
-    def base_slope(self, evaluation: Evaluation, base: pin.SE3) -> Array:
+    def base_slope(self, evaluation: LoopEquations, base: pin.SE3) -> Array:
         """Return the derivative (k, 6) of `error` for moving the base: shifts, then turns.
 
         Both along the axes of what measures, turns about the base's own origin.
@@ -113,7 +114,7 @@ class Quantity:
         other = f"-{self.target.other}" if isinstance(self.target, Distance) else ""
         return [self.target.name + other]
 
-    def turned_to(self, mechanism: Mechanism, q: Array) -> Quantity:
+    def turned_to(self, mechanism: Mechanism, q: Array) -> MeasuredQuantity:
         """Return the same with an angle taken to the turn that is nearest to a configuration's."""
         target = self.target
         if self.kind != "angle" or not isinstance(target, CoordinateValue):
@@ -133,28 +134,14 @@ def in_world(target: Target, base: pin.SE3 | None) -> Target:
     return target
 
 
-def _unit_size(target: Target, mechanism: Mechanism) -> float:
-    """Return what one of a target's residual stands for [m or rad]."""
-    if isinstance(target, CoordinateValue):
-        coordinate = mechanism.prescribed_coordinate(target.name)
-        return float(mechanism.velocity_scale[coordinate.v])
-    return 1.0 if isinstance(target, Orientation) else mechanism.characteristic_length
-
-
 def read_measurements(
     mechanism: Mechanism, measurements: Iterable[Any], sigma: Mapping[str, float] | None
-) -> tuple[list[dict[str, float]], list[list[Quantity]]]:
-    """Return the drivers' values and the quantities of all poses.
-
-    Raises:
-        UnknownNameError: there is no such driver, frame or coordinate.
-        ValueError: a driver has no value, or a number is not finite, or something has no sigma.
-        TypeError: a measurement is of no kind there is.
-    """
+) -> tuple[list[dict[str, float]], list[list[MeasuredQuantity]]]:
+    """Return the drivers' values and the quantities of all poses."""
     if isinstance(measurements, str | Mapping):
         raise TypeError("measurements must be a list [({driver: value}, {frame: what}), ...], not "
                         f"{repr(measurements)[:60]}; `spatial-pin calibrate` reads tables")
-    poses = rows_of(measurements, Reading, "measurement")
+    poses = rows_of(measurements, MeasuredPose, "measurement")
     if not poses:
         raise ValueError("measurements is empty: give [({driver: value}, {frame: what}), ...]")
     given = None if sigma is None else {
@@ -167,7 +154,7 @@ def read_measurements(
         if not mapping(measured, f"what was measured in {where}"):
             raise ValueError(f"{where}: nothing was measured there")
         targets = [part for t in read_targets(mechanism, measured) for part in _parts(t, where)]
-        quantities.append([_quantity(mechanism, t, given) for t in targets])
+        quantities.append([MeasuredQuantity.of(mechanism, t, given) for t in targets])
     known = {*UNITS, ENCODER[1:], *(n for some in quantities for x in some for n in _names(x)),
              *(name + ENCODER for read in drivers for name in _called(mechanism, read))}
     for name in given or {}:
@@ -227,23 +214,7 @@ def _parts(target: Target, where: str) -> list[Target]:
                     "does not take: measure points, placements, coordinates or distances")
 
 
-def _quantity(mechanism: Mechanism, target: Target, sigma: Mapping[str, float] | None) -> Quantity:
-    kind = ("position" if isinstance(target, Position) else
-            "rotation" if isinstance(target, Orientation) else "length")
-    if isinstance(target, CoordinateValue):
-        unit = mechanism.prescribed_coordinate(target.name).unit
-        kind = "angle" if unit == "rad" else "length"
-    found = Quantity(target, kind, 1.0)
-    if sigma is None:
-        size = mechanism.characteristic_length if UNITS[kind] == "m" else 1.0
-        return replace(found, sigma=size)
-    for name in (*_names(found), kind):
-        if name in sigma:
-            return replace(found, sigma=sigma[name])
-    raise ValueError(f"sigma says nothing of {target.name!r}: add {kind!r} [{UNITS[kind]}]")
-
-
-def _names(quantity: Quantity) -> tuple[str, str]:
+def _names(quantity: MeasuredQuantity) -> tuple[str, str]:
     """Return the names that a quantity's own standard deviation may stand under."""
     return f"{quantity.target.name}.{quantity.kind}", quantity.target.name
 
@@ -253,9 +224,6 @@ def base_from(pairs: Sequence[tuple[Target, pin.SE3]]) -> pin.SE3:
 
     Its rotation is a measured one, else the best of the points [GolubVanLoan2013, 6.4.1]; its
     translation that of the points' means.
-
-    Raises:
-        SpatialPinError: nothing that was measured tells of it.
     """
     points = [(t.point, at.translation) for t, at in pairs if isinstance(t, Position)]
     turns = [t.rotation @ at.rotation.T for t, at in pairs if isinstance(t, Orientation)]

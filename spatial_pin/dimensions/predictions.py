@@ -7,7 +7,7 @@ same q, the rows c and the frames, is differenced: nothing is closed for that.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -15,13 +15,13 @@ import pinocchio as pin
 
 from spatial_pin.assembly.holding import still_entries
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
-from spatial_pin.dimensions.family import Bodies, Family
+from spatial_pin.dimensions.dimension_batch import DimensionFamily, EvaluatedBatch
 from spatial_pin.dimensions.homotopy import followed
-from spatial_pin.dimensions.measurements import UNITS, Encoder, Quantity
+from spatial_pin.dimensions.measurements import UNITS, Encoder, MeasuredQuantity
 from spatial_pin.dimensions.variants import Variants
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.inverse_kinematics.targets import CoordinateValue
+from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array, Decomposition, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -32,20 +32,28 @@ BASE = ("base.x", "base.y", "base.z", "base.rx", "base.ry", "base.rz")
 
 
 class Unknowns(NamedTuple):
-    """What is looked for.
+    """What is looked for."""
 
-    Attributes:
-        dimensions: names.
-        offsets: drivers; what their encoders read lacks these.
-        has_base: whether the base is one, by six numbers.
-        encoders: that read with an error, of which each pose has its own: these are found too, as
-            numbers behind the others, but have no name.
-    """
-
-    dimensions: tuple[str, ...]
-    offsets: tuple[str, ...]
-    has_base: bool
+    dimensions: tuple[str, ...]  # names
+    offsets: tuple[str, ...]  # drivers; what their encoders read lacks these
+    has_base: bool  # whether the base is one, by six numbers
+    # that read with an error, of which each pose has its own: these are found too, as numbers
+    # behind the others, but have no name
     encoders: tuple[Encoder, ...] = ()
+
+    @classmethod
+    def of(
+        cls, mechanism: Mechanism, dimensions: Iterable[str], offsets: Sequence[str],
+        has_base: bool, drivers: Sequence[Mapping[str, float]], encoders: tuple[Encoder, ...],
+    ) -> Unknowns:
+        """Return them, offsets checked with what encoders read."""
+        coordinates = [mechanism.driven_coordinate(name).name for name in offsets]
+        if len(set(coordinates)) < len(coordinates):
+            raise ValueError("offsets names one driver twice")
+        for name, coordinate in zip(offsets, coordinates, strict=True):
+            if not any(coordinate in read for read in drivers):
+                raise ValueError(f"offsets: no measurement has a value of {name!r}")
+        return cls(tuple(dimensions), tuple(offsets), has_base, encoders)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -54,34 +62,23 @@ class Unknowns(NamedTuple):
                 *(BASE if self.has_base else ()))
 
 
-class Situation(NamedTuple):
-    """A mechanism at some values of the unknowns.
+class FittedState(NamedTuple):
+    """A mechanism at some values of the unknowns."""
 
-    Attributes:
-        mechanism: at its dimensions.
-        states: closed, by pose.
-        base: of the mechanism in the axes of what measures; None where these are its own.
-    """
-
-    mechanism: Mechanism
-    states: list[State]
+    mechanism: Mechanism  # at its dimensions
+    states: list[State]  # closed, by pose
+    # of the mechanism in the axes of what measures; None where these are its own
     base: pin.SE3 | None
 
 
-class _Beside(NamedTuple):
-    """Poses of a mechanism, and of those whose dimensions are a little larger and smaller.
+class NeighbouringPoses(NamedTuple):
+    """Poses of a mechanism, and of those whose dimensions are a little larger and smaller."""
 
-    Attributes:
-        bodies: of the poses, then of all of them for each larger dimension, then for each smaller.
-        poses: how many there are.
-        widths: (n,) between the larger and the smaller ones [m or rad].
-        known: rotations and origins of frames that were asked for.
-    """
-
-    bodies: Bodies
-    poses: int
-    widths: Array
-    known: dict[int, tuple[Array, Array]]
+    # of the poses, then of all of them for each larger dimension, then for each smaller
+    bodies: EvaluatedBatch
+    poses: int  # how many there are
+    widths: Array  # (n,) between the larger and the smaller ones [m or rad]
+    known: dict[int, tuple[Array, Array]]  # rotations and origins of frames that were asked for
 
     def _differences(self, values: Array, i: int) -> tuple[Array, Array]:
         """Return values (n, ...) of a pose at larger, and at smaller dimensions."""
@@ -93,10 +90,6 @@ class _Beside(NamedTuple):
         ahead, behind = self._differences(self.bodies.residual, i)
         found: Array = ((ahead - behind) / self.widths[:, None]).T
         return found
-
-    def at(self, i: int, evaluation: Evaluation) -> _AtRest:
-        """Return a pose whose frames move with the dimensions."""
-        return _AtRest(evaluation.mechanism, evaluation, self, i)
 
     def twists(self, i: int, frame: int) -> Array:
         """Return how a frame of a pose moves (6, n): its origin, and its turn, world axes."""
@@ -115,8 +108,8 @@ class _AtRest(NamedTuple):
     """A pose as targets ask for it, in which dimensions move the frames in the place of joints."""
 
     mechanism: Mechanism
-    evaluation: Evaluation
-    beside: _Beside
+    evaluation: LoopEquations
+    beside: NeighbouringPoses
     pose: int
 
     def frame(self, frame: int) -> pin.SE3:
@@ -127,23 +120,17 @@ class _AtRest(NamedTuple):
         """Return how it moves with the dimensions (6, n)."""
         return self.beside.twists(self.pose, frame)
 
-    def slope(self, quantity: Quantity, base: pin.SE3 | None) -> Array:
+    def slope(self, quantity: MeasuredQuantity, base: pin.SE3 | None) -> Array:
         """Return the derivatives (k, n) of an error; of coordinates, which stand, zero."""
         if isinstance(quantity.target, CoordinateValue):
             return np.zeros((1, len(self.beside.widths)))
-        return quantity.error(cast(Evaluation, self), base)[1]
+        return quantity.error(cast(LoopEquations, self), base)[1]
 
 
 class Predictions:
     """Errors of the model at values x (n,) of the unknowns, and their derivatives.
 
     The unknowns have no unit: x is how far they are from where they start, relative to `sizes`.
-
-    Args:
-        start: where the search begins.
-        unknowns: what is looked for.
-        drivers: by coordinate, what the encoders read at each pose.
-        quantities: what was measured at each pose.
 
     Attributes:
         sizes: (n,) of the unknowns [m or rad].
@@ -152,16 +139,16 @@ class Predictions:
     """
 
     def __init__(
-        self, start: Situation, unknowns: Unknowns, drivers: Sequence[Mapping[str, float]],
-        quantities: Sequence[Sequence[Quantity]],
+        self, start: FittedState, unknowns: Unknowns, drivers: Sequence[Mapping[str, float]],
+        quantities: Sequence[Sequence[MeasuredQuantity]],
     ) -> None:
         self._start, self.unknowns, self._drivers = start, unknowns, drivers
         self._quantities, m = quantities, start.mechanism
         self._coordinates = [m.driven_coordinate(name) for name in unknowns.offsets]
         self._variants = Variants(m, unknowns.dimensions)
-        self._family = Family(m, unknowns.dimensions) if unknowns.dimensions else None
+        self._family = DimensionFamily(m, unknowns.dimensions) if unknowns.dimensions else None
         self._near = start
-        self._last: tuple[bytes, Situation] | None = None
+        self._last: tuple[bytes, FittedState] | None = None
         length = m.characteristic_length
         own = self.nominal = np.array([m.dimensions[name] for name in unknowns.dimensions])
         # a dimension may be a length or an angle, and be zero
@@ -177,24 +164,15 @@ class Predictions:
             for some in quantities for q in some for _ in q.labels()]))
         self._base = slice(len(sizes) - 6, len(sizes))
 
-    # ------------------------------------------------------------ values
-
-    def at(self, x: Array) -> Situation:
-        """Return the mechanism at values of the unknowns, its loops closed at every pose.
-
-        Raises:
-            SpatialPinError: they do not close, on the branch that they begin on.
-        """
+    def at(self, x: Array) -> FittedState:
+        """Return the mechanism at values of the unknowns, its loops closed at every pose."""
         if self._last is None or self._last[0] != x.tobytes():
-            self._last = x.tobytes(), self._made(x)
+            near, dimensions = self._near, self.dimensions_at(x)
+            there = self._variants.at(dimensions) if dimensions else near.mechanism
+            states = [followed(there, held, state)
+                      for held, state in zip(self.held(x), near.states, strict=True)]
+            self._last = x.tobytes(), FittedState(there, states, self.base_at(x))
         return self._last[1]
-
-    def _made(self, x: Array) -> Situation:
-        near, dimensions = self._near, self.dimensions_at(x)
-        there = self._variants.at(dimensions) if dimensions else near.mechanism
-        states = [followed(there, held, state)
-                  for held, state in zip(self.held(x), near.states, strict=True)]
-        return Situation(there, states, self.base_at(x))
 
     def held(self, x: Array) -> list[dict[str, float]]:
         """Return where the drivers are at each pose, by coordinate [rad or m]."""
@@ -238,13 +216,11 @@ class Predictions:
             return np.full(len(self.sigmas), np.inf)  # SciPy's trust region shrinks then
         parts = []
         for state, quantities in zip(here.states, self._quantities, strict=True):
-            with evaluation_of(here.mechanism, state.angles) as evaluation:
+            with loops_of(here.mechanism, state.angles) as evaluation:
                 evaluation.update(state.q)
                 parts += [q.error(evaluation, here.base)[0] for q in quantities]
         told = np.concatenate(parts)
         return np.concatenate([told / self.sigmas[: len(told)], self._misread(x)])
-
-    # ------------------------------------------------------------ derivatives
 
     def jacobian(self, x: Array) -> Array:
         """Return the derivatives (m, n) of `errors` for x; raises as `slopes`."""
@@ -255,23 +231,18 @@ class Predictions:
         return found
 
     def slopes(self, x: Array) -> Array:
-        """Return the derivatives (m, n) of `errors` for x, but for small turns of the base.
-
-        Raises:
-            SpatialPinError: the drivers do not determine what was measured, or a dimension opens
-                the loops.
-        """
+        """Return the derivatives (m, n) of `errors` for x, but for small turns of the base."""
         here = self._near = self.at(x)
         beside, rows = self._beside(here), []
         for i, state in enumerate(here.states):
-            with evaluation_of(here.mechanism, state.angles) as evaluation:
+            with loops_of(here.mechanism, state.angles) as evaluation:
                 evaluation.update(state.q)
                 rows.append(self._pose_rows(i, evaluation, here, beside))
         k = len(self.unknowns.encoders)
         told = np.concatenate(rows) * self.sizes / self.sigmas[: len(self.sigmas) - k, None]
         return np.vstack([told, np.eye(k, len(self.sizes), len(self.sizes) - k)])
 
-    def _beside(self, here: Situation) -> _Beside | None:
+    def _beside(self, here: FittedState) -> NeighbouringPoses | None:
         """Return the poses with every dimension a little larger and smaller, if there are any."""
         if self._family is None:
             return None
@@ -288,11 +259,11 @@ class Predictions:
         bodies = self._family.bodies(
             members.taken(np.repeat(np.arange(every.shape[1]), poses)), q, angles)
         ahead, behind = every[:, 1 : len(own) + 1], every[:, len(own) + 1 :]
-        return _Beside(bodies, poses, np.diag(ahead - behind), {})
+        return NeighbouringPoses(bodies, poses, np.diag(ahead - behind), {})
 
     def _pose_rows(
-        self, i: int, evaluation: Evaluation, here: Situation,
-        beside: _Beside | None,
+        self, i: int, evaluation: LoopEquations, here: FittedState,
+        beside: NeighbouringPoses | None,
     ) -> Array:
         """Return the derivatives (k, n) of a pose's errors [m, rad] per unit of the unknowns."""
         m, n = here.mechanism, evaluation.constraints.n_closure
@@ -303,10 +274,15 @@ class Predictions:
         svd = decompose(np.vstack([loops, np.eye(m.model.nv)[stands]]))
         slopes = scale * np.vstack(
             [q.error(evaluation, here.base)[1] for q in self._quantities[i]])
-        self._check_determined(i, svd, slopes)
+        free = np.abs(slopes @ svd.null_space.T).max(axis=1, initial=0.0)
+        if free.max(initial=0.0) > TOLERANCES.half_precision * np.abs(slopes).max(initial=0.0):
+            labels = [label for q in self._quantities[i] for label in q.labels()]
+            raise SpatialPinError(
+                f"measurement {i + 1}: {labels[int(np.argmax(free))]!r} can move where the drivers "
+                "given stand; give values of drivers or coordinates that hold it, or leave it out")
         columns = list[Array]()
         if beside is not None:
-            moved = beside.at(i, evaluation)
+            moved = _AtRest(m, evaluation, beside, i)
             own = np.vstack([moved.slope(q, here.base) for q in self._quantities[i]])
             columns += [*(own + slopes @ self._motions(svd, -beside.opened(i), len(stands))).T]
         driven = np.eye(n + len(stands))[n : n + len(held)]
@@ -334,12 +310,3 @@ class Predictions:
                 "changed (they are overconstrained); calibrate a dimension that keeps them closed")
         found: Array = svd.vt[: svd.rank].T @ ((kept.T @ wanted) / svd.s[: svd.rank, None])
         return found
-
-    def _check_determined(self, i: int, svd: Decomposition, slopes: Array) -> None:
-        """Refuse what the drivers leave free."""
-        free = np.abs(slopes @ svd.null_space.T).max(axis=1, initial=0.0)
-        if free.max(initial=0.0) > TOLERANCES.half_precision * np.abs(slopes).max(initial=0.0):
-            labels = [label for q in self._quantities[i] for label in q.labels()]
-            raise SpatialPinError(
-                f"measurement {i + 1}: {labels[int(np.argmax(free))]!r} can move where the drivers "
-                "given stand; give values of drivers or coordinates that hold it, or leave it out")

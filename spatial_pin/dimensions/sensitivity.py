@@ -7,7 +7,7 @@ same points tells how far they can be trusted. The file is expanded once (`varia
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,9 +17,14 @@ from spatial_pin._support.brief import brief
 from spatial_pin._support.checks import checked, names_of
 from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State, of_mechanism
-from spatial_pin.dimensions.drive import Drive, end_of_range, with_forces, with_masses
-from spatial_pin.dimensions.samples import Samples
 from spatial_pin.dimensions.variants import Variants, idle_dimensions, tell_idle
+from spatial_pin.dimensions.varied_samples import (
+    DriverMotion,
+    VariedSamples,
+    end_of_range,
+    with_forces,
+    with_masses,
+)
 from spatial_pin.errors import Interrupted, SingularError, SpatialPinError, UnknownNameError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -29,7 +34,6 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.determined import Prescription, placed
 from spatial_pin.rates.prescribed import driven_coordinates
-from spatial_pin.rates.rates import prescribed_at
 
 # Step of differences relative to the dimension, or characteristic length (1 for angles) where
 # it is zero: of eighth order, they leave 1e-21 of it, and round-off 4e-15 over the step.
@@ -134,7 +138,18 @@ def sensitivity(
         {'b': -5.8005, 'd': 4.1254}
     """
     if isinstance(state, Motion):
-        found = _over_motion(mechanism, state, output, parameters)
+        if not len(state):
+            raise SpatialPinError(f"mechanism {mechanism.name!r}: the motion has no samples")
+        several = [x[0] for x in _differentiated(
+            mechanism, [(of_mechanism(mechanism, one), DriverMotion.along(state, one))
+                        for one in map(state.state, range(len(state)))], [output], parameters)]
+        derivatives, errors = (
+            {name: np.array([each[name] for each in parts]) for name in parts[0]}
+            for parts in ([x.derivatives for x in several], [x.errors for x in several]))
+        unit = (several[0].unit if end_of_range(output) or with_forces([output])
+                else state.output(output).unit)
+        found = Sensitivity(
+            output, np.array([x.value for x in several]), derivatives, errors, unit)
     else:
         found = sensitivities(mechanism, state, [output], parameters)[0]
     still = [name for name, x in found.derivatives.items()
@@ -147,32 +162,6 @@ def sensitivity(
     return found
 
 
-def _over_motion(
-    mechanism: Mechanism, motion: Motion, output: str, parameters: Iterable[str] | None
-) -> Sensitivity:
-    """Return the sensitivities of all samples as one."""
-    if not len(motion):
-        raise SpatialPinError(f"mechanism {mechanism.name!r}: the motion has no samples")
-    asked = [(of_mechanism(mechanism, one), _drive_at(one, motion))
-             for one in map(motion.state, range(len(motion)))]
-    found = [x[0] for x in _differentiated(mechanism, asked, [output], parameters)]
-    derivatives, errors = (
-        {name: np.array([each[name] for each in several]) for name in several[0]}
-        for several in ([x.derivatives for x in found], [x.errors for x in found]))
-    unit = (found[0].unit if end_of_range(output) or with_forces([output])
-            else motion.output(output).unit)
-    return Sensitivity(output, np.array([x.value for x in found]), derivatives, errors, unit)
-
-
-def _drive_at(state: State, motion: Motion) -> Drive:
-    """Return what is held at a state of a motion: its drivers, or what was swept in their place."""
-    mechanism, name = state.mechanism, motion.driver_name
-    drivers = [mechanism.coordinate(d.joint) for d in mechanism.drivers.values()]
-    if motion.driver is None or mechanism.coordinate(name) in drivers:
-        return Drive.of(state, name)
-    return Drive.of(state, name, [c.name for c in prescribed_at(state, [name])])
-
-
 def sensitivities(
     mechanism: Mechanism,
     state: State,
@@ -181,11 +170,11 @@ def sensitivities(
 ) -> list[Sensitivity]:
     """Differentiate several outputs at the price of one; see `sensitivity`."""
     state = of_mechanism(mechanism, state)
-    return _differentiated(mechanism, [(state, Drive.of(state))], outputs, parameters)[0]
+    return _differentiated(mechanism, [(state, DriverMotion.of(state))], outputs, parameters)[0]
 
 
 def _differentiated(
-    mechanism: Mechanism, asked: Sequence[tuple[State, Drive]], outputs: Iterable[str],
+    mechanism: Mechanism, asked: Sequence[tuple[State, DriverMotion]], outputs: Iterable[str],
     parameters: Iterable[str] | None,
 ) -> list[list[Sensitivity]]:
     """Differentiate outputs at states of one mechanism, each with its drivers' motion.
@@ -212,26 +201,20 @@ def _differentiated(
 
 
 class _Around:
-    """Outputs at eight values of each dimension about a mechanism's own.
-
-    Args:
-        mechanism: at its own dimensions.
-        names: of the dimensions.
-        outputs: as for `sensitivity`.
-    """
+    """Outputs at eight values of each dimension about a mechanism's own."""
 
     def __init__(self, mechanism: Mechanism, names: list[str], outputs: list[str]) -> None:
         self._mechanism, self._names, self._outputs = mechanism, names, outputs
         self._variants = Variants(mechanism, names)
         self._made: dict[tuple[str, float], list[Mechanism]] = {}  # for all states
-        self._samples = Samples.of(mechanism, names, outputs)
+        self._samples = VariedSamples.of(mechanism, names, outputs)
         own = np.array([mechanism.dimensions[name] for name in names])
         sizes = np.where(own != 0.0, np.abs(own), mechanism.characteristic_length)
         self._steps = DIFFERENCE * sizes
         offsets = np.kron(np.diag(self._steps), np.array(AROUND, float))  # dimension by dimension
         self._made_of = self._samples.made_of(own[:, None] + offsets) if self._samples else None
 
-    def differentiated(self, state: State, drive: Drive) -> list[Sensitivity]:
+    def differentiated(self, state: State, drive: DriverMotion) -> list[Sensitivity]:
         """Return the derivatives of the outputs at a state."""
         near = self._samples.near(state, drive) if self._samples else None
         together = near.solve(self._made_of) if near and self._made_of else None
@@ -251,17 +234,20 @@ class _Around:
             for one, at in zip(found, zip(*around.values(), strict=True), strict=True):
                 size = max(float(np.max(np.abs(one.value))), sizes.get(one.unit, 0.0))
                 beside = [within_half_turn(np.asarray(x), one.value, one.unit) for x in at]
-                one.derivatives[name], one.errors[name] = _derivative(
-                    dict(zip(around, beside, strict=True)), h, known * size)
+                values_at = dict(zip(around, beside, strict=True))
+                eighth, sixth = (
+                    np.asarray(sum(w * (values_at[k] - values_at[-k]) for k, w in weights.items()))
+                    / h for weights in (EIGHTH, SIXTH))
+                one.derivatives[name] = _plain(eighth)
+                one.errors[name] = float(np.max(np.abs(eighth - sixth))) + known * size / h
         return found
 
-    def _one_by_one(self, state: State, drive: Drive, i: int) -> tuple[dict[int, list[Any]], float]:
+    def _one_by_one(
+        self, state: State, drive: DriverMotion, i: int
+    ) -> tuple[dict[int, list[Any]], float]:
         """Return the outputs at eight values of a dimension, and their step.
 
         Where the branch ends within them, the steps are shorter.
-
-        Raises:
-            SpatialPinError: it ends within the shortest.
         """
         name, first = self._names[i], None
         value = self._mechanism.dimensions[name]
@@ -287,7 +273,6 @@ def within_half_turn(values: Array, own: Any, unit: str) -> Array:
 
 
 def _plain(value: Any) -> Any:
-    """Return a number as a float, a vector as it is."""
     return float(value) if np.ndim(value) == 0 else value
 
 
@@ -306,26 +291,22 @@ def _known(state: State) -> float:
         return CONFIGURATION_ERROR
 
 
-def _sizes(state: State, drive: Drive, outputs: Iterable[str]) -> dict[str, float]:
+def _sizes(state: State, drive: DriverMotion, outputs: Iterable[str]) -> dict[str, float]:
     """Return how large outputs of a unit are, or may be at other dimensions."""
     length, scale = state.mechanism.characteristic_length, state.mechanism.velocity_scale
     speed, acceleration = (float(np.abs(x / scale).max(initial=0.0)) for x in (state.v, state.a))
     per_s2 = max(acceleration, speed**2)
-    force = _force(state, drive) if with_forces(outputs) else 0.0
+    force = 0.0  # the largest in the mechanism, moments divided by its length
+    if with_forces(outputs):
+        loads = drive.told(state).loads
+        wrenches = np.vstack([loads.on_ground, *loads.reactions.values()])
+        force = float(np.abs(wrenches / ([1.0] * 3 + [length] * 3)).max())
     return {"rad": 1.0, "1": 1.0, "m": length, "rad/s": speed, "m/s": speed * length,
             "rad/s²": per_s2, "m/s²": per_s2 * length, "N": force, "N·m": force * length,
             "N, N·m": force * max(1.0, length), "W": force * length * speed}
 
 
-def _force(state: State, drive: Drive) -> float:
-    """Return the largest force in a mechanism, moments divided by its length [N]."""
-    loads, length = drive.told(state).loads, state.mechanism.characteristic_length
-    wrenches = np.vstack([loads.on_ground, *loads.reactions.values()])
-    return float(np.abs(wrenches / ([1.0] * 3 + [length] * 3)).max())
-
-
-def _unit(state: State, drive: Drive, output: str) -> str:
-    """Return the unit of an output that exists."""
+def _unit(state: State, drive: DriverMotion, output: str) -> str:
     end = end_of_range(output)
     if end is not None:
         return state.mechanism.coordinate(end[1]).unit
@@ -353,11 +334,3 @@ def with_spread(value: Any, deviation: Any, unit: str = "") -> str:
         places = max(1 - int(np.floor(np.log10(deviation))) + power, 0)
         text = f"({value / 10.0**power:.{places}f} ± {deviation / 10.0**power:.{places}f})e{power}"
     return f"{text} {unit.removeprefix('1')}".rstrip()
-
-
-def _derivative(at: Mapping[int, Array], h: float, known: float) -> tuple[Any, float]:
-    """Return a derivative and its error from values at k steps h that are known to `known`."""
-    eighth, sixth = (np.asarray(sum(w * (at[k] - at[-k]) for k, w in weights.items())) / h
-                     for weights in (EIGHTH, SIXTH))
-    error = float(np.max(np.abs(eighth - sixth))) + known / h
-    return _plain(eighth), error

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +19,9 @@ from spatial_pin._support.executors import in_order
 from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.held_start import starting_state
 from spatial_pin.assembly.state import State, of_mechanism
-from spatial_pin.dimensions.drive import Drive, with_masses
-from spatial_pin.dimensions.samples import Near, Samples
 from spatial_pin.dimensions.sensitivity import sensitivities, with_spread, within_half_turn
 from spatial_pin.dimensions.variants import Variants, tell_idle
+from spatial_pin.dimensions.varied_samples import DriverMotion, Near, VariedSamples, with_masses
 from spatial_pin.errors import SpatialPinError, unless_cut
 from spatial_pin.formats.files import load
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -208,11 +207,15 @@ def tolerance(
         np.any(np.abs(one.derivatives[name]) > one.errors[name]) for one in found)])
     nominal = {one.output: one.value for one in found}
     units = {one.output: one.unit for one in found}
-    linear = {one.output: _propagated(one.derivatives, spread) for one in found}
+    linear = {one.output: np.sqrt(sum(
+        (np.asarray(one.derivatives[name]) * x) ** 2 for name, x in spread.items()))[()]
+        for one in found}
     if not samples:
         return Tolerance(nominal, linear, None, None, {name: np.empty(0) for name in names}, 0,
                          {name: np.empty(0) for name in spread}, np.empty(0, dtype=bool), units)
-    drawn = _drawn(mechanism, spread, samples, rng)
+    normal = rng.normal(size=(samples, len(spread)))
+    drawn = np.array([mechanism.dimensions[name] for name in spread]) + np.array(
+        list(spread.values())) * normal
     values, is_closed, n = _solved(
         mechanism, of_mechanism(mechanism, state), nominal, spread, drawn, executor, progress)
     is_closed, drawn = is_closed[:n], drawn[:n]
@@ -228,23 +231,9 @@ def tolerance(
     ))
 
 
-def _propagated(derivatives: Mapping[str, Any], spread: Mapping[str, float]) -> Any:
-    parts = [(np.asarray(derivatives[name]) * x) ** 2 for name, x in spread.items()]
-    return np.sqrt(sum(parts))[()]
-
-
 def _of_enough(values: Array, fewest: int, what: Callable[[Array], Array]) -> Any:
     """Return something of values (N, ...), NaN where they are too few."""
     return (what(values) if len(values) >= fewest else np.full(values.shape[1:], np.nan))[()]
-
-
-def _drawn(
-    mechanism: Mechanism, spread: Mapping[str, float], samples: int, rng: np.random.Generator
-) -> Array:
-    """Return the dimensions (samples, k) in the order of `spread`."""
-    nominal = np.array([mechanism.dimensions[name] for name in spread])
-    normal = rng.normal(size=(samples, len(nominal)))
-    return nominal + np.array(list(spread.values())) * normal
 
 
 def _solved(
@@ -254,25 +243,24 @@ def _solved(
     """Return (N, ...) values by output, which samples (N,) could be closed, and how many count.
 
     These are the first ones, up to where Ctrl-C has left one out.
-
-    Raises:
-        KeyboardInterrupt: before any.
     """
-    names, drive = list(nominal), Drive.of(state)
+    names, drive = list(nominal), DriverMotion.of(state)
     values = {name: np.empty((len(drawn), *np.shape(x))) for name, x in nominal.items()}
     is_closed = np.zeros(len(drawn), dtype=bool)
     bar = progress_bar(len(drawn), f"{mechanism.name}: samples", progress)
-    samples = _together(mechanism, state, list(spread), names)
+    samples = None  # what solves them together; nothing does of a rounded file
+    if state.mechanism is mechanism:
+        samples = VariedSamples.of(mechanism, list(spread), names)
     near = samples.near(state, drive) if samples else None
     n = len(drawn)
     if samples and near:
         n = _solve_together(samples, near, drawn, values, is_closed, bar)
     rest = np.flatnonzero(~is_closed[:n]).tolist()
     start, mark = (np.array(state.q), np.array(state.angles)), os.urandom(16).hex()
-    jobs = [_Job(str(mechanism.path), mechanism.loading,
-                 dict(zip(spread, drawn[k].tolist(), strict=True)), start, drive, names, mark)
+    jobs = [(str(mechanism.path), mechanism.loading,
+             dict(zip(spread, drawn[k].tolist(), strict=True)), start, drive, names, mark)
             for k in rest]
-    found = in_order(executor, _sample, [(job,) for job in jobs])
+    found = in_order(executor, _sample, jobs)
     k = rest[0] if rest else n
     try:
         for k, sample in zip(rest, found, strict=True):
@@ -291,7 +279,7 @@ def _solved(
 
 
 def _solve_together(
-    samples: Samples, near: Near, drawn: Array, values: Mapping[str, Array],
+    samples: VariedSamples, near: Near, drawn: Array, values: Mapping[str, Array],
     is_closed: NDArray[np.bool_], bar: Any,
 ) -> int:
     """Write the values of samples that are closed together; return how many were tried."""
@@ -308,43 +296,16 @@ def _solve_together(
     return len(drawn)
 
 
-def _together(
-    mechanism: Mechanism, state: State, dimensions: list[str], outputs: list[str]
-) -> Samples | None:
-    """Return what solves samples together; None where it cannot be, as of a rounded file."""
-    return Samples.of(mechanism, dimensions, outputs) if state.mechanism is mechanism else None
-
-
-class _Job(NamedTuple):
-    """One sample to solve in any process.
-
-    Attributes:
-        path: the mechanism's file.
-        parameters: what `load` takes for the nominal mechanism.
-        dimensions: of the sample.
-        nominal: q and angles of screws.
-        drive: the drivers' motion.
-        names: of the outputs.
-        mark: of the call of `tolerance`.
-    """
-
-    path: str
-    parameters: dict[str, Any]
-    dimensions: dict[str, float]
-    nominal: tuple[Array, Array]
-    drive: Drive
-    names: list[str]
-    mark: str
-
-
-def _sample(job: _Job) -> list[Any] | None:
-    """Solve one sample; None when it cannot be closed. Runs in any process."""
-    path, parameters, dimensions, (q, angles), drive, names, mark = job
+def _sample(
+    path: str, parameters: dict[str, Any], dimensions: dict[str, float],
+    nominal: tuple[Array, Array], drive: DriverMotion, names: list[str], mark: str,
+) -> list[Any] | None:
+    """Return outputs of a sample, in any process; None when it cannot be closed."""
     try:
         variants = _loaded(path, pickle.dumps(parameters), tuple(dimensions), mark)
-        nominal = variants.mechanism
-        near = State(nominal, q, closure_error=np.nan, angles=angles)
-        return drive.evaluate(variants.at(dimensions, with_masses(nominal, names)), near, names)
+        own, (q, angles) = variants.mechanism, nominal
+        near = State(own, q, closure_error=np.nan, angles=angles)
+        return drive.evaluate(variants.at(dimensions, with_masses(own, names)), near, names)
     except SpatialPinError:
         return None
 

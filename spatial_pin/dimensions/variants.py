@@ -12,7 +12,7 @@ the text with other numbers in the places of the traced ones.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import fields
 from functools import partial
@@ -60,15 +60,7 @@ class Variants:
         return self.several([dimensions], whole)[0]
 
     def several(self, many: Sequence[Mapping[str, float]], whole: bool = False) -> list[Mechanism]:
-        """Return the mechanisms at several sets of dimensions.
-
-        Args:
-            many: the sets.
-            whole: with their masses and shapes at those dimensions too.
-
-        Raises:
-            SpatialPinError: one cannot be loaded.
-        """
+        """Return the mechanisms at several sets of dimensions."""
         if whole:
             return [self.whole(x) for x in many]
         tree = self.tree
@@ -81,11 +73,7 @@ class Variants:
                 for k, (x, good) in enumerate(zip(many, found.holds, strict=True))]
 
     def whole(self, dimensions: Mapping[str, float]) -> Mechanism:
-        """Return the mechanism at other dimensions, with all its file says, masses and shapes too.
-
-        Raises:
-            SpatialPinError: it cannot be loaded.
-        """
+        """Return the mechanism with all its file says, masses and shapes too."""
         tree = self.tree
         text = None if tree is None else tree.text_at(dimensions)
         if text is None:
@@ -119,26 +107,20 @@ def idle_dimensions(
         return ()
     tree = Variants(mechanism, names).tree
     texts = None if tree is None else tree.texts_change(asked)
-    if texts is None:
-        texts = {name: _text_changes(mechanism, name) for name in asked}
-    return tuple(name for name in asked if not texts[name])
-
-
-def _text_changes(mechanism: Mechanism, name: str) -> bool:
-    """Whether the expanded file changes with a dimension."""
-    file, own, found = mechanism.tree, mechanism.dimensions[name], set[str]()
-    assert file is not None
-    try:
-        for value in _near(own):
-            found.add(expand(file, {**mechanism.parameters, name: value}, mechanism.trusted,
-                             mechanism.packages))
-    except SpatialPinError:  # a value that it cannot have is a change
-        return True
-    return len(found) > 1
+    changes = texts or {}
+    for name in asked if texts is None else ():
+        found = set[str]()
+        try:
+            for value in _near(mechanism.dimensions[name]):
+                found.add(expand(mechanism.tree, {**mechanism.parameters, name: value},
+                                 mechanism.trusted, mechanism.packages))
+            changes[name] = len(found) > 1
+        except SpatialPinError:  # a value that it cannot have is a change
+            changes[name] = True
+    return tuple(name for name in asked if not changes[name])
 
 
 def _near(own: float) -> list[float]:
-    """Return a dimension, and values to both sides of it."""
     return [own + k * IDLE_STEP * (abs(own) or 1.0) for k in (0, -1, 1)]
 
 
@@ -173,21 +155,24 @@ class _Untraced(Exception):
     """Something of a mechanism cannot be followed from the dimensions."""
 
 
-class Pose(NamedTuple):
-    """Placements at m sets of dimensions, or one that is the same at all.
+class PlacementBatch(NamedTuple):
+    """Placements at m sets of dimensions, or one that is the same at all."""
 
-    Attributes:
-        rotation: (m or 1, 3, 3).
-        translation: (m or 1, 3) [m].
-    """
-
-    rotation: Array
-    translation: Array
+    rotation: Array  # (m or 1, 3, 3)
+    translation: Array  # (m or 1, 3) [m]
 
     @classmethod
-    def of(cls, placement: pin.SE3) -> Pose:
+    def of(cls, placement: pin.SE3) -> PlacementBatch:
         """Return one that is the same at all."""
         return cls(placement.rotation[None], placement.translation[None])
+
+    @classmethod
+    def from_origin(cls, xyz: Array, rpy: Array) -> PlacementBatch:
+        """Return those of places (m or 1, 3) and roll, pitch and yaw (m or 1, 3)."""
+        (a, b, c), (s, t, u) = np.cos(rpy.T), np.sin(rpy.T)  # yaw after pitch after roll
+        return cls(np.array([[c * b, c * t * s - u * a, c * t * a + u * s],
+                             [u * b, u * t * s + c * a, u * t * a - c * s],
+                             [-t, b * s, b * a]]).transpose(2, 0, 1), xyz)
 
     def at(self, k: int) -> pin.SE3:
         """Return that at one set of dimensions."""
@@ -195,48 +180,34 @@ class Pose(NamedTuple):
 
     def act(self, points: Array) -> Array:
         """Return points (m or 1, 3) of its axes in those that it is given in."""
-        return np.einsum("mij,mj->mi", *_alike(self.rotation, points)) + self.translation
+        m = max(len(self.rotation), len(points))
+        turned = np.einsum("mij,mj->mi", np.broadcast_to(self.rotation, (m, 3, 3)),
+                           np.broadcast_to(points, (m, 3)))
+        return turned + self.translation
 
-    def __matmul__(self, other: Pose) -> Pose:
-        return Pose(self.rotation @ other.rotation, self.act(other.translation))
-
-
-def _alike(*arrays: Array) -> list[Array]:
-    """Return arrays (m or 1, ...) as if all were of m."""
-    m = max(map(len, arrays))
-    return [np.broadcast_to(x, (m, *x.shape[1:])) for x in arrays]
+    def __matmul__(self, other: PlacementBatch) -> PlacementBatch:
+        return PlacementBatch(self.rotation @ other.rotation, self.act(other.translation))
 
 
 class TracedGeometry(NamedTuple):
-    """What follows from dimensions at m sets of them; what is left out does not depend on them.
+    """What follows from dimensions at m sets of them; what is left out does not depend on them."""
 
-    Attributes:
-        holds: (m,) whether the file leads there without deciding otherwise.
-        joints, frames: by number in the model, their placements in what carries them.
-        turns: by joint, the least rotations that take its axis to where it is then.
-        levers: (m or 1, 3) by link, its centre of mass [m].
-        limits: (m,) by bound ("lower" or "upper") and place in q.
-        inertials: (k, m) numbers of the inertias of links; none if not asked for.
-    """
-
-    holds: NDArray[np.bool_]
-    joints: dict[int, Pose]
-    frames: dict[int, Pose]
-    turns: dict[int, Pose]
-    levers: dict[str, Array]
-    limits: dict[tuple[str, int], Array]
-    inertials: Array
+    holds: NDArray[np.bool_]  # (m,) whether the file leads there without deciding otherwise
+    # by number in the model, their placements in what carries them
+    joints: dict[int, PlacementBatch]
+    frames: dict[int, PlacementBatch]
+    # by joint, the least rotations that take its axis to where it is then
+    turns: dict[int, PlacementBatch]
+    levers: dict[str, Array]  # (m or 1, 3) by link, its centre of mass [m]
+    limits: dict[tuple[str, int], Array]  # (m,) by bound ("lower" or "upper") and place in q
+    inertials: Array  # (k, m) numbers of the inertias of links; none if not asked for
 
 
 class _Words(NamedTuple):
-    """Numbers of an attribute.
+    """Numbers of an attribute."""
 
-    Attributes:
-        values: (k,) at the mechanism's own dimensions.
-        places: (k,) of each among the traced numbers, -1 if it does not depend on dimensions.
-    """
-
-    values: Array
+    values: Array  # (k,) at the mechanism's own dimensions
+    # (k,) of each among the traced numbers, -1 if it does not depend on dimensions
     places: NDArray[np.intp]
 
     def at(self, numbers: Array) -> Array:
@@ -257,9 +228,6 @@ class TracedTree:
     Attributes:
         dimensions: those that are traced, and the mechanism's own values of them.
         has_masses: whether masses follow from them too.
-
-    Raises:
-        _Untraced: something cannot be followed.
     """
 
     def __init__(self, mechanism: Mechanism, names: Iterable[str]) -> None:
@@ -316,8 +284,12 @@ class TracedTree:
             return
         model = self._mechanism.model
         i = model.getJointId(joint) if model.existJointName(joint) else 0
-        own = _axis_of(model.joints[i])
-        if own is None or np.abs(own - _unit(words.values)).max() > PLACE_ROUND_OFF:
+        name = model.joints[i].shortname().removeprefix("JointModel")
+        if model.joints[i].nv != 1 or name[0] not in "RP":  # it turns about none, and slides so
+            raise _Untraced
+        own = model.joints[i].extract()
+        axis = np.array(own.axis) if hasattr(own, "axis") else np.eye(3)["XYZ".index(name[-1])]
+        if np.abs(axis - _unit(words.values)).max() > PLACE_ROUND_OFF:
             raise _Untraced
         self._axes[i] = words
 
@@ -363,12 +335,19 @@ class TracedTree:
         n, heavy = len(self._places), self._inertial_places if with_masses else []
         numbers, holds = self._tape.at(np.asarray(given, np.float64), [*self._places, *heavy])
         numbers, inertials = numbers[:n], numbers[n:]
+        model, limits = self._mechanism.model, dict[tuple[str, int], Array]()
+        for name, ends in self._limits.items():
+            joint = model.joints[model.getJointId(name)] if model.existJointName(name) else None
+            for bound, word in zip(("lower", "upper"), ends, strict=True):
+                if word.vary and joint is not None and joint.nq == 1 and (
+                        getattr(model, f"{bound}PositionLimit")[joint.idx_q] == word.values[0]):
+                    limits[bound, joint.idx_q] = word.at(numbers)[:, 0]
         return TracedGeometry(
             holds, *self._placed(numbers),
             {i: _turning(_unit(words.values), _unit(words.at(numbers)))
              for i, words in self._axes.items()},
             {name: words.at(numbers) for name, words in self._levers.items() if words.vary},
-            dict(self._limits_at(numbers)), inertials)
+            limits, inertials)
 
     def text_at(self, dimensions: Mapping[str, float]) -> str | None:
         """Return what the file expands to at other dimensions.
@@ -404,11 +383,7 @@ class TracedTree:
         return dict(zip(names, changes.tolist(), strict=True))
 
     def _inertias_at(self, numbers: Array) -> dict[str, pin.Inertia]:
-        """Return inertias of links from their traced numbers (k,), as reading the file gives them.
-
-        Raises:
-            MechanismFileError: one cannot be.
-        """
+        """Return inertias of links from traced numbers (k,), as reading the file gives them."""
         robot = ET.Element("robot")
         for name, (inertial, words) in self._inertials.items():
             if any(x.vary for *_, x in words):
@@ -446,18 +421,11 @@ class TracedTree:
             other.__dict__["guess"] = partial(m.guess.at, dict(dimensions))
         return other
 
-    def _limits_at(self, numbers: Array) -> Iterator[tuple[tuple[str, int], Array]]:
-        model = self._mechanism.model
-        for name, words in self._limits.items():
-            joint = model.joints[model.getJointId(name)] if model.existJointName(name) else None
-            for bound, word in zip(("lower", "upper"), words, strict=True):
-                if word.vary and joint is not None and joint.nq == 1 and (
-                        getattr(model, f"{bound}PositionLimit")[joint.idx_q] == word.values[0]):
-                    yield (bound, joint.idx_q), word.at(numbers)[:, 0]
-
-    def _placed(self, numbers: Array) -> tuple[dict[int, Pose], dict[int, Pose]]:
+    def _placed(
+        self, numbers: Array
+    ) -> tuple[dict[int, PlacementBatch], dict[int, PlacementBatch]]:
         """Return placements of joints in their parents, and of frames in their joints."""
-        model, joints, frames = self._mechanism.model, {}, dict[int, Pose]()
+        model, joints, frames = self._mechanism.model, {}, dict[int, PlacementBatch]()
         was = [frame.placement for frame in model.frames]
         for i, frame in enumerate(model.frames):
             above, is_joint = frame.parentFrame, frame.type == pin.FrameType.JOINT
@@ -465,9 +433,9 @@ class TracedTree:
             if not any(w.vary for w in words) and (above not in frames or not i):
                 continue
             old = model.jointPlacements[frame.parentJoint] if is_joint else was[i]
-            own = (_origin(*(w.at(numbers) for w in words)) if words
-                   else Pose.of(was[above].actInv(old)))
-            found = frames.get(above, Pose.of(was[above])) @ own
+            own = (PlacementBatch.from_origin(*(w.at(numbers) for w in words)) if words
+                   else PlacementBatch.of(was[above].actInv(old)))
+            found = frames.get(above, PlacementBatch.of(was[above])) @ own
             if is_joint:
                 joints[frame.parentJoint] = found
             else:
@@ -478,16 +446,7 @@ class TracedTree:
 ORIGINS = (pin.FrameType.JOINT, pin.FrameType.FIXED_JOINT)
 
 
-def _axis_of(joint: pin.JointModel) -> Array | None:
-    """Return the axis (3,) of a joint that turns about one or slides along one."""
-    name = joint.shortname().removeprefix("JointModel")
-    if joint.nv != 1 or name[0] not in "RP":
-        return None
-    own = joint.extract()
-    return np.array(own.axis) if hasattr(own, "axis") else np.eye(3)["XYZ".index(name[-1])]
-
-
-def _turning(axis: Array, others: Array) -> Pose:
+def _turning(axis: Array, others: Array) -> PlacementBatch:
     """Return the least rotations that take a unit axis (3,) to others (m, 3)."""
     across = np.cross(axis, others)
     x, y, z = across.T
@@ -495,20 +454,11 @@ def _turning(axis: Array, others: Array) -> Pose:
     skew[:, 0, 1], skew[:, 0, 2], skew[:, 1, 2] = -z, y, -x
     skew -= skew.transpose(0, 2, 1)
     part = 1.0 / (1.0 + others @ axis)
-    return Pose(np.eye(3) + skew + part[:, None, None] * (skew @ skew), np.zeros((1, 3)))
+    return PlacementBatch(np.eye(3) + skew + part[:, None, None] * (skew @ skew), np.zeros((1, 3)))
 
 
 def _unit(vectors: Array) -> Array:
-    """Return vectors (..., 3) of length one."""
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
-
-
-def _origin(xyz: Array, rpy: Array) -> Pose:
-    """Return placements from places (m or 1, 3) and roll, pitch and yaw (m or 1, 3)."""
-    (a, b, c), (s, t, u) = np.cos(rpy.T), np.sin(rpy.T)  # yaw after pitch after roll
-    return Pose(np.array([[c * b, c * t * s - u * a, c * t * a + u * s],
-                          [u * b, u * t * s + c * a, u * t * a - c * s],
-                          [-t, b * s, b * a]]).transpose(2, 0, 1), xyz)
 
 
 def _texts(element: ET.Element) -> list[str]:

@@ -17,8 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from spatial_pin.inverse_kinematics.constrained import Constrained, Held
-from spatial_pin.inverse_kinematics.lagrangian import Lagrangian
+from spatial_pin.inverse_kinematics.constrained import Constrained, Held, Lagrangian
 from spatial_pin.inverse_kinematics.targets import Target
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -39,65 +38,16 @@ DOUBLE_ROOT = 0.15, 0.35
 NEARLY_THERE = 0.9995
 
 
-class Place(NamedTuple):
-    """Where a descent stands.
+class DescentPoint(NamedTuple):
+    """Where a descent stands."""
 
-    Attributes:
-        q: (nq,) configuration.
-        held: joint limits that it stands at.
-        size: length of the residuals that are wanted small.
-    """
-
-    q: Array
-    held: Held
-    size: float
+    q: Array  # (nq,) configuration
+    held: Held  # joint limits that it stands at
+    size: float  # length of the residuals that are wanted small
 
 
-class Slope(NamedTuple):
-    """How half the square of the residuals changes along the freedoms that there are.
-
-    Attributes:
-        motions: (k, nv) the freedoms.
-        gradient: (k,) along these.
-        sizes: (k,) curvatures along its principal directions, rising.
-        ways: (k, k) these, in columns.
-        least: the curvature that is clearly one, however little the others are.
-    """
-
-    motions: Array
-    gradient: Array
-    sizes: Array
-    ways: Array
-    least: float
-
-    def step(self, damping: float) -> Array:
-        """Return Newton's step (nv,), which goes down where the curvature is negative too."""
-        if not len(self.gradient):
-            return np.zeros(self.motions.shape[1])
-        size, along = np.abs(self.sizes), self.ways.T @ self.gradient
-        most = max(float(size.max()), self.least)
-        # What is flat, as an idle rotation is, comes last: differences leave some millionths of
-        # other ways in it, and so of their gradients, over a curvature that is nothing.
-        is_flat = size <= TOLERANCES.half_precision * most
-        along[is_flat & (np.abs(along) <= TOLERANCES.regular * np.abs(along).max())] = 0.0
-        parts = along / (np.maximum(size, TOLERANCES.nothing * most) + damping * most)
-        return -(self.ways @ parts) @ self.motions
-
-    def off_summit(self) -> Array | None:
-        """Return the way (nv,) that it bends down most along; None where it does not."""
-        size = np.abs(self.sizes).max(initial=self.least)
-        if not len(self.sizes) or self.sizes[0] >= -TOLERANCES.half_precision * size:
-            return None
-        way: Array = self.ways[:, 0] @ self.motions
-        return way if way[np.argmax(np.abs(way))] > 0.0 else -way
-
-
-class _Pace:
-    """How steps are made, judged by those before: with which damping, and whether by Newton.
-
-    Args:
-        off: part of a Gauss step's square by which what is kept may be off behind it.
-    """
+class StepPolicy:
+    """How steps are made, judged by those before: with which damping, and whether by Newton."""
 
     def __init__(self, off: float) -> None:
         self.damping, self._slow, self._off = 0.0, 0, off
@@ -150,8 +100,9 @@ class Descent:
         self, base: Constrained, kept: Sequence[Target], wanted: Sequence[Target]
     ) -> None:
         self.base, self.kept, self.wanted = base, kept, wanted
-        self._pace = _Pace(OFF_ON_THE_WAY)
-        self._known: tuple[Array, dict[bytes, Slope]] = np.empty(0), {}  # slopes at a configuration
+        self._pace = StepPolicy(OFF_ON_THE_WAY)
+        # Lagrangians at a configuration, by what may move
+        self._known: tuple[Array, dict[bytes, Lagrangian]] = np.empty(0), {}
 
     def run(self, q: Array, held: Held) -> tuple[Array, Held, bool]:
         """Go down from a configuration (nq,) and the limits it stands at.
@@ -161,28 +112,31 @@ class Descent:
             these ran out.
         """
         for off in (OFF_ON_THE_WAY, 0.0):
-            self._pace = _Pace(off)
-            place, is_on_its_way = self._down(Place(q, held, self._size(q)))
+            self._pace = StepPolicy(off)
+            place, is_on_its_way = self._down(DescentPoint(q, held, self._size(q)))
             whole = self.base.kept(place.q, self.base.stops.free(place.held), self.kept)
             if whole is not None:  # else it went where what is kept cannot be met
                 return whole, place.held, is_on_its_way
         return place.q, place.held, is_on_its_way
 
-    def _down(self, place: Place) -> tuple[Place, bool]:
+    def _down(self, place: DescentPoint) -> tuple[DescentPoint, bool]:
         """Return where the way down ends, as `run`; what is kept may be off by a little."""
         moved = 0.0
         for _ in range(STEPS_AT_MOST):
-            place = place._replace(held=_released(self, place))
+            # limits that a free step, of some of them released, would not leave
+            held = dict(place.held)
+            for v in place.held:
+                if self.push(place.q, held, v) < -TOLERANCES.nothing * place.size:
+                    del held[v]
+            place = place._replace(held=held)
             before, (step, now_held) = place.q, self._step(place)
             moved = math.sqrt(step.dot(step))
             there = self._landed(place.q, step, now_held)
             is_last = moved < (TOLERANCES.half_precision if self._pace.converges else NO_LONGER)
             if there is not None and self._is_as_good(there, place, moved):
                 is_last = is_last and there.held.keys() == place.held.keys()
-                if not self._pace.is_bent and _is_at_double_root(place, there):
-                    farther = self._landed(
-                        place.q, _to_vertex(self, place, there) * step, place.held)
-                    there = farther if farther and farther.size < 0.5 * there.size else there
+                if not self._pace.is_bent:
+                    there = self._to_vertex(place, step, there)
                 self._pace.judge(there.size / place.size if place.size else 0.0, moved)
                 place = there
                 if place.size <= self.base.tolerance:
@@ -196,11 +150,27 @@ class Descent:
                 place = onward
         return place, moved > 0.5 * TOLERANCES.damped_step
 
+    def _to_vertex(self, place: DescentPoint, step: Array, there: DescentPoint) -> DescentPoint:
+        """Return where a Gauss step leads that goes as far as residuals go as a parabola along it.
+
+        Towards a dead centre, a double root, every step is half as long as the one before. With r
+        at its start and c where it ends, (1 - t) r + t² c is zero farther on, at a t up to 2.
+        """
+        least, most = DOUBLE_ROOT
+        if place.held.keys() != there.held.keys() or not (
+                least * place.size < there.size < most * place.size):
+            return there
+        first, last = (self.base.residual(x.q, self.wanted)[0] for x in (place, there))
+        bent = float(first @ last) / place.size**2
+        longer = min(2.0 * NEARLY_THERE, 2.0 / (1.0 + max(1.0 - 4.0 * bent, 0.0) ** 0.5))
+        farther = self._landed(place.q, longer * step, place.held)
+        return farther if farther and farther.size < 0.5 * there.size else there
+
     def _size(self, q: Array) -> float:
         residual = self.base.residual(q, self.wanted)[0]
         return math.sqrt(residual.dot(residual))
 
-    def _is_as_good(self, there: Place, place: Place, moved: float) -> bool:
+    def _is_as_good(self, there: DescentPoint, place: DescentPoint, moved: float) -> bool:
         """Whether a step is to be made: not one that only stands still, or goes up."""
         if there.size < place.size:
             return True
@@ -210,7 +180,7 @@ class Descent:
             return there.size <= place.size * (1.0 + TOLERANCES.tight)
         return there.size <= self.base.tolerance
 
-    def _onward(self, place: Place, before: Array) -> Place | None:
+    def _onward(self, place: DescentPoint, before: Array) -> DescentPoint | None:
         """Return where to go on from a place that steps do not leave; None if it is the least.
 
         The last, short step came from the configuration `before`.
@@ -233,13 +203,18 @@ class Descent:
                 best = there
         return None if best is place else best
 
-    # ---------------------------------------------------------------- steps
 
-    def _step(self, place: Place) -> tuple[Array, Held]:
+
+    def _step(self, place: DescentPoint) -> tuple[Array, Held]:
         """Return a scaled step (nv,), and the limits that it stops at."""
         held = dict(place.held)
         while True:
-            step = self._free_step(place.q, held)
+            if self._pace.is_bent:
+                step = self._slope(place.q, held).newton_step(self._pace.damping)
+            else:
+                motions = self.base.motions(place.q, self.base.stops.free(held), self.kept)
+                residual, rows = self.base.residual(place.q, self.wanted)
+                step = damped(rows @ motions.T, -residual, self._pace.damping) @ motions
             length = math.sqrt(step.dot(step))
             if length > TOLERANCES.damped_step:
                 step *= TOLERANCES.damped_step / length
@@ -248,14 +223,7 @@ class Descent:
                 return step, held
             held[passed.v] = passed
 
-    def _free_step(self, q: Array, held: Held) -> Array:
-        if self._pace.is_bent:
-            return self._slope(q, held).step(self._pace.damping)
-        motions = self.base.motions(q, self.base.stops.free(held), self.kept)
-        residual, rows = self.base.residual(q, self.wanted)
-        return damped(rows @ motions.T, -residual, self._pace.damping) @ motions
-
-    def _landed(self, q: Array, step: Array, held: Held) -> Place | None:
+    def _landed(self, q: Array, step: Array, held: Held) -> DescentPoint | None:
         """Return where a step leads, what is kept met again, within limits; None if too far."""
         base = self.base
         while True:
@@ -265,14 +233,14 @@ class Descent:
                 return None
             beyond = base.stops.beyond(there, held, q)
             if not beyond:
-                return Place(there, held, self._size(there))
+                return DescentPoint(there, held, self._size(there))
             held = held | beyond
 
     def is_single(self, q: Array, held: Held) -> bool:
         """Whether the sum is clearly curved along all motions at a place where it is least."""
         slope = self._slope(q, held)
         parts = self.base.residual(q, self.wanted)[1] @ slope.motions.T
-        sizes = np.abs(slope.sizes)  # what the residuals' bending cancels is known to 1e-6 of it
+        sizes = np.abs(slope.curvature[0])  # what residuals' bending cancels is known to 1e-6 of it
         return bool(np.all(sizes > TOLERANCES.regular * np.linalg.norm(parts) ** 2))
 
     def push(self, q: Array, held: Held, v: int) -> float:
@@ -283,46 +251,16 @@ class Descent:
         step = -(residual @ rows @ motions.T) @ motions
         return float(held[v].side * step[v])
 
-    # ---------------------------------------------------------------- curvature
 
-    def _slope(self, q: Array, held: Held) -> Slope:
-        """Return gradient and curvature of half the square, along freedoms between limits held."""
+
+    def _slope(self, q: Array, held: Held) -> Lagrangian:
+        """Return what tells of half the square, along freedoms between limits held."""
         if self._known[0] is not q:
             self._known = q, {}
         known, free = self._known[1], self.base.stops.free(held)
-        found = known.get(free.tobytes())
-        if found is None:
-            half = Lagrangian(self.base, self.kept, self.wanted, q, free)
-            found = known[free.tobytes()] = Slope(
-                half.motions, half.gradient, *np.linalg.eigh(half.curvature()), half.least)
-        return found
-
-
-def _released(descent: Descent, place: Place) -> Held:
-    """Return limits that a free step, of some of them released, would not leave."""
-    held = dict(place.held)
-    for v in place.held:
-        if descent.push(place.q, held, v) < -TOLERANCES.nothing * place.size:
-            del held[v]
-    return held
-
-
-def _is_at_double_root(place: Place, there: Place) -> bool:
-    """Whether a step has left what it leaves towards a dead centre."""
-    least, most = DOUBLE_ROOT
-    return place.held.keys() == there.held.keys() and (
-        least * place.size < there.size < most * place.size)
-
-
-def _to_vertex(descent: Descent, place: Place, there: Place) -> float:
-    """Return by how much a Gauss step is too short where residuals go as a parabola along it.
-
-    Towards a dead centre every step is half as long as the one before. With r at its start and c
-    where it ends, (1 - t) r + t² c is zero farther on, at a t up to 2.
-    """
-    first, last = (descent.base.residual(x.q, descent.wanted)[0] for x in (place, there))
-    bent = float(first @ last) / place.size**2
-    return min(2.0 * NEARLY_THERE, 2.0 / (1.0 + max(1.0 - 4.0 * bent, 0.0) ** 0.5))
+        if free.tobytes() not in known:
+            known[free.tobytes()] = Lagrangian(self.base, self.kept, self.wanted, q, free)
+        return known[free.tobytes()]
 
 
 def damped(a: Array, b: Array, damping: float) -> Array:

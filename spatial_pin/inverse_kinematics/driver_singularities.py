@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from spatial_pin.assembly.holding import Hold, divided
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import Kernel, kernel_of
+from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.numerics.linalg import Array, singular_values
 from spatial_pin.numerics.roots import sign_change
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -28,17 +28,12 @@ Between = Callable[[int, float], Array]  # number of a sample and parameter to (
 
 
 class _Rest(NamedTuple):
-    """The square matrix of the equations without what is driven and held.
+    """The square matrix of the equations without what is driven and held."""
 
-    Attributes:
-        rows: independent equations of the loops, and those of resolved passive freedoms.
-        columns: velocities that are neither driven nor held.
-        passive: (k, n) rows for passive freedoms that are not resolved.
-    """
-
+    # independent equations of the loops, and those of resolved passive freedoms
     rows: NDArray[np.intp]
-    columns: NDArray[np.intp]
-    passive: Array
+    columns: NDArray[np.intp]  # velocities that are neither driven nor held
+    passive: Array  # (k, n) rows for passive freedoms that are not resolved
 
     def determinants(self, kernel: Kernel, q: Array) -> tuple[Array, Array]:
         """Return signs (N,) and logarithms (N,) of the determinants at q (N, nq)."""
@@ -78,8 +73,19 @@ def driver_singularities(
         for k, after in zip(seen[:-1].tolist(), seen[1:].tolist(), strict=True):
             if signs[k] == signs[after]:
                 continue
-            place = _located(chosen, kernel, k, (s[k], s[after]), float(logarithms[k]), between)
-            if _is_singular(chosen, kernel, between(k, place)):
+            span = s[k], s[after]
+
+            def determinant(place: float, k: int = k) -> float:
+                sign, logarithm = chosen.determinants(kernel, between(k, place)[None])
+                away = np.minimum(logarithm[0] - float(logarithms[k]), 50.0)
+                return float(sign[0] * np.exp(away))
+
+            place = sign_change(determinant, *span, *map(determinant, span))
+            # whether all equations lose rank there, not only those that were chosen
+            sizes = singular_values(
+                kernel.jacobians(between(k, place)[None])[0][:, chosen.columns])
+            least = sizes[len(chosen.columns) - len(chosen.passive) - 1]
+            if least < TOLERANCES.half_precision * sizes[0]:
                 found.append((place, int(np.searchsorted(s, place))))
     return found
 
@@ -91,7 +97,7 @@ def _rest(state: State, hold: Hold) -> _Rest | None:
         mechanism, driven_coordinates(mechanism, mechanism.drivers), hold)
     if not mechanism.drivers or any(c.q < 0 for c in driven):
         return None
-    with evaluation_of(mechanism, state.angles) as evaluation:
+    with loops_of(mechanism, state.angles) as evaluation:
         try:
             system = SquareSystem(evaluation, driven, state.q, still)
         except SingularError:
@@ -103,22 +109,3 @@ def _rest(state: State, hold: Hold) -> _Rest | None:
     if len(rows) + len(passive) != len(columns):
         return None
     return _Rest(rows.astype(np.intp), columns, passive)
-
-
-def _located(
-    chosen: _Rest, kernel: Kernel, k: int, span: tuple[float, float], size: float, between: Between,
-) -> float:
-    """Return the parameter at which the determinant vanishes."""
-    def determinant(place: float) -> float:
-        sign, logarithm = chosen.determinants(kernel, between(k, place)[None])
-        return float(sign[0] * np.exp(np.minimum(logarithm[0] - size, 50.0)))
-
-    return sign_change(determinant, *span, *map(determinant, span))
-
-
-def _is_singular(chosen: _Rest, kernel: Kernel, q: Array) -> bool:
-    """Whether all equations lose rank at q, not only those that were chosen."""
-    columns = kernel.jacobians(q[None])[0][:, chosen.columns]
-    s = singular_values(columns)
-    rank = len(chosen.columns) - len(chosen.passive)
-    return bool(s[rank - 1] < TOLERANCES.half_precision * s[0])

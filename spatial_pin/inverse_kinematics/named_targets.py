@@ -13,7 +13,6 @@ from spatial_pin._support.checks import finite_array, finite_number
 from spatial_pin._support.columns import XYZ
 from spatial_pin.assembly.link_angle import ANGLE, LinkAngle, link_angle
 from spatial_pin.assembly.state import center_of_mass
-from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.inverse_kinematics.targets import (
     CentreOfMass,
@@ -25,6 +24,7 @@ from spatial_pin.inverse_kinematics.targets import (
     pose,
     position,
 )
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import FRAME_UNITS
 from spatial_pin.motion.outputs import (
@@ -42,21 +42,14 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PointPart(Target):
-    """Some components of the position of a frame's origin, or of a point beside it.
+    """Some components of the position of a frame's origin, or of a point beside it."""
 
-    Attributes:
-        frame: Pinocchio's index of it.
-        offset: of the point in the frame's axes, shape (3,) [m].
-        axes: numbers of the world's axes.
-        values: that the components should have [m].
-    """
+    frame: int  # Pinocchio's index of it
+    offset: Array  # of the point in the frame's axes, shape (3,) [m]
+    axes: tuple[int, ...]  # numbers of the world's axes
+    values: Array  # that the components should have [m]
 
-    frame: int
-    offset: Array
-    axes: tuple[int, ...]
-    values: Array
-
-    def residual(self, evaluation: Evaluation) -> Residual:
+    def residual(self, evaluation: LoopEquations) -> Residual:
         """See `Target`."""
         mechanism = evaluation.mechanism
         size = mechanism.characteristic_length
@@ -81,17 +74,12 @@ class PointPart(Target):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class AngleValue(Target):
-    """The angle of a link about an axis; whole turns more or less are the same direction.
+    """The angle of a link about an axis; whole turns more or less are the same direction."""
 
-    Attributes:
-        angle: which it is.
-        value: that it should have [rad].
-    """
+    angle: LinkAngle  # which it is
+    value: float  # that it should have [rad]
 
-    angle: LinkAngle
-    value: float
-
-    def residual(self, evaluation: Evaluation) -> Residual:
+    def residual(self, evaluation: LoopEquations) -> Residual:
         """See `Target`: within half a turn."""
         rotation = evaluation.frame(self.angle.frame).rotation
         off = float(self.angle.directed(rotation[None])[0]) - self.value
@@ -121,10 +109,6 @@ def output_target(
             behind it or without, or `LINK.angle`, `LINK.angle.x`, `.y` or `.z`.
         given: (3,) [m], of one component or an angle a number [m or rad].
         weight: as of every target.
-
-    Raises:
-        SpatialPinError: a link has no mass, or turns about no axis of its own.
-        ValueError: it is no number, or not as many as there should be.
     """
     if is_coordinate(mechanism, name) or name in mechanism.frame_ids:
         return None
@@ -151,12 +135,7 @@ def output_target(
 
 
 def _check_name(mechanism: Mechanism, name: str, kind: str) -> None:
-    """Refuse the name of an output that tells of no place, or of something that does not exist.
-
-    Raises:
-        SpatialPinError: it is a rate, a force or the mass.
-        UnknownNameError: there is no such thing; only names with a dot are judged here.
-    """
+    """Refuse the name of an output that tells of no place, or of something that does not exist."""
     if kind in (*FRAME_UNITS, *COORDINATE_OUTPUTS) or is_force(name) or name == MASS:
         raise SpatialPinError(f"target {name!r}: a target says where something is, as a position, "
                               "an angle or a coordinate; rates are given by solve_rates or times")
@@ -186,55 +165,38 @@ def is_part(mechanism: Mechanism, name: str) -> bool:
 
 
 def read_targets(mechanism: Mechanism, targets: Mapping[str, Any]) -> list[Target]:
-    """Return targets given by name: a Target, a list of them, a point (3,), placement or number.
-
-    Raises:
-        UnknownNameError: there is no such frame, coordinate or output.
-        TypeError: a target is nothing of that.
-        ValueError: there is none, or a number is not finite, or two that are to be reached exactly
-            contradict each other.
-    """
+    """Return targets given by name: a Target, a list of them, a point (3,), placement or number."""
     if not targets:
         raise ValueError("targets is empty: say where something should be, as {'tip': [x, y, z]}")
-    found = []
+    found, wanted = [], dict[str, Any]()
     for name, given in targets.items():
-        for one in given if _is_list(given) else [given]:
+        is_list = isinstance(given, list | tuple) and any(isinstance(x, Target) for x in given)
+        for one in given if is_list else [given]:
             target = _named(mechanism, name, one)
             target.check(mechanism)
             found.append(target)
-    _check_agreement(mechanism, found)
-    return found
-
-
-def _named(mechanism: Mechanism, name: str, given: Any) -> Target:
-    """Return a target with its name, that of an output as what the output is of."""
-    if not isinstance(given, Target):
-        plain = output_target(mechanism, name, given) if _has_numbers(given) else None
-        return plain or replace(_plain(mechanism, name, given), name=name)
-    target = given if given.name else replace(given, name=name)
-    if isinstance(target, CoordinateValue | Position):
-        numbers = target.value if isinstance(target, CoordinateValue) else target.point
-        return output_target(mechanism, target.name, numbers, target.weight) or target
-    return target
-
-
-def _has_numbers(given: Any) -> bool:
-    return not isinstance(given, pin.SE3 | str | bytes) and np.shape(given) in ((), (3,))
-
-
-def _check_agreement(mechanism: Mechanism, targets: Iterable[Target]) -> None:
-    wanted = dict[str, Any]()
-    for target in targets:
+    for target in found:
         for words, value in target.wishes(mechanism) if target.weight is None else ():
             before = wanted.setdefault(words, value)
             if np.abs(np.subtract(value, before)).max() > TOLERANCES.closed * (
                     1.0 + np.abs(before).max()):
                 raise ValueError(f"targets contradict each other: {words} is wanted at {before} "
                                  f"and at {value}; leave one out, or give one a weight")
+    return found
 
 
-def _is_list(given: Any) -> bool:
-    return isinstance(given, list | tuple) and any(isinstance(x, Target) for x in given)
+def _named(mechanism: Mechanism, name: str, given: Any) -> Target:
+    """Return a target with its name, that of an output as what the output is of."""
+    if not isinstance(given, Target):
+        plain = None
+        if not isinstance(given, pin.SE3 | str | bytes) and np.shape(given) in ((), (3,)):
+            plain = output_target(mechanism, name, given)
+        return plain or replace(_plain(mechanism, name, given), name=name)
+    target = given if given.name else replace(given, name=name)
+    if isinstance(target, CoordinateValue | Position):
+        numbers = target.value if isinstance(target, CoordinateValue) else target.point
+        return output_target(mechanism, target.name, numbers, target.weight) or target
+    return target
 
 
 def _plain(mechanism: Mechanism, name: str, given: Any) -> Target:

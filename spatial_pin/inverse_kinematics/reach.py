@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -15,11 +15,11 @@ from spatial_pin.assembly.held_start import starting_state
 from spatial_pin.assembly.holding import BASE, Hold, held_by
 from spatial_pin.assembly.search.whole_turns import periodic
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.errors import ReachError
 from spatial_pin.inverse_kinematics.named_targets import read_targets
-from spatial_pin.inverse_kinematics.solving import Reached, Solver
+from spatial_pin.inverse_kinematics.solving import ReachResult, Solver
 from spatial_pin.inverse_kinematics.targets import CoordinateValue
+from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.mechanism.coordinates import coordinate_value, needed
 from spatial_pin.mechanism.joint_limits import JointLimit, joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -96,7 +96,7 @@ def reach(
     asked += [CoordinateValue(c.name, value=coordinate_value(mechanism, c, start.q))
               for c in held.coordinates]
     kept = joint_limits(mechanism) if limits else []
-    with evaluation_of(mechanism, start.angles) as evaluation:
+    with loops_of(mechanism, start.angles) as evaluation:
         solver = Solver(evaluation, asked, kept, held.entries, exact_for(mechanism))
         best = _best(start, solver, starts)
         if not best.is_best(solver.tolerance) and not best.is_on_its_way:
@@ -116,7 +116,7 @@ def exact_for(mechanism: Mechanism) -> float:
     return EXACT + 2.0 * mechanism.extent.resolution
 
 
-def _best(start: State, solver: Solver, starts: int) -> Reached:
+def _best(start: State, solver: Solver, starts: int) -> ReachResult:
     """Return the nearest place that solving leads to, from a state or others about it."""
     best = None
     for q in _starts(start, solver, starts):
@@ -144,14 +144,14 @@ def _starts(state: State, solver: Solver, count: int) -> Iterable[Array]:
         yield pin.integrate(state.mechanism.model, state.q, way)
 
 
-def _from_afar(start: State, solver: Solver, starts: int, best: Reached) -> Reached:
+def _from_afar(start: State, solver: Solver, starts: int, best: ReachResult) -> ReachResult:
     """Return the nearest place that solving from afar leads to, or a nearer one that is known.
 
     Of places where targets are met it is that of the least weighted residuals, then motion. Where
     only targets with a weight are not met yet, the starts nearest to them come first, until
     `starts` in a row have led to nothing better: most of such targets cannot be met at all.
     """
-    def cost(found: Reached) -> tuple[float, float]:
+    def cost(found: ReachResult) -> tuple[float, float]:
         way = pin.difference(start.mechanism.model, start.q, found.q) / solver.scale
         return round(found.missed / TOLERANCES.nothing), float(np.linalg.norm(way))
 
@@ -171,22 +171,18 @@ def _from_afar(start: State, solver: Solver, starts: int, best: Reached) -> Reac
     return best
 
 
-def _solved(start: State, solver: Solver, q: Array) -> Iterable[Reached]:
+def _solved(start: State, solver: Solver, q: Array) -> Iterable[ReachResult]:
     """Yield where solving from a far start leads to, and this without whole turns."""
     found = solver.solve(q, start.q)
-    back = _turned_back(start, found.q) if found.is_met(solver.tolerance) else found.q
-    for there in (found, solver.solve(back, start.q)) if back is not found.q else (found,):
+    back, ends = found.q.copy(), [found]
+    for angle in periodic(start.mechanism) if found.is_met(solver.tolerance) else ():
+        back[angle.q] -= whole_turns(back[angle.q] - start.q[angle.q])
+    if not np.array_equal(back, found.q):
+        ends.append(solver.solve(back, start.q))
+    for there in ends:
         if solver.is_closed(there.q) and not (
                 there.is_met(solver.tolerance) and there.is_on_its_way):
             yield there
-
-
-def _turned_back(start: State, q: Array) -> Array:
-    """Return q without whole turns of angles that mean the same; q itself if there are none."""
-    back = q.copy()
-    for angle in periodic(start.mechanism):
-        back[angle.q] -= whole_turns(q[angle.q] - start.q[angle.q])
-    return q if np.array_equal(back, q) else back
 
 
 def _far_starts(state: State, solver: Solver, starts: int) -> Iterable[Array]:
@@ -220,14 +216,7 @@ def _stride(solver: Solver, q: Array, way: Array) -> Array:
     return np.zeros_like(way)  # in a corner
 
 
-class Stop(NamedTuple):
-    """What stops it: one of the reasons of `ReachError`, and a sentence."""
-
-    reason: str
-    words: str
-
-
-def _short(start: State, solver: Solver, found: Reached, state: State) -> ReachError:
+def _short(start: State, solver: Solver, found: ReachResult, state: State) -> ReachError:
     """Return the error that tells how near it comes, and what stops it there."""
     mechanism, residuals = state.mechanism, dict[str, Array]()
     gaps = dict[str, tuple[float, float]]()
@@ -240,42 +229,31 @@ def _short(start: State, solver: Solver, found: Reached, state: State) -> ReachE
         gaps[target.name] = math.hypot(length, *off[:n]), math.hypot(angle, *off[n:])
     lengths = {name: float(np.linalg.norm(x)) for name, x in residuals.items()}
     worst = max(lengths, key=lengths.__getitem__)
-    stops = tuple(_stops(start, solver, found))
+    length, angle = gaps[worst]
+    far = length * mechanism.characteristic_length
+    gap = [f"{far:.4g} m" if far >= 1.0 else f"{1e3 * far:.4g} mm"] * (length > EXACT)
+    gap += [f"{angle:.4g} rad ({math.degrees(angle):.4g}°)"] * (angle > EXACT or not gap)
+    reasons, stops = zip(*_stops(start, solver, found), strict=True)
     return ReachError(
         f"mechanism {mechanism.name!r}: the targets cannot be reached from there: {worst!r} stays "
-        f"off by {_gap(mechanism, *gaps[worst])}; {'; '.join(stop.words for stop in stops)}",
-        state=state, distances=lengths, residuals=residuals,
-        stops=tuple(stop.words for stop in stops), reasons=tuple(stop.reason for stop in stops),
+        f"off by {' and '.join(gap)}; {'; '.join(stops)}",
+        state=state, distances=lengths, residuals=residuals, stops=stops, reasons=reasons,
         limits=tuple(limit.name for limit in found.limits))
 
 
-def _gap(mechanism: Mechanism, length: float, angle: float) -> str:
-    """Return how far off a target is, in millimetres or metres, and degrees.
-
-    Args:
-        mechanism: the mechanism.
-        length: relative to its characteristic length.
-        angle: [rad].
-    """
-    far = length * mechanism.characteristic_length
-    words = [f"{far:.4g} m" if far >= 1.0 else f"{1e3 * far:.4g} mm"] * (length > EXACT)
-    words += [f"{angle:.4g} rad ({math.degrees(angle):.4g}°)"] * (angle > EXACT or not words)
-    return " and ".join(words)
-
-
-def _stops(start: State, solver: Solver, found: Reached) -> Iterable[Stop]:
-    """Yield what stops a mechanism short of its targets."""
-    on_its_way = Stop("steps", "it was still coming nearer when the steps ran out: go on from the "
+def _stops(start: State, solver: Solver, found: ReachResult) -> Iterable[tuple[str, str]]:
+    """Yield what stops a mechanism short of its targets: reasons of `ReachError`, and sentences."""
+    on_its_way = ("steps", "it was still coming nearer when the steps ran out: go on from the "
                       "state of this error, or start nearer")
     if found.is_met(solver.tolerance):  # and what has a weight is far away
         yield on_its_way
         return
     if found.beyond:
-        yield Stop("joint limit", f"it started beyond the {_words(found.beyond)}, and does not "
+        yield ("joint limit", f"it started beyond the {_words(found.beyond)}, and does not "
                    "come within from there: start from another state, or with limits=False")
         return
     if found.limits:
-        yield Stop("joint limit", "it is stopped by the " + _words(found.limits))
+        yield ("joint limit", "it is stopped by the " + _words(found.limits))
         return
     asked = len(found.exact)
     slopes = [solver.slopes(q) for q in (
@@ -284,20 +262,20 @@ def _stops(start: State, solver: Solver, found: Reached) -> Iterable[Stop]:
     rank, *others = (int(np.count_nonzero(s > max(least, TOLERANCES.zero))) for s in slopes)
     freedom = max(rank, *others)  # where it is not stretched out
     if not freedom:
-        yield Stop("nothing moves", "nothing that is free to move moves them: let go of what is "
+        yield ("nothing moves", "nothing that is free to move moves them: let go of what is "
                    "held, or ask for another")
     elif rank < freedom:
         reason = "dead centre" if freedom == 1 else "singular direction"
         place = "dead centre" if freedom == 1 else "singular configuration"
-        yield Stop(reason, f"it is stretched out or folded: at this {place} no motion takes it "
+        yield (reason, f"it is stretched out or folded: at this {place} no motion takes it "
                    "further towards them")
     elif found.is_on_its_way:
         yield on_its_way
     elif freedom < asked:
-        yield Stop("too few freedoms", f"it has {counted(freedom, 'freedom')} there for "
+        yield ("too few freedoms", f"it has {counted(freedom, 'freedom')} there for "
                    f"{asked} numbers asked for: ask for fewer, or give some a weight")
     else:
-        yield Stop("nearest found", "this is the nearest that was found: start from another state")
+        yield ("nearest found", "this is the nearest that was found: start from another state")
 
 
 def _words(limits: Iterable[JointLimit]) -> str:

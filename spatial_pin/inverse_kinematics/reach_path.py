@@ -2,41 +2,130 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from spatial_pin._support.brief import counted
 from spatial_pin._support.checks import checked, names_of
+from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.held_start import starting_state
 from spatial_pin.assembly.holding import BASE, Hold, free_bases, held_by, is_base
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import evaluation_of
-from spatial_pin.errors import ReachError, SingularError
+from spatial_pin.errors import Interrupted, ReachError, SingularError, SpatialPinError
 from spatial_pin.inverse_kinematics.driver_singularities import driver_singularities
-from spatial_pin.inverse_kinematics.least_motion import by_drivers
 from spatial_pin.inverse_kinematics.named_targets import read_targets
 from spatial_pin.inverse_kinematics.reach import exact_for, reach
 from spatial_pin.inverse_kinematics.solving import Solver
 from spatial_pin.inverse_kinematics.target_coordinates import (
     Chain,
-    Copy,
     chain_of,
     copy_at,
     stretches_of,
 )
-from spatial_pin.inverse_kinematics.target_tables import Table, law_of, tables_of, targets_at
+from spatial_pin.inverse_kinematics.target_tables import TargetTable, law_of, tables_of, targets_at
+from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.kernel.paths import Samples
 from spatial_pin.mechanism.coordinates import needed
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.motion.follow import Followed, along, finished, sample_times
+from spatial_pin.motion.follow import Followed, along, finished, follow, sample_times
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array, rank
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.rates import check_not_held
 from spatial_pin.settings import Accuracy, accuracy_of
+
+UNEVEN = 3.0  # by how much a step may be longer than most are, where they are gone anew
+
+
+class LeastMotionPath:
+    """Configurations that meet targets, sample by sample, from the first on.
+
+    Attributes:
+        states: those there are.
+    """
+
+    def __init__(self, first: State, tables: list[TargetTable], hold: Hold) -> None:
+        self.states, self._tables, self._hold = [first], tables, hold
+        self._mechanism = first.mechanism
+
+    def go_on(self) -> None:
+        """Add a state, with least motion; where that leads no further, look back.
+
+        The states before it are then gone anew, evenly, from as far back as it takes.
+        """
+        k, model = len(self.states), self._mechanism.model
+        try:
+            self.states.append(self._reached(k, self.states[-1], 0))
+            return
+        except ReachError:
+            goal = self._reached(k, self.states[-1], 10)
+        best, last, back = [*self.states, goal], k - 1, 0
+        steps = self._steps(best)
+        while steps.max() > UNEVEN * np.median(steps) and back < last:
+            back = min(max(1, 2 * back), last)
+            since = last - back
+            here, tried = self.states[since], self.states[: since + 1]
+            try:
+                for i in range(since + 1, k):
+                    q = pin.interpolate(model, here.q, goal.q, (i - since) / (k - since))
+                    near = State(self._mechanism, q, angles=here.angles)
+                    tried.append(self._reached(i, near, 0))
+            except ReachError:
+                continue
+            tried.append(goal)
+            if self._steps(tried).max() < steps.max():
+                best, steps = tried, self._steps(tried)
+        self.states = best
+
+    def _reached(self, k: int, near: State, starts: int) -> State:
+        """Return the state that meets the targets of a sample with least motion from another."""
+        return reach(self._mechanism, targets_at(self._tables, k), near, hold=self._hold,
+                     starts=starts)
+
+    def _steps(self, states: list[State]) -> Array:
+        """Return how far each state is from the one before [rad, characteristic lengths]."""
+        model, scale = self._mechanism.model, self._mechanism.velocity_scale
+        return np.array([np.linalg.norm(pin.difference(model, one.q, other.q) / scale)
+                         for one, other in pairwise(states)])
+
+
+def by_drivers(
+    first: State, tables: list[TargetTable], times: Array | None, hold: Hold, accuracy: Accuracy,
+    progress: bool,
+) -> Motion:
+    """Return the motion of least motion from sample to sample, the drivers on splines."""
+    mechanism, path = first.mechanism, LeastMotionPath(first, tables, hold)
+    if not mechanism.drivers:
+        raise SpatialPinError(
+            f"mechanism {mechanism.name!r}: the targets do not determine the motion, and it has no "
+            "drivers that would; give the targets of as many coordinates as are free")
+
+    held = held_by(mechanism, hold).entries
+
+    def motion() -> Motion:
+        n = len(path.states)
+        values = {d: np.array([x.coordinate(d).value for x in path.states])
+                  for d in mechanism.drivers if mechanism.coordinate(d).v not in held}
+        return follow(mechanism, values, np.arange(n, dtype=float) if times is None else times[:n],
+                      guess=first, hold=hold, accuracy=accuracy, progress=progress)
+
+    with progress_bar(len(tables[0]), f"{mechanism.name}: reach", progress) as bar:
+        for k in range(1, len(tables[0])):
+            try:
+                path.go_on()
+            except ReachError as error:
+                error.motion = motion()
+                error.args = (f"sample {k}: {error}",)
+                raise
+            except KeyboardInterrupt as stopped:
+                raise Interrupted(motion()) from stopped
+            bar.update(1)
+    return motion()
 
 
 @checked
@@ -120,8 +209,13 @@ def reach_path(
                                if t.is_coordinate], held)
     wanted = targets_at(tables, 0)
     start = starting_state(mechanism, guess, state)
-    first = reach(mechanism, wanted, start, hold=hold, limits=(
-        guess is None and state is None) or not _is_met(start, wanted))
+    met = TOLERANCES.closed + 2.0 * start.mechanism.extent.resolution
+    with loops_of(start.mechanism, start.angles) as evaluation:
+        evaluation.update(start.q)
+        is_met = all(np.linalg.norm(target.residual(evaluation)[0]) <= met
+                     for target in read_targets(start.mechanism, wanted))
+    first = reach(mechanism, wanted, start, hold=hold,
+                  limits=(guess is None and state is None) or not is_met)
     freedom, chains = _chains(first, tables, s, hold)
     asked = sum(chain.n for chain in chains)
     if asked > freedom:
@@ -139,21 +233,13 @@ def reach_path(
     return finished(first.mechanism, followed, moved, held, [t.name for t in tables], "targets")
 
 
-def _is_met(state: State, targets: Mapping[str, Any]) -> bool:
-    """Whether targets are met at a state, joint limits kept or not."""
-    mechanism = state.mechanism
-    met = TOLERANCES.closed + 2.0 * mechanism.extent.resolution
-    with evaluation_of(mechanism, state.angles) as evaluation:
-        evaluation.update(state.q)
-        return all(np.linalg.norm(target.residual(evaluation)[0]) <= met
-                   for target in read_targets(mechanism, targets))
-
-
-def _chains(state: State, tables: list[Table], s: Array, hold: Hold) -> tuple[int, list[Chain]]:
+def _chains(
+    state: State, tables: list[TargetTable], s: Array, hold: Hold
+) -> tuple[int, list[Chain]]:
     """Return how many freedoms there are at a state, and the chains of the targets."""
     mechanism = state.mechanism
     size = mechanism.characteristic_length
-    with evaluation_of(mechanism, state.angles) as evaluation:
+    with loops_of(mechanism, state.angles) as evaluation:
         asked = read_targets(mechanism, targets_at(tables, 0))
         held = held_by(mechanism, hold)
         solver = Solver(evaluation, asked, [], held.entries, exact_for(mechanism))
@@ -175,7 +261,7 @@ def _chains(state: State, tables: list[Table], s: Array, hold: Hold) -> tuple[in
     return len(motions) - len(held.coordinates), chains
 
 
-def _too_much(state: State, tables: list[Table], asked: int, freedom: int) -> ReachError:
+def _too_much(state: State, tables: list[TargetTable], asked: int, freedom: int) -> ReachError:
     names = ", ".join(repr(t.name) for t in tables)
     return ReachError(
         f"mechanism {state.mechanism.name!r}: {names}: {asked} numbers are asked for along the "
@@ -196,19 +282,24 @@ def _followed(
     lost = list[tuple[float, int]]()
     title = f"{mechanism.name}: {', '.join(chain.table.name for chain in chains)}"
     for stretch in stretches_of(chains, len(s)):
-        copy = copy_at(here, chains, stretch)
-        standing = _not_implied(copy, _standing(mechanism, hold))
+        copy, names = copy_at(here, chains, stretch)
+        standing = _standing(copy, names, mechanism, hold)
         own = s[stretch.first : stretch.last + 1]
         law = law_of(own, stretch.course)
-        found = along(copy.state, copy.names, standing, law, own, accuracy, title, progress)
+        found = along(copy, names, standing, law, own, accuracy, title, progress)
         done = stretch.first + found.done
         into = samples.between(stretch.first, done)
         for part, new in zip(into, found.samples.between(0, found.done), strict=True):
             part[...] = new[:, : part.shape[1]] if part.ndim == 2 else new
-        between = partial(_between, copy, model.nq, standing, law, own, found.samples)
+        n = len(into.q)
+        some = dict.fromkeys((0, n - 1, n // 2) if n else ())
+        states = (State(mechanism, into.q[k], closure_error=into.error[k], angles=into.angles[k])
+                  for k in some)
+        between = partial(
+            _between, copy.mechanism, names, model.nq, standing, law, own, found.samples)
         try:
             lost += [(at, row + stretch.first) for at, row in driver_singularities(
-                _states(mechanism, into), into.q, own[: found.done], hold, between)]
+                states, into.q, own[: found.done], hold, between)]
         except KeyboardInterrupt:
             return Followed(samples, done, None, undriven=lost, is_cut=True)
         if found.stop is not None or found.is_cut:
@@ -217,55 +308,40 @@ def _followed(
     return Followed(samples, done, None, undriven=lost)
 
 
-def _states(mechanism: Mechanism, samples: Samples) -> Iterator[State]:
-    """Yield the first, the last and the middle sample."""
-    n = len(samples.q)
-    for k in sorted({0, n - 1, n // 2}, key=(0, n - 1, n // 2).index) if n else ():
-        yield State(mechanism, samples.q[k], closure_error=samples.error[k],
-                    angles=samples.angles[k])
-
-
 def _between(
-    copy: Copy, nq: int, standing: list[str], law: Any, s: Array, samples: Samples, k: int,
-    at: float,
+    copy: Mechanism, names: list[str], nq: int, standing: list[str], law: Any, s: Array,
+    samples: Samples, k: int, at: float,
 ) -> Array:
     """Return the configuration (nq,) at a parameter behind sample k of a stretch.
 
     That of the sample where the finest accuracy does not lead on from it.
     """
-    start = State(copy.state.mechanism, samples.q[k], closure_error=samples.error[k],
-                  angles=samples.angles[k])
+    start = State(copy, samples.q[k], closure_error=samples.error[k], angles=samples.angles[k])
     if at <= s[k]:
         return start.q[:nq]
-    found = along(start, copy.names, standing, law, np.array([s[k], at]),
+    found = along(start, names, standing, law, np.array([s[k], at]),
                   Accuracy.named("reference"), "", False)
     return np.array(found.samples.q[found.done - 1, :nq])
 
 
-def _standing(mechanism: Mechanism, hold: Hold) -> list[str]:
-    """Return names of what stands still as a copy without drivers has them."""
-    found: list[str] = []
+def _standing(copy: State, names: list[str], mechanism: Mechanism, hold: Hold) -> list[str]:
+    """Return names of what stands still as a copy without drivers has them.
+
+    What targets that stay in a plane hold anyway is left out.
+    """
+    standing, found = list[str](), list[str]()
     for name in () if hold is None else names_of(hold, "hold"):
         if is_base(mechanism, name):
-            found += free_bases(mechanism)
-        elif name in mechanism.drivers:
-            found.append(mechanism.coordinate(name).name)
+            standing += free_bases(mechanism)
         else:
-            found.append(name)
-    return found
-
-
-def _not_implied(copy: Copy, standing: list[str]) -> list[str]:
-    """Return what is to stand still but for what targets that stay in a plane hold anyway."""
-    state, found = copy.state, list[str]()
-    mechanism = state.mechanism
-    units = np.eye(mechanism.model.nv)
-    with evaluation_of(mechanism, state.angles) as evaluation:
-        evaluation.update(state.q)
+            standing.append(mechanism.coordinate(name).name if name in mechanism.drivers else name)
+    units = np.eye(copy.mechanism.model.nv)
+    with loops_of(copy.mechanism, copy.angles) as evaluation:
+        evaluation.update(copy.q)
         rows = np.vstack([evaluation.jacobian,
-                          units[[mechanism.coordinate(x).v for x in copy.names]]])
+                          units[[copy.mechanism.coordinate(x).v for x in names]]])
     for name in standing:
-        held = held_by(mechanism, [name])
+        held = held_by(copy.mechanism, [name])
         more = np.vstack([rows, units[list(held.entries)]])
         if held.coordinates or rank(more, TOLERANCES.half_precision) > rank(
                 rows, TOLERANCES.half_precision):

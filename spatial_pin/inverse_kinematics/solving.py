@@ -14,41 +14,31 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.constraints.closure_equations import Evaluation
-from spatial_pin.inverse_kinematics.constrained import Constrained, Held
+from spatial_pin.inverse_kinematics.constrained import Constrained, Held, Lagrangian, Stationary
 from spatial_pin.inverse_kinematics.descending import Descent
-from spatial_pin.inverse_kinematics.stationary import LeastSquares, Stationary
 from spatial_pin.inverse_kinematics.targets import CoordinateValue, Residual, Target
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.joint_limits import JointLimit
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 
-class Reached(NamedTuple):
-    """Where solving has led.
+class ReachResult(NamedTuple):
+    """Where solving has led."""
 
-    Attributes:
-        q: (nq,) configuration, its loops closed.
-        exact: (k,) residuals of what was to be exact.
-        limits: joint limits that hold it back.
-        missed: length of the weighted residuals of what has a weight.
-        beyond: joint limits that it is beyond, since it started there.
-        is_on_its_way: whether it went on by long steps until these ran out.
-    """
-
-    q: Array
-    exact: Array
-    limits: tuple[JointLimit, ...]
-    missed: float = 0.0
-    beyond: tuple[JointLimit, ...] = ()
-    is_on_its_way: bool = False
+    q: Array  # (nq,) configuration, its loops closed
+    exact: Array  # (k,) residuals of what was to be exact
+    limits: tuple[JointLimit, ...]  # joint limits that hold it back
+    missed: float = 0.0  # length of the weighted residuals of what has a weight
+    beyond: tuple[JointLimit, ...] = ()  # joint limits that it is beyond, since it started there
+    is_on_its_way: bool = False  # whether it went on by long steps until these ran out
 
     @property
     def distance(self) -> float:
         """The length of `exact`."""
         return float(np.linalg.norm(self.exact))
 
-    def is_nearer(self, other: Reached, tolerance: float) -> bool:
+    def is_nearer(self, other: ReachResult, tolerance: float) -> bool:
         """Whether this is within limits where the other is not, or clearly nearer.
 
         Where what is to be exact is met in both, it is nearer to what has a weight.
@@ -57,7 +47,7 @@ class Reached(NamedTuple):
             return bool(other.beyond) and (not self.beyond or self._is_less(other, tolerance))
         return self._is_less(other, tolerance)
 
-    def _is_less(self, other: Reached, tolerance: float) -> bool:
+    def _is_less(self, other: ReachResult, tolerance: float) -> bool:
         own, others = self.distance, other.distance
         if max(own, others) <= tolerance:
             own, others = self.missed, max(other.missed, tolerance)
@@ -79,7 +69,7 @@ class AsNow(Target):
     target: Target
     value: Array
 
-    def residual(self, evaluation: Evaluation) -> Residual:
+    def residual(self, evaluation: LoopEquations) -> Residual:
         """See `Target`."""
         found, slope = self.target.residual(evaluation)
         return found - self.value, slope
@@ -91,7 +81,7 @@ class Unmoved(Target):
 
     start: Array
 
-    def residual(self, evaluation: Evaluation) -> Residual:
+    def residual(self, evaluation: LoopEquations) -> Residual:
         """See `Target`: in radians and characteristic lengths."""
         model, scale = evaluation.model, evaluation.mechanism.velocity_scale
         slope = pin.dDifference(model, self.start, evaluation.q, pin.ARG1)
@@ -104,17 +94,10 @@ class Solver(Constrained):
     Attributes:
         exact, weighted: targets to be reached, and those to be met as well as can be, their weights
             relative to the largest.
-
-    Args:
-        evaluation: its closure equations.
-        targets: what is asked for.
-        limits: joint limits to keep.
-        still: places in the velocity vector that stand still.
-        tolerance: length of the residuals at which targets are reached.
     """
 
     def __init__(
-        self, evaluation: Evaluation, targets: Sequence[Target], limits: Sequence[JointLimit],
+        self, evaluation: LoopEquations, targets: Sequence[Target], limits: Sequence[JointLimit],
         still: Sequence[int], tolerance: float,
     ) -> None:
         super().__init__(evaluation, limits, still, tolerance)
@@ -124,7 +107,7 @@ class Solver(Constrained):
         self.weighted = [replace(targets[k], weight=weight / most)
                          for k, weight in weights.items()]
 
-    def solve(self, q: Array, start: Array) -> Reached:
+    def solve(self, q: Array, start: Array) -> ReachResult:
         """Return where the targets are met, from q (nq,) on, with least motion from `start`."""
         q, held = self.within(q)
         is_on_its_way = False
@@ -141,7 +124,7 @@ class Solver(Constrained):
             q = self._least_motion(q, start, held, descent)
         return self.reached(q, held)._replace(is_on_its_way=is_on_its_way)
 
-    def settled(self, found: Reached, start: Array) -> Reached:
+    def settled(self, found: ReachResult, start: Array) -> ReachResult:
         """Return the place nearest to the start of those that are as near to the targets."""
         if found.beyond or found.is_on_its_way or not self.is_closed(found.q):
             return found
@@ -157,19 +140,32 @@ class Solver(Constrained):
         return decompose(rows).s
 
     def _least_motion(self, q: Array, start: Array, held: Held, descent: Descent) -> Array:
-        """Return the configuration nearest to the start, as good as where a descent ended."""
+        """Return the configuration nearest to the start, as good as where a descent ended.
+
+        Where residuals cannot be met their sum of squares is kept, unless that leaves the same
+        motions as to keep the residuals themselves.
+        """
         kept, wanted = descent.kept, descent.wanted
         missed = self._missed(q, wanted)
         if missed > self.tolerance:
             if not held and descent.is_single(q, held):
                 return q
-            level = self._same_sum(q, held, descent)
-            if level is not None:
+            pushed = [limit for v, limit in held.items()
+                      if descent.push(q, held, v) > TOLERANCES.nothing * missed]
+            free = self.stops.free({limit.v: limit for limit in pushed})
+            least = Lagrangian(self, kept, wanted, q, free)
+            sizes, ways = least.curved()
+            unchanged = self.motions(q, free, [*kept, *self._as_now(q, wanted)])
+            n = len(self.motions(q, free, kept))
+            if len(unchanged) != n - len(sizes) or not (
+                    np.abs(ways @ unchanged.T).max(initial=0.0) < TOLERANCES.half_precision):
+                stops = [CoordinateValue(name=limit.name, value=limit.value) for limit in pushed]
+                curved = [Stationary(name="", sum=least, sizes=sizes, ways=ways)]
+                level = [*kept, *stops, *(curved if len(sizes) else [])]
                 found = self._nearest(q, start, held, level)
                 if self._missed(found, wanted) <= missed * (1.0 + TOLERANCES.nothing):
                     return found  # else it is level to second order only
-        unchanged = [*kept, *self._as_now(q, wanted)] if wanted else kept
-        return self._nearest(q, start, held, unchanged)
+        return self._nearest(q, start, held, [*kept, *self._as_now(q, wanted)] if wanted else kept)
 
     def _nearest(self, q: Array, start: Array, held: Held, kept: Sequence[Target]) -> Array:
         """Return the configuration nearest to the start, from q on, that keeps targets met."""
@@ -178,28 +174,7 @@ class Solver(Constrained):
         found, _, _ = Descent(self, kept, [Unmoved(start=start)]).run(q, held)
         return found
 
-    def _same_sum(self, q: Array, held: Held, descent: Descent) -> list[Target] | None:
-        """Return what keeps the residuals' sum of squares, where a descent has ended.
-
-        None where that leaves the same motions as to keep the residuals themselves.
-        """
-        kept, wanted = descent.kept, descent.wanted
-        least_push = TOLERANCES.nothing * self._missed(q, wanted)
-        pushed = [limit for v, limit in held.items() if descent.push(q, held, v) > least_push]
-        free = self.stops.free({limit.v: limit for limit in pushed})
-        least = LeastSquares(self, kept, wanted, free)
-        sizes, ways = least.curved(q)
-        unchanged = self.motions(q, free, [*kept, *self._as_now(q, wanted)])
-        n = len(self.motions(q, free, kept))
-        if len(unchanged) == n - len(sizes) and (
-                np.abs(ways @ unchanged.T).max(initial=0.0) < TOLERANCES.half_precision):
-            return None
-        stops = [CoordinateValue(name=limit.name, value=limit.value) for limit in pushed]
-        curved = [Stationary(name="", sum=least, sizes=sizes, ways=ways)] if len(sizes) else []
-        return [*kept, *stops, *curved]
-
     def _missed(self, q: Array, wanted: Sequence[Target]) -> float:
-        """Return the length of residuals."""
         return float(np.linalg.norm(self.residual(q, wanted)[0]))
 
     def _as_now(self, q: Array, wanted: Sequence[Target]) -> list[Target]:
@@ -208,7 +183,7 @@ class Solver(Constrained):
         return [AsNow(name=t.name, target=t, value=t.residual(self.evaluation)[0])
                 for t in wanted]
 
-    def reached(self, q: Array, held: Held) -> Reached:
+    def reached(self, q: Array, held: Held) -> ReachResult:
         """Return how far targets are met at a configuration, with what holds it there."""
-        return Reached(q, self.residual(q, self.exact)[0], tuple(held.values()),
+        return ReachResult(q, self.residual(q, self.exact)[0], tuple(held.values()),
                        self._missed(q, self.weighted), tuple(self.stops.beyond(q, {}).values()))

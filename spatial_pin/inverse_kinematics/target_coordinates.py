@@ -17,16 +17,16 @@ import pinocchio as pin
 
 from spatial_pin.assembly.close import close
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.inverse_kinematics.named_targets import AngleValue, PointPart
 from spatial_pin.inverse_kinematics.target_tables import (
-    Course,
-    Table,
+    TargetCourse,
+    TargetTable,
     cardan_course,
-    turn_course,
 )
 from spatial_pin.inverse_kinematics.targets import Target
+from spatial_pin.kernel.loop_equations import loops_of
+from spatial_pin.mechanism.coordinates import spin_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS, closure_geometry, prismatic_joint, revolute_joint
 from spatial_pin.mechanism.parts import Closure
@@ -40,23 +40,15 @@ ALL = np.eye(3)
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """The joints that stand for one target.
+    """The joints that stand for one target."""
 
-    Attributes:
-        table: where it should be.
-        directions: (3, k) unit vectors of the world that the slides go along, in columns.
-        slides: their course.
-        hinges: 3 hinges, 1 or none.
-        axis: (3,) of a single hinge, in the axes of the first orientation.
-        phi, omega, alpha: (N, 3) rotation vectors from the first orientation, and rates in body
-            axes; None where no orientation is asked for.
-    """
-
-    table: Table
-    directions: Array
-    slides: Course
-    hinges: int = 0
-    axis: Array | None = None
+    table: TargetTable  # where it should be
+    directions: Array  # (3, k) unit vectors of the world that the slides go along, in columns
+    slides: TargetCourse  # their course
+    hinges: int = 0  # 3 hinges, 1 or none
+    axis: Array | None = None  # (3,) of a single hinge, in the axes of the first orientation
+    # (N, 3) rotation vectors from the first orientation, and rates in body axes; None where no
+    # orientation is asked for
     phi: Array | None = None
     omega: Array | None = None
     alpha: Array | None = None
@@ -73,20 +65,15 @@ class Chain:
         return first is None or (self.n == 1 and isinstance(first, PointPart | AngleValue))
 
 
-class Stretch(NamedTuple):
-    """Some samples in a row that one copy of the mechanism is followed along.
+class ChainSegment(NamedTuple):
+    """Some samples in a row that one copy of the mechanism is followed along."""
 
-    Attributes:
-        first, last: samples, both inclusive.
-        course: of all target coordinates, over these.
-    """
-
-    first: int
+    first: int  # samples, both inclusive
     last: int
-    course: Course
+    course: TargetCourse  # of all target coordinates, over these
 
 
-def chain_of(table: Table, s: Array, rows: Array, mechanism: Mechanism) -> Chain:
+def chain_of(table: TargetTable, s: Array, rows: Array, mechanism: Mechanism) -> Chain:
     """Return the chain of a target.
 
     Args:
@@ -101,30 +88,25 @@ def chain_of(table: Table, s: Array, rows: Array, mechanism: Mechanism) -> Chain
         values = table.values.reshape(len(s), -1)
         if table.values.ndim > 1:  # of a centre of mass, which may stay in a plane
             directions = _directions(rows, (values - values[0]) / length, known)
-            return Chain(table, directions, Course.along(s, values @ directions))
+            return Chain(table, directions, TargetCourse.along(s, values @ directions))
         if isinstance(table.first, PointPart):
             values = values - mechanism.centre[list(table.first.axes)]
-        return Chain(table, np.ones((1, 1)), Course.along(s, values))
+        return Chain(table, np.ones((1, 1)), TargetCourse.along(s, values))
     away = table.points - table.points[0]
     directions = _directions(rows[:3], away / length, known)
-    slides = Course.along(s, away).turned(directions)
+    slides = TargetCourse.along(s, away).turned(directions)
     if table.rotations is None:
         return Chain(table, directions, slides)
     phi = table.turns()
     axes = _directions(rows[3:], phi @ table.rotations[0].T, 0.0)
     hinges = axes.shape[1] if axes.shape[1] < 2 else 3
     axis = table.rotations[0].T @ axes[:, 0] if hinges == 1 else None
-    return Chain(table, directions, slides, hinges, axis, phi, *turn_course(s, phi))
+    spun = TargetCourse.along(s, phi)  # body angular velocity and acceleration follow from it
+    return Chain(table, directions, slides, hinges, axis, phi, *spin_of(phi, spun.rate, spun.bend))
 
 
 def _directions(rows: Array, away: Array, known: float) -> Array:
-    """Return unit vectors (3, k) that velocities span; all three if that leaves out of `away`.
-
-    Args:
-        rows: (3, m) velocities.
-        away: (N, 3) where it is to go.
-        known: to how much that is known.
-    """
+    """Return unit vectors (3, k) that velocities span; all three if that leaves out of `away`."""
     turned = decompose(rows.T, TOLERANCES.half_precision)
     if turned.rank == 3:
         return ALL
@@ -134,34 +116,40 @@ def _directions(rows: Array, away: Array, known: float) -> Array:
     return turned.vt[: turned.rank].T
 
 
-# ---------------------------------------------------------------- stretches
-
-
-def stretches_of(chains: list[Chain], n: int) -> list[Stretch]:
-    """Return the stretches of n samples.
-
-    Raises:
-        SpatialPinError: a target turns too far from one sample to the next.
-    """
-    found: list[Stretch] = []
+def stretches_of(chains: list[Chain], n: int) -> list[ChainSegment]:
+    """Return the stretches of n samples."""
+    found: list[ChainSegment] = []
     first = 0
     while not found or first < n - 1:
         courses = [_course(chain, first) for chain in chains]
         last = n - 1
         for chain, course in zip(chains, courses, strict=True):
-            if chain.hinges == 3:
-                last = min(last, _upright(chain, np.abs(course.value[:, -2]), first))
+            rotations = chain.table.rotations
+            if chain.hinges != 3 or rotations is None:
+                continue
+            # One that leans by more than a right angle seems to lean less; what turns between two
+            # samples tells.
+            leaning = np.abs(course.value[:, -2])  # of the middle hinge
+            turned = rotations[first:-1].transpose(0, 2, 1) @ rotations[first + 1 :]
+            cosines = 0.5 * (np.trace(turned, axis1=1, axis2=2) - 1.0)
+            steps = np.arccos(np.clip(cosines, -1.0, 1.0))
+            beyond = (leaning[1:] > LEANING) | (leaning[:-1] + steps > np.pi - LEANING)
+            if beyond.any() and not beyond.argmax():
+                raise SpatialPinError(
+                    f"target {chain.table.name!r} turns by {steps[0]:.3g} rad from sample {first} "
+                    f"to {first + 1}: give placements nearer to each other")
+            last = min(last, first + (int(beyond.argmax()) if beyond.any() else len(steps)))
         kept = slice(0, last - first + 1)
-        found.append(Stretch(first, last, Course(*(
+        found.append(ChainSegment(first, last, TargetCourse(*(
             np.hstack([getattr(c, part)[kept] for c in courses])
             for part in ("value", "rate", "bend")))))
         first = last
     return found
 
 
-def _course(chain: Chain, first: int) -> Course:
+def _course(chain: Chain, first: int) -> TargetCourse:
     """Return the course of all coordinates of a chain that is upright at a sample, from there."""
-    slides = Course(chain.slides.value[first:], chain.slides.rate[first:],
+    slides = TargetCourse(chain.slides.value[first:], chain.slides.rate[first:],
                     chain.slides.bend[first:])
     if not chain.hinges:
         return slides
@@ -169,55 +157,20 @@ def _course(chain: Chain, first: int) -> Course:
     if chain.hinges == 1:
         assert chain.axis is not None
         turns = [x[first:] @ chain.axis[:, None] for x in (chain.phi, chain.omega, chain.alpha)]
-        hinges = Course(*turns)
+        hinges = TargetCourse(*turns)
     else:
         assert chain.table.rotations is not None
         rotations = chain.table.rotations
         hinges = cardan_course(rotations[first].T @ rotations[first:], chain.omega[first:],
                                chain.alpha[first:])
-    return Course(*(np.hstack([getattr(slides, part), getattr(hinges, part)])
+    return TargetCourse(*(np.hstack([getattr(slides, part), getattr(hinges, part)])
                     for part in ("value", "rate", "bend")))
 
 
-def _upright(chain: Chain, leaning: Array, first: int) -> int:
-    """Return the last sample up to which the middle hinge leans little.
-
-    One that leans by more than a right angle seems to lean less; what turns between two samples
-    tells.
-    """
-    rotations = chain.table.rotations
-    assert rotations is not None
-    turned = rotations[first:-1].transpose(0, 2, 1) @ rotations[first + 1 :]
-    cosines = 0.5 * (np.trace(turned, axis1=1, axis2=2) - 1.0)
-    steps = np.arccos(np.clip(cosines, -1.0, 1.0))
-    beyond = (leaning[1:] > LEANING) | (leaning[:-1] + steps > np.pi - LEANING)
-    if not beyond.any():
-        return first + len(steps)
-    last = first + int(beyond.argmax())
-    if last == first:
-        raise SpatialPinError(
-            f"target {chain.table.name!r} turns by {steps[0]:.3g} rad from sample {first} to "
-            f"{first + 1}: give placements nearer to each other")
-    return last
-
-
-# ---------------------------------------------------------------- the copy
-
-
-class Copy(NamedTuple):
-    """A state of a mechanism with target coordinates, behind those that it has.
-
-    Attributes:
-        state: closed.
-        names: of the target coordinates.
-    """
-
-    state: State
-    names: list[str]
-
-
-def copy_at(state: State, chains: list[Chain], stretch: Stretch) -> Copy:
-    """Return the copy of a mechanism in which targets are coordinates.
+def copy_at(
+    state: State, chains: list[Chain], stretch: ChainSegment
+) -> tuple[State, list[str]]:
+    """Return the closed state of a copy in which targets are coordinates, and these by name.
 
     Args:
         state: at the first sample of the stretch.
@@ -247,7 +200,7 @@ def copy_at(state: State, chains: list[Chain], stretch: Stretch) -> Copy:
         (*mechanism.closures, *closures), springs=mechanism.springs, passives=mechanism.passives)
     # lengths are divided as in the mechanism
     vars(copy)["extent"] = mechanism.extent
-    return Copy(_closed(copy, state, names, stretch.course.value[0]), names)
+    return _closed(copy, state, names, stretch.course.value[0]), names
 
 
 def _output_closure(
@@ -315,6 +268,6 @@ def _closed(copy: Mechanism, state: State, names: list[str], values: Array) -> S
         coordinate = copy.coordinate_table[name]
         if coordinate.q >= 0:
             q[coordinate.q], free[coordinate.v] = value, False
-    with evaluation_of(copy, state.angles) as evaluation:
+    with loops_of(copy, state.angles) as evaluation:
         q, error = close(evaluation, q, free, TOLERANCES.round_off)
         return State(copy, q, closure_error=error, angles=evaluation.angles.copy())

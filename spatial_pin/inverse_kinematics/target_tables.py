@@ -19,7 +19,7 @@ from spatial_pin._support.checks import finite_array, finite_number, mapping
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.inverse_kinematics.named_targets import output_target
 from spatial_pin.inverse_kinematics.targets import Position, Target, check_rotations
-from spatial_pin.mechanism.coordinates import continued_rotation_vectors, spin_of
+from spatial_pin.mechanism.coordinates import continued_rotation_vectors
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.outputs import component
 from spatial_pin.numerics.linalg import Array
@@ -28,19 +28,15 @@ STEEP = 10.0  # rotation vectors run so much faster than what turns only beside 
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
-    """Numbers over the samples and their derivatives.
+class TargetCourse:
+    """Numbers over the samples and their derivatives."""
 
-    Attributes:
-        value, rate, bend: (N, k), by the parameter.
-    """
-
-    value: Array
+    value: Array  # (N, k), by the parameter
     rate: Array
     bend: Array
 
     @classmethod
-    def along(cls, s: Array, value: Array) -> Course:
+    def along(cls, s: Array, value: Array) -> TargetCourse:
         """Return those of the cubic spline through values (N, k); one sample stands still."""
         from scipy.interpolate import CubicSpline  # imported on use: it takes a tenth of a second
 
@@ -49,28 +45,38 @@ class Course:
         spline = CubicSpline(s, value)
         return cls(value, spline(s, 1), spline(s, 2))
 
-    def turned(self, matrix: Array) -> Course:
+    def turned(self, matrix: Array) -> TargetCourse:
         """Return the course of linear combinations, the columns of a matrix (k, m)."""
-        return Course(self.value @ matrix, self.rate @ matrix, self.bend @ matrix)
+        return TargetCourse(self.value @ matrix, self.rate @ matrix, self.bend @ matrix)
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
-    """Where a frame, or a coordinate, should be.
+class TargetTable:
+    """Where a frame, or a coordinate, should be."""
 
-    Attributes:
-        name: of the frame, coordinate or output.
-        points: (N, 3) where its origin should be [m]; None of a coordinate or output.
-        rotations: (N, 3, 3) how it should stand; None where nobody asks.
-        values: (N,) of a coordinate or output [rad or m], (N, 3) of a centre of mass.
-        first: of an output, its target at the first sample.
-    """
-
-    name: str
+    name: str  # of the frame, coordinate or output
+    # (N, 3) where its origin should be [m]; None of a coordinate or output
     points: Array | None = None
-    rotations: Array | None = None
+    rotations: Array | None = None  # (N, 3, 3) how it should stand; None where nobody asks
+    # (N,) of a coordinate or output [rad or m], (N, 3) of a centre of mass
     values: Array | None = None
-    first: Target | None = None
+    first: Target | None = None  # of an output, its target at the first sample
+
+    @classmethod
+    def of_output(
+        cls, mechanism: Mechanism, name: str, given: Any, shape: tuple[int, ...]
+    ) -> TargetTable | None:
+        """Return the table of an output; None if the name is that of something else."""
+        is_vector = shape == (3,) and component(name)[1] is None and name.endswith(".position")
+        full = np.asarray(given, dtype=float)
+        full = full[None] if is_vector or not shape else full
+        first = output_target(mechanism, name, full[0])
+        if first is None:
+            return None
+        full = finite_array(full, full.shape, f"target {name!r}")
+        if isinstance(first, Position):  # of a frame's origin, by its full name
+            return cls(first.name, full)
+        return cls(name, values=full, first=first)
 
     @property
     def is_coordinate(self) -> bool:
@@ -89,12 +95,14 @@ class Table:
             return self.points[k]
         return pin.SE3(self.rotations[k], self.points[k])
 
-    def turns(self) -> Array:
-        """Return rotation vectors (N, 3) from the first orientation to each, without jumps.
+    def repeated(self, n: int) -> TargetTable:
+        """Return it at as many samples."""
+        points, rotations, values = (None if x is None else np.repeat(x, n, axis=0)
+                                     for x in (self.points, self.rotations, self.values))
+        return replace(self, points=points, rotations=rotations, values=values)
 
-        Raises:
-            SpatialPinError: they are not without jumps, beside a whole turn about another axis.
-        """
+    def turns(self) -> Array:
+        """Return rotation vectors (N, 3) from the first orientation to each, without jumps."""
         from scipy.spatial.transform import Rotation
 
         assert self.rotations is not None
@@ -113,102 +121,59 @@ class Table:
         return phi
 
 
-def targets_at(tables: Iterable[Table], k: int) -> dict[str, Any]:
+def targets_at(tables: Iterable[TargetTable], k: int) -> dict[str, Any]:
     """Return the targets of a sample by name, as `reach` takes them."""
     return {table.name: table.target(k) for table in tables}
 
 
-def tables_of(mechanism: Mechanism, targets: Mapping[str, Any], n_times: int) -> list[Table]:
-    """Return tables given by name, of equal lengths; single placements and numbers stand still.
-
-    Args:
-        mechanism: the mechanism.
-        targets: by name, as for `reach_path`.
-        n_times: how many samples there are where all stand still.
-
-    Raises:
-        UnknownNameError: there is no such frame or coordinate.
-        TypeError: a table is none.
-        ValueError: there is none, or lengths differ, or a number is not finite.
-    """
+def tables_of(mechanism: Mechanism, targets: Mapping[str, Any], n_times: int) -> list[TargetTable]:
+    """Return tables given by name, of equal lengths; single placements and numbers stand still."""
     given = mapping(targets, "targets")
     found = [_table(mechanism, name, x) for name, x in given.items()]
     if not found:
         raise ValueError("targets is empty: say where something should be, as {'tip': points}, "
                          "points (N, 3)")
-    moving = [t for t, x in zip(found, given.values(), strict=True)
-              if not (len(t) == 1 and _stands(t, x))]
-    lengths = {t.name: len(t) for t in moving}
+    lengths = {}
+    for t, x in zip(found, given.values(), strict=True):
+        is_one = isinstance(x, pin.SE3) if t.rotations is not None else (
+            np.ndim(x) == np.ndim(t.target(0)))
+        if len(t) > 1 or not is_one:  # else it was given as one placement, point or number
+            lengths[t.name] = len(t)
     if len(set(lengths.values())) > 1:
         said = ", ".join(f"{name!r} {n}" for name, n in lengths.items())
         raise ValueError(f"tables of targets differ in length: {said}")
     n = next(iter(lengths.values()), n_times)
     if n == 0:
         raise ValueError("tables of targets have no sample")
-    return [t if len(t) == n else _repeated(t, n) for t in found]
+    return [t if len(t) == n else t.repeated(n) for t in found]
 
 
-def _stands(table: Table, given: Any) -> bool:
-    """Whether it was given as one placement, point or number."""
-    if table.rotations is not None:
-        return isinstance(given, pin.SE3)
-    each = table.target(0)
-    return np.ndim(given) == np.ndim(each)
-
-
-def _repeated(table: Table, n: int) -> Table:
-    points, rotations, values = (None if x is None else np.repeat(x, n, axis=0)
-                                 for x in (table.points, table.rotations, table.values))
-    return replace(table, points=points, rotations=rotations, values=values)
-
-
-def _table(mechanism: Mechanism, name: str, given: Any) -> Table:
+def _table(mechanism: Mechanism, name: str, given: Any) -> TargetTable:
     what = f"target {name!r}"
-    placements = [given] if isinstance(given, pin.SE3) else _objects(given)
+    is_list = np.iterable(given) and not isinstance(given, np.ndarray | str | bytes)
+    placements = [given] if isinstance(given, pin.SE3) else list(given) if is_list else []
     if placements and all(isinstance(x, pin.SE3) for x in placements):
         mechanism.frame_id(name)
         full = finite_array([x.homogeneous for x in placements], (len(placements), 4, 4), what)
         check_rotations(full[:, :3, :3], f"a rotation of {what}")
-        return Table(name, full[:, :3, 3].copy(), full[:, :3, :3].copy())
+        return TargetTable(name, full[:, :3, 3].copy(), full[:, :3, :3].copy())
     shape = _shape(given)
     if shape and not shape[0]:
         raise ValueError(f"{what} has no sample")
     if shape is None or (len(shape) < 2 and shape != (3,) and _is_point(mechanism, name)):
         raise TypeError(f"{what} is no table: it is points (N, 3), a list of pinocchio.SE3, or "
                         "numbers (N,) of a coordinate or another output")
-    of_output = _of_output(mechanism, name, given, shape)
+    of_output = TargetTable.of_output(mechanism, name, given, shape)
     if of_output is not None:
         return of_output
     if shape == (3,) and _is_point(mechanism, name):
-        return Table(name, finite_array(given, (3,), what)[None])
+        return TargetTable(name, finite_array(given, (3,), what)[None])
     if len(shape) == 2:
         mechanism.frame_id(name)
-        return Table(name, finite_array(given, shape, what))
+        return TargetTable(name, finite_array(given, shape, what))
     mechanism.prescribed_coordinate(name)
     values = finite_array(given, shape, what) if shape else [finite_number(given, what)]
-    return Table(name, values=np.asarray(values))
-
-
-def _of_output(
-    mechanism: Mechanism, name: str, given: Any, shape: tuple[int, ...]
-) -> Table | None:
-    """Return the table of an output; None if the name is that of something else."""
-    is_vector = shape == (3,) and component(name)[1] is None and name.endswith(".position")
-    full = np.asarray(given, dtype=float)
-    full = full[None] if is_vector or not shape else full
-    first = output_target(mechanism, name, full[0])
-    if first is None:
-        return None
-    full = finite_array(full, full.shape, f"target {name!r}")
-    if isinstance(first, Position):  # of a frame's origin, by its full name
-        return Table(first.name, full)
-    return Table(name, values=full, first=first)
-
-
-def _objects(given: Any) -> list[Any]:
-    """Return what a list, or the like, consists of; nothing if it is an array or a word."""
-    is_list = np.iterable(given) and not isinstance(given, np.ndarray | str | bytes)
-    return list(given) if is_list else []
+    return TargetTable(name, values=np.asarray(values))
 
 
 def _is_point(mechanism: Mechanism, name: str) -> bool:
@@ -229,16 +194,7 @@ def _shape(given: Any) -> tuple[int, ...] | None:
     return shape if len(shape) < 2 or (len(shape) == 2 and shape[1] == 3) else None
 
 
-# ---------------------------------------------------------------- turns
-
-
-def turn_course(s: Array, phi: Array) -> tuple[Array, Array]:
-    """Return body angular velocity and acceleration (N, 3) of the spline of rotation vectors."""
-    course = Course.along(s, phi)
-    return spin_of(phi, course.rate, course.bend)
-
-
-def cardan_course(rotations: Array, omega: Array, alpha: Array) -> Course:
+def cardan_course(rotations: Array, omega: Array, alpha: Array) -> TargetCourse:
     """Return angles a, b, c (N, 3) of rotations Rx(a) Ry(b) Rz(c) (N, 3, 3), and derivatives.
 
     Args:
@@ -260,13 +216,10 @@ def cardan_course(rotations: Array, omega: Array, alpha: Array) -> Course:
                       [-cc * cb * dc + sc * sb * db, -sc * dc, zero], [cb * db, zero, zero]])
     left = alpha - (moved.transpose(2, 0, 1) @ rate[..., None])[..., 0]
     bend = np.linalg.solve(axes, left[..., None])[..., 0]
-    return Course(np.column_stack([a, b, c]), rate, bend)
+    return TargetCourse(np.column_stack([a, b, c]), rate, bend)
 
 
-# ---------------------------------------------------------------- the law
-
-
-def law_of(s: Array, course: Course) -> Any:
+def law_of(s: Array, course: TargetCourse) -> Any:
     """Return the piecewise polynomial through values, rates and second derivatives."""
     from scipy.interpolate import PPoly  # imported on use: it takes a tenth of a second
 

@@ -152,10 +152,13 @@ def dh_direction_cosines(table: Iterable[Any], q: Any, v: Any, a: Any) -> list[D
     rows = checked_table(table)
     angles = (_motions(rows, values, what)[:, 0]
               for values, what in ((q, "q"), (v, "v"), (a, "a")))
+    about_z = pin.skew(np.array([0.0, 0.0, 1.0]))
     current, links = DirectionCosines(np.eye(3), np.zeros((3, 3)), np.zeros((3, 3))), []
     for row, angle, rate, acceleration in zip(rows, *angles, strict=True):
         turn = dh_placement(row.a, row.alpha, row.d, row.theta + angle).rotation
-        current = _product(current, _turning_about_z(turn, rate, acceleration))
+        skew = turn @ about_z
+        current = _product(current, DirectionCosines(
+            turn, rate * skew, acceleration * skew + rate * rate * (skew @ about_z)))
         links.append(current)
     return links
 
@@ -205,7 +208,17 @@ def checked_table(table: Iterable[Any]) -> list[DHRow]:
         ValueError: no rows, NaN, infinite, an unknown joint, a lead that the joint does not have,
             or a name that occurs twice.
     """
-    rows = [_checked_row(i, row) for i, row in enumerate(rows_of(table, DHRow, "row"), start=1)]
+    rows: list[DHRow] = []
+    for i, row in enumerate(rows_of(table, DHRow, "row"), start=1):
+        if not isinstance(row.joint, str) or row.joint not in DH_JOINTS:
+            raise ValueError(f"row {i}: no joint {row.joint!r}; {suggestion(row.joint, DH_JOINTS)}")
+        a, alpha, d, theta, lead = (
+            finite_number(getattr(row, key), f"row {i}: {key}")
+            for key in ("a", "alpha", "d", "theta", "lead"))
+        if lead and row.joint != "screw":
+            raise ValueError(f"row {i}: a {row.joint} joint has no lead")
+        rows.append(DHRow(a, alpha, d, theta, row.joint, row.name or f"joint{i}",
+                          row.link or f"link{i}", lead))
     if not rows:
         raise ValueError("the table has no rows")
     names = [name for row in rows for name in (row.name, row.link)]
@@ -215,19 +228,6 @@ def checked_table(table: Iterable[Any]) -> list[DHRow]:
     return rows
 
 
-def _checked_row(i: int, row: DHRow) -> DHRow:
-    if not isinstance(row.joint, str) or row.joint not in DH_JOINTS:
-        raise ValueError(f"row {i}: no joint {row.joint!r}; {suggestion(row.joint, DH_JOINTS)}")
-    a, alpha, d, theta, lead = (
-        finite_number(getattr(row, key), f"row {i}: {key}")
-        for key in ("a", "alpha", "d", "theta", "lead")
-    )
-    if lead and row.joint != "screw":
-        raise ValueError(f"row {i}: a {row.joint} joint has no lead")
-    return DHRow(a, alpha, d, theta, row.joint, row.name or f"joint{i}",
-                 row.link or f"link{i}", lead)
-
-
 def _motions(rows: list[DHRow], coordinates: Any, what: str) -> Array:
     """Return (rows, 2): the angle and the slide, or their rates, that the coordinates add."""
     matrices = [DH_JOINTS[row.joint].motion(row.lead) for row in rows]
@@ -235,12 +235,6 @@ def _motions(rows: list[DHRow], coordinates: Any, what: str) -> Array:
     values = finite_array(coordinates, (sum(sizes),), what)
     parts = np.split(values, np.cumsum(sizes)[:-1])
     return np.array([m @ x for m, x in zip(matrices, parts, strict=True)]).reshape(-1, 2)
-
-
-def _turning_about_z(turn: Array, rate: float, acceleration: float) -> DirectionCosines:
-    skew = turn @ pin.skew(np.array([0.0, 0.0, 1.0]))
-    square = skew @ pin.skew(np.array([0.0, 0.0, 1.0]))
-    return DirectionCosines(turn, rate * skew, acceleration * skew + rate * rate * square)
 
 
 def _product(b: DirectionCosines, c: DirectionCosines) -> DirectionCosines:

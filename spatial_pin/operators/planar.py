@@ -263,12 +263,19 @@ def planar_motion_from_points(
     z, w = _complex_points(before, "before"), _complex_points(after, "after")
     if len(z) != len(w) or len(z) < 2:
         raise ValueError(f"{len(z)} points and {len(w)} images; as many of both, at least 2")
-    allowed = tolerance * _checked_distances(z, w, tolerance)
+    apart, images = (np.abs(p[:, None] - p) for p in (z, w))
+    size = float(apart.max())
+    if size == 0.0:
+        raise ValueError("all points coincide: the rotation is not determined")
+    i, j = np.unravel_index(np.argmax(np.abs(images - apart)), apart.shape)
+    if abs(images[i, j] - apart[i, j]) > tolerance * size:
+        raise ValueError(f"points {i} and {j} are {apart[i, j]:.9g} apart before and "
+                         f"{images[i, j]:.9g} after: the motion is not rigid")
     turned = np.vdot(z - z.mean(), w - w.mean())
     rotation = complex_rotation(cmath.phase(complex(turned)))
     shift = complex(w.mean() - rotation * z.mean())
     misfit = float(np.abs(rotation * z + shift - w).max())
-    if misfit > allowed:
+    if misfit > tolerance * size:
         raise ValueError(f"images miss by {misfit:.3g}: the figure is mirrored or not rigid")
     return concatenated(planar_rotation(cmath.phase(rotation)),
                         planar_translation([shift.real, shift.imag]))
@@ -310,16 +317,3 @@ def checked_displacement(displacement: Any) -> Array:
 def _complex_points(points: Any, what: str) -> np.ndarray[Any, Any]:
     p = np.atleast_2d(finite_points(points, 2, what))
     return p[:, 0] + 1j * p[:, 1]
-
-
-def _checked_distances(z: Any, w: Any, tolerance: float) -> float:
-    """Return the largest distance in z, after comparing its distances with those in w."""
-    before, after = (np.abs(p[:, None] - p) for p in (z, w))
-    size = float(before.max())
-    if size == 0.0:
-        raise ValueError("all points coincide: the rotation is not determined")
-    i, j = np.unravel_index(np.argmax(np.abs(after - before)), before.shape)
-    if abs(after[i, j] - before[i, j]) > tolerance * size:
-        raise ValueError(f"points {i} and {j} are {before[i, j]:.9g} apart before and "
-                         f"{after[i, j]:.9g} after: the motion is not rigid")
-    return size

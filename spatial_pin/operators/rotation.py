@@ -104,7 +104,9 @@ def axis_angle_from_rotation(rotation: Any) -> AxisAngle:
     if size == 0.0:
         return AxisAngle(UNIT_AXES["z"].copy(), 0.0)
     if abs(w) <= HALF_TURN_TOLERANCE:
-        return AxisAngle(_with_first_positive(v / size), math.pi)
+        axis = v / size
+        first = axis[np.argmax(np.abs(axis) > TOLERANCES.nothing)]
+        return AxisAngle(axis if first > 0.0 else -axis, math.pi)
     return AxisAngle(math.copysign(1.0, w) * v / size, 2.0 * math.atan2(size, abs(w)))
 
 
@@ -207,11 +209,6 @@ def checked_rotation(rotation: Any) -> Array:
         raise ValueError(f"rotation is off orthonormal and right-handed by {off:.3g}; "
                          "nearest_rotation finds the rotation that a rounded matrix stands for")
     return r
-
-
-def _with_first_positive(axis: Array) -> Array:
-    first = axis[np.argmax(np.abs(axis) > TOLERANCES.nothing)]
-    return axis if first > 0.0 else -axis
 
 
 COMPOSITION: dict[str, Callable[[Array, Array], Array]] = {

@@ -163,7 +163,9 @@ def screw_from_placement(
     m = as_placement(placement)
     (u, angle), t = axis_angle_from_rotation(m.rotation), m.translation
     if angle <= max(finite_number(smallest_angle, "smallest_angle"), 0.0):
-        return _pure_translation(t)
+        length = math.hypot(*t)
+        u = t / length if length > 0.0 else axis_vector("z").copy()
+        return ScrewDisplacement(u, np.zeros(3), 0.0, length)
     d = float(u @ t)
     s = t - d * u
     p = 0.5 * (s + np.cross(u, s) / math.tan(0.5 * angle))
@@ -229,9 +231,3 @@ def as_placement(placement: Any) -> pin.SE3:
     if not np.array_equal(h[3], [0.0, 0.0, 0.0, 1.0]):
         raise ValueError(f"the last row of a placement is {h[3]}; 0, 0, 0, 1 is needed")
     return pin.SE3(checked_rotation(h[:3, :3]), h[:3, 3].copy())
-
-
-def _pure_translation(t: Array) -> ScrewDisplacement:
-    length = math.hypot(*t)
-    u = t / length if length > 0.0 else axis_vector("z").copy()
-    return ScrewDisplacement(u, np.zeros(3), 0.0, length)

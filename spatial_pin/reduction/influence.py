@@ -19,9 +19,8 @@ import pinocchio as pin
 from spatial_pin.assembly.close import close
 from spatial_pin.assembly.link_angle import link_angle
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import Evaluation
-from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SpatialPinError, UnknownNameError
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.mobility.loops import joints_between
@@ -40,80 +39,55 @@ ALL_SUBSETS = 8  # closures up to which every set of them is tried: 256 sets
 PAIRS_OF_CLOSURES = 16  # closures up to which two are tried to be left out together: 120 pairs
 
 
-class Asked(NamedTuple):
-    """Outputs, resolved.
+class RequestedOutputs(NamedTuple):
+    """Outputs, resolved."""
 
-    Attributes:
-        coordinates: names of coordinates.
-        frames: names of links and frames, joints by which are meant frames included.
-        centres: links whose centre of mass is asked for.
-    """
-
-    coordinates: tuple[str, ...]
-    frames: tuple[str, ...]
-    centres: tuple[str, ...]
+    coordinates: tuple[str, ...]  # names of coordinates
+    frames: tuple[str, ...]  # names of links and frames, joints by which are meant frames included
+    centres: tuple[str, ...]  # links whose centre of mass is asked for
 
 
-def asked_of(mechanism: Mechanism, outputs: Iterable[str], dynamics: bool) -> Asked:
-    """Resolve names of coordinates, joints, drivers, links and frames, or outputs.
-
-    Args:
-        mechanism: the mechanism.
-        outputs: the names.
-        dynamics: whether what has mass is kept.
-
-    Raises:
-        UnknownNameError: a name is none of these.
-        SpatialPinError: it is a force that a smaller model does not tell.
-    """
-    found = Asked((), (), ())
+def asked_of(mechanism: Mechanism, outputs: Iterable[str], dynamics: bool) -> RequestedOutputs:
+    """Return what names of coordinates, joints, drivers, links and frames, or outputs, ask for."""
+    found = RequestedOutputs((), (), ())
     for name in outputs:
         if is_force(name):
-            name = _with_effort(mechanism, name, dynamics)
+            force, (name, _, kind) = name, name.rpartition(".")
+            if kind not in ("effort", "power"):
+                raise SpatialPinError(
+                    f"mechanism {mechanism.name!r}: {force}: a smaller model has other pairs, "
+                    "whose reactions are others: sp.kinetostatics of the whole mechanism gives "
+                    "this")
+            if not dynamics:
+                raise SpatialPinError(
+                    f"mechanism {mechanism.name!r}: {force} depends on masses: reduce with "
+                    "dynamics=True, which keeps what has mass")
         coordinates, frames, centres = _named(mechanism, name)
-        found = Asked(found.coordinates + coordinates, found.frames + frames,
-                      found.centres + centres)
-    return Asked(*(tuple(dict.fromkeys(names)) for names in found))
+        found = RequestedOutputs(found.coordinates + coordinates, found.frames + frames,
+                                 found.centres + centres)
+    return RequestedOutputs(*(tuple(dict.fromkeys(names)) for names in found))
 
 
-def _with_effort(mechanism: Mechanism, force: str, dynamics: bool) -> str:
-    """Return what has the effort or power that is asked for.
-
-    Raises:
-        SpatialPinError: it is another force, or what has mass is not kept.
-    """
-    name, _, kind = force.rpartition(".")
-    if kind not in ("effort", "power"):
-        raise SpatialPinError(
-            f"mechanism {mechanism.name!r}: {force}: a smaller model has other pairs, whose "
-            "reactions are others: sp.kinetostatics of the whole mechanism gives this")
-    if not dynamics:
-        raise SpatialPinError(
-            f"mechanism {mechanism.name!r}: {force} depends on masses: reduce with dynamics=True, "
-            "which keeps what has mass")
-    return name
-
-
-def _named(mechanism: Mechanism, name: str) -> Asked:
+def _named(mechanism: Mechanism, name: str) -> RequestedOutputs:
     table = mechanism.coordinate_table
     coordinates = tuple(c.name for c in table.values() if name in (c.name, c.joint))
     if name in mechanism.drivers:
         coordinates += (mechanism.drivers[name].joint,)
     is_frame = name in mechanism.links or (name in mechanism.frame_ids and not coordinates)
     if coordinates or is_frame:
-        return Asked(coordinates, (name,) * is_frame, ())
+        return RequestedOutputs(coordinates, (name,) * is_frame, ())
     if is_of_whole(mechanism, name):
         raise SpatialPinError(
             f"mechanism {mechanism.name!r}: {name} depends on every link that has mass, so that no "
             "smaller model tells it: a motion of the whole mechanism gives this")
     angle = link_angle(mechanism, name)
     if angle is not None:
-        return Asked((), (mechanism.model.frames[angle.frame].name,), ())
+        return RequestedOutputs((), (mechanism.model.frames[angle.frame].name,), ())
     stem, _, kind = component(name)[0].rpartition(".")
     if kind == "com" or stem.endswith(".com"):
         link = stem.removesuffix(".com")
         if link in mechanism.frame_ids:
-            return Asked((), (link,), (link,))
+            return RequestedOutputs((), (link,), (link,))
     if kind in ("rate", "ratio", "advantage") or kind in FRAME_UNITS:
         inner = _named(mechanism, stem)
         if kind not in FRAME_UNITS or kind in COORDINATE_OUTPUTS or inner.frames:
@@ -126,21 +100,16 @@ def _named(mechanism: Mechanism, name: str) -> Asked:
                            f"mechanism {mechanism.name!r}: ")
 
 
-class Kept(NamedTuple):
-    """What a set of closures needs of the tree.
+class NeededParts(NamedTuple):
+    """What a set of closures needs of the tree."""
 
-    Attributes:
-        closures: indices into `mechanism.closures`.
-        moving: joints that stay joints.
-        welded: joints that carry some of these but move nothing relative to what is asked.
-    """
-
-    closures: tuple[int, ...]
-    moving: frozenset[int]
+    closures: tuple[int, ...]  # indices into `mechanism.closures`
+    moving: frozenset[int]  # joints that stay joints
+    # joints that carry some of these but move nothing relative to what is asked
     welded: frozenset[int]
 
 
-class Influence:
+class OutputInfluence:
     """Which joints and closures of a mechanism its outputs depend on.
 
     Args:
@@ -165,7 +134,7 @@ class Influence:
         self.free = np.ones(mechanism.model.nv, dtype=bool)
         for i in self.locked:
             self.free[self.columns[i]] = False
-        self.evaluation = Evaluation(constraints_of(mechanism))
+        self.evaluation = LoopEquations(mechanism)
         self.evaluation.angle_reference[:] = state.angles
         self.configurations = list(self._generic(state))
         n = self.evaluation.constraints.n_closure
@@ -209,7 +178,7 @@ class Influence:
         if not found:
             yield state.q
 
-    def kept(self, closures: Iterable[int]) -> Kept:
+    def kept(self, closures: Iterable[int]) -> NeededParts:
         """Return the joints that matter when only these closures are kept."""
         chosen = tuple(closures)
         model = self.mechanism.model
@@ -225,9 +194,9 @@ class Influence:
             carried.update(self.mechanism.frame_on_joint(f)[0]
                            for f in (*closure.frames, *closure.between))
         carriers = {int(j) for i in carried for j in model.supports[i]}
-        return Kept(chosen, frozenset(moving), frozenset(carriers - moving - {0}))
+        return NeededParts(chosen, frozenset(moving), frozenset(carriers - moving - {0}))
 
-    def is_enough(self, kept: Kept) -> bool:
+    def is_enough(self, kept: NeededParts) -> bool:
         """Whether the closures left out constrain none of the joints kept."""
         columns = sorted(v for i in kept.moving for v in self.columns[i])
         rows = [r for k in kept.closures for r in self._rows[k]]
@@ -236,12 +205,22 @@ class Influence:
             == len(columns) - rank(jacobian[rows][:, columns])
             for motions, jacobian in zip(self.motions, self._jacobians, strict=True))
 
-    def least(self) -> Kept:
-        """Return the least that is enough: the fewest coordinates, then the fewest closures."""
+    def least(self) -> NeededParts:
+        """Return the least that is enough: the fewest coordinates, then the fewest closures.
+
+        Of many closures some are left out one by one, or two by two, as long as that is possible.
+        """
         count = len(self.mechanism.closures)
-        if count > ALL_SUBSETS:
-            return self._greedy()
         best = self.kept(range(count))
+        if count > ALL_SUBSETS:
+            sizes = (1, 2) if count <= PAIRS_OF_CLOSURES else (1,)
+            while True:
+                smaller = (self.kept(k for k in best.closures if k not in out)
+                           for size in sizes for out in combinations(best.closures, size))
+                found = next(filter(self.is_enough, smaller), None)
+                if found is None:
+                    return best
+                best = found
         size = self._size(best)
         for n in range(count):
             for chosen in combinations(range(count), n):
@@ -250,20 +229,8 @@ class Influence:
                     best, size = kept, self._size(kept)
         return best
 
-    def _size(self, kept: Kept) -> tuple[int, int]:
+    def _size(self, kept: NeededParts) -> tuple[int, int]:
         return sum(len(self.columns[i]) for i in kept.moving), len(kept.closures)
-
-    def _greedy(self) -> Kept:
-        """Leave out closures one by one, or two by two, as long as that is possible."""
-        best = self.kept(range(len(self.mechanism.closures)))
-        sizes = (1, 2) if len(best.closures) <= PAIRS_OF_CLOSURES else (1,)
-        while True:
-            smaller = (self.kept(k for k in best.closures if k not in out)
-                       for size in sizes for out in combinations(best.closures, size))
-            found = next(filter(self.is_enough, smaller), None)
-            if found is None:
-                return best
-            best = found
 
 
 def joints_of(mechanism: Mechanism, closure: Closure) -> set[int]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -13,9 +13,9 @@ from spatial_pin._support.checks import checked
 from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State, of_mechanism
-from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.coordinates import coordinates_of, joint_values, needed
 from spatial_pin.mechanism.equations import linear_ratios
 from spatial_pin.mechanism.extent import Extent
@@ -23,13 +23,10 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import resists
 from spatial_pin.numerics.linalg import Array, null_space, rank
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.reduction.differences import Verification
-from spatial_pin.reduction.influence import Asked, Influence, asked_of
-from spatial_pin.reduction.model.building import built
-from spatial_pin.reduction.model.idle_equations import drop_equations
-from spatial_pin.reduction.model.model import Model
-from spatial_pin.reduction.model.replacing import replace_links
-from spatial_pin.reduction.report import Omission, omissions
+from spatial_pin.reduction.building import ReducedModel, built
+from spatial_pin.reduction.influence import OutputInfluence, RequestedOutputs, asked_of
+from spatial_pin.reduction.losses import Omission, Verification, omissions
+from spatial_pin.reduction.replacing import drop_equations, replace_links
 
 ROUNDINGS = 10.0  # of a place in the world, as links are put together
 STARTS = 256  # assembled configurations that are remembered: 0.2 MB for a hundred coordinates
@@ -172,13 +169,6 @@ class Reduced(Mechanism):
         return "\n".join([*lines, *(f"  left out: {x}" for x in self.left_out)])
 
 
-class _Locks(NamedTuple):
-    """Joints that do not move: their coordinates' values, and the couplings that fall away."""
-
-    values: dict[str, float]
-    joints: frozenset[int]
-
-
 @checked
 def reduce(
     mechanism: Mechanism,
@@ -242,16 +232,17 @@ def reduce(
     asked = asked_of(mechanism, names, dynamics)
     for name in asked.frames:
         mechanism.placed(name)
-    state, locks = _locked(mechanism, lock, guess)
+    state, welds, locked = _locked(mechanism, lock, guess)
     for name in asked.coordinates:
-        if name in locks.values:
+        if name in welds:
             raise SpatialPinError(f"mechanism {mechanism.name!r}: output {name!r} is locked")
-    influence = Influence(mechanism, state, locks.joints,
-                          _needed(mechanism, asked, locks, dynamics),
+    influence = OutputInfluence(mechanism, state, locked,
+                          _needed(mechanism, asked, welds, dynamics),
                           _bodies(mechanism, asked, dynamics))
     kept = influence.least()
     for simplest in (True, False):
-        model = Model(mechanism, state.q, kept, influence, asked, dynamics=dynamics, lump=lump)
+        model = ReducedModel(
+            mechanism, state.q, kept, influence, asked, dynamics=dynamics, lump=lump)
         if simplest:
             replace_links(model)
             drop_equations(model)
@@ -263,12 +254,9 @@ def reduce(
                               "moves as it does at the configurations tried")
     parts = {f.name: getattr(made, f.name) for f in fields(Mechanism)}
     parts["guess"] = _coordinates(made, state)
-    return Reduced(**parts, full=mechanism, outputs=names, welds=locks.values,
+    return Reduced(**parts, full=mechanism, outputs=names, welds=welds,
                    dynamics=dynamics,
-                   left_out=tuple(omissions(model, locks.joints)))
-
-
-# ---------------------------------------------------------------- states, and what is needed
+                   left_out=tuple(omissions(model, locked)))
 
 
 @made_once
@@ -297,7 +285,7 @@ def carried_over(reduced: Mechanism, state: State) -> State:
     full, own = (constraints_of(m) for m in (state.mechanism, reduced))
     names = [full.labels[x.equation] for x in full.angles]
     angles = np.array([state.angles[names.index(own.labels[x.equation])] for x in own.angles])
-    with evaluation_of(reduced, angles) as evaluation:
+    with loops_of(reduced, angles) as evaluation:
         evaluation.update(q)
         return State(reduced, q, state.v[at], state.a[at], in_time=state.in_time,
                      closure_error=evaluation.closure_error, angles=evaluation.angles)
@@ -306,8 +294,8 @@ def carried_over(reduced: Mechanism, state: State) -> State:
 def _locked(
     mechanism: Mechanism, lock: Mapping[str, float] | Iterable[str],
     guess: Mapping[str, Any] | State | Array | None,
-) -> tuple[State, _Locks]:
-    """Return the assembled state, and the joints locked there."""
+) -> tuple[State, dict[str, float], frozenset[int]]:
+    """Return the assembled state, values of coordinates locked there, and their joints."""
     if isinstance(lock, Mapping):
         values = joint_values(mechanism, lock)
     else:
@@ -338,19 +326,21 @@ def _locked(
                 f"coordinates of {joint!r} ({', '.join(missing)} too)")
         joints.add(mechanism.joint_id(joint))
     state = assembled(mechanism, values, guess)
-    return state, _Locks(values, frozenset(joints))
+    return state, values, frozenset(joints)
 
 
-def _needed(mechanism: Mechanism, asked: Asked, locks: _Locks, dynamics: bool) -> set[int]:
+def _needed(
+    mechanism: Mechanism, asked: RequestedOutputs, welds: Mapping[str, float], dynamics: bool
+) -> set[int]:
     """Return the joints whose coordinates are asked for, driven, or sprung."""
     names = [*asked.coordinates, *(d.joint for d in mechanism.drivers.values())]
     if dynamics:
         names += [s.joint for s in mechanism.springs if s.joint is not None]
     return {mechanism.joint_id(c.joint) for c in map(mechanism.coordinate, names)
-            if c.name not in locks.values}
+            if c.name not in welds}
 
 
-def _bodies(mechanism: Mechanism, asked: Asked, dynamics: bool) -> set[int]:
+def _bodies(mechanism: Mechanism, asked: RequestedOutputs, dynamics: bool) -> set[int]:
     """Return the joints whose bodies' placements are asked for, or move mass."""
     bodies = {mechanism.frame_on_joint(name)[0] for name in asked.frames}
     if dynamics:
@@ -363,13 +353,10 @@ def _bodies(mechanism: Mechanism, asked: Asked, dynamics: bool) -> set[int]:
     return bodies - {0}
 
 
-# ---------------------------------------------------------------- checks
-
-
-def _agrees(made: Mechanism, influence: Influence) -> bool:
+def _agrees(made: Mechanism, influence: OutputInfluence) -> bool:
     """Whether the reduced mechanism is closed, and as free, where the full one was looked at."""
     full = influence.mechanism
-    evaluation = Evaluation(constraints_of(made))
+    evaluation = LoopEquations(made)
     at = [full.coordinate_table[name].v for name in made.coordinates]
     for q, motions in zip(influence.configurations, influence.motions, strict=True):
         influence.evaluation.update(q)

@@ -20,8 +20,8 @@ from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.outputs import is_force
 from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.reduction.differences import Difference, Verification
-from spatial_pin.reduction.influence import Asked, asked_of
+from spatial_pin.reduction.influence import RequestedOutputs, asked_of
+from spatial_pin.reduction.losses import Difference, Verification
 from spatial_pin.reduction.reduce import Reduced
 
 VALUES = 361  # driver values by default: a degree apart over a turn
@@ -63,12 +63,13 @@ def verification(
         rows += count
         remarks += _remarks(pair[0], pair[1], name, np.size(asked_values))
         if count:
-            compared.append(_compared(pair[0], name, count))
+            swept = pair[0].swept[:count]
+            compared.append(f"{counted(count, 'row')} over {name} from {swept.min():.6g} to "
+                            f"{swept.max():.6g} {pair[0].driver_unit}")
             differences += [_difference(output, name, a, b) for (output, a), (_, b) in zip(
                 *(_outputs(motion, asked, count) for motion in pair), strict=True)]
             if reduced.dynamics:
-                differences += _dynamics(reduced, pair[0], asked)
-                differences += _forces(reduced, pair, count)
+                differences += _dynamics(reduced, pair, asked, count)
     if not differences:
         raise SpatialPinError(f"mechanism {full.name!r}: no sample could be compared")
     return Verification(tuple(differences), rows, float(seconds[0]), float(seconds[1]),
@@ -79,11 +80,7 @@ def _as_far(
     mechanism: Mechanism, driver: str, values: Array, speed: float, acceleration: float,
     guess: Any, hold: Mapping[str, float],
 ) -> Motion:
-    """Return the motion through values as far as it exists, or can be followed.
-
-    Raises:
-        SpatialPinError: not even the first value can be reached.
-    """
+    """Return the motion through values as far as it exists, or can be followed."""
     try:
         return sweep(mechanism, driver, values, speed, acceleration, guess=guess, hold=hold,
                      on_limit="stop", on_crossing="stop")
@@ -92,13 +89,6 @@ def _as_far(
         if motion is None or not len(motion):
             raise
         return motion
-
-
-def _compared(motion: Motion, driver: str, count: int) -> str:
-    """Tell over which values of a driver samples were compared."""
-    values = motion.swept[:count]
-    return (f"{counted(count, 'row')} over {driver} from {values.min():.6g} to "
-            f"{values.max():.6g} {motion.driver_unit}")
 
 
 def _drivers(reduced: Reduced, full: Mechanism) -> list[str]:
@@ -172,7 +162,7 @@ def _remarks(full: Motion, reduced: Motion, driver: str, asked: int) -> Iterator
 
 
 def _outputs(
-    motion: Motion, asked: Asked, count: int
+    motion: Motion, asked: RequestedOutputs, count: int
 ) -> Iterator[tuple[str, tuple[list[Array], ...]]]:
     """Yield name, and positions, rates and accelerations, each angles and lengths apart."""
     size = motion.mechanism.characteristic_length
@@ -187,12 +177,14 @@ def _outputs(
             [moving.acceleration[:count] / size, moving.angular_acceleration[:count]])
 
 
-def _dynamics(reduced: Reduced, motion: Motion, asked: Asked) -> Iterator[Difference]:
-    """Compare accelerations that follow from forces, gravity and springs alone."""
-    full, size = motion.mechanism, motion.mechanism.characteristic_length
+def _dynamics(
+    reduced: Reduced, pair: Sequence[Motion], asked: RequestedOutputs, count: int
+) -> Iterator[Difference]:
+    """Compare accelerations that follow from forces alone, and efforts and powers asked for."""
+    full, size = pair[0].mechanism, pair[0].mechanism.characteristic_length
     worst: dict[str, float] = {}
-    for row in np.linspace(0, len(motion) - 1, DYNAMIC_SAMPLES, dtype=int):
-        states = [motion.state(row)]
+    for row in np.linspace(0, len(pair[0]) - 1, DYNAMIC_SAMPLES, dtype=int):
+        states = [pair[0].state(row)]
         states.append(reduced.state(states[0]))
         found = [forward_dynamics(m, s).state for m, s in zip((full, reduced), states, strict=True)]
         for name in asked.coordinates:
@@ -205,16 +197,13 @@ def _dynamics(reduced: Reduced, motion: Motion, asked: Asked) -> Iterator[Differ
             worst[name] = max(worst.get(name, 0.0), gap)
     for name, gap in worst.items():
         yield Difference(name, "forward dynamics", 0.0, 0.0, gap)
-
-
-def _forces(reduced: Reduced, pair: Sequence[Motion], count: int) -> Iterator[Difference]:
-    """Compare the efforts and powers that are asked for, relative to the largest."""
     names = [name for name in reduced.outputs if is_force(name)]
     loads = [kinetostatics(motion.mechanism, motion) for motion in pair] if names else []
     for name in names:
-        a, b = (found.output(name).values[:count] for found in loads)
-        size = max(float(np.abs(a).max()), np.finfo(float).tiny)
-        yield Difference(name, "kinetostatics", 0.0, 0.0, float(np.abs(a - b).max()) / size)
+        first, second = (told.output(name).values[:count] for told in loads)
+        largest = max(float(np.abs(first).max()), np.finfo(float).tiny)
+        gap = float(np.abs(first - second).max()) / largest
+        yield Difference(name, "kinetostatics", 0.0, 0.0, gap)
 
 
 def _difference(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -9,9 +10,10 @@ from numpy.typing import NDArray
 
 from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.continuation.curve_start import body_places, not_spinning, system_at
-from spatial_pin.continuation.solution_curve import Curve, CurvePoint
+from spatial_pin.continuation.solution_curve import Curve
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Event
 from spatial_pin.motion.trace import trace
@@ -28,16 +30,11 @@ ON_CIRCUIT = 2.0
 MOST_CORRECTIONS_TO_PLACE = 20  # of the way to a place: each leaves about a hundredth of the error
 
 
-class Place(NamedTuple):
-    """Where a configuration lies on a circuit.
+class CircuitPlace(NamedTuple):
+    """Where a configuration lies on a circuit."""
 
-    Attributes:
-        value: the driver's, as it is counted along the branch [rad or m].
-        branches: numbers of the branches it is on: two where it is a border.
-    """
-
-    value: float
-    branches: frozenset[int]
+    value: float  # the driver's, as it is counted along the branch [rad or m]
+    branches: frozenset[int]  # numbers of the branches it is on: two where it is a border
 
 
 class Circuit:
@@ -52,10 +49,6 @@ class Circuit:
         is_closed: whether it was followed until it came back.
         borders: limits and branch points, in the order of the curve.
         turn: by how much the driver goes on while it goes round once [rad or m].
-
-    Raises:
-        AssemblyError: the loops of the state are open.
-        SingularError: the driver does not determine the curve there.
     """
 
     def __init__(self, mechanism: Mechanism, driver: str, state: State) -> None:
@@ -69,29 +62,64 @@ class Circuit:
         self._n = len(self.motion) - ends_at_first
         self._bodies = not_spinning(system_at(self.motion.mechanism, driver,
                                               self.motion.state(0), BASE)[0])
-        with evaluation_of(self.motion.mechanism) as evaluation:
+        with loops_of(self.motion.mechanism) as evaluation:
             self._places = np.array([self._at(evaluation, q) for q in self.motion.q[: self._n]])
         # a screw may have gone on by less than a step
         self.is_closed = ends_at_first and self._ahead(self._n - 1, self._places[0]) is not None
         self.turn = float(self.motion.swept[-1] - self.motion.swept[0]) if self.is_closed else 0.0
+
+    @classmethod
+    def through(
+        cls, mechanism: Mechanism, driver: str, states: Sequence[State]
+    ) -> list[tuple[Circuit, dict[int, CircuitPlace]]]:
+        """Return the circuits that states lie on, and where."""
+        found: list[tuple[Circuit, dict[int, CircuitPlace]]] = []
+        rest = list(range(len(states)))
+        while rest:
+            circuit = cls(mechanism, driver, states[rest[0]])
+            places = {i: place for i in rest if (place := circuit.place(states[i])) is not None}
+            if rest[0] not in places:
+                raise SpatialPinError(f"the curve through sample {rest[0]} cannot be followed")
+            found.append((circuit, places))
+            rest = [i for i in rest if i not in places]
+        return found
 
     @property
     def turns_fully(self) -> bool:
         """Whether the driver turns round without meeting a border."""
         return self.is_closed and not self.borders
 
-    def place(self, state: State) -> Place | None:
+    def place(self, state: State) -> CircuitPlace | None:
         """Return where a configuration lies; None if the curve does not lead to it.
 
         Links that spin freely may stand as they like.
         """
-        with evaluation_of(self.motion.mechanism) as evaluation:
+        with loops_of(self.motion.mechanism) as evaluation:
             target = self._at(evaluation, state.q)
         for row in self._near(target):
             found = self._ahead(row, target)
             if found is not None:
-                return self._classified(row + found[0] / SAMPLE_STEP, *found[1:])
-        return None
+                break
+        else:
+            return None
+        at, value, slope = row + found[0] / SAMPLE_STEP, *found[1:]
+        mechanism, last = self.motion.mechanism, len(self.motion) - 1
+        size = mechanism.velocity_scale[mechanism.coordinate(self.driver).v]
+        if self.is_closed and at < 0.0:
+            at, value = at + last, value + self.turn
+        crossed, doubtful = 0, 0
+        for event in self.borders:
+            way = np.sign(self.motion.driver_speed[event.row - 1])
+            if not event.row - 1 <= at <= event.row:
+                crossed += at > event.row
+                continue
+            beyond = (-slope if event.kind == "limit" else (value - event.value) / size) * way
+            is_at = abs(beyond) < TOLERANCES.half_precision
+            doubtful += is_at
+            crossed += beyond > 0.0 and not is_at
+        numbers, counted = self._numbered(np.arange(crossed, crossed + doubtful + 1),
+                                          np.full(doubtful + 1, value))
+        return CircuitPlace(float(counted[0]), frozenset(numbers.tolist()))
 
     def rows_of(self, branch: int) -> tuple[NDArray[np.intp], Array]:
         """Return samples of a branch, and the driver's values as they are counted along it."""
@@ -111,9 +139,7 @@ class Circuit:
             self._spacing(i), other._spacing(j))
             for i in self._branch_points() for j in other._branch_points())
 
-    # ------------------------------------------------------------ inside
-
-    def _at(self, evaluation: Evaluation, q: Array) -> Array:
+    def _at(self, evaluation: LoopEquations, q: Array) -> Array:
         evaluation.update(q)
         return body_places(evaluation, self._bodies)
 
@@ -135,7 +161,8 @@ class Circuit:
     def _ahead(self, row: int, target: Array) -> tuple[float, float, float] | None:
         """Return how far ahead of a sample bodies are at placements, and value and slope there.
 
-        None if the curve does not lead there from the sample; the slope is that of the driver.
+        It is where the curve meets the plane through these, normal to how bodies move. None if the
+        curve does not lead there from the sample; the slope is that of the driver.
         """
         mechanism, state = self.motion.mechanism, self.motion.state(row)
         system, near, _ = system_at(mechanism, self.driver, state, BASE)
@@ -144,21 +171,10 @@ class Circuit:
             return None  # a dead centre: its neighbours are as good
         curve = Curve(system, Accuracy.named("engineering").tolerance)
         point = curve.settle(near.q, self.motion.v[row] / system.scale)
-        found = self._onto(curve, point, target) if point is not None else None
-        if point is None or found is None:
-            return None
-        length, q = found
-        size = float(system.scale[system.driven[0].v])
-        return length, curve.value(q), curve.slope(curve.direction(q, point.t)[0]) / size
-
-    def _onto(self, curve: Curve, point: CurvePoint, target: Array) -> tuple[float, Array] | None:
-        """Return how far ahead of a point of the curve bodies are at placements, and q there.
-
-        It is where the curve meets the plane through these, normal to how bodies move.
-        """
         h = TOLERANCES.trial_step * SAMPLE_STEP
-        ends = [end for x in (h, -h) if (end := curve.ahead(point, x)) is not None]
-        if len(ends) < 2:
+        ends = [] if point is None else [
+            end for x in (h, -h) if (end := curve.ahead(point, x)) is not None]
+        if point is None or len(ends) < 2:
             return None
         after, before = (self._at(curve.evaluation, end) for end in ends)
         along = (after - before) / (2.0 * h)
@@ -174,27 +190,8 @@ class Circuit:
             length += change
         if q is None or np.abs(gap).max() > TOLERANCES.half_precision:
             return None
-        return length, q
-
-    def _classified(self, at: float, value: float, slope: float) -> Place:
-        """Return the place `at` samples from the beginning, with a driver's value and slope."""
-        last, size = len(self.motion) - 1, self.motion.mechanism.velocity_scale[
-            self.motion.mechanism.coordinate(self.driver).v]
-        if self.is_closed and at < 0.0:
-            at, value = at + last, value + self.turn
-        crossed, doubtful = 0, 0
-        for event in self.borders:
-            way = np.sign(self.motion.driver_speed[event.row - 1])
-            if not event.row - 1 <= at <= event.row:
-                crossed += at > event.row
-                continue
-            beyond = (-slope if event.kind == "limit" else (value - event.value) / size) * way
-            is_at = abs(beyond) < TOLERANCES.half_precision
-            doubtful += is_at
-            crossed += beyond > 0.0 and not is_at
-        numbers, counted = self._numbered(np.arange(crossed, crossed + doubtful + 1),
-                                          np.full(doubtful + 1, value))
-        return Place(float(counted[0]), frozenset(numbers.tolist()))
+        size = float(system.scale[system.driven[0].v])
+        return length, curve.value(q), curve.slope(curve.direction(q, point.t)[0]) / size
 
     def _numbered(self, crossed: NDArray[np.intp], values: Array) -> tuple[NDArray[np.intp], Array]:
         """Return numbers of branches from how many borders were crossed, and values along them.

@@ -16,13 +16,13 @@ from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.dead_centres import grounded_outputs
-from spatial_pin.motion.joint_limits import Passing, joint_limits_passed, passed_at_start
+from spatial_pin.motion.joint_limits import joint_limits_passed, passed_at_start
 from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.transmission import transmission_angle
-from spatial_pin.synthesis.circuits import Circuit, Place
+from spatial_pin.synthesis.circuits import Circuit, CircuitPlace
 
 LEAST_ANGLE = float(np.radians(40.0))  # of transmission, which textbooks ask of a linkage
 ALL = "circuit, branch, order and transmission"
@@ -56,20 +56,90 @@ class Defect(NamedTuple):
         return f"{self.kind}: {self.text}"
 
 
-class _Stretch(NamedTuple):
-    """What of a branch is used.
+class UsedBranch(NamedTuple):
+    """What of a branch is used."""
 
-    Attributes:
-        circuit: where it is.
-        branch: its number there.
-        samples: those on it, in the order that is asked for.
-        values: of the driver at these, as counted along the branch.
-    """
+    circuit: Circuit  # where it is
+    branch: int  # its number there
+    samples: tuple[int, ...]  # those on it, in the order that is asked for
+    values: Array  # of the driver at these, as counted along the branch
 
-    circuit: Circuit
-    branch: int
-    samples: tuple[int, ...]
-    values: Array
+    @classmethod
+    def several(cls, circuit: Circuit, places: dict[int, CircuitPlace]) -> list[UsedBranch]:
+        """Return the fewest branches of a circuit that hold all places, those with most first."""
+        rest, found = dict(places), list[UsedBranch]()
+        while rest:
+            numbers = sorted({b for place in rest.values() for b in place.branches})
+            best = max(numbers, key=lambda b: sum(b in place.branches for place in rest.values()))
+            own = [i for i, place in rest.items() if best in place.branches]
+            values = np.array([rest.pop(i).value for i in own])
+            found.append(cls(circuit, best, tuple(own), values))
+        return found
+
+    def direction(self) -> tuple[float, Array, Array]:
+        """Return the driver's best sense, how far on it meets samples, and which are in order.
+
+        Where the driver turns fully, it begins at the first sample, and goes on for less than a
+        turn. In order is the longest sequence that does not fall.
+        """
+        senses, n = [], len(self.values)
+        for sense in (1.0, -1.0):
+            offsets = sense * (self.values - self.values[0])
+            if self.circuit.turns_fully:
+                turn = abs(self.circuit.turn)
+                offsets %= turn
+                offsets[turn - offsets < TOLERANCES.half_precision] = 0.0
+            length, before = np.ones(n, dtype=int), np.full(n, -1)
+            for k in range(1, n):
+                lower = np.flatnonzero(offsets[:k] <= offsets[k] + TOLERANCES.half_precision)
+                if lower.size:
+                    before[k] = lower[np.argmax(length[lower])]
+                    length[k] = length[before[k]] + 1
+            rising, k = np.zeros(n, dtype=bool), int(np.argmax(length))
+            while k >= 0:
+                rising[k] = True
+                k = int(before[k])
+            senses.append((int(rising.sum()), -float(np.ptp(offsets)), sense, offsets, rising))
+        best = max(senses, key=lambda x: x[:3])
+        return best[2], best[3], best[4]
+
+    def rows(self, cyclic: bool) -> list[int]:
+        """Return samples of the curve between the first and the last place of the branch."""
+        rows, values = self.circuit.rows_of(self.branch)
+        if not self.circuit.turns_fully:
+            low, high = self.values.min(), self.values.max()
+            return rows[(low <= values) & (values <= high)].tolist()
+        if cyclic:
+            return rows.tolist()
+        sense, offsets, _ = self.direction()
+        on = (sense * (values - self.values[0])) % abs(self.circuit.turn)
+        return rows[on <= offsets.max()].tolist()
+
+    def order_defects(self) -> Iterator[Defect]:
+        """Yield a defect if the driver meets samples in another order than they have."""
+        _, offsets, rising = self.direction()
+        if not rising.all():
+            out = tuple(i for i, fits in zip(self.samples, rising, strict=True) if not fits)
+            met = [self.samples[k] for k in np.argsort(offsets, kind="stable").tolist()]
+            yield Defect("order", out, f"{self.circuit.driver} meets the samples in the order "
+                         f"{', '.join(map(str, met))}")
+
+    def limit_defects(self, states: Sequence[State], cyclic: bool) -> Iterator[Defect]:
+        """Yield joint limits that are passed in the motion through the places of the branch."""
+        circuit = self.circuit
+        if not joint_limits(circuit.motion.mechanism):
+            return
+        sense, offsets, _ = self.direction()
+        most = abs(circuit.turn) if circuit.turns_fully and cyclic else float(offsets.max())
+        k = int(np.argmin(offsets))
+        state = states[self.samples[k]]
+        values = float(state.coordinate(circuit.driver).value) + sense * np.linspace(
+            0.0, most - float(offsets[k]), len(self.rows(cyclic)) + 2)
+        try:
+            motion = sweep(state.mechanism, circuit.driver, values, guess=state, on_limit="stop")
+            yield from limits_passed(motion, self.samples)
+        except SpatialPinError as error:
+            yield Defect("not judged", self.samples, f"joint limits: {error}")
 
 
 @checked
@@ -79,7 +149,6 @@ def defects(
     driver: str | None = None,
     *,
     output: str | None = None,
-    at: str | None = None,
     least_angle: float = LEAST_ANGLE,
     ordered: bool = True,
     cyclic: bool = False,
@@ -89,7 +158,8 @@ def defects(
     The curves of configurations that the states lie on are followed as a whole (`trace`), with
     other drivers standing still; two states are on one circuit where one curve leads to both, on
     one branch where the driver meets neither a limit nor a branch point between them. Joint limits
-    count at the states and between those of a branch.
+    count at the states and between those of a branch. What could not be looked at, as with several
+    drivers that move, is one of kind "not judged".
 
     Args:
         mechanism: the mechanism.
@@ -97,18 +167,9 @@ def defects(
         driver: driver or coordinate that moves it; the only driver if not given.
         output: coordinate whose transmission angle counts; default the only one-freedom joint on
             the fixed link besides the driver's.
-        at: the pair that moves the output's link, where there are several, as for `transmission`.
         least_angle: transmission angle that is good enough [rad].
         ordered: whether the driver is free in when it meets the states, and its order counts.
-        cyclic: whether they are met again and again, so that a driver that turns fully is used all
-            the way round.
-
-    Returns:
-        The defects, none if there is none. What could not be looked at, as with several drivers
-        that move, is one of kind "not judged".
-
-    Raises:
-        UnknownNameError: there is no such driver or output.
+        cyclic: whether a driver that turns fully is used all the way round.
     """
     states = [of_mechanism(mechanism, state) for state in states]
     if not states:
@@ -120,27 +181,26 @@ def defects(
             mechanism.driven_coordinate(name)
     if driver is None and len(mechanism.drivers) == 1:
         driver = next(iter(mechanism.drivers))
-    why = _unjudged(mechanism, states, driver)
+    why = _moved_besides(mechanism, states, driver)
     beyond = [*_beyond_limits(states)]
     if driver is None or why:
         return (Defect("not judged", everything, f"{ALL}: {why}"), *beyond)
     try:
-        circuits = _circuits(mechanism, states, driver)
+        circuits = Circuit.through(mechanism, driver, states)
     except SpatialPinError as error:
         return (Defect("not judged", everything, f"{ALL}: {error}"), *beyond)
-    found = [*_circuit_defects(circuits)]
-    stretches = list[_Stretch]()
+    found, branches = [*_circuit_defects(circuits)], list[UsedBranch]()
     for circuit, places in circuits:
-        own = _stretches(circuit, places)
+        own = UsedBranch.several(circuit, places)
         found += _branch_defects(own)
-        stretches += own
+        branches += own
     if ordered:
-        found += [defect for own in stretches for defect in _order_defects(own)]
-    found += beyond or [x for own in stretches for x in _limits_passed(own, states, cyclic)]
-    return (*found, *_transmission(stretches, states, output, at, least_angle, cyclic))
+        found += [defect for one in branches for defect in one.order_defects()]
+    found += beyond or [x for one in branches for x in one.limit_defects(states, cyclic)]
+    return (*found, *_transmission(branches, states, output, least_angle, cyclic))
 
 
-def _unjudged(mechanism: Mechanism, states: Sequence[State], driver: str | None) -> str:
+def _moved_besides(mechanism: Mechanism, states: Sequence[State], driver: str | None) -> str:
     """Return why nothing can be judged, in words; empty if it can."""
     if driver is None:
         n = len(mechanism.drivers)
@@ -158,30 +218,7 @@ def _unjudged(mechanism: Mechanism, states: Sequence[State], driver: str | None)
     return ""
 
 
-# ---------------------------------------------------------------- circuits and branches
-
-
-def _circuits(
-    mechanism: Mechanism, states: Sequence[State], driver: str
-) -> list[tuple[Circuit, dict[int, Place]]]:
-    """Return the circuits that states lie on, and where.
-
-    Raises:
-        SpatialPinError: one cannot be followed.
-    """
-    found: list[tuple[Circuit, dict[int, Place]]] = []
-    left = list(range(len(states)))
-    while left:
-        circuit = Circuit(mechanism, driver, states[left[0]])
-        places = {i: place for i in left if (place := circuit.place(states[i])) is not None}
-        if left[0] not in places:
-            raise SpatialPinError(f"the curve through sample {left[0]} cannot be followed")
-        found.append((circuit, places))
-        left = [i for i in left if i not in places]
-    return found
-
-
-def _circuit_defects(found: Sequence[tuple[Circuit, dict[int, Place]]]) -> Iterator[Defect]:
+def _circuit_defects(found: Sequence[tuple[Circuit, dict[int, CircuitPlace]]]) -> Iterator[Defect]:
     """Yield what it means that states lie on several curves."""
     if len(found) < 2:
         return
@@ -200,29 +237,17 @@ def _circuit_defects(found: Sequence[tuple[Circuit, dict[int, Place]]]) -> Itera
                      "between them")
 
 
-def _stretches(circuit: Circuit, places: dict[int, Place]) -> list[_Stretch]:
-    """Return the fewest branches of a circuit that hold all places, those with most first."""
-    left, found = dict(places), list[_Stretch]()
-    while left:
-        branches = sorted({b for place in left.values() for b in place.branches})
-        best = max(branches, key=lambda b: sum(b in place.branches for place in left.values()))
-        own = [i for i, place in left.items() if best in place.branches]
-        values = np.array([left.pop(i).value for i in own])
-        found.append(_Stretch(circuit, best, tuple(own), values))
-    return found
-
-
-def _branch_defects(stretches: Sequence[_Stretch]) -> Iterator[Defect]:
+def _branch_defects(branches: Sequence[UsedBranch]) -> Iterator[Defect]:
     """Yield what it means that places of one circuit lie on several branches."""
-    if len(stretches) < 2:
+    if len(branches) < 2:
         return
-    circuit = stretches[0].circuit
+    circuit = branches[0].circuit
     borders = circuit.values_at_borders()
     named = ", ".join(f"{value:.6g}" for value in borders[:MOST_NAMED])
     more = ", ..." * (len(borders) > MOST_NAMED)
     apart = "; ".join(f"{_named(s.samples)} on {'one' if not k else 'another'}"
-                      for k, s in enumerate(stretches))
-    yield Defect("branch", tuple(sorted(i for s in stretches for i in s.samples)),
+                      for k, s in enumerate(branches))
+    yield Defect("branch", tuple(sorted(i for s in branches for i in s.samples)),
                  f"{apart} branch: {circuit.driver} would have to pass its limits or branch points "
                  f"(at {named}{more} {circuit.motion.driver_unit})")
 
@@ -231,58 +256,7 @@ def _named(samples: tuple[int, ...]) -> str:
     return f"sample{'s' * (len(samples) > 1)} {', '.join(map(str, samples))}"
 
 
-# ---------------------------------------------------------------- order
-
-
-def _order_defects(stretch: _Stretch) -> Iterator[Defect]:
-    """Yield a defect if the driver meets samples in another order than asked."""
-    _, offsets, kept = _direction(stretch)
-    if kept.all():
-        return
-    out = tuple(i for i, keep in zip(stretch.samples, kept, strict=True) if not keep)
-    met = [stretch.samples[k] for k in np.argsort(offsets, kind="stable").tolist()]
-    yield Defect("order", out, f"{stretch.circuit.driver} meets the samples in the order "
-                 f"{', '.join(map(str, met))}")
-
-
-def _direction(stretch: _Stretch) -> tuple[float, Array, Array]:
-    """Return the driver's best sense, how far on it meets samples, and which are in order.
-
-    Where the driver turns fully, it begins at the first sample, and goes on for less than a turn.
-    """
-    ways = []
-    for sense in (1.0, -1.0):
-        offsets = sense * (stretch.values - stretch.values[0])
-        if stretch.circuit.turns_fully:
-            turn = abs(stretch.circuit.turn)
-            offsets %= turn
-            offsets[turn - offsets < TOLERANCES.half_precision] = 0.0
-        kept = _longest_rise(offsets)
-        ways.append((int(kept.sum()), -float(np.ptp(offsets)), sense, offsets, kept))
-    best = max(ways, key=lambda way: way[:3])
-    return best[2], best[3], best[4]
-
-
-def _longest_rise(values: Array) -> Array:
-    """Return which of some values (k,) make their longest sequence that does not fall."""
-    length, before = np.ones(len(values), dtype=int), np.full(len(values), -1)
-    for k in range(1, len(values)):
-        lower = np.flatnonzero(values[:k] <= values[k] + TOLERANCES.half_precision)
-        if lower.size:
-            before[k] = lower[np.argmax(length[lower])]
-            length[k] = length[before[k]] + 1
-    kept, k = np.zeros(len(values), dtype=bool), int(np.argmax(length))
-    while k >= 0:
-        kept[k] = True
-        k = int(before[k])
-    return kept
-
-
-# ---------------------------------------------------------------- joint limits
-
-
 def _beyond_limits(states: Sequence[State]) -> Iterator[Defect]:
-    """Yield joint limits that samples are beyond."""
     passed: dict[str, list[int]] = {}
     for k, state in enumerate(states):
         for passing in passed_at_start(state.mechanism, state.q, 0.0):
@@ -293,64 +267,23 @@ def _beyond_limits(states: Sequence[State]) -> Iterator[Defect]:
                      f"{words}")
 
 
-def _limits_passed(stretch: _Stretch, states: Sequence[State], cyclic: bool) -> Iterator[Defect]:
-    """Yield joint limits that are passed on the way through the places of a branch."""
-    if not joint_limits(stretch.circuit.motion.mechanism):
-        return
-    try:
-        yield from limits_passed(_used(stretch, states, cyclic), stretch.samples)
-    except SpatialPinError as error:
-        yield Defect("not judged", stretch.samples, f"joint limits: {error}")
-
-
 def limits_passed(motion: Motion, samples: tuple[int, ...] = ()) -> tuple[Defect, ...]:
-    """Return a defect for each joint limit that a motion passes, where it does so first.
-
-    Args:
-        motion: of one driver.
-        samples: numbers of those that it leads through.
-    """
-    first: dict[str, Passing] = {}
+    """Return a defect for each joint limit that a motion passes, where it does so first."""
+    found: dict[str, Defect] = {}
     for passing in joint_limits_passed(motion):
-        first.setdefault(passing.limit.words, passing)
-    return tuple(Defect("joint limit", samples, _passed(motion, passing))
-                 for passing in first.values())
-
-
-def _passed(motion: Motion, passing: Passing) -> str:
-    """Return where a limit is passed, and by how much."""
-    by = -float(passing.limit.room(motion.q).min())
-    most = f", by up to {by:.3g} {passing.limit.unit}" * (by > 0.0)
-    if passing.where:
-        return f"the {passing.limit.words} is passed {passing.where}{most}"
-    return f"the motion begins beyond the {passing.limit.words}{most}"
-
-
-def _used(stretch: _Stretch, states: Sequence[State], cyclic: bool) -> Motion:
-    """Return the motion through the places of a branch, a whole turn where that is used.
-
-    Raises:
-        SpatialPinError: the driver cannot lead through them.
-    """
-    circuit, n = stretch.circuit, len(_used_rows(stretch, cyclic)) + 2
-    sense, offsets, _ = _direction(stretch)
-    most = abs(circuit.turn) if circuit.turns_fully and cyclic else float(offsets.max())
-    k = int(np.argmin(offsets))
-    state = states[stretch.samples[k]]
-    own = float(state.coordinate(circuit.driver).value)
-    values = own + sense * np.linspace(0.0, most - float(offsets[k]), n)
-    return sweep(state.mechanism, circuit.driver, values, guess=state, on_limit="stop")
-
-
-# ---------------------------------------------------------------- transmission
+        words, by = passing.limit.words, -float(passing.limit.room(motion.q).min())
+        most = f", by up to {by:.3g} {passing.limit.unit}" * (by > 0.0)
+        where = (f"the {words} is passed {passing.where}" if passing.where else
+                 f"the motion begins beyond the {words}")
+        found.setdefault(words, Defect("joint limit", samples, where + most))
+    return tuple(found.values())
 
 
 def _transmission(
-    stretches: Sequence[_Stretch], states: Sequence[State], output: str | None, at: str | None,
+    branches: Sequence[UsedBranch], states: Sequence[State], output: str | None,
     least: float, cyclic: bool,
 ) -> Iterator[Defect]:
-    """Yield where the transmission angle is poor over the range of motion used."""
-    motion, driver = stretches[0].circuit.motion, stretches[0].circuit.driver
+    motion, driver = branches[0].circuit.motion, branches[0].circuit.driver
     mechanism, everything = motion.mechanism, tuple(range(len(states)))
     outputs = grounded_outputs(motion) if output is None else [output]
     if len(outputs) != 1:
@@ -359,12 +292,12 @@ def _transmission(
         return
 
     def angle(state: State) -> float:
-        return transmission_angle(mechanism, state, outputs[0], driver, at)[0]
+        return transmission_angle(mechanism, state, outputs[0], driver)[0]
 
     try:
         own = [angle(state) for state in states]
         swept = [(angle(s.circuit.motion.state(row)), float(s.circuit.motion.swept[row]))
-                 for s in stretches for row in _used_rows(s, cyclic)]
+                 for s in branches for row in s.rows(cyclic)]
     except SpatialPinError as error:
         yield Defect("not judged", everything, f"transmission: {error}")
         return
@@ -375,16 +308,3 @@ def _transmission(
         yield Defect("transmission", poor, f"the transmission angle of {outputs[0]} falls to "
                      f"{np.degrees(worst):.3g}° at {driver} = {value:.6g} {motion.driver_unit}; "
                      f"{np.degrees(least):.3g}° are asked for")
-
-
-def _used_rows(stretch: _Stretch, cyclic: bool) -> list[int]:
-    """Return samples of the curve between the first and the last place of a branch."""
-    rows, values = stretch.circuit.rows_of(stretch.branch)
-    if not stretch.circuit.turns_fully:
-        low, high = stretch.values.min(), stretch.values.max()
-        return rows[(low <= values) & (values <= high)].tolist()
-    if cyclic:
-        return rows.tolist()
-    sense, offsets, _ = _direction(stretch)
-    on = (sense * (values - stretch.values[0])) % abs(stretch.circuit.turn)
-    return rows[on <= offsets.max()].tolist()

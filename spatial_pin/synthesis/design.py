@@ -2,29 +2,116 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import itertools
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from spatial_pin._support.checks import checked, whole_number
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State
 from spatial_pin.dimensions.bounds import bounds_of
+from spatial_pin.dimensions.dimension_batch import EvaluatedBatch
 from spatial_pin.dimensions.variants import tell_idle
 from spatial_pin.errors import unless_cut
 from spatial_pin.mechanism.coordinates import needed
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.numerics.linalg import Array
-from spatial_pin.synthesis.contradictions import (
-    exact_points,
-    refuse_contradictions,
-    refuse_off_plane,
-)
-from spatial_pin.synthesis.precision import Goal
-from spatial_pin.synthesis.problem import ProblemSpec
-from spatial_pin.synthesis.results import Designs, designs_of
-from spatial_pin.synthesis.search import searched
+from spatial_pin.numerics.linalg import Array, decompose
+from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.synthesis.demands import Swing
+from spatial_pin.synthesis.design_problem import ProblemSpec
+from spatial_pin.synthesis.global_search import searched
+from spatial_pin.synthesis.precision import FunctionGoal, Goal, PathGoal, PosesGoal, Precision
+from spatial_pin.synthesis.ranked_designs import Designs, designs_of
+
+
+def refuse_contradictions(mechanism: Mechanism, goals: Sequence[Goal]) -> None:
+    """Refuse goals that are to be met exactly and ask for two things at one place.
+
+    Goals of precision do if their drivers have the same values and their targets differ, and two
+    swings of one motion. Nothing is said of goals with a weight, and of those whose drawing, zeros
+    or drivers are free.
+    """
+    exact = [goal for goal in goals if isinstance(goal, Precision) and goal.weight is None
+             and goal.drivers and not goal.own_names and not goal.input_offset]
+    for first, second in itertools.combinations_with_replacement(exact, 2):
+        for i, j in _pairs(mechanism, first, second):
+            raise ValueError(
+                f"goals contradict: {first.name}, sample {i}, and {second.name}, sample {j}, have "
+                "the same drivers and other targets; give one of them a weight, or leave it out")
+
+    def moved(swing: Swing) -> tuple[str, str, list[float] | None]:
+        return (mechanism.driven_coordinate(swing.moved_by(mechanism)).name,
+                mechanism.coordinate(swing.output).name,
+                None if swing.at is None else swing.at.tolist())
+
+    swings = [goal for goal in goals if isinstance(goal, Swing) and goal.weight is None]
+    for one, other in itertools.combinations(swings, 2):
+        if moved(one) == moved(other) and one.angle != other.angle:
+            raise ValueError(
+                f"goals contradict: {one.name} is to be {one.angle:g} and {other.angle:g}; give "
+                "one of them a weight, or leave it out")
+
+
+def exact_points(goals: Sequence[Goal]) -> list[PathGoal | PosesGoal]:
+    """Return the goals that ask for points of the world itself, exactly."""
+    return [goal for goal in goals if isinstance(goal, PathGoal | PosesGoal)
+            and goal.weight is None and not goal.own_names]
+
+
+def refuse_off_plane(bodies: EvaluatedBatch, goals: Sequence[Goal]) -> None:
+    """Refuse exact points that are off the plane, or line, that a frame stays in."""
+    size = bodies.mechanism.characteristic_length
+    if not len(bodies.q):
+        return
+    for goal in exact_points(goals):
+        origin = bodies.origin(goal.frame)
+        moved = bodies.frame_jacobian(goal.frame, origin)[:, :3]
+        ways = np.concatenate([moved.transpose(0, 2, 1).reshape(-1, 3), origin - origin[0]])
+        svd = decompose(ways, TOLERANCES.half_precision)
+        off = np.linalg.norm((goal.points - origin[0]) @ svd.vt[svd.rank :].T, axis=1)
+        worst = int(np.argmax(off))
+        if off[worst] > TOLERANCES.nothing * size:
+            raise ValueError(
+                f"{goal.name}: whatever the dimensions are, {goal.frame!r} stays "
+                f"{('at a point', 'on a line', 'in a plane')[svd.rank]}, and sample {worst} is "
+                f"{off[worst]:.3g} m off it; ask for points there, or give the goal a weight or "
+                "a free placement")
+
+
+def _pairs(mechanism: Mechanism, first: Precision, second: Precision) -> Iterator[tuple[int, int]]:
+    """Yield numbers of samples at the same drivers with other targets."""
+    names = {mechanism.driven_coordinate(name).name: name for name in first.drivers}
+    others = {mechanism.driven_coordinate(name).name: name for name in second.drivers}
+    if names.keys() != others.keys() or _what(first) != _what(second):
+        return
+    here = np.array([first.drivers[name] for name in names.values()]).T
+    there = np.array([second.drivers[others[name]] for name in names]).T
+    size = max(1.0, mechanism.characteristic_length)
+    for i, j in itertools.product(range(len(first)), range(len(second))):
+        away = _target(first, i) - _target(second, j)
+        if len(away) == 1:  # angles, the only single numbers, are the same but for whole turns
+            away = 2.0 * np.sin(0.5 * away)
+        if np.abs(here[i] - there[j]).max() <= TOLERANCES.round_off and (
+                np.abs(away).max() > TOLERANCES.tight * size):
+            yield i, j
+
+
+def _what(goal: Precision) -> tuple[type, str]:
+    name = goal.output if isinstance(goal, FunctionGoal) else str(getattr(goal, "frame", ""))
+    return type(goal), name
+
+
+def _target(goal: Precision, i: int) -> Array:
+    if isinstance(goal, PosesGoal):
+        return np.concatenate([goal.points[i], goal.rotations[i].ravel()])
+    if isinstance(goal, PathGoal):
+        return goal.points[i]
+    assert isinstance(goal, FunctionGoal)
+    return goal.values[i : i + 1]
 
 
 @checked
@@ -98,31 +185,26 @@ def design(
         ()
     """
     needed(mechanism)
-    asked = _asked(goals)
+    wanted = tuple(goals) if isinstance(goals, Iterable) else (goals,)
+    if not wanted:
+        raise ValueError("goals is empty: ask for something of sp.goals")
+    for goal in wanted:
+        if not isinstance(goal, Goal):
+            raise TypeError(f"goals are of sp.goals, as goals.path(...), not {goal!r:.60}")
     bounds = bounds_of(mechanism, dimensions)
     if not bounds:
         raise ValueError("dimensions names none: nothing may change")
     if whole_number(most, "most") < 1:
         raise ValueError(f"most is {most}; it is 1 at least")
     tell_idle(mechanism, bounds)
-    for goal in asked:
+    for goal in wanted:
         goal.check(mechanism)
-    refuse_contradictions(mechanism, asked)
+    refuse_contradictions(mechanism, wanted)
     nominal = assembled(mechanism, {}, guess)
-    spec = ProblemSpec(mechanism.path, mechanism.loading, asked, bounds,
+    spec = ProblemSpec(mechanism.path, mechanism.loading, wanted, bounds,
                        (nominal.q, nominal.angles))
     problem = spec.make()
-    if exact_points(asked):
-        refuse_off_plane(problem.anywhere(), asked)
+    if exact_points(wanted):
+        refuse_off_plane(problem.anywhere(), wanted)
     found = searched(spec, method, starts, seed, executor, progress, resume)
     return unless_cut(designs_of(problem, found, most))
-
-
-def _asked(goals: Any) -> tuple[Goal, ...]:
-    asked = tuple(goals) if isinstance(goals, Iterable) else (goals,)
-    if not asked:
-        raise ValueError("goals is empty: ask for something of sp.goals")
-    for goal in asked:
-        if not isinstance(goal, Goal):
-            raise TypeError(f"goals are of sp.goals, as goals.path(...), not {goal!r:.60}")
-    return asked

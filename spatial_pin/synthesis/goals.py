@@ -28,13 +28,18 @@ from spatial_pin._support.checks import (
     positive_number,
 )
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.synthesis.demands.effort import MostEffort
-from spatial_pin.synthesis.demands.extent import LeastClearance, MostMass, MostSize
-from spatial_pin.synthesis.demands.full_turn import FullTurn
-from spatial_pin.synthesis.demands.joint_limits import WithinLimits
-from spatial_pin.synthesis.demands.swing import DeadCentres, Swing
-from spatial_pin.synthesis.demands.transmission import LeastTransmission
-from spatial_pin.synthesis.precision import Function, Path, Poses
+from spatial_pin.synthesis.demands import (
+    DeadCentres,
+    FullTurn,
+    LeastClearance,
+    LeastTransmission,
+    MostEffort,
+    MostMass,
+    MostSize,
+    Swing,
+    WithinLimits,
+)
+from spatial_pin.synthesis.precision import FunctionGoal, PathGoal, PosesGoal
 
 __all__ = [
     "clearance", "dead_centres", "effort", "function", "joint_limits", "mass", "path", "poses",
@@ -67,7 +72,7 @@ def path(
     frame: str, points: Any, drivers: Mapping[str, Any] | None = None, *, closed: bool = False,
     scale: bool = False, placement: bool = False, input_offset: bool = False,
     weight: float | None = 1.0,
-) -> Path:
+) -> PathGoal:
     """Ask that the origin of a frame goes through points.
 
     Args:
@@ -96,8 +101,9 @@ def path(
         found = np.hstack([found, np.zeros((len(found), 1))])
     if not len(found):
         raise ValueError("path: there are no points")
-    return Path(weight=_weight(weight), frame=frame, points=found, placement=placement, scale=scale,
-                drivers=_timed(drivers, len(found)), input_offset=input_offset, closed=closed)
+    return PathGoal(
+        weight=_weight(weight), frame=frame, points=found, placement=placement, scale=scale,
+        drivers=_timed(drivers, len(found)), input_offset=input_offset, closed=closed)
 
 
 @checked
@@ -105,7 +111,7 @@ def poses(
     frame: str, placements: Sequence[Any], drivers: Mapping[str, Any] | None = None, *,
     scale: bool = False, placement: bool = False, input_offset: bool = False,
     weight: float | None = 1.0,
-) -> Poses:
+) -> PosesGoal:
     """Ask that a frame goes through placements.
 
     Args:
@@ -128,7 +134,7 @@ def poses(
     found = [_placement(x, i) for i, x in enumerate(placements)]
     if not found:
         raise ValueError("poses: there are no placements")
-    return Poses(
+    return PosesGoal(
         weight=_weight(weight), frame=frame, points=np.array([x.translation for x in found]),
         rotations=np.array([x.rotation for x in found]), placement=placement, scale=scale,
         drivers=_timed(drivers, len(found)), input_offset=input_offset)
@@ -148,7 +154,7 @@ def _placement(given: Any, i: int) -> pin.SE3:
 def function(
     output: str, values: Any, drivers: Mapping[str, Any], *, offset: bool = False,
     input_offset: bool = False, weight: float | None = 1.0,
-) -> Function:
+) -> FunctionGoal:
     """Ask that a coordinate follows drivers.
 
     Args:
@@ -174,7 +180,7 @@ def function(
     found = _timed(drivers, len(array))
     if not found:
         raise ValueError("function: drivers names no driver; give {name: values}")
-    return Function(weight=_weight(weight), output=output, values=array, offset=offset,
+    return FunctionGoal(weight=_weight(weight), output=output, values=array, offset=offset,
                     drivers=found, input_offset=input_offset)
 
 
@@ -341,14 +347,11 @@ def effort(
         >>> sp.goals.effort(2.0, "crank", loads={"coupler_b": load}).name  # at most 2 N·m
         'effort of crank'
     """
-    found = {name: _wrench(name, load) for name, load in mapping(loads, "loads").items()}
+    found = {name: finite_array(load.vector if isinstance(load, pin.Force) else load, (6,),
+                                f"load at {name!r}")
+             for name, load in mapping(loads, "loads").items()}
     return MostEffort(weight=_weight(weight), at_most=positive_number(at_most, "at_most"),
                       driver=driver, loads=found, at=_values(values))
-
-
-def _wrench(name: str, load: Any) -> Array:
-    given = load.vector if isinstance(load, pin.Force) else load
-    return finite_array(given, (6,), f"load at {name!r}")
 
 
 @checked
@@ -415,15 +418,14 @@ def clearance(
         >>> sp.goals.clearance(0.02, pairs=[("crank", "rocker")]).name  # [m]
         'clearance'
     """
-    asked = None if pairs is None else tuple(_two_links(pair) for pair in pairs)
-    if asked == ():
+    named: tuple[tuple[str, str], ...] | None = None
+    if pairs is not None:
+        pairs = list(pairs)
+        for pair in pairs:
+            if isinstance(pair, str) or np.shape(pair) != (2,):
+                raise ValueError(f"clearance: a pair is the names of two links, not {pair!r}")
+        named = tuple((str(first), str(second)) for first, second in pairs)
+    if named == ():
         raise ValueError("clearance: pairs is empty: name two links each, or leave it out for all")
     return LeastClearance(weight=_weight(weight), at_least=finite_number(at_least, "at_least"),
-                          pairs=asked, driver=driver, at=_values(values))
-
-
-def _two_links(pair: Any) -> tuple[str, str]:
-    if isinstance(pair, str) or np.shape(pair) != (2,):
-        raise ValueError(f"clearance: a pair is the names of two links, not {pair!r}")
-    first, second = pair
-    return str(first), str(second)
+                          pairs=named, driver=driver, at=_values(values))

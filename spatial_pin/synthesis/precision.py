@@ -19,7 +19,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.dimensions.family import Bodies
+from spatial_pin.dimensions.dimension_batch import EvaluatedBatch
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.angles import whole_turns
@@ -99,7 +99,7 @@ class Precision(Goal):
         return np.zeros(len(self.own_names))
 
     @abstractmethod
-    def residual(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Array:
+    def residual(self, bodies: EvaluatedBatch, at: NDArray[np.intp], own: Array) -> Array:
         """Return residuals (m, r).
 
         Args:
@@ -109,37 +109,41 @@ class Precision(Goal):
         """
 
     @abstractmethod
-    def slopes(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Slopes:
+    def slopes(self, bodies: EvaluatedBatch, at: NDArray[np.intp], own: Array) -> Slopes:
         """Return residuals and their derivatives for v / `velocity_scale` and for own numbers."""
 
     @abstractmethod
     def errors(self, residual: Array, mechanism: Mechanism, own: Array) -> Array:
         """Return the error (k,) at each sample in `unit`, from residuals (k, r)."""
 
+    @abstractmethod
+    def targets(self, mechanism: Mechanism, own: Array) -> Array:
+        """Return the targets in the world, as `Met` has them."""
 
-# ---------------------------------------------------------------- placement
+    def natural(self, mechanism: Mechanism, name: str, value: float) -> float:
+        """Return one of its numbers in its unit; a scale is a factor."""
+        if name == "scale":
+            return float(np.exp(value))
+        if name.startswith("placement."):
+            return value * (1.0 if "r" in name[-2:] else mechanism.characteristic_length)
+        output = getattr(self, "output", "") if name == "offset" else name.removesuffix(".zero")
+        return value * float(mechanism.velocity_scale[mechanism.prescribed_coordinate(output).v])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Drawn(Precision):
+class DrawnGoal(Precision):
     """Points or placements that are given in axes of their own, the drawing's.
 
     Where it may have any size, residuals are lengths of the drawing, which are the world's by its
     scale: in lengths of the world a drawing that shrinks to a point would be met best.
-
-    Attributes:
-        frame: what goes through them.
-        points: (k, 3) [m].
-        placement: whether the drawing may be placed anywhere; its numbers are shifts along the axes
-            of the world, relative to the characteristic length, and a rotation vector about the
-            points' centroid.
-        scale: whether it may have any size; its number is the logarithm of that.
     """
 
-    frame: str
-    points: Array
+    frame: str  # what goes through them
+    points: Array  # (k, 3) [m]
+    # whether the drawing may be placed anywhere; its numbers are shifts along the axes of the
+    # world, relative to the characteristic length, and a rotation vector about the points' centroid
     placement: bool = False
-    scale: bool = False
+    scale: bool = False  # whether it may have any size; its number is the logarithm of that
 
     def check(self, mechanism: Mechanism) -> None:
         """See `Goal`."""
@@ -189,22 +193,10 @@ class _Drawn(Precision):
         self, mechanism: Mechanism, away: Array, moved: Array, at: NDArray[np.intp], own: Array
     ) -> tuple[Array, Array]:
         """Return derivatives of `away` (m, 3), those of origins being `moved` (m, 3, nv)."""
-        size = self._size(mechanism, own)
-        drawn = -self._drawn_slopes(mechanism, own)[at] / size
-        if self.scale:
-            drawn[:, :, -1] -= away
-        return moved / size, drawn
-
-    def _size(self, mechanism: Mechanism, own: Array) -> float:
-        """Return the length [m] by which residuals count."""
-        return mechanism.characteristic_length * float(np.exp(self._split(own)[2]))
-
-    def _drawn_slopes(self, mechanism: Mechanism, own: Array) -> Array:
-        """Return the derivatives (k, 3, n_own) of the points for the own numbers."""
-        shift, turn, _ = self._split(own)
+        size, (shift, turn, _) = self._size(mechanism, own), self._split(own)
         points, _ = self.drawn(mechanism, own)
         arms = points - self.points.mean(axis=0) - mechanism.characteristic_length * shift
-        columns = []
+        columns = [np.empty((len(points), 3, 0))]  # of the points, for the own numbers
         if self.placement:
             along = np.broadcast_to(mechanism.characteristic_length * np.eye(3),
                                     (len(points), 3, 3))
@@ -213,26 +205,36 @@ class _Drawn(Precision):
             columns += [along, spun]
         if self.scale:
             columns.append(arms[:, :, None])
-        return np.concatenate([np.empty((len(points), 3, 0)), *columns], axis=2)
+        drawn = -np.concatenate(columns, axis=2)[at] / size
+        if self.scale:
+            drawn[:, :, -1] -= away
+        return moved / size, drawn
+
+    def _size(self, mechanism: Mechanism, own: Array) -> float:
+        return mechanism.characteristic_length * float(np.exp(self._split(own)[2]))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Path(_Drawn):
+class PathGoal(DrawnGoal):
     """The origin of a frame at points, one after the other."""
 
     closed: bool = False
     _words, _unit, width = "path of {0.frame}", "m", 3
 
-    def residual(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Array:
+    def residual(self, bodies: EvaluatedBatch, at: NDArray[np.intp], own: Array) -> Array:
         """See `Precision`."""
         return self._away(bodies.mechanism, bodies.origin(self.frame), at, own)
 
-    def slopes(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Slopes:
+    def slopes(self, bodies: EvaluatedBatch, at: NDArray[np.intp], own: Array) -> Slopes:
         """See `Precision`."""
         origin = bodies.origin(self.frame)
         away = self._away(bodies.mechanism, origin, at, own)
         moved = bodies.frame_jacobian(self.frame, origin)[:, :3]
         return (away, *self._away_slopes(bodies.mechanism, away, moved, at, own))
+
+    def targets(self, mechanism: Mechanism, own: Array) -> Array:
+        """See `Precision`."""
+        return self.drawn(mechanism, own)[0]
 
     def errors(self, residual: Array, mechanism: Mechanism, own: Array) -> Array:
         """See `Precision`: lengths of the world."""
@@ -240,13 +242,13 @@ class Path(_Drawn):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Poses(_Drawn):
+class PosesGoal(DrawnGoal):
     """A frame at placements, one after the other."""
 
     rotations: Array
     _words, _unit, width = "poses of {0.frame}", "m, rad", 6
 
-    def residual(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Array:
+    def residual(self, bodies: EvaluatedBatch, at: NDArray[np.intp], own: Array) -> Array:
         """See `Precision`: places, then rotation vectors from the target, in its axes."""
         _, rotation = self.drawn(bodies.mechanism, own)
         turned, origin = bodies.frame(self.frame)
@@ -254,7 +256,7 @@ class Poses(_Drawn):
         targets = rotation @ self.rotations[at]
         return np.hstack([away, logarithms(targets.transpose(0, 2, 1) @ turned)])
 
-    def slopes(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Slopes:
+    def slopes(self, bodies: EvaluatedBatch, at: NDArray[np.intp], own: Array) -> Slopes:
         """See `Precision`."""
         residual = self.residual(bodies, at, own)
         turned, origin = bodies.frame(self.frame)
@@ -268,6 +270,12 @@ class Poses(_Drawn):
         return (residual, np.concatenate([away, into @ moved[:, 3:]], axis=1),
                 np.concatenate([drawn, -into @ spun], axis=1))
 
+    def targets(self, mechanism: Mechanism, own: Array) -> Array:
+        """See `Precision`."""
+        points, rotation = self.drawn(mechanism, own)
+        return np.array([pin.SE3(rotation @ turned, point).homogeneous
+                         for turned, point in zip(self.rotations, points, strict=True)])
+
     def errors(self, residual: Array, mechanism: Mechanism, own: Array) -> Array:
         """See `Precision`: lengths of the world in m and angles in rad, the larger of both."""
         places = np.linalg.norm(residual[:, :3], axis=1) * self._size(mechanism, own)
@@ -275,7 +283,7 @@ class Poses(_Drawn):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Function(Precision):
+class FunctionGoal(Precision):
     """A coordinate at values, one after the other."""
 
     output: str
@@ -297,7 +305,7 @@ class Function(Precision):
         """See `Precision`."""
         return ("offset",) if self.offset else ()
 
-    def residual(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Array:
+    def residual(self, bodies: EvaluatedBatch, at: NDArray[np.intp], own: Array) -> Array:
         """See `Precision`: by the coordinate's own size; angles but for whole turns."""
         coordinate = bodies.mechanism.prescribed_coordinate(self.output)
         zero = own[0] if self.offset else 0.0
@@ -307,13 +315,18 @@ class Function(Precision):
             away = away - whole_turns(away)
         return away[:, None] / size
 
-    def slopes(self, bodies: Bodies, at: NDArray[np.intp], own: Array) -> Slopes:
+    def slopes(self, bodies: EvaluatedBatch, at: NDArray[np.intp], own: Array) -> Slopes:
         """See `Precision`."""
         coordinate, m = bodies.mechanism.prescribed_coordinate(self.output), len(bodies.q)
         moved = np.zeros((m, 1, bodies.mechanism.model.nv))
         moved[:, 0, coordinate.v] = 1.0
         return (self.residual(bodies, at, own), moved,
                 -np.ones((m, 1, 1)) if self.offset else np.empty((m, 1, 0)))
+
+    def targets(self, mechanism: Mechanism, own: Array) -> Array:
+        """See `Precision`."""
+        size = mechanism.velocity_scale[mechanism.prescribed_coordinate(self.output).v]
+        return self.values + (own[0] * size if self.offset else 0.0)
 
     def errors(self, residual: Array, mechanism: Mechanism, own: Array) -> Array:
         """See `Precision`."""
@@ -328,12 +341,7 @@ class Function(Precision):
 
 
 def simple(mechanism: Mechanism, name: str) -> Any:
-    """Return a coordinate that is one number of the configuration.
-
-    Raises:
-        UnknownNameError: there is no such coordinate.
-        SpatialPinError: it is a component of a ball or floating joint.
-    """
+    """Return a coordinate that is one number of the configuration."""
     coordinate = mechanism.prescribed_coordinate(name)
     if coordinate.q < 0:
         raise SpatialPinError(

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from spatial_pin.numerics.linalg import Array, row_space, singular_values
 from spatial_pin.numerics.roots import sign_change
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.workspace_map.filling import Border, Filling, Index, signs
-from spatial_pin.workspace_map.lines import (
-    Asked,
-    Run,
+from spatial_pin.workspace_map.filled_grid import Border, FilledGrid, Index, signs
+from spatial_pin.workspace_map.grid_lines import (
+    GridConfig,
+    GridLine,
     begun,
     motion_along,
     natural_jacobians,
@@ -26,18 +26,12 @@ LOCATED = 1e-9  # of a cell of the grid: where a determinant vanishes along it
 TASKS = {"position": slice(0, 3), "pose": slice(0, 6)}
 
 
-class Task(NamedTuple):
-    """What a frame is asked to do.
+class FrameTask(NamedTuple):
+    """What a frame is asked to do."""
 
-    Attributes:
-        name: "position" or "pose".
-        directions: (r, 3) or (r, 6) orthonormal, in which the frame moves at all.
-        n_drivers: how many move it.
-    """
-
-    name: str
-    directions: Array
-    n_drivers: int
+    name: str  # "position" or "pose"
+    directions: Array  # (r, 3) or (r, 6) orthonormal, in which the frame moves at all
+    n_drivers: int  # how many move it
 
     @property
     def is_square(self) -> bool:
@@ -49,7 +43,7 @@ class Task(NamedTuple):
         return self.directions @ jacobians[..., TASKS[self.name], :]
 
 
-def task_of(jacobians: Array, wanted: str | None) -> Task:
+def task_of(jacobians: Array, wanted: str | None) -> FrameTask:
     """Return the task: the wanted one, or the one with a direction for each driver.
 
     Args:
@@ -60,10 +54,10 @@ def task_of(jacobians: Array, wanted: str | None) -> Task:
     n = jacobians.shape[-1]
     known = jacobians[~np.isnan(jacobians).any(axis=(1, 2))]
 
-    def task(name: str) -> Task:
+    def task(name: str) -> FrameTask:
         part = known[:, TASKS[name]]
         columns = np.moveaxis(part, 1, 2).reshape(-1, part.shape[1])
-        return Task(name, row_space(columns, TOLERANCES.half_precision), n)
+        return FrameTask(name, row_space(columns, TOLERANCES.half_precision), n)
 
     if wanted is not None:
         return task(wanted)
@@ -74,13 +68,8 @@ def task_of(jacobians: Array, wanted: str | None) -> Task:
     return pose if pose.is_square else position
 
 
-def measures(task: Task, jacobians: Array) -> tuple[Array, Array]:
-    """Return the dexterity (m,), least to largest singular value, and the least one (m,).
-
-    Args:
-        task: what the frame is asked to do.
-        jacobians: (m, 6, c) in natural units, NaN where none is known.
-    """
+def measures(task: FrameTask, jacobians: Array) -> tuple[Array, Array]:
+    """Return the dexterity (m,), least to largest singular value, and the least one (m,)."""
     ratio, least = np.full((2, len(jacobians)), np.nan)
     known = ~np.isnan(jacobians).any(axis=(1, 2))
     if known.any() and len(task.directions):
@@ -90,14 +79,7 @@ def measures(task: Task, jacobians: Array) -> tuple[Array, Array]:
     return ratio, least
 
 
-class Cell(NamedTuple):
-    """An edge of the grid along which a determinant changes its sign."""
-
-    run: Run
-    sign: int
-
-
-def determinant_signs(filling: Filling, task: Task) -> NDArray[np.int8] | None:
+def determinant_signs(filling: FilledGrid, task: FrameTask) -> NDArray[np.int8] | None:
     """Return the determinant's sign at each point of the grid; None where there is none."""
     if not task.is_square or "jacobians" not in filling.data:
         return None
@@ -108,7 +90,7 @@ def determinant_signs(filling: Filling, task: Task) -> NDArray[np.int8] | None:
     return signs(determinants)
 
 
-def aspects_of(filling: Filling, task: Task) -> NDArray[np.intp]:
+def aspects_of(filling: FilledGrid, task: FrameTask) -> NDArray[np.intp]:
     """Return numbers of the parts of the grid that hang together without a change of sign.
 
     Where there is no determinant they are those of the points that are reached; -1 elsewhere.
@@ -127,10 +109,10 @@ def aspects_of(filling: Filling, task: Task) -> NDArray[np.intp]:
     return found
 
 
-def crossed_cells(filling: Filling, task: Task) -> list[Cell]:
+def crossed_cells(filling: FilledGrid, task: FrameTask) -> list[tuple[GridLine, int]]:
     """Return the edges of the grid along which the determinant changes its sign."""
     sign = determinant_signs(filling, task)
-    cells: list[Cell] = []
+    cells: list[tuple[GridLine, int]] = []
     if sign is None:
         return cells
     for axis in range(sign.ndim):
@@ -139,23 +121,24 @@ def crossed_cells(filling: Filling, task: Task) -> list[Cell]:
         for index in np.argwhere(first * last < 0).tolist():
             place: Index = tuple(index)
             to = filling.ticks[axis][[place[axis] + 1]]
-            cells.append(Cell(filling.run(axis, place, to), int(sign[place])))
+            cells.append((filling.run(axis, place, to), int(sign[place])))
     return cells
 
 
-def located(task: Task, asked: Asked, cells: Sequence[Cell]) -> list[Border | None]:
+def located(
+    task: FrameTask, asked: GridConfig, cells: Sequence[tuple[GridLine, int]]
+) -> list[Border | None]:
     """Return where the determinant vanishes along edges; None where the branch ends before.
 
     Of a grid of poses it is the one of the drivers' speeds by the frame's: where it vanishes the
     drivers do not determine the pose. Beside its zero that of the frame's by the drivers' changes
     its sign through infinity.
     """
-    return [_vanishing(task, asked._replace(limits=False), cell) for cell in cells]
+    return [_vanishing(task, asked._replace(limits=False), *cell) for cell in cells]
 
 
-def _vanishing(task: Task, asked: Asked, cell: Cell) -> Border | None:
-    run, to = cell.run, float(cell.run.values[0])
-    begin = float(run.at[run.axis])
+def _vanishing(task: FrameTask, asked: GridConfig, run: GridLine, sign: int) -> Border | None:
+    begin, to = float(run.at[run.axis]), float(run.values[0])
 
     def determinant(value: float) -> float:
         motion, n, _ = motion_along(asked, run, np.array([value]))
@@ -165,7 +148,7 @@ def _vanishing(task: Task, asked: Asked, cell: Cell) -> Border | None:
         if np.isnan(jacobians).any():  # drivers do not determine the pose: there it is infinite
             return 0.0 if asked.is_posed else np.nan
         found = float(np.linalg.det(task.matrices(jacobians)[0]))
-        return cell.sign * (1.0 / found if asked.is_posed else found)
+        return sign * (1.0 / found if asked.is_posed else found)
 
     ends = np.array([begin + LOCATED * (to - begin), to])
     first, last = map(determinant, ends)

@@ -21,11 +21,126 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.mechanism.joint_limits import JointLimit
+from spatial_pin.assembly.close import close, scaled_row
+from spatial_pin.assembly.holding import held_by
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.kernel.loop_equations import LoopEquations
+from spatial_pin.mechanism.joint_limits import JointLimit, joint_limits
+from spatial_pin.motion.joint_limits import KIND as JOINT_LIMIT
 from spatial_pin.numerics.linalg import Array, aligned, decompose
 from spatial_pin.numerics.roots import sign_change
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.workspace_map.section import CURVE_ENDS_BESIDE, LIMIT, Section
+from spatial_pin.workspace_map.dexterity import TASKS, FrameTask
+from spatial_pin.workspace_map.grid_lines import GridConfig
+
+LIMIT = "limit"
+CURVE_ENDS_BESIDE = 1e-4  # part of a step, or rank: so near to a branch point a curve ends
+
+
+class Section:
+    """The surface of closed configurations over a section of a grid.
+
+    Attributes:
+        evaluation: the closure equations.
+        limits: joint limits that are kept, by words.
+        free: numbers of the two coordinates of the grid that span the section.
+    """
+
+    def __init__(
+        self, asked: GridConfig, task: FrameTask, evaluation: LoopEquations, free: tuple[int, int],
+        spans: Array,
+    ) -> None:
+        mechanism = asked.mechanism
+        self.asked, self.task, self.evaluation, self.free = asked, task, evaluation, free
+        self.limits: dict[str, JointLimit] = {
+            f"{JOINT_LIMIT}: {x.words}": x for x in
+            (joint_limits(mechanism) if asked.limits else [])}
+        own = [mechanism.prescribed_coordinate(name) for name in asked.names]
+        moved = asked.moving
+        others = ([mechanism.coordinate_table[name] for name in asked.standing] if asked.is_posed
+                  else [c for c in moved if c.v not in [x.v for x in own]])
+        held = held_by(mechanism, asked.hold, [*own, *others])
+        for c in (*own, *others, *held.coordinates):
+            if c.q < 0:
+                raise SpatialPinError(f"{c.name!r} is a component of a joint that turns in space: "
+                                      "no curves are followed in a section along it")
+        self.grid = [*own, *others]
+        self.scale = mechanism.velocity_scale
+        self._sizes = self.scale[[c.v for c in own]]
+        self.low, self.high = spans.T / self._sizes
+        self._moved = [c.v for c in moved]
+        self._frame = mechanism.frame_id(mechanism.placed(asked.frame))
+        self._rows = np.array([scaled_row(mechanism, c, evaluation.q) for c in self.grid])
+        self._loose = np.ones(len(self.scale), dtype=bool)
+        self._loose[list(held.entries)] = False
+        self._moves = self._loose.copy()  # while loops close, those that do not change stand
+        self._moves[[c.v for i, c in enumerate(self.grid) if i not in free]] = False
+
+    def motions(self, q: Array) -> Array:
+        """Return orthonormal motions (m, nv), as many as coordinates give."""
+        self.evaluation.update(q)
+        svd = decompose(self.evaluation.jacobian[:, self._loose])
+        found = np.zeros((len(self.grid), len(self.scale)))
+        found[:, self._loose] = svd.vt[len(svd.vt) - len(self.grid) :]
+        return found
+
+    def is_branch_point(self, q: Array) -> bool:
+        """Whether the loops' equations have lost their rank."""
+        self.evaluation.update(q)
+        s = decompose(self.evaluation.jacobian[:, self._loose], 0.0).s
+        return bool(s[int(self._loose.sum()) - len(self.grid) - 1] < CURVE_ENDS_BESIDE * s[0])
+
+    def matrix(self, why: str, motions: Array) -> Array:
+        """Return the square matrix that loses its rank on a curve, where the equations stand."""
+        if why == LIMIT:
+            return self._rows @ motions.T
+        if self.asked.is_posed:
+            return motions[:, self._moved].T
+        size = self.asked.mechanism.characteristic_length
+        rows = self.evaluation.frame_jacobian(self._frame) * self.scale
+        rows[:3] /= size
+        return self.task.directions @ rows[TASKS[self.task.name]] @ motions.T
+
+    def plane(self, motions: Array) -> Array:
+        """Return two orthonormal motions (2, nv), those of the section."""
+        fixed = [row for i, row in enumerate(self._rows) if i not in self.free]
+        if not fixed:
+            return motions
+        return decompose(np.array(fixed) @ motions.T, 0.0).vt[len(fixed) :] @ motions
+
+    def moved(self, q: Array, step: Array) -> Array | None:
+        """Return the configuration a step (nv,) away, loops closed; None where they stay open."""
+        there = pin.integrate(self.evaluation.model, q, self.scale * step)
+        there, error = close(self.evaluation, there, self._moves, TOLERANCES.round_off)
+        return there if error <= TOLERANCES.closed and not self.evaluation.mirrored() else None
+
+    def values(self, q: Array) -> Array:
+        """Return the grid's coordinates (k,) in natural units."""
+        return q[[c.q for c in self.grid[: len(self._sizes)]]] / self._sizes
+
+    def margin(self, q: Array) -> float:
+        """Return how far it is from the ends of the section's ranges, in natural units."""
+        free = list(self.free)
+        values = self.values(q)[free]
+        return float(min((values - self.low[free]).min(), (self.high[free] - values).min()))
+
+    def seen(self, q: Array, t: Array) -> tuple[Array, Array]:
+        """Return coordinates and point (k + 3,) in natural units, and their change along t."""
+        size = self.asked.mechanism.characteristic_length
+        self.evaluation.update(q)
+        rows = self.evaluation.frame_jacobian(self._frame)[:3] * self.scale / size
+        k = len(self._sizes)
+        return (np.concatenate([self.values(q),
+                                self.evaluation.frame(self._frame).translation / size]),
+                np.concatenate([self._rows[:k] @ t, rows @ t]))
+
+    def plain(self, y: Array) -> tuple[Array, Array]:
+        """Return coordinates (m, k) and points (m, 3) of the world in their own units."""
+        k = len(self._sizes)
+        mechanism = self.asked.mechanism
+        return (y[:, :k] * self._sizes,
+                y[:, k:] * mechanism.characteristic_length + mechanism.centre)
+
 
 RANGE = "range"  # where a curve leaves the grid
 CORNER = "corner"  # where two limit positions meet: beyond it is another sheet
@@ -39,41 +154,27 @@ LEVEL = 1e-9  # slope of a function, in natural units, that gives no direction
 AT_CORNER = 1e-10  # rad, lengths: a corner is known to that
 
 
-class Spot(NamedTuple):
-    """A point of a curve.
+class LocusPoint(NamedTuple):
+    """A point of a curve."""
 
-    Attributes:
-        q, angles: the configuration.
-        t, normal: (nv,) directions along the curve, and across it on the surface, in scaled
-            velocities.
-        slope: of the function along the normal.
-        motions: (m, nv) of the mechanism there.
-        border: (m,) and (nv,) what borders the matrix there; None on a joint limit.
-        y: (k + 3,) coordinates of the grid and point of the frame, in natural units.
-        dy: (k + 3,) how they change along the curve.
-    """
-
-    q: Array
+    q: Array  # the configuration
     angles: Array
-    t: Array
+    t: Array  # (nv,) directions along the curve, and across it on the surface, in scaled velocities
     normal: Array
-    slope: float
-    motions: Array
+    slope: float  # of the function along the normal
+    motions: Array  # (m, nv) of the mechanism there
+    # (m,) and (nv,) what borders the matrix there; None on a joint limit
     border: tuple[Array, Array] | None
-    y: Array
-    dy: Array
+    y: Array  # (k + 3,) coordinates of the grid and point of the frame, in natural units
+    dy: Array  # (k + 3,) how they change along the curve
 
 
-class Walk(NamedTuple):
-    """What was walked along a curve.
+class LocusTrace(NamedTuple):
+    """What was walked along a curve."""
 
-    Attributes:
-        spots: at least the first one.
-        end: why it goes no further: a limit's words, `LIMIT`, `RANGE`, `CORNER`, `CROSSING`,
-            "closed" or "lost".
-    """
-
-    spots: list[Spot]
+    spots: list[LocusPoint]  # at least the first one
+    # why it goes no further: a limit's words, `LIMIT`, `RANGE`, `CORNER`, `CROSSING`, "closed" or
+    # "lost"
     end: str
 
 
@@ -107,7 +208,7 @@ class Locus:
         return np.block([[self.section.matrix(self.why, motions), b[:, None]],
                          [(motions @ c)[None], np.zeros((1, 1))]])
 
-    def spot(self, q: Array, along: Array | None) -> Spot | None:
+    def spot(self, q: Array, along: Array | None) -> LocusPoint | None:
         """Return the point at q, directed as `along`; None where it has no direction."""
         s = self.section
         motions = s.motions(q)
@@ -116,24 +217,20 @@ class Locus:
             svd = decompose(s.matrix(self.why, motions), 0.0)
             self.border = svd.u[:, -1], svd.vt[-1] @ motions
         plane = s.plane(motions)
-        slopes = self._slopes(q, plane)
+        if self._limit is not None:
+            slopes = -self._limit.side * plane[:, self._limit.v]
+        else:  # of the function along two motions; NaN if not known
+            ends = [[s.moved(q, sign * SMALL_MOVE * way) for sign in (1, -1)] for way in plane]
+            slopes = np.array([np.nan if a is None or b is None else
+                               (self.value(a) - self.value(b)) / (2.0 * SMALL_MOVE)
+                               for a, b in ends])
         size = float(np.linalg.norm(slopes))
         if not size > LEVEL:
             return None
         normal, t = slopes @ plane / size, np.array([-slopes[1], slopes[0]]) @ plane / size
         if along is not None and t @ along < 0.0:
             t = -t
-        return Spot(q, angles, t, normal, size, motions, self.border, *s.seen(q, t))
-
-    def _slopes(self, q: Array, plane: Array) -> Array:
-        """Return the derivatives (2,) of the function along two motions; NaN if not known."""
-        if self._limit is not None:
-            limit = self._limit
-            return -limit.side * plane[:, limit.v]
-        ends = [[self.section.moved(q, sign * SMALL_MOVE * way) for sign in (1, -1)]
-                for way in plane]
-        return np.array([np.nan if a is None or b is None else
-                         (self.value(a) - self.value(b)) / (2.0 * SMALL_MOVE) for a, b in ends])
+        return LocusPoint(q, angles, t, normal, size, motions, self.border, *s.seen(q, t))
 
     def settled(self, q: Array | None, normal: Array, slope: float) -> Array | None:
         """Return the configuration on the curve that is reached along a normal, by secants."""
@@ -156,9 +253,9 @@ class Locus:
                 slope = (f - last) / step
         return there if abs(f) <= 1e3 * ON_CURVE else None
 
-    def beginning(self, q: Array) -> Spot | None:
+    def beginning(self, q: Array) -> LocusPoint | None:
         """Return the point of the curve near a configuration."""
-        spot: Spot | None = self.spot(q, None)
+        spot: LocusPoint | None = self.spot(q, None)
         for _ in range(6):
             if spot is None:
                 return None
@@ -172,7 +269,7 @@ class Locus:
             return None if found is None else self._inside(found)
         return None
 
-    def _inside(self, spot: Spot) -> Spot:
+    def _inside(self, spot: LocusPoint) -> LocusPoint:
         """Return the point where the grid begins, of one that lies a little beyond it."""
         margin = self.section.margin
         if margin(spot.q) >= -AT_CORNER:
@@ -186,13 +283,13 @@ class Locus:
                 return (None if q is None else self.spot(q, None)) or spot
         return spot
 
-    def at(self, spot: Spot, length: float) -> Array | None:
+    def at(self, spot: LocusPoint, length: float) -> Array | None:
         """Return the configuration on the curve ahead of a point."""
         self.border = spot.border
         return self.settled(self.section.moved(spot.q, length * spot.t), spot.normal, spot.slope)
 
 
-def walk(locus: Locus, start: Spot) -> Walk:
+def walk(locus: Locus, start: LocusPoint) -> LocusTrace:
     """Follow a curve from a point on, along its direction."""
     spots, length = [start], FIRST_LOCUS_STEP
     while len(spots) < MOST_POINTS:
@@ -200,21 +297,28 @@ def walk(locus: Locus, start: Spot) -> Walk:
         locus.section.evaluation.angle_reference[:] = spot.angles
         there, length = _ahead(locus, spot, length)
         if there is None:
-            return Walk(spots, "lost")
+            return LocusTrace(spots, "lost")
         taken = float((pin.difference(locus.section.evaluation.model, spot.q, there.q)
                        / locus.section.scale) @ spot.t)
         stop = _stop(locus, spot, there, taken)
         if stop is not None:
             end, last = stop
-            return Walk(spots if last is None else [*spots, last], end)
-        if len(spots) > 2 and _passes(spot, there, start):
-            return Walk([*spots, start], "closed")
+            return LocusTrace(spots if last is None else [*spots, last], end)
+        # whether it passes where the curve was begun; joints may have turned wholly round
+        chord, way = there.y - spot.y, start.y - spot.y
+        size = float(np.linalg.norm(chord))
+        along = float(way @ chord) / max(size, TOLERANCES.nothing)
+        off = float(np.linalg.norm(way - along * chord / max(size, TOLERANCES.nothing)))
+        if len(spots) > 2 and 0.0 < along <= size and off < 0.1 * size and start.dy @ chord > 0.0:
+            return LocusTrace([*spots, start], "closed")
         spots.append(there)
-        length = _next(locus, spot, there, length)
-    return Walk(spots, "lost")
+        bend = max(_bend(spot, there), TOLERANCES.nothing * locus.tolerance)
+        part = float(np.clip(0.9 * np.sqrt(locus.tolerance / bend), 0.3, 2.0))
+        length = min(length * part, LARGEST_STEP)  # the bend goes as its square
+    return LocusTrace(spots, "lost")
 
 
-def _ahead(locus: Locus, spot: Spot, length: float) -> tuple[Spot | None, float]:
+def _ahead(locus: Locus, spot: LocusPoint, length: float) -> tuple[LocusPoint | None, float]:
     """Return the next point, and how long the step to it is."""
     while length >= SMALLEST_STEP:
         q = locus.at(spot, length)
@@ -231,7 +335,7 @@ def _ahead(locus: Locus, spot: Spot, length: float) -> tuple[Spot | None, float]
     return None, length
 
 
-def _bend(spot: Spot, there: Spot) -> float:
+def _bend(spot: LocusPoint, there: LocusPoint) -> float:
     """Return how far a curve goes from the straight piece between two points, nearly.
 
     An arc whose tangents make an angle a with its chord goes from it by a quarter of a times the
@@ -248,23 +352,9 @@ def _bend(spot: Spot, there: Spot) -> float:
     return out
 
 
-def _next(locus: Locus, spot: Spot, there: Spot, length: float) -> float:
-    """Return the length of the next step: the bend goes as its square."""
-    bend = max(_bend(spot, there), TOLERANCES.nothing * locus.tolerance)
-    return min(length * float(np.clip(0.9 * np.sqrt(locus.tolerance / bend), 0.3, 2.0)),
-               LARGEST_STEP)
-
-
-def _passes(spot: Spot, there: Spot, start: Spot) -> bool:
-    """Whether a step passes where the curve was begun; joints may have turned wholly round."""
-    chord, way = there.y - spot.y, start.y - spot.y
-    length = float(np.linalg.norm(chord))
-    along = float(way @ chord) / max(length, TOLERANCES.nothing)
-    off = float(np.linalg.norm(way - along * chord / max(length, TOLERANCES.nothing)))
-    return 0.0 < along <= length and off < 0.1 * length and bool(start.dy @ chord > 0.0)
-
-
-def _stop(locus: Locus, spot: Spot, there: Spot, length: float) -> tuple[str, Spot | None] | None:
+def _stop(
+    locus: Locus, spot: LocusPoint, there: LocusPoint, length: float
+) -> tuple[str, LocusPoint | None] | None:
     """Return what ends a curve within a step, and the point there (None: where the step begins)."""
     found = [(_root(locus, spot, function, length), why)
              for why, function in _ends(locus, spot, there)]
@@ -277,7 +367,9 @@ def _stop(locus: Locus, spot: Spot, there: Spot, length: float) -> tuple[str, Sp
     return why, None if q is None else locus.spot(q, spot.t)
 
 
-def _ends(locus: Locus, spot: Spot, there: Spot) -> Iterator[tuple[str, Callable[[Array], float]]]:
+def _ends(
+    locus: Locus, spot: LocusPoint, there: LocusPoint
+) -> Iterator[tuple[str, Callable[[Array], float]]]:
     """Yield what becomes negative within a step: words, and function of the configuration."""
     s = locus.section
 
@@ -300,7 +392,9 @@ def _ends(locus: Locus, spot: Spot, there: Spot) -> Iterator[tuple[str, Callable
         yield CORNER if locus.why == LIMIT else LIMIT, turned
 
 
-def _root(locus: Locus, spot: Spot, function: Callable[[Array], float], length: float) -> float:
+def _root(
+    locus: Locus, spot: LocusPoint, function: Callable[[Array], float], length: float
+) -> float:
     """Return where on a step a function falls through zero; zero where it begins there."""
     def value(x: float) -> float:
         q = locus.at(spot, x) if x else spot.q

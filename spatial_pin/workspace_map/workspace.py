@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +26,6 @@ from spatial_pin.rates.jacobians import jacobian
 from spatial_pin.rates.rates import check_not_held
 from spatial_pin.workspace_map.dexterity import (
     TASKS,
-    Task,
     aspects_of,
     crossed_cells,
     grid_of,
@@ -34,31 +33,13 @@ from spatial_pin.workspace_map.dexterity import (
     measures,
     task_of,
 )
-from spatial_pin.workspace_map.filling import Border, Filling, spread
-from spatial_pin.workspace_map.lines import Asked, touching
-from spatial_pin.workspace_map.poses import posed
-from spatial_pin.workspace_map.ranges import read_ranges
-from spatial_pin.workspace_map.result import Borders, Workspace
-from spatial_pin.workspace_map.sheets import one_of, other_starts
+from spatial_pin.workspace_map.filled_grid import Border, FilledGrid, one_of, other_starts, spread
+from spatial_pin.workspace_map.grid_axes import posed, read_ranges
+from spatial_pin.workspace_map.grid_lines import GridConfig, touching
+from spatial_pin.workspace_map.workspace_result import Borders, Workspace
 
 # points of the grid that are tried first, the nearest ones to the assembled state
 STARTS_TRIED = 64
-
-
-class Source(NamedTuple):
-    """What a workspace was made of: from there curves go on.
-
-    Attributes:
-        asked: what was asked for.
-        ticks: values by coordinate.
-        borders: where the branch ends, and where a determinant vanishes, on lines of the grid.
-        task: what is asked of the frame.
-    """
-
-    asked: Asked
-    ticks: list[Array]
-    borders: list[Border]
-    task: Task
 
 
 @checked
@@ -146,7 +127,7 @@ def workspace(
     held = () if hold is None else tuple(names_of(hold, "hold"))
     asked, start, task = _asked(start, frame, names, task, held, is_posed)
     asked = asked._replace(limits=limits, on_crossing=on_crossing, apart=clearance)
-    first = Filling(asked, ticks)
+    first = FilledGrid(asked, ticks)
     _begin(first, start)
     found = [(first, list[Border]())]
     is_whole = False
@@ -158,7 +139,7 @@ def workspace(
                 if any(filling.holds(index, other) for filling, _ in found):
                     continue
                 bar.reset()
-                found.append((Filling(asked, ticks), []))
+                found.append((FilledGrid(asked, ticks), []))
                 found[-1][0].place(index, other, 0)
                 _fill(*found[-1], task, executor, bar.update)
             is_whole = True
@@ -171,25 +152,24 @@ def workspace(
 def _asked(
     start: State, frame: str, names: tuple[str, ...], task: str | None, hold: tuple[str, ...],
     is_posed: bool,
-) -> tuple[Asked, State, str | None]:
+) -> tuple[GridConfig, State, str | None]:
     """Return what is asked for, where to begin with it, and the task."""
     mechanism = start.mechanism
     if not is_posed:
         check_not_held(mechanism, [mechanism.prescribed_coordinate(x) for x in names], hold)
         columns = _columns(mechanism, start, frame, names, hold)
-        return (Asked(mechanism, names, frame, columns, True, "stop", (), hold, mechanism), start,
-                task)
-    copy = posed(start, frame, names, task, hold)
+        return (GridConfig(mechanism, names, frame, columns, True, "stop", (), hold, mechanism),
+                start, task)
+    copy, coordinates, others, task = posed(start, frame, names, task, hold)
     columns = _columns(mechanism, start, frame, (), hold)
-    whole = tuple(copy.coordinates[name] for name in names)
-    standing = tuple(copy.coordinates[name] for name in copy.standing)
-    return (Asked(copy.state.mechanism, whole, frame, columns, True, "stop", standing, hold,
-                  mechanism),
-            copy.state, copy.task)
+    whole = tuple(coordinates[name] for name in names)
+    standing = tuple(coordinates[name] for name in others)
+    return (GridConfig(copy.mechanism, whole, frame, columns, True, "stop", standing, hold,
+                       mechanism), copy, task)
 
 
 def _fill(
-    filling: Filling, singular: list[Border], task: str | None, executor: Executor | None,
+    filling: FilledGrid, singular: list[Border], task: str | None, executor: Executor | None,
     tell: Any,
 ) -> None:
     """Fill a grid from its first point, and add where its determinant vanishes to a list."""
@@ -215,12 +195,8 @@ def _columns(
     return names
 
 
-def _begin(filling: Filling, start: State) -> None:
-    """Go from the assembled state to the nearest point of the grid that the branch leads to.
-
-    Raises:
-        SpatialPinError: it leads to none of those near it.
-    """
+def _begin(filling: FilledGrid, start: State) -> None:
+    """Go from the assembled state to the nearest point of the grid that the branch leads to."""
     asked, shape = filling.asked, filling.shape
     mechanism = asked.mechanism
     here = np.array([coordinate_value(mechanism, mechanism.prescribed_coordinate(name), start.q)
@@ -256,14 +232,14 @@ def _begin(filling: Filling, start: State) -> None:
         f"the grid near it ({error}); give a guess inside of the ranges, or more points")
 
 
-def _flat(filling: Filling, name: str) -> Array:
+def _flat(filling: FilledGrid, name: str) -> Array:
     """Return what is known of the grid's points in rows."""
     data = filling.data[name]
     return data.reshape(filling.reached.size, *data.shape[len(filling.shape) :])
 
 
 def _workspace(
-    filling: Filling, singular: list[Border], task: str | None, names: tuple[str, ...],
+    filling: FilledGrid, singular: list[Border], task: str | None, names: tuple[str, ...],
     is_whole: bool, sheets: tuple[Workspace, ...] = (),
 ) -> Workspace:
     asked, jacobians = filling.asked, _flat(filling, "jacobians")
@@ -280,8 +256,7 @@ def _workspace(
         boundary=_borders(filling.borders, len(names)), singular=_borders(singular, len(names)),
         aspects=aspects_of(filling, found).ravel(), sheets=sheets, task=found.name,
         directions=len(found.directions), n_drivers=found.n_drivers, is_whole=is_whole,
-        _rows=rows, _source=Source(asked, list(filling.ticks), [*filling.borders, *singular],
-                                   found))
+        _rows=rows, _source=(asked, filling.ticks, [*filling.borders, *singular], found))
 
 
 def _borders(found: list[Border], k: int) -> Borders:

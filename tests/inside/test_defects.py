@@ -12,7 +12,7 @@ from variety import few, first
 import spatial_pin as sp
 from spatial_pin.synthesis.circuits import Circuit
 from spatial_pin.synthesis.defects import defects
-from spatial_pin.synthesis.demands.candidate import Candidate, in_own_turn
+from spatial_pin.synthesis.demand import Candidate, in_own_turn
 
 CRANK_ROCKER = {"r1": 0.30, "r2": 0.10, "r3": 0.28, "r4": 0.24}
 TRIPLE_ROCKER = {"r1": 0.30, "r2": 0.20, "r3": 0.15, "r4": 0.20}

@@ -12,14 +12,14 @@ from spatial_pin.cli.running import main
 from spatial_pin.continuation import follow as following
 from spatial_pin.dimensions import tolerance
 from spatial_pin.dimensions.predictions import Predictions
-from spatial_pin.dimensions.samples import Samples
 from spatial_pin.dimensions.sensitivity import _Around
+from spatial_pin.dimensions.varied_samples import VariedSamples
 from spatial_pin.dynamics.kinetostatics import _Rows
 from spatial_pin.dynamics.simulation.running.run import Run
-from spatial_pin.inverse_kinematics import least_motion, reach_path
+from spatial_pin.inverse_kinematics import reach_path
 from spatial_pin.mobility.mode_search import ModeSearch
 from spatial_pin.proximity.clearance_search import ClearanceSearch
-from spatial_pin.synthesis.kept import Kept
+from spatial_pin.synthesis.global_search import Checkpoint
 from spatial_pin.workspace_map import workspace as workspace_map
 
 VALUES = np.linspace(0.0, 3.0, 61)
@@ -133,7 +133,7 @@ def test_targets_reached_one_by_one_are_kept_until_ctrl_c(monkeypatch):
     points = np.linspace([6.0, 0.0, -1.0], [6.4, 0.0, -1.2], 9)
     start = sp.reach(mechanism, {"teeth": points[0]})
     whole = sp.reach_path(mechanism, {"teeth": points[:4]}, state=start)
-    monkeypatch.setattr(least_motion, "reach", interrupting(least_motion.reach, 4))
+    monkeypatch.setattr(reach_path, "reach", interrupting(reach_path.reach, 5))
     with pytest.raises(sp.Interrupted) as stopped:
         sp.reach_path(mechanism, {"teeth": points}, state=start)
     assert_begins(stopped.value.motion, whole, 4)
@@ -350,9 +350,9 @@ def test_samples_that_were_drawn_before_tell_of_the_tolerance(part, monkeypatch,
     words = ["tolerance", "rssr", "rocker_pin", "--deviation", "b=1mm", "--samples", "40"]
     if part == "together":
         monkeypatch.setattr(tolerance, "SOLVED_TOGETHER", 10)
-        monkeypatch.setattr(Samples, "made_of", interrupting(Samples.made_of, 4))
+        monkeypatch.setattr(VariedSamples, "made_of", interrupting(VariedSamples.made_of, 4))
     else:
-        monkeypatch.setattr(tolerance, "_together", lambda *_: None)
+        monkeypatch.setattr(VariedSamples, "of", lambda *_: None)
         monkeypatch.setattr(tolerance, "_sample", interrupting(tolerance._sample, 22))
     file = tmp_path / "spread.json"
     assert main([*words, "--json", str(file)]) == 130
@@ -375,11 +375,11 @@ def test_every_verb_that_is_cut_short_raises_what_it_has_found(monkeypatch, turn
     task = {"driver": "crank", "values": np.linspace(0.0, 1.0, 21), "speed": 1.0}
     cases = [
         (ModeSearch, "_attempt", 2, lambda: sp.assembly_modes(mechanism, {"crank": 1.0})),
-        (Samples, "made_of", 4, lambda: sp.tolerance(
+        (VariedSamples, "made_of", 4, lambda: sp.tolerance(
             mechanism, "rocker_pin", {"r3": 1e-4}, samples=40)),
         (tradeoff, "_judged", 2, lambda: sp.tradeoff(
             mechanism, task, settings=levels, repeats=1)),
-        (Kept, "add", 2, lambda: sp.design(mechanism, goal, {"r2": (0.05, 0.15)}, starts=5)),
+        (Checkpoint, "add", 2, lambda: sp.design(mechanism, goal, {"r2": (0.05, 0.15)}, starts=5)),
         (workspace_map, "_fill", 1, lambda: sp.workspace(
             mechanism, "coupler_b", {"crank": (0.0, 1.0)}, points=5)),
     ]

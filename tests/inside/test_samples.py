@@ -15,8 +15,7 @@ from variety import few
 import spatial_pin as sp
 from spatial_pin.dimensions import homotopy
 from spatial_pin.dimensions import tolerance as module
-from spatial_pin.dimensions.drive import Drive
-from spatial_pin.dimensions.samples import Samples
+from spatial_pin.dimensions.varied_samples import DriverMotion, VariedSamples
 
 SAMPLES, COMPARED = 240, 5
 CRANK = {"crank": 0.8}
@@ -118,7 +117,7 @@ def alone(state: sp.State, outputs: list[str], dimensions: dict) -> list | None:
 def by_themselves(monkeypatch) -> list:
     """Grows by a job for every sample that is solved by itself."""
     jobs, solve = [], module._sample
-    monkeypatch.setattr(module, "_sample", lambda job: (jobs.append(job), solve(job))[1])
+    monkeypatch.setattr(module, "_sample", lambda *job: (jobs.append(job), solve(*job))[1])
     return jobs
 
 
@@ -303,7 +302,7 @@ def test_samples_far_away_stay_on_the_branch(tmp_path, by_themselves):
 def test_samples_fail_only_where_the_triangle_cannot_be_closed(monkeypatch, by_themselves, way):
     """Deviations of 5 % turn the rocker by up to a radian; the RSSR's closed form tells it all."""
     if way == "one by one":
-        monkeypatch.setattr(module, "_together", lambda *args: None)
+        monkeypatch.setattr(module.VariedSamples, "of", lambda *args: None)
     mechanism = library("rssr")
     state = sp.assemble(mechanism, {"crank": 0.0})
     state = sp.solve_rates(mechanism, state, {"crank": 1.0})
@@ -382,7 +381,7 @@ def test_outputs_that_take_one_sample_at_a_time(tmp_path, by_themselves):
 @pytest.mark.parametrize("way", ["together", "one by one"])
 def test_an_executor_changes_nothing(tmp_path, monkeypatch, by_themselves, way):
     if way == "one by one":
-        monkeypatch.setattr(module, "_together", lambda *args: None)
+        monkeypatch.setattr(module.VariedSamples, "of", lambda *args: None)
     mechanism = sp.load(rssr(tmp_path))
     state = sp.assemble(mechanism, {"crank": 1.0})
     found = sp.tolerance(mechanism, "rocker", {"b": 1e-4}, state, samples=20)
@@ -426,8 +425,8 @@ def test_numbers_that_are_none_and_places_that_are_not_there(tmp_path):
     """Neither ends the process, and the next sample is closed as ever."""
     mechanism = sp.load(rssr(tmp_path))
     state = sp.solve_rates(mechanism, sp.assemble(mechanism, CRANK), {"crank": 2.0})
-    samples = Samples.of(mechanism, ["b"], ["rocker.acceleration", "tip.velocity"])
-    near = samples.near(state, Drive.of(state))
+    samples = VariedSamples.of(mechanism, ["b"], ["rocker.acceleration", "tip.velocity"])
+    near = samples.near(state, DriverMotion.of(state))
     made = samples.made_of(np.array([[0.381, np.nan, np.inf, 1e300, 0.0, 0.382, 0.3]]))
     good, values = near.solve(made)
     assert good.tolist() == [True, False, False, False, False, True, True]

@@ -10,9 +10,9 @@ import pytest
 from scipy.optimize import least_squares
 
 import spatial_pin as sp
-from spatial_pin.synthesis.problem import Found
-from spatial_pin.synthesis.search import SAME_SOLUTION, searched
-from spatial_pin.synthesis.settling import Samples
+from spatial_pin.synthesis.design_problem import LocalSolution
+from spatial_pin.synthesis.global_search import SAME_SOLUTION, searched
+from spatial_pin.synthesis.inner_problem import GoalStates
 
 # the four minima of Himmelblau's function, all zero, and those of one with a little slope beside
 MINIMA = np.array([[3.0, 2.0], [-2.805118, 3.131312], [-3.779310, -3.283186],
@@ -53,11 +53,11 @@ class Himmelblau:
         found = least_squares(self.residual, x, bounds=(self.lower, self.upper), xtol=1e-15,
                               ftol=1e-15, gtol=1e-15)
         if found.optimality > 1e-6:
-            return Found(x, np.inf, np.inf, (), found.nfev)
+            return LocalSolution(x, np.inf, np.inf, (), found.nfev)
         x, cost = found.x, float(2.0 * found.cost)
-        samples = Samples(np.array([[x[0], 0.0, self.spec.turns * 2 * np.pi]]), np.zeros((1, 0)),
+        samples = GoalStates(np.array([[x[0], 0.0, self.spec.turns * 2 * np.pi]]), np.zeros((1, 0)),
                           np.zeros(1, dtype=np.intp))
-        return Found(x, cost, 0.0, (samples,), found.nfev)
+        return LocalSolution(x, cost, 0.0, (samples,), found.nfev)
 
 
 @dataclass(frozen=True)

@@ -13,14 +13,14 @@ from variety import few, first
 
 import spatial_pin as sp
 from spatial_pin.dimensions.bounds import bounds_of
-from spatial_pin.dimensions.family import Family
-from spatial_pin.synthesis import atlas, search
-from spatial_pin.synthesis.atlas import Atlas
-from spatial_pin.synthesis.contradictions import refuse_off_plane
-from spatial_pin.synthesis.demands import demand
-from spatial_pin.synthesis.demands.candidate import Candidate
-from spatial_pin.synthesis.demands.demand import smooth_peak
-from spatial_pin.synthesis.problem import Fit, Problem, _Exactly
+from spatial_pin.dimensions.dimension_batch import DimensionFamily
+from spatial_pin.synthesis import curve_atlas as atlas
+from spatial_pin.synthesis import demand
+from spatial_pin.synthesis import global_search as search
+from spatial_pin.synthesis.curve_atlas import CurveDatabase
+from spatial_pin.synthesis.demand import Candidate, smooth_peak
+from spatial_pin.synthesis.design import refuse_off_plane
+from spatial_pin.synthesis.design_problem import DesignProblem, LocalFit, _Exactly
 from spatial_pin.view.scene.look import overlaid
 
 goals = sp.goals
@@ -36,7 +36,7 @@ def test_slopes_of_goals_are_those_of_their_residuals(make):
     values = np.array([0.3, 1.3, 2.6])
     states = [sp.assemble(mechanism, {"crank": x}) for x in values]
     goal = make([x.placement("coupler") for x in states], {"crank": values})
-    family = Family(mechanism, ["r2"])
+    family = DimensionFamily(mechanism, ["r2"])
     members = family.at(np.full((1, 3), 0.1))
     at, nv = np.arange(3), mechanism.model.nv
     rng = np.random.default_rng(1)
@@ -63,7 +63,7 @@ def test_slopes_count_what_is_missed_beyond_the_end_of_a_curve():
     mechanism = sp.load(SYNTHESIS / "four_bar_path.toml", **lengths)
     at = np.radians([0.0, 45.0, 90.0])
     points = np.column_stack([3.0 + 2.0 * np.cos(at), 2.0 * np.sin(at)])
-    problem = Problem(mechanism, [goals.path("rocker_end", points)],
+    problem = DesignProblem(mechanism, [goals.path("rocker_end", points)],
                       {name: (0.2, 9.0) for name in ("r2", "r3", "r4")})
     (settling,), x = problem.settlings, problem.start
     (near,) = problem.begun(x, None)
@@ -142,10 +142,10 @@ def test_peaks_are_those_of_a_search_that_takes_no_function_for_smooth(goal, mon
 
 def test_the_gradient_of_demands_and_goals_is_that_of_what_is_made_least():
     mechanism = sp.load("four_bar")
-    problem = Problem(mechanism, [
+    problem = DesignProblem(mechanism, [
         goals.path("coupler_b", [[0.05, 0.0, 0.25], [0.1, 0.0, 0.3]], placement=True, scale=True),
         goals.size(0.3, weight=2.0)], {"r2": (0.05, 0.2), "r3": (0.2, 0.4)})
-    fit = Fit(problem)
+    fit = LocalFit(problem)
     x = problem.start + 0.01
     fit._near = problem.begun(x, None)
     exact = _Exactly(fit, x)
@@ -203,8 +203,8 @@ def test_how_dimensions_move_a_curve_as_a_whole_is_found_out(small):
             ({"x0": (-1.0, 1.0), "y0": (-1.0, 1.0), "theta0": (0.0, 6.28)},
              [True, True, False], [False, False, True], True)):
         names = FREE | more
-        problem = Problem(traced_four_bar(), [path(points)], names)
-        one = Atlas(problem)
+        problem = DesignProblem(traced_four_bar(), [path(points)], names)
+        one = CurveDatabase(problem)
         x, samples, _ = one._curves(np.array([problem.draw(np.random.default_rng(k))
                                               for k in range(60)]), np.random.default_rng(0))
         found = one._movable(x[0], [s.taken(slice(0, 1)) for s in samples[:-1]])
@@ -215,13 +215,13 @@ def test_how_dimensions_move_a_curve_as_a_whole_is_found_out(small):
 def test_begins_are_at_the_path_within_bounds(small):
     points = drawn(**TRUE) + np.array([0.2, -0.1, 0.0])
     names = FREE | {"x0": (-1.0, 1.0), "y0": (-1.0, 1.0), "theta0": (-3.2, 3.2)}
-    problem = Problem(traced_four_bar(), [path(points)], names)
-    found = Atlas(problem).sheet(np.random.default_rng(1))
+    problem = DesignProblem(traced_four_bar(), [path(points)], names)
+    found = CurveDatabase(problem).sheet(np.random.default_rng(1))
     assert found and all(a.misfit <= b.misfit for a, b in pairwise(found))
     size = np.linalg.norm(points - points.mean(axis=0))
     for begin in found:
         assert ((problem.lower <= begin.x) & (begin.x <= problem.upper)).all()
-        one = Atlas(problem)
+        one = CurveDatabase(problem)
         there = one._points(one._same(begin.x, len(points)), begin.samples)
         assert np.linalg.norm(there - points) / size < 1.5 * begin.misfit + 0.1
 
@@ -270,7 +270,7 @@ def test_points_are_refused_where_no_dimensions_lead_there_and_only_there(
 ):
     mechanism = sp.load(name)
     bounds = {x: (0.9 * value, 1.1 * value) for x, value in mechanism.dimensions.items()}
-    anywhere = Problem(mechanism, (), bounds).anywhere()
+    anywhere = DesignProblem(mechanism, (), bounds).anywhere()
     other = sp.load(name, **{x: 1.04 * value for x, value in mechanism.dimensions.items()})
     start = sp.assemble(other).coordinate(driver).value
     points = sp.sweep(other, driver, start + np.linspace(0.0, 0.2, 7)).frame(frame).position
@@ -311,7 +311,7 @@ def test_starts_are_drawn_from_half_to_twice_a_dimension_or_its_distance_to_a_bo
     assert four_bar.characteristic_length == pytest.approx(SIZE)
     ends = {"r4": tuple(x if x is not None else s * np.inf
                         for x, s in zip(bounds or (None, None), (-1, 1), strict=True))}
-    problem, rng = Problem(four_bar, [FUNCTION], ends), np.random.default_rng(0)
+    problem, rng = DesignProblem(four_bar, [FUNCTION], ends), np.random.default_rng(0)
     drawn = np.array([problem.draw(rng)[0] for _ in range(300)])
     assert drawn.min() == pytest.approx(least, abs=0.02)
     assert drawn.max() == pytest.approx(most, abs=0.02)
@@ -322,7 +322,7 @@ def test_starts_are_drawn_from_half_to_twice_a_dimension_or_its_distance_to_a_bo
 def test_after_ctrl_c_it_goes_on_to_the_same_answer(
     four_bar, alone, tmp_path, monkeypatch, interrupted_at
 ):
-    kept, solve = tmp_path / "kept", Problem.solve
+    kept, solve = tmp_path / "kept", DesignProblem.solve
     calls = []
 
     def interrupted(*arguments):
@@ -334,13 +334,13 @@ def test_after_ctrl_c_it_goes_on_to_the_same_answer(
     def ask():
         return sp.design(four_bar, FUNCTION, BOUNDS, starts=3, resume=kept)
 
-    monkeypatch.setattr(Problem, "solve", interrupted)
+    monkeypatch.setattr(DesignProblem, "solve", interrupted)
     if interrupted_at == 1:  # before anything was found
         with pytest.raises(KeyboardInterrupt):
             ask()
     else:
         with monkeypatch.context() as patched:  # defects are looked for when they are asked for
-            patched.setattr("spatial_pin.synthesis.results.defects", None)
+            patched.setattr("spatial_pin.synthesis.ranked_designs.defects", None)
             with pytest.raises(sp.Interrupted) as stopped:
                 ask()
         found = stopped.value.result

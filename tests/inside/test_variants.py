@@ -10,8 +10,8 @@ import pytest
 
 import spatial_pin as sp
 from spatial_pin.dimensions import sensitivity, variants
+from spatial_pin.dimensions.dimension_batch import DimensionNumbers
 from spatial_pin.dimensions.homotopy import varied
-from spatial_pin.dimensions.numbers import DimensionNumbers
 from spatial_pin.dimensions.variants import Variants
 from spatial_pin.formats.xacro.tracing import NUMPY, Tape, Traced, depends
 from spatial_pin.kernel.kernel import Kernel, address

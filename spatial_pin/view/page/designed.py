@@ -7,8 +7,8 @@ import numpy as np
 from spatial_pin._support.outputs import literal
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.synthesis.goals import Function, Path, Poses
-from spatial_pin.synthesis.results import Design, Met
+from spatial_pin.synthesis.goals import FunctionGoal, PathGoal, PosesGoal
+from spatial_pin.synthesis.ranked_designs import Design, Met
 from spatial_pin.view.page.markup import number, paragraph, table, tiny
 from spatial_pin.view.page.plots import COLOURS, abscissa, plot, style, svg
 
@@ -34,14 +34,15 @@ def goals_told(design: Design, motion: Motion | None) -> str:
         parts.append(paragraph("Circuit, branch, order and transmission are as they should be."))
     if motion is not None:
         parts += [_curve(met, motion) for met in design.met
-                  if isinstance(met.goal, Function) and met.driver == motion.driver_name]
-        parts += [_path(met, motion) for met in design.met if isinstance(met.goal, Path | Poses)]
+                  if isinstance(met.goal, FunctionGoal) and met.driver == motion.driver_name]
+        parts += [_path(met, motion) for met in design.met
+                  if isinstance(met.goal, PathGoal | PosesGoal)]
     return "".join(parts)
 
 
 def _curve(met: Met, motion: Motion) -> str:
     """Return the curve of an output with the values that were asked for."""
-    assert isinstance(met.goal, Function) and met.driver is not None
+    assert isinstance(met.goal, FunctionGoal) and met.driver is not None
     output = met.goal.output
     figure = plot(motion, output, title="")
     figure.set_size_inches(FIGURE_WIDTH, FIGURE_HEIGHT)
@@ -67,9 +68,9 @@ def _path(met: Met, motion: Motion) -> str:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    assert isinstance(met.goal, Path | Poses)
+    assert isinstance(met.goal, PathGoal | PosesGoal)
     frame = met.goal.frame
-    asked = met.targets if isinstance(met.goal, Path) else met.targets[:, :3, 3]
+    asked = met.targets if isinstance(met.goal, PathGoal) else met.targets[:, :3, 3]
     there = np.array([state.placement(frame).translation for state in met.states])
     path = motion.frame(frame).position
     every = np.concatenate([path, asked])

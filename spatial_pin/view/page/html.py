@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from spatial_pin.assembly.state import State
     from spatial_pin.dynamics.kinetostatics import Kinetostatics
     from spatial_pin.motion.motion import Motion
-    from spatial_pin.synthesis.results import Design, Designs
+    from spatial_pin.synthesis.ranked_designs import Design, Designs
     from spatial_pin.view.scene.anatomy import Signal
     from spatial_pin.view.scene.look import Look
     from spatial_pin.view.scene.meshcat_commands import MeshcatScene

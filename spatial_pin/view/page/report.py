@@ -18,7 +18,7 @@ from spatial_pin._support.outputs import named_path, write_text
 from spatial_pin.assembly.state import State
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.motion.motion import Motion
-from spatial_pin.synthesis.results import Design, Designs
+from spatial_pin.synthesis.ranked_designs import Design, Designs
 from spatial_pin.view.page.cards import PagePath
 from spatial_pin.view.page.html import script_of
 from spatial_pin.view.page.markup import paragraph

@@ -23,7 +23,7 @@ from spatial_pin.view.page.html import page
 if TYPE_CHECKING:
     from spatial_pin.assembly.state import State
     from spatial_pin.motion.motion import Motion
-    from spatial_pin.synthesis.results import Design, Designs
+    from spatial_pin.synthesis.ranked_designs import Design, Designs
     from spatial_pin.view.scene.look import Look
 
 HOST = "127.0.0.1"

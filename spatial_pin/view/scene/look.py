@@ -12,9 +12,9 @@ if TYPE_CHECKING:
     from spatial_pin.assembly.state import State
     from spatial_pin.motion.motion import Motion
     from spatial_pin.proximity.clearance import Clearance
-    from spatial_pin.synthesis.results import Design, Designs
+    from spatial_pin.synthesis.ranked_designs import Design, Designs
     from spatial_pin.view.scene.layers.arrows import Vectors
-    from spatial_pin.workspace_map.result import Workspace
+    from spatial_pin.workspace_map.workspace_result import Workspace
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,10 @@ def overlaid(
     Raises:
         SpatialPinError: nothing was found.
     """
-    from spatial_pin.synthesis.results import Design, Designs  # on use: a picture needs no search
+    from spatial_pin.synthesis.ranked_designs import (  # on use: a picture needs no search
+        Design,
+        Designs,
+    )
 
     if isinstance(given, Designs):
         if not given:

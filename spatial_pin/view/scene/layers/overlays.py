@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.proximity.clearance import Clearance, PairClearance
-from spatial_pin.synthesis.goals import Path, Poses
-from spatial_pin.synthesis.results import Design
+from spatial_pin.synthesis.goals import PathGoal, PosesGoal
+from spatial_pin.synthesis.ranked_designs import Design
 from spatial_pin.view.scene.film import Readout, length_words, unit_of_length
 from spatial_pin.view.scene.layers.arrows import traces
 from spatial_pin.view.scene.layers.visuals import body_items
@@ -25,7 +25,7 @@ from spatial_pin.view.scene.stage import (
     joined,
     rod_between,
 )
-from spatial_pin.workspace_map.result import Workspace
+from spatial_pin.workspace_map.workspace_result import Workspace
 
 TOUCHING = (0.86, 0.08, 0.10, 1.0)
 LINE = (0.10, 0.13, 0.17, 1.0)
@@ -179,13 +179,13 @@ def designs(stage: Stage, design: Design, drawn: tuple[str, ...]) -> Layer:
                               "mechanism shown; show design.motion() or one of design.states")
     layers, frames = list[Layer](), list[str]()
     for k, met in enumerate(design.met):
-        if isinstance(met.goal, Path):
+        if isinstance(met.goal, PathGoal):
             seen = stage.seen(met.targets)
             balls = [Item(f"design {k} point {i}", ball(DESIGN_BALL * stage.size), TARGET,
                           placement=moved(point), through=True) for i, point in enumerate(seen)]
             words = f"points asked of {met.goal.frame}"
             layers.append(Layer(tuple(balls), seen, (Entry(TARGET, words),)))
-        elif isinstance(met.goal, Poses):
+        elif isinstance(met.goal, PosesGoal):
             layers.append(_triads(stage, f"design {k}", met.goal, met.targets))
         else:
             continue
@@ -195,7 +195,7 @@ def designs(stage: Stage, design: Design, drawn: tuple[str, ...]) -> Layer:
     return joined(layers)
 
 
-def _triads(stage: Stage, name: str, goal: Poses, placements: Array) -> Layer:
+def _triads(stage: Stage, name: str, goal: PosesGoal, placements: Array) -> Layer:
     """Return three rods at every placement, in the colours of x, y and z."""
     items = []
     for i, placement in enumerate(placements):

@@ -1,0 +1,348 @@
+"""A mechanism at many sets of dimensions, closed together near a closed state of its own.
+
+Every sample is closed by the kernel as it would be by itself, the drivers held: by the least
+motion from the state. It is on the state's branch where it has not gone far, the linear equations
+explain the way there, and the determinant has about the state's size. Samples that are not go there
+by sets of dimensions between; those that come to a singular configuration are left to `homotopy`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spatial_pin.assembly.close import DAMPED_STEPS
+from spatial_pin.assembly.holding import still_entries
+from spatial_pin.assembly.search.whole_turns import periodic
+from spatial_pin.assembly.state import State
+from spatial_pin.constraints.workspaces import acquired
+from spatial_pin.dimensions.dimension_batch import DimensionNumbers
+from spatial_pin.dimensions.homotopy import followed
+from spatial_pin.dimensions.variants import TracedGeometry, TracedTree, Variants
+from spatial_pin.dynamics.outputs import Told
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.kernel.dimensions import ClosedSamples, DimensionCloser, Numbers
+from spatial_pin.kernel.loop_equations import loops_of
+from spatial_pin.mechanism.coordinates import coordinate_rates
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.motion.limits import limits
+from spatial_pin.motion.motion import FRAME_UNITS, Motion
+from spatial_pin.motion.outputs import COORDINATE_OUTPUTS, RATES, component, is_force, is_of_whole
+from spatial_pin.numerics.linalg import Array, decompose, independent_rows
+from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.rates.rates import prescribed_at, solve_rates
+from spatial_pin.settings import Accuracy
+
+
+def end_of_range(output: str) -> tuple[str, str] | None:
+    """Return which end ("lower" or "upper") of which driver's range an output is; None if none."""
+    kind, _, rest = output.partition(".")
+    end, _, driver = rest.partition(".")
+    return (end, driver) if kind == "limit" and end in ("lower", "upper") else None
+
+
+def with_forces(outputs: Iterable[str]) -> bool:
+    """Whether one of the outputs is a force."""
+    return any(is_force(output) for output in outputs)
+
+
+def with_masses(mechanism: Mechanism, outputs: Iterable[str]) -> bool:
+    """Whether one of the outputs depends on masses: a force, or what is of all links together."""
+    return any(is_force(output) or is_of_whole(mechanism, output) for output in outputs)
+
+
+@dataclass(frozen=True)
+class DriverMotion:
+    """The drivers' motion at a state: values, speeds, accelerations, keyed by coordinate."""
+
+    driver: str  # whose speed ratios are relative to
+    values: dict[str, float]
+    speeds: dict[str, float]
+    accelerations: dict[str, float]
+    # whether rates are those in time; where they are not, forces are those at rest
+    in_time: bool = True
+
+    @classmethod
+    def of(cls, state: State, driver: str = "", held: Iterable[str] = ()) -> DriverMotion:
+        """Return the motion of a mechanism's drivers, or of what else is held, in a state."""
+        mechanism = state.mechanism
+        names = list(held) or [d.joint for d in mechanism.drivers.values()]
+        rates = {name: state.coordinate(name) for name in names}
+        first = driver or next(iter(mechanism.drivers), next(iter(mechanism.coordinates), ""))
+        values, speeds, accelerations = (
+            {name: r[k] for name, r in rates.items()} for k in range(3))
+        return cls(first, values, speeds, accelerations, state.in_time)
+
+    @classmethod
+    def along(cls, motion: Motion, state: State) -> DriverMotion:
+        """Return the same at a state of a motion: of its drivers, or what was swept instead."""
+        mechanism, name = state.mechanism, motion.driver_name
+        drivers = [mechanism.coordinate(d.joint) for d in mechanism.drivers.values()]
+        if motion.driver is None or mechanism.coordinate(name) in drivers:
+            return cls.of(state, name)
+        return cls.of(state, name, [c.name for c in prescribed_at(state, [name])])
+
+    @property
+    def moves(self) -> bool:
+        """Whether anything does."""
+        return any(self.speeds.values()) or any(self.accelerations.values())
+
+    def evaluate(self, mechanism: Mechanism, near: State, outputs: Sequence[str]) -> list[Any]:
+        """Return outputs of a mechanism whose drivers move as here.
+
+        Args:
+            mechanism: the mechanism.
+            near: a closed state of it at these or other dimensions, whose branch is followed.
+            outputs: as for `sensitivity`.
+        """
+        told: Told | None = None
+        found = []
+        for output in outputs:
+            end = end_of_range(output)
+            if end is not None:
+                bound = getattr(limits(mechanism, end[1], near), end[0])
+                if bound.kind == "none":
+                    raise SpatialPinError(f"mechanism {mechanism.name!r}: {end[1]!r} has no limit")
+                found.append(bound.value)
+                continue
+            if told is None:
+                state = followed(mechanism, self.values, near)
+                told = self.told(solve_rates(mechanism, state, self.speeds, self.accelerations)
+                                 if self.moves else state)
+            values = told.output(output).values[0]
+            found.append(float(values) if np.ndim(values) == 0 else values)
+        return found
+
+    def told(self, state: State) -> Told:
+        """Return what a state tells by the names of outputs."""
+        value, speed, _ = state.coordinate(self.driver)
+        return Told(Motion(
+            state.mechanism, np.array([value]), self.driver, None, state.q[None], state.v[None],
+            state.a[None], np.array([state.closure_error]), np.array([speed]),
+            angles=np.array(state.angles)[None]), self.in_time)
+
+
+# rad, characteristic lengths, that a joint may go at once: its cosine is still 0.97
+LONGEST_AT_ONCE = 0.25
+# The same of all joints together: axes that agree cannot come to point opposite ways.
+WAY = TOLERANCES.longest_step
+# Part of the state's determinant that a sample must have: digits that it may lose beside those.
+LEAST_DETERMINANT = 0.02
+PARTS = 1, 4, 16  # into which the way to a sample's dimensions is divided, one after the other
+COORDINATE_KINDS = (*RATES, "acceleration", "ratio", "advantage")
+POINT_KINDS = ("position", "velocity", "acceleration", "angular_velocity", "angular_acceleration")
+
+
+class _Wanted(NamedTuple):
+    """An output: which quantity of which coordinate, or of which point, and which component."""
+
+    name: str
+    kind: str
+    is_point: bool
+    component: int | None = None
+
+
+def _wanted(mechanism: Mechanism, spec: str) -> _Wanted | None:
+    """Read an output as `Motion.output` does; None if it takes one sample at a time."""
+    coordinates = {*mechanism.coordinate_table, *mechanism.drivers}
+    if spec in coordinates:
+        return _Wanted(spec, "value", False)
+    whole, k = component(spec)
+    name, _, kind = whole.rpartition(".")
+    if name in coordinates and kind in COORDINATE_OUTPUTS and k is None:
+        return _Wanted(name, kind, False) if kind in COORDINATE_KINDS else None
+    if kind in FRAME_UNITS and name.removesuffix(".com") in mechanism.frame_ids:
+        return _Wanted(name, kind, True, k) if kind in POINT_KINDS else None
+    return None
+
+
+class MadeOf(NamedTuple):
+    """What m samples are made of."""
+
+    dimensions: Array  # (k, m)
+    geometry: TracedGeometry  # what follows from them in the file
+    numbers: Numbers  # of the kernel
+
+
+class VariedSamples:
+    """Outputs of a mechanism at many sets of its dimensions; make it by `of`.
+
+    Args:
+        mechanism: at its own dimensions.
+        tree: its file, traced from the dimensions that change.
+        wanted: the outputs.
+    """
+
+    def __init__(self, mechanism: Mechanism, tree: TracedTree, wanted: list[_Wanted]) -> None:
+        self.mechanism, self._tree, self._wanted = mechanism, tree, wanted
+        self._points = list(dict.fromkeys(x.name for x in wanted if x.is_point))
+        self._numbers = DimensionNumbers(mechanism, self._tree, self._points)
+        self._own = np.array([[*self._tree.dimensions.values()]]).T
+
+    @classmethod
+    def of(
+        cls, mechanism: Mechanism, dimensions: Iterable[str], outputs: Iterable[str]
+    ) -> VariedSamples | None:
+        """Return what closes samples together; None where each takes a mechanism of its own.
+
+        That is so where the file cannot be followed from its dimensions, and for outputs that are
+        more than rates of coordinates and points.
+        """
+        tree = Variants(mechanism, dimensions).tree
+        wanted = [_wanted(mechanism, spec) for spec in outputs]
+        known = [x for x in wanted if x is not None]
+        if tree is None or not wanted or len(known) < len(wanted):
+            return None
+        try:
+            return cls(mechanism, tree, known)
+        except SpatialPinError:  # an output that does not exist: whoever asks for it says so
+            return None
+
+    def near(self, state: State, drive: DriverMotion) -> Near | None:
+        """Return what closes samples from a closed state; None where that is all but singular."""
+        found = _System.at(state, drive)
+        return Near(self, state, drive, found) if found is not None else None
+
+    def own_numbers(self) -> Numbers:
+        """Return what the mechanism itself is made of."""
+        return Numbers(self._numbers.base, np.empty(0, np.int64), np.empty((1, 0)))
+
+    def made_of(self, dimensions: Array, part: float = 1.0) -> MadeOf:
+        """Return what samples are made of, at dimensions (k, m) or part of the way there."""
+        if part != 1.0:
+            dimensions = self._own + part * (dimensions - self._own)
+        with np.errstate(all="ignore"):  # of samples that are none
+            geometry = self._tree.at(dimensions)
+            return MadeOf(dimensions, geometry, self._numbers.at(geometry))
+
+    def close(
+        self, start: ClosedSamples, numbers: Numbers, rates: Array | None, system: _System
+    ) -> ClosedSamples:
+        """Close samples from where others are."""
+        with acquired(self.mechanism, DimensionCloser) as closer:
+            closer.set_system(*system)
+            return closer.close(
+                start.q, start.angles, numbers, self._numbers.joints, rates,
+                Accuracy.named("engineering").tolerance, DAMPED_STEPS)
+
+    def values(self, closed: ClosedSamples, drive: DriverMotion) -> list[Array]:
+        """Return the outputs, each (m,) or (m, 3)."""
+        return [self._value(x, closed, drive) for x in self._wanted]
+
+    def _value(self, wanted: _Wanted, closed: ClosedSamples, drive: DriverMotion) -> Array:
+        name, kind, is_point, k = wanted
+        if is_point:
+            vectors = closed.points[:, self._points.index(name), POINT_KINDS.index(kind)]
+            if kind == "position":
+                vectors = vectors + self.mechanism.centre
+            return vectors if k is None else vectors[:, k]
+        rates = coordinate_rates(
+            self.mechanism, name, closed.q, closed.v, closed.a, continued=False)
+        if kind not in ("ratio", "advantage"):
+            return rates.rate if kind in RATES else rates._asdict()[kind]
+        speed = closed.v[:, self.mechanism.coordinate(drive.driver).v]
+        with np.errstate(divide="ignore"):
+            ratio: Array = rates.rate / speed if kind == "ratio" else speed / rates.rate
+        return ratio
+
+
+class _System(NamedTuple):
+    """The square system at a closed state: what `DimensionCloser.set_system` takes."""
+
+    chosen: NDArray[np.intp]
+    driven: list[int]
+    fill: Array
+    free: NDArray[np.bool_]
+
+    @classmethod
+    def at(cls, state: State, drive: DriverMotion) -> _System | None:
+        """Return the system; None where its equations are not clearly independent."""
+        mechanism = state.mechanism
+        held = [mechanism.driven_coordinate(name) for name in drive.values]
+        driven = [*(c.v for c in held), *still_entries(mechanism, held)]
+        free = np.ones(mechanism.model.nv, dtype=bool)
+        free[[c.v for c in held]] = False
+        moving = free.copy()
+        moving[driven] = False
+        with loops_of(mechanism, state.angles) as evaluation:
+            evaluation.update(state.q)
+            jacobian, n = evaluation.jacobian, evaluation.constraints.n_closure
+            chosen = independent_rows(jacobian[:n, moving])
+            rows = np.vstack([jacobian[chosen], jacobian[n:], np.eye(len(free))[driven]])
+        svd = decompose(rows)
+        if len(svd.s) < len(rows) or (
+                len(rows) and svd.s[-1] <= TOLERANCES.regular * svd.s[0]):
+            return None
+        return cls(chosen, driven, svd.null_space, free)
+
+
+class Near:
+    """Closes samples near a closed state, the drivers held, and gives them the drivers' rates.
+
+    Attributes:
+        own: outputs at the mechanism's own dimensions, each (1,) or (1, 3).
+    """
+
+    def __init__(
+        self, samples: VariedSamples, state: State, drive: DriverMotion, system: _System
+    ) -> None:
+        self._samples, self._state, self._drive, self._system = samples, state, drive, system
+        self._rates = None
+        if drive.moves:
+            still = [0.0] * (len(system.driven) - len(drive.values))
+            self._rates = np.array([[*rates.values(), *still]
+                                    for rates in (drive.speeds, drive.accelerations)])
+        self._own = samples.close(self._begin(1), samples.own_numbers(), self._rates, system)
+        self.own = samples.values(self._own, drive)
+
+    def _begin(self, m: int) -> ClosedSamples:
+        """Return the state as many times."""
+        q, angles = (np.repeat(x[None], m, axis=0) for x in (self._state.q, self._state.angles))
+        return ClosedSamples(q, angles, *[np.empty(0)] * (len(ClosedSamples._fields) - 2))
+
+    def solve(self, made_of: MadeOf) -> tuple[NDArray[np.bool_], list[Array]]:
+        """Return which samples (m,) are on the state's branch, and the outputs of all."""
+        good, closed = self._gone(made_of.dimensions, 1, made_of)
+        values = self._samples.values(closed, self._drive)
+        for parts in PARTS[1:]:
+            far = np.flatnonzero(~good)
+            if not len(far):
+                break
+            good[far], closed = self._gone(made_of.dimensions[:, far], parts)
+            found = self._samples.values(closed, self._drive)
+            for old, new in zip(values, found, strict=True):
+                old[far] = new
+        return good, values
+
+    def _gone(
+        self, dimensions: Array, parts: int, end: MadeOf | None = None
+    ) -> tuple[NDArray[np.bool_], ClosedSamples]:
+        """Take samples to their dimensions in some equal parts of the way.
+
+        Good ones are closed next to where they started, and `assembly.nearest_turn` would leave
+        their angles as they are.
+        """
+        closed, good = self._begin(dimensions.shape[1]), np.ones(dimensions.shape[1], dtype=bool)
+        model, turn = self._state.mechanism.model, 2.0 * np.pi
+        for k in range(1, parts + 1):
+            made_of = end or self._samples.made_of(dimensions, k / parts)
+            closed = self._samples.close(
+                closed, made_of.numbers, self._rates if k == parts else None, self._system)
+            step = np.maximum(closed.farthest, TOLERANCES.nothing)
+            good &= (
+                made_of.geometry.holds & (closed.error <= TOLERANCES.zero)
+                & (closed.farthest <= LONGEST_AT_ONCE) & (closed.way <= WAY)
+                & (closed.bend <= TOLERANCES.contraction * step) & (closed.sign == self._own.sign)
+                & (closed.magnitude > self._own.magnitude + np.log(LEAST_DETERMINANT))
+                & (closed.opened <= TOLERANCES.singular))
+            for at in (c.q for c in periodic(self._state.mechanism)):
+                lower, upper = (made_of.geometry.limits.get(
+                    (bound, at), getattr(model, f"{bound}PositionLimit")[at])
+                    for bound in ("lower", "upper"))
+                q = closed.q[:, at]
+                good &= ~(((q > upper) & (q - turn >= lower)) | ((q < lower) & (q + turn <= upper)))
+        return good, closed

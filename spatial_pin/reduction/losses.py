@@ -1,0 +1,140 @@
+"""How far a reduced mechanism is from the full one: what `Reduced.verify` returns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from spatial_pin.mechanism.joint_limits import joint_limits
+from spatial_pin.reduction.building import ReducedModel
+
+
+class Difference(NamedTuple):
+    """How far an output of the reduced model is from that of the full one, at worst.
+
+    Attributes:
+        output: coordinate, frame, or LINK.com.
+        driver: what was swept; or "forward dynamics".
+        position: [rad], or [m] by the characteristic length.
+        rate: of velocities [-], relative to the largest, or to 1 rad/s or characteristic length
+            per s.
+        acceleration: of accelerations likewise [-].
+
+    Example:
+        >>> found = sp.reduce(sp.load("rssr"), "rocker_pin").verify().differences[0]
+        >>> found.output, found.driver, found.position < 1e-10
+        ('rocker_pin', 'crank', True)
+    """
+
+    output: str
+    driver: str
+    position: float
+    rate: float
+    acceleration: float
+
+
+class Verification(NamedTuple):
+    """What a comparison found; `str()` is a report.
+
+    Attributes:
+        differences: one for each output and driver.
+        rows: number of samples compared.
+        full_seconds, reduced_seconds: how long the sweeps took [s].
+        remarks: where the two did not end alike, or not where they were asked to.
+        compared: over which values of which driver, in words.
+
+    Example:
+        >>> found = sp.reduce(sp.load("rssr"), "rocker_pin").verify()
+        >>> found.rows, found.worst < 1e-10, found.remarks
+        (361, True, ())
+        >>> found.compared
+        ('361 rows over crank from 0 to 6.28319 rad',)
+    """
+
+    differences: tuple[Difference, ...]
+    rows: int
+    full_seconds: float
+    reduced_seconds: float
+    remarks: tuple[str, ...]
+    compared: tuple[str, ...] = ()
+
+    @property
+    def worst(self) -> float:
+        """The largest difference of all."""
+        return max(max(d[2:]) for d in self.differences)
+
+    def __str__(self) -> str:
+        lines = [f"{self.rows} rows compared, largest difference {self.worst:.1e}; full "
+                 f"{1e3 * self.full_seconds:.3g} ms, reduced {1e3 * self.reduced_seconds:.3g} ms"]
+        lines += [f"  {x}" for x in self.compared]
+        lines += [f"  {d.output} over {d.driver}: position {d.position:.1e}, rate {d.rate:.1e}, "
+                  f"acceleration {d.acceleration:.1e}" for d in self.differences]
+        return "\n".join([*lines, *(f"  note: {x}" for x in self.remarks)])
+
+
+class Omission(NamedTuple):
+    """Something that a reduced mechanism does without.
+
+    Attributes:
+        what: "geometry", "inertia", "spring", "joint", "branch", "loop", "link", "leg",
+            "equations", "joint limits" or "passive freedom".
+        name: of the part; empty where it is many.
+        why: in words.
+
+    Example:
+        >>> small = sp.reduce(sp.load("rssr"), "rocker_pin")
+        >>> [omission.what for omission in small.left_out]
+        ['geometry', 'inertia', 'link', 'passive freedom']
+        >>> small.left_out[2].name
+        'coupler'
+    """
+
+    what: str
+    name: str
+    why: str
+
+    def __str__(self) -> str:
+        return f"{self.what}{f' {self.name}' if self.name else ''}: {self.why}"
+
+
+def omissions(model: ReducedModel, locked: frozenset[int]) -> Iterator[Omission]:
+    """Yield what was left out and why."""
+    full = model.full
+    if len(full.visual_model.geometryObjects) + len(full.collision_model.geometryObjects):
+        yield Omission("geometry", "", "shapes to draw and to collide")
+    if not model.dynamics:
+        heavy = [n for n in full.inertias if n not in model.asked.frames]
+        if heavy:
+            yield Omission("inertia", "", f"of {len(heavy)} links: motion alone is asked for")
+        for spring in full.springs:
+            yield Omission("spring", spring.name, "motion alone is asked for")
+    yield from _lost_parts(model, locked)
+    yield from (Omission(*note) for note in model.notes)
+    gone = dict.fromkeys(
+        x.name for x in joint_limits(full)
+        if full.joint_id(full.coordinate(x.name).joint) not in model.moving | locked)
+    if gone:
+        yield Omission("joint limits", "", f"of {', '.join(gone)}: where one is passed, the full "
+                                           "mechanism says so and this one does not")
+    for passive in full.passives:
+        if not model.keeps_spin(passive):
+            yield Omission("passive freedom", passive.name, f"of {passive.body}, which is left out")
+
+
+def _lost_parts(model: ReducedModel, locked: frozenset[int]) -> Iterator[Omission]:
+    """Yield the loops, then the joints, that were left out."""
+    for k, closure in enumerate(model.full.closures):
+        if k not in model.kept.closures:
+            yield Omission("loop", closure.name, (
+                "no output depends on it (at "
+                f"{len(model.influence.configurations)} generic configurations); where it "
+                "cannot close, the full mechanism stops and this one does not"))
+    names = model.full.model.names
+    for i in sorted(locked):
+        yield Omission("joint", names[i], "locked: welded")
+    for i in sorted(model.kept.welded - locked):
+        yield Omission("joint", names[i], "welded: nothing asked for moves with it")
+    gone = [names[i] for i in range(1, model.full.model.njoints)
+            if i not in model.kept.moving | model.kept.welded | locked]
+    if gone:
+        yield Omission("branch", "", f"no output depends on: {', '.join(gone)}")

@@ -1,1 +1,0 @@
-"""A reduced mechanism in the making: links replaced by relations, equations left out."""

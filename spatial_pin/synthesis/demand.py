@@ -1,0 +1,300 @@
+"""What a demand is: numbers of a mechanism and its motion that should be zero, or at most zero.
+
+Those of a whole motion are the largest in each of some parts of it, searched between the samples:
+one number for all would have a kink wherever the worst place changes.
+
+To add one: a class with `_words`, `_unit` and `values` in a module beside, and its constructor in
+`goals`.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spatial_pin.assembly.assemble import assembled
+from spatial_pin.assembly.search.whole_turns import nearest_turn
+from spatial_pin.assembly.state import State
+from spatial_pin.dimensions.dimension_batch import DimensionFamily
+from spatial_pin.dimensions.homotopy import followed
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.mechanism.joint_limits import beyond_limits
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.motion.limits import FARTHEST_SLIDE
+from spatial_pin.motion.motion import Motion
+from spatial_pin.motion.sweep import sweep
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.synthesis.precision import Goal
+
+TURN = 2.0 * np.pi
+PER_TURN = 36  # steps of a motion that is looked at
+STEP_OF_TURN = TURN / PER_TURN  # ten degrees
+# Part of its range that a driver stays short of its limits, where rates are infinite: still nearer
+# samples cost ten times as much.
+SHORT_OF_LIMITS = 1e-5
+
+
+class Candidate:
+    """A mechanism at some dimensions, with closed configurations.
+
+    Args:
+        mechanism: for its motion; its masses and shapes may be those at other dimensions.
+        states: closed states.
+        whole: the mechanism loaded at these dimensions; default the same one.
+        has_masses: whether the mechanism has its masses.
+    """
+
+    def __init__(
+        self, mechanism: Mechanism, states: tuple[State, ...],
+        whole: Callable[[], Mechanism] | None = None, has_masses: bool = True,
+    ) -> None:
+        self.mechanism, self.states, self._whole = mechanism, states, whole
+        self.has_masses = has_masses
+        self._motions: dict[Any, tuple[Motion, bool]] = {}
+
+    @classmethod
+    def of(cls, family: DimensionFamily, dimensions: Array, near: State, samples: Any) -> Candidate:
+        """Return the candidate at dimensions."""
+        names = dict(zip(family.names, dimensions.tolist(), strict=True))
+        there = family.variants.at(names)
+        if samples:
+            states = [State(there, in_own_turn(there, q), closure_error=0.0, angles=a)
+                      for s in samples for q, a in zip(s.q, s.angles, strict=True)]
+        else:
+            states = [_closed(there, near)]
+        return cls(there, tuple(states), lambda: family.variants.whole(names),
+                   family.variants.has_masses)
+
+    @cached_property
+    def whole(self) -> Mechanism:
+        """The mechanism with its masses and shapes."""
+        return self.mechanism if self._whole is None else self._whole()
+
+    def motion(self, driver: str, values: Array | None, whole: bool = False) -> tuple[Motion, bool]:
+        """Return the motion that a demand is about, and whether the driver turns all the way.
+
+        Args:
+            driver: what moves it.
+            values: (k,) where; None: a turn, or from limit to limit.
+            whole: whether masses and shapes count.
+        """
+        key = driver, whole, None if values is None else values.tobytes()
+        if key not in self._motions:
+            mechanism, state = self.mechanism, self.states[0]
+            if whole and self.whole is not mechanism:
+                mechanism = self.whole
+                state = State(mechanism, state.q, closure_error=0.0, angles=state.angles)
+            self._motions[key] = (_turned(mechanism, driver, state) if values is None else
+                                  (_led(mechanism, driver, state, values), False))
+        return self._motions[key]
+
+
+def in_own_turn(mechanism: Mechanism, q: Array, kept: Iterable[str] = ()) -> Array:
+    """Return q (nq,) without whole turns that take angles beyond their joint limits."""
+    stand = {mechanism.prescribed_coordinate(name).name for name in kept}
+    beyond = beyond_limits(mechanism, q).keys() - stand
+    if not beyond:
+        return q
+    others = {name: float(q[c.q]) for name, c in mechanism.coordinate_table.items()
+              if c.q >= 0 and name not in beyond}
+    return nearest_turn(mechanism, q, {}, others)
+
+
+def _closed(mechanism: Mechanism, near: State) -> State:
+    """Return the state on the branch of one at other dimensions, or the nearest where that ends."""
+    with suppress(SpatialPinError):
+        return followed(mechanism, {}, near)
+    return assembled(mechanism, {}, near.q)
+
+
+def _led(mechanism: Mechanism, driver: str, state: State, values: Array) -> Motion:
+    """Return the motion through values of a driver, from a state on."""
+    own = state.coordinate(mechanism.driven_coordinate(driver).name).value
+    first = sweep(mechanism, driver, [own, values[0]], guess=state).state(-1)
+    return sweep(mechanism, driver, values, guess=first)
+
+
+def _turned(mechanism: Mechanism, driver: str, state: State) -> tuple[Motion, bool]:
+    """Return the motion over a turn or from limit to limit, and whether it is a turn.
+
+    Samples of a turn are at whole multiples of a step, whatever the state: one before the turn
+    begins, one for each step.
+    """
+    coordinate = mechanism.driven_coordinate(driver)
+    own = state.coordinate(coordinate.name).value
+    if coordinate.unit == "rad":
+        values = STEP_OF_TURN * (np.ceil(own / STEP_OF_TURN) + np.arange(-1, PER_TURN + 1))
+        first = sweep(mechanism, driver, [own, values[0]], guess=state, on_limit="stop")
+        if len(first) == 2:
+            motion = sweep(mechanism, driver, values, guess=first.state(-1), on_limit="stop")
+            if len(motion) == len(values):
+                return motion, True
+    low, high = (_limit(mechanism, driver, state, sense) for sense in (-1.0, 1.0))
+    # joints go as the square root of the distance from a limit: so do the samples
+    half = (0.5 - SHORT_OF_LIMITS) * np.cos(np.linspace(-np.pi, 0.0, PER_TURN + 1))
+    return _led(mechanism, driver, state, 0.5 * (low + high) + half * (high - low)), False
+
+
+def _limit(mechanism: Mechanism, driver: str, state: State, sense: float) -> float:
+    """Return where a driver that does not turn fully is stopped."""
+    coordinate = mechanism.driven_coordinate(driver)
+    span = (2.0 * TURN if coordinate.unit == "rad" else
+            FARTHEST_SLIDE * mechanism.characteristic_length)
+    own = state.coordinate(coordinate.name).value
+    values = own + sense * np.linspace(0.0, span, 2 * PER_TURN + 1)
+    motion = sweep(mechanism, driver, values, guess=state, on_limit="stop")
+    if len(motion) == len(values):
+        raise SpatialPinError(f"{driver!r} has no limits: say through which values it goes")
+    return motion.events[-1].value
+
+
+PARTS = 6  # of a motion, each with a number of its own
+PEAK = 1e-7  # of where a peak is: it is as high as its square
+# Distances at which a peak is looked at, relative to that of the samples. A parabola's top is wrong
+# by their square, and its height by as much times how far the next one is from the top: after the
+# second it is 1e-7 rad, after the third round-off is left.
+CLOSER = (2.0**-4, 2.0**-9, 2.0**-13)
+SMOOTH = 2.0  # factor between curvatures of a peak from near and from nearer, where it is smooth
+BEYOND = 0.25  # of a demand's unit, by which a part is met so well that samples are enough
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Demand(Goal):
+    """A goal that is asked of the mechanism as a whole."""
+
+    is_one_sided: ClassVar[bool] = True  # whether values below zero are as good as zero
+
+    @abstractmethod
+    def values(self, candidate: Candidate) -> Array:
+        """Return the numbers (k,), zero where it is met."""
+
+    def errors(self, values: Array, mechanism: Mechanism) -> Array:
+        """Return in its unit how far it is missed, (k,), from its numbers."""
+        return np.maximum(values, 0.0) if self.is_one_sided else np.abs(values)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AtMost(Demand):
+    """A demand whose numbers are relative to the largest value that is allowed."""
+
+    at_most: float  # that value
+
+    def errors(self, values: Array, mechanism: Mechanism) -> Array:
+        """See `Demand`."""
+        return super().errors(values, mechanism) * self.at_most
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MotionDemand(Demand):
+    """A demand on a motion.
+
+    Attributes:
+        driver: what moves it; None: the only driver.
+        at: (k,) driver values; None: a turn of it, or from limit to limit.
+    """
+
+    driver: str | None = None
+    at: Array | None = None
+
+    def check(self, mechanism: Mechanism) -> None:
+        """See `Goal`."""
+        mechanism.driven_coordinate(self.moved_by(mechanism))
+
+    def moved_by(self, mechanism: Mechanism) -> str:
+        """Return the driver."""
+        if self.driver is not None:
+            return self.driver
+        names = list(mechanism.drivers)
+        if len(names) != 1:
+            raise ValueError(f"{self.name}: mechanism {mechanism.name!r} has {len(names)} drivers; "
+                             "say which one moves it")
+        return names[0]
+
+    def motion(self, candidate: Candidate, whole: bool = False) -> tuple[Motion, bool]:
+        """Return the motion, and whether it is a turn."""
+        return candidate.motion(self.moved_by(candidate.mechanism), self.at, whole)
+
+    def worst(self, motion: Motion, measure: Callable[[Motion], Array]) -> Array:
+        """Return the largest of what is measured, at every value asked for or by part (k,).
+
+        Parts of a turn are sixths of it, whatever it begins with.
+        """
+        found = measure(motion)
+        if self.at is not None:
+            return found
+        if len(motion) == PER_TURN + 1:
+            parts = np.array_split(np.arange(PER_TURN + 1), PARTS)
+        else:
+            steps = np.rint(motion.swept[1 : PER_TURN + 1] / STEP_OF_TURN).astype(np.intp)
+            which = steps % PER_TURN * PARTS // PER_TURN
+            parts = [1 + np.flatnonzero(which == part) for part in range(PARTS)]
+        return np.array([_peak(motion, found, rows, measure) for rows in parts])
+
+
+def _peak(
+    motion: Motion, found: Array, rows: NDArray[np.intp], measure: Callable[[Motion], Array]
+) -> float:
+    """Return the largest of some samples, and of what is between them if it counts."""
+    assert motion.driver_name is not None
+    driver, best = motion.driver_name, int(rows[np.argmax(found[rows])])
+    highest = float(found[best])
+    inside = 0 < best < len(found) - 1 and highest >= max(found[best - 1], found[best + 1])
+    if not inside or highest <= -BEYOND:
+        return highest
+    state = motion.state(best)
+
+    def at(values: Array) -> Array:
+        return measure(sweep(state.mechanism, driver, values, guess=state))
+
+    with suppress(SpatialPinError, ValueError):  # it is flat there
+        near = motion.swept[best - 1 : best + 2]
+        top = smooth_peak(near, found[best - 1 : best + 2], at)
+        if top is None:  # it may be sharp
+            from scipy.optimize import minimize_scalar  # on use: it takes a quarter of a second
+
+            top = -float(minimize_scalar(lambda value: -float(at(np.array([value]))[0]),
+                                         bracket=tuple(near.tolist()), tol=PEAK).fun)
+        return max(highest, top)
+    return highest
+
+
+def smooth_peak(x: Array, y: Array, at: Callable[[Array], Array]) -> float | None:
+    """Return how high a smooth function is at its peak, by parabolas ever closer about the top.
+
+    Args:
+        x: (3,) in order, round the peak.
+        y: (3,) values there.
+        at: the function, of (3,).
+
+    Returns:
+        None where it does not look smooth.
+    """
+    wide, place, before = float(x[2] - x[0]), 0.0, 0.0
+    for closer in CLOSER:
+        place, _, before = _top(x, y)
+        if not (before < 0.0 and min(x[0], x[2]) < place < max(x[0], x[2])):
+            return None
+        x = place + closer * wide * np.array([-1.0, 0.0, 1.0])
+        y = at(x)
+    place, height, bend = _top(x, y)
+    is_inside = min(x[0], x[2]) < place < max(x[0], x[2])
+    is_smooth = before * SMOOTH < bend < before / SMOOTH
+    return height if is_inside and is_smooth else None
+
+
+def _top(x: Array, y: Array) -> tuple[float, float, float]:
+    """Return place and height of the top of the parabola through three points, and its bend."""
+    left, right = float(x[1] - x[0]), float(x[2] - x[1])
+    rise, fall = float(y[1] - y[0]) / left, float(y[2] - y[1]) / right
+    bend = (fall - rise) / (left + right)
+    slope = (rise * right + fall * left) / (left + right)  # in the middle
+    if not bend < 0.0:
+        return np.nan, np.nan, bend
+    return float(x[1]) - 0.5 * slope / bend, float(y[1]) - 0.25 * slope * slope / bend, bend

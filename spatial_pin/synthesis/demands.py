@@ -1,0 +1,371 @@
+"""Kinds of demands on a mechanism as a whole: swing, full turn, transmission, limits, size, effort.
+
+To add one: a class of `demand.Demand` with `_words`, `_unit` and `values`, and its constructor in
+`goals`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.assembly.state import State, moving_in_time
+from spatial_pin.dynamics.inverse import inverse_dynamics
+from spatial_pin.dynamics.solvers.equations import equations_of
+from spatial_pin.kernel.kernel import kernel_of
+from spatial_pin.mechanism.inertia import moving_mass
+from spatial_pin.mechanism.joint_limits import JointLimit, joint_limits
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.motion.motion import Motion
+from spatial_pin.motion.sweep import sweep
+from spatial_pin.numerics.linalg import Array, rank, singular_values
+from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.proximity.clearance import clearance
+from spatial_pin.proximity.distances import Distances
+from spatial_pin.rates.transmission import MovedOutput
+from spatial_pin.synthesis.demand import (
+    PARTS,
+    SHORT_OF_LIMITS,
+    TURN,
+    AtMost,
+    Candidate,
+    MotionDemand,
+)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Swing(MotionDemand):
+    """How far an output goes to and fro."""
+
+    output: str
+    angle: float
+    _words, is_one_sided = "swing of {0.output}", False
+
+    def unit_of(self, mechanism: Mechanism) -> str:
+        """See `Goal`."""
+        return str(mechanism.coordinate(self.output).unit)
+
+    def check(self, mechanism: Mechanism) -> None:
+        """See `Goal`."""
+        super().check(mechanism)
+        mechanism.coordinate(self.output)
+
+    def values(self, candidate: Candidate) -> Array:
+        """See `Demand`: by the coordinate's own size."""
+        motion, is_turn = self.motion(candidate)
+        size = motion.mechanism.velocity_scale[motion.mechanism.coordinate(self.output).v]
+        least, most = _ends(motion, self.output, is_turn or self.at is not None)
+        return np.array([(most - least - self.angle) / size])
+
+    def errors(self, values: Array, mechanism: Mechanism) -> Array:
+        """See `Demand`."""
+        return np.abs(values) * mechanism.velocity_scale[mechanism.coordinate(self.output).v]
+
+
+def _ends(motion: Motion, output: str, is_turn: bool) -> tuple[float, float]:
+    """Return the least and the largest value of a coordinate over a motion.
+
+    Where its rate changes sign, the cubic through both samples tells where it turns back; from the
+    configuration there what is left of its rate v and its derivative a tell the rest: v²/2a.
+    At a limit, a distance d beyond the last sample, x = x0 + c sqrt(d) + e d.
+    """
+    value, rate, acceleration = motion.coordinate(output)
+    assert motion.driver_name is not None
+    found, at = [value.min(), value.max()], motion.swept
+    for k in np.flatnonzero(rate[:-1] * rate[1:] < 0.0):
+        span = at[k + 1] - at[k]
+        u = _turning(value[k + 1] - value[k], span * rate[k], span * rate[k + 1])
+        there = sweep(motion.mechanism, motion.driver_name, [at[k] + u * span],
+                      guess=motion.state(int(k))).coordinate(output)
+        x, v, a = (float(part[0]) for part in there)
+        found.append(x - 0.5 * v * v / a if a else x)
+    if not is_turn:
+        d = SHORT_OF_LIMITS * (at[-1] - at[0]) / (1.0 - 2.0 * SHORT_OF_LIMITS)
+        found += [value[k] + sign * d * rate[k] + 2.0 * d * d * acceleration[k]
+                  for k, sign in ((0, -1.0), (-1, 1.0))]
+    return min(found), max(found)
+
+
+def _turning(rise: float, first: float, last: float) -> float:
+    """Return where in (0, 1) the cubic of a rise, with slopes of opposite sign, is level."""
+    a, b, c = 3.0 * (first + last - 2.0 * rise), 2.0 * (3.0 * rise - 2.0 * first - last), first
+    root = np.sqrt(max(b * b - 4.0 * a * c, 0.0))
+    ways = np.array([2.0 * c / (-b + sign * root) if -b + sign * root else np.inf
+                     for sign in (1.0, -1.0)])
+    return float(np.clip(ways[np.argmin(np.abs(ways - 0.5))], 0.0, 1.0))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DeadCentres(MotionDemand):
+    """That an output stands still at values of the driver."""
+
+    output: str
+    _words, _unit = "dead centres of {0.output}", "output per driver"
+    is_one_sided = False
+
+    def check(self, mechanism: Mechanism) -> None:
+        """See `Goal`."""
+        super().check(mechanism)
+        output, driver = mechanism.coordinate(self.output), self.moved_by(mechanism)
+        if output.name == mechanism.driven_coordinate(driver).name:
+            raise ValueError(f"{self.name}: it is the driver itself; for its own dead centres name "
+                             "it as the output of another joint's motion")
+
+    def values(self, candidate: Candidate) -> Array:
+        """See `Demand`: speed ratios, each by the coordinates' sizes."""
+        motion, _ = self.motion(candidate)
+        mechanism, scale = motion.mechanism, motion.mechanism.velocity_scale
+        driver = mechanism.driven_coordinate(self.moved_by(mechanism))
+        rates = motion.v[:, mechanism.coordinate(self.output).v] / motion.v[:, driver.v]
+        return rates * scale[driver.v] / scale[mechanism.coordinate(self.output).v]
+
+
+# Square of the least singular value of what the driver leaves to be determined, lengths relative to
+# the characteristic length: so far a driver that turns fully is from being stopped, about a degree
+# of transmission angle.
+REGULAR = 1e-4
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FullTurn(MotionDemand):
+    """That a driver turns all the way round."""
+
+    _unit = "rad"
+
+    @property
+    def name(self) -> str:
+        """See `Goal`."""
+        return f"full turn of {self.driver or 'the driver'}"
+
+    def check(self, mechanism: Mechanism) -> None:
+        """See `Goal`."""
+        super().check(mechanism)
+        if mechanism.driven_coordinate(self.moved_by(mechanism)).unit != "rad":
+            raise ValueError(f"{self.name}: it slides, and cannot turn")
+
+    def values(self, candidate: Candidate) -> Array:
+        """See `Demand`: 1 - cos of half the gap in the turn, and nearness of a limit beyond it.
+
+        That is the least singular value of as many equations as are independent in the first
+        sample: how well loops determine the rest of a mechanism whose drivers stand.
+        """
+        motion, is_turn = self.motion(candidate)
+        if not is_turn:
+            gap = max(0.0, TURN - float(np.ptp(motion.swept)))
+            return (REGULAR + 1.0 - np.cos(0.5 * gap)) * np.eye(PARTS)[0]
+        mechanism = motion.mechanism
+        assert motion.driver_name is not None
+        names = {motion.driver_name, *(d.joint for d in mechanism.drivers.values())}
+        driven = [mechanism.driven_coordinate(name).v for name in names]
+
+        def rest(q: Array) -> Array:
+            with kernel_of(mechanism) as kernel:
+                return np.delete(kernel.jacobians(q), driven, axis=2)
+
+        independent = rank(rest(motion.q[:1])[0])
+        return self.worst(
+            motion, lambda some: REGULAR - singular_values(rest(some.q))[:, independent - 1] ** 2)
+
+    def errors(self, values: Array, mechanism: Mechanism) -> Array:
+        """See `Demand`: angles that are missing."""
+        return 2.0 * np.arccos(np.clip(1.0 - np.maximum(values, 0.0), -1.0, 1.0))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LeastTransmission(MotionDemand):
+    """How large the transmission angle of an output is at least."""
+
+    output: str
+    at_least: float
+    pair: str | None = None
+    _words, _unit = "transmission to {0.output}", "rad"
+
+    def check(self, mechanism: Mechanism) -> None:
+        """See `Goal`."""
+        super().check(mechanism)
+        MovedOutput.of(mechanism, self.output, self.moved_by(mechanism), self.pair)
+
+    def values(self, candidate: Candidate) -> Array:
+        """See `Demand`: angles that are missing."""
+        motion, _ = self.motion(candidate)
+        moved = MovedOutput.of(motion.mechanism, self.output,
+                               self.moved_by(candidate.mechanism), self.pair)
+
+        def missing(motion: Motion) -> Array:
+            return self.at_least - np.array([
+                moved.angle(motion.mechanism, q, angles)
+                for q, angles in zip(motion.q, motion.angles, strict=True)])
+
+        return self.worst(motion, missing)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class WithinLimits(MotionDemand):
+    """That the driver's motion takes no other joint beyond its limits."""
+
+    _words = "joint limits"
+
+    def unit_of(self, mechanism: Mechanism) -> str:
+        """See `Goal`."""
+        return ", ".join(sorted({limit.unit for limit in self._counting(mechanism)}))
+
+    def check(self, mechanism: Mechanism) -> None:
+        """See `Goal`."""
+        super().check(mechanism)
+        if not self._counting(mechanism):
+            raise ValueError(f"joint limits: no joint of mechanism {mechanism.name!r} has any, "
+                             "but for the driver perhaps; state them in its URDF")
+
+    def _counting(self, mechanism: Mechanism) -> list[JointLimit]:
+        """Return the limits of joints that are not the driver's."""
+        driver = mechanism.driven_coordinate(self.moved_by(mechanism)).name
+        return [limit for limit in joint_limits(mechanism) if limit.name != driver]
+
+    def values(self, candidate: Candidate) -> Array:
+        """See `Demand`: how far joints are beyond each limit, by their own sizes."""
+        motion, _ = self.motion(candidate)
+
+        def beyond(limit: JointLimit) -> Callable[[Motion], Array]:
+            return lambda some: -limit.room(some.q) / limit.size
+
+        return np.concatenate([self.worst(motion, beyond(limit))
+                               for limit in self._counting(candidate.mechanism)])
+
+    def errors(self, values: Array, mechanism: Mechanism) -> Array:
+        """See `Demand`."""
+        sizes = np.array([limit.size for limit in self._counting(mechanism)])
+        return np.maximum(values, 0.0) * np.repeat(sizes, len(values) // len(sizes))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LeastClearance(MotionDemand):
+    """That links that are not joined stay apart."""
+
+    at_least: float
+    pairs: tuple[tuple[str, str], ...] | None = None
+    _words, _unit = "clearance", "m"
+
+    def check(self, mechanism: Mechanism) -> None:
+        """See `Goal`."""
+        super().check(mechanism)
+        if not Distances(mechanism, self.pairs).pairs:
+            raise ValueError(f"clearance: mechanism {mechanism.name!r} has no two links with a "
+                             "shape that are not joined; name pairs of those that are")
+
+    def values(self, candidate: Candidate) -> Array:
+        """See `Demand`: distances that are missing, by pair of links, in characteristic lengths."""
+        motion, _ = self.motion(candidate, whole=True)
+        found = sorted(clearance(motion, self.pairs).pairs, key=lambda pair: pair.links)
+        size = motion.mechanism.characteristic_length
+        return np.array([(self.at_least - pair.distance) / size for pair in found])
+
+    def errors(self, values: Array, mechanism: Mechanism) -> Array:
+        """See `Demand`."""
+        return np.maximum(values, 0.0) * mechanism.characteristic_length
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MostSize(AtMost, MotionDemand):
+    """That no two joints or closures are ever far apart."""
+
+    _words, _unit = "size", "m"
+
+    def values(self, candidate: Candidate) -> Array:
+        """See `Demand`: relative to the largest one allowed."""
+        motion, _ = self.motion(candidate)
+        model, closures = motion.mechanism.model, motion.mechanism.closures
+        names = [*model.names[1:], *(name for c in closures for name in c.frames)]
+
+        def beyond(motion: Motion) -> Array:
+            points = np.array([motion.frame(name).position for name in dict.fromkeys(names)])
+            apart = np.linalg.norm(points[:, None] - points[None], axis=3).max(axis=(0, 1))
+            return apart / self.at_most - 1.0
+
+        return self.worst(motion, beyond)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MostMass(AtMost):
+    """That all moving links together weigh little."""
+
+    _words, _unit = "mass", "kg"
+
+    def check(self, mechanism: Mechanism) -> None:
+        """See `Goal`."""
+        if not moving_mass(mechanism.model) > 0.0:
+            raise ValueError(f"mass: no moving link of mechanism {mechanism.name!r} has one")
+
+    def values(self, candidate: Candidate) -> Array:
+        """See `Demand`: relative to the largest one allowed."""
+        heavy = candidate.mechanism if candidate.has_masses else candidate.whole
+        return np.array([moving_mass(heavy.model) / self.at_most - 1.0])
+
+
+SAME_EFFORT = TOLERANCES.nothing  # part of it, by which two ways to it differ at most
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MostEffort(AtMost, MotionDemand):
+    """That a driver needs little effort to hold loads."""
+
+    loads: Mapping[str, Array] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """See `Goal`."""
+        return f"effort of {self.driver or 'the driver'}"
+
+    def unit_of(self, mechanism: Mechanism) -> str:
+        """See `Goal`."""
+        return "N m" if mechanism.driven_coordinate(self.moved_by(mechanism)).unit == "rad" else "N"
+
+    def check(self, mechanism: Mechanism) -> None:
+        """See `Goal`."""
+        super().check(mechanism)
+        for name in self.loads:
+            mechanism.frame_id(name)
+
+    def values(self, candidate: Candidate) -> Array:
+        """See `Demand`: relative to the largest one allowed."""
+        motion, _ = self.motion(candidate, whole=not candidate.has_masses)
+        loads = {name: pin.Force(wrench) for name, wrench in self.loads.items()}
+        driver = motion.mechanism.driven_coordinate(self.moved_by(candidate.mechanism))
+        found = _balanced(motion, 0, driver.name, loads)
+        own = _by_work(motion, driver.v, loads, 1)[0]
+        is_same = abs(own - found) <= SAME_EFFORT * max(abs(own), abs(found))
+
+        def beyond(motion: Motion) -> Array:
+            efforts = _by_work(motion, driver.v, loads) if is_same else np.array(
+                [_balanced(motion, k, driver.name, loads) for k in range(len(motion))])
+            return np.abs(efforts) / self.at_most - 1.0
+
+        return self.worst(motion, beyond)
+
+
+def _balanced(motion: Motion, row: int, driver: str, loads: Mapping[str, pin.Force]) -> float:
+    """Return the effort that holds a sample at rest, one of several drivers perhaps."""
+    state = moving_in_time(motion.mechanism, motion.state(row))
+    efforts = inverse_dynamics(motion.mechanism, state, external=loads).efforts
+    return float(next(x for name, x in efforts.items()
+                      if motion.mechanism.driven_coordinate(name).name == driver))
+
+
+def _by_work(
+    motion: Motion, driver: int, loads: Mapping[str, pin.Force], most: int | None = None
+) -> Array:
+    """Return efforts (n,), of the first samples at most, by virtual work.
+
+    Along the motion the driver's work makes up for that of all other forces: its effort is the one
+    there is where drivers are as many as the freedoms that they hold.
+    """
+    still, found = np.zeros(motion.mechanism.model.nv), []
+    with equations_of(motion.mechanism) as equations:
+        for q, angles, v in zip(
+                motion.q[:most], motion.angles[:most], motion.v[:most], strict=True):
+            equations.update(State(motion.mechanism, q, closure_error=0.0, angles=angles), loads)
+            wanted = equations.motion_forces(still) - equations.given
+            found.append(float(wanted @ v) / v[driver])
+    return np.array(found)

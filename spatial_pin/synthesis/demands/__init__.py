@@ -1,1 +1,0 @@
-"""What a mechanism should be like, one kind of demand a class."""

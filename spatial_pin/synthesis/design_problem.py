@@ -1,0 +1,381 @@
+"""One problem of dimensional synthesis, and its local solutions.
+
+From a start, dimensions and configurations are fitted together: first loosely, open loops being
+weighed against missed goals, then ever more closed, at last exactly, by SciPy's trust region. Goals
+that are to be met exactly, beside others that are met as well as can be, are kept by augmented
+Lagrangians [Hestenes1969; Powell1969].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spatial_pin.assembly.state import State
+from spatial_pin.dimensions.predictions import STEP
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.synthesis.demand import Demand
+from spatial_pin.synthesis.design_space import BATCH, WEIGHTS, DesignSpace, Guess, weight_of
+from spatial_pin.synthesis.inner_problem import GoalStates
+from spatial_pin.synthesis.multistart import BatchedStarts
+from spatial_pin.synthesis.precision import Goal
+
+LOOSE_EVALUATIONS = 50  # of each weight of open loops: some twenty are usual
+EXACT_EVALUATIONS = 200  # of exact ones: ten are usual, a hundred along curved valleys
+LOOSE_GAIN = 1e-4  # of the cost in a step, at which the next weight is gone on to
+FIRST_PENALTY = 100.0  # weight² of exact goals beside others, which have about one
+MOST_PENALTIES = 12  # rounds of multipliers: each gains a factor of the penalty as a rule
+IDLE_PENALTIES = 3  # rounds that do not halve what is missed: it cannot be met
+FIRST_GAIN = 1e-6  # of the cost in a step, at which numbers close to bounds are put there
+NEAR_BOUND = 1e-3  # part of the width of the bounds: a trust region of interior points ends as far
+START_MARGIN = 1e-9  # likewise: SciPy wants starts inside of the bounds
+OPEN = "the loops do not close"
+
+OfNumbers = Callable[[Array], Array]
+
+
+@dataclass(frozen=True, eq=False)
+class LocalSolution:
+    """A local solution."""
+
+    x: Array  # (n,) the numbers that are looked for, dimensions first
+    # sum of squares of weighted residuals of goals with a weight; infinite if no solution was found
+    # from that start
+    cost: float
+    hard: float  # the largest residual of goals that are to be met exactly
+    samples: tuple[GoalStates, ...]  # configurations of every goal of precision
+    evaluations: int  # sets of dimensions that were tried
+    why: str = ""  # the error where nothing closes, or a demand cannot be judged
+    others: tuple[LocalSolution, ...] = ()  # further solutions from the same start
+
+    @property
+    def is_one(self) -> bool:
+        """Whether it is a solution: exact goals are met."""
+        return bool(np.isfinite(self.cost)) and self.hard <= TOLERANCES.nothing
+
+
+@dataclass(frozen=True, eq=False)
+class ProblemSpec:
+    """What a problem is made of; it can be sent to other processes."""
+
+    path: Any  # the mechanism's file, and what it was loaded with
+    loading: Mapping[str, Any]
+    goals: tuple[Goal, ...]  # what it should do
+    bounds: Mapping[str, tuple[float, float]]  # by dimension, infinite where there are none
+    # which branch the first start is on, as for `assemble`; or q (nq,) and angles of screws of its
+    # closed state
+    guess: Guess | tuple[Array, Array] = None
+
+    def make(self) -> DesignProblem:
+        """Return the problem."""
+        from spatial_pin.formats.files import load
+
+        mechanism, guess = load(self.path, **self.loading), self.guess
+        if isinstance(guess, tuple):
+            guess = State(mechanism, guess[0], closure_error=np.nan, angles=guess[1])
+        return DesignProblem(mechanism, self.goals, self.bounds, guess)
+
+
+class DesignProblem(DesignSpace):
+    """Dimensions with which a mechanism meets goals, and how they are found from a start."""
+
+    def solve_from(
+        self, x: Array, near: list[GoalStates], weights: Sequence[float]
+    ) -> LocalSolution:
+        """Return the local solution from configurations.
+
+        Args:
+            x: (n,) dimensions and own numbers.
+            near: configurations of each goal of precision.
+            weights: of open loops, one after the other; none where loops are closed.
+        """
+        fit = LocalFit(self)
+        try:
+            return fit.solved(x, near, weights)
+        except SpatialPinError as error:  # nothing closes there, or a demand cannot be judged
+            return LocalSolution(x, np.inf, np.inf, (), fit.evaluations, str(error))
+
+    def solve(self, x: Array, rng: np.random.Generator | None = None) -> LocalSolution:
+        """Return the local solution from a start.
+
+        Where it misses goals that are all to be met exactly, further starts are drawn and fitted
+        together; what comes out is the first of their distinct solutions, with the others.
+
+        Args:
+            x: (n,) dimensions and own numbers.
+            rng: None: from the closed state of the guess; else configurations are drawn too.
+        """
+        try:
+            near = self.begun(x, rng)
+        except SpatialPinError as error:
+            return LocalSolution(x, np.inf, np.inf, (), 0, str(error))
+        if rng is None:
+            return self.solve_from(x, near, WEIGHTS)
+        found = self.solve_from(x, near, WEIGHTS[rng.integers(2) :])
+        exact = [s.goal.weight is None for s in self.settlings]
+        if found.is_one or not any(exact) or not all(exact):
+            return found
+        starts = BatchedStarts(self, np.array([self.draw(rng) for _ in range(BATCH)]), rng)
+        starts.fit()
+        tried = [self.solve_from(starts.x[i], starts.of(i), ()) for i in starts.best()]
+        good = [one for one in tried if one.is_one]
+        first = good[0] if good else min([found, *tried], key=lambda one: one.hard)
+        evaluations = starts.evaluations + sum(one.evaluations for one in (found, *tried))
+        return replace(first, others=tuple(good[1:]), evaluations=evaluations)
+
+
+class LocalFit:
+    """Fits the numbers of a problem from one start.
+
+    Attributes:
+        evaluations: sets of dimensions that were tried.
+    """
+
+    def __init__(self, problem: DesignSpace) -> None:
+        self.p, self.evaluations = problem, 0
+        self._near: list[GoalStates] = []
+        self._parts = list(zip(problem.settlings, problem.own, strict=True))
+
+    def solved(
+        self, x: Array, near: list[GoalStates], weights: Sequence[float]
+    ) -> LocalSolution:
+        """Return the solution from x and configurations nearby, by weights of open loops."""
+        self._near = near
+        if self._parts:
+            for weight in weights:
+                x = self.loosely(x, weight)
+        return _Exactly(self, x).found()
+
+    def loosely(self, x: Array, weight: float) -> Array:
+        """Return where open loops, by their weight, and missed goals are least together."""
+        p = self.p
+        settled: dict[bytes, list[GoalStates]] = {}
+
+        def at(x: Array) -> list[GoalStates]:
+            if x.tobytes() not in settled:
+                settled.clear()
+                self.evaluations += 1
+                members = p.members(x)
+                settled[x.tobytes()] = [
+                    s.loosely(members, near, x[own], weight / weight_of(s.goal))
+                    for (s, own), near in zip(self._parts, self._near, strict=True)]
+            return settled[x.tobytes()]
+
+        def residual(x: Array) -> Array:
+            members = p.members(x)
+            if not members.holds.all():
+                return np.full(n_rows, np.inf)
+            return np.concatenate([
+                (weight_of(s.goal) * s.loose_residual(members, samples, x[own],
+                                                      weight / weight_of(s.goal))).ravel()
+                for (s, own), samples in zip(self._parts, at(x), strict=True)])
+
+        def slopes(x: Array) -> Array:
+            self._near = at(x)
+            members, (around, widths) = p.members(x), p.around(x)
+            return np.concatenate([
+                weight_of(s.goal) * self.columns(own, s.loose_slopes(
+                    members, around, widths, samples, x[own], weight / weight_of(s.goal)))
+                for (s, own), samples in zip(self._parts, self._near, strict=True)])
+
+        n_rows = 0
+        n_rows = len(residual(x))
+        x = self.minimum(residual, slopes, x, LOOSE_EVALUATIONS, LOOSE_GAIN)
+        self._near = at(x)
+        return x
+
+    def columns(self, own: slice, slopes: Array) -> Array:
+        """Return derivatives (k r, n) from those (k, r, .) for dimensions and own numbers."""
+        n, out = self.p.n, np.zeros((slopes.shape[0] * slopes.shape[1], len(self.p.names)))
+        flat = slopes.reshape(len(out), -1)
+        out[:, :n], out[:, own] = flat[:, :n], flat[:, n:]
+        return out
+
+    def minimum(
+        self, residual: OfNumbers, slopes: OfNumbers, x: Array, most: int, gain: float
+    ) -> Array:
+        """Return where the sum of squares is least, by SciPy's trust region.
+
+        That keeps off the bounds, and comes near them slowly: numbers that it ends close to one are
+        put there, and the others are fitted again.
+        """
+        p, every = self.p, np.ones(len(x), dtype=bool)
+        first = self._descended(residual, slopes, x, every, most, max(gain, FIRST_GAIN))
+        near = NEAR_BOUND * p.sizes
+        x = np.where(first - p.lower < near, p.lower,
+                     np.where(p.upper - first < near, p.upper, first))
+        free = (x != p.lower) & (x != p.upper)
+        if gain >= FIRST_GAIN or not np.isfinite(residual(x)).all():
+            return first
+        second = self._descended(residual, slopes, x, free, most, gain)
+        squares = [float(np.sum(residual(there) ** 2)) for there in (first, second)]
+        return second if squares[1] <= squares[0] else first
+
+    def _descended(
+        self, residual: OfNumbers, slopes: OfNumbers, x: Array, free: NDArray[np.bool_],
+        most: int, gain: float,
+    ) -> Array:
+        from scipy.optimize import least_squares  # takes a quarter of a second
+
+        p, x = self.p, x.copy()
+        if not free.any():
+            return x
+        low, high, size = p.lower[free], p.upper[free], p.sizes[free]
+
+        def whole(part: Array) -> Array:
+            there = x.copy()
+            there[free] = part
+            return there
+
+        start = np.clip(x[free], low + START_MARGIN * size, high - START_MARGIN * size)
+        if not np.isfinite(residual(whole(start))).all():
+            return x  # loops that close at a bound open beside it
+        found = least_squares(
+            lambda part: residual(whole(part)), start, lambda part: slopes(whole(part))[:, free],
+            bounds=(low, high), x_scale=size, ftol=gain, xtol=TOLERANCES.round_off,
+            gtol=TOLERANCES.last_digit, max_nfev=most)
+        return whole(found.x)
+
+
+class _Exactly:
+    """The fit with closed loops: goals of precision, and what else is demanded.
+
+    Residuals are those of goals of precision, then of demands. Of those that are to be exact, r,
+    the sum of r² penalty / 2 + multiplier r belongs to what is made least; demands are inequalities
+    r <= 0.
+    """
+
+    def __init__(self, fit: LocalFit, x: Array) -> None:
+        self.fit, self.p, self.x = fit, fit.p, x
+        self._memo: dict[bytes, tuple[list[GoalStates], Array] | None] = {}
+        self._counts: list[int] = []
+        self._state = fit.p.nominal()  # where the mechanisms of demands are followed from
+        self._why = ""  # the last configurations were none
+        first = self._at(x)
+        if first is None:
+            raise SpatialPinError(self._why)
+        goals = [s.goal for s, _ in fit._parts]
+        every = [*goals, *self.p.demands]
+        repeats = [g.count * g.width for g in goals] + self._counts
+        self.weights = np.repeat([weight_of(g) for g in every], repeats)
+        self.exact = np.repeat([g.weight is None for g in every], repeats).astype(bool)
+        self.one_sided = np.repeat([isinstance(g, Demand) and g.is_one_sided for g in every],
+                                   repeats).astype(bool)
+        self.multipliers = np.zeros(len(self.weights))
+        self.penalty = FIRST_PENALTY if (~self.exact).any() else 1.0
+
+    def _at(self, x: Array) -> tuple[list[GoalStates], Array] | None:
+        """Return configurations and residuals of x; None where they do not close."""
+        key = x.tobytes()
+        if key not in self._memo:
+            self._memo.clear()
+            self._memo[key] = self._evaluated(x)
+        return self._memo[key]
+
+    def _evaluated(self, x: Array) -> tuple[list[GoalStates], Array] | None:
+        p, fit, samples, residuals = self.p, self.fit, list[GoalStates](), list[Array]()
+        fit.evaluations += 1
+        members = p.members(x)
+        if not members.holds.all():
+            self._why = OPEN
+            return None
+        for (settling, own), near in zip(fit._parts, fit._near, strict=True):
+            there, residual, is_closed = settling.exactly(members, near, x[own])
+            if not is_closed.all():
+                self._why = OPEN
+                return None
+            samples.append(there)
+            residuals.append(residual.ravel())
+        demanded: list[Array] = []
+        try:
+            if p.demands:
+                candidate = p.candidate(x, samples, self._state)
+                self._state = candidate.states[0]
+                demanded = [demand.values(candidate) for demand in p.demands]
+        except SpatialPinError as error:
+            self._why = str(error)
+            return None
+        counts = [len(values) for values in demanded]
+        self._counts = self._counts or counts
+        if counts != self._counts:  # links that have no shape there, say
+            return None
+        return samples, np.concatenate([np.empty(0), *residuals, *demanded])
+
+    def _shaped(self, raw: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Return what is squared, and which numbers count in it."""
+        shifted = raw + np.where(self.exact, self.multipliers / self.penalty, 0.0)
+        counts = ~self.one_sided | (shifted > 0.0)
+        factor = np.where(self.exact, np.sqrt(self.penalty), self.weights)
+        return np.where(counts, factor * shifted, 0.0), counts
+
+    def residual(self, x: Array) -> Array:
+        """Return what is squared; infinite where loops do not close."""
+        found = self._at(x)
+        return np.full(len(self.weights), np.inf) if found is None else self._shaped(found[1])[0]
+
+    def slopes(self, x: Array) -> Array:
+        """Return its derivatives: those of demands by differences of closed configurations."""
+        found = self._at(x)
+        assert found is not None
+        fit, (samples, raw), first = self.fit, found, len(found[1]) - sum(self._counts)
+        fit._near, members, (around, widths) = samples, self.p.members(x), self.p.around(x)
+        rows = [fit.columns(own, s.slopes(members, around, widths, at, x[own]))
+                for (s, own), at in zip(fit._parts, samples, strict=True)]
+        columns = []
+        for i, step in enumerate(STEP * self.p.sizes if self.p.demands else ()):
+            there = step * np.eye(len(x))[i]
+            ends = [(sign * step, self._evaluated(x + sign * there)) for sign in (1.0, -1.0)]
+            known = [(at, end[1][first:]) for at, end in ends if end is not None]
+            if not known:
+                raise SpatialPinError("the loops open next to these dimensions")
+            (at, ahead), (back, behind) = known[0], (
+                known[1] if len(known) > 1 else (0.0, raw[first:]))
+            columns.append((ahead - behind) / (at - back))
+        rows += [np.array(columns).T] if self.p.demands else []
+        factor = np.where(self.exact, np.sqrt(self.penalty), self.weights) * self._shaped(raw)[1]
+        return np.concatenate([np.empty((0, len(x))), *rows]) * factor[:, None]
+
+    def found(self) -> LocalSolution:
+        """Return the solution.
+
+        Where goals that are all exact can be met, steps gain ever more: a start whose steps gain
+        little before that is given up.
+        """
+        if self.penalty > 1.0:
+            samples, raw = self._weighed()
+        else:
+            samples, raw = self._fitted(LOOSE_GAIN)
+            missed = np.where(self.one_sided, np.maximum(raw, 0.0), raw)
+            if np.abs(missed).max(initial=0.0) <= TOLERANCES.half_precision:
+                samples, raw = self._fitted(TOLERANCES.tight)
+        missed = np.where(self.one_sided, np.maximum(raw, 0.0), raw)
+        cost = float(np.sum((self.weights * missed)[~self.exact] ** 2))
+        return LocalSolution(self.x, cost, float(np.abs(missed[self.exact]).max(initial=0.0)),
+                             tuple(samples), self.fit.evaluations)
+
+    def _fitted(self, gain: float) -> tuple[list[GoalStates], Array]:
+        self.x = self.fit.minimum(self.residual, self.slopes, self.x, EXACT_EVALUATIONS, gain)
+        found = self._at(self.x)
+        if found is None:
+            raise SpatialPinError(self._why)
+        return found
+
+    def _weighed(self) -> tuple[list[GoalStates], Array]:
+        """Return the same by augmented Lagrangians, of goals some of which have a weight."""
+        misses = [np.inf] * IDLE_PENALTIES
+        for _ in range(MOST_PENALTIES):
+            found = self._fitted(TOLERANCES.tight)
+            least = -self.multipliers / self.penalty
+            missed = np.where(self.one_sided, np.maximum(found[1], least), found[1])[self.exact]
+            misses.append(float(np.abs(missed).max(initial=0.0)))
+            if misses[-1] <= TOLERANCES.tight or misses[-1] > 0.5 * misses[-1 - IDLE_PENALTIES]:
+                break
+            self.multipliers[self.exact] += self.penalty * missed
+            self.penalty *= 4.0
+        return found

@@ -1,0 +1,412 @@
+"""Local solutions of a synthesis problem from many starts, or from an evolution, ranked."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import suppress
+from dataclasses import dataclass, field, fields, is_dataclass
+from errno import ENOENT
+from functools import lru_cache
+from pathlib import Path, PurePath
+from threading import get_ident
+from time import monotonic
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin._support.checks import whole_number
+from spatial_pin._support.executors import in_order
+from spatial_pin._support.outputs import named_path, write_text
+from spatial_pin._support.progress import progress_bar
+from spatial_pin.assembly.state import State
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.pairs import PAIRS
+from spatial_pin.mobility.mobility import mobility
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.synthesis.curve_atlas import SHEETS, AtlasStart, CurveDatabase
+from spatial_pin.synthesis.design_problem import DesignProblem, LocalSolution, ProblemSpec
+from spatial_pin.synthesis.inner_problem import GoalStates
+
+FORMAT = "spatial_pin design 2"
+PAUSE = 1.0  # between two writings [s]: one takes some milliseconds
+
+
+class Checkpoint:
+    """What was found, by number of the start, and rough costs of an evolution in their order.
+
+    It is written when it is left, however that is, and now and then before.
+
+    Args:
+        key: of the search.
+        path: where it is kept; None: nowhere.
+    """
+
+    def __init__(self, key: str, path: str | Path | None) -> None:
+        self.key, self.path = key, None if path is None else named_path(path)
+        self.found: dict[int, LocalSolution] = {}
+        self.values: list[float] = []
+        self._written, self._is_new = monotonic(), False
+        if self.path is not None and self.path.exists():
+            self._read(self.path)
+        elif self.path is not None and not self.path.parent.is_dir():
+            raise FileNotFoundError(ENOENT, "there is no folder for the file to resume from",
+                                    str(self.path))
+
+    def __enter__(self) -> Checkpoint:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._write()
+
+    def add(self, number: int, found: LocalSolution) -> None:
+        """Keep what was found from a start."""
+        self.found[number] = found
+        self._changed()
+
+    def add_values(self, values: Sequence[float]) -> None:
+        """Keep further rough costs."""
+        self.values += values
+        self._changed()
+
+    def _changed(self) -> None:
+        self._is_new = True
+        if monotonic() - self._written > PAUSE:
+            self._write()
+
+    def _write(self) -> None:
+        if self.path is None or not self._is_new:
+            return
+        content = {"format": FORMAT, "key": self.key, "values": self.values,
+                   "found": {str(k): _table(x) for k, x in sorted(self.found.items())}}
+        write_text(self.path, json.dumps(content) + "\n")
+        self._written, self._is_new = monotonic(), False
+
+    def _read(self, path: Path) -> None:
+        words = f"{path}: not a search for dimensions that was kept; give another file to `resume`"
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+            if content["format"] != FORMAT:
+                raise SpatialPinError(words)
+            key = content["key"]
+            self.values = [float(x) for x in content["values"]]
+            self.found = {int(k): _found(x) for k, x in content["found"].items()}
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            raise SpatialPinError(words) from error
+        if key != self.key:
+            raise SpatialPinError(
+                f"{path}: a search with another mechanism, other goals, bounds, guess, method or "
+                "seed; give another file to `resume`, or remove this one")
+
+
+def _table(found: LocalSolution) -> dict[str, Any]:
+    return {"x": found.x.tolist(), "cost": found.cost, "hard": found.hard,
+            "evaluations": found.evaluations, "why": found.why,
+            "others": [_table(one) for one in found.others],
+            "samples": [{"q": s.q.tolist(), "angles": s.angles.tolist(), "at": s.at.tolist()}
+                        for s in found.samples]}
+
+
+def _found(table: Mapping[str, Any]) -> LocalSolution:
+    samples = tuple(
+        GoalStates(_rows(s["q"], len(s["at"])), _rows(s["angles"], len(s["at"])),
+                np.array(s["at"], dtype=np.intp))
+        for s in table["samples"])
+    return LocalSolution(
+        np.array(table["x"], dtype=float), float(table["cost"]), float(table["hard"]), samples,
+        int(table["evaluations"]), str(table["why"]),
+        tuple(_found(one) for one in table["others"]))
+
+
+def _rows(values: Any, n: int) -> Array:
+    return np.array(values, dtype=float).reshape(n, -1)
+
+
+def fingerprint(spec: Any, mechanism: Mechanism, method: str, seed: int) -> str:
+    """Return what is the same for two searches only if they look for the same in the same way."""
+    files = [path.read_bytes() for path in (mechanism.path, mechanism.tree)
+             if isinstance(path, Path) and path.is_file()]
+    text = json.dumps([FORMAT, method, seed, _plain(spec)], sort_keys=True)
+    digest = hashlib.sha256(text.encode())
+    for content in files:
+        digest.update(hashlib.sha256(content).digest())
+    return digest.hexdigest()
+
+
+def _plain(value: Any) -> Any:
+    """Return a value made of texts, numbers, lists and tables."""
+    if is_dataclass(value) and not isinstance(value, type):
+        own = {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
+        return [type(value).__name__, own]
+    if isinstance(value, Mapping):
+        return [[_plain(k), _plain(x)] for k, x in sorted(value.items(), key=lambda x: str(x[0]))]
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, pin.SE3):
+        return value.homogeneous.tolist()
+    if isinstance(value, State):
+        return [value.q.tolist(), value.angles.tolist()]
+    if isinstance(value, PurePath):
+        return value.name
+    if isinstance(value, list | tuple | set | frozenset):
+        return [_plain(x) for x in value]
+    with suppress(TypeError):
+        return json.loads(json.dumps(value))
+    return [type(value).__name__, _plain(vars(value))]
+
+
+METHODS = ("multistart", "evolution", "atlas", "local")
+# Two solutions are one if no dimension differs by more, relative to the width of its bounds, and
+# no joint, in radians and characteristic lengths. Along flat valleys SciPy's trust region ends at
+# some 1e-5 from the solution.
+SAME_SOLUTION = 1e-3
+# An evolution is to find valleys, in which local solutions go on: members by number that is looked
+# for, and generations at most. Three and fifteen find as much as five and thirty where a four-bar
+# is to lead a point along a line; a member costs about a tenth of a local solution.
+POPULATION = 4
+GENERATIONS = 20  # see above
+OTHER_VALLEY = 0.1  # part of the ranges: places of an evolution so far apart are in two, perhaps
+RANGE_DRAWS = 256  # starts from whose spread the range of a number without bounds is taken
+VALUES_TOGETHER = 16  # of a population that are sent to a worker at a time
+
+
+class Searched(NamedTuple):
+    """What a search found."""
+
+    found: tuple[LocalSolution, ...]  # distinct solutions, the best first
+    is_whole: bool  # whether all starts were tried, and nothing cut it short (Ctrl-C)
+    starts: int  # how many local solutions were tried
+    failed: int  # how many of them led to no solution
+    evaluations: int  # sets of dimensions that were tried in all
+    # of those that led to no solution, the least by which what is to be met exactly is missed
+    # [characteristic lengths, rad]; infinite if the loops closed at none
+    nearest: float
+    why: str = ""  # what was said of the first that led nowhere at all; empty if there is none
+
+
+def searched(
+    spec: ProblemSpec,
+    method: str = "multistart",
+    starts: int = 20,
+    seed: int = 0,
+    executor: Executor | None = None,
+    progress: bool = False,
+    resume: str | Path | None = None,
+) -> Searched:
+    """Return local solutions of a problem, ranked and distinct.
+
+    The answer depends on the problem, the method, the seed and the number of starts only, not on
+    the number of workers or on whether a search was cut short and went on. Every start has random
+    numbers of its own, so that more starts find at least as much.
+    """
+    if method not in METHODS:
+        raise ValueError(f"method is {method!r}; it is one of {', '.join(METHODS)}")
+    starts = whole_number(starts, "starts")
+    if starts < 1:
+        raise ValueError(f"starts is {starts}; a search needs 1 at least")
+    if seed < 0:
+        raise ValueError(f"seed is {seed}; it is a whole number from 0 up")
+    problem = spec.make()
+    key = fingerprint(spec, problem.mechanism, method, seed)
+    with Checkpoint(key, resume) as kept:
+        work = GlobalSearch(spec, key, problem, executor, kept)
+        is_whole = False
+        try:
+            work.run(method, 1 if method == "local" else starts, seed, progress)
+            is_whole = True
+        except KeyboardInterrupt:  # what was found until then is the answer
+            if not kept.found:
+                raise
+    tried = [kept.found[k] for k in sorted(kept.found) if k < starts]
+    own = [found for one in tried for found in (one, *one.others) if found.is_one]
+    failed = sum(not found.is_one for found in tried)
+    return Searched(tuple(_distinct(problem, own)), is_whole, len(tried), failed,
+                    sum(found.evaluations for found in tried) + len(kept.values) + work.curves,
+                    min((found.hard for found in tried if not found.is_one), default=np.inf),
+                    next((found.why for found in tried if found.why), ""))
+
+
+class GlobalSearch:
+    """One search: what is known of it is in `kept`.
+
+    Attributes:
+        curves: sets of dimensions whose curves were drawn.
+    """
+
+    def __init__(
+        self, spec: ProblemSpec, key: str, problem: DesignProblem, executor: Executor | None,
+        kept: Checkpoint,
+    ) -> None:
+        self._spec, self._key, self._problem = spec, key, problem
+        self._executor, self._kept, self.curves = executor, kept, 0
+
+    def run(self, method: str, starts: int, seed: int, progress: bool) -> None:
+        """Find what is not known yet."""
+        seeds = np.random.SeedSequence(seed).spawn(starts)
+        if method == "evolution":
+            places = self._evolved(np.random.default_rng(seed), starts, progress)
+            jobs: list[tuple[Array | AtlasStart | None, Any]] = [(x, None) for x in places]
+        elif method == "atlas":
+            atlas = CurveDatabase(self._problem)  # refuses what it is not for
+            begins = list[AtlasStart]()
+            name = f"{self._problem.mechanism.name}: atlas"
+            with progress_bar(SHEETS, name, progress) as bar:
+                for sheet in self._all(_sheet, np.random.SeedSequence(seed).spawn(SHEETS)):
+                    begins += sheet
+                    self.curves += atlas.curves
+                    bar.update()
+            begins = sorted(begins, key=lambda begin: begin.misfit)[:starts]
+            jobs = [*((x, None) for x in begins), *((None, x) for x in seeds[len(begins) :])]
+        else:
+            jobs = [(None, child if k else None) for k, child in enumerate(seeds)]
+        left = [k for k in range(len(jobs)) if k not in self._kept.found]
+        name = f"{self._problem.mechanism.name}: starts"
+        with progress_bar(len(jobs), name, progress) as bar:
+            bar.update(len(jobs) - len(left))
+            for k, found in zip(left, self._all(_solved, [jobs[k] for k in left]), strict=True):
+                self._kept.add(k, found)
+                bar.update()
+
+    def _all(self, work: Callable[..., Any], jobs: Sequence[Any]) -> Iterator[Any]:
+        """Return what some work makes of jobs, in their order, wherever it is done."""
+        if self._executor is None:
+            return in_order(None, work, [(self._problem, job) for job in jobs])
+        return in_order(self._executor, _there,
+                        [(work, self._spec, self._key, job) for job in jobs])
+
+    def _evolved(self, rng: np.random.Generator, starts: int, progress: bool) -> list[Array]:
+        """Return the best places that an evolution came by, apart from each other.
+
+        An evolution that goes on repeats itself with the values that are known.
+        """
+        from scipy.optimize import differential_evolution  # it takes a quarter of a second
+
+        draws = np.random.default_rng(0)
+        drawn = np.array([self._problem.draw(draws) for _ in range(RANGE_DRAWS)])
+        low, high = self._problem.lower, self._problem.upper
+        low = np.where(np.isfinite(low), low, drawn.min(axis=0))
+        high = np.where(np.isfinite(high), high, drawn.max(axis=0))
+        places: list[Array] = []
+
+        def values(points: list[Array]) -> list[float]:
+            known = self._kept.values[len(places) : len(places) + len(points)]
+            rest = [low + u * (high - low) for u in points[len(known) :]]
+            groups = [rest[k : k + VALUES_TOGETHER] for k in range(0, len(rest), VALUES_TOGETHER)]
+            new = [x for some in self._all(_valued, groups) for x in some]
+            self._kept.add_values(new)
+            places.extend(np.array(u) for u in points)
+            bar.update()
+            return [*known, *new]
+
+        name = f"{self._problem.mechanism.name}: evolution"
+        with progress_bar(GENERATIONS + 1, name, progress) as bar:
+            differential_evolution(
+                lambda u: np.inf,  # never called: populations are valued by the workers
+                [(0.0, 1.0)] * len(low), popsize=POPULATION, maxiter=GENERATIONS,
+                polish=False, seed=rng, updating="deferred",
+                workers=lambda _, points: values(list(points)))
+        best = _apart(np.array(places), np.array(self._kept.values), starts)
+        return [low + u * (high - low) for u in best]
+
+
+def _apart(places: Array, values: Array, most: int) -> list[Array]:
+    """Return the best of places (m, n) between 0 and 1 that are not near a better one."""
+    left = np.flatnonzero(np.isfinite(values))
+    left = left[np.argsort(values[left], kind="stable")]
+    found: list[Array] = []
+    while left.size and len(found) < most:
+        best = places[left[0]]
+        found.append(best)
+        left = left[np.abs(places[left] - best).max(axis=1) > OTHER_VALLEY]
+    return found
+
+
+def _there(work: Callable[..., Any], spec: ProblemSpec, key: str, job: Any) -> Any:
+    """Do some work in another process, or thread, where the problem is made once."""
+    return work(_made(_Keyed(key, spec), get_ident()), job)
+
+
+@dataclass(frozen=True)
+class _Keyed:
+    """A spec that is the same as others of its key."""
+
+    key: str
+    spec: ProblemSpec = field(compare=False)
+
+
+@lru_cache(maxsize=8)
+def _made(keyed: _Keyed, thread: int) -> DesignProblem:
+    return keyed.spec.make()
+
+
+def _sheet(problem: DesignProblem, seed: np.random.SeedSequence) -> list[AtlasStart]:
+    return CurveDatabase(problem).sheet(np.random.default_rng(seed))
+
+
+def _solved(
+    problem: DesignProblem, job: tuple[Array | AtlasStart | None, np.random.SeedSequence | None]
+) -> LocalSolution:
+    """Return the local solution from x, a curve, a drawn start, or the own dimensions."""
+    x, seed = job
+    if isinstance(x, AtlasStart):
+        return CurveDatabase(problem).solved(x)
+    if seed is not None:
+        rng = np.random.default_rng(seed)
+        return problem.solve(problem.draw(rng), rng)
+    return problem.solve(problem.start if x is None else x, None)
+
+
+def _valued(problem: DesignProblem, points: Sequence[Array]) -> list[float]:
+    """Return the rough costs of points, those that are none infinite."""
+    found = []
+    for x in points:
+        value = np.inf
+        with suppress(SpatialPinError):
+            value = float(problem.value(x))
+        found.append(np.inf if np.isnan(value) else value)
+    return found
+
+
+def _distinct(problem: DesignProblem, found: Sequence[LocalSolution]) -> list[LocalSolution]:
+    """Return solutions without those that are another one again, the best first.
+
+    Those that miss by round-off only are equally good: they stand in the order of their starts.
+    Links that may spin as they like do not tell solutions apart.
+    """
+    best = sorted(found, key=lambda one: max(one.cost, TOLERANCES.nothing**2))
+    mechanism, links = problem.mechanism, set[str]()
+    if len(best) > 1:
+        with suppress(SpatialPinError):  # it does not close at its own dimensions: all links count
+            links = {freedom.link for freedom in mobility(mechanism).passive}
+    spinning = {mechanism.model.names[
+        mechanism.model.frames[mechanism.frame_id(name)].parentJoint] for name in links}
+    distinct: list[tuple[Array, LocalSolution]] = []
+    for one in best:
+        mark = _mark(problem, one, spinning)
+        if all(np.abs(mark - other).max(initial=0.0) > SAME_SOLUTION for other, _ in distinct):
+            distinct.append((mark, one))
+    return [one for _, one in distinct]
+
+
+def _mark(problem: DesignProblem, found: LocalSolution, spinning: set[str]) -> Array:
+    """Return numbers by which solutions are told apart: the same for whole turns of joints."""
+    mechanism, model = problem.mechanism, problem.mechanism.model
+    parts: list[Array] = [np.array([x / size for name, x, size in zip(
+        problem.names, found.x.tolist(), problem.sizes.tolist(), strict=True) if ": " not in name])]
+    for samples in found.samples:
+        for c in mechanism.coordinate_table.values():
+            if c.q >= 0 and c.joint not in spinning:
+                value = samples.q[:, c.q]
+                parts += ([np.cos(value), np.sin(value)] if c.unit == "rad" else
+                          [value / mechanism.characteristic_length])
+        for i, name in enumerate(mechanism.pairs, start=1):
+            if not PAIRS[name].is_linear and model.names[i] not in spinning:
+                end = model.idx_qs[i] + model.nqs[i]
+                turn = samples.q[:, end - 4 : end]
+                parts.append(np.einsum("mi,mj->mij", turn, turn).ravel())
+    return np.concatenate(parts)

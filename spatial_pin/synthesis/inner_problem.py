@@ -1,0 +1,356 @@
+"""Configurations of goals of precision at given dimensions, and how they go with these.
+
+At dimensions and own numbers x every sample has its own configuration, the best there is: loosely,
+where open loops and missed goals are weighed against each other, so that no loop need close; or
+exactly, where loops are closed and the drivers stand, and what freedom is left is used for the
+goal. Residuals at best configurations are functions of x alone, whose derivative is that at fixed
+configurations less the part that moving the joints takes away: variable projection
+[GolubPereyra1973] in the form of [Kaufman1975].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from spatial_pin.dimensions.dimension_batch import DimensionBatch, DimensionFamily, EvaluatedBatch
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.linalg import Array, pseudo_inverses
+from spatial_pin.numerics.stacked import damped_solutions, null_spaces, projected
+from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.synthesis.precision import Precision, simple
+
+SETTLING_STEPS = 40  # of a sample at most: from afar some twenty are usual, from nearby four
+CLOSINGS = 12  # Newton's: from a step of half a radian four to six
+FIRST_DAMPING = 1e-3  # of Levenberg's method, relative to equations of order one
+# by what damping goes after a step that helped, and after one that did not
+SETTLING_EASING, SETTLING_HARDENING = 0.2, 8.0
+MOST_DAMPING = 1e6  # with which nothing moves any more
+MOST_OPEN = 0.1  # by which a step along the loops may open them: so much is closed quadratically
+# Levenberg's term beside equations of order one: the square root of round-off in their products,
+# as Gauss's method needs none next to a solution.
+FLOOR_DAMPING = 1e-14
+
+
+class GoalStates(NamedTuple):
+    """Configurations of a goal."""
+
+    q: Array  # (m, nq)
+    angles: Array  # (m, n_angles) of screw closures [rad]
+    at: NDArray[np.intp]  # (m,) of which samples of the goal they are
+
+    def taken(self, some: slice | NDArray[np.intp]) -> GoalStates:
+        """Return some of them."""
+        return GoalStates(self.q[some], self.angles[some], self.at[some])
+
+    @classmethod
+    def joined(cls, several: Sequence[GoalStates]) -> GoalStates:
+        """Return all of them as one."""
+        return cls(*(np.concatenate(x) for x in zip(*several, strict=True)))
+
+
+class GoalRows(NamedTuple):
+    """Equations of m configurations that are to hold, and residuals that are to be small."""
+
+    held: Array  # (m, h) closure equations, then drivers
+    wanted: Array  # (m, r) residuals of the goal
+    held_moves: Array  # their derivatives (m, ., nv) for v / `velocity_scale`
+    wanted_moves: Array
+    held_own: Array  # those for the goal's own numbers (m, ., n_own)
+    wanted_own: Array
+
+    def together(self, weight: float) -> tuple[Array, Array, Array]:
+        """Return all, what is to hold weighted, and the derivatives."""
+        return (np.concatenate([weight * self.held, self.wanted], axis=1),
+                np.concatenate([weight * self.held_moves, self.wanted_moves], axis=1),
+                np.concatenate([weight * self.held_own, self.wanted_own], axis=1))
+
+
+class InnerProblem:
+    """A goal of precision on a family of mechanisms.
+
+    Attributes:
+        names: of the goal's own numbers.
+    """
+
+    def __init__(self, family: DimensionFamily, goal: Precision) -> None:
+        self.family, self.goal = family, goal
+        mechanism = family.mechanism
+        goal.check(mechanism)
+        driven = [simple(mechanism, name) for name in goal.drivers]
+        self._driven_q = np.array([c.q for c in driven], dtype=np.intp)
+        self._driven_v = np.array([c.v for c in driven], dtype=np.intp)
+        self._sizes = mechanism.velocity_scale[self._driven_v]
+        self._values = np.array([*goal.drivers.values()]).reshape(len(driven), goal.count).T
+        zeros = [f"{name}.zero" for name in goal.drivers] if goal.input_offset else []
+        self.names = (*goal.own_names, *zeros)
+        self._n_zeros = len(zeros)
+
+    def own_start(self) -> Array:
+        """Return the goal's own numbers to begin with, drivers from zero."""
+        return np.concatenate([self.goal.own_start(self.family.mechanism),
+                               np.zeros(self._n_zeros)])
+
+    def _values_only(
+        self, bodies: EvaluatedBatch, at: NDArray[np.intp], own: Array
+    ) -> tuple[Array, Array]:
+        zeros = own[len(own) - self._n_zeros :] if self._n_zeros else 0.0
+        away = (bodies.q[:, self._driven_q] - self._values[at]) / self._sizes - zeros
+        wanted = self.goal.residual(bodies, at, own[: len(own) - self._n_zeros])
+        return np.concatenate([bodies.residual, away], axis=1), wanted
+
+    def equations(
+        self, members: DimensionBatch, samples: GoalStates, own: Array
+    ) -> tuple[Array, Array]:
+        """Return equations and residuals (m, h + r), and the angles of screws."""
+        bodies = self.family.bodies(self._each(members, len(samples.q)), samples.q, samples.angles,
+                                    with_jacobian=False)
+        return np.concatenate(self._values_only(bodies, samples.at, own), axis=1), bodies.angles
+
+    def rows(
+        self, members: DimensionBatch, samples: GoalStates, own: Array
+    ) -> tuple[GoalRows, Array]:
+        """Return equations and residuals with their derivatives, and the angles of screws."""
+        m, nv, at = len(samples.q), self.family.mechanism.model.nv, samples.at
+        bodies = self.family.bodies(self._each(members, m), samples.q, samples.angles)
+        held, _ = self._values_only(bodies, at, own)
+        n, k, d = len(own), self._n_zeros, len(self._driven_v)
+        wanted, moved, by_own = self.goal.slopes(bodies, at, own[: n - k])
+        stands = np.zeros((m, d, nv))
+        stands[:, np.arange(d), self._driven_v] = 1.0
+        held_own = np.zeros((m, held.shape[1], n))
+        if k:
+            held_own[:, -d:, n - k :] = -np.eye(d)
+        return GoalRows(held, wanted, np.concatenate([bodies.jacobian, stands], axis=1), moved,
+                    held_own, np.concatenate([by_own, np.zeros((*by_own.shape[:2], k))], axis=2)
+                    ), bodies.angles
+
+    @staticmethod
+    def _each(members: DimensionBatch, m: int) -> DimensionBatch:
+        """Return members for m configurations: one for all, or one for each."""
+        return members if len(members.holds) == m else members.taken(np.zeros(m, dtype=np.intp))
+
+    def placed(self, samples: GoalStates, own: Array) -> GoalStates:
+        """Return configurations with the drivers where they should stand."""
+        q = samples.q.copy()
+        zeros = own[len(own) - self._n_zeros :] if self._n_zeros else 0.0
+        q[:, self._driven_q] = self._values[samples.at] + zeros * self._sizes
+        return samples._replace(q=q)
+
+    def _moved(self, samples: GoalStates, steps: Array) -> Array:
+        return self.family.displaced(samples.q, steps * self.family.mechanism.velocity_scale)
+
+    def loosely(
+        self, members: DimensionBatch, samples: GoalStates, own: Array, weight: float
+    ) -> GoalStates:
+        """Return configurations where open loops, weighted, and missed goals are least together."""
+        def evaluated(at: GoalStates) -> tuple[GoalStates, _Loose]:
+            rows, angles = self.rows(members, at, own)
+            residual, slope, _ = rows.together(weight)
+            missed = np.einsum("mi,mi->m", residual, residual)
+            return at._replace(angles=angles), _Loose(residual, slope, missed)
+
+        def judged(new: _Loose, old: _Loose) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+            better = new.missed < old.missed
+            return better, better & (old.missed - new.missed < TOLERANCES.nothing * old.missed)
+
+        return self._descended(*evaluated(samples), evaluated, judged, FIRST_DAMPING, 0.0)
+
+    def _descended(
+        self, samples: GoalStates, known: Any, evaluated: Callable[[GoalStates], tuple[Any, Any]],
+        judged: Callable[[Any, Any], tuple[Any, Any]], first: float, least: float,
+    ) -> GoalStates:
+        """Return where Levenberg's method leads, every configuration damped for itself.
+
+        Args:
+            samples: where it begins.
+            known: what is known there, with `steps`.
+            evaluated: returns configurations as they are, and what is known there.
+            judged: tells of what is new and known which steps help, and which gain next to nothing.
+            first: damping at first.
+            least: damping at least after a step that did not help.
+        """
+        damping = np.full(len(samples.q), first)
+        for _ in range(SETTLING_STEPS):
+            steps = known.steps(damping)
+            there, new = evaluated(samples._replace(q=self._moved(samples, steps)))
+            better, idle = judged(new, known)
+            samples, known = _chosen(better, there, samples), _chosen(better, new, known)
+            damping = np.where(better, SETTLING_EASING * damping,
+                               SETTLING_HARDENING * np.maximum(damping, least))
+            small = np.abs(steps).max(axis=1, initial=0.0) < TOLERANCES.half_precision
+            if np.all(small | idle | (damping > MOST_DAMPING)):
+                break
+        return samples
+
+    def loose_residual(
+        self, members: DimensionBatch, samples: GoalStates, own: Array, weight: float
+    ) -> Array:
+        """Return the residuals (k, h + r) that are left so."""
+        return self.rows(members, samples, own)[0].together(weight)[0]
+
+    def loose_slopes(
+        self, members: DimensionBatch, around: DimensionBatch, widths: Array, samples: GoalStates,
+        own: Array, weight: float,
+    ) -> Array:
+        """Return their derivatives (k, h + r, n + n_own) for dimensions and own numbers."""
+        rows, _ = self.rows(members, samples, own)
+        _, moved, by_own = rows.together(weight)
+        held, wanted = self._at_rest(members, around, widths, samples, own)
+        fixed = np.concatenate(
+            [np.concatenate([weight * held, wanted], axis=1), by_own], axis=2)
+        return projected(fixed, moved)
+
+    def _at_rest(
+        self, members: DimensionBatch, around: DimensionBatch, widths: Array, samples: GoalStates,
+        own: Array,
+    ) -> tuple[Array, Array]:
+        """Return derivatives (k, ., n) for the dimensions where no joint moves."""
+        k, n = len(samples.q), len(widths)
+        if not n:
+            rows, _ = self.rows(members, samples, own)
+            return np.empty((*rows.held.shape, 0)), np.empty((*rows.wanted.shape, 0))
+        at = np.tile(np.arange(k), 2 * n)
+        bodies = self.family.bodies(around.taken(np.repeat(np.arange(2 * n), k)),
+                                    samples.q[at], samples.angles[at], with_jacobian=False)
+        found = []
+        for x in self._values_only(bodies, samples.at[at], own):
+            ahead, behind = x.reshape(2, n, k, -1)
+            found.append(((ahead - behind) / widths[:, None, None]).transpose(1, 2, 0))
+        return found[0], found[1]
+
+    def closed(
+        self, members: DimensionBatch, samples: GoalStates, own: Array
+    ) -> tuple[GoalStates, GoalRows, NDArray[np.bool_]]:
+        """Return configurations with loops closed and drivers in place, and which have them so."""
+        there = self.placed(samples, own)
+        rows, angles = self.rows(members, there, own)
+        there = there._replace(angles=angles)
+        error = np.abs(rows.held).max(axis=1, initial=0.0)
+        for _ in range(CLOSINGS):
+            if np.all(error <= TOLERANCES.last_digit):
+                break
+            damping = np.maximum(np.einsum("mi,mi->m", rows.held, rows.held), FLOOR_DAMPING)
+            steps = _steps(rows.held_moves, rows.held, damping)
+            new = there._replace(q=self._moved(there, steps))
+            new_rows, angles = self.rows(members, new, own)
+            new_error = np.abs(new_rows.held).max(axis=1, initial=0.0)
+            better = new_error < error
+            there = _chosen(better, new._replace(angles=angles), there)
+            rows, error = _chosen(better, new_rows, rows), np.where(better, new_error, error)
+            if np.all(~better | (error <= TOLERANCES.round_off)):
+                break
+        return there, rows, error <= TOLERANCES.closed
+
+    def exactly(
+        self, members: DimensionBatch, samples: GoalStates, own: Array
+    ) -> tuple[GoalStates, Array, NDArray[np.bool_]]:
+        """Return closed configurations that meet the goal best, residuals, and which are closed.
+
+        Each step closes the loops and goes along them towards the goal at once. Steps are compared
+        by what would be missed if the loops were closed, to first order.
+        """
+        samples, rows, is_closed = self.closed(members, samples, own)
+        if not is_closed.all():
+            return samples, rows.wanted, is_closed
+
+        def evaluated(at: GoalStates) -> tuple[GoalStates, _Along]:
+            rows, angles = self.rows(members, at, own)
+            return at._replace(angles=angles), _Along.of(rows)
+
+        def judged(new: _Along, old: _Along) -> tuple[NDArray[np.bool_], bool]:
+            return (new.missed <= old.missed) & (new.open <= MOST_OPEN), False
+
+        samples = self._descended(
+            samples, _Along.of(rows), evaluated, judged, FLOOR_DAMPING, FIRST_DAMPING)
+        samples, rows, is_closed = self.closed(members, samples, own)
+        return samples, rows.wanted, is_closed
+
+    def residual(self, members: DimensionBatch, samples: GoalStates, own: Array) -> Array:
+        """Return the goal's residuals (k, r) at configurations."""
+        each = self._each(members, len(samples.q))
+        bodies = self.family.bodies(each, samples.q, samples.angles, with_jacobian=False)
+        return self._values_only(bodies, samples.at, own)[1]
+
+    def slopes(
+        self, members: DimensionBatch, around: DimensionBatch, widths: Array, samples: GoalStates,
+        own: Array,
+    ) -> Array:
+        """Return their derivatives (k, r, n + n_own), loops closed and the best timing kept."""
+        rows, _ = self.rows(members, samples, own)
+        held, wanted = self._at_rest(members, around, widths, samples, own)
+        held = np.concatenate([held, rows.held_own], axis=2)
+        wanted = np.concatenate([wanted, rows.wanted_own], axis=2)
+        motions = null_spaces(rows.held_moves)
+        along = -pseudo_inverses(rows.held_moves, TOLERANCES.singular) @ held
+        whole = wanted + rows.wanted_moves @ along
+        return projected(whole, rows.wanted_moves @ motions.transpose(0, 2, 1), rows.wanted)
+
+
+class _Loose(NamedTuple):
+    """What is missed at m configurations, open loops among it."""
+
+    residual: Array  # (m, r)
+    slope: Array  # (m, r, nv)
+    missed: Array  # (m,) the sum of its squares
+
+    def steps(self, damping: Array) -> Array:
+        """Return Levenberg's steps (m, nv)."""
+        return _steps(self.slope, self.residual, damping)
+
+
+class _Along(NamedTuple):
+    """What is missed at m configurations whose loops are nearly closed, and the way on."""
+
+    back: Array  # (m, nv) steps that close the loops
+    motions: Array  # (m, nv, nv) orthonormal motions that keep them closed, among rows of zeros
+    left: Array  # (m, r) what is missed after steps back
+    slope: Array  # (m, r, nv) its derivatives along the motions
+    missed: Array  # (m,) the sum of its squares
+    open: Array  # (m,) by how much the loops are open
+
+    @classmethod
+    def of(cls, rows: GoalRows) -> _Along:
+        """Return it from equations."""
+        inverse = pseudo_inverses(rows.held_moves, TOLERANCES.singular)
+        back = -np.einsum("mvh,mh->mv", inverse, rows.held)
+        motions = null_spaces(rows.held_moves)
+        left = rows.wanted + np.einsum("mrv,mv->mr", rows.wanted_moves, back)
+        return cls(back, motions, left, rows.wanted_moves @ motions.transpose(0, 2, 1),
+                   np.einsum("mr,mr->m", left, left),
+                   np.abs(rows.held).max(axis=1, initial=0.0))
+
+    def steps(self, damping: Array) -> Array:
+        """Return steps (m, nv) back, and Levenberg's along the motions."""
+        return self.back + np.einsum("mzv,mz->mv", self.motions,
+                                     _steps(self.slope, self.left, damping))
+
+
+def _chosen(better: NDArray[np.bool_], there: Any, here: Any) -> Any:
+    """Return of each configuration what is there, where that is better, or here."""
+    return type(here)(*(
+        np.where(better.reshape(-1, *[1] * (own.ndim - 1)), other, own)
+        for other, own in zip(there, here, strict=True)))
+
+
+def _steps(slope: Array, residual: Array, damping: Array) -> Array:
+    """Return Levenberg's steps (m, n), the longest part of each at most half a radian."""
+    steps = -damped_solutions(slope, residual, damping)
+    longest = np.abs(steps).max(axis=1, initial=0.0)
+    return steps * np.minimum(
+        1.0, TOLERANCES.damped_step / np.maximum(longest, TOLERANCES.nothing))[:, None]
+
+
+def spread(mechanism: Mechanism, q: Array, k: int, rng: np.random.Generator) -> Array:
+    """Return configurations (k, nq) anywhere: angles turned by up to half a turn, slides moved.
+
+    Slides go by up to half a characteristic length, as far as mechanisms go as a rule.
+    """
+    sizes = np.where([c.unit == "rad" for c in mechanism.coordinate_table.values()], np.pi,
+                     0.5 * mechanism.characteristic_length)
+    return np.array([pin.integrate(mechanism.model, q, sizes * rng.uniform(-1.0, 1.0, len(sizes)))
+                     for _ in range(k)]).reshape(k, len(q))

@@ -1,0 +1,232 @@
+"""Starts for goals that are to be met exactly: many drawn ones, fitted all together.
+
+Newton's method on such goals leads somewhere from a few starts in a hundred only, and what misses
+comes to rest anywhere. So dimensions are drawn, and configurations of all samples too, each
+anywhere and with open loops; dimensions and configurations change together by Levenberg's method.
+That is no detour: with loops closed, or every configuration the best for the dimensions, curves of
+samples end and jump, and most ways end there. Configurations are eliminated sample by sample, and
+many starts cost little more than one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spatial_pin.dimensions.dimension_batch import DimensionBatch
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.synthesis.design_space import DesignSpace
+from spatial_pin.synthesis.inner_problem import GoalStates, InnerProblem, spread
+
+BATCH_STEPS = 120  # of Levenberg's: half of those that lead somewhere need seventy
+BATCH_DAMPING = 1e-2  # relative to equations of order one
+# by what damping goes after a step that helped, and after one that did not
+BATCH_EASING, BATCH_HARDENING = 0.3, 4.0
+LEAST_BATCH_DAMPING, MOST_DAMPING = 1e-15, 1e6  # round-off of the equations; nothing moves any more
+MET, NEAR = TOLERANCES.nothing**2, TOLERANCES.nothing  # sums of squares, of this size and less
+MOST_NEAR = 2  # of those that have come near which are looked at
+TOGETHER = 1e-4  # part of the sizes, within which two ends are one
+# Part of a number's size ahead, by which derivatives are taken: forward differences leave as much
+# of their own, and round-off eps over it.
+AHEAD = TOLERANCES.singular
+
+
+class StartEquations(NamedTuple):
+    """Equations of M starts, k samples of a goal each, and how they change."""
+
+    value: Array  # (M, k, r)
+    moves: Array  # (M, k, r, nv) derivatives for v / `velocity_scale`
+    # (M, k, r, n) derivatives for the numbers of the problem, relative to their sizes
+    numbers: Array
+
+
+class BatchedStarts:
+    """Starts that are fitted together.
+
+    Attributes:
+        x: (M, n) where they are.
+        samples: configurations by goal, those (M k, .) of the first start first.
+        cost: (M,) sum of squares of what is open, and of what is missed.
+        evaluations: sets of dimensions that were tried.
+    """
+
+    def __init__(self, problem: DesignSpace, x: Array, rng: np.random.Generator) -> None:
+        self._p, self.x, self.evaluations = problem, x, 0
+        state, mechanism, m = problem.nominal(), problem.mechanism, len(x)
+        self._counts = [s.goal.count for s in problem.settlings]
+        self.samples = []
+        for settling, own, k in zip(problem.settlings, problem.own, self._counts, strict=True):
+            some = GoalStates(spread(mechanism, state.q, m * k, rng),
+                           np.repeat(state.angles[None], m * k, axis=0), np.tile(np.arange(k), m))
+            self.samples.append(GoalStates.joined([
+                settling.placed(some.taken(slice(i * k, i * k + k)), x[i, own])
+                for i in range(m)]))
+        values, self.samples = self._values(x, self.samples)
+        self.cost = _cost(values)
+
+    def fit(self) -> None:
+        """Move all of them, until each is at rest or its goals are met."""
+        p, m = self._p, len(self.x)
+        damping, done = np.full(m, BATCH_DAMPING), ~np.isfinite(self.cost)
+        every = self._equations(np.arange(m))
+        for _ in range(BATCH_STEPS):
+            rows = np.flatnonzero(~done)
+            if not rows.size:
+                return
+            steps, moved = _steps([StartEquations(*(part[rows] for part in e)) for e in every],
+                                  damping[rows])
+            there = np.clip(self.x[rows] + p.sizes * steps, p.lower, p.upper)
+            samples = [self._moved(s, k, rows, part) for s, k, part in
+                       zip(self.samples, self._counts, moved, strict=True)]
+            values, samples = self._values(there, samples)
+            cost = _cost(values)
+            better = cost < self.cost[rows]
+            self.x[rows[better]], self.cost[rows[better]] = there[better], cost[better]
+            self.samples = [_put(s, k, new, rows, better) for s, k, new in
+                            zip(self.samples, self._counts, samples, strict=True)]
+            damping[rows] *= np.where(better, BATCH_EASING, BATCH_HARDENING)
+            np.maximum(damping, LEAST_BATCH_DAMPING, out=damping)
+            done |= (damping > MOST_DAMPING) | (self.cost < TOLERANCES.tight**2)
+            if better.any():
+                for e, new in zip(every, self._equations(rows[better]), strict=True):
+                    for part, renewed in zip(e, new, strict=True):
+                        part[rows[better]] = renewed
+
+    def best(self) -> list[int]:
+        """Return the starts that meet their goals, but for those that end together, else the best.
+
+        Some that have come near are among them: they go on slowly.
+        """
+        cost = np.where(self.cost < MET, 0.0, self.cost)
+        found = list[int]()
+        for i in np.argsort(cost, kind="stable").tolist():
+            apart = np.abs(self.x[found] - self.x[i]) / self._p.sizes
+            is_new = bool(np.all(apart.max(axis=1, initial=0.0) > TOGETHER))
+            n_near = sum(cost[j] > 0.0 for j in found)
+            if is_new and (cost[i] == 0.0 or not found or (
+                    cost[i] < NEAR and n_near < MOST_NEAR)):
+                found.append(i)
+        return found
+
+    def of(self, i: int) -> list[GoalStates]:
+        """Return the configurations of a start by goal."""
+        return [s.taken(slice(i * k, i * k + k))
+                for s, k in zip(self.samples, self._counts, strict=True)]
+
+    def _values(self, x: Array, samples: list[GoalStates]) -> tuple[list[Array], list[GoalStates]]:
+        """Return equations (m, k, r) by goal at numbers (m, n), and configurations as they are."""
+        self.evaluations += len(x)
+        members = self._p.family.at(x[:, : self._p.n].T)
+        found, there = [], []
+        for settling, own, k, some in self._goals(samples):
+            each = members.taken(np.repeat(np.arange(len(x)), k))
+            values, angles = _all(settling.equations, each, some, x[:, own], k)
+            values = values.reshape(len(x), k, -1)
+            values[~members.holds] = np.inf
+            found.append(values)
+            there.append(some._replace(angles=angles))
+        return found, there
+
+    def _goals(
+        self, samples: list[GoalStates]
+    ) -> Iterator[tuple[InnerProblem, slice, int, GoalStates]]:
+        yield from zip(self._p.settlings, self._p.own, self._counts, samples, strict=True)
+
+    def _equations(self, rows: NDArray[np.intp]) -> list[StartEquations]:
+        p, x, n = self._p, self.x[rows], self._p.n
+        sizes = p.sizes[:n]
+        ahead = np.repeat(x[:, :n], n + 1, axis=0).reshape(len(x), n + 1, n)
+        inward = np.where(x[:, :n] + AHEAD * sizes > p.upper[:n], -AHEAD, AHEAD)
+        ahead[:, np.arange(1, n + 1), np.arange(n)] += inward * sizes
+        members = p.family.at(ahead.reshape(-1, n).T)
+        here = np.arange(len(x)) * (n + 1)
+        around = (here[:, None] + np.arange(1, n + 1)).ravel()
+        found = []
+        samples = [_some(s, k, rows) for s, k in zip(self.samples, self._counts, strict=True)]
+        for settling, own, k, some in self._goals(samples):
+            value, moves, by_own = _all(
+                lambda *a, s=settling: s.rows(*a)[0].together(1.0),
+                members.taken(np.repeat(here, k)), some, x[:, own], k)
+            value = value.reshape(len(x), k, -1)
+            every = (np.arange(len(x))[:, None, None] * k + np.zeros((n, 1), np.intp)
+                     + np.arange(k)).ravel()
+            beside, _ = _all(settling.equations, members.taken(np.repeat(around, k)),
+                             some.taken(every), x[:, own], n * k)
+            rise = beside.reshape(len(x), n, k, -1) - value[:, None]
+            numbers = np.zeros((*value.shape, len(p.names)))
+            numbers[..., :n] = (rise / inward[:, :, None, None]).transpose(0, 2, 3, 1)
+            numbers[..., own] = by_own.reshape(*value.shape, -1)
+            found.append(StartEquations(value, moves.reshape(*value.shape, -1), numbers))
+        rise = sum(np.einsum("mkrn,mkr->mn", e.numbers, e.value) for e in found)
+        held = ((x <= p.lower) & (rise > 0.0)) | ((x >= p.upper) & (rise < 0.0))
+        return [e._replace(numbers=np.where(held[:, None, None], 0.0, e.numbers)) for e in found]
+
+    def _moved(
+        self, samples: GoalStates, k: int, rows: NDArray[np.intp], steps: Array
+    ) -> GoalStates:
+        some = _some(samples, k, rows)
+        scale = self._p.mechanism.velocity_scale
+        return some._replace(q=self._p.family.displaced(
+            some.q, np.ascontiguousarray(steps.reshape(len(some.q), -1) * scale)))
+
+
+def _cost(values: list[Array]) -> Array:
+    found = sum(np.einsum("mkr,mkr->m", v, v) for v in values)
+    return np.where(np.isfinite(found), found, np.inf)
+
+
+def _steps(equations: list[StartEquations], damping: Array) -> tuple[Array, list[Array]]:
+    """Return Levenberg's steps (m, n) of the numbers, and (m, k, nv) of configurations by goal.
+
+    The longest part of each is one at most.
+    """
+    n = equations[0].numbers.shape[-1]
+    square = damping[:, None, None] * np.eye(n)
+    right = np.zeros((len(damping), n))
+    kept = []
+    for e in equations:
+        back = e.moves.transpose(0, 1, 3, 2)
+        own = back @ e.moves + damping[:, None, None, None] * np.eye(e.moves.shape[-1])
+        both = np.concatenate([back @ e.numbers, back @ e.value[..., None]], axis=-1)
+        along = np.linalg.solve(own, both)
+        rest = np.concatenate([e.numbers, e.value[..., None]], axis=-1)
+        left = np.einsum("mkri,mkrj->mij", e.numbers, rest) - np.einsum(
+            "mkvi,mkvj->mij", both[..., :n], along)
+        square, right = square + left[..., :n], right + left[..., n]
+        kept.append(along)
+    steps = -np.linalg.solve(square, right[..., None])[..., 0]
+    moved = [-a[..., n] - np.einsum("mkvi,mi->mkv", a[..., :n], steps) for a in kept]
+    longest = np.max([np.abs(steps).max(axis=1, initial=0.0),
+                      *(np.abs(x).max(axis=(1, 2), initial=0.0) for x in moved)], axis=0)
+    shorter = 1.0 / np.maximum(longest, TOLERANCES.longest_step)
+    return steps * shorter[:, None], [x * shorter[:, None, None] for x in moved]
+
+
+def _all(
+    work: Callable[[DimensionBatch, GoalStates, Array], Sequence[Array]], members: DimensionBatch,
+    samples: GoalStates, own: Array, k: int,
+) -> list[Array]:
+    """Return what some work makes of configurations, k for each of the numbers own (m, n_own)."""
+    if not own.shape[1]:
+        return list(work(members, samples, np.empty(0)))
+    parts = [work(members.taken(np.arange(i * k, i * k + k)), samples.taken(
+        slice(i * k, i * k + k)), numbers) for i, numbers in enumerate(own)]
+    return [np.concatenate(part) for part in zip(*parts, strict=True)]
+
+
+def _some(samples: GoalStates, k: int, rows: NDArray[np.intp]) -> GoalStates:
+    return samples.taken((rows[:, None] * k + np.arange(k)).ravel())
+
+
+def _put(
+    samples: GoalStates, k: int, new: GoalStates, rows: NDArray[np.intp], better: NDArray[np.bool_]
+) -> GoalStates:
+    """Return configurations with new ones of some starts where they are better."""
+    at = (rows[:, None] * k + np.arange(k))[better].ravel()
+    q, angles = samples.q.copy(), samples.angles.copy()
+    q[at], angles[at] = (a[np.repeat(better, k)] for a in new[:2])
+    return GoalStates(q, angles, samples.at)

@@ -1,0 +1,167 @@
+"""Poses of a frame as coordinates of a grid: a copy of the mechanism in which slides carry it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from spatial_pin._support.checks import finite_array, mapping, whole_number
+from spatial_pin.assembly.close import scaled_row
+from spatial_pin.assembly.holding import Hold, held_by
+from spatial_pin.assembly.state import State
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.inverse_kinematics.target_coordinates import ALL, Chain, ChainSegment, copy_at
+from spatial_pin.inverse_kinematics.target_tables import TargetCourse, TargetTable
+from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.linalg import Array, decompose, rank
+from spatial_pin.numerics.tolerances import TOLERANCES
+
+SLIDES, TURNS = ("x", "y", "z"), ("turn_x", "turn_y", "turn_z")
+PARTS = (*SLIDES, *TURNS)  # of a pose: of the origin [m], and Cardan angles from the start [rad]
+
+
+def pose_parts(mechanism: Mechanism, frame: str, names: Iterable[str]) -> tuple[str, ...] | None:
+    """Return what parts of a frame's pose names are; None where they are drivers or coordinates."""
+    names = list(names)
+    parts = [name.removeprefix(f"{frame}.") for name in names]
+    known = {*mechanism.coordinate_table, *mechanism.drivers}
+    is_part = [part in PARTS and name not in known
+               for name, part in zip(names, parts, strict=True)]
+    if not any(is_part):
+        return None
+    if not all(is_part):
+        raise ValueError(f"ranges are of drivers or of the pose of {frame!r} ({', '.join(PARTS)}), "
+                         f"not of both: {', '.join(map(repr, names))}")
+    if len(set(parts)) < len(parts):
+        raise ValueError(f"ranges name a part of the pose twice: {', '.join(map(repr, names))}")
+    return tuple(parts)
+
+
+def posed(
+    start: State, frame: str, parts: Sequence[str], task: str | None, hold: Hold
+) -> tuple[State, dict[str, str], tuple[str, ...], str]:
+    """Return the copy of a mechanism in which the pose of a frame is given by coordinates.
+
+    Returns:
+        A state of the copy, absolute positions [m], angles zero; its names of the parts of the
+        pose; those parts that stand still besides those of the grid; "position" or "pose".
+
+    Args:
+        start: closed.
+        frame: link, frame or joint.
+        parts: of its pose that span a grid.
+        task: "position": its orientation is free; "pose": it is kept, as far as it is free to
+            change. None: position, if that determines the mechanism.
+        hold: what stands still in any case.
+    """
+    if task is None:
+        mechanism = start.mechanism
+        with loops_of(mechanism, start.angles) as evaluation:
+            motions = tangent(evaluation, start.q, hold)
+            rows = evaluation.frame_jacobian(mechanism.frame_id(mechanism.placed(frame)))[:3]
+            moved = rows * mechanism.velocity_scale / mechanism.characteristic_length @ motions.T
+        is_placed = not set(parts) & set(TURNS) and (
+            rank(moved, TOLERANCES.half_precision) == len(motions))
+        task = "position" if is_placed else "pose"
+    if task == "position" and set(parts) & set(TURNS):
+        raise ValueError("task is 'position', whose orientation is free, but ranges have angles")
+    at = start.placement(frame)
+    is_turned = task == "pose"
+    table = TargetTable(frame, np.zeros((1, 3)), at.rotation[None] if is_turned else None)
+    n = 3 + 3 * is_turned
+    values = np.zeros((1, n))
+    values[0, :3] = at.translation
+    course = TargetCourse(values, 0.0 * values, 0.0 * values)
+    state, names = copy_at(start, [Chain(table, ALL, course, n - 3)], ChainSegment(0, 0, course))
+    coordinates = dict(zip(PARTS, names, strict=False))
+    return state, coordinates, _standing(state, frame, coordinates, parts, hold), task
+
+
+def tangent(evaluation: LoopEquations, q: Array, hold: Hold) -> Array:
+    """Return orthonormal rows (m, nv) of scaled velocities that loops and what is held allow."""
+    evaluation.update(q)
+    held = held_by(evaluation.mechanism, hold)
+    moves = np.ones(evaluation.model.nv, dtype=bool)
+    moves[list(held.entries)] = False
+    rows = [scaled_row(evaluation.mechanism, c, q) for c in held.coordinates]
+    basis = decompose(np.vstack([evaluation.jacobian, *rows])[:, moves]).null_space
+    found = np.zeros((len(basis), len(moves)))
+    found[:, moves] = basis
+    return found
+
+
+def _standing(
+    state: State, frame: str, coordinates: dict[str, str], parts: Sequence[str], hold: Hold
+) -> tuple[str, ...]:
+    """Return the parts that stand still: in their order, those that are free to change."""
+    mechanism = state.mechanism
+    with loops_of(mechanism, state.angles) as evaluation:
+        motions = tangent(evaluation, state.q, hold)
+    taken: list[str] = []
+    for part in (*parts, *(p for p in coordinates if p not in parts)):
+        rows = [mechanism.coordinate_table[coordinates[p]].v for p in (*taken, part)]
+        if rank(motions[:, rows], TOLERANCES.half_precision) == len(rows):
+            taken.append(part)
+        elif part in parts:
+            raise ValueError(
+                f"{part} of {frame!r} cannot change for itself where the mechanism starts"
+                f"{', with ' + ' and '.join(taken) if taken else ''}: leave it out")
+    if len(taken) < len(motions):
+        raise SpatialPinError(
+            f"mechanism {mechanism.name!r}: the pose of {frame!r} leaves "
+            f"{len(motions) - len(taken)} of {len(motions)} freedoms open: ask for task='pose', "
+            "or for a grid of drivers")
+    return tuple(taken[len(parts):])
+
+
+# points of a grid: each keeps a configuration and a Jacobian, some 200 MB in all
+MOST_GRID_POINTS = 200_000
+# points of a grid where none are asked for, and of one coordinate
+USUAL_POINTS, FINEST_GRID = 10_000, 41
+
+
+def read_ranges(
+    mechanism: Mechanism, frame: str, ranges: Mapping[str, Any],
+    points: int | Mapping[str, int] | None,
+) -> tuple[tuple[str, ...], list[Array], bool]:
+    """Return names of coordinates, the values of each, and whether they are parts of a pose."""
+    given = mapping(ranges, "ranges")
+    parts = pose_parts(mechanism, frame, given)
+    spans: dict[str, tuple[str, float, float]] = {}
+    for k, (name, span) in enumerate(given.items()):
+        coordinate = parts[k] if parts else mechanism.prescribed_coordinate(name).name
+        if coordinate in spans:
+            raise ValueError(f"{coordinate!r} is given two ranges")
+        low, high = finite_array(span, (2,), f"range of {name!r}").tolist()
+        if not low < high:
+            raise ValueError(f"range of {name!r} is {low:.9g} to {high:.9g}: the first is to be "
+                             "the smaller one")
+        spans[coordinate] = name, low, high
+    if not spans:
+        raise ValueError("ranges is empty: give (least, largest) for every driver that moves")
+    counts = _counts([name for name, *_ in spans.values()], points)
+    total = int(np.prod([float(n) for n in counts]))
+    if total > MOST_GRID_POINTS:
+        raise ValueError(f"the grid has {' x '.join(map(str, counts))} = {total} points; "
+                         f"{MOST_GRID_POINTS} at most: give fewer `points`")
+    ticks: list[Array] = [np.linspace(low, high, n)
+             for (_, low, high), n in zip(spans.values(), counts, strict=True)]
+    return parts or tuple(name for name, *_ in spans.values()), ticks, parts is not None
+
+
+def _counts(names: list[str], points: int | Mapping[str, int] | None) -> list[int]:
+    if points is None:
+        return [min(FINEST_GRID, int(USUAL_POINTS ** (1.0 / len(names)) + 1e-9))] * len(names)
+    if isinstance(points, Mapping):
+        if set(points) != set(names):
+            raise ValueError(f"points are given of {', '.join(map(repr, points)) or 'nothing'}; "
+                             f"they are wanted of {', '.join(map(repr, names))}")
+        counts = [whole_number(points[name], f"points of {name!r}") for name in names]
+    else:
+        counts = [whole_number(points, "points")] * len(names)
+    if min(counts) < 2:
+        raise ValueError(f"points is {min(counts)}; a range needs 2 at least")
+    return counts

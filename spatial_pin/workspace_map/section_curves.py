@@ -1,0 +1,179 @@
+"""Curves in a section of a grid: where a branch ends, and where a determinant vanishes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from spatial_pin._support.checks import finite_number, mapping, positive_number
+from spatial_pin.assembly.search.whole_turns import turned_apart
+from spatial_pin.kernel.loop_equations import loops_of
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.workspace_map.dexterity import SINGULAR, FrameTask
+from spatial_pin.workspace_map.filled_grid import Border
+from spatial_pin.workspace_map.grid_lines import GridConfig
+from spatial_pin.workspace_map.locus import (
+    AT_CORNER,
+    LIMIT,
+    RANGE,
+    Locus,
+    Section,
+    walk,
+)
+from spatial_pin.workspace_map.workspace_result import Curve, Workspace, unit_of
+
+MEETS = 1e3 * AT_CORNER  # so near to each other ends of curves are one corner
+
+
+class CurvePiece(NamedTuple):
+    """A curve of one kind."""
+
+    y: Array
+    why: str
+    is_closed: bool
+
+
+def curves_of(
+    asked: GridConfig, task: FrameTask, borders: Sequence[Border], free: tuple[int, int],
+    spans: Array, tolerance: float,
+) -> list[Curve]:
+    """Return the curves in a section of a grid, the pieces of the boundary joined at corners.
+
+    Args:
+        asked: the grid.
+        task: what is asked of the frame.
+        borders: places on lines of the grid in the section: curves begin there.
+        free: numbers of the two coordinates that span the section.
+        spans: (k, 2) ranges of all coordinates.
+        tolerance: how far a curve may bend away from straight pieces [rad, characteristic
+            lengths].
+    """
+    kinds = {LIMIT} | ({SINGULAR} if task.is_square else set())
+    with loops_of(asked.mechanism) as evaluation:
+        section = Section(asked, task, evaluation, free, spans)
+        kinds |= set(section.limits)
+        seeds: list[tuple[str, Array, Array]] = [
+            (b.why, b.q, b.angles) for b in borders
+            if b.why in kinds and b.q is not None and b.angles is not None]
+        pieces: list[CurvePiece] = []
+        while seeds:
+            why, q, angles = seeds.pop(0)
+            evaluation.angle_reference[:] = angles
+            seeds += _follow(Locus(section, why, tolerance), q, pieces)
+        return [_curve(section, chain, tolerance) for chain in joined(pieces)]
+
+
+def _follow(locus: Locus, q: Array, pieces: list[CurvePiece]) -> list[tuple[str, Array, Array]]:
+    """Add the curve near a configuration to the pieces; return where others go on from its ends."""
+    start = locus.beginning(q)
+    if start is None or any(  # on a curve that is known
+            piece.why == locus.why and _distance(start.y, piece.y) <= 2.0 * locus.tolerance
+            for piece in pieces):
+        return []
+    if any(limit.room(start.q) < -AT_CORNER * limit.size
+           for words, limit in locus.section.limits.items() if words != locus.why):
+        return []
+    ahead = walk(locus, start)
+    if ahead.end == "closed":
+        pieces.append(CurvePiece(np.array([x.y for x in ahead.spots]), locus.why, True))
+        return []
+    back = walk(locus, start._replace(t=-start.t, dy=-start.dy))
+    spots = [*back.spots[:0:-1], *ahead.spots]
+    if len(spots) > 1:  # the last point may be the first, but for whole turns of joints
+        way = turned_apart(locus.section.asked.mechanism, spots[0].q, spots[-1].q)
+        is_closed = ahead.end == back.end == RANGE and bool(np.linalg.norm(way) < MEETS)
+        pieces.append(CurvePiece(np.array([x.y for x in spots]), locus.why, is_closed))
+    kinds = {LIMIT, *locus.section.limits}
+    return [(end, spot.q, spot.angles) for end, spot in
+            ((ahead.end, spots[-1]), (back.end, spots[0])) if end in kinds]
+
+
+def _distance(y: Array, line: Array) -> float:
+    first, way = line[:-1], np.diff(line, axis=0)
+    part = np.einsum("ij,ij->i", y - first, way) / np.maximum(
+        np.einsum("ij,ij->i", way, way), TOLERANCES.nothing**2)
+    near = first + np.clip(part, 0.0, 1.0)[:, None] * way
+    return float(np.linalg.norm(y - near, axis=1).min())
+
+
+def joined(pieces: Sequence[CurvePiece]) -> list[list[CurvePiece]]:
+    """Return pieces that meet at their ends as chains; curves of determinants stay alone."""
+    left = list(pieces)
+    chains: list[list[CurvePiece]] = []
+    while left:
+        chain = [left.pop(0)]
+        while not chain[0].is_closed and chain[0].why != SINGULAR:
+            grown = _grown(chain, left)
+            if grown is None:
+                break
+            chain = grown
+        chains.append(chain)
+    return chains
+
+
+def _grown(chain: list[CurvePiece], left: list[CurvePiece]) -> list[CurvePiece] | None:
+    """Return a chain with one more piece, which is taken from those that are left."""
+    for k, piece in enumerate(left):
+        if piece.is_closed or piece.why == SINGULAR:
+            continue
+        for way in (piece, piece._replace(y=piece.y[::-1])):
+            if np.linalg.norm(way.y[0] - chain[-1].y[-1]) < MEETS:
+                del left[k]
+                return [*chain, way]
+            if np.linalg.norm(way.y[-1] - chain[0].y[0]) < MEETS:
+                del left[k]
+                return [way, *chain]
+    return None
+
+
+def _curve(section: Section, chain: list[CurvePiece], tolerance: float) -> Curve:
+    y = np.concatenate([chain[0].y, *(piece.y[1:] for piece in chain[1:])])
+    meets = len(y) > 2 and bool(np.linalg.norm(y[-1] - y[0]) < MEETS)
+    is_closed = chain[0].is_closed or (len(chain) > 1 and meets)
+    if is_closed:
+        at = 0 if meets else len(section.low)  # of the points alone where joints are a turn on
+        y[-1, at:] = y[0, at:]
+    why: list[str] = []
+    for piece in chain:
+        why += [piece.why] * (len(piece.y) - 1)
+    drivers, points = section.plain(y)
+    return Curve(drivers, points, tuple(why), is_closed, tolerance)
+
+
+def curves(found: Workspace, at: Mapping[str, float] | None, tolerance: float) -> tuple[Curve, ...]:
+    """Return the curves in a section of a grid; see `Workspace.curves`."""
+    asked, ticks, borders, task = found._source
+    positive_number(tolerance, "tolerance")
+    fixed = dict(mapping({} if at is None else at, "at"))
+    for name in fixed:
+        if name not in found.names:
+            raise ValueError(f"at: {name!r} is no coordinate of the grid: {', '.join(found.names)}")
+    free = [k for k, name in enumerate(found.names) if name not in fixed]
+    if len(free) != 2:
+        raise ValueError(f"at leaves {len(free)} coordinates free of {', '.join(found.names)}; a "
+                         "section has two")
+    for k, name in enumerate(found.names):
+        if k not in free:
+            value = finite_number(fixed[name], f"at: {name!r}")
+            nearest = float(ticks[k][np.abs(ticks[k] - value).argmin()])
+            step = float(ticks[k][1] - ticks[k][0])
+            if abs(nearest - value) > TOLERANCES.half_precision * step:
+                raise ValueError(f"at: the grid has no value {value:.9g} of {name!r}; the nearest "
+                                 f"is {nearest:.9g}")
+            borders = [b for b in borders if abs(b.drivers[k] - nearest) < 0.5 * step]
+    spans = np.array([[x[0], x[-1]] for x in ticks])
+    return tuple(curves_of(asked, task, borders, (free[0], free[1]), spans, tolerance))
+
+
+def curve_columns(found: Workspace, lines: Sequence[Curve]) -> dict[str, Any]:
+    """Return the table of curves: a row for each point, with what the piece behind it is."""
+    drivers = np.concatenate([c.drivers for c in lines] or [np.empty((0, len(found.names)))])
+    points = np.concatenate([c.points for c in lines] or [np.empty((0, 3))])
+    units = [unit_of(found.mechanism, name) for name in found.names]
+    table: dict[str, Any] = {"curve": np.repeat(np.arange(len(lines)), [len(c) for c in lines])}
+    table |= {f"{n} [{u}]": x for n, u, x in zip(found.names, units, drivers.T, strict=True)}
+    table |= {f"{found.frame}.{x} [m]": p for x, p in zip("xyz", points.T, strict=True)}
+    return table | {"why": np.array([w for c in lines for w in (*c.why, "")])}
