@@ -57,18 +57,15 @@ def _words(value: Any) -> str:
             return f"{len(value)} of {type(value[0]).__name__}"
         return f"[{', '.join(map(_words, value[:MOST_SHOWN]))}{_rest(value)}]"
     text = repr(value)
-    return text if len(text) <= LONGEST_TEXT and "\n" not in text else _cut(value, text)
-
-
-def _rest(values: Mapping[str, Any] | tuple[Any, ...] | list[Any]) -> str:
-    more = len(values) - MOST_SHOWN
-    return f", and {more} more" if more > 0 else ""
-
-
-def _cut(value: Any, text: str) -> str:
-    """Return the beginning of a long text; of anything else what it is."""
+    if len(text) <= LONGEST_TEXT and "\n" not in text:
+        return text
     if isinstance(value, str):
         return f"{text[: LONGEST_TEXT - 4]}...{text[0]}"
     name = getattr(value, "name", "")
     return f"{type(value).__name__}({name!r})" if isinstance(name, str) and name else (
         f"<{type(value).__name__}>")
+
+
+def _rest(values: Mapping[str, Any] | tuple[Any, ...] | list[Any]) -> str:
+    more = len(values) - MOST_SHOWN
+    return f", and {more} more" if more > 0 else ""

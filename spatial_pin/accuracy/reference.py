@@ -9,6 +9,7 @@ coordinates, method or step; their largest difference tells how good it is.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -70,24 +71,6 @@ class Exact(NamedTuple):
         return np.array([1.0, v or 1.0, max(a, v * v) or 1.0])
 
 
-class _Systems(NamedTuple):
-    """The square linear systems of N samples, as `SquareSystem` makes them.
-
-    Attributes:
-        q: (N, nq) closed in double precision.
-        inverses: (N, nv, nv); zero where the sample is not good.
-        rows: (N, r) closure equations they hold.
-        null: (N, k, nv) unresolved passive freedoms, their last rows.
-        good: (N,) whether they are regular.
-    """
-
-    q: Array
-    inverses: Array
-    rows: NDArray[np.intp]
-    null: Array
-    good: NDArray[np.bool_]
-
-
 class ExactRows:
     """The samples at given driver values, rates of the first driver given, the others at rest.
 
@@ -116,18 +99,21 @@ class ExactRows:
             q: configurations about closed.
             turns: (N, n) relative angles of screw closures to within half a turn [rad].
         """
-        systems = self._systems(q, turns)
-        good, n, nv = systems.good, len(q), self.mechanism.model.nv
-        x = systems.q.astype(Long)
+        closed, inverses, rows, null, good = self._systems(q, turns)
+        n, nv, x = len(q), self.mechanism.model.nv, closed.astype(Long)
         v, a = np.zeros((n, nv), dtype=Long), np.zeros((n, nv), dtype=Long)
         last = np.full(3, np.inf)
+        r, k = rows.shape[1], self.extended.n_spins
+        spins = np.swapaxes(inverses[:, :, r : r + k], 1, 2)
+        length = np.sqrt((spins**2).sum(axis=2, keepdims=True))
+        passive = np.concatenate([spins / np.where(length > 0, length, 1), null], axis=1)
         for _ in range(REFINEMENTS):
             x[:, self.at] = self.values
-            missing = self._missing(x, v, a, turns, systems)
-            steps = np.einsum("nij,knj->kni", systems.inverses, missing)
+            missing = self._missing(x, v, a, turns, rows, null)
+            steps = np.einsum("nij,knj->kni", inverses, missing)
             x = self.extended.integrate(x, steps[0] * self.scale)
             v, a = v + steps[1] * self.scale, a + steps[2] * self.scale
-            found = Exact(x, v, a, good, last, self._passive(systems))
+            found = Exact(x, v, a, good, last, passive)
             now = np.abs(steps[:, good]).max(axis=(1, 2), initial=0.0).astype(float)
             now /= found.sizes(self.scale)
             if np.all((now <= EPS) | (now > 0.5 * last)):
@@ -135,43 +121,48 @@ class ExactRows:
             last = now
         return found._replace(left=np.minimum(now, last))
 
-    def _missing(self, q: Array, v: Array, a: Array, turns: Array, systems: _Systems) -> Array:
+    def _missing(
+        self, q: Array, v: Array, a: Array, turns: Array, rows: NDArray[np.intp], null: Array
+    ) -> Array:
         """Return what the equations of positions, velocities, accelerations lack (3, N, nv)."""
         n = len(q)
         closure = self.extended.rows(q, v, a, turns)
         spins = np.zeros((3, n, self.extended.n_spins), dtype=Long)
         spins[1:] = self.extended.spins(q, v, a)
         drive = np.zeros((3, n, len(self.moved)), dtype=Long)
-        fill = np.zeros((3, n, systems.null.shape[1]), dtype=Long)
+        fill = np.zeros((3, n, null.shape[1]), dtype=Long)
         for level, rates, asked in ((1, v, self.speed), (2, a, self.acceleration)):
             scaled = rates / self.scale
             drive[level] = scaled[:, self.moved]
             drive[level, :, 0] -= asked / Long(self.scale[self.driven[0].v])
-            fill[level] = np.einsum("nkv,nv->nk", systems.null, scaled)
-        rows = np.broadcast_to(systems.rows, (3, *systems.rows.shape))
-        chosen = np.take_along_axis(closure, rows, axis=2)
+            fill[level] = np.einsum("nkv,nv->nk", null, scaled)
+        chosen = np.take_along_axis(closure, np.broadcast_to(rows, (3, *rows.shape)), axis=2)
         return -np.concatenate([chosen, spins, drive, fill], axis=2)
 
-    def _passive(self, systems: _Systems) -> Array:
-        """Return the passive freedoms (N, k, nv): what the spin rows leave, and the unresolved."""
-        r, k = systems.rows.shape[1], self.extended.n_spins
-        spins = np.swapaxes(systems.inverses[:, :, r : r + k], 1, 2)
-        length = np.sqrt((spins**2).sum(axis=2, keepdims=True))
-        return np.concatenate([spins / np.where(length > 0, length, 1), systems.null], axis=1)
+    def _systems(
+        self, q: Array, turns: Array
+    ) -> tuple[Array, Array, NDArray[np.intp], Array, NDArray[np.bool_]]:
+        """Return samples closed in double precision (N, nq), and their `SquareSystem`s.
 
-    def _systems(self, q: Array, turns: Array) -> _Systems:
-        """Close samples in double precision, and take their systems."""
+        Of these: inverses (N, nv, nv), zero where not good; closure equations held (N, r);
+        unresolved passive freedoms, the last rows (N, k, nv); whether they are regular (N,).
+        """
         n, nv = len(q), self.mechanism.model.nv
         evaluation = Evaluation(constraints_of(self.mechanism))
         closed = np.array(q, dtype=float)
         found: dict[int, SquareSystem] = {}
         inverses = np.zeros((n, nv, nv))
+        free = np.ones(nv, dtype=bool)
+        free[self.moved] = False
         for k in range(n):
             closed[k, self.at] = self.values[k]
             evaluation.angle_reference[:] = turns[k]
-            system = self._system(evaluation, closed, k)
-            if system is not None:
-                found[k], inverses[k] = system, np.linalg.inv(system.matrix)
+            closed[k], error = close(evaluation, closed[k], free, TOLERANCES.round_off)
+            with contextlib.suppress(SingularError):
+                if error <= TOLERANCES.closed:
+                    system = SquareSystem(evaluation, self.driven, closed[k])
+                    if system.pivot > SINGULAR_PIVOT:
+                        found[k], inverses[k] = system, np.linalg.inv(system.matrix)
         shapes = [(len(s.equations), len(s.passive)) for s in found.values()]
         r, p = max(shapes, default=(0, 0))
         rows, null = np.zeros((n, r), dtype=np.intp), np.zeros((n, p, nv))
@@ -180,20 +171,7 @@ class ExactRows:
             if shape == (r, p):  # elsewhere the loops have lost rank
                 rows[k], null[k], good[k] = system.equations, system.passive, True
         inverses[~good] = 0.0
-        return _Systems(closed, inverses, rows, null, good)
-
-    def _system(self, evaluation: Evaluation, q: Array, k: int) -> SquareSystem | None:
-        """Close sample k of q, and return its system; None where there is none."""
-        free = np.ones(self.mechanism.model.nv, dtype=bool)
-        free[self.moved] = False
-        q[k], error = close(evaluation, q[k], free, TOLERANCES.round_off)
-        if error > TOLERANCES.closed:
-            return None
-        try:
-            system = SquareSystem(evaluation, self.driven, q[k])
-        except SingularError:
-            return None
-        return system if system.pivot > SINGULAR_PIVOT else None
+        return closed, inverses, rows, null, good
 
 
 # ---------------------------------------------------------------- sweeps
@@ -295,29 +273,20 @@ class SweepReference:
         exact, good, spin = self.exact, self.exact.good, 0.0
         apart = np.abs(self._steps(exact.q, q)[good])
         if exact.passive.size or apart.max() > TOLERANCES.half_precision:
-            exact = self.solver.near(q, turns)
-            spin = self._compare(exact)
+            exact = self.solver.near(q, turns)  # the motion's own solution: is it on our branch?
+            if np.any(good & ~exact.good):
+                row = int(np.argmax(good & ~exact.good))
+                raise Astray(f"loops open too far to close again at {self.values[row]:.6g}")
+            steps, passive = self._steps(self.exact.q, exact.q), self.exact.passive
+            along = np.einsum("nkv,nv->nk", passive, steps)
+            away = np.abs(steps - np.einsum("nk,nkv->nv", along, passive)).max(axis=1)
+            lost = good & (away > (OTHER_BRANCH if passive.size else TOLERANCES.half_precision))
+            if np.any(lost):
+                raise Astray(f"left its branch at {self.values[int(np.argmax(lost))]:.6g}")
+            spin = float(np.abs(along[good, : self.extended.n_spins]).max(initial=0.0))
         gaps = (self._steps(exact.q, q), (v - exact.v) / self.scale, (a - exact.a) / self.scale)
         closure = self.extended.closure_errors(q, turns)
         return _errors(closure, [gap[good] for gap in gaps], self.sizes, spin)
-
-    def _compare(self, exact: Exact) -> float:
-        """Return how far the passive freedoms of a motion's own solution are from ours [rad].
-
-        Raises:
-            Astray: it is not on our branch.
-        """
-        good = self.exact.good
-        if np.any(good & ~exact.good):
-            row = int(np.argmax(good & ~exact.good))
-            raise Astray(f"loops open too far to close again at {self.values[row]:.6g}")
-        steps, passive = self._steps(self.exact.q, exact.q), self.exact.passive
-        along = np.einsum("nkv,nv->nk", passive, steps)
-        away = np.abs(steps - np.einsum("nk,nkv->nv", along, passive)).max(axis=1)
-        lost = good & (away > (OTHER_BRANCH if passive.size else TOLERANCES.half_precision))
-        if np.any(lost):
-            raise Astray(f"left its branch at {self.values[int(np.argmax(lost))]:.6g}")
-        return float(np.abs(along[good, : self.extended.n_spins]).max(initial=0.0))
 
 
 def _angles(motion: Motion) -> Array:

@@ -52,7 +52,8 @@ def table(tradeoff: Tradeoff, is_narrow: bool = False) -> str:
     text += notes
     said = [row for row in tradeoff.rows if row.errors is None or row.said]
     text += [f"{describe(row.accuracy, tradeoff.kind)}: {'failed: ' * (row.errors is None)}"
-             f"{_short(row.said)}" for row in said]
+             f"{row.said if len(row.said) <= SAID else row.said[: SAID - 3] + '...'}"
+             for row in said]
     return "\n".join(text)
 
 
@@ -92,10 +93,6 @@ def _columns(tradeoff: Tradeoff, row: Measured | None) -> dict[str, str]:
     return cells
 
 
-def _short(text: str) -> str:
-    return text if len(text) <= SAID else text[: SAID - 3] + "..."
-
-
 # ---------------------------------------------------------------- figure
 
 
@@ -112,7 +109,11 @@ def plot(tradeoff: Tradeoff, path: str | Path | None = None) -> Figure:
             name = f"order {a.order}" if tradeoff.kind == "sweep" else f"{a.integrator}{projected}"
             groups.setdefault(name, []).append(row)
     for k, (name, rows) in enumerate(sorted(groups.items())):
-        _draw(axes, tradeoff, name, rows, COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)])
+        x, y = zip(*(_point(tradeoff, row) for row in rows), strict=True)
+        times = 1e6 * np.array([np.percentile(r.seconds, [25, 75]) / r.steps for r in rows])
+        bars = np.maximum(np.abs(times.T - np.array(x)), 0.0)  # between the quartiles
+        axes.errorbar(x, y, xerr=bars, fmt=MARKERS[k % len(MARKERS)], markersize=5, elinewidth=0.8,
+                      color=COLOURS[k % len(COLOURS)], label=name)
     places = [_point(tradeoff, row) for row in tradeoff.front]
     if places:
         x, y = zip(*places, strict=True)
@@ -134,16 +135,6 @@ def plot(tradeoff: Tradeoff, path: str | Path | None = None) -> Figure:
 
 def _point(tradeoff: Tradeoff, row: Measured) -> tuple[float, float]:
     return 1e6 * row.time_per_step, tradeoff.known_error(row)
-
-
-def _draw(axes: Axes, tradeoff: Tradeoff, name: str, rows: list[Measured], colour: str,
-          marker: str) -> None:
-    """Draw the settings of a group, with bars between the quartiles of their times."""
-    x, y = zip(*(_point(tradeoff, row) for row in rows), strict=True)
-    times = 1e6 * np.array([np.percentile(r.seconds, [25, 75]) / r.steps for r in rows])
-    bars = np.maximum(np.abs(times.T - np.array(x)), 0.0)
-    axes.errorbar(x, y, xerr=bars, fmt=marker, color=colour, markersize=5, elinewidth=0.8,
-                  label=name)
 
 
 def _frame(axes: Axes, tradeoff: Tradeoff) -> None:

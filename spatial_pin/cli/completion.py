@@ -7,6 +7,7 @@ import re
 import shlex
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple
 
@@ -31,41 +32,29 @@ NAMED = {
 }
 
 
-class Option(NamedTuple):
-    """An option of a command.
-
-    Attributes:
-        flag: as it is typed, --steps.
-        text: of the help.
-        takes_value: whether a word follows it.
-        choices: that this word may be, none where it may be anything.
-        kind: of names of the mechanism that it may begin with; "" for none.
-    """
+class _Option(NamedTuple):
+    """An option: as it is typed, its help, whether a word follows, and what may begin that one."""
 
     flag: str
     text: str
     takes_value: bool
     choices: tuple[str, ...]
-    kind: str
+    kind: str  # of names of the mechanism, "" for none
 
 
-class Word(NamedTuple):
-    """A command.
-
-    Attributes:
-        name: as it is typed.
-        text: what it does.
-        takes_mechanism: whether a mechanism comes next.
-        options: its options.
-        first, rest: kinds of names that the words behind the mechanism begin with, "" for none.
-    """
+class _Command(NamedTuple):
+    """A command: its help, whether a mechanism comes next, and kinds of the words behind that."""
 
     name: str
     text: str
     takes_mechanism: bool
-    options: tuple[Option, ...]
+    options: tuple[_Option, ...]
     first: str
     rest: str
+
+    @property
+    def flags(self) -> str:
+        return " ".join(option.flag for option in self.options)
 
 
 def script(shell: str, parsers: Mapping[str, argparse.ArgumentParser]) -> str:
@@ -75,24 +64,22 @@ def script(shell: str, parsers: Mapping[str, argparse.ArgumentParser]) -> str:
         shell: its name.
         parsers: of the commands, by name.
     """
-    words = [_word(name, parser) for name, parser in parsers.items()]
-    return SHELLS[shell](words, list_mechanisms())
-
-
-def _word(name: str, parser: argparse.ArgumentParser) -> Word:
-    found = []
-    for action in parser._actions:
-        takes_value = action.nargs != 0
-        choices = tuple(map(str, action.choices or ()))
-        text = " ".join((action.help or "").split())
-        found += [Option(flag, text, takes_value, choices, kind_of(action) * takes_value)
-                  for flag in action.option_strings if flag.startswith("--")]
-    words = [action for action in parser._actions if not action.option_strings]
-    takes_mechanism = bool(words) and words[0].dest == "mechanism"
-    behind = words[1:] if takes_mechanism else []
-    kinds = [kind_of(action) for action in behind] or [""]
-    rest = kinds[-1] if behind and behind[-1].nargs in ("*", "+") else ""
-    return Word(name, parser.description or "", takes_mechanism, tuple(found), kinds[0], rest)
+    commands = []
+    for name, parser in parsers.items():
+        options = []
+        for action in parser._actions:
+            takes_value, text = action.nargs != 0, " ".join((action.help or "").split())
+            choices = tuple(map(str, action.choices or ()))
+            options += [_Option(flag, text, takes_value, choices, kind_of(action) * takes_value)
+                        for flag in action.option_strings if flag.startswith("--")]
+        words = [action for action in parser._actions if not action.option_strings]
+        takes_mechanism = bool(words) and words[0].dest == "mechanism"
+        behind = words[1:] if takes_mechanism else []
+        kinds = [kind_of(action) for action in behind] or [""]
+        rest = kinds[-1] if behind and behind[-1].nargs in ("*", "+") else ""
+        commands.append(_Command(name, parser.description or "", takes_mechanism, tuple(options),
+                                 kinds[0], rest))
+    return SHELLS[shell](commands, list_mechanisms())
 
 
 def kind_of(action: argparse.Action) -> str:
@@ -100,126 +87,53 @@ def kind_of(action: argparse.Action) -> str:
     return CALLED.get(action.metavar or "") or NAMED.get(action.dest, "")
 
 
-def _flags(word: Word) -> str:
-    return " ".join(option.flag for option in word.options)
-
-
-def _taking(words: list[Word]) -> list[str]:
-    return [word.name for word in words if word.takes_mechanism]
-
-
-def _values(words: list[Word], line: Callable[[str, Option], str]) -> str:
+def _values(words: list[_Command], line: Callable[[str, _Option], str]) -> str:
     """Return a line for each option of each command that a value follows."""
     return "\n".join(line(f'"{word.name} {option.flag}")', option)
                      for word in words for option in word.options if option.takes_value)
 
 
-def _places(words: list[Word], first: int, line: Callable[[str, str], str]) -> str:
-    """Return a line for each word behind the mechanism that a name begins.
-
-    Args:
-        words: the commands.
-        first: which word of the line is the first one behind the mechanism.
-        line: makes one of a pattern of number and command, and of the kind.
-    """
+def _places(words: list[_Command], first: int, line: Callable[[str, str], str]) -> str:
+    """Return a line for each word behind the mechanism, of which `first` is the number."""
     patterns = {f'"{first} {word.name}")': word.first for word in words} | {
         f'*" {word.name}")': word.rest for word in words}
     return "\n".join(line(pattern, kind) for pattern, kind in patterns.items() if kind)
 
 
-def _bash(words: list[Word], mechanisms: list[str]) -> str:
+def _filled(shell: str, mechanisms: list[str], **parts: str) -> str:
+    """Return the template of a script with its marks replaced."""
+    template = files("spatial_pin.cli").joinpath(f"templates/completion.{shell}").read_text("utf-8")
+    parts |= {"NAMES": NAMES, "SHELLS": " ".join(SHELLS), "MECHANISMS": " ".join(mechanisms)}
+    return re.sub("@([A-Z]+)@", lambda mark: parts[mark[1]], template)
+
+
+def _bash(words: list[_Command], mechanisms: list[str]) -> str:
+    taking = [word.name for word in words if word.takes_mechanism]
     values = _values(words, lambda at, option: f'        {at} kind="{option.kind}"; '
                      f'words="{" ".join(option.choices)}"; value=yes ;;')
-    flags = "\n".join(f'        {word.name}) words="{_flags(word)}" ;;' for word in words)
+    flags = "\n".join(f'        {word.name}) words="{word.flags}" ;;' for word in words)
     places = _places(words, 3, lambda at, kind: f'        {at} kind="{kind}" ;;')
-    return f"""\
-# Completion of spatial-pin; in ~/.bashrc: eval "$(spatial-pin completion bash)"
-_spatial_pin() {{
-    local current=${{COMP_WORDS[COMP_CWORD]}} before=${{COMP_WORDS[COMP_CWORD-1]}}
-    local command=${{COMP_WORDS[1]}} words="" value="" kind=""
-    COMPREPLY=()
-    if ((COMP_CWORD == 1)); then
-        words="{' '.join(word.name for word in words)} --help --version"
-        COMPREPLY=($(compgen -W "$words" -- "$current"))
-        return
-    fi
-    case "$command $before" in
-{values}
-    esac
-    if [[ -z $value && $current == -* ]]; then
-        case "$command" in
-{flags}
-        esac
-        COMPREPLY=($(compgen -W "$words" -- "$current"))
-        return
-    fi
-    [[ -n $value ]] || case "$COMP_CWORD $command" in
-        {'|'.join(f'"2 {name}"' for name in _taking(words))})
-            compopt -o filenames 2>/dev/null || true
-            COMPREPLY=($(compgen -W "{' '.join(mechanisms)}" -- "$current") \\
-                       $(compgen -f -- "$current")) ;;
-        "2 completion") COMPREPLY=($(compgen -W "{' '.join(SHELLS)}" -- "$current")) ;;
-{places}
-    esac
-    if [[ -n $kind && $current != "=" && $before != "=" ]]; then
-        [[ $kind != *= ]] || compopt -o nospace 2>/dev/null || true
-        words="$(spatial-pin {NAMES} "$kind" "${{COMP_WORDS[2]}}" 2>/dev/null)"
-    fi
-    # without words: names of files, by -o default
-    [[ -z $words ]] || COMPREPLY=($(compgen -W "$words" -- "$current"))
-}}
-complete -o default -F _spatial_pin spatial-pin
-"""
+    return _filled("bash", mechanisms, VALUES=values, FLAGS=flags, PLACES=places,
+                   WORDS=" ".join(word.name for word in words),
+                   TAKING="|".join(f'"2 {name}"' for name in taking))
 
 
-def _zsh(words: list[Word], mechanisms: list[str]) -> str:
+def _zsh(words: list[_Command], mechanisms: list[str]) -> str:
+    taking = [word.name for word in words if word.takes_mechanism]
     texts = {word.name: word.text.replace(":", "\\:") for word in words}
     described = "\n".join(f"        {_quoted(f'{name}:{text}')}" for name, text in texts.items())
     values = _values(words, lambda at, option: f"        {at} " + (
         f"kind={option.kind}" if option.kind else
         f"compadd -- {' '.join(option.choices)}; return" if option.choices else
         "_files; return") + " ;;")
-    flags = "\n".join(f"            {word.name}) compadd -- {_flags(word)} ;;" for word in words)
+    flags = "\n".join(f"            {word.name}) compadd -- {word.flags} ;;" for word in words)
     places = _places(words, 4, lambda at, kind: f"        {at} kind={kind} ;;")
-    return f"""\
-#compdef spatial-pin
-# Completion of spatial-pin; in ~/.zshrc, behind compinit: eval "$(spatial-pin completion zsh)"
-_spatial_pin() {{
-    local kind=""
-    local -a commands equals
-    commands=(
-{described}
-    )
-    if (( CURRENT == 2 )); then
-        _describe command commands
-        return
-    fi
-    case "$words[2] $words[CURRENT-1]" in
-{values}
-    esac
-    if [[ -z $kind && $words[CURRENT] == -* ]]; then
-        case "$words[2]" in
-{flags}
-        esac
-        return
-    fi
-    [[ -n $kind ]] || case "$CURRENT $words[2]" in
-        {'|'.join(f'"3 {name}"' for name in _taking(words))})
-            compadd -- {' '.join(mechanisms)} ;;
-        "3 completion") compadd -- {' '.join(SHELLS)}; return ;;
-{places}
-    esac
-    if [[ -n $kind && $words[CURRENT] != *=* ]]; then
-        [[ $kind != *= ]] || equals=(-S "")
-        compadd $equals -- ${{(f)"$(spatial-pin {NAMES} $kind "$words[3]" 2>/dev/null)"}} && return
-    fi
-    _files
-}}
-compdef _spatial_pin spatial-pin
-"""
+    return _filled("zsh", mechanisms, VALUES=values, FLAGS=flags, PLACES=places,
+                   COMMANDS=described, TAKING="|".join(f'"3 {name}"' for name in taking))
 
 
-def _fish(words: list[Word], mechanisms: list[str]) -> str:
+def _fish(words: list[_Command], mechanisms: list[str]) -> str:
+    taking = [word.name for word in words if word.takes_mechanism]
     start = "complete -c spatial-pin"
     lines = ["# Completion of spatial-pin; in ~/.config/fish/config.fish:",
              "# spatial-pin completion fish | source"]
@@ -235,7 +149,7 @@ def _fish(words: list[Word], mechanisms: list[str]) -> str:
             if kind:
                 lines.append(f"{start} -n '{seen}; and test (count (commandline -opc)) {count}' "
                              f"-a '{_fish_names(kind)}'")
-    lines.append(f"{start} -n '__fish_seen_subcommand_from {' '.join(_taking(words))}; "
+    lines.append(f"{start} -n '__fish_seen_subcommand_from {' '.join(taking)}; "
                  f"and test (count (commandline -opc)) -eq 2' -a '{' '.join(mechanisms)}'")
     lines.append(f"{start} -n '__fish_seen_subcommand_from completion' -f -a '{' '.join(SHELLS)}'")
     return "\n".join(lines) + "\n"
@@ -251,7 +165,7 @@ def _quoted(text: str) -> str:
 
 
 # To add a shell: a function of the commands and the mechanisms' names that returns its script.
-SHELLS: dict[str, Callable[[list[Word], list[str]], str]] = {
+SHELLS: dict[str, Callable[[list[_Command], list[str]], str]] = {
     "bash": _bash, "zsh": _zsh, "fish": _fish,
 }
 

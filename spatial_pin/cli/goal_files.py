@@ -19,7 +19,7 @@ import pinocchio as pin
 from spatial_pin.cli.tables import read_table, targets_of
 from spatial_pin.dimensions.bounds import Bounds
 from spatial_pin.errors import SpatialPinError, suggestion
-from spatial_pin.formats.toml_files import parse_toml
+from spatial_pin.formats.parsing import parse_toml
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.synthesis import goals
 from spatial_pin.synthesis.precision import Goal
@@ -70,17 +70,12 @@ def _bounds(path: Path, name: str, given: Any) -> Bounds:
     if given == "free":
         return None
     try:
-        low, high = map(_end, map(_plain, given))
+        low, high = (None if x == "free" else x if isinstance(x, Quantity) else float(x)
+                     for x in map(_plain, given))
     except (TypeError, ValueError):
         raise SpatialPinError(f"{path}: dimension {name} is [least, most] or \"free\", as either "
                               f"of both may be, not {given!r}") from None
     return low, high
-
-
-def _end(given: Any) -> float | None:
-    if given == "free":
-        return None
-    return given if isinstance(given, Quantity) else float(given)
 
 
 def check_bounds(bounds: Mapping[str, Bounds]) -> None:
@@ -103,7 +98,8 @@ def check_bounds(bounds: Mapping[str, Bounds]) -> None:
 def _goals(path: Path, mechanism: Mechanism, table: dict[str, Any]) -> list[Goal]:
     """Return the goal of a table, or those of the .csv file that it names."""
     if "weight" in table:
-        table["weight"] = _weight(table["weight"])
+        given = table["weight"]
+        table["weight"] = None if given == EXACT else _plain(given)
     if "table" in table:
         kind, name = table.pop("kind", None), table.pop("table")
         found = _goals_of_table(path.parent / str(name), mechanism, table)
@@ -127,10 +123,6 @@ def _goals(path: Path, mechanism: Mechanism, table: dict[str, Any]) -> list[Goal
     return [make(**arguments)]
 
 
-def _weight(given: Any) -> float | None:
-    return None if given == EXACT else _plain(given)
-
-
 def _argument(mechanism: Mechanism, kind: str, key: str, table: Mapping[str, Any]) -> Any:
     """Return an argument of a goal as its function takes it."""
     given = table[key]
@@ -139,7 +131,15 @@ def _argument(mechanism: Mechanism, kind: str, key: str, table: Mapping[str, Any
                 for name, values in given.items()}
     found = given if key == "weight" else _plain(given)
     if key == "placements" and isinstance(found, list):
-        return [_placement(x, i) for i, x in enumerate(found)]
+        placements = []  # x, y, z, rx, ry, rz (rotation vector); a matrix as it is
+        for i, x in enumerate(found):
+            if isinstance(x, list) and len(x) == 6:
+                for number, base in zip(x, ("m", "m", "m", "rad", "rad", "rad"), strict=True):
+                    _in_units(f"placement {i}", number, base)
+                numbers = np.array(x, dtype=float)
+                x = pin.SE3(pin.exp3(numbers[3:]), numbers[:3])
+            placements.append(x)
+        return placements
     base = BASES.get((kind, key), "")
     if base == "output":
         base = mechanism.coordinate(str(table.get("output"))).unit
@@ -167,16 +167,6 @@ def _in_units(key: str, given: Any, base: str) -> Any:
     return given
 
 
-def _placement(given: Any, i: int) -> Any:
-    """Return a placement x, y, z, rx, ry, rz (rotation vector); a matrix as it is."""
-    if not (isinstance(given, list) and len(given) == 6):
-        return given
-    for k, base in enumerate(("m", "m", "m", "rad", "rad", "rad")):
-        _in_units(f"placement {i}", given[k], base)
-    numbers = np.array(given, dtype=float)
-    return pin.SE3(pin.exp3(numbers[3:]), numbers[:3])
-
-
 # ---------------------------------------------------------------- goals in a table
 
 
@@ -188,10 +178,7 @@ def _goals_of_table(
     `NAME.x`, `NAME.y`, `NAME.z` are a path, with `NAME.rx`, `NAME.ry`, `NAME.rz` poses; columns of
     drivers say where they stand there; those of other coordinates are functions of the drivers.
 
-    Args:
-        path: of the file.
-        mechanism: what is asked.
-        more: arguments that the goals have besides.
+    `more` are arguments that the goals have besides.
     """
     columns, times = read_table(path, mechanism)
     if times is not None:

@@ -6,6 +6,7 @@ import contextlib
 import os
 import warnings
 from collections.abc import Iterable
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ import spatial_pin as sp
 from spatial_pin._support.outputs import write_text
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.formats.export import robot_of
-from spatial_pin.formats.toml_files import toml_text
+from spatial_pin.formats.parsing import toml_text
 from spatial_pin.mechanism.coordinates import coordinates_of
 from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.mechanism.pairs import COUPLING
@@ -67,7 +68,12 @@ def write_from(name: str, tree: Path, folder: Path, mechanism: sp.Mechanism) -> 
     place = folder / f"{name}.toml"
     _refuse_existing([place])
     beside = Path(os.path.relpath(tree.resolve(), folder.resolve())).as_posix()
-    return [write_text(place, _text(name, beside, mechanism))]
+    title = {"title": mechanism.title} if mechanism.title else {}
+    parts = [HEAD + toml_text({"name": name, **title, "tree": beside}),
+             _joints(mechanism), _closures(mechanism), _drivers(mechanism),
+             MORE.format(link=_ends(mechanism)[0], joint=[*mechanism.model.names, "joint"][1]),
+             _guess(mechanism)]
+    return [write_text(place, "\n".join(part for part in parts if part))]
 
 
 def write_new(name: str, folder: Path) -> list[Path]:
@@ -80,8 +86,9 @@ def write_new(name: str, folder: Path) -> list[Path]:
         SpatialPinError: a file is there already.
         OSError: one cannot be written.
     """
-    texts = {folder / f"{name}.toml": START.replace("NAME", name),
-             folder / f"{name}.urdf.xacro": TREE.replace("NAME", name)}
+    start = files("spatial_pin.cli").joinpath("templates")
+    texts = {folder / f"{name}{suffix}": start.joinpath(f"NAME{suffix}").read_text("utf-8").replace(
+        "NAME", name) for suffix in (".toml", ".urdf.xacro")}
     _refuse_existing(texts)
     return [write_text(path, text) for path, text in texts.items()]
 
@@ -94,15 +101,6 @@ def _refuse_existing(paths: Iterable[Path]) -> None:
 
 
 # ---------------------------------------------------------------- of a tree that there is
-
-
-def _text(name: str, tree: str, mechanism: sp.Mechanism) -> str:
-    title = {"title": mechanism.title} if mechanism.title else {}
-    parts = [HEAD + toml_text({"name": name, **title, "tree": tree}),
-             _joints(mechanism), _closures(mechanism), _drivers(mechanism),
-             MORE.format(link=_ends(mechanism)[0], joint=[*mechanism.model.names, "joint"][1]),
-             _guess(mechanism)]
-    return "\n".join(part for part in parts if part)
 
 
 def _joints(mechanism: sp.Mechanism) -> str:
@@ -164,7 +162,12 @@ def _drivers(mechanism: sp.Mechanism) -> str:
 
 def _guess(mechanism: sp.Mechanism) -> str:
     """Return where the joints of one freedom stand."""
-    state = _standing(mechanism)
+    state = None
+    for limits in (True, False):  # within the joint limits where there is such a configuration
+        with contextlib.suppress(sp.AssemblyError), warnings.catch_warnings():
+            warnings.simplefilter("ignore", sp.SpatialPinWarning)
+            state = sp.assemble(mechanism, limits=limits)
+            break
     if state is None:
         return ""
     values = {}
@@ -174,15 +177,6 @@ def _guess(mechanism: sp.Mechanism) -> str:
             values[c.name] = value + 0.0
     head = "# A rough configuration on the wanted branch [rad, m].\n"
     return head + toml_text({"guess": values}).lstrip() if values else ""
-
-
-def _standing(mechanism: sp.Mechanism) -> sp.State | None:
-    """Return a closed configuration, within the joint limits where there is one."""
-    for limits in (True, False):
-        with contextlib.suppress(sp.AssemblyError), warnings.catch_warnings():
-            warnings.simplefilter("ignore", sp.SpatialPinWarning)
-            return sp.assemble(mechanism, limits=limits)
-    return None
 
 
 HEAD = """\
@@ -203,99 +197,4 @@ MORE = """\
 # name = "return"
 # joint = "{joint}"
 # stiffness = 10.0                # N·m/rad or N/m
-"""
-START = """\
-# A plane four-bar to start from. Metres, radians, kilograms.
-# `spatial-pin check FILE` says what is wrong, `spatial-pin show FILE` shows it.
-name = "NAME"
-title = "Plane four-bar"
-tree = "NAME.urdf.xacro"        # links and joints of the open tree, dimensions
-# gravity = [0.0, 0.0, -9.81]
-
-# How the loop is closed: the coupler's end is hinged to the rocker's end, about -y.
-[[closures]]
-name = "output_pin"
-type = "revolute"               # or spherical, universal, prismatic, weld, distance, ...
-frames = ["coupler_end", "rocker_end"]
-axis = [0, -1, 0]               # of both frames
-
-# What moves it: as many drivers as it has freedoms.
-[drivers.crank]
-joint = "crank_pin"
-
-# A rough configuration on the wanted branch.
-[guess]
-crank_pin = 0.0
-rocker_pin = 1.77
-
-# [joints.rocker_pin]           # more about a joint of the tree
-# damping = 0.01                # N·m·s/rad
-#
-# [frames.tip]                  # a point that the tree does not have
-# link = "coupler"
-# xyz = [0.14, 0.0, 0.1]
-#
-# [[springs]]
-# name = "return"
-# joint = "rocker_pin"
-# stiffness = 10.0              # N·m/rad
-# free_angle = 1.6              # rad
-"""
-TREE = """\
-<?xml version="1.0"?>
-<!-- The open tree of NAME: a crank with a coupler on it, and a rocker, all on the ground.
-     Dimensions are changed when it is loaded: load("NAME.toml", crank=0.12). -->
-<robot name="NAME" xmlns:xacro="http://www.ros.org/wiki/xacro">
-  <!-- dimensions, with their defaults [m] -->
-  <xacro:arg name="ground" default="0.30"/>
-  <xacro:arg name="crank" default="0.10"/>
-  <xacro:arg name="coupler" default="0.28"/>
-  <xacro:arg name="rocker" default="0.24"/>
-
-  <!-- a bar along x, 20 x 10 mm of steel -->
-  <xacro:macro name="bar" params="name length">
-    <xacro:property name="m" value="${7850 * 0.02 * 0.01 * length}"/>
-    <link name="${name}">
-      <visual>
-        <origin xyz="${length / 2} 0 0"/>
-        <geometry><box size="${length} 0.01 0.02"/></geometry>
-      </visual>
-      <inertial>
-        <origin xyz="${length / 2} 0 0"/>
-        <mass value="${m}"/>
-        <inertia ixx="${m * 5e-4 / 12}" iyy="${m * (length**2 + 4e-4) / 12}"
-                 izz="${m * (length**2 + 1e-4) / 12}" ixy="0" ixz="0" iyz="0"/>
-      </inertial>
-    </link>
-    <!-- the end of the bar, for a closure to refer to -->
-    <link name="${name}_end"/>
-    <joint name="${name}_end_mount" type="fixed">
-      <parent link="${name}"/>
-      <child link="${name}_end"/>
-      <origin xyz="${length} 0 0"/>
-    </joint>
-  </xacro:macro>
-
-  <link name="ground"/>
-  <xacro:bar name="crank" length="${$(arg crank)}"/>
-  <xacro:bar name="coupler" length="${$(arg coupler)}"/>
-  <xacro:bar name="rocker" length="${$(arg rocker)}"/>
-
-  <joint name="crank_pin" type="continuous">
-    <parent link="ground"/>
-    <child link="crank"/>
-    <axis xyz="0 -1 0"/>
-  </joint>
-  <joint name="coupler_pin" type="continuous">
-    <parent link="crank_end"/>
-    <child link="coupler"/>
-    <axis xyz="0 -1 0"/>
-  </joint>
-  <joint name="rocker_pin" type="continuous">
-    <parent link="ground"/>
-    <child link="rocker"/>
-    <origin xyz="$(arg ground) 0 0"/>
-    <axis xyz="0 -1 0"/>
-  </joint>
-</robot>
 """

@@ -124,7 +124,7 @@ def grid(rows: Sequence[Sequence[str]], heads: Sequence[str] = ()) -> str:
 
 def write_json(content: Any, path: str) -> list[str]:
     """Write plain data; returns the files written."""
-    text = json.dumps(content, indent=1, allow_nan=False)
+    text = json.dumps(finite(content), indent=1, allow_nan=False)
     if path == SCREEN:
         print(text)
         return []
@@ -143,7 +143,7 @@ def write_table(table: Table, path: str) -> list[str]:
 
 
 def finite(x: Any) -> Any:
-    """Return numbers, or lists of them, as JSON has them: None for what is not finite."""
+    """Return plain data as JSON has it: lists for arrays, None for what is not finite."""
     if isinstance(x, Mapping):
         return {key: finite(one) for key, one in x.items()}
     if isinstance(x, np.ndarray):

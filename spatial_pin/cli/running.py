@@ -223,10 +223,6 @@ def _unforeseen(error: Exception, words: Sequence[str]) -> str:
     """Return the sentence about an error that no part of the library raises on purpose.
 
     The traceback goes into a new file of the folder for temporary files, else on stderr.
-
-    Args:
-        error: what was raised.
-        words: of the command.
     """
     text = "\n".join([
         f"command: spatial-pin {shlex.join(words)}",

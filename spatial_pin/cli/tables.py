@@ -115,21 +115,19 @@ def _lines(path: str | Path) -> list[tuple[int, list[str]]]:
 
 def _check_unit(path: str | Path, mechanism: Mechanism | None, name: str, unit: str) -> None:
     """Refuse a unit that does not go with what a column is about."""
-    base = "s" if name == TIME else mechanism and _base(mechanism, name)
+    last, base = name.rpartition(".")[2], ""
+    if name == TIME:
+        base = "s"
+    elif mechanism and is_coordinate(mechanism, name):
+        base = mechanism.coordinate(name).unit
+    elif mechanism and (is_angle(mechanism, name) or last in TURNED):
+        base = "rad"
+    elif mechanism and last in POINT:
+        base = "m"
     given = Quantity(1.0)
     given.unit = unit
     if base and not given.is_for(base):
         raise SpatialPinError(f"{path}: column {name!r} is in {base}, not in {unit}")
-
-
-def _base(mechanism: Mechanism, name: str) -> str:
-    """Return "rad" or "m" of a coordinate, driver or a frame's column; "" if it is none."""
-    if is_coordinate(mechanism, name):
-        return mechanism.coordinate(name).unit
-    if is_angle(mechanism, name):
-        return "rad"
-    last = name.rpartition(".")[2]
-    return "m" if last in POINT else "rad" if last in TURNED else ""
 
 
 def targets_of(
@@ -198,16 +196,7 @@ def _number(
     path: str | Path, mechanism: Mechanism | None, column: tuple[str, str, int], row: int,
     word: str, may_be_blank: bool,
 ) -> float:
-    """Return the number [rad, m, s] of a field, NaN where it may be blank and is.
-
-    Args:
-        path: of the file.
-        mechanism: whose names these are.
-        column: its name and unit, and its number from 0.
-        row: of the file.
-        word: what stands there.
-        may_be_blank: whether it may be empty.
-    """
+    """Return the number [rad, m, s] of a field of a column (name, unit, number from 0)."""
     name, unit, k = column
     try:
         value = UNITS[unit] * float(word)
@@ -267,7 +256,10 @@ def _measured(where: str, mechanism: Mechanism, row: Mapping[str, float]) -> dic
     frames: dict[str, dict[str, float]] = {}
     for name, value in row.items():
         frame, _, part = name.rpartition(".")
-        pair = _pair(mechanism, name)
+        words = name.split("-")
+        pairs = (("-".join(words[:k]).strip(), "-".join(words[k:]).strip())
+                 for k in range(1, len(words)))
+        pair = next((two for two in pairs if all(map(mechanism.model.existFrame, two))), None)
         if name in mechanism.coordinate_table:
             found[name] = value
         elif frame and part in (*POINT, *TURNED):
@@ -281,17 +273,6 @@ def _measured(where: str, mechanism: Mechanism, row: Mapping[str, float]) -> dic
             found[mechanism.coordinate(name).name] = value  # says which there are
     return {**found, **{name: frame_targets(f"{where}: no", name, parts)[0]
                         for name, parts in frames.items()}}
-
-
-def _pair(mechanism: Mechanism, name: str) -> tuple[str, str] | None:
-    """Return the two frames that `NAME-OTHER` names, if it does."""
-    model = mechanism.model
-    words = name.split("-")
-    for k in range(1, len(words)):
-        first, second = "-".join(words[:k]).strip(), "-".join(words[k:]).strip()
-        if model.existFrame(first) and model.existFrame(second):
-            return first, second
-    return None
 
 
 def check_sigma(mechanism: Mechanism, sigma: Mapping[str, float]) -> None:
@@ -347,7 +328,8 @@ def read_target(text: str) -> tuple[str, Any]:
     if len(words) != len(units):
         raise ValueError(f"{text!r}: {of_kind} has {len(units)} numbers, not {len(words)}")
     numbers = [quantity(word) for word in words]
-    if not all(map(_fits, numbers, units)):
+    if not all(x.is_for(unit) if unit != " " else not x.unit for x, unit in zip(
+            numbers, units, strict=True)):
         raise ValueError(f"{text!r}: {of_kind} has numbers in {', '.join(units)}")
     if kind == "position" and f".{frame}".endswith(f".{CENTRE}"):  # of a link, or of the whole
         frame = name.strip()
@@ -392,7 +374,3 @@ def _centre(text: str, words: list[str], weight: float | None) -> targets.Target
         raise ValueError(f"{text!r}: the centre of mass has numbers in m")
     x, y, z = (None if v is None else float(v) for v in point)
     return targets.centre_of_mass(x, y, z, weight)
-
-
-def _fits(number: Quantity, unit: str) -> bool:
-    return not number.unit if unit == " " else number.is_for(unit)

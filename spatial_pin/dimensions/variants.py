@@ -29,11 +29,11 @@ from spatial_pin.errors import SpatialPinError, warn
 from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.file_access import shown
 from spatial_pin.formats.files import load_expanded
+from spatial_pin.formats.parsing import parse_urdf
 from spatial_pin.formats.urdf.validation import check_links
-from spatial_pin.formats.xacro.arguments import Values
 from spatial_pin.formats.xacro.expansion import expand, traced
-from spatial_pin.formats.xacro.parsing import parse_urdf
 from spatial_pin.formats.xacro.tracing import depends
+from spatial_pin.formats.xacro.xacro_arguments import Values
 from spatial_pin.mechanism.inertia import inertia_as_given, put_inertias
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array
@@ -418,7 +418,7 @@ class TracedTree:
                        parameters={**m.parameters, **dimensions})
         other.__dict__["dimensions"] = {**m.dimensions, **dimensions}
         if isinstance(m.guess, Values):
-            other.__dict__["guess"] = partial(m.guess.written.values, dict(dimensions))
+            other.__dict__["guess"] = partial(m.guess.at, dict(dimensions))
         return other
 
     def _placed(

@@ -79,21 +79,14 @@ def _said(value: Any) -> str:
     return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}..."
 
 
-class TomlTable:
-    """A TOML table that is read key by key; every complaint names file, table and key."""
+class CheckedValues:
+    """The values of a TOML table, read key by key; every complaint names file, table and key."""
 
-    def __init__(self, content: Any, where: str, place: str = TOP) -> None:
-        if not isinstance(content, dict):
-            table, _, key = where.rpartition(": ")[2].rpartition(".")
-            hint = f"; {heading(table or key, content, key if table else 'NAME')}" * (
-                (table or key) in HEADINGS)
-            if place != TOP and key in BELONGS[TOP]:
-                hint = f"; {belongs(key, content)}"
-            raise MechanismFileError(f"{where}: must be a table of key = value lines{hint}")
+    def __init__(self, content: dict[str, Any], where: str, place: str = TOP) -> None:
         self.content, self.where, self.place = content, where, place
         self.known: list[str] = []
         self._told: list[str] = []  # keys that were complained of
-        self._from, self._mended, self._ended = where, frozenset[str](), False
+        self._ended = False
 
     def __contains__(self, key: str) -> bool:
         self.known.append(key)
@@ -160,7 +153,7 @@ class TomlTable:
         value = self.get(key)
         if not isinstance(value, list):
             return np.array([self.number(key, least=least)])
-        parts = [TomlTable({key: x}, self.where).number(key, least=least) for x in value]
+        parts = [CheckedValues({key: x}, self.where).number(key, least=least) for x in value]
         if not parts:
             self.fail(key, "is an empty list")
         return np.array(parts)
@@ -226,6 +219,21 @@ class TomlTable:
             self.fail(key, f"must be a list of some of the numbers 0 to {count - 1}, ascending, "
                            f"not {_said(value)}")
         return tuple(value)
+
+
+class TomlTable(CheckedValues):
+    """A TOML table among others: its tables, its mistakes, and keys that are none of it."""
+
+    def __init__(self, content: Any, where: str, place: str = TOP) -> None:
+        if not isinstance(content, dict):
+            table, _, key = where.rpartition(": ")[2].rpartition(".")
+            hint = f"; {heading(table or key, content, key if table else 'NAME')}" * (
+                (table or key) in HEADINGS)
+            if place != TOP and key in BELONGS[TOP]:
+                hint = f"; {belongs(key, content)}"
+            raise MechanismFileError(f"{where}: must be a table of key = value lines{hint}")
+        super().__init__(content, where, place)
+        self._from, self._mended = where, frozenset[str]()
 
     def table(self, key: str) -> TomlTable:
         """Return the table under a key; an empty one where there is none."""

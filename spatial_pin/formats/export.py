@@ -14,8 +14,8 @@ from spatial_pin._support.outputs import named_folder, named_path, replacing, wr
 from spatial_pin.errors import MechanismFileError, SpatialPinError, warn
 from spatial_pin.formats.dialects import RobotReading, read_dialects
 from spatial_pin.formats.file_access import Trust, is_file
+from spatial_pin.formats.parsing import toml_text
 from spatial_pin.formats.pinocchio_model.pair_tree import joint_axis
-from spatial_pin.formats.toml_files import toml_text
 from spatial_pin.formats.urdf.urdf_model import (
     LIMITS,
     PAIR_OF_URDF_TYPE,

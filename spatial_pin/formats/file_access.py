@@ -14,6 +14,12 @@ from types import MappingProxyType
 from spatial_pin.errors import MechanismFileError
 
 LARGEST_FILE = 100_000_000  # bytes of text: a hundred times the largest robots there are
+LIBRARY = "spatial_pin"  # the package that holds the library: `$(find spatial_pin)/parts.xacro`
+MANIFEST = "package.xml"
+OF_PACKAGES = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH")
+OF_MODELS = ("GZ_SIM_RESOURCE_PATH", "GAZEBO_MODEL_PATH", "SDF_PATH")  # where Gazebo's models lie
+NO_PACKAGES: Mapping[str, Path] = MappingProxyType({})
+REMEDY = "sp.load(..., trusted=True) reads it all the same"
 
 
 def shown(path: Path | str) -> str:
@@ -54,11 +60,7 @@ def is_file(path: Path) -> bool:
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a UTF-8 file.
-
-    Raises:
-        MechanismFileError: it cannot be read, or is not UTF-8.
-    """
+    """Return the text of a UTF-8 file."""
     check_file(path)
     try:
         return path.read_text(encoding="utf-8").removeprefix("\ufeff")  # the mark of its order
@@ -69,12 +71,6 @@ def read_text(path: Path) -> str:
 
 
 # ---------------------------------------------------------------- packages
-
-LIBRARY = "spatial_pin"  # the package that holds the library: `$(find spatial_pin)/parts.xacro`
-MANIFEST = "package.xml"
-OF_PACKAGES = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH")
-OF_MODELS = ("GZ_SIM_RESOURCE_PATH", "GAZEBO_MODEL_PATH", "SDF_PATH")  # where Gazebo's models lie
-NO_PACKAGES: Mapping[str, Path] = MappingProxyType({})
 
 
 def library_folder() -> Path:
@@ -110,15 +106,9 @@ def package_folders(name: str, folder: Path, packages: Mapping[str, Path]) -> It
         if parent.name == name or _manifest_name(parent) == name:
             yield parent
         yield parent / name
-    for root in _installed():
-        yield root / name
-
-
-def _installed() -> Iterator[Path]:
-    """Yield the folders in which Python packages install ROS packages, such as robots' data."""
-    for place in dict.fromkeys(sys.path):
-        yield Path(place) / "cmeel.prefix" / "share"
-    yield Path(sys.prefix) / "share"
+    for place in dict.fromkeys(sys.path):  # where Python packages install robots' data
+        yield Path(place) / "cmeel.prefix" / "share" / name
+    yield Path(sys.prefix) / "share" / name
 
 
 def _listed(variable: str) -> list[Path]:
@@ -149,8 +139,6 @@ def is_installed(folder: Path, packages: Mapping[str, Path]) -> bool:
 
 
 # ---------------------------------------------------------------- which files may be read
-
-REMEDY = "sp.load(..., trusted=True) reads it all the same"
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,6 @@ from spatial_pin.errors import MechanismFileError, Mistakes, suggestion, warn
 from spatial_pin.formats.checked_tables import TomlTable
 from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.file_access import (
-    Trust,
     check_file,
     is_file,
     library_folder,
@@ -27,15 +26,16 @@ from spatial_pin.formats.file_access import (
 )
 from spatial_pin.formats.importers import IMPORTERS, Importer, Request, endings, importer_of
 from spatial_pin.formats.mechanism_file import MechanismSpec, mechanism_of
-from spatial_pin.formats.toml_files import parse_toml
+from spatial_pin.formats.parsing import parse_toml, parse_urdf
 from spatial_pin.formats.urdf.validation import end_of
-from spatial_pin.formats.xacro.arguments import arguments
-from spatial_pin.formats.xacro.parsing import parse_urdf
+from spatial_pin.formats.xacro.xacro_arguments import arguments
 from spatial_pin.mechanism.mechanism import Mechanism
 
 LISTS = ("closures", "springs")
 TABLES = ("joints", "frames", "guess")
 SAME = "that is the same"
+ROOT_JOINT = "root_joint"  # as Pinocchio names it
+GROUNDS = ("world", "ground")  # names of the link that stands still, the first that is free
 
 
 def merged(own: Mapping[str, Any], stated: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
@@ -89,20 +89,11 @@ def _replaced(entry: Mapping[str, Any], mine: Any) -> str:
     return ""
 
 
-ROOT_JOINT = "root_joint"  # as Pinocchio names it
-GROUNDS = ("world", "ground")  # names of the link that stands still, the first that is free
-
-
 def with_free_flyer(urdf: str, path: Path, refined: Container[str] = ()) -> str:
     """Return URDF text in which a floating joint carries the root link.
 
     A new link, `world`, becomes the root (`ground` where a link has that name): closures to what
     stands still name it. What a file fixes to its root link goes with it.
-
-    Args:
-        urdf: plain URDF text of a tree.
-        path: where it comes from, for errors.
-        refined: names of floating joints that are another pair in truth.
 
     Raises:
         MechanismFileError: all that the root carries floats already.
@@ -244,9 +235,6 @@ def load_expanded(mechanism: Mechanism, parameters: Mapping[str, float], urdf: s
         mechanism: it was loaded from the file.
         parameters: values of xacro arguments that change [SI, rad].
         urdf: what the xacro file expands to with them.
-
-    Raises:
-        MechanismFileError: as `load`.
     """
     m = mechanism
     assert m.path is not None
@@ -272,12 +260,7 @@ def _loaded(request: Request) -> Mechanism:
 
 
 def _folders(packages: Mapping[str, str | Path]) -> dict[str, Path]:
-    """Return the folders of packages, absolute.
-
-    Raises:
-        TypeError: they are no folders by name.
-        MechanismFileError: one is not there.
-    """
+    """Return the folders of packages, absolute."""
     if not isinstance(packages, Mapping):
         raise TypeError(f"packages are folders by name, not {packages!r}")
     folders = {}
@@ -329,11 +312,7 @@ def _load_toml(request: Request) -> Mechanism:
 
 
 def _choosing_model(request: Request, file: Path, importer: Importer) -> Request:
-    """Return a request whose `model` chooses among several; elsewhere it is a xacro argument.
-
-    Raises:
-        MechanismFileError: there is nothing to choose from.
-    """
+    """Return a request whose `model` chooses among several; elsewhere it is a xacro argument."""
     if request.model is None or importer.has_models:
         return request
     if file.suffix == ".xacro":
@@ -358,15 +337,11 @@ def _empty_arguments(request: Request) -> list[str]:
 
 
 def _tree_of(top: TomlTable, request: Request) -> Path:
-    """Return the file of the tree.
-
-    Raises:
-        MechanismFileError: it is not there or may not be read, or none is named.
-    """
+    """Return the file of the tree."""
     name = top.text("tree")
     file = request.path.parent / name
     try:
-        Trust.of(request.path, request.packages, request.trusted).checked(file)
+        request.trust.checked(file)
     except MechanismFileError as error:
         top.fail("tree", f"is {shown(name)!r}: {error}")
     return file

@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats.file_access import check_file, shown
+from spatial_pin.formats.file_access import Trust, check_file, shown
+
+FOLDER = "/"  # the ending of a folder's name
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,11 @@ class Request:
     alone: bool = True
     complete: bool = False
     expanded: str | None = None
+
+    @property
+    def trust(self) -> Trust:
+        """Which files the file may name."""
+        return Trust.of(self.path, self.packages, self.trusted)
 
 
 @dataclass(frozen=True)
@@ -82,8 +89,6 @@ def on_use(module: str, name: str = "read") -> Callable[[Any], Any]:
     """Return a function of a module of formats, which is imported when it is first called."""
     return lambda given: getattr(import_module(f"spatial_pin.formats.{module}"), name)(given)
 
-
-FOLDER = "/"  # the ending of a folder's name
 
 IMPORTERS: dict[str, Importer] = {
     "urdf": Importer("URDF or xacro", (".urdf", ".xacro", ".xml"),

@@ -21,10 +21,9 @@ from spatial_pin.formats.urdf.urdf_model import (
     LIMITS,
     RESISTANCES,
     JointRefinement,
-    OpenTree,
     tree_of,
 )
-from spatial_pin.formats.xacro.arguments import Written, dimensions
+from spatial_pin.formats.xacro.xacro_arguments import Values, dimensions
 from spatial_pin.mechanism.checks import check_mechanism, impossible_inertias
 from spatial_pin.mechanism.coordinates import check_guess
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -143,11 +142,7 @@ class MechanismSpec:
 def mechanism_of(
     top: TomlTable, file: Path, urdf: str, request: Request, faults: Faults
 ) -> Mechanism:
-    """Return the mechanism of the expanded URDF of `file` and the table of the file asked for.
-
-    Raises:
-        MechanismFileError: it is none; has all mistakes that could be found at once.
-    """
+    """Return the mechanism of the expanded URDF of `file` and the table of the file asked for."""
     mistakes = Mistakes(top.where)
     spec = MechanismSpec(top, mistakes)
     if not spec.is_whole["joints"]:
@@ -161,38 +156,35 @@ def mechanism_of(
             urdf, top = cut.urdf, TomlTable(cut.content, top.where)
             spec = MechanismSpec(top, mistakes)
         trust = Trust.of(file, request.packages, request.trusted)
-        tree = tree_of(urdf, file, spec.refinements, faults, trust, spec.order, top.where)
+        tree, mimics = tree_of(urdf, file, spec.refinements, faults, trust, spec.order, top.where)
         if spec.gravity is not None:
-            tree.model.gravity.linear = spec.gravity
+            tree["model"].gravity.linear = spec.gravity
+        spec.parts["closures"] += mimics
         return _build(top, tree, spec, file, request, faults, mistakes)
     mistakes.tell()
     raise AssertionError  # a mistake was kept
 
 
 def _build(
-    top: TomlTable, tree: OpenTree, spec: MechanismSpec, file: Path, request: Request,
+    top: TomlTable, tree: dict[str, Any], spec: MechanismSpec, file: Path, request: Request,
     faults: Faults, mistakes: Mistakes,
 ) -> Mechanism:
     where, parts = str(request.path), spec.parts
     if spec.is_whole["frames"]:
-        add_frames(tree.model, parts["frames"], where)
-    parts["closures"] = (*parts["closures"], *tree.mimics)
+        add_frames(tree["model"], parts["frames"], where)
     if "drivers" not in top:
-        joints = dict(zip(list(tree.model.names)[1:], tree.pairs, strict=True))
+        joints = dict(zip(list(tree["model"].names)[1:], tree["pairs"], strict=True))
         parts["drivers"] = drivers_of_tree(joints, parts["closures"])
     with_dimensions = file, dict(request.parameters), request.trusted, request.packages
     parts["dimensions"] = partial(dimensions, *with_dimensions)  # read when they are asked for
-    written = Written(parts.pop("guess"), request.path, "guess", *with_dimensions)
+    guess = parts.pop("guess")
     with mistakes.each():
-        parts["guess"] = written.values()
+        parts["guess"] = Values(guess, request.path, "guess", *with_dimensions)
     mechanism = Mechanism(
-        name=top.content.get("name", ""), tree=file, model=tree.model,
-        visual_model=partial(tree.shapes, "visual"),
-        collision_model=partial(tree.shapes, "collision"), pairs=tree.pairs, inertias=tree.inertias,
-        parameters=dict(request.parameters), path=request.path, urdf=tree.urdf,
-        slip_speeds=tree.slip_speeds, trusted=request.trusted, packages=request.packages,
+        name=top.content.get("name", ""), tree=file, path=request.path,
+        parameters=dict(request.parameters), trusted=request.trusted, packages=request.packages,
         free_flyer=request.free_flyer, model_of_file=request.model, without=request.without,
-        **parts,
+        **tree, **parts,
     )
     mechanism.characteristic_length  # noqa: B018 - refused here where it is no number
     if spec.is_whole["frames"]:  # else names of those are missing

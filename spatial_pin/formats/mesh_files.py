@@ -31,6 +31,8 @@ _COLOURS: dict[Seen, Colours] = {}
 LEAST_TIME = 20.0  # s for meshes to be read, the start of the process with it
 OUTSIDE = f"neither below the folder of the file nor in an installed package; {REMEDY}"
 TIME_OF_A_BYTE = 2e-6  # s, ten times what was seen
+ALONE = (".stl", ".ply", ".off", ".obj", ".dae", ".3ds")  # of which no other file is opened
+OF_PARTS = (".gltf", ".glb")  # which name other files
 
 
 def mesh_colours(file: str) -> Colours:
@@ -209,8 +211,6 @@ def _is_ply(head: bytes, size: int) -> bool:
             and 0 < int(points[1]) * least <= size - end)
 
 
-ALONE = (".stl", ".ply", ".off", ".obj", ".dae", ".3ds")  # of which no other file is opened
-OF_PARTS = (".gltf", ".glb")  # which name other files
 FORMATS: dict[str, Callable[[bytes, int], Any]] = {
     ".stl": _is_stl, ".ply": _is_ply,
     ".obj": lambda head, size: size > len(head) or re.search(rb"^[ \t]*v[ \t]", head, re.M),

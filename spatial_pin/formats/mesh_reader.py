@@ -20,6 +20,10 @@ import numpy as np
 
 MEMORY = 4 << 30  # bytes of address space: the libraries alone take a quarter of it
 GROWTH = 200  # bytes for a byte of the file, four times what the reader was seen to take
+DEEPEST_NODE = 100  # nodes within one another: Python recurses to a thousand
+MOST_NODES = 10_000  # nodes and geometries, counted as often as they are used
+PRIMITIVES = ("triangles", "polylist", "polygons", "trifans", "tristrips")
+LARGEST_MATERIALS = 10_000_000  # bytes of a file of materials
 
 
 def main(folder: str, files: list[str]) -> None:
@@ -82,8 +86,6 @@ def limit_memory(files: list[str]) -> None:
 
 # ---------------------------------------------------------------- COLLADA
 
-DEEPEST_NODE = 100  # nodes within one another: Python recurses to a thousand
-MOST_NODES = 10_000  # nodes and geometries, counted as often as they are used
 Part = tuple[Any, Any, Any]  # points (N, 3), triangles (M, 3), colour (4,)
 
 
@@ -251,12 +253,7 @@ def _corners(primitive: ET.Element) -> Any:
     return np.concatenate(found)
 
 
-PRIMITIVES = ("triangles", "polylist", "polygons", "trifans", "tristrips")
-
-
 # ---------------------------------------------------------------- Wavefront
-
-LARGEST_MATERIALS = 10_000_000  # bytes of a file of materials
 
 
 def read_wavefront(file: str) -> tuple[Any, Any, Any]:

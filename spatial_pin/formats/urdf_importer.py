@@ -12,12 +12,13 @@ from spatial_pin.formats.dialects import RobotReading, read_dialects, yaml_loops
 from spatial_pin.formats.dialects.registry import refuse_unread
 from spatial_pin.formats.file_access import Trust, read_text, shown
 from spatial_pin.formats.importers import Imported, Request
+from spatial_pin.formats.parsing import ROOT, parse_urdf, parse_xml
 from spatial_pin.formats.urdf.elements import leave_out, local
 from spatial_pin.formats.urdf.validation import end_of
 from spatial_pin.formats.xacro.expansion import expand
-from spatial_pin.formats.xacro.parsing import ROOT, parse_urdf, parse_xml
 
 WORLD = "world"
+FOLDERS = ("", "urdf", "robots")  # where in a folder, or package, its URDF lies
 
 
 def is_urdf(path: Path) -> bool:
@@ -37,9 +38,6 @@ def read_urdf(request: Request, beside: Path | None = None) -> Imported:
     Args:
         request: the file.
         beside: the file that states its loops, if that is known; else it is looked for.
-
-    Raises:
-        MechanismFileError: it cannot be read, or joins links in a way that is not known.
     """
     text = request.expanded
     if text is None:
@@ -67,21 +65,14 @@ def read_urdf(request: Request, beside: Path | None = None) -> Imported:
     return Imported(text if after == before else after, reading.content, tuple(reading.notices))
 
 
-FOLDERS = ("", "urdf", "robots")  # where in a folder, or package, its URDF lies
-
-
 def is_statement(path: Path) -> bool:
     """Return whether a YAML file states the loops of a URDF."""
     return yaml_loops.is_closures(path) or yaml_loops.is_robot(path)
 
 
 def read_folder(request: Request) -> Imported:
-    """Read the robot of a folder: that of its `robot.yaml`, or of its only one, or its only URDF.
-
-    Raises:
-        MechanismFileError: there is none, or several and none is named `robot` or as the folder.
-    """
-    folder, trust = request.path, _trust(request)
+    """Read the robot of a folder: that of its `robot.yaml`, or its only URDF."""
+    folder, trust = request.path, request.trust
     stated = [p for ending in yaml_loops.ENDINGS for p in sorted(folder.glob(f"*{ending}"))
               if trust.allows(p) and yaml_loops.is_robot(p)]
     chosen = stated if len(stated) == 1 else [p for p in stated if p.stem == "robot"][:1]
@@ -90,18 +81,14 @@ def read_folder(request: Request) -> Imported:
 
 
 def read_statement(request: Request) -> Imported:
-    """Read the robot of a YAML file.
-
-    Raises:
-        MechanismFileError: it is about no file that is there.
-    """
+    """Read the robot of a YAML file."""
     path = request.path
     if yaml_loops.is_closures(path):
         folder = path.parent.parent if path.parent.name == "config" else path.parent
         trust = Trust.of(folder, request.packages, request.trusted)
         urdf, name = _only(folder, trust), folder.resolve().name
     else:
-        urdf = yaml_loops.urdf_of(path, _trust(request))
+        urdf = yaml_loops.urdf_of(path, request.trust)
         name = path.resolve().parent.name if path.stem == "robot" else path.stem
     return _read(urdf, request, name, path)
 
@@ -115,10 +102,6 @@ def _read(urdf: Path, request: Request, name: str, statement: Path | None = None
             mesh.set("filename", str(urdf.resolve().parent / file))
     return Imported(ET.tostring(robot, encoding="unicode"), {"name": name, **imported.content},
                     imported.notices)
-
-
-def _trust(request: Request) -> Trust:
-    return Trust.of(request.path, request.packages, request.trusted)
 
 
 def _candidates(folder: Path, trust: Trust) -> list[Path]:

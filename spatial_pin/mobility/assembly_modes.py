@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from itertools import product
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import islice, product
 
 import numpy as np
 
@@ -13,16 +14,16 @@ from spatial_pin.assembly.assemble import assembled, standing_drivers, tell
 from spatial_pin.assembly.holding import free_bases
 from spatial_pin.assembly.rounding import as_meant
 from spatial_pin.assembly.search.guesses import read_guess
+from spatial_pin.assembly.search.loop_groups import LoopGroup, loop_groups, part_of
 from spatial_pin.assembly.search.within_limits import violated_limit
-from spatial_pin.errors import AssemblyError, unless_cut
-from spatial_pin.mechanism.coordinates import coordinate_value, finite_number, needed
+from spatial_pin.errors import AssemblyError, ContinuumError, unless_cut
+from spatial_pin.mechanism.coordinates import coordinate_value, finite_number, needed, with_values
 from spatial_pin.mechanism.joint_limits import beyond_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mobility.mode_check import SAME_MODE, BodyMark, ModeCheck, ModeKind
-from spatial_pin.mobility.mode_groups import groups_of, modes_of_groups
-from spatial_pin.mobility.mode_list import AssemblyModes, labels, missing_by, order
-from spatial_pin.mobility.mode_search import Mode, ModeSearch, moving
-from spatial_pin.mobility.rods import Rod, core_of, rods_of
+from spatial_pin.mobility.mode_list import AssemblyModes, Continuum, labels, missing_by, order
+from spatial_pin.mobility.mode_search import MOST_MODES, Mode, ModeSearch, moving
+from spatial_pin.mobility.rods import core_of, rods_of
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy, accuracy_of
 
@@ -33,14 +34,7 @@ ENDLESS = 10**8  # starts: days, at a thousand a second
 
 
 def _as_states(check: ModeCheck, search: ModeSearch, copies: bool, limits: bool) -> AssemblyModes:
-    """Return the modes found as States, sorted.
-
-    Args:
-        check: of the whole mechanism.
-        search: what was found.
-        copies: whether all configurations of a mode are listed.
-        limits: whether only those that keep the joint limits are.
-    """
+    """Return the modes found as States, sorted; with `limits` those that keep the joint limits."""
     marks, all_copies = search.recognition.marks, copies or limits
     found = [(q, mode.kind, mode.count) for mode in search.modes
              for q in (_readings(check, marks, mode, copies, limits) if all_copies else [mode.q])]
@@ -65,42 +59,33 @@ def _readings(
     check: ModeCheck, marks: Mapping[int, BodyMark], mode: Mode, copies: bool, limits: bool
 ) -> list[Array]:
     """Return a mode with the core's rods in their readings: all, or those within limits."""
-    choices = []
-    for rod in mode.rods:
-        own = _readings_of(check, {k: marks[k] for k in rod.lines}, rod, mode.q)
-        if limits:
-            own = [x for x in own if not x[2]]
-        choices.append([x[:2] for x in own][: None if copies else 1])
+    model, choices = check.mechanism.model, []
+    for rod in mode.rods:  # the readings of its first joint
+        i, own_marks = min(rod.lines), {k: marks[k] for k in rod.lines}
+        at = slice(model.idx_qs[i], model.idx_qs[i] + model.nqs[i])
+        names = {c.name for c in check.mechanism.coordinate_table.values()
+                 if c.joint in {model.names[k] for k in rod.lines}}
+        rng = np.random.default_rng(6)
+        signatures: list[Array] = []
+        values: list[Array] = []
+        for k in range(READINGS):
+            found = check.place_rods((rod,), mode.q if not k else check.shaken((rod,), mode.q, rng))
+            if found is None:
+                continue
+            signature = check.signature(own_marks, found)
+            if any(np.abs(signature - other).max() < SAME_MODE for other in signatures):
+                continue
+            signatures.append(signature)
+            if not limits or names.isdisjoint(
+                    beyond_limits(check.mechanism, check.state(found).q)):
+                values.append(found[at])
+        choices.append([(at, x) for x in values[: None if copies else 1]])
     readings = []
     for choice in product(*choices):
         q = mode.q.copy()
-        for at, values in choice:
-            q[at] = values
+        for at, x in choice:
+            q[at] = x
         readings.append(q)
-    return readings
-
-
-def _readings_of(
-    check: ModeCheck, marks: Mapping[int, BodyMark], rod: Rod, q: Array
-) -> list[tuple[slice, Array, bool]]:
-    """Return the readings of a rod's first joint, and whether one is beyond joint limits."""
-    model, i = check.mechanism.model, min(rod.lines)
-    own = slice(model.idx_qs[i], model.idx_qs[i] + model.nqs[i])
-    names = {c.name for c in check.mechanism.coordinate_table.values()
-             if c.joint in {model.names[k] for k in rod.lines}}
-    rng = np.random.default_rng(6)
-    signatures: list[Array] = []
-    readings = []
-    for k in range(READINGS):
-        start = q if not k else check.shaken((rod,), q, rng)
-        found = check.place_rods((rod,), start)
-        if found is None:
-            continue
-        signature = check.signature(marks, found)
-        if all(np.abs(signature - other).max() >= SAME_MODE for other in signatures):
-            signatures.append(signature)
-            beyond = beyond_limits(check.mechanism, check.state(found).q)
-            readings.append((own, found[own], not names.isdisjoint(beyond)))
     return readings
 
 
@@ -121,6 +106,97 @@ def _one_of_each(
             signatures.append(signature)
             kept.append((q, kind, count))
     return kept
+
+
+# ---------------------------------------------------------------- groups of loops
+
+Searched = Callable[[Mechanism, Mapping[str, float]], AssemblyModes]  # modes with values held
+
+
+def groups_of(mechanism: Mechanism, held: Iterable[str]) -> tuple[LoopGroup, ...]:
+    """Return the groups of loops where coordinates are held; none where others move besides."""
+    fixed = {mechanism.coordinate_table[name].v for name in held}
+    groups = loop_groups(mechanism, tuple(sorted(fixed)))
+    tied = np.any([group.entries for group in groups], axis=0) if groups else np.zeros(0, bool)
+    return groups if len(groups) > 1 and fixed.issuperset(np.flatnonzero(~tied).tolist()) else ()
+
+
+def modes_of_groups(
+    check: ModeCheck, groups: Sequence[LoopGroup], searched: Searched
+) -> AssemblyModes:
+    """Return the modes of a mechanism from those of its groups of loops, from `groups_of`.
+
+    Starts that close one of two groups in ten close both in a hundred, and close ten never.
+
+    Raises:
+        ContinuumError: a group can move.
+    """
+    mechanism, held, found = check.mechanism, check.held, list[AssemblyModes]()
+    try:  # a closed configuration, that groups looked at by themselves stand in
+        base = assembled(mechanism, held, free=[
+            name for name in mechanism.drivers if mechanism.coordinate(name).name not in held]).q
+    except AssemblyError:
+        base = with_values(mechanism, read_guess(mechanism, mechanism.start(held)).q, held)
+    for group in groups:
+        others = {name: coordinate_value(mechanism, c, base)  # all that is not of these loops
+                  for name, c in mechanism.coordinate_table.items() if not group.entries[c.v]}
+        try:
+            found.append(searched(part_of(mechanism, group.closures), others | held))
+        except ContinuumError as error:
+            assert error.state is not None
+            continuum = Continuum(error.state, error.freedoms, error.coordinates, error.hold)
+            raise moving(check, _of_whole(check, base, group, continuum)) from None
+        if not found[-1].is_whole and len(found) < len(groups):
+            raise KeyboardInterrupt
+    return _together(check, base, groups, found)
+
+
+def _of_whole(check: ModeCheck, base: Array, group: LoopGroup, continuum: Continuum) -> Continuum:
+    return continuum._replace(state=check.state(_put(base, [group], [continuum.state.q])))
+
+
+def _put(base: Array, groups: Sequence[LoopGroup], chosen: Iterable[Array]) -> Array:
+    """Return a configuration (nq,) in which each group of loops stands as in one of its own."""
+    q = base.copy()
+    for group, own in zip(groups, chosen, strict=True):
+        q[group.places] = own[group.places]
+    return q
+
+
+def _together(
+    check: ModeCheck, base: Array, groups: Sequence[LoopGroup], found: Sequence[AssemblyModes]
+) -> AssemblyModes:
+    """Return each mode of each group with each of the others', `MOST_MODES` of them at most."""
+    modes: list[tuple[Array, str, int]] = []
+    choices = (zip(own, own.found, strict=True) for own in found)
+    for choice in islice(product(*choices), MOST_MODES):
+        states, counts = zip(*choice, strict=True)
+        # the sign of a determinant from the labels of its blocks, in words
+        blocks = [state.branch.rstrip("0123456789 ") for state in states]
+        sign = "" if "" in blocks else "+-"[blocks.count("-") % 2]
+        modes.append((_put(base, groups, [state.q for state in states]),
+                      "singular" if "singular" in blocks else sign, min(counts)))
+    if modes:
+        kind = check.kind(modes[0][0])
+        loose = {joint for joint, _ in kind.idle}
+        modes.sort(key=lambda x: order(check.state(x[0]), loose))
+    signs = [sign for _, sign, _ in modes]  # as those of the whole: all may be the other ones
+    known = next((k for k, sign in enumerate(signs) if sign in ("+", "-")), None)
+    if known is not None:
+        q = modes[known][0]
+        if check.signs([(q, check.kind(q))]) != [signs[known]]:
+            signs = [{"+": "-", "-": "+"}.get(sign, sign) for sign in signs]
+    continua = [_of_whole(check, base, group, x)
+                for group, own in zip(groups, found, strict=True) for x in own.continua]
+    return AssemblyModes(
+        [check.state(q, branch) for (q, _, _), branch in zip(modes, labels(signs), strict=True)],
+        held=check.held, starts=sum(own.starts for own in found),
+        closed=sum(own.closed for own in found), found=[count for _, _, count in modes],
+        missing=math.prod(len(own) + own.missing for own in found) - len(modes),
+        continua=continua, is_whole=found[-1].is_whole)
+
+
+# ---------------------------------------------------------------- the verb
 
 
 @checked

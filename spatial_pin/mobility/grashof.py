@@ -121,8 +121,6 @@ def _four_bar(mechanism: Mechanism, state: State) -> tuple[list[str], Array]:
                    and apart[k] <= TOLERANCES.nothing * mechanism.characteristic_length
                    for k in range(4)):
             raise wrong
-    return [_link(mechanism, i) for i in bodies] + [mechanism.links[0]], centres
-
-
-def _link(mechanism: Mechanism, joint: int) -> str:
-    return next(name for name in mechanism.links if mechanism.frame_on_joint(name)[0] == joint)
+    links = [next(name for name in mechanism.links if mechanism.frame_on_joint(name)[0] == i)
+             for i in bodies]
+    return [*links, mechanism.links[0]], centres

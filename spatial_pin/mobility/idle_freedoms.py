@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -224,7 +224,18 @@ def described(evaluation: Evaluation, joint: str, v: Array) -> PassiveFreedom:
     axis = _of_one_sense(twist[3:] / omega)
     advance = abs(float(axis @ twist[:3])) / (omega * mechanism.characteristic_length)
     point = np.cross(twist[3:], twist[:3]) / omega**2
-    through = _pairs_on_axis(evaluation, moved_bodies(evaluation, v[None]), axis, point)
+    # pairs between bodies that are moved and others, whose centres lie on the axis
+    moved, data = moved_bodies(evaluation, v[None]), evaluation.data
+    centres = {model.names[k]: data.oMi[k].translation for k in range(1, model.njoints)
+               if (k in moved) != (model.parents[k] in moved)}
+    for closure in mechanism.closures:
+        for frames in closure.joined:
+            mine = [f for f in frames if mechanism.frame_on_joint(f)[0] in moved]
+            if len(mine) == 1:
+                centres[closure.name] = evaluation.frame(mechanism.frame_id(mine[0])).translation
+    limit = TOLERANCES.half_precision * mechanism.characteristic_length
+    through = [name for name, x in centres.items()
+               if np.linalg.norm(np.cross(x - point, axis)) < limit]
     kind = "spin" if advance < TOLERANCES.half_precision else "screw"
     text = f"{link} {'spins' if kind == 'spin' else 'turns and advances'} about {_direction(axis)}"
     if through:
@@ -235,23 +246,6 @@ def described(evaluation: Evaluation, joint: str, v: Array) -> PassiveFreedom:
 def _of_one_sense(axis: Array) -> Array:
     """Return an axis (3,) or its opposite, which mean the same: round-off has no say in it."""
     return -axis if axis[np.abs(axis) > TOLERANCES.nothing][0] > 0.0 else axis
-
-
-def _pairs_on_axis(
-    evaluation: Evaluation, moved: Collection[int], axis: Array, point: Array
-) -> list[str]:
-    """Return the pairs between bodies that are moved and others, whose centres lie on an axis."""
-    mechanism, model, data = evaluation.mechanism, evaluation.model, evaluation.data
-    centres = {model.names[i]: data.oMi[i].translation for i in range(1, model.njoints)
-               if (i in moved) != (model.parents[i] in moved)}
-    for closure in mechanism.closures:
-        for frames in closure.joined:
-            mine = [f for f in frames if mechanism.frame_on_joint(f)[0] in moved]
-            if len(mine) == 1:
-                centres[closure.name] = evaluation.frame(mechanism.frame_id(mine[0])).translation
-    limit = TOLERANCES.half_precision * mechanism.characteristic_length
-    return [name for name, x in centres.items()
-            if np.linalg.norm(np.cross(x - point, axis)) < limit]
 
 
 def _direction(axis: Array) -> str:

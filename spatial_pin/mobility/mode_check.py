@@ -81,7 +81,14 @@ def resting(evaluation: Evaluation, idle: list[tuple[str, Array]]) -> dict[int, 
     mechanism, marks = evaluation.mechanism, {}
     for _, velocities in idle:
         for body in moved_bodies(evaluation, velocities):
-            points = _points(mechanism, body)
+            model = mechanism.centred_model
+            places = [np.zeros(3)]  # the centres of its pairs
+            places += [model.jointPlacements[i].translation for i in range(1, model.njoints)
+                       if model.parents[i] == body]
+            for closure in mechanism.closures:
+                placed = map(mechanism.centred_frame, (*closure.frames, *closure.between))
+                places += [M.translation for joint, M in placed if joint == body]
+            points = np.array(places)
             speeds = _speeds(evaluation, body, points, velocities)
             speeds = np.abs(speeds.reshape(len(velocities), len(points), 3)).max(axis=(0, 2))
             twists = _twists(evaluation, body, velocities)
@@ -110,18 +117,6 @@ def _speeds(evaluation: Evaluation, body: int, points: Array, velocities: Array)
     twists = _twists(evaluation, body, velocities)
     speeds = twists[:, None, :3] + np.cross(twists[:, None, 3:], places[None])
     return speeds.reshape(len(velocities), -1) * evaluation.constraints.scale
-
-
-def _points(mechanism: Mechanism, body: int) -> Array:
-    """Return the centres (k, 3) of a body's pairs."""
-    model = mechanism.centred_model
-    points = [np.zeros(3)]
-    points += [model.jointPlacements[i].translation for i in range(1, model.njoints)
-               if model.parents[i] == body]
-    for closure in mechanism.closures:
-        placed = map(mechanism.centred_frame, (*closure.frames, *closure.between))
-        points += [M.translation for joint, M in placed if joint == body]
-    return np.array(points)
 
 
 # ---------------------------------------------------------------- the check

@@ -360,24 +360,20 @@ class ModeSearch:
             return np.ones(q.shape[1], dtype=bool)
         vectors, ranks = null_vectors(jacobian, TOLERANCES.half_precision)
         moves = jacobian.shape[2] - ranks > self.recognition.generic_nullity
+        scale = self._core.mechanism.velocity_scale[:, None]
         for push in (SETTING_OUT, WAY_OUT):
             at = np.flatnonzero(moves)
-            if at.size:
-                moves[at] = self._goes_on(q[:, at], signatures[at], vectors[at].T, push)
+            if not at.size:
+                break
+            step = np.zeros((len(scale), at.size))
+            step[self._starts.free] = vectors[at].T
+            step *= push / np.maximum(np.linalg.norm(step, axis=0), 1e-300)
+            pushed = self._starts.kernel.displaced(q[:, at].T, (scale * step).T).T
+            closed, error = self._starts.descend(pushed)
+            left, wanted = (apart(self.recognition.signatures(x), signatures[at])
+                            for x in (closed, pushed))
+            moves[at] = (error <= SAME_MODE * SAME_MODE) & (left > TOLERANCES.moved * wanted)
         return moves
-
-    def _goes_on(self, q: Array, signatures: Array, vectors: Array, push: float
-                 ) -> NDArray[np.bool_]:
-        """Whether configurations q (nq, m) are elsewhere after a push along vectors (n, m)."""
-        scale = self._core.mechanism.velocity_scale[:, None]
-        step = np.zeros((len(scale), q.shape[1]))
-        step[self._starts.free] = vectors
-        step *= push / np.maximum(np.linalg.norm(step, axis=0), 1e-300)
-        pushed = self._starts.kernel.displaced(q.T, (scale * step).T).T
-        found, error = self._starts.descend(pushed)
-        left = apart(self.recognition.signatures(found), signatures)
-        asked = apart(self.recognition.signatures(pushed), signatures)
-        return (error <= SAME_MODE * SAME_MODE) & (left > TOLERANCES.moved * asked)
 
 
 def moving(check: ModeCheck, continuum: Continuum) -> ContinuumError:

@@ -248,20 +248,22 @@ def clearance(
     with progress_bar(len(motion) + len(names), "clearance", progress) as bar:
         search, found, is_whole = _searched(search, bar)
     between = search.between
-    made = [_pair(search, k, one) for k, one in enumerate(found)]
-    found_here = Clearance(
-        between.motion, _ranked(made, motion.mechanism.characteristic_length),
-        search.distances.joined, touching, _events(between, names, found), is_whole)
-    return unless_cut(found_here, between.motion)
-
-
-def _ranked(pairs: Sequence[PairClearance], size: float) -> tuple[PairClearance, ...]:
-    """Return pairs of links, the nearest first, those that are as near as each other by names."""
-    found = sorted(pairs, key=lambda pair: pair.distance)
-    apart = np.diff([pair.distance for pair in found]) > TOLERANCES.nothing * size
+    made = []
+    for k, one in enumerate(found):
+        contacts = tuple(Contact(between.value(*first), between.value(*last))
+                         for first, last in one.contacts)
+        made.append(PairClearance(names[k], one.nearest.distance, between.value(*one.at),
+                                  one.at.row, one.nearest.points, search.sampled[:, k],
+                                  search.points[:, k], contacts))
+    made.sort(key=lambda pair: pair.distance)  # those that are as near as each other by names
+    apart = np.diff([pair.distance for pair in made]) > (
+        TOLERANCES.nothing * motion.mechanism.characteristic_length)
     ranks = [0, *np.cumsum(apart).tolist()]
-    placed = sorted(zip(ranks, found, strict=False), key=lambda x: (x[0], x[1].links))
-    return tuple(pair for _, pair in placed)
+    placed = sorted(zip(ranks, made, strict=False), key=lambda x: (x[0], x[1].links))
+    found_here = Clearance(
+        between.motion, tuple(pair for _, pair in placed), search.distances.joined, touching,
+        _events(between, names, found), is_whole)
+    return unless_cut(found_here, between.motion)
 
 
 def _searched(search: ClearanceSearch, bar: Any) -> tuple[ClearanceSearch, list[PairResult], bool]:
@@ -287,15 +289,6 @@ def standing(state: State) -> Motion:
     s, none = state, np.zeros(1)
     q, v, a, error, angles = (np.atleast_2d(x) for x in (s.q, s.v, s.a, s.closure_error, s.angles))
     return Motion(s.mechanism, None, "", none, q, v, a, error[0], none, [], angles)
-
-
-def _pair(search: ClearanceSearch, k: int, found: PairResult) -> PairClearance:
-    between = search.between
-    contacts = tuple(Contact(between.value(*first), between.value(*last))
-                     for first, last in found.contacts)
-    return PairClearance(search.distances.pairs[k], found.nearest.distance,
-                         between.value(*found.at), found.at.row, found.nearest.points,
-                         search.sampled[:, k], search.points[:, k], contacts)
 
 
 def _events(

@@ -192,7 +192,8 @@ class Distances:
         for k in np.argsort(apart):
             if apart[k] >= best.distance:
                 break
-            found = self._between(int(first[k]), int(second[k]))
+            i, j = int(first[k]), int(second[k])
+            found = nearest(self.solids[i], self._frame(i), self.solids[j], self._frame(j))
             if found.distance < best.distance:
                 best = found
         return best
@@ -222,10 +223,6 @@ class Distances:
             frame.setRotation(rotation @ solid.rotation)
             frame.setTranslation(self._origins[k] + rotation @ solid.position)
         return self._frames[k]
-
-    def _between(self, first: int, second: int) -> Nearest:
-        a, b = self.solids[first], self.solids[second]
-        return nearest(a, self._frame(first), b, self._frame(second))
 
 
 def _half_sine(before: Array, after: Array) -> Array:

@@ -48,8 +48,18 @@ def solids_of(mechanism: Mechanism) -> list[ConvexSolid]:
     collide = list(mechanism.collision_model.geometryObjects)
     links = {int(g.parentFrame) for g in collide}
     drawn = [g for g in mechanism.visual_model.geometryObjects if int(g.parentFrame) not in links]
-    return [_solid(mechanism, geometry, shape) for geometry in (*collide, *drawn)
-            for shape in _convex(geometry)]
+    found = []
+    for geometry in (*collide, *drawn):
+        shape = geometry.geometry
+        if isinstance(shape, coal.BVHModelBase):
+            corners = [(t[0], t[1], t[2]) for t in map(shape.tri_indices, range(shape.num_tris))]
+            found += [_solid(mechanism, geometry, hull) for hull in hulls(
+                np.array(shape.vertices()), np.array(corners).reshape(-1, 3))]
+        elif type(shape) in SUPPORTS:
+            found.append(_solid(mechanism, geometry, shape))
+        else:
+            warn(f"{geometry.name!r} has no clearance: a {type(shape).__name__} is no convex solid")
+    return found
 
 
 def _solid(
@@ -57,39 +67,19 @@ def _solid(
 ) -> ConvexSolid:
     place = geometry.placement
     shape.computeLocalAABB()
-    half, thickness = _segment(shape)
+    # half a segment through the middle, and how far the solid reaches from that: rods lie along
+    # their axes, other solids along the longest edge of the box about them
+    if isinstance(shape, coal.Cylinder | coal.Capsule | coal.Cone):
+        half, thickness = np.array([0.0, 0.0, shape.halfLength]), float(shape.radius)
+    elif isinstance(shape, coal.Sphere):
+        half, thickness = np.zeros(3), float(shape.radius)
+    else:
+        box = 0.5 * (shape.aabb_local.max_ - shape.aabb_local.min_)
+        half = np.where(np.arange(3) == np.argmax(box), box, 0.0)
+        thickness = float(np.linalg.norm(box - half))
     return ConvexSolid(mechanism.model.frames[geometry.parentFrame].name, int(geometry.parentJoint),
                  place.rotation, place.translation, shape, place.act(np.array(shape.aabb_center)),
                  float(shape.aabb_radius), place.rotation @ half, thickness)
-
-
-def _segment(shape: coal.ShapeBase) -> tuple[Array, float]:
-    """Return half a segment (3,) through a solid's middle, and how far it reaches from that.
-
-    Rods lie along their axes, other solids along the longest edge of the box about them.
-    """
-    if isinstance(shape, coal.Cylinder | coal.Capsule | coal.Cone):
-        return np.array([0.0, 0.0, shape.halfLength]), float(shape.radius)
-    if isinstance(shape, coal.Sphere):
-        return np.zeros(3), float(shape.radius)
-    box = 0.5 * (shape.aabb_local.max_ - shape.aabb_local.min_)
-    along = np.where(np.arange(3) == np.argmax(box), box, 0.0)
-    return along, float(np.linalg.norm(box - along))
-
-
-def _convex(geometry: pin.GeometryObject) -> Iterator[coal.ShapeBase]:
-    shape = geometry.geometry
-    if isinstance(shape, coal.BVHModelBase):
-        yield from hulls(np.array(shape.vertices()), _triangles(shape))
-    elif type(shape) in SUPPORTS:
-        yield shape
-    else:
-        warn(f"{geometry.name!r} has no clearance: a {type(shape).__name__} is no convex solid")
-
-
-def _triangles(mesh: Any) -> Array:
-    corners = (mesh.tri_indices(k) for k in range(mesh.num_tris))
-    return np.array([(t[0], t[1], t[2]) for t in corners]).reshape(-1, 3)
 
 
 def hulls(points: Array, corners: Array) -> Iterator[coal.ShapeBase]:
@@ -101,6 +91,7 @@ def hulls(points: Array, corners: Array) -> Iterator[coal.ShapeBase]:
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import ConvexHull, QhullError
 
     places, own = np.unique(points, axis=0, return_inverse=True)
     corners = own.reshape(-1)[corners]
@@ -108,24 +99,19 @@ def hulls(points: Array, corners: Array) -> Iterator[coal.ShapeBase]:
     graph = coo_array((np.ones(edges.shape[1]), edges), shape=(len(places), len(places)))
     parts = connected_components(graph, directed=False)[1]
     for part in np.unique(parts[corners]):
-        yield _hull(places[parts == part])
-
-
-def _hull(points: Array) -> coal.ShapeBase:
-    from scipy.spatial import ConvexHull, QhullError
-
-    try:
-        hull = ConvexHull(points)
-    except QhullError:  # a flat part: its points are moved by round-off
-        hull = ConvexHull(points, qhull_options="QJ Pp")
-    place = np.full(len(points), -1)
-    place[hull.vertices] = np.arange(len(hull.vertices))
-    corners, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-    for point in hull.points[hull.vertices]:
-        corners.append(point)
-    for face in hull.simplices:
-        faces.append(coal.Triangle(*(int(i) for i in place[face])))
-    return coal.Convex(corners, faces)
+        own = places[parts == part]
+        try:
+            hull = ConvexHull(own)
+        except QhullError:  # a flat part: its points are moved by round-off
+            hull = ConvexHull(own, qhull_options="QJ Pp")
+        numbers = np.full(len(own), -1)
+        numbers[hull.vertices] = np.arange(len(hull.vertices))
+        vertices, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+        for point in hull.points[hull.vertices]:
+            vertices.append(point)
+        for face in hull.simplices:
+            faces.append(coal.Triangle(*(int(i) for i in numbers[face])))
+        yield coal.Convex(vertices, faces)
 
 
 def _round(radius: float, n: Array, height: Array | float) -> Array:

@@ -261,13 +261,13 @@ def test_assembly_modes_stand_beside_each_other_with_their_names():
     first, *others = sp.assembly_modes(sp.load("watt_six_bar"), {"crank": 0.3})
     drawn = scene(film(first), sp.Look(ghosts=tuple(others), beside=True))
     labels = drawn.layer.labels
-    assert [label.text.split(",")[0] for label in labels] == [
+    assert [text.split(",")[0] for text, _ in labels] == [
         f"branch {s.branch}" for s in (first, *others)
     ]
     moved = [item for item in drawn.layer.items if item.name.startswith("beside 1")]
     assert len(moved) == first.mechanism.visual_model.ngeoms
     alone = scene(film(first)).framing
-    steps = [labels[k].point - labels[0].point for k in range(1, len(labels))]
+    steps = [point - labels[0][1] for _, point in labels[1:]]
     assert min(map(np.linalg.norm, steps)) > 0.5 * alone.radius
     assert drawn.framing.radius > 1.2 * alone.radius
 

@@ -14,11 +14,10 @@ from spatial_pin.cli.arguments import loaded
 from spatial_pin.cli.completion import SHELLS, script
 from spatial_pin.cli.new_files import write_from, write_new
 from spatial_pin.cli.options import Command, data_options, option, package
-from spatial_pin.cli.printing import WIDTH, finite, on_screen, print_result, say
+from spatial_pin.cli.printing import WIDTH, on_screen, print_result, say
 from spatial_pin.formats.export import export_urdf
 from spatial_pin.formats.files import library_titles
 from spatial_pin.mobility.mobility import driver_advice
-from spatial_pin.motion.report import Info
 from spatial_pin.motion.report import info as info_of
 from spatial_pin.operators import OPERATORS
 
@@ -44,11 +43,6 @@ def _line(width: int, name: str, title: str, source: str) -> str:
 def info(options: argparse.Namespace) -> None:
     """Links, joints, closures, coordinates and freedoms."""
     report = info_of(loaded(options))
-    print_result(options, report, finite(report.as_dict()), _parts(report))
-
-
-def _parts(report: Info) -> dict[str, list[str]]:
-    """Return the parts of a mechanism, one a row."""
     rows: list[tuple[str, str, str]] = [("link", name, "") for name in report.links]
     for kind, parts in (
         ("dimension", report.dimensions), ("joint", report.joints), ("closure", report.closures),
@@ -57,13 +51,32 @@ def _parts(report: Info) -> dict[str, list[str]]:
     ):
         found: dict[str, Any] = dict(parts)
         rows += [(kind, name, x if isinstance(x, str) else repr(x)) for name, x in found.items()]
-    return dict(zip(("part", "name", "what"), map(list, zip(*rows, strict=True)), strict=True))
+    columns = map(list, zip(*rows, strict=True))
+    print_result(options, report, report.as_dict(),
+                 dict(zip(("part", "name", "what"), columns, strict=True)))
 
 
 def check(options: argparse.Namespace) -> None:
     """Read a mechanism file and say what is wrong with it."""
     try:
-        content, lines = _checked(options)
+        mechanism = loaded(options)
+        notes = list(mechanism.notices)
+        state = sp.assemble(mechanism)
+        found = sp.mobility(mechanism, state)
+        working = found.dof - len(found.passive)
+        lines = [f"note: {notice}" for notice in notes]
+        lines.append(f"{mechanism.path}: good: {counted(len(mechanism.links), 'link')}, "
+                     f"{counted(len(mechanism.coordinates), 'coordinate')}, "
+                     f"{counted(len(mechanism.closures), 'closure')}; "
+                     f"the guess closes to {state.closure_error:.1e}")
+        note = driver_advice(state, found)
+        if note:
+            notes.append(note)
+            lines.append(f"note: {note}:\n{found}")
+        content = {"file": str(mechanism.path), "good": True, "mistakes": [], "notes": notes,
+                   "links": len(mechanism.links), "coordinates": len(mechanism.coordinates),
+                   "closures": len(mechanism.closures), "drivers": len(mechanism.drivers),
+                   "working_freedoms": working, "closure_error": state.closure_error}
     except sp.SpatialPinError as error:
         mistakes = list(getattr(error, "mistakes", ())) or [str(error)]
         content = {"file": str(options.mechanism), "good": False, "mistakes": mistakes, "notes": []}
@@ -76,27 +89,6 @@ def _faults(content: dict[str, Any]) -> dict[str, list[str]]:
     """Return mistakes and notes, one a row."""
     rows = [(kind, text) for kind in ("mistake", "note") for text in content[f"{kind}s"]]
     return {"kind": [kind for kind, _ in rows], "text": [text for _, text in rows]}
-
-
-def _checked(options: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
-    mechanism = loaded(options)
-    notes = list(mechanism.notices)
-    state = sp.assemble(mechanism)
-    found = sp.mobility(mechanism, state)
-    working = found.dof - len(found.passive)
-    lines = [f"note: {notice}" for notice in notes]
-    lines.append(f"{mechanism.path}: good: {counted(len(mechanism.links), 'link')}, "
-                 f"{counted(len(mechanism.coordinates), 'coordinate')}, "
-                 f"{counted(len(mechanism.closures), 'closure')}; "
-                 f"the guess closes to {state.closure_error:.1e}")
-    note = driver_advice(state, found)
-    if note:
-        notes.append(note)
-        lines.append(f"note: {note}:\n{found}")
-    return {"file": str(mechanism.path), "good": True, "mistakes": [], "notes": notes,
-            "links": len(mechanism.links), "coordinates": len(mechanism.coordinates),
-            "closures": len(mechanism.closures), "drivers": len(mechanism.drivers),
-            "working_freedoms": working, "closure_error": state.closure_error}, lines
 
 
 def export(options: argparse.Namespace) -> None:

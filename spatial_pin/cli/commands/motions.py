@@ -38,7 +38,7 @@ from spatial_pin.cli.options import (
     sweep_arguments,
     value,
 )
-from spatial_pin.cli.printing import CutShort, finite, on_screen, print_result, say, wrote
+from spatial_pin.cli.printing import CutShort, on_screen, print_result, say, wrote
 from spatial_pin.cli.tables import name_of_column, read_table
 from spatial_pin.dynamics.outputs import with_forces
 from spatial_pin.motion.default_motion import default_motion
@@ -80,39 +80,31 @@ def write_motion(
              else None)
     if found is not None:
         motion = found.motion
+
+    def files() -> Iterator[Path | str]:
+        if options.npz:
+            yield motion.save(options.npz)
+        if options.plot:
+            outputs = options.output
+            if not outputs:  # those looked at first, each coordinate with its speed ratio
+                coordinates = {} if motion.driver is None else motion.mechanism.coordinate_table
+                outputs = [name for output in default_outputs(motion) for name in (
+                    [output, f"{output}.ratio"] if output in coordinates else [output])]
+            sp.plot(motion, with_forces(motion, outputs, lambda: sp.kinetostatics(
+                motion.mechanism, motion)), options.plot)
+            yield options.plot
+        if options.html:
+            yield sp.export_html(motion, options.html, look=look_of(options, found))
+
     lines = [motion_summary(motion), *([str(found)] if found is not None else []),
              *([last] if last else [])]
-    print_result(options, "\n".join(lines), _content(motion, found, is_whole), motion.columns(),
-                 _written(options, motion, found), found is None or found.is_whole)
-
-
-def _written(
-    options: argparse.Namespace, motion: sp.Motion, found: sp.Clearance | None
-) -> Iterator[Path | str]:
-    """Write arrays and pictures, and yield the files."""
-    if options.npz:
-        yield motion.save(options.npz)
-    if options.plot:
-        outputs = options.output
-        if not outputs:  # those looked at first, each coordinate with its speed ratio
-            coordinates = {} if motion.driver is None else motion.mechanism.coordinate_table
-            outputs = [name for output in default_outputs(motion) for name in (
-                [output, f"{output}.ratio"] if output in coordinates else [output])]
-        sp.plot(motion, with_forces(motion, outputs, lambda: sp.kinetostatics(
-            motion.mechanism, motion)), options.plot)
-        yield options.plot
-    if options.html:
-        yield sp.export_html(motion, options.html, look=look_of(options, found))
-
-
-def _content(
-    motion: sp.Motion, found: sp.Clearance | None, is_whole: bool
-) -> dict[str, Any]:
-    """Return what a motion is, as JSON has it."""
     columns = {name: column.tolist() for name, column in motion.columns().items()}
     content = {"mechanism": motion.mechanism.name, "is_whole": is_whole, "columns": columns,
                "events": [event._asdict() for event in motion.events]}
-    return finite(content if found is None else {**content, "clearance": found.as_dict()})
+    if found is not None:
+        content["clearance"] = found.as_dict()
+    print_result(options, "\n".join(lines), content, motion.columns(),
+                 files(), found is None or found.is_whole)
 
 
 # ---------------------------------------------------------------- sweep
@@ -133,24 +125,19 @@ def sweep_task(options: argparse.Namespace, mechanism: sp.Mechanism) -> dict[str
 
 
 def run_sweep(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion:
-    """Return the sweep that was asked for."""
+    """Return the sweep that was asked for, up to the first joint limit if these are kept.
+
+    Raises:
+        LimitError: it passes one, and is not to stop there.
+    """
     task = sweep_task(options, mechanism)
     if getattr(options, "only", None):
         mechanism, task["guess"] = _reduced(options, mechanism)
     if getattr(options, "hold", None):
         task["hold"] = held(options)
     motion = sp.sweep(mechanism, progress=True, **task)
-    return _within(options, motion, task) if getattr(options, "limits", False) else motion
-
-
-def _within(options: argparse.Namespace, motion: sp.Motion, task: dict[str, Any]) -> sp.Motion:
-    """Return a sweep up to the first joint limit that it passes.
-
-    Raises:
-        LimitError: it passes one, and is not to stop there.
-    """
     passed = next((event for event in motion.events if event.kind == JOINT_LIMIT), None)
-    if passed is None:
+    if passed is None or not getattr(options, "limits", False):
         return motion
     if not options.stop or not passed.row:
         remedy = "; --stop ends the sweep before it" if passed.row else ""
@@ -280,7 +267,7 @@ def clearance(options: argparse.Namespace) -> None:
              **({over: [float(p.value) for p in found.pairs]} if over else {}),
              "touches": [bool(p.contacts) for p in found.pairs]}
     content = {"mechanism": mechanism.name, "over": over, **found.as_dict()}
-    print_result(options, found, finite(content), table, is_whole=found.is_whole)
+    print_result(options, found, content, table, is_whole=found.is_whole)
 
 
 # ---------------------------------------------------------------- show, report

@@ -31,7 +31,7 @@ from spatial_pin.cli.options import (
     setting,
     target,
 )
-from spatial_pin.cli.printing import SCREEN, finite, print_result
+from spatial_pin.cli.printing import SCREEN, print_result
 from spatial_pin.cli.tables import read_table, targets_of
 from spatial_pin.inverse_kinematics.named_targets import read_targets
 from spatial_pin.inverse_kinematics.targets import CoordinateValue
@@ -84,7 +84,7 @@ def limits(options: argparse.Namespace) -> None:
     content = {"mechanism": mechanism.name, "driver": found.driver, "unit": found.unit,
                **{name: end._asdict() for name, end in ends.items()},
                "full_turn": found.full_turn, "grashof": grashof and grashof._asdict()}
-    print_result(options, text, finite(content),
+    print_result(options, text, content,
                  {"end": list(ends),
                   f"value [{found.unit}]": [float(x.value) for x in ends.values()],
                   "kind": [x.kind for x in ends.values()]})

@@ -30,7 +30,7 @@ from spatial_pin.cli.options import (
     option,
     over_options,
 )
-from spatial_pin.cli.printing import finite, grid, print_result
+from spatial_pin.cli.printing import grid, print_result
 from spatial_pin.motion.motion import first_samples
 from spatial_pin.motion.summary import EFFORTS, tidy
 from spatial_pin.numerics.linalg import Array
@@ -61,10 +61,10 @@ def jacobian(options: argparse.Namespace) -> None:
                    for k, row in enumerate(ROWS)], ("", "of", *heads))]
     table = {"component": list(ROWS), "of": [UNITS[row[0]] for row in ROWS],
              **{head: found[:, k].tolist() for k, head in enumerate(heads)}}
-    print_result(options, "\n".join(lines), finite({
+    print_result(options, "\n".join(lines), {
                 "mechanism": mechanism.name, "frame": options.frame, "rows": list(ROWS),
                 "drivers": names, "units": units, "matrix": found.tolist(),
-                "closure_error": state.closure_error}), table)
+                "closure_error": state.closure_error}, table)
 
 
 def _movers(options: argparse.Namespace, mechanism: sp.Mechanism) -> list[str]:
@@ -122,7 +122,7 @@ def transmission(options: argparse.Namespace) -> None:
     head = f"{mechanism.name}: {driver.name} moves {output.name} at {found.at}"
     content = {"mechanism": mechanism.name, "output": output.name, "driver": driver.name,
                **found._asdict(), "units": units, "closure_error": state.closure_error}
-    print_result(options, f"{head}\n{grid(rows)}", finite(content),
+    print_result(options, f"{head}\n{grid(rows)}", content,
                  {"quantity": list(units), "value": [float(getattr(found, name)) for name in units],
                   "unit": list(units.values())})
 
@@ -151,7 +151,7 @@ def _tell_along(options: argparse.Namespace, motion: sp.Motion) -> None:
     content = {"mechanism": mechanism.name, "output": options.output, "driver": driver,
                "at": found[0].at, "units": units,
                "columns": {name: x.tolist() for name, x in table.items()}}
-    print_result(options, f"{head}\n{grid(rows)}", finite(content), table)
+    print_result(options, f"{head}\n{grid(rows)}", content, table)
 
 
 def _each(options: argparse.Namespace, motion: sp.Motion, driver: str) -> list[sp.Transmission]:
@@ -194,7 +194,7 @@ def statics(options: argparse.Namespace) -> None:
                "columns": {name: x.tolist() for name, x in table.items()},
                "reactions": {name: x.tolist() for name, x in found.reactions.items()},
                "on_ground": found.on_ground.tolist()}
-    print_result(options, found, finite(content), table)
+    print_result(options, found, content, table)
 
 
 def _external_forces(
@@ -246,7 +246,7 @@ def _print_efforts(
         "unique": {name: each.tolist() for name, each in found.unique.items()},
         "on_ground": [*found.on_ground.linear.tolist(), *found.on_ground.angular.tolist()],
     }
-    print_result(options, "\n".join(lines), finite(content), _table(found, units))
+    print_result(options, "\n".join(lines), content, _table(found, units))
 
 
 def _table(found: sp.Efforts, units: dict[str, str]) -> dict[str, list[Any]]:

@@ -38,7 +38,7 @@ from spatial_pin.cli.options import (
     spread,
     value,
 )
-from spatial_pin.cli.printing import finite, print_result
+from spatial_pin.cli.printing import print_result
 from spatial_pin.cli.tables import check_sigma, read_measurements
 from spatial_pin.units import LENGTHS
 from spatial_pin.workspace_map.grid_axes import PARTS
@@ -80,8 +80,8 @@ def workspace(options: argparse.Namespace) -> None:
             sheets=options.sheets, executor=executor, progress=True))
     table = found.columns()
     columns = {name: column.tolist() for name, column in table.items()}
-    print_result(options, found, finite({"mechanism": mechanism.name, "frame": found.frame,
-                                         "columns": columns}), table, files(),
+    print_result(options, found, {"mechanism": mechanism.name, "frame": found.frame,
+                                         "columns": columns}, table, files(),
                  found.is_whole)
 
 

@@ -40,7 +40,7 @@ from spatial_pin.cli.options import (
     start_options,
     sweep_arguments,
 )
-from spatial_pin.cli.printing import finite, print_result
+from spatial_pin.cli.printing import print_result
 from spatial_pin.dimensions.sensitivity import unit_of_derivative
 from spatial_pin.errors import UnknownNameError
 from spatial_pin.motion.motion import first_samples
@@ -95,12 +95,12 @@ def sensitivity(options: argparse.Namespace) -> None:
         subject = first_samples(subject, len(found.value))
         content["driver"] = {"name": subject.driver_name, "unit": subject.driver_unit,
                              "values": np.asarray(subject.driver).tolist()}
-        print_result(options, _along(subject, found), finite(content), _columns(subject, found))
+        print_result(options, _along(subject, found), content, _columns(subject, found))
         return
     rows = [(name, *row) for name, x in found.derivatives.items() for row in zip(
         _numbers(found.output, x), _numbers("", x).values(),
         np.broadcast_to(found.errors[name], np.shape(x) or (1,)), strict=True)]
-    print_result(options, f"{mechanism.name}: {found}", finite(content),
+    print_result(options, f"{mechanism.name}: {found}", content,
                  {"dimension": [row[0] for row in rows], "of": [row[1] for row in rows],
                   "derivative": [row[2] for row in rows], "error": [float(row[3]) for row in rows],
                   "unit": [unit_of_derivative(found.unit)] * len(rows)})
@@ -165,7 +165,7 @@ def tolerance(options: argparse.Namespace) -> None:
                       for x in _numbers(name, value).values()] for kind, of in kinds.items()}
     names = [(one, found.units[name]) for name, value in found.nominal.items()
              for one in _numbers(name, value)]
-    print_result(options, f"{mechanism.name}: {found}", finite(content),
+    print_result(options, f"{mechanism.name}: {found}", content,
                  {"output": [name for name, _ in names], "unit": [unit for _, unit in names],
                   **columns},
                  is_whole=found.is_whole)
@@ -189,7 +189,7 @@ def tradeoff(options: argparse.Namespace) -> None:
     if options.plot:
         found.plot(options.plot)
         files.append(options.plot)
-    content = finite(found.as_dict())
+    content = found.as_dict()
     keys = [key for key, x in content["rows"][0].items() if not isinstance(x, list | dict)]
     print_result(options, text, content, {heading(key, UNITS.get(key, "-")): [
                 row[key] for row in content["rows"]] for key in keys}, files, found.is_whole)

@@ -50,9 +50,18 @@ OLD = {"hinge": "revolute", "slider": "prismatic", "ball": "spherical"}
 def read_gazebo(element: ET.Element, reading: RobotReading) -> None:
     """Read the joints of a `<gazebo>` element."""
     for joint in element.findall("joint"):
-        if joint.find("parent") is not None or joint.find("child") is not None:
-            _read_joint(joint, reading)
-            element.remove(joint)
+        if joint.find("parent") is None and joint.find("child") is None:
+            continue
+        element.remove(joint)
+        names = [linked(joint, role) for role in ("parent", "child")]
+        links = [reading.root if name == WORLD and WORLD not in reading.links
+                 else reading.link(name, joint) for name in names]
+        if links[0] == links[1] and joint.get("type") == "fixed":
+            continue  # the base stands on the ground anyway
+        kind, stands, axes, more = geometry(joint, links, reading)
+        ends = [(link, reading.world[link].actInv(stands)) for link in links]
+        reading.close(reading.name_of(joint), kind, "<gazebo><joint>", ends, (axes[0], axes[0]),
+                      **more)
     for plugin in element.iter("plugin"):  # that couples two joints where <mimic> is passed over
         names = [plugin.findtext(tag, "").strip() for tag in ("joint", "mimicJoint")]
         if all(names):
@@ -67,19 +76,6 @@ def read_gazebo(element: ET.Element, reading: RobotReading) -> None:
         if joint.find("body1") is not None and joint.find("body2") is not None:
             _read_old_joint(joint, reading)
             element.remove(joint)
-
-
-def _read_joint(joint: ET.Element, reading: RobotReading) -> None:
-    links = []
-    for role in ("parent", "child"):
-        name = linked(joint, role)
-        on_ground = name == WORLD and WORLD not in reading.links
-        links.append(reading.root if on_ground else reading.link(name, joint))
-    if links[0] == links[1] and joint.get("type") == "fixed":
-        return  # the base stands on the ground anyway
-    kind, stands, axes, more = geometry(joint, links, reading)
-    ends = [(link, reading.world[link].actInv(stands)) for link in links]
-    reading.close(reading.name_of(joint), kind, "<gazebo><joint>", ends, (axes[0], axes[0]), **more)
 
 
 def geometry(joint: ET.Element, links: list[str], reading: RobotReading

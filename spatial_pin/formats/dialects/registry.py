@@ -1,7 +1,7 @@
 """The dialects in which a URDF, or a file beside it, states loops.
 
-To add one: write a module whose reader takes the element and the `Reading`, and name it here by
-its element; what is recognised otherwise is a line in `read_dialects`.
+To add one: write a reader that takes the element and the `RobotReading`, and name it here by its
+element; what is recognised otherwise is a line in `read_dialects`.
 """
 
 from __future__ import annotations
@@ -10,19 +10,8 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 
-from spatial_pin.formats.dialects import drake, gazebo, yaml_loops
+from spatial_pin.formats.dialects import drake, gazebo, urdf_loops, yaml_loops
 from spatial_pin.formats.dialects.robot import RobotReading
-from spatial_pin.formats.dialects.urdf_loops import (
-    drive_the_rest,
-    read_closing_frames,
-    read_constraint,
-    read_coupling,
-    read_independent,
-    read_loop,
-    read_loop_joint,
-    read_ros2_control,
-    read_transmission,
-)
 from spatial_pin.formats.urdf.elements import is_prefixed, local, without_it
 
 KNOWN = ("link", "joint", "material", "transmission", "ros2_control")  # what is read
@@ -38,6 +27,30 @@ ROLES = (  # what the two ends of a joint are called
     ("body_a", "body_b"), ("bodya", "bodyb"), ("body0", "body1"), ("link0", "link1"),
     ("frame1", "frame2"), ("frame_a", "frame_b"), ("framea", "frameb"), ("site1", "site2"),
     ("parent_link", "child_link"), ("base_link", "follower_link"), ("from", "to"),
+)
+Reader = Callable[[ET.Element, RobotReading], None]
+
+ELEMENTS: dict[str, Reader] = {  # directly in <robot>; they are taken out
+    "loop": urdf_loops.read_loop,
+    "coupling": urdf_loops.read_coupling,
+    "constraint": urdf_loops.read_constraint,
+    "loop_constraint": urdf_loops.read_constraint,
+    "loop_joint": urdf_loops.read_loop_joint,
+    "ball_constraint": drake.read_ball,
+    "distance_constraint": drake.read_distance,
+    "linear_spring_damper": drake.read_spring,
+    "linear_bushing_rpy": drake.refuse,
+    "tendon_constraint": drake.refuse,
+}
+LEFT: dict[str, Reader] = {  # they stay in the URDF
+    "gazebo": gazebo.read_gazebo,
+    "transmission": urdf_loops.read_transmission,
+    "ros2_control": urdf_loops.read_ros2_control,
+}
+BESIDE: tuple[tuple[Callable[[Path], Path | None], Callable[[Path], bool],
+                    Callable[[Path, RobotReading], None]], ...] = (  # where is it, is it, read
+    (yaml_loops.robot_beside, yaml_loops.is_robot, yaml_loops.read_robot),
+    (yaml_loops.closures_beside, yaml_loops.is_closures, yaml_loops.read_closures),
 )
 
 
@@ -61,16 +74,6 @@ def refuse_unread(reading: RobotReading) -> None:
                 _refuse(inner, _ends(inner, links), reading)
         else:
             _refuse(element, list(dict.fromkeys(_named(element, links))), reading)
-
-
-def tell_copies(reading: RobotReading) -> None:
-    """Tell of joints that a loop moves and a <mimic> as well, which viewers need for the loop."""
-    copies = [name for name in sorted(reading.in_loops())
-              if reading.joints[name].find("mimic") is not None]
-    if copies:
-        reading.notices.append(f"{', '.join(copies)}: moved by a loop, with a <mimic> too; where "
-                               "that only copies the loop, and not to the last digit, nothing can "
-                               "move: take the <mimic> out then")
 
 
 def _refuse(element: ET.Element, ends: list[str], reading: RobotReading) -> None:
@@ -110,41 +113,12 @@ def _ends(element: ET.Element, links: Collection[str]) -> list[str]:
     return []
 
 
-Reader = Callable[[ET.Element, RobotReading], None]
-
-ELEMENTS: dict[str, Reader] = {  # directly in <robot>; they are taken out
-    "loop": read_loop,
-    "coupling": read_coupling,
-    "constraint": read_constraint,
-    "loop_constraint": read_constraint,
-    "loop_joint": read_loop_joint,
-    "ball_constraint": drake.read_ball,
-    "distance_constraint": drake.read_distance,
-    "linear_spring_damper": drake.read_spring,
-    "linear_bushing_rpy": drake.refuse,
-    "tendon_constraint": drake.refuse,
-}
-LEFT: dict[str, Reader] = {  # they stay in the URDF
-    "gazebo": gazebo.read_gazebo,
-    "transmission": read_transmission,
-    "ros2_control": read_ros2_control,
-}
-BESIDE: tuple[tuple[Callable[[Path], Path | None], Callable[[Path], bool],
-                    Callable[[Path, RobotReading], None]], ...] = (  # where is it, is it, read
-    (yaml_loops.robot_beside, yaml_loops.is_robot, yaml_loops.read_robot),
-    (yaml_loops.closures_beside, yaml_loops.is_closures, yaml_loops.read_closures),
-)
-
-
 def read_dialects(reading: RobotReading, beside: Path | None = None) -> None:
     """Read all that states loops and motors in a robot and beside its file.
 
     Args:
         reading: the robot.
         beside: a file beside it, if that is known; else it is looked for.
-
-    Raises:
-        MechanismFileError: an element joins links in a way that is not known, or cannot be read.
     """
     for element in reading.take(lambda e: local(e) == "joint" and is_prefixed(e)):
         drake.read_joint(element, reading)
@@ -154,15 +128,20 @@ def read_dialects(reading: RobotReading, beside: Path | None = None) -> None:
             LEFT[local(element)](element, reading)
     for element in reading.take(lambda e: local(e) in ELEMENTS):
         ELEMENTS[local(element)](element, reading)
-    read_independent(reading)
-    read_closing_frames(reading)
+    urdf_loops.read_independent(reading)
+    urdf_loops.read_closing_frames(reading)
     for file_of, states, read in BESIDE:
         path = beside if beside is not None and states(beside) else file_of(reading.path)
         if path is not None:
             read(path, reading)
     refuse_unread(reading)
-    tell_copies(reading)
+    copies = [name for name in sorted(reading.in_loops())
+              if reading.joints[name].find("mimic") is not None]
+    if copies:  # which viewers need for the loop
+        reading.notices.append(f"{', '.join(copies)}: moved by a loop, with a <mimic> too; where "
+                               "that only copies the loop, and not to the last digit, nothing can "
+                               "move: take the <mimic> out then")
     if not reading.content.get("closures"):  # all joints of a tree drive it, motors or not
         reading.content.pop("drivers", None)
     elif not reading.all_driven:
-        drive_the_rest(reading)
+        urdf_loops.drive_the_rest(reading)

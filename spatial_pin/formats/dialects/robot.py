@@ -5,7 +5,6 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -28,7 +27,6 @@ PAIR_OF = {  # what dialects call a joint -> our pair
 }
 
 
-@dataclass
 class RobotTree:
     """A robot element; what is asked of it fails with the file and the element.
 
@@ -37,8 +35,8 @@ class RobotTree:
         path: where it comes from, for errors.
     """
 
-    robot: ET.Element
-    path: Path
+    def __init__(self, robot: ET.Element, path: Path) -> None:
+        self.robot, self.path = robot, path
 
     def fail(self, element: ET.Element | str, complaint: str) -> MechanismFileError:
         """Return the error about an element of the file."""
@@ -182,30 +180,27 @@ class NumberedNames:
                 return f"{name}_{self.last[name]}"
 
 
-@dataclass
 class RobotReading(RobotTree):
     """A robot element, and what is found in it; the readers of the dialects write on it.
 
     Attributes:
         content: what a mechanism file would say beside it.
+        names: those that are taken, of each list of the content, and of frames.
         notices: what was changed or left out, a sentence each.
         followers: joints that follow another, by what stands beside the tree.
         leaders: joints that others followed, before loops took the place of <mimic>.
         all_driven: whether the drivers are all that there are, by whoever stated them.
     """
 
-    content: dict[str, Any] = field(default_factory=dict)
-    notices: list[str] = field(default_factory=list)
-    followers: set[str] = field(default_factory=set)
-    leaders: set[str] = field(default_factory=set)
-    all_driven: bool = False
-
-    @cached_property
-    def names(self) -> defaultdict[str, NumberedNames]:
-        """The names that are taken, of each list of the content, and of frames."""
-        names: defaultdict[str, NumberedNames] = defaultdict(NumberedNames)
-        names["frames"].taken.update(self.links, self.joints)
-        return names
+    def __init__(self, robot: ET.Element, path: Path, notices: Iterable[str] = ()) -> None:
+        super().__init__(robot, path)
+        self.content: dict[str, Any] = {}
+        self.notices = list(notices)
+        self.followers: set[str] = set()
+        self.leaders: set[str] = set()
+        self.all_driven = False
+        self.names: defaultdict[str, NumberedNames] = defaultdict(NumberedNames)
+        self.names["frames"].taken.update(self.links, self.joints)
 
     def link_of(self, frame: str) -> str:
         """Return the link that a frame, or a joint's frame, is fixed to."""

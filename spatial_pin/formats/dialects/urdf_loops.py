@@ -58,6 +58,13 @@ from spatial_pin.formats.urdf.elements import local
 from spatial_pin.numerics.linalg import Array
 
 ENDS = (("predecessor",), ("successor", "sucessor"))  # one exporter writes it so
+SIDES = ("parent", "child")
+OTHERS = {None: "spherical", "position": "spherical", "link": "weld"}  # types that are no joints
+ONSHAPE = "onshape-to-robot closing frames"
+FRAME = re.compile(r"closing_(?P<name>.+)_(?P<side>[12])")
+ROUNDED_ANGLE = 1e-5  # rad; of a mate's z axis to the point on it where files have six digits
+ACTUATED = ("joint", "flexJoint", "rollJoint")  # the latter of PR2's wrist
+DRIVABLE = ("revolute", "continuous", "prismatic")  # one coordinate
 
 
 def read_loop(element: ET.Element, reading: RobotReading) -> None:
@@ -100,10 +107,6 @@ def _ends(element: ET.Element, reading: RobotReading) -> list[tuple[str, pin.SE3
         link = reading.link(found.get("link") or found.get("name"), element)
         ends.append((link, reading.placement(found.find("origin"), element)))
     return ends
-
-
-SIDES = ("parent", "child")
-OTHERS = {None: "spherical", "position": "spherical", "link": "weld"}  # types that are no joints
 
 
 def read_constraint(element: ET.Element, reading: RobotReading) -> None:
@@ -149,11 +152,6 @@ def read_loop_joint(element: ET.Element, reading: RobotReading) -> None:
                   (axis, axis))
 
 
-ONSHAPE = "onshape-to-robot closing frames"
-FRAME = re.compile(r"closing_(?P<name>.+)_(?P<side>[12])")
-ROUNDED_ANGLE = 1e-5  # rad; of a mate's z axis to the point on it where files have six digits
-
-
 def read_closing_frames(reading: RobotReading) -> None:
     """Read the closing frames of a robot."""
     links = reading.links
@@ -181,10 +179,6 @@ def read_closing_frames(reading: RobotReading) -> None:
         else:
             reading.add("closures", {"name": f"closing_{name}", "type": kind, "frames": pair,
                                      "source": ONSHAPE})
-
-
-ACTUATED = ("joint", "flexJoint", "rollJoint")  # the latter of PR2's wrist
-DRIVABLE = ("revolute", "continuous", "prismatic")  # one coordinate
 
 
 def read_transmission(element: ET.Element, reading: RobotReading) -> None:

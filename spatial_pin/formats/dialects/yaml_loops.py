@@ -41,13 +41,22 @@ from spatial_pin.formats.dialects.robot import RobotReading
 from spatial_pin.formats.file_access import Trust, is_file, read_text, shown
 from spatial_pin.numerics.linalg import Array
 
+ROBOT_NAMES = ("type", "name_mot", "joint_name", "joint_type")
+URDF = ("urdf", "name_urdf", "urdf_file")
+ENDINGS = (".yaml", ".yml")
+UNSTATED = re.compile(r"(?P<loop>closedloop\w*?\d+)_?A(?P<kind>_[36]D)?", re.I)
+AXES = dict(zip("XYZ", np.eye(3).tolist(), strict=True))
+SOURCE = "closed_loop"
+NAME = "loop_closures.yaml"
+LOOPS = ("closures", "pin_loops", "ball_loops")
+CLOSURE_NAMES = ("independent", "dependent", "ball_upgrades", "actuated_joints")
+LIMITS = ("ball_limit_deg",)  # how far a ball swings: a limit of what closes, which has none here
+LARGEST_COORDINATE = 1e300  # of a coordinate; whole numbers may be beyond float
+ROOT = "base_link"  # what sw2robot calls the root, whatever its name
+
 
 def table_of(path: Path) -> dict[str, Any]:
-    """Return the table that a YAML file holds; an empty one where it holds something else.
-
-    Raises:
-        MechanismFileError: it cannot be read.
-    """
+    """Return the table that a YAML file holds; an empty one where it holds something else."""
     from spatial_pin.formats.xacro.yaml_files import read_yaml  # on use: yaml takes 20 ms to import
 
     content = read_yaml(path, float)
@@ -56,17 +65,7 @@ def table_of(path: Path) -> dict[str, Any]:
 
 def lists_of(table: dict[str, Any], keys: tuple[str, ...], names: tuple[str, ...],
              path: Path) -> dict[str, list[Any]]:
-    """Return the lists of a table, empty where a key is missing.
-
-    Args:
-        table: what the file says.
-        keys: of the lists that it may have.
-        names: those of them that are lists of names.
-        path: of the file.
-
-    Raises:
-        MechanismFileError: one is no list, or not of names, or there is another key.
-    """
+    """Return the lists of a table, empty where a key is missing."""
     for key, value in table.items():
         if key not in keys:
             raise MechanismFileError(f"{shown(path)}: {str(key)[:60]} is not a key of such a file; "
@@ -76,14 +75,6 @@ def lists_of(table: dict[str, Any], keys: tuple[str, ...], names: tuple[str, ...
         if key in names and not all(isinstance(name, str) for name in value or ()):
             raise MechanismFileError(f"{shown(path)}: {key} must be a list of names")
     return {key: table.get(key) or [] for key in keys}
-
-
-ROBOT_NAMES = ("type", "name_mot", "joint_name", "joint_type")
-URDF = ("urdf", "name_urdf", "urdf_file")
-ENDINGS = (".yaml", ".yml")
-UNSTATED = re.compile(r"(?P<loop>closedloop\w*?\d+)_?A(?P<kind>_[36]D)?", re.I)
-AXES = dict(zip("XYZ", np.eye(3).tolist(), strict=True))
-SOURCE = "closed_loop"
 
 
 def is_robot(path: Path) -> bool:
@@ -104,9 +95,6 @@ def urdf_of(path: Path, trust: Trust | None = None) -> Path:
     Args:
         path: the file.
         trust: which files it may name; None: those of its folder.
-
-    Raises:
-        MechanismFileError: there is none, or several and none is named.
     """
     table = table_of(path)
     named = next((table[key] for key in URDF if isinstance(table.get(key), str)), None)
@@ -149,11 +137,7 @@ def tell_unstated(reading: RobotReading) -> None:
 
 
 def read_robot(path: Path, reading: RobotReading) -> None:
-    """Read a `robot.yaml`.
-
-    Raises:
-        MechanismFileError: it names what does not exist, or a type that is not known.
-    """
+    """Read a `robot.yaml`."""
     table = {key: value for key, value in table_of(path).items() if key not in URDF}
     lists = lists_of(table, (SOURCE, *ROBOT_NAMES), ROBOT_NAMES, path)
     _read_types(lists, path, reading)
@@ -167,8 +151,10 @@ def read_robot(path: Path, reading: RobotReading) -> None:
             if frame not in names:
                 raise MechanismFileError(f"{where}: frame {frame!r} does not exist; "
                                          f"{suggestion(frame, names)}")
+        same = takewhile(lambda letters: letters[0] == letters[1], zip(*pair, strict=False))
+        name = "".join(a for a, _ in same).rstrip("_- ") or f"closed_loop_{k + 1}"
         kind = "spherical" if lists["type"] and lists["type"][k].lower() == "3d" else "weld"
-        reading.add("closures", {"name": _common_name(pair, k), "type": kind, "frames": pair,
+        reading.add("closures", {"name": name, "type": kind, "frames": pair,
                                  "source": f"closed_loop of {path.name}"})
     if lists["name_mot"]:
         reading.content["drivers"], reading.all_driven = {}, True
@@ -205,21 +191,6 @@ def _read_types(lists: dict[str, list[Any]], path: Path, reading: RobotReading) 
                                      "SPHERICAL, FIXED, UJOINT_XY and the like")
 
 
-def _common_name(pair: list[str], k: int) -> str:
-    """Return what the two frames of a loop are called in common, or its number."""
-    same = takewhile(lambda letters: letters[0] == letters[1], zip(*pair, strict=False))
-    name = "".join(a for a, _ in same).rstrip("_- ")
-    return name or f"closed_loop_{k + 1}"
-
-
-NAME = "loop_closures.yaml"
-LOOPS = ("closures", "pin_loops", "ball_loops")
-CLOSURE_NAMES = ("independent", "dependent", "ball_upgrades", "actuated_joints")
-LIMITS = ("ball_limit_deg",)  # how far a ball swings: a limit of what closes, which has none here
-LARGEST_COORDINATE = 1e300  # of a coordinate; whole numbers may be beyond float
-ROOT = "base_link"  # what sw2robot calls the root, whatever its name
-
-
 def closures_beside(urdf: Path) -> Path | None:
     """Return the file that is about a URDF: beside it, or in the package of its `urdf` folder."""
     folders, home = [urdf.parent], urdf.parent
@@ -236,11 +207,7 @@ def is_closures(path: Path) -> bool:
 
 
 def read_closures(path: Path, reading: RobotReading) -> None:
-    """Read a `loop_closures.yaml`.
-
-    Raises:
-        MechanismFileError: it names what does not exist, or has other keys.
-    """
+    """Read a `loop_closures.yaml`."""
     table = {key: value for key, value in table_of(path).items() if key not in LIMITS}
     lists = lists_of(table, (*LOOPS, *CLOSURE_NAMES), CLOSURE_NAMES, path)
     loops = [entry for key in LOOPS for entry in lists[key] if isinstance(entry, dict)]

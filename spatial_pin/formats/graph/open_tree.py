@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -24,10 +24,14 @@ from spatial_pin.formats.urdf.elements import (
 )
 from spatial_pin.mechanism.pairs import PAIRS, axes_from_z
 from spatial_pin.numerics.angles import whole_turns
-from spatial_pin.numerics.linalg import Array
 
 DRAWN = 100.0  # roundings of the file that links may be drawn away from their joints
-_Coordinates = Callable[[GraphJoint, pin.SE3], tuple[list[float], pin.SE3]]
+BASE = "root_joint"  # the joint that lets a base float, as Pinocchio names it
+GROUND = "world"  # the link that stands for the world
+SYMMETRIC = ("spherical", "planar", "floating", "universal")  # their coordinates have a direction
+TWIN = 1e-9  # relative gap between two links that two fixed joints place
+PLACED = ("origin", "parent", "child", "axis")  # of a joint element, what it is placed by
+RESISTANCES = ("damping", "friction", "armature")
 
 
 def drawn(tree: SpanningTree) -> tuple[dict[str, Any], list[str]]:
@@ -58,81 +62,36 @@ def drawn(tree: SpanningTree) -> tuple[dict[str, Any], list[str]]:
 
 
 def coordinates_at(joint: GraphJoint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
-    """Return a joint's coordinates nearest to a placement of its frames, and that they give.
-
-    Args:
-        joint: the joint, of a pair that a tree can have.
-        relative: placement of its frame on the child in its frame on the parent.
-    """
-    values, reached = _OF_PAIR[joint.type](joint, relative)
-    return [float(x) for x in values], reached
-
-
-def _turn(axis: Array, relative: pin.SE3) -> float:
-    """Return the angle about an axis that comes nearest to a rotation."""
-    across = axes_from_z(axis)
+    """Return a joint's coordinates nearest to a placement of its frames, and that they give."""
+    pair, shift = joint.type, relative.translation
+    if pair in ("spherical", "floating"):
+        vector = pin.log3(relative.rotation)
+        if pair == "floating":
+            return [*shift.tolist(), *vector.tolist()], relative
+        return vector.tolist(), pin.SE3(pin.exp3(vector), np.zeros(3))
+    if pair == "universal":
+        one, two, third = joint.axis, joint.axis2, np.cross(joint.axis, joint.axis2)
+        pin2, pin1 = relative.rotation @ two, relative.rotation.T @ one
+        first = math.atan2(pin2 @ third, pin2 @ two)
+        second = math.atan2(pin1 @ third, pin1 @ one)
+        turn = pin.exp3(first * one) @ pin.exp3(second * two)
+        return [first, second], pin.SE3(turn, np.zeros(3))
+    across = axes_from_z(joint.axis)  # its z is the axis that all others turn about or slide along
     turned = across.T @ relative.rotation @ across
-    return math.atan2(turned[1, 0] - turned[0, 1], turned[0, 0] + turned[1, 1])
-
-
-def _placed(rotation: Array, translation: Array) -> pin.SE3:
-    return pin.SE3(pin.exp3(rotation), translation)
-
-
-def _on_axis(turns: bool, slides: bool) -> _Coordinates:
-    """Return the coordinates of a pair that may turn about its axis, slide along it, or both."""
-
-    def found(joint: GraphJoint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
-        angle = _turn(joint.axis, relative) if turns else 0.0
-        slide = joint.axis @ relative.translation if slides else 0.0
-        return [angle] * turns + [slide] * slides, _placed(angle * joint.axis, slide * joint.axis)
-
-    return found
-
-
-def _screw_coordinates(joint: GraphJoint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
-    angle = _turn(joint.axis, relative)
-    if joint.lead:  # the slide tells how many turns
-        slide = joint.axis @ relative.translation
-        angle += whole_turns(2.0 * math.pi * slide / joint.lead - angle)
-    return [angle], _placed(angle * joint.axis, angle / (2.0 * math.pi) * joint.lead * joint.axis)
-
-
-def _planar_coordinates(joint: GraphJoint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
-    angle = _turn(joint.axis, relative)
-    x, y, _ = axes_from_z(joint.axis).T
-    at = [x @ relative.translation, y @ relative.translation]
-    return [*at, angle], _placed(angle * joint.axis, at[0] * x + at[1] * y)
-
-
-def _universal_coordinates(joint: GraphJoint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
-    one, two, third = joint.axis, joint.axis2, np.cross(joint.axis, joint.axis2)
-    pin2, pin1 = relative.rotation @ two, relative.rotation.T @ one
-    first = math.atan2(pin2 @ third, pin2 @ two)
-    second = math.atan2(pin1 @ third, pin1 @ one)
-    return [first, second], pin.SE3(pin.exp3(first * one) @ pin.exp3(second * two), np.zeros(3))
-
-
-def _spherical_coordinates(joint: GraphJoint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
-    vector = pin.log3(relative.rotation)
-    return list(vector), _placed(vector, np.zeros(3))
-
-
-_OF_PAIR: dict[str, _Coordinates] = {
-    "fixed": _on_axis(False, False), "revolute": _on_axis(True, False),
-    "prismatic": _on_axis(False, True), "cylindrical": _on_axis(True, True),
-    "screw": _screw_coordinates, "planar": _planar_coordinates, "universal": _universal_coordinates,
-    "spherical": _spherical_coordinates,
-    "floating": lambda _, placed: ([*placed.translation, *pin.log3(placed.rotation)], placed),
-}
-
-
-BASE = "root_joint"  # the joint that lets a base float, as Pinocchio names it
-GROUND = "world"  # the link that stands for the world
-SYMMETRIC = ("spherical", "planar", "floating", "universal")  # their coordinates have a direction
-TWIN = 1e-9  # relative gap between two links that two fixed joints place
-PLACED = ("origin", "parent", "child", "axis")  # of a joint element, what it is placed by
-RESISTANCES = ("damping", "friction", "armature")
+    x, y, slide = across.T @ shift
+    angle = 0.0
+    if pair not in ("fixed", "prismatic"):
+        angle = math.atan2(turned[1, 0] - turned[0, 1], turned[0, 0] + turned[1, 1])
+    if pair == "screw":
+        if joint.lead:  # the slide tells how many turns
+            angle += whole_turns(2.0 * math.pi * slide / joint.lead - angle)
+        slide = angle / (2.0 * math.pi) * joint.lead
+    coordinates = {"fixed": [], "revolute": [angle], "screw": [angle], "prismatic": [slide],
+                   "cylindrical": [angle, slide], "planar": [x, y, angle]}[pair]
+    along = {"planar": [x, y, 0.0], "fixed": [0.0] * 3, "revolute": [0.0] * 3}.get(
+        pair, [0.0, 0.0, slide])
+    reached = pin.SE3(pin.exp3(angle * joint.axis), across @ np.array(along))
+    return [float(value) for value in coordinates], reached
 
 
 def open_tree(
@@ -157,6 +116,7 @@ def open_tree(
         writer.robot.attrib.update(robot.attrib)
         writer.robot.extend(x for x in robot if x.tag not in ("link", "joint"))
     writer.write()
+    guess, off = drawn(writer.tree)
     ET.indent(writer.robot)
     gone = {joint.name for joint in writer.tree.cut}
     joints = {k: x for k, x in content.get("joints", {}).items() if k not in gone}
@@ -164,9 +124,9 @@ def open_tree(
     merged = {**content, "joints": joints,
               "closures": [*content.get("closures", []), *writer.closures],
               "springs": [*content.get("springs", []), *writer.springs],
-              "guess": {**writer.guess, **content.get("guess", {})}}
+              "guess": {**guess, **content.get("guess", {})}}
     return Imported(ET.tostring(writer.robot, encoding="unicode"), merged,
-                    (*notices, *writer.notices))
+                    (*notices, *writer.notices, *notices_of(writer, off)))
 
 
 class _Writer:
@@ -182,9 +142,8 @@ class _Writer:
         self.joints: dict[str, dict[str, Any]] = {}
         self.closures: list[dict[str, Any]] = []
         self.springs: list[dict[str, Any]] = []
-        self.guess: dict[str, Any] = {}
         self.bodies: dict[str, tuple[str, pin.SE3]] = {}  # link -> first link fixed to it, place
-        self.ground = self.fresh(GROUND)
+        self.ground = fresh(GROUND, self.taken)
         self.bases: list[str] = []
         self.lost: list[str] = []
 
@@ -203,35 +162,6 @@ class _Writer:
             self.joint(joint)
         for joint in self.tree.cut:
             self.closure(joint)
-        self.tell()
-
-    def tell(self) -> None:
-        """Tell of parallel joints, links that are drawn elsewhere, bases that float, and loops."""
-        between: dict[frozenset[str], list[str]] = {}
-        for joint in self.graph.joints:
-            between.setdefault(frozenset((joint.parent, joint.child)), []).append(joint.name)
-        several = "; ".join(", ".join(x) for x in between.values() if len(x) > 1)
-        if several:
-            self.notices.append("several joints join the same two links, and each of them holds: "
-                                f"{several}")
-        self.guess, off = drawn(self.tree)
-        self.notices += off
-        if self.bases:
-            self.notices.append(f"not joined to the world, so that it floats there: "
-                                f"{', '.join(self.bases)}")
-        cut = [f"{table['name']!r} ({table['type']})" for table in self.closures]
-        if len(cut) == 1:
-            self.notices.append(f"a loop is cut at joint {cut[0]}, which becomes a closure")
-        elif cut:
-            self.notices.append(f"{len(cut)} loops are cut at the joints {', '.join(cut)}, which "
-                                "become closures")
-        if self.lost:
-            self.notices.append("a closure has no coordinate, so that this does not act: "
-                                f"{', '.join(self.lost)}")
-
-    def fresh(self, wanted: str) -> str:
-        """Return a name that no link or joint has."""
-        return fresh(wanted, self.taken)
 
     def link_of(self, link: str) -> str:
         """Return the name of a link in the URDF."""
@@ -241,22 +171,22 @@ class _Writer:
         """Return the name of a link that stands at a place on another, that itself if it does."""
         if place.isIdentity(0.0):
             return self.link_of(link)
-        name = self.fresh(wanted)
+        name = fresh(wanted, self.taken)
         ET.SubElement(self.robot, "link", name=name)
-        joint_element(self.robot, self.fresh(f"{name}_mount"), "fixed", self.link_of(link), name,
-                      place)
+        mount = fresh(f"{name}_mount", self.taken)
+        joint_element(self.robot, mount, "fixed", self.link_of(link), name, place)
         return name
 
     def base(self, root: Link) -> None:
         """Let a root float in the world, or hold it, where the file draws it."""
-        name = self.fresh(BASE if root.name == self.tree.roots[0] else f"{BASE}_{root.name}")
+        name = fresh(BASE if root.name == self.tree.roots[0] else f"{BASE}_{root.name}", self.taken)
         place = root.placement if root.placement is not None else pin.SE3.Identity()
+        if self.graph.held:
+            self.bodies[root.name] = WORLD, place
+        else:
+            self.bases.append(f"link {root.name!r} (joint {name!r})")
         kind = "fixed" if self.graph.held else "floating"
         joint_element(self.robot, name, kind, self.ground, root.name, place)
-        if kind == "floating":
-            self.bases.append(f"link {root.name!r} (joint {name!r})")
-        else:
-            self.bodies[root.name] = WORLD, place
 
     def joint(self, joint: GraphJoint) -> None:
         """Write a joint of the tree, and what hangs on it."""
@@ -277,10 +207,10 @@ class _Writer:
             return
         child = joint.child
         if joint.type != "fixed" and not joint.on_child.isIdentity(0.0):
-            child = self.fresh(f"{joint.name}_frame")
+            child = fresh(f"{joint.name}_frame", self.taken)
             ET.SubElement(self.robot, "link", name=child)
-            joint_element(self.robot, self.fresh(f"{child}_mount"), "fixed", child, joint.child,
-                          joint.on_child.inverse())
+            mount = fresh(f"{child}_mount", self.taken)
+            joint_element(self.robot, mount, "fixed", child, joint.child, joint.on_child.inverse())
         kind = _urdf_type(joint) if joint.element is None else joint.element.get("type", "")
         element = joint_element(self.robot, joint.name, kind, self.link_of(joint.parent), child,
                                 on_parent)
@@ -340,10 +270,7 @@ class _Writer:
             self.lost.append(f"{joint.name!r} ({', '.join(lost)})")
 
     def check_redundant(self, joint: GraphJoint, one: pin.SE3, two: pin.SE3) -> None:
-        """Refuse a fixed joint between links that other fixed joints hold otherwise.
-
-        `one` and `two` are the joint's frame by its parent and by its child on the body of both.
-        """
+        """Refuse a fixed joint, its frame at `one` and `two`, that others hold otherwise."""
         gap = one.inverse() * two
         size = float(np.abs([one.translation, two.translation]).max()) or 1.0
         most = max(np.abs(gap.translation).max() / size, np.abs(gap.rotation - np.eye(3)).max())
@@ -351,6 +278,26 @@ class _Writer:
             raise MechanismFileError(
                 f"{self.where}: fixed joint {joint.name!r} holds {joint.child!r} on "
                 f"{joint.parent!r} in another place than the other fixed joints do, by {most:.3g}")
+
+
+def notices_of(writer: _Writer, off: Iterable[str]) -> Iterator[str]:
+    """Yield notices of parallel joints, links that are drawn `off`, floating bases, and loops."""
+    between: dict[frozenset[str], list[str]] = {}
+    for joint in writer.graph.joints:
+        between.setdefault(frozenset((joint.parent, joint.child)), []).append(joint.name)
+    several = "; ".join(", ".join(x) for x in between.values() if len(x) > 1)
+    if several:
+        yield f"several joints join the same two links, and each of them holds: {several}"
+    yield from off
+    if writer.bases:
+        yield f"not joined to the world, so that it floats there: {', '.join(writer.bases)}"
+    cut = [f"{table['name']!r} ({table['type']})" for table in writer.closures]
+    if len(cut) == 1:
+        yield f"a loop is cut at joint {cut[0]}, which becomes a closure"
+    elif cut:
+        yield f"{len(cut)} loops are cut at the joints {', '.join(cut)}, which become closures"
+    if writer.lost:
+        yield f"a closure has no coordinate, so that this does not act: {', '.join(writer.lost)}"
 
 
 def _urdf_type(joint: GraphJoint) -> str:

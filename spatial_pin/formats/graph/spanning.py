@@ -27,10 +27,15 @@ from spatial_pin.mechanism.pairs import JOINT_TYPES
 from spatial_pin.numerics.linalg import Array
 
 SQUARE = 1e-3  # cosine of revolute axes, from which on three in a chain miss directions of a ball
+FREEDOMS = {"fixed": 0, "revolute": 2, "universal": 3, "spherical": 4, "floating": 5}  # others: 1
 
 
 def without_chains(graph: JointGraph) -> tuple[JointGraph, tuple[str, ...]]:
-    """Put one pair in the place of revolute joints that meet in a point, between massless links."""
+    """Put one pair in the place of revolute joints that meet in a point, between massless links.
+
+    Three are a ball, two a universal joint. Only joints of loops are replaced, and none of which
+    anything else is said.
+    """
     notices: list[str] = []
     looped = in_loops(graph.joints)
     pairs: dict[str, GraphJoint] = {}  # by the first joint of the chain
@@ -149,9 +154,6 @@ def _one_pair(kind: str, chain: Sequence[GraphJoint], rounding: float) -> GraphJ
         at.inverse() * frame, axes[0], second / np.linalg.norm(second))
 
 
-FREEDOMS = {"fixed": 0, "revolute": 2, "universal": 3, "spherical": 4, "floating": 5}  # others: 1
-
-
 class SpanningTree:
     """A joint graph whose loops are cut.
 
@@ -188,12 +190,7 @@ class SpanningTree:
         self.cut = tuple(joint for joint in self.graph.joints if joint.name not in tree)
 
     def _grow(self, roots: Sequence[str], directed: bool) -> None:
-        """Let the tree grow from links that it has not reached, until nothing more is joined to it.
-
-        Args:
-            roots: the links.
-            directed: whether joints are to be taken from parent to child where possible.
-        """
+        """Let the tree grow from links, if it has not reached them, as far as joints lead."""
         edges: list[tuple[Any, ...]] = []
 
         def look_round(link: str, depth: int) -> None:

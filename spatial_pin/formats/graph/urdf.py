@@ -14,6 +14,7 @@ from spatial_pin.formats.graph.joint_graph import WORLD, GraphJoint, JointGraph,
 from spatial_pin.formats.graph.open_tree import open_tree
 from spatial_pin.formats.graph.spanning import in_loops
 from spatial_pin.formats.importers import Imported
+from spatial_pin.formats.parsing import parse_urdf
 from spatial_pin.formats.urdf.urdf_model import (
     CONTAINED_PAIRS,
     PAIR_OF_URDF_TYPE,
@@ -21,7 +22,6 @@ from spatial_pin.formats.urdf.urdf_model import (
     joint_axes,
 )
 from spatial_pin.formats.urdf.validation import check_joint, end_of, placement
-from spatial_pin.formats.xacro.parsing import parse_urdf
 from spatial_pin.mechanism.pairs import PAIRS
 
 LIMITED = ("revolute", "prismatic")  # URDF types that have limits of position
@@ -33,13 +33,6 @@ def without_loops(
 ) -> Imported | None:
     """Return a URDF with its loops cut, and what a mechanism file then says beside it.
 
-    Args:
-        urdf: plain URDF text.
-        content: what a mechanism file says beside it.
-        refinements: what it says of joints.
-        path: where the URDF comes from.
-        faults: notes what is wrong in it and can be lived with.
-
     Returns:
         None where there is no loop, or where the URDF cannot be used for other reasons.
 
@@ -48,10 +41,19 @@ def without_loops(
             of every joint at which a loop could be cut.
     """
     robot = parse_urdf(urdf, path)
-    if not _has_loop(robot):
+    elements, names = robot.findall("joint"), [x.get("name", "") for x in robot.findall("link")]
+    ends = [(end_of(joint, "parent"), end_of(joint, "child")) for joint in elements]
+    named = {joint.get("name", "") for joint in elements}
+    known, roots = set(names), set(names) - {child for _, child in ends}
+    if robot.tag != "robot" or len(known) < len(names) or len(named) < len(elements) or any(
+            parent == child or not {parent, child} <= known for parent, child in ends):
+        return None  # other faults, which the reader of URDF refuses by name
+    if not in_loops([GraphJoint(element.get("name", ""), "fixed",
+                                WORLD if parent in roots else parent, child)  # on the same ground
+                     for element, (parent, child) in zip(elements, ends, strict=True)]):
         return None
     joints = []
-    for element in robot.findall("joint"):
+    for element in elements:
         where = f"{path}: joint {element.get('name')!r}"
         check_joint(element, path, faults)
         kind = element.get("type", "")
@@ -60,25 +62,10 @@ def without_loops(
         if pair not in CONTAINED_PAIRS.get(kind, ()):
             return None  # which the reader of URDF refuses by name
         joints.append(_joint(element, pair, refined, where))
-    named = {joint.name for joint in joints} & set(_named(robot, content))
+    needed = frozenset(named & set(_named(robot, content)))
     links = tuple(_link(element, set(_texts(content))) for element in robot.findall("link"))
-    graph = JointGraph(links, tuple(joints), loose=False, needed=frozenset(named))
+    graph = JointGraph(links, tuple(joints), loose=False, needed=needed)
     return open_tree(graph, str(path), content, robot=robot)
-
-
-def _has_loop(robot: ET.Element) -> bool:
-    """Whether joints that join two links each form a loop."""
-    links = [link.get("name", "") for link in robot.findall("link")]
-    names = [joint.get("name", "") for joint in robot.findall("joint")]
-    ends = [(end_of(joint, "parent"), end_of(joint, "child")) for joint in robot.findall("joint")]
-    known = set(links)
-    if robot.tag != "robot" or len(known) < len(links) or len(set(names)) < len(names) or any(
-            parent == child or not {parent, child} <= known for parent, child in ends):
-        return False  # other faults, which the reader of URDF refuses by name
-    roots = known - {child for _, child in ends}  # they stand on the same ground
-    joints = [GraphJoint(name, "fixed", WORLD if parent in roots else parent, child)
-              for name, (parent, child) in zip(names, ends, strict=True)]
-    return bool(in_loops(joints))
 
 
 def _joint(

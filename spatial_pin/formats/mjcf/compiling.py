@@ -12,7 +12,6 @@ import re
 import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +21,8 @@ import pinocchio as pin
 from spatial_pin.errors import MechanismFileError
 from spatial_pin.formats.file_access import Trust, check_file, is_file, shown
 from spatial_pin.formats.mesh_files import OUTSIDE
+from spatial_pin.formats.parsing import PROLOGUE, parse_xml, without
 from spatial_pin.formats.urdf.elements import notice_of
-from spatial_pin.formats.xacro.parsing import PROLOGUE, parse_xml, without
 from spatial_pin.numerics.linalg import Array
 
 OCTAHEDRON = [1, 0, 0, -1, 0, 0, 0, 1, 0, 0, -1, 0, 0, 0, 1, 0, 0, -1]
@@ -34,21 +33,9 @@ TREES = ("include", "model")  # elements that name a file with further bodies
 COPIES = ("replicate", "composite", "flexcomp")  # elements with a count of copies
 
 
-@dataclass(frozen=True, eq=False)
-class MeshFile:
-    """The file of a mesh asset.
-
-    Attributes:
-        file: None where there is none.
-        scale: (3,) along x, y and z.
-        placement: of the scaled file in the frame of a geom.
-        fault: why there is no file, if that is not told once for all.
-    """
-
-    file: Path | None
-    scale: Array
-    placement: pin.SE3
-    fault: str = ""
+# The file of a mesh asset, None where there is none; its scale (3,) along x, y and z; the placement
+# of the scaled file in the frame of a geom; and why there is no file, if not told once for all.
+MeshFile = tuple[Path | None, Array, pin.SE3, str]
 
 
 def compiled(
@@ -56,18 +43,9 @@ def compiled(
 ) -> tuple[Any, dict[str, MeshFile], set[str], list[str]]:
     """Let MuJoCo compile an MJCF file.
 
-    Args:
-        path: the file.
-        trust: which files it may name.
-        without: names or types of elements and joints that are left out.
-
     Returns:
         `mujoco.MjModel`; the file of every mesh asset by its name; names of bodies whose inertia is
         not known, for want of meshes; what was changed or left out.
-
-    Raises:
-        MechanismFileError: there is no `mujoco`, or it cannot compile the file, or the file names
-            others that may not be read.
     """
     try:
         import mujoco
@@ -152,11 +130,7 @@ def _copies(path: Path, main: Path, trust: Trust, seen: dict[Path, None]) -> flo
 
 
 def _opened_at_once(element: ET.Element, path: Path, main: Path, trust: Trust) -> list[Path]:
-    """Return the files that MuJoCo may open for an element as it reads, not when it compiles.
-
-    Raises:
-        MechanismFileError: one may not be read, or is no file; MuJoCo would wait for a pipe.
-    """
+    """Return the files that MuJoCo may open for an element as it reads, not when it compiles."""
     name = element.get("file", "") if element.tag in (*TREES, "flexcomp") else ""
     if element.tag == "config" and re.search(r"[/\\]|^\.\.$", element.get("value", "")):
         name = element.get("value", "")  # of a plugin, which does with it what it likes
@@ -211,9 +185,7 @@ def _without_meshes(
     mujoco: Any, spec: Any, folders: list[Path], trust: Trust
 ) -> tuple[dict[str, MeshFile], set[str], list[str]]:
     """Take from a spec all files that are not needed; return meshes, massless bodies, notices."""
-    notices: list[str] = []
-    _name_all(spec)
-    _without_pictures(mujoco, spec, notices)
+    notices = _prepare(mujoco, spec)
     files, barred = _mesh_files(spec, folders, trust)
     missing = {name for name, file in files.items() if file is None}
     massless = _unknown_inertias(mujoco, spec, missing)
@@ -242,38 +214,34 @@ def _without_meshes(
     return meshes, massless, notices
 
 
-def _name_all(spec: Any) -> None:
-    """Name bodies and meshes that have no name, as MuJoCo does, some of it only later."""
-    taken = {body.name for body in spec.bodies}
-    for k, body in enumerate(spec.bodies):
-        if not body.name:
-            body.name = f"body_{k}"
-            while body.name in taken:
-                body.name += "_"
-            taken.add(body.name)
-    for mesh in spec.meshes:
-        mesh.name = mesh.name or Path(mesh.file).stem
-
-
 def some(names: Iterable[str]) -> str:
     """Return the first of some names, for a message."""
     listed = sorted(names)
     return ", ".join(listed[:3]) + (", ..." if len(listed) > 3 else "")
 
 
-def _without_pictures(mujoco: Any, spec: Any, notices: list[str]) -> None:
-    """Delete textures, skins and height fields, whose files are of no use here."""
+def _prepare(mujoco: Any, spec: Any) -> list[str]:
+    """Name what has no name, and delete textures, skins and height fields; return notices."""
+    taken, notices = {body.name for body in spec.bodies}, []
+    for k, body in enumerate(spec.bodies):
+        if not body.name:
+            body.name = f"body_{k}"
+            while body.name in taken:
+                body.name += "_"
+            taken.add(body.name)
+    for mesh in spec.meshes:  # as MuJoCo does, some of it only later
+        mesh.name = mesh.name or Path(mesh.file).stem
     for material in spec.materials:
         material.textures = [""] * len(material.textures)
-    for light in spec.lights:
-        if hasattr(light, "texture"):
-            light.texture = ""
+    for light in (x for x in spec.lights if hasattr(x, "texture")):
+        light.texture = ""
     for geom in list(spec.geoms):
         if geom.type == mujoco.mjtGeom.mjGEOM_HFIELD:
             notices.append(f"height field {geom.hfieldname!r} is left out")
             spec.delete(geom)
     for element in [*spec.textures, *spec.skins, *spec.hfields]:
         spec.delete(element)
+    return notices
 
 
 def _mesh_files(
@@ -343,7 +311,7 @@ def _placed(mesh: Any, file: Path | None) -> MeshFile:
     elif Path(mesh.file).suffix.lower() == ".msh":
         fault = "its format is MuJoCo's own"
     placement = pin.SE3(turn, -scale * (turn @ mesh.refpos))
-    return MeshFile(None if fault else file, scale, placement, fault)
+    return None if fault else file, scale, placement, fault
 
 
 def is_mjcf(path: Path) -> bool:

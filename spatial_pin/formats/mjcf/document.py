@@ -20,6 +20,8 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 LEAST_MASS = 1e-9  # of the whole mass: that of a body without mass at an end of the tree
 THIN = 1e-6  # of the characteristic length: its radius of gyration
 LEAST_MOMENT = 1e-14  # kg·m² and kg: below 1e-15 MuJoCo refuses a body that moves
+UNSET = 1e300  # Pinocchio's largest number, or infinity, where there is no limit
+HINGE, SLIDE, BALL, FREE = "hinge", "slide", "ball", "free"
 
 
 class MjcfDocument:
@@ -64,13 +66,7 @@ class MjcfDocument:
         return self.site(name, joint, placement)
 
     def site(self, wanted: str, joint: int, placement: pin.SE3) -> str:
-        """Return the name of a site on the body of a tree joint, that of the wanted name if it is.
-
-        Args:
-            wanted: its name; a number is added where another site has it.
-            joint: of the body.
-            placement: in the body.
-        """
+        """Return the name of a site on the body of a tree joint, a new one if that is elsewhere."""
         same = self.sites.get(wanted)
         if (same is not None and same[0] == joint
                 and same[1].isApprox(placement, TOLERANCES.round_off)):
@@ -93,9 +89,12 @@ class MjcfDocument:
         """Give a body its inertia, in its own frame."""
         moments, axes = np.linalg.eigh(inertia.inertia)
         axes[:, 0] *= np.linalg.det(axes)
-        placement = pin.SE3(axes, inertia.lever)
-        ET.SubElement(body, "inertial", placed(placement, mass=repr(float(inertia.mass)),
-                                               diaginertia=numbers_text(possible(moments))))
+        a, b, c = np.maximum(moments, 0.0)  # with the least change that bodies may have
+        lack = max(c * (1.0 + 4.0 * np.finfo(float).eps) - a - b, 0.0)
+        moments = np.array([a, b, c]) + lack / 2.0 * np.array([1.0, 1.0, 0.0])
+        ET.SubElement(body, "inertial", placed(
+            pin.SE3(axes, inertia.lever), mass=repr(float(inertia.mass)),
+            diaginertia=numbers_text(moments)))
 
     def least_inertia(
         self, name: str, body: ET.Element, inertia: pin.Inertia | None = None, *,
@@ -121,13 +120,6 @@ class MjcfDocument:
         self.inertia(body, inertia_as_given(mass, own.lever, own.inertia + moment * np.eye(3)))
 
 
-def possible(moments: Array) -> Array:
-    """Return principal moments (3,), ascending, with the least change that bodies may have."""
-    a, b, c = np.maximum(moments, 0.0)
-    lack = c * (1.0 + 4.0 * np.finfo(float).eps) - a - b
-    return np.array([a, b, c]) + max(lack, 0.0) / 2.0 * np.array([1.0, 1.0, 0.0])
-
-
 def is_movable(inertia: pin.Inertia) -> bool:
     """Whether MuJoCo can move a body of that inertia."""
     moments = np.linalg.eigvalsh(inertia.inertia)
@@ -145,10 +137,6 @@ def placed(placement: pin.SE3, **attributes: Any) -> dict[str, str]:
             "quat": numbers_text(quaternion(placement.rotation))}
 
 
-UNSET = 1e300  # Pinocchio's largest number, or infinity, where there is no limit
-HINGE, SLIDE, BALL, FREE = "hinge", "slide", "ball", "free"
-
-
 class MjcfJoint(NamedTuple):
     """A joint of MuJoCo.
 
@@ -164,14 +152,7 @@ class MjcfJoint(NamedTuple):
 
 
 def parts_of(name: str, pair: str, axis: Array, axis2: Array) -> list[MjcfJoint]:
-    """Return the joints that a pair is made of, in order.
-
-    Args:
-        name: of the tree joint.
-        pair: its kind.
-        axis: (3,) its axis, if it has one.
-        axis2: (3,) its second pin, if it has one.
-    """
+    """Return the joints that a pair is made of, in order."""
     x, y, z = np.eye(3)
     if pair in ("revolute", "prismatic"):
         return [MjcfJoint(name, HINGE if pair == "revolute" else SLIDE, axis)]
@@ -191,11 +172,7 @@ def parts_of(name: str, pair: str, axis: Array, axis2: Array) -> list[MjcfJoint]
 
 
 def add_joints(document: MjcfDocument, i: int, body: ET.Element, q: Array) -> None:
-    """Add the joints of tree joint i to its body, and their values at q (nq,) to the key.
-
-    Raises:
-        SpatialPinError: a joint resists in each of its directions otherwise.
-    """
+    """Add the joints of tree joint i to its body, and their values at q (nq,) to the key."""
     mech, model = document.mechanism, document.mechanism.model
     name, pair, at = model.names[i], mech.pairs[i - 1], model.idx_qs[i]
     own = q[at:at + model.nqs[i]]

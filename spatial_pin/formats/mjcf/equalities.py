@@ -43,10 +43,6 @@ Connect = tuple[int, str, tuple[EqualityEnd, EqualityEnd]]  # a ball: its number
 def read_closures(reading: MjcfReading, where: str) -> list[dict[str, Any]]:
     """Return the loops of a model, and add their frames to its tree.
 
-    Args:
-        reading: the model.
-        where: the file, for errors.
-
     Raises:
         MechanismFileError: an equality has no exact counterpart; it is named.
     """
@@ -130,9 +126,12 @@ def _balls(reading: MjcfReading, group: list[Connect]) -> list[dict[str, Any]]:
     """
     _, name, ends = group[0]
     points = [np.array([end.at.translation]) for end in ends]
+    rigid = reading.model.body_weldid
     for _, _, others in group[1:]:
-        moved = [_seen_from(reading, end.body, others) for end in ends]
-        points = [np.vstack([p, q]) for p, q in zip(points, moved, strict=True)]
+        for k, end in enumerate(ends):  # the point that is fixed to the same body, in its frame
+            other = next(x for x in others if rigid[x.body] == rigid[end.body])
+            moved = _in_rigid(reading, end.body).inverse() * _in_rigid(reading, other.body)
+            points[k] = np.vstack([points[k], moved.act(other.at.translation)])
     axes = [_axes(p - p[0]) for p in points]
     kinds = {kind for kind, _ in axes}
     gaps = [np.linalg.norm(p[:, None] - p[None], axis=2) for p in points]
@@ -150,14 +149,6 @@ def _turned(end: EqualityEnd, axes: Array, kind: str) -> EqualityEnd:
     if kind == "revolute" and end.link and np.abs(gap).max() < TOLERANCES.round_off:
         return end
     return EqualityEnd(end.body, pin.SE3(axes, end.at.translation))
-
-
-def _seen_from(reading: MjcfReading, body: int, ends: tuple[EqualityEnd, EqualityEnd]) -> Array:
-    """Return the point (3,) of that of two ends which is fixed to a body, in the body's frame."""
-    model = reading.model
-    end = next(e for e in ends if model.body_weldid[e.body] == model.body_weldid[body])
-    return (_in_rigid(reading, body).inverse() * _in_rigid(reading, end.body)).act(
-        end.at.translation)
 
 
 def _in_rigid(reading: MjcfReading, body: int) -> pin.SE3:

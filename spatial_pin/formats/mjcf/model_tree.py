@@ -7,7 +7,6 @@ that the file shows.
 from __future__ import annotations
 
 from collections.abc import Container, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -42,15 +41,13 @@ class PlacedJoint(NamedTuple):
     axis: Array
 
 
-@dataclass(eq=False)
 class MjcfReading:
-    """A model that is being read.
+    """The bodies, joints, geoms and sites of a model, and what else is read of it.
 
     Attributes:
         mujoco: the module.
         model: `mujoco.MjModel`.
         meshes: the file of every mesh asset, by its name.
-        massless: names of bodies whose inertia is not known.
         urdf: the open tree so far.
         links: name of the link of every body.
         joints: place of every joint.
@@ -60,17 +57,37 @@ class MjcfReading:
         notices: what was changed or left out.
     """
 
-    mujoco: Any
-    model: Any
-    meshes: Mapping[str, MeshFile]
-    massless: Container[str]
-    urdf: UrdfText
-    links: list[str] = field(default_factory=lambda: [WORLD])
-    joints: list[PlacedJoint] = field(default_factory=list)
-    refined: dict[str, dict[str, Any]] = field(default_factory=dict)
-    sites: dict[int, str] = field(default_factory=dict)
-    tendons: set[int] = field(default_factory=set)
-    notices: list[str] = field(default_factory=list)
+    def __init__(
+        self, mujoco: Any, model: Any, meshes: Mapping[str, MeshFile], massless: Container[str],
+        name: str,
+    ) -> None:
+        self.mujoco, self.model, self.meshes = mujoco, model, meshes
+        self.links: list[str] = [WORLD]
+        self.joints: list[PlacedJoint] = []
+        self.refined: dict[str, dict[str, Any]] = {}
+        self.sites: dict[int, str] = {}
+        self.tendons: set[int] = set()
+        self.notices: list[str] = []
+        bodies = [model.body(b).name for b in range(model.nbody)]
+        joints = _joint_names(mujoco, model)
+        self.urdf = UrdfText(name, WORLD, [*bodies, *joints])
+        for body in range(1, model.nbody):
+            self.links.append(_add_body(self, body, joints))
+            mass, moments = float(model.body_mass[body]), np.array(model.body_inertia[body])
+            if (mass or np.any(moments)) and bodies[body] not in massless:
+                placement = pose(model.body_ipos[body], model.body_iquat[body])
+                self.urdf.inertia(self.links[body], mass, placement, moments)
+        for site in range(model.nsite):  # one with name and frame of its body is this body
+            wanted, body = model.site(site).name, model.site_bodyid[site]
+            placement = pose(model.site_pos[site], model.site_quat[site])
+            if wanted == bodies[body] and placement.isIdentity(0.0):
+                self.sites[site] = self.links[body]
+            elif wanted:
+                known = {*self.links, *(place.name for place in self.joints)}
+                wanted = wanted if wanted not in known else f"{wanted}_site"
+                self.sites[site] = self.urdf.frame(wanted, self.links[body], placement)
+        for geom in range(model.ngeom):
+            _add_geom(self, geom)
 
     def is_off(self, flag: str) -> bool:
         """Whether the file switches something off for the whole model, such as "GRAVITY"."""
@@ -91,34 +108,6 @@ def pose(position: Array, quaternion: Array) -> pin.SE3:
 def shift(position: Array) -> pin.SE3:
     """Return a translation."""
     return pin.SE3(np.eye(3), np.array(position))
-
-
-def read_tree(
-    mujoco: Any, model: Any, meshes: Mapping[str, MeshFile], massless: Container[str], name: str
-) -> MjcfReading:
-    """Read bodies, joints, geoms and sites."""
-    bodies = [model.body(b).name for b in range(model.nbody)]
-    joints = _joint_names(mujoco, model)
-    reading = MjcfReading(mujoco, model, meshes, massless,
-                          UrdfText(name, WORLD, [*bodies, *joints]))
-    for body in range(1, model.nbody):
-        reading.links.append(_add_body(reading, body, joints))
-        mass, moments = float(model.body_mass[body]), np.array(model.body_inertia[body])
-        if (mass or np.any(moments)) and bodies[body] not in massless:
-            placement = pose(model.body_ipos[body], model.body_iquat[body])
-            reading.urdf.inertia(reading.links[body], mass, placement, moments)
-    for site in range(model.nsite):  # one with name and frame of its body is this body
-        name, body = model.site(site).name, model.site_bodyid[site]
-        placement = pose(model.site_pos[site], model.site_quat[site])
-        if name == bodies[body] and placement.isIdentity(0.0):
-            reading.sites[site] = reading.links[body]
-        elif name:
-            known = {*reading.links, *(place.name for place in reading.joints)}
-            wanted = name if name not in known else f"{name}_site"
-            reading.sites[site] = reading.urdf.frame(wanted, reading.links[body], placement)
-    for geom in range(model.ngeom):
-        _add_geom(reading, geom)
-    return reading
 
 
 def _joint_names(mujoco: Any, model: Any) -> list[str]:
@@ -285,15 +274,15 @@ def _solid(reading: MjcfReading, geom: int) -> tuple[str, dict[str, str], pin.SE
 def _mesh(reading: MjcfReading, geom: int) -> tuple[str, dict[str, str], pin.SE3] | None:
     model, mesh = reading.model, reading.model.geom_dataid[geom]
     name = model.mesh(mesh).name
-    asset = reading.meshes[name]
-    if asset.file is None:
-        told = f"mesh {name!r} is left out: {asset.fault}"
-        if asset.fault and told not in reading.notices:
+    file, scale, placement, fault = reading.meshes[name]
+    if file is None:
+        told = f"mesh {name!r} is left out: {fault}"
+        if fault and told not in reading.notices:
             reading.notices.append(told)
         return None
     centred = pose(model.mesh_pos[mesh], model.mesh_quat[mesh])  # by MuJoCo
-    sizes = {"filename": str(asset.file), "scale": numbers_text(asset.scale)}
-    return "mesh", sizes, centred.inverse() * asset.placement
+    sizes = {"filename": str(file), "scale": numbers_text(scale)}
+    return "mesh", sizes, centred.inverse() * placement
 
 
 # ---------------------------------------------------------------- tendons

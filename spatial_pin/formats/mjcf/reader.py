@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from spatial_pin.formats.file_access import Trust, shown
+from spatial_pin.formats.file_access import shown
 from spatial_pin.formats.importers import Imported, Request
 from spatial_pin.formats.mjcf.compiling import compiled, some
 from spatial_pin.formats.mjcf.equalities import read_closures
@@ -15,7 +15,6 @@ from spatial_pin.formats.mjcf.model_tree import (
     MjcfReading,
     fixed_lengths,
     moves_joint,
-    read_tree,
     site_frames,
     straight_sites,
 )
@@ -23,6 +22,7 @@ from spatial_pin.mechanism.coordinates import rotation_vectors
 from spatial_pin.numerics.linalg import Array
 
 HOME = "home"  # the key that is the guess, if there is one
+UNNAMED = "MuJoCo Model"  # what MuJoCo calls a model without a name
 
 # ---------------------------------------------------------------- drivers
 
@@ -89,8 +89,17 @@ def read_springs(reading: MjcfReading) -> list[dict[str, Any]]:
     """Return the springs of joints and of tendons that are straight."""
     if reading.is_off("SPRING"):
         return []
-    model = reading.model
-    springs = [x for k in range(model.ntendon) if (x := _straight_tendon(reading, k)) is not None]
+    model, springs = reading.model, list[dict[str, Any]]()
+    for tendon in range(model.ntendon):
+        stiffness, damping = model.tendon_stiffness[tendon], model.tendon_damping[tendon]
+        low, high = model.tendon_lengthspring[tendon]
+        sites = straight_sites(reading, tendon)
+        if sites and low == high and (stiffness or damping):
+            reading.tendons.add(tendon)
+            name = model.tendon(tendon).name or f"tendon_{tendon}"
+            springs.append({"name": name, "frames": site_frames(reading, name, sites),
+                            "stiffness": float(stiffness), "free_length": float(low),
+                            "damping": 0.0 if reading.is_off("DAMPER") else float(damping)})
     for joint, place in enumerate(reading.joints):
         if not model.jnt_stiffness[joint]:
             continue
@@ -104,21 +113,6 @@ def read_springs(reading: MjcfReading) -> list[dict[str, Any]]:
         springs.append({"name": f"{place.name}_spring", "joint": place.name, free: float(at_rest),
                         "stiffness": float(model.jnt_stiffness[joint])})
     return springs
-
-
-def _straight_tendon(reading: MjcfReading, tendon: int) -> dict[str, Any] | None:
-    """Return the spring between two sites that a tendon is; None for any other."""
-    model = reading.model
-    stiffness, damping = model.tendon_stiffness[tendon], model.tendon_damping[tendon]
-    low, high = model.tendon_lengthspring[tendon]
-    sites = straight_sites(reading, tendon)
-    if not sites or low != high or not (stiffness or damping):
-        return None
-    name = model.tendon(tendon).name or f"tendon_{tendon}"
-    reading.tendons.add(tendon)
-    return {"name": name, "frames": site_frames(reading, name, sites),
-            "stiffness": float(stiffness), "free_length": float(low),
-            "damping": 0.0 if reading.is_off("DAMPER") else float(damping)}
 
 
 def read_guess(reading: MjcfReading) -> dict[str, Any]:
@@ -141,24 +135,15 @@ def _value(reading: MjcfReading, joint: int, q: Array) -> Any:
     return [*q[at:turn].tolist(), *vector.tolist()]
 
 
-UNNAMED = "MuJoCo Model"  # what MuJoCo calls a model without a name
-
-
 def read(request: Request) -> Imported:
-    """Read an MJCF file.
-
-    Raises:
-        MechanismFileError: `mujoco` is not installed or refuses the file, or an equality has no
-            exact counterpart.
-    """
-    trust = Trust.of(request.path, request.packages, request.trusted)
-    model, meshes, massless, notices = compiled(request.path, trust, request.without)
+    """Read an MJCF file."""
+    model, meshes, massless, notices = compiled(request.path, request.trust, request.without)
     import mujoco
 
     names = model.names
     said = names[:names.index(b"\0")].decode()
     name = said if said and said != UNNAMED else request.path.stem
-    reading = read_tree(mujoco, model, meshes, massless, name)
+    reading = MjcfReading(mujoco, model, meshes, massless, name)
     closures = read_closures(reading, shown(request.path))
     content: dict[str, Any] = {
         "name": name,

@@ -38,6 +38,10 @@ from spatial_pin.numerics.linalg import Array
 MESHES = (".obj", ".stl")  # files that MuJoCo reads
 GROUPS = {"visual": {"group": "2", "contype": "0", "conaffinity": "0"},
           "collision": {"group": "3"}}
+EQUALITIES = {"spherical": "connect", "weld": "weld", "fixed": "weld"}
+COMPOSED = ("prismatic", "cylindrical", "planar", "universal", "screw")
+SUFFIXES = (".xml", ".mjcf")
+HOME = "home"  # the name of the key
 
 
 def add_shapes(document: MjcfDocument) -> None:
@@ -94,20 +98,8 @@ def _numbers(text: str) -> Array:
     return np.array([float(word) for word in text.split()])
 
 
-EQUALITIES = {"spherical": "connect", "weld": "weld", "fixed": "weld"}
-COMPOSED = ("prismatic", "cylindrical", "planar", "universal", "screw")
-
-
 def add_closures(document: MjcfDocument, q: Array) -> None:
-    """Add an equality for every closure.
-
-    Args:
-        document: the document, its bodies in place.
-        q: (nq,) where the key is.
-
-    Raises:
-        ClosureTypeError: MuJoCo has no equality that is exactly that closure.
-    """
+    """Add an equality for every closure."""
     for closure in document.mechanism.closures:
         if closure.type == COUPLING:
             first, second = (document.mechanism.coordinate(name).name for name in closure.joints)
@@ -243,10 +235,6 @@ def add_drivers(document: MjcfDocument) -> None:
     if lost:
         warn(f"mechanism {mech.name!r}: drivers {', '.join(lost)} turn components of a joint that "
              "has no motor in MuJoCo: left out")
-
-
-SUFFIXES = (".xml", ".mjcf")
-HOME = "home"  # the name of the key
 
 
 def write_mjcf(mechanism: Mechanism, path: str | Path, q: Array | None = None) -> Path:

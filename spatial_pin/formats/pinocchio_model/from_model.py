@@ -167,11 +167,7 @@ class _FrameNames:
         self.new: dict[str, Frame] = {}
 
     def keep_frames(self) -> None:
-        """List the frames of the model that are neither links nor joints.
-
-        Raises:
-            SpatialPinError: one has the name of another that stands elsewhere.
-        """
+        """List the frames of the model that are neither links nor joints."""
         known = frames_by_name(self.model)
         own = {*self.bodies.mains, *self.bodies.mounts.values(), *self.model.names}
         for k, frame in enumerate(self.model.frames):
@@ -211,11 +207,7 @@ class _FrameNames:
         return tuple(names)
 
     def closures(self, given: Iterable[Any]) -> tuple[Closure, ...]:
-        """Return closures between frames that have names, each with a name of its own.
-
-        Raises:
-            ClosureTypeError: one is a constraint that holds no two bodies together.
-        """
+        """Return closures between frames that have names, each with a name of its own."""
         taken, found = set(self.model.names), []
         for one in given:
             closure = one if isinstance(one, Closure) else of_native(one, self.bodies.mains)
@@ -226,11 +218,7 @@ class _FrameNames:
         return tuple(found)
 
     def put(self) -> None:
-        """Put the new frames into the model.
-
-        Raises:
-            MechanismFileError: a name is taken, or not there.
-        """
+        """Put the new frames into the model."""
         add_frames(self.model, self.new, self.where)
         self.frames.update(self.new)
 

@@ -7,7 +7,7 @@ so that all numbers but angles of rotation stand in the text as they are in the 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -72,22 +72,17 @@ class LinkTree:
             name = joint if i and joint not in self._not_joints else fresh(
                 f"{joint}_link" if i else GROUND, self._taken)
             main = self._add(name, i, above, here, pin.FrameType.BODY)
-        for k in links:
-            if k != main:
-                self.mounts[model.frames[k].name] = model.frames[self._mount(k)].name
+        for link in (model.frames[k] for k in links if k != main):
+            mount, named = model.frames[link.parentFrame], str(link.name)  # new frames move these
+            if link.parentFrame in self._used or mount.type != pin.FrameType.FIXED_JOINT \
+                    or mount.parentJoint != link.parentJoint or mount.name in self._joint_frames \
+                    or mount.placement != link.placement:
+                self.mounts[named] = fresh(f"{named}_mount", self._taken)
+                self._add(self.mounts[named], i, 0, link.placement, pin.FrameType.FIXED_JOINT)
+            else:
+                self._used.add(link.parentFrame)
+                self.mounts[named] = str(mount.name)
         return str(model.frames[main].name)
-
-    def _mount(self, link: int) -> int:
-        """Return the frame of the fixed joint that carries a link."""
-        frame = self._model.frames[link]
-        above = self._model.frames[frame.parentFrame]
-        if frame.parentFrame in self._used or above.type != pin.FrameType.FIXED_JOINT \
-                or above.parentJoint != frame.parentJoint or above.name in self._joint_frames \
-                or above.placement != frame.placement:
-            return self._add(fresh(f"{frame.name}_mount", self._taken), frame.parentJoint, 0,
-                             frame.placement, pin.FrameType.FIXED_JOINT)
-        self._used.add(frame.parentFrame)
-        return int(frame.parentFrame)
 
 
 def urdf_of(mechanism: Mechanism, bodies: LinkTree) -> str:
@@ -103,7 +98,24 @@ def urdf_of(mechanism: Mechanism, bodies: LinkTree) -> str:
     for kind, shapes in (("visual", mechanism.visual_model),
                          ("collision", mechanism.collision_model)):
         for shape in shapes.geometryObjects:
-            _add_shape(mechanism, bodies, links, kind, shape)
+            solid = _solid(shape)
+            if solid is None:
+                warn(f"mechanism {mechanism.name!r}: {kind} {shape.name!r} is a "
+                     f"{type(shape.geometry).__name__} without a file, which URDF does not have: "
+                     "it is drawn, but `save` leaves it out")
+                continue
+            link = bodies.mains[shape.parentJoint]
+            frame = model.frames[shape.parentFrame] if shape.parentFrame < model.nframes else None
+            if frame is not None and frame.type == pin.FrameType.BODY \
+                    and frame.parentJoint == shape.parentJoint:
+                link = frame.name
+            element = ET.SubElement(links[link], kind)
+            element.append(origin(mechanism.frame_on_joint(link)[1].actInv(shape.placement)))
+            ET.SubElement(element, "geometry").append(solid)
+            if kind == "visual":
+                material = ET.SubElement(element, "material", name=f"{shape.name}_colour")
+                rgba = numbers_text(np.clip(shape.meshColor, 0.0, 1.0))
+                ET.SubElement(material, "color", rgba=rgba)
     for i in range(1, model.njoints):
         _add_joint(mechanism, bodies, robot, i)
     for link, mount in bodies.mounts.items():
@@ -134,31 +146,6 @@ def _add_joint(mechanism: Mechanism, bodies: LinkTree, robot: ET.Element, i: int
     resisting = {"damping": model.damping[v], "friction": model.upperDryFrictionLimit[v]}
     if any(resisting.values()):
         ET.SubElement(element, "dynamics", {k: repr(float(x)) for k, x in resisting.items()})
-
-
-# ---------------------------------------------------------------- shapes
-
-
-def _add_shape(
-    mechanism: Mechanism, bodies: LinkTree, links: Mapping[str, ET.Element], kind: str, shape: Any
-) -> None:
-    solid = _solid(shape)
-    if solid is None:
-        warn(f"mechanism {mechanism.name!r}: {kind} {shape.name!r} is a "
-             f"{type(shape.geometry).__name__} without a file, which URDF does not have: "
-             "it is drawn, but `save` leaves it out")
-        return
-    model, link = mechanism.model, bodies.mains[shape.parentJoint]
-    frame = model.frames[shape.parentFrame] if shape.parentFrame < model.nframes else None
-    if frame is not None and frame.type == pin.FrameType.BODY \
-            and frame.parentJoint == shape.parentJoint:
-        link = frame.name
-    element = ET.SubElement(links[link], kind)
-    element.append(origin(mechanism.frame_on_joint(link)[1].actInv(shape.placement)))
-    ET.SubElement(element, "geometry").append(solid)
-    if kind == "visual":
-        material = ET.SubElement(element, "material", name=f"{shape.name}_colour")
-        ET.SubElement(material, "color", rgba=numbers_text(np.clip(shape.meshColor, 0.0, 1.0)))
 
 
 def _solid(shape: Any) -> ET.Element | None:

@@ -1,4 +1,9 @@
-"""SDFormat, read with standard XML: one model, or a world with one, as a joint graph."""
+"""SDFormat, read with standard XML: one model, or a world with one, as a joint graph.
+
+Models within a model are put into the outer one under names such as "inner::link". What an inner
+model places by its own frame, `__model__`, is placed by a frame of the outer model that has the
+inner model's name. Poses stay relative to what they were relative to.
+"""
 
 from __future__ import annotations
 
@@ -16,24 +21,22 @@ from spatial_pin.errors import MechanismFileError, suggestion
 from spatial_pin.formats.file_access import read_text, shown
 from spatial_pin.formats.graph.open_tree import open_tree
 from spatial_pin.formats.importers import Imported, Request
+from spatial_pin.formats.parsing import parse_xml, without
 from spatial_pin.formats.sdf.sdf_constraints import constraints, couplings
 from spatial_pin.formats.sdf.sdf_elements import MODEL, SCOPE, WORLDS, is_true, number_list, pose
 from spatial_pin.formats.sdf.sdf_model import SdfModel, refuse_include
 from spatial_pin.formats.urdf.elements import leave_out, local, numbers_text
-from spatial_pin.formats.xacro.parsing import parse_xml, without
 
 ATTRIBUTES = ("relative_to", "frame", "attached_to", "expressed_in")  # that name a frame
 TEXTS = ("parent", "child", "gearbox_reference_body")  # elements whose text names one
 ENDS = ("_body_A", "_body_B")  # of the names of Drake's elements that do
 NAMED = ("link", "joint", "frame", "plugin")  # elements that an inner model brings along
+OLDEST, NEWEST = (1, 4), (1, 12)
+SCENERY = ("model://sun", "model://ground_plane")
 
 
 def with_nested(model: ET.Element, where: str, version: tuple[int, int]) -> ET.Element:
-    """Return a model with the models within it, as one.
-
-    Raises:
-        MechanismFileError: one has no name or link, or something in it cannot be read.
-    """
+    """Return a model with the models within it, as one."""
     if model.find("model") is None:
         return model
     whole = ET.Element(model.tag, model.attrib)
@@ -110,16 +113,8 @@ def _place(moved: ET.Element, scope: str) -> None:
             xyz.set("expressed_in", scope)
 
 
-OLDEST, NEWEST = (1, 4), (1, 12)
-SCENERY = ("model://sun", "model://ground_plane")
-
-
 def read(request: Request) -> Imported:
-    """Read an SDFormat file.
-
-    Raises:
-        MechanismFileError: it cannot be used; says which element and why.
-    """
+    """Read an SDFormat file."""
     path = request.path
     if request.parameters:
         raise MechanismFileError(f"{path}: parameters {sorted(request.parameters)} given, but only "

@@ -36,14 +36,11 @@ from spatial_pin.formats.urdf.elements import is_prefixed, local, unique, withou
 from spatial_pin.numerics.linalg import Array
 
 BODIES = ("A", "AP"), ("B", "BQ")  # of Drake's constraints: body and point on it
+PARALLEL_AXES = 1e-2  # sine of the angle of two axes: files write 1.57 for a right angle
 
 
 def constraints(model: SdfModel) -> list[GraphJoint]:
-    """Return what holds links together beside joints.
-
-    Raises:
-        MechanismFileError: it names a link that does not exist, or is of a kind that is not read.
-    """
+    """Return what holds links together beside joints."""
     joints: dict[str, GraphJoint] = {}
     for element in model.model:
         joint = None
@@ -78,8 +75,8 @@ def _detachable(model: SdfModel, plugin: ET.Element) -> GraphJoint | None:
     names = [SCOPE.join(filter(None, pair)) for pair in ((scope, parent), (inner, child))]
     asking = f"<plugin name={plugin.get('name', '')!r}>"
     one, two = (model.link_of(name, asking) for name in names)
-    return GraphJoint("__".join(names), "fixed", one, two, *(model.on_link(names[1], x)
-                                                        for x in (one, two)))
+    return GraphJoint("__".join(names), "fixed", one, two,
+                      *(model.on_link(names[1], x) for x in (one, two)))
 
 
 def _of_drake(model: SdfModel, element: ET.Element) -> GraphJoint:
@@ -116,9 +113,6 @@ def _points(model: SdfModel, element: ET.Element) -> tuple[str, str, pin.SE3, pi
         at = number_list(texts.get(f"{kind}_p_{point}"), 3, f"{where}: <{kind}_p_{point}>")
         places.append(pin.SE3(np.eye(3), at))
     return links[0], links[1], places[0], places[1]
-
-
-PARALLEL_AXES = 1e-2  # sine of the angle of two axes: files write 1.57 for a right angle
 
 
 def couplings(model: SdfModel, joints: tuple[GraphJoint, ...]) -> list[dict[str, Any]]:

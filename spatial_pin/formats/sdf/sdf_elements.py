@@ -21,14 +21,26 @@ SCOPE = "::"  # between the names of a model and of what is in it
 WORLDS = ("world",)
 NO_LIMIT = 1e16  # SDFormat's number for a limit that is none
 TRUE = ("1", "true")
+MOMENTS = {"ixx": 1.0, "ixy": 0.0, "ixz": 0.0, "iyy": 1.0, "iyz": 0.0, "izz": 1.0}  # by default
+SIZES = {  # of shapes, with SDFormat's defaults
+    "box": {"size": "1 1 1"}, "sphere": {"radius": "1"}, "cylinder": {"radius": "1", "length": "1"},
+    "capsule": {"radius": "0.5", "length": "1"},
+}
+ELLIPSOID = {"radii": "1 1 1"}
+WATER = 1000.0  # kg/m³, SDFormat's density of a shape
+SOLIDS: dict[str, Callable[..., tuple[float, pin.Inertia]]] = {  # volume, inertia of 1 kg
+    "box": lambda x, y, z: (x * y * z, pin.Inertia.FromBox(1.0, x, y, z)),
+    "sphere": lambda r: (4.0 / 3.0 * math.pi * r**3, pin.Inertia.FromSphere(1.0, r)),
+    "cylinder": lambda r, h: (math.pi * r**2 * h, pin.Inertia.FromCylinder(1.0, r, h)),
+    "capsule": lambda r, h: (math.pi * r**2 * (h + 4.0 / 3.0 * r),
+                             pin.Inertia.FromCapsule(1.0, r, h)),
+    "ellipsoid": lambda x, y, z: (4.0 / 3.0 * math.pi * x * y * z,
+                                  pin.Inertia.FromEllipsoid(1.0, x, y, z)),
+}
 
 
 def number_list(text: str | None, count: int, where: str) -> Array:
-    """Return the `count` finite numbers of a text.
-
-    Raises:
-        MechanismFileError: there are more or fewer, or no numbers.
-    """
+    """Return the `count` finite numbers of a text."""
     try:
         return finite_numbers(text or "", count)
     except ValueError as wanted:
@@ -78,19 +90,9 @@ def pose(element: ET.Element | None, where: str) -> pin.SE3:
     return pin.SE3(pin.rpy.rpyToMatrix(angles), values[:3])
 
 
-@dataclass(frozen=True, eq=False)
-class SdfFrame:
-    """A frame of a model, which other frames may be placed by.
-
-    Attributes:
-        relative_to: the frame it is placed by.
-        placement: in that.
-        attached_to: link, frame or joint that it moves with; itself for a link.
-    """
-
-    relative_to: str
-    placement: pin.SE3
-    attached_to: str
+# A frame of a model: the frame it is placed by, its placement in that, and the link, frame or joint
+# that it moves with, itself for a link.
+SdfFrame = tuple[str, pin.SE3, str]
 
 
 @dataclass
@@ -121,65 +123,37 @@ class SdfFrames:
         return self.table[name]
 
     def in_world(self, name: str, asking: str) -> pin.SE3:
-        """Return where a frame stands in the world.
-
-        Args:
-            name: of the frame.
-            asking: the element that asks, for errors.
-
-        Raises:
-            MechanismFileError: there is no such frame, or it is placed by itself.
-        """
+        """Return where a frame stands in the world."""
         way: dict[str, SdfFrame] = {}
         while name not in self._known and name not in (MODEL, *WORLDS):
             if name in way:
                 raise MechanismFileError(
                     f"{self.where}: the poses of {', '.join(way)} are relative to each other")
             way[name] = self._named(name, asking)
-            asking, name = f"<pose> of {name!r}", way[name].relative_to
+            asking, name = f"<pose> of {name!r}", way[name][0]
         ground = {MODEL: self.of_model, **dict.fromkeys(WORLDS, pin.SE3.Identity())}
         at = ground[name] if name in ground else self._known[name]
         for link, frame in reversed(way.items()):
-            at = self._known[link] = at * frame.placement
+            at = self._known[link] = at * frame[1]
         return at
 
     def link(self, name: str, asking: str, canonical: str) -> str:
-        """Return the link that a frame moves with, `WORLD` for the world's.
-
-        Raises:
-            MechanismFileError: there is none.
-        """
+        """Return the link that a frame moves with, `WORLD` for the world's."""
         way: dict[str, None] = {}
         while name not in WORLDS:
             if name == MODEL:
                 name = canonical
-            frame = self._named(name, asking)
-            if frame.attached_to == name:
+            _, _, attached = self._named(name, asking)
+            if attached == name:
                 return name
             if name in way:
                 raise MechanismFileError(
                     f"{self.where}: the frames {', '.join(way)} are attached to each other")
             way[name] = None
-            asking, name = f"attached_to of {name!r}", frame.attached_to
+            asking, name = f"attached_to of {name!r}", attached
         return WORLD
 
 
-MOMENTS = {"ixx": 1.0, "ixy": 0.0, "ixz": 0.0, "iyy": 1.0, "iyz": 0.0, "izz": 1.0}  # by default
-SIZES = {  # of shapes, with SDFormat's defaults
-    "box": {"size": "1 1 1"}, "sphere": {"radius": "1"}, "cylinder": {"radius": "1", "length": "1"},
-    "capsule": {"radius": "0.5", "length": "1"},
-}
-ELLIPSOID = {"radii": "1 1 1"}
-WATER = 1000.0  # kg/m³, SDFormat's density of a shape
-SOLIDS: dict[str, Callable[..., tuple[float, pin.Inertia]]] = {  # volume, inertia of 1 kg
-    "box": lambda x, y, z: (x * y * z, pin.Inertia.FromBox(1.0, x, y, z)),
-    "sphere": lambda r: (4.0 / 3.0 * math.pi * r**3, pin.Inertia.FromSphere(1.0, r)),
-    "cylinder": lambda r, h: (math.pi * r**2 * h, pin.Inertia.FromCylinder(1.0, r, h)),
-    "capsule": lambda r, h: (math.pi * r**2 * (h + 4.0 / 3.0 * r),
-                             pin.Inertia.FromCapsule(1.0, r, h)),
-    "ellipsoid": lambda x, y, z: (4.0 / 3.0 * math.pi * x * y * z,
-                                  pin.Inertia.FromEllipsoid(1.0, x, y, z)),
-}
 PlaceOf = Callable[[ET.Element | None, str], pin.SE3]  # <pose>, where -> placement on the link
 
 
@@ -192,9 +166,6 @@ def link_elements(link: ET.Element, place_of: PlaceOf, where: str, left_out: lis
         place_of: gives the placement that a <pose> states, on the link.
         where: file and link, for errors.
         left_out: is added to, what URDF has no shape for.
-
-    Raises:
-        MechanismFileError: a number is none.
     """
     inertial, inside = link.find("inertial"), f"{where}: <inertial>"
     if inertial is not None and inertial.get("auto", "").lower() in TRUE:

@@ -17,7 +17,6 @@ from spatial_pin.formats.sdf.sdf_elements import (
     MODEL,
     TRUE,
     WORLDS,
-    SdfFrame,
     SdfFrames,
     bound,
     is_massless,
@@ -40,6 +39,12 @@ JOINERS = re.compile(r"mimic|detachable|attacher|grasp", re.I)  # plugins that j
 DETACHABLE = "detachable"  # in the name or file of the one that holds two links together
 OWN = ("", MODEL)  # what it may call the model that it is in
 APART = re.compile(r"collision|filter|friction|gripper|sensor")  # elements that join none
+PAIR_OF = {
+    "revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic", "screw": "screw",
+    "ball": "spherical", "universal": "universal", "revolute2": "universal", "fixed": "fixed",
+}
+GEARBOX = "gearbox"
+AXES = {"axis": "first", "axis2": "second"}  # of joints with two, and how they are called here
 
 
 def is_detachable(plugin: ET.Element) -> bool:
@@ -49,21 +54,13 @@ def is_detachable(plugin: ET.Element) -> bool:
 
 
 def refuse_include(where: str, uri: str) -> None:
-    """Refuse an <include>.
-
-    Raises:
-        MechanismFileError: always.
-    """
+    """Refuse an <include>."""
     raise MechanismFileError(f"{where}: <include> of {uri!r}: models that include others are not "
                              "read; write the included one in its place ('gz sdf -p' does so)")
 
 
 def unread(model: ET.Element, where: str) -> list[str]:
-    """Return the elements of a model that are not read and join nothing.
-
-    Raises:
-        MechanismFileError: one joins links, or includes a model.
-    """
+    """Return the elements of a model that are not read and join nothing."""
     for include in model.findall("include"):
         refuse_include(where, (include.findtext("uri") or "").strip())
     found = []
@@ -98,14 +95,6 @@ def _unknown(element: ET.Element, names: set[str], joins: int, where: str) -> st
         raise MechanismFileError(f"{where}: <{tag}> joins {', '.join(map(repr, named))} and is not "
                                  f"read; write a <joint> in its place, or {without_it(element)}")
     return f"<{tag}>"
-
-
-PAIR_OF = {
-    "revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic", "screw": "screw",
-    "ball": "spherical", "universal": "universal", "revolute2": "universal", "fixed": "fixed",
-}
-GEARBOX = "gearbox"
-AXES = {"axis": "first", "axis2": "second"}  # of joints with two, and how they are called here
 
 
 class SdfModel:
@@ -170,7 +159,7 @@ class SdfModel:
                     "frame": element.get("attached_to") or MODEL}[kind]
                 default = MODEL if kind == "link" else attached
                 stated = element.find("pose")
-                self.frames.table[key] = SdfFrame(
+                self.frames.table[key] = (
                     self.frames.relative_to(stated, default),
                     pose(stated, f"{self.where}: {kind} {name!r}"), attached)
 
@@ -184,9 +173,9 @@ class SdfModel:
         links, joints = [], []
         links += [self._link(name, element, left_out) for name, element in self.links.items()]
         for name, element in self.joints.items():
-            joint = self._joint(name, element)
-            links += joint[0]
-            joints += joint[1]
+            between, several = _joints_of(self, name, element)
+            links += between
+            joints += several
         for name in self.named:
             links.append(Link(name, self.frames.in_world(name, "frame")))
             at = self.link_of(name, f"frame {name!r}")
@@ -221,60 +210,11 @@ class SdfModel:
 
     def on_link(self, name: str, link: str) -> pin.SE3:
         """Return the placement of a frame on a link."""
-        if name in self.frames.table and self.frames.table[name].relative_to == link:
-            return self.frames.table[name].placement  # every digit of it
+        relative_to, placement, _ = self.frames.table.get(name, ("", pin.SE3.Identity(), ""))
+        if name in self.frames.table and relative_to == link:
+            return placement  # every digit of it
         at = self.frames.in_world(name, "pose")
         return at if link == WORLD else self.frames.in_world(link, "pose").inverse() * at
-
-    def _joint(self, name: str, element: ET.Element) -> tuple[list[Link], list[GraphJoint]]:
-        """Return a joint; one with two axes of which more is said as two, and a link between."""
-        where = f"{self.where}: joint {name!r}"
-        kind = element.get("type", "")
-        if kind == GEARBOX:
-            return [], []
-        if kind not in PAIR_OF:
-            raise MechanismFileError(f"{where}: SDFormat has no joint type {kind!r}; "
-                                     f"{suggestion(kind, (*PAIR_OF, GEARBOX))}")
-        ends = [self.link_of((element.findtext(tag) or "").strip(), f"<{tag}> of joint {name!r}")
-                for tag in ("parent", "child")]
-        if ends[0] == ends[1]:
-            raise MechanismFileError(f"{where} joins {ends[0] or 'the world'!r} with itself")
-        joint = GraphJoint(name, PAIR_OF[kind], ends[0], ends[1],
-                      *(self.on_link(self.frame_of[name], end) for end in ends))
-        if kind == "fixed":
-            return [], [joint]
-        if joint.type == "universal":
-            return self._two_axes(joint, element, where)
-        joint = self._about(joint, name, element.find("axis"), where, "axis")
-        if joint.type == "screw":
-            joint = replace(joint, lead=_lead(element, where))
-        if kind == "continuous":
-            joint = replace(joint, lower=-math.inf, upper=math.inf)
-        return [], [joint]
-
-    def _about(
-        self, joint: GraphJoint, name: str, axis: ET.Element | None, where: str, tag: str
-    ) -> GraphJoint:
-        """Return a joint with what an <axis> of the file's joint of that name says."""
-        if joint.type == "spherical":
-            dynamics = axis.find("dynamics") if axis is not None else None
-            return replace(joint, damping=number(dynamics, "damping", 0.0, where),
-                           friction=number(dynamics, "friction", 0.0, where))
-        if axis is None:
-            raise MechanismFileError(f"{where} needs <{tag}>")
-        where = f"{where}: <{tag}>"
-        limit, dynamics = axis.find("limit"), axis.find("dynamics")
-        effort, velocity = (bound(limit, key, math.inf, where) for key in ("effort", "velocity"))
-        return replace(
-            joint, axis=self.direction(name, axis, where),
-            lower=bound(limit, "lower", -math.inf, where),
-            upper=bound(limit, "upper", math.inf, where),
-            effort=effort if effort >= 0.0 else math.inf,  # -1 for none
-            velocity=velocity if velocity >= 0.0 else math.inf,
-            damping=number(dynamics, "damping", 0.0, where),
-            friction=number(dynamics, "friction", 0.0, where),
-            stiffness=number(dynamics, "spring_stiffness", 0.0, where),
-            reference=number(dynamics, "spring_reference", 0.0, where))
 
     def direction(self, joint: str, axis: ET.Element, where: str) -> Array:
         """Return an axis (3,) of a joint in the joint's frame."""
@@ -294,27 +234,83 @@ class SdfModel:
             given = here.T @ there @ given
         return given / size
 
-    def _two_axes(
-        self, joint: GraphJoint, element: ET.Element, where: str
-    ) -> tuple[list[Link], list[GraphJoint]]:
-        """Return a universal joint, or two revolute joints where these say more."""
-        kind, cross = element.get("type"), f"{joint.name}.cross"
-        first, second = (
-            self._about(replace(joint, name=f"{joint.name}.{AXES[tag]}", type="revolute"),
-                        joint.name, element.find(tag), where, tag) for tag in AXES)
-        square = abs(first.axis @ second.axis) < 1e-9
-        if kind == "universal" and not square:
-            raise MechanismFileError(f"{where}: the axes of a universal joint must be "
-                                     "perpendicular; \"revolute2\" need not have them so")
-        same = first.damping == second.damping and first.friction == second.friction
-        if square and same and not any(
-                x.is_limited or x.stiffness or math.isfinite(min(x.effort, x.velocity))
-                for x in (first, second)):
-            return [], [replace(joint, axis=first.axis, axis2=second.axis, damping=first.damping,
-                                friction=first.friction)]
-        between = Link(cross, self.frames.in_world(self.frame_of[joint.name], "joint"))
-        return [between], [replace(first, child=cross, on_child=pin.SE3.Identity()),
-                           replace(second, parent=cross, on_parent=pin.SE3.Identity())]
+
+def _joints_of(
+    model: SdfModel, name: str, element: ET.Element
+) -> tuple[list[Link], list[GraphJoint]]:
+    """Return a joint; one with two axes of which more is said as two, and a link between."""
+    where = f"{model.where}: joint {name!r}"
+    kind = element.get("type", "")
+    if kind == GEARBOX:
+        return [], []
+    if kind not in PAIR_OF:
+        raise MechanismFileError(f"{where}: SDFormat has no joint type {kind!r}; "
+                                 f"{suggestion(kind, (*PAIR_OF, GEARBOX))}")
+    ends = [model.link_of((element.findtext(tag) or "").strip(), f"<{tag}> of joint {name!r}")
+            for tag in ("parent", "child")]
+    if ends[0] == ends[1]:
+        raise MechanismFileError(f"{where} joins {ends[0] or 'the world'!r} with itself")
+    joint = GraphJoint(name, PAIR_OF[kind], ends[0], ends[1],
+                       *(model.on_link(model.frame_of[name], end) for end in ends))
+    if kind == "fixed":
+        return [], [joint]
+    if joint.type == "universal":
+        return _two_axes(model, joint, element, where)
+    joint = _about(model, joint, name, element.find("axis"), where, "axis")
+    if joint.type == "screw":
+        joint = replace(joint, lead=_lead(element, where))
+    if kind == "continuous":
+        joint = replace(joint, lower=-math.inf, upper=math.inf)
+    return [], [joint]
+
+
+def _about(
+    model: SdfModel, joint: GraphJoint, name: str, axis: ET.Element | None, where: str, tag: str
+) -> GraphJoint:
+    """Return a joint with what an <axis> of the file's joint of that name says."""
+    if joint.type == "spherical":
+        dynamics = axis.find("dynamics") if axis is not None else None
+        return replace(joint, damping=number(dynamics, "damping", 0.0, where),
+                       friction=number(dynamics, "friction", 0.0, where))
+    if axis is None:
+        raise MechanismFileError(f"{where} needs <{tag}>")
+    where = f"{where}: <{tag}>"
+    limit, dynamics = axis.find("limit"), axis.find("dynamics")
+    effort, velocity = (bound(limit, key, math.inf, where) for key in ("effort", "velocity"))
+    return replace(
+        joint, axis=model.direction(name, axis, where),
+        lower=bound(limit, "lower", -math.inf, where),
+        upper=bound(limit, "upper", math.inf, where),
+        effort=effort if effort >= 0.0 else math.inf,  # -1 for none
+        velocity=velocity if velocity >= 0.0 else math.inf,
+        damping=number(dynamics, "damping", 0.0, where),
+        friction=number(dynamics, "friction", 0.0, where),
+        stiffness=number(dynamics, "spring_stiffness", 0.0, where),
+        reference=number(dynamics, "spring_reference", 0.0, where))
+
+
+def _two_axes(
+    model: SdfModel, joint: GraphJoint, element: ET.Element, where: str
+) -> tuple[list[Link], list[GraphJoint]]:
+    """Return a universal joint, or two revolute joints where these say more."""
+    kind, cross = element.get("type"), f"{joint.name}.cross"
+    first, second = (
+        _about(model, replace(joint, name=f"{joint.name}.{AXES[tag]}", type="revolute"),
+                    joint.name, element.find(tag), where, tag) for tag in AXES)
+    square = abs(first.axis @ second.axis) < 1e-9
+    if kind == "universal" and not square:
+        raise MechanismFileError(f"{where}: the axes of a universal joint must be "
+                                 "perpendicular; \"revolute2\" need not have them so")
+    same = first.damping == second.damping and first.friction == second.friction
+    if square and same and not any(
+            x.is_limited or x.stiffness or math.isfinite(min(x.effort, x.velocity))
+            for x in (first, second)):
+        return [], [replace(joint, axis=first.axis, axis2=second.axis, damping=first.damping,
+                            friction=first.friction)]
+    between = Link(cross, model.frames.in_world(model.frame_of[joint.name], "joint"))
+    return [between], [replace(first, child=cross, on_child=pin.SE3.Identity()),
+                       replace(second, parent=cross, on_parent=pin.SE3.Identity())]
+
 
 def _lead(element: ET.Element, where: str) -> float:
     """Return the translation per turn of a screw [m].

@@ -15,6 +15,7 @@ from spatial_pin.numerics.linalg import Array
 
 URDF_AXIS = (1.0, 0.0, 0.0)  # of a joint without <axis>, in URDF and what extends it
 UNBOUNDED = sys.float_info.max  # of a limit: URDF readers take no infinite one
+BODIES = ("link", "body", "model", "robot", "world")  # which joints of the same name are not
 
 
 def local(element: ET.Element) -> str:
@@ -84,13 +85,7 @@ def joint_element(
 
 
 class UrdfText:
-    """A URDF that grows link by link and joint by joint; names are made unique.
-
-    Args:
-        name: of the robot.
-        root: name of the first link.
-        reserved: names that no frame may take.
-    """
+    """A URDF that grows link by link and joint by joint; names are made unique."""
 
     def __init__(self, name: str, root: str, reserved: Iterable[str] = ()) -> None:
         self._robot = ET.Element("robot", name=name)
@@ -155,16 +150,7 @@ class UrdfText:
         self, link: str, kind: str, placement: pin.SE3, solid: str, sizes: dict[str, str],
         rgba: Array | None = None,
     ) -> None:
-        """Give a link a shape.
-
-        Args:
-            link: its name.
-            kind: "visual" or "collision".
-            placement: of the shape in the link.
-            solid: the URDF element, such as "box".
-            sizes: its attributes.
-            rgba: (4,) its colour.
-        """
+        """Give a link a shape."""
         shape = ET.SubElement(self._links[link], kind)
         shape.append(origin(placement))
         ET.SubElement(ET.SubElement(shape, "geometry"), solid, sizes)
@@ -194,9 +180,6 @@ def fresh(wanted: str, taken: set[str]) -> str:
     return name
 
 
-BODIES = ("link", "body", "model", "robot", "world")  # which joints of the same name are not
-
-
 def without_it(element: ET.Element) -> str:
     """Return how one goes on without an element, for the message that it cannot be read."""
     return go_on(element.get("name") or local(element))
@@ -208,19 +191,7 @@ def go_on(name: str) -> str:
 
 
 def leave_out(root: ET.Element, names: Iterable[str], where: str) -> list[str]:
-    """Take elements out of an XML file, by their names or tags; links and bodies stay.
-
-    Args:
-        root: the file's root element.
-        names: of what is taken out.
-        where: the file, for errors.
-
-    Returns:
-        A notice of what was taken out.
-
-    Raises:
-        MechanismFileError: nothing has one of the names.
-    """
+    """Take elements out of XML by names or tags, not links and bodies; return a notice."""
     wanted = dict.fromkeys(names)
     matches: dict[str, list[str]] = {name: [] for name in wanted}
     known: dict[str, None] = {}
@@ -238,16 +209,7 @@ def leave_out(root: ET.Element, names: Iterable[str], where: str) -> list[str]:
 
 
 def notice_of(matches: dict[str, list[str]], known: Iterable[str], where: str) -> list[str]:
-    """Return a notice of what was left out; none where nothing was to be.
-
-    Args:
-        matches: kinds of what was left out, by the name that it has.
-        known: names that could have been given.
-        where: the file, for errors.
-
-    Raises:
-        MechanismFileError: nothing has one of the names.
-    """
+    """Return a notice of what was left out; none where nothing was to be."""
     for name, kinds in matches.items():
         if not kinds:
             raise MechanismFileError(f"{where}: without: there is no element or joint {name!r}; "

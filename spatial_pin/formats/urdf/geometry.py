@@ -68,14 +68,7 @@ class Shape:
 def geometry_of(
     model: pin.Model, shapes: Iterable[Shape], where: str, kind: str
 ) -> pin.GeometryModel:
-    """Return the shapes of an open tree of one kind, "visual" or "collision"; meshes are read.
-
-    Args:
-        model: the open tree.
-        shapes: all of them.
-        where: the file, for messages.
-        kind: which of them.
-    """
+    """Return the shapes of an open tree of one kind, "visual" or "collision"; meshes are read."""
     by_link: dict[str, list[Shape]] = {}
     for shape in shapes:
         if shape.kind == kind:
@@ -132,12 +125,6 @@ def take_shapes(
     robot: ET.Element, path: Path, trust: Trust, faults: Faults
 ) -> tuple[Shape, ...]:
     """Take the shapes out of a URDF; no mesh is opened.
-
-    Args:
-        robot: the URDF; the paths of meshes that are there are made absolute in it.
-        path: where it comes from.
-        trust: which meshes may be read.
-        faults: notes what is left out.
 
     Raises:
         MechanismFileError: a shape has impossible numbers.

@@ -11,10 +11,11 @@ from __future__ import annotations
 import math
 import sys
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -22,6 +23,7 @@ import pinocchio as pin
 from spatial_pin.errors import MechanismFileError, Mistakes, suggestion
 from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.file_access import Trust
+from spatial_pin.formats.parsing import parse_urdf
 from spatial_pin.formats.urdf.elements import UNBOUNDED, URDF_AXIS, numbers_text
 from spatial_pin.formats.urdf.geometry import geometry_of, take_shapes
 from spatial_pin.formats.urdf.validation import (
@@ -32,7 +34,6 @@ from spatial_pin.formats.urdf.validation import (
     end_of,
     numbers,
 )
-from spatial_pin.formats.xacro.parsing import parse_urdf
 from spatial_pin.mechanism.inertia import put_inertias
 from spatial_pin.mechanism.pairs import COUPLING, JOINT_TYPES, PAIRS, Pair, hint_at_type, unit
 from spatial_pin.mechanism.parts import Closure
@@ -82,34 +83,11 @@ class JointRefinement:
     where: str = ""
 
 
-@dataclass(frozen=True, eq=False)
-class OpenTree:
-    """The open tree of a mechanism.
-
-    Attributes:
-        model: Pinocchio model with the refined joints.
-        shapes: gives what is drawn ("visual") and what collides ("collision").
-        pairs: pair name of every joint of the model, in the order of `model.joints[1:]`.
-        inertias: inertia of every link that has one, in the link's frame.
-        mimics: couplings of the joints that mimic others.
-        urdf: the expanded URDF text.
-        slip_speeds: (nv,) speeds at which dry friction is nearly whole; NaN where none is given.
-    """
-
-    model: pin.Model
-    shapes: Callable[[str], pin.GeometryModel]
-    pairs: tuple[str, ...]
-    inertias: dict[str, pin.Inertia]
-    mimics: tuple[Closure, ...]
-    urdf: str
-    slip_speeds: Array
-
-
 def tree_of(
     urdf: str, path: Path, refinements: Mapping[str, JointRefinement], faults: Faults,
     trust: Trust, order: Sequence[str] = (), order_of: str = "",
-) -> OpenTree:
-    """Build the open tree of plain URDF text.
+) -> tuple[dict[str, Any], tuple[Closure, ...]]:
+    """Return what a `Mechanism` has of the open tree of plain URDF text, and its mimics.
 
     Args:
         urdf: the text.
@@ -153,9 +131,11 @@ def tree_of(
         raise MechanismFileError(
             f"{path}: inertias leave the range of numbers: it is too large or too heavy"
         ) from error
-    of_joints = tuple(pairs[name] for name in list(model.names)[1:])
     geometry = partial(geometry_of, model, shapes, str(path))
-    return OpenTree(model, geometry, of_joints, inertias, mimics, whole, slip_speeds)
+    return {"model": model, "visual_model": partial(geometry, "visual"),
+            "collision_model": partial(geometry, "collision"), "inertias": inertias,
+            "pairs": tuple(pairs[name] for name in list(model.names)[1:]), "urdf": whole,
+            "slip_speeds": slip_speeds}, mimics
 
 
 def _plain(element: ET.Element) -> ET.Element:
@@ -373,11 +353,6 @@ def stated_limits(element: ET.Element, nq: int, nv: int) -> tuple[Array, ...]:
 
     One scalar of the URDF holds for every coordinate of the pair, except the position limits of
     a pair with several coordinates and those of a continuous joint, which are none.
-
-    Args:
-        element: the joint.
-        nq: entries of its pair in the configuration.
-        nv: entries of its pair in the velocity.
     """
     limit, dynamics, kind = element.find("limit"), element.find("dynamics"), element.get("type")
 

@@ -30,6 +30,8 @@ ONCE = {  # what a link or joint, or an element in it, says once
     "visual": ("origin", "geometry"), "collision": ("origin", "geometry"),
 }
 UNIVERSE = "universe"  # the joint that all joints of a Pinocchio model hang on
+INERTIAL = (("mass", "value"),
+            *(("inertia", key) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")))
 
 # ---------------------------------------------------------------- structure
 
@@ -125,11 +127,7 @@ def _free(name: str, taken: Container[str]) -> str:
 
 
 def by_name(elements: list[ET.Element], kind: str, where: Path | str) -> dict[str, ET.Element]:
-    """Return elements by their names.
-
-    Raises:
-        MechanismFileError: one has no name, or two have the same.
-    """
+    """Return elements by their names."""
     names: dict[str, ET.Element] = {}
     for element in elements:
         name = element.get("name", "")
@@ -150,11 +148,7 @@ def end_of(joint: ET.Element, role: str) -> str:
 
 
 def numbers(element: ET.Element, attribute: str, count: int, where: str) -> Array:
-    """Return the `count` numbers of an attribute.
-
-    Raises:
-        MechanismFileError: they are not finite numbers, or not so many.
-    """
+    """Return the `count` numbers of an attribute."""
     text = element.get(attribute, "")
     try:
         return finite_numbers(text, count)
@@ -165,11 +159,7 @@ def numbers(element: ET.Element, attribute: str, count: int, where: str) -> Arra
 
 
 def placement(element: ET.Element | None, where: str) -> pin.SE3:
-    """Return the placement that an <origin> gives; none is the identity.
-
-    Raises:
-        MechanismFileError: its numbers are not finite, or not three.
-    """
+    """Return the placement that an <origin> gives; none is the identity."""
     if element is None:
         return pin.SE3.Identity()
     xyz = numbers(element, "xyz", 3, where) if "xyz" in element.attrib else np.zeros(3)
@@ -182,21 +172,13 @@ def placement(element: ET.Element | None, where: str) -> pin.SE3:
 
 
 def check_links(robot: ET.Element, path: Path, faults: Faults) -> dict[str, pin.Inertia]:
-    """Return the own inertia of the links that have one.
-
-    Raises:
-        MechanismFileError: one is no number.
-    """
+    """Return the own inertia of the links that have one."""
     inertias = {}
     for link in robot.findall("link"):
         name, inertial = link.get("name", ""), link.find("inertial")
         if inertial is not None:
             inertias[name] = _inertia(inertial, f"{path}: link {name!r}", faults, name)
     return inertias
-
-
-INERTIAL = (("mass", "value"),
-            *(("inertia", key) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")))
 
 
 def _inertia(inertial: ET.Element, where: str, faults: Faults, name: str) -> pin.Inertia:

@@ -8,11 +8,7 @@ from spatial_pin.formats.importers import Imported, Request
 
 
 def read(request: Request) -> Imported:
-    """Read a USD file.
-
-    Raises:
-        MechanismFileError: `pxr` is not installed, or the file cannot be used.
-    """
+    """Read a USD file."""
     where = shown(request.path)
     if request.parameters:
         raise MechanismFileError(f"{where}: parameters {sorted(request.parameters)} given, but "

@@ -6,27 +6,21 @@ from dataclasses import replace
 from typing import Any
 
 from spatial_pin.errors import MechanismFileError
-from spatial_pin.formats.file_access import Trust
 from spatial_pin.formats.graph.joint_graph import WORLD, GraphJoint, JointGraph, Link
 from spatial_pin.formats.graph.open_tree import open_tree
 from spatial_pin.formats.graph.spanning import SpanningTree
 from spatial_pin.formats.importers import Imported, Request
 from spatial_pin.formats.usd.rigid_bodies import link_elements, read_bodies
 from spatial_pin.formats.usd.usd_joints import read_joints
-from spatial_pin.formats.usd.usd_stage import leave_out, open_stage, quietly
+from spatial_pin.formats.usd.usd_stage import UsdStage, leave_out, quietly
 
 SINGLE_PRECISION = 1e-6  # of numbers of 32 bits, after a few of them were put together
 
 
 def read_stage(request: Request) -> Imported:
-    """Read a stage.
-
-    Raises:
-        MechanismFileError: it cannot be used.
-    """
+    """Read a stage."""
     with quietly(request.path):
-        trust = Trust.of(request.path, request.packages, request.trusted)
-        stage = open_stage(request.path, trust)
+        stage = UsdStage(request.path, request.trust)
         stage.notices += leave_out(stage, request.without)
         bodies = read_bodies(stage)
         if not bodies:

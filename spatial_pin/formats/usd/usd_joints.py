@@ -16,22 +16,22 @@ from spatial_pin.formats.usd.rigid_bodies import Body, body_of
 from spatial_pin.formats.usd.usd_stage import DEGREE, UsdStage, applied, brief_names
 
 PHYSX, NEWTON, EQUALITY = "PhysxMimicJointAPI", "NewtonMimicAPI", "MjcEqualityJointAPI"
+MUJOCO = "MjcJointAPI"
+ACTUATOR = "MjcActuator"
+DIRECTIONS = {"X": np.eye(3)[0], "Y": np.eye(3)[1], "Z": np.eye(3)[2]}
+FREEDOMS = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
+PAIR_OF_FREEDOMS = {  # by the axes that several coordinates slide along and turn about
+    **{("", turns): "universal" for turns in ("XY", "XZ", "YZ")}, ("", "XYZ"): "spherical",
+    **{(axis, axis): "cylindrical" for axis in "XYZ"},
+    ("XY", "Z"): "planar", ("XZ", "Y"): "planar", ("YZ", "X"): "planar"}
+UNREAD = ("Joint", "Attachment", "Constraint")  # endings of types that join bodies
+LARGEST_FLOAT = 3.4e38  # of a 32-bit number: USD's own for a force without limit
 
 
 def mimics(
     stage: UsdStage, prim: Any, name: str, of_path: Mapping[str, str]
 ) -> list[dict[str, Any]]:
-    """Return the mimics that a joint states, as a mechanism file has couplings.
-
-    Args:
-        stage: the stage.
-        prim: of the joint.
-        name: of the joint.
-        of_path: names of all joints by path.
-
-    Raises:
-        MechanismFileError: one is of a kind that is not known, or names no joint that it could be.
-    """
+    """Return the mimics that a joint states, as a mechanism file has couplings."""
     found = []
     for schema in applied(prim):
         kind, _, freedom = schema.partition(":")
@@ -78,10 +78,6 @@ def _leader(stage: UsdStage, prim: Any, schema: str, relationship: str) -> tuple
                      "joints than these; that is not read")
 
 
-MUJOCO = "MjcJointAPI"
-ACTUATOR = "MjcActuator"
-
-
 def with_resistance(stage: UsdStage, prim: Any, joint: GraphJoint) -> GraphJoint:
     """Return a joint with damping, dry friction, armature and spring, in SI units."""
     turns = joint.type != "prismatic"
@@ -115,11 +111,10 @@ def actuated(stage: UsdStage, of_path: Mapping[str, str]) -> list[str]:
 def in_series(
     joints: Iterable[GraphJoint], named: Collection[str]
 ) -> tuple[list[Link], list[GraphJoint]]:
-    """Return joints of which those in series have massless links between them, and these links.
+    """Return massless links between joints in series, and all joints.
 
-    Args:
-        joints: all joints.
-        named: those of them that MuJoCo's schemas describe.
+    Joints that MuJoCo's schemas describe, `named`, between the same two bodies are in series, in
+    the order of the stage, each about its axis on the second body.
     """
     groups: dict[tuple[str, str], list[GraphJoint]] = {}
     for joint in joints:
@@ -137,24 +132,10 @@ def in_series(
     return links, found
 
 
-DIRECTIONS = {"X": np.eye(3)[0], "Y": np.eye(3)[1], "Z": np.eye(3)[2]}
-FREEDOMS = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
-PAIR_OF_FREEDOMS = {  # by the axes that several coordinates slide along and turn about
-    **{("", turns): "universal" for turns in ("XY", "XZ", "YZ")}, ("", "XYZ"): "spherical",
-    **{(axis, axis): "cylindrical" for axis in "XYZ"},
-    ("XY", "Z"): "planar", ("XZ", "Y"): "planar", ("YZ", "X"): "planar"}
-UNREAD = ("Joint", "Attachment", "Constraint")  # endings of types that join bodies
-LARGEST_FLOAT = 3.4e38  # of a 32-bit number: USD's own for a force without limit
-
-
 def read_joints(
     stage: UsdStage, bodies: dict[str, Body]
 ) -> tuple[list[GraphJoint], list[Link], list[str], list[dict[str, Any]]]:
-    """Return all joints, massless links between those in series, names of driven ones, couplings.
-
-    Raises:
-        MechanismFileError: one is of a kind that cannot be read, or has impossible numbers.
-    """
+    """Return joints, massless links between those in series, names of driven ones, couplings."""
     of_path = _names(stage)
     tendons = [str(prim.GetPath()) for prim in stage.prims()
                if any("Tendon" in schema for schema in applied(prim))]
@@ -221,7 +202,7 @@ def _joint(stage: UsdStage, prim: Any, name: str, bodies: dict[str, Body]) -> Gr
         stage.notices.append(f"joint {name!r} joins {what} with itself: it is left out")
         return None
     joint = GraphJoint(name, "fixed", ends[0], ends[1], frames[0], frames[1],
-                  cut=api.GetExcludeFromArticulationAttr().Get() is True)
+                       cut=api.GetExcludeFromArticulationAttr().Get() is True)
     if prim.IsA(UsdPhysics.FixedJoint):
         return joint
     if prim.IsA(UsdPhysics.RevoluteJoint):

@@ -7,7 +7,6 @@ import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -28,9 +27,8 @@ DEEPEST_PRIM = 1000
 EARTH = 9.81  # m/s², where a scene says that it has the earth's gravity
 
 
-@dataclass
 class UsdStage:
-    """A stage that is read.
+    """A stage that is opened; `trust` says which files it may be composed of.
 
     Attributes:
         usd: the stage.
@@ -39,14 +37,24 @@ class UsdStage:
         notices: what was changed or left out.
     """
 
-    usd: Any
-    where: str
-    metre: float
-    kilogram: float
-    notices: list[str] = field(default_factory=list)
-    _turning: set[Any] = field(default_factory=set)  # paths of prims whose turns are numbers
-    _cache: Any = field(
-        default_factory=lambda: UsdGeom.XformCache(Usd.TimeCode.EarliestTime()))
+    def __init__(self, path: Path, trust: Trust) -> None:
+        layers = _layers(path, trust)  # held, so that none is opened a second time
+        self.usd = usd = Usd.Stage.Open(str(path))
+        del layers
+        self.where = shown(path)
+        self.metre = UsdGeom.GetStageMetersPerUnit(usd)
+        self.kilogram = UsdPhysics.GetStageKilogramsPerUnit(usd)
+        self.notices: list[str] = []
+        self._turning: set[Any] = set()  # paths of prims whose turns are numbers
+        self._cache = UsdGeom.XformCache(Usd.TimeCode.EarliestTime())
+        for name, unit in (("metersPerUnit", self.metre), ("kilogramsPerUnit", self.kilogram)):
+            if not (np.isfinite(unit) and unit > 0.0):
+                raise MechanismFileError(f"{self.where}: {name} is {unit}; it must be positive")
+        if not UsdGeom.StageHasAuthoredMetersPerUnit(usd):
+            self.notices.append("metersPerUnit is not stated: lengths are centimetres, as USD says")
+        missing = [str(error).split("\n")[0].strip() for error in usd.GetCompositionErrors()]
+        if missing:
+            self.notices.append(f"parts of the stage are missing: {'; '.join(missing)[:300]}")
 
     def prims(self, root: Any = None) -> Iterator[Any]:
         """Yield all prims below one, or all, those of instances too."""
@@ -60,9 +68,6 @@ class UsdStage:
         Args:
             prim: the prim.
             mirrored: whether it may have left-handed axes, of which one is then turned round.
-
-        Raises:
-            MechanismFileError: its axes lie in a plane, or are left-handed.
         """
         self._check_turns(prim)
         matrix = np.array(self._cache.GetLocalToWorldTransform(prim)).T
@@ -99,11 +104,7 @@ class UsdStage:
         return self.number(attribute) if attribute and attribute.HasValue() else default
 
     def numbers(self, attribute: Any, count: int = 1, infinite: bool = False) -> Array:
-        """Return the (count,) numbers of an attribute.
-
-        Raises:
-            MechanismFileError: they are others, NaN, or infinite where they may not be.
-        """
+        """Return the (count,) numbers of an attribute."""
         value = attribute.Get() if attribute else None
         try:
             found = np.array(value, dtype=float).reshape(-1)
@@ -121,11 +122,7 @@ class UsdStage:
         return float(self.numbers(attribute, infinite=True)[0])
 
     def word(self, attribute: Any, valid: Collection[str]) -> str:
-        """Return the text of an attribute.
-
-        Raises:
-            MechanismFileError: it is none of those that are valid.
-        """
+        """Return the text of an attribute."""
         text = str(attribute.Get())
         if text not in valid:
             raise MechanismFileError(f"{self.where}: {attribute.GetPath()} is {text[:80]!r}; it "
@@ -133,11 +130,7 @@ class UsdStage:
         return text
 
     def rotation(self, attribute: Any) -> Array:
-        """Return the rotation (3, 3) of an attribute, a quaternion.
-
-        Raises:
-            MechanismFileError: it is none.
-        """
+        """Return the rotation (3, 3) of an attribute, a quaternion."""
         value = attribute.Get()
         if not hasattr(value, "GetImaginary"):
             raise MechanismFileError(f"{self.where}: {attribute.GetPath()} is {str(value)[:80]}; "
@@ -211,11 +204,7 @@ def _check_depth(path: Path, where: str) -> None:
 
 
 def _layers(path: Path, trust: Trust) -> list[Any]:
-    """Return the layers that a stage is composed of, each looked at before it is opened.
-
-    Raises:
-        MechanismFileError: one may not be read.
-    """
+    """Return the layers that a stage is composed of, each looked at before it is opened."""
     where, layers = shown(path), dict[str, Any]()
     waiting = [str(path)]
     while waiting:
@@ -258,39 +247,8 @@ def _named(layer: Any) -> Iterator[str]:
                 yield from (getattr(x, "path", x) for x in several if x)
 
 
-def open_stage(path: Path, trust: Trust) -> UsdStage:
-    """Open a stage.
-
-    Args:
-        path: the file.
-        trust: which files it may be composed of.
-
-    Raises:
-        MechanismFileError: it is no USD, or is composed of files that may not be read.
-    """
-    where = shown(path)
-    layers = _layers(path, trust)  # held, so that none is opened a second time
-    usd = Usd.Stage.Open(str(path))
-    del layers
-    stage = UsdStage(usd, where, UsdGeom.GetStageMetersPerUnit(usd),
-                  UsdPhysics.GetStageKilogramsPerUnit(usd))
-    for name, unit in (("metersPerUnit", stage.metre), ("kilogramsPerUnit", stage.kilogram)):
-        if not (np.isfinite(unit) and unit > 0.0):
-            raise MechanismFileError(f"{where}: {name} is {unit}; it must be positive")
-    if not UsdGeom.StageHasAuthoredMetersPerUnit(usd):
-        stage.notices.append("metersPerUnit is not stated: lengths are centimetres, as USD says")
-    missing = [str(error).split("\n")[0].strip() for error in usd.GetCompositionErrors()]
-    if missing:
-        stage.notices.append(f"parts of the stage are missing: {'; '.join(missing)[:300]}")
-    return stage
-
-
 def leave_out(stage: UsdStage, names: Iterable[str]) -> list[str]:
-    """Take prims of joints and the like out of a stage, by name or path; return a notice.
-
-    Raises:
-        MechanismFileError: nothing has one of the names.
-    """
+    """Take prims of joints and the like out of a stage, by name or path; return a notice."""
     matches: dict[str, list[str]] = {name: [] for name in names}
     prims = {} if not matches else {
         prim: (prim.GetName(), str(prim.GetPath())) for prim in stage.prims()
@@ -313,11 +271,7 @@ def _text(error: Exception) -> str:
 
 @contextmanager
 def quietly(path: Path) -> Iterator[None]:
-    """Keep what USD prints from the terminal; its errors become the library's.
-
-    Raises:
-        MechanismFileError: USD has found an error in the file.
-    """
+    """Keep what USD prints from the terminal; its errors become the library's."""
     delegate = UsdUtils.CoalescingDiagnosticDelegate()
     try:
         yield

@@ -40,6 +40,7 @@ from spatial_pin.formats.file_access import (
     read_text,
     shown,
 )
+from spatial_pin.formats.parsing import parse_xml
 from spatial_pin.formats.xacro.expressions import (
     GLOBALS,
     SHARE,
@@ -50,7 +51,6 @@ from spatial_pin.formats.xacro.expressions import (
     evaluate,
     measure,
 )
-from spatial_pin.formats.xacro.parsing import parse_xml
 from spatial_pin.formats.xacro.tracing import Tape
 
 MACRO = 50  # steps of calling a macro
@@ -58,6 +58,15 @@ PLACE = 40  # steps of putting one thing in the place of another
 SIBLINGS = 500  # elements among which one is found in the time of one step
 _XACRO = re.compile(r"""\sxmlns:xacro\s*=\s*["']([^"']*)""")  # xacro goes by the prefix
 _IMPORTING = threading.Lock()
+_TOKEN = re.compile(
+    r"\$\$+(?=[{(])"          # dollars before a bracket: one less, and what follows is text
+    r"|\$\{(?P<value>[^}]*)\}"
+    r"|\$\((?P<command>[^)]*)\)"
+    r"|[^$]+|\$(?![{(])")
+# xacro's own pattern of a macro's parameter, but without its exponential number of ways to match
+_PARAMETER = re.compile(
+    r"^\s*([^\s:=]+?)\s*:?=\s*(\^\|?)?"
+    r"(\$\{.*?\}|\$\(.*?\)|(?:'[^']*+'|\"[^\"]*+\"|[^\s'\"]++)++|)(?:\s+|$)(.*)")
 if hasattr(os, "register_at_fork"):  # a child must not be born while an import is half done
     os.register_at_fork(before=_IMPORTING.acquire, after_in_parent=_IMPORTING.release,
                         after_in_child=_IMPORTING.release)
@@ -91,13 +100,7 @@ def expand(
 
 @lru_cache(maxsize=200)
 def _library_text(path: Path, mappings: tuple[tuple[str, str], ...], changed: int) -> str:
-    """Return what a file of the library expands to: four fifths of the time of loading it.
-
-    Args:
-        path: the file.
-        mappings: values of its arguments.
-        changed: when the library has last changed.
-    """
+    """Return what a file of the library expands to: four fifths of the time of loading it."""
     return Expansion(path, False, NO_PACKAGES).text(dict(mappings))
 
 
@@ -117,9 +120,6 @@ def traced(
     Returns:
         The text that `expand` returns, but for the decimals of numbers that depend on the
         arguments, which tell their places on the tape.
-
-    Raises:
-        MechanismFileError: as `expand`.
     """
     tape = Tape(arguments)
     mappings = {name: xacro_text(value) for name, value in parameters.items()}
@@ -133,21 +133,19 @@ def _checked_parameters(expansion: Expansion, parameters: Mapping[str, float]) -
         if name not in valid:
             raise MechanismFileError(
                 f"{expansion.path}: no parameter {name!r}; {suggestion(name, valid)}")
-        if not isinstance(value, str):
-            _check_number(name, value)
+        if isinstance(value, str):
+            continue
+        try:
+            number = float(value)
+        except OverflowError:
+            raise ValueError(
+                f"parameter {name!r} is too large; a finite number is needed") from None
+        except (TypeError, ValueError):
+            raise TypeError(f"parameter {name!r} is a {type(value).__name__}; a number is needed, "
+                            "or a text") from None
+        if not math.isfinite(number):
+            raise ValueError(f"parameter {name!r} is {number}; a finite number is needed")
     return {name: xacro_text(value) for name, value in parameters.items()}
-
-
-def _check_number(name: str, value: object) -> None:
-    try:
-        number = float(value)  # type: ignore[arg-type]
-    except OverflowError:
-        raise ValueError(f"parameter {name!r} is too large; a finite number is needed") from None
-    except (TypeError, ValueError):
-        raise TypeError(f"parameter {name!r} is a {type(value).__name__}; a number is needed, or "
-                        "a text") from None
-    if not math.isfinite(number):
-        raise ValueError(f"parameter {name!r} is {number}; a finite number is needed")
 
 
 def xacro_text(value: object) -> str:
@@ -181,12 +179,6 @@ def arguments_of(expansion: Expansion) -> dict[str, str]:
 
 # ---------------------------------------------------------------- one expansion
 
-_TOKEN = re.compile(
-    r"\$\$+(?=[{(])"          # dollars before a bracket: one less, and what follows is text
-    r"|\$\{(?P<value>[^}]*)\}"
-    r"|\$\((?P<command>[^)]*)\)"
-    r"|[^$]+|\$(?![{(])")
-
 
 @lru_cache(maxsize=4096)
 def _tokens(text: str) -> tuple[tuple[str, str], ...]:
@@ -207,14 +199,8 @@ def _tokens(text: str) -> tuple[tuple[str, str], ...]:
     return tuple(parts)
 
 
-# xacro's own pattern of a macro's parameter, but without its exponential number of ways to match
-_PARAMETER = re.compile(
-    r"^\s*([^\s:=]+?)\s*:?=\s*(\^\|?)?"
-    r"(\$\{.*?\}|\$\(.*?\)|(?:'[^']*+'|\"[^\"]*+\"|[^\s'\"]++)++|)(?:\s+|$)(.*)")
-
-
-class Expansion:
-    """One run of xacro over a file and what it includes."""
+class XacroFiles:
+    """What one run of xacro reads: files, found where they may lie, and the environment."""
 
     def __init__(
         self, path: Path, trusted: bool, packages: Mapping[str, Path], tape: Tape | None = None
@@ -224,12 +210,122 @@ class Expansion:
         self.budget, self.tape = Budget(tape), tape
         self.xacro: Any = None
 
-    def guarded(self, run: Callable[[Any], Any]) -> Any:
-        """Return what `run` makes of the module xacro.
+    @property
+    def file(self) -> str:
+        """The file that is being read."""
+        stack = self.xacro.filestack if self.xacro is not None else None
+        return str(stack[-1]) if stack else str(self.path)
 
-        Raises:
-            MechanismFileError: whatever goes wrong in it, with the file.
-        """
+    def package(self, name: str) -> str:
+        """Return the folder of a package."""
+        folder = Path(self.file).parent.resolve()
+        found = next((p for p in package_folders(name, folder, self.packages)
+                      if os.path.isdir(p)), None)
+        if found is None:
+            raise RefusedError(f"no package {name!r}: neither round this file nor below the "
+                               "folders of ROS_PACKAGE_PATH or AMENT_PREFIX_PATH; say where it "
+                               f"lies: load(..., packages={{{name!r}: FOLDER}})")
+        return str(found.resolve())
+
+    def absolute(self, name: str, file: str | None = None) -> str:
+        """Return the path of a file that is named in the file being read."""
+        return os.path.join(os.path.dirname(file or self.file), str(name))
+
+    def confined(self, name: str) -> Path:
+        """Return the path of a file that may be read."""
+        try:
+            return self.trust.resolved(name)
+        except MechanismFileError as error:
+            raise MechanismFileError(f"{shown(self.file)}: {error}") from error
+
+    def included(self, name: str, file: Path) -> list[Path]:
+        """Return the files of an include, those only that can be known without expanding."""
+        try:
+            for package in re.findall(r"\$\(find +([^ )]*) *\)", name):
+                name = re.sub(rf"\$\(find +{re.escape(package)} *\)", self.package(package), name)
+            if "$" in name:
+                return []
+            return [p for p in map(self.confined, self.matching(self.absolute(name, str(file))))
+                    if is_file(p)]
+        except (MechanismFileError, RefusedError):
+            return []  # for xacro to complain about, if it comes to it
+
+    def matching(self, name: str) -> list[str]:
+        """Return the files that a name with or without wildcards stands for, sorted."""
+        if not re.search(r"[*[?]", name):
+            return [name]
+        folder = os.path.dirname(re.split(r"[*[?]", name)[0])
+        self.confined(folder)
+        return sorted(glob.glob(name))
+
+    def parse(self, _: None, name: str) -> Any:
+        """Return the document of a file."""
+        path = Path(name)
+        if not os.path.exists(path) and self.xacro.filestack[1:]:  # an include that may be missing
+            self.xacro.filestack.pop()
+            error = FileNotFoundError(2, "no such file", name)
+            raise self.xacro.XacroException(f"no such file: {shown(name)}", exc=error)
+        text = read_text(path)
+        self.budget.spend(len(text) // SHARE)
+        try:
+            document = minidom.parseString(text)
+        except (ExpatError, ValueError) as error:
+            raise MechanismFileError(f"{shown(name)}: not well-formed XML: {error}") from error
+        # half of a file is space between elements, and comments where none is an instruction:
+        # xacro would copy it with every macro and leave it out in the end
+        dropped = (Node.TEXT_NODE, Node.COMMENT_NODE) if "xacro:eval-comments" not in text else (
+            Node.TEXT_NODE,)
+        stack: list[Any] = [document.documentElement]
+        while stack:
+            children = stack.pop().childNodes
+            if len(children) == 1 and children[0].nodeType == Node.TEXT_NODE:
+                continue
+            children[:] = [child for child in children if child.nodeType not in dropped or (
+                child.nodeType == Node.TEXT_NODE and child.data and not child.data.isspace())]
+            _link([None, *children, None])
+            stack += [child for child in children if child.nodeType == Node.ELEMENT_NODE]
+        return document
+
+    def load_yaml(self, name: str) -> Any:
+        """Return what a YAML file says."""
+        from spatial_pin.formats.xacro.yaml_files import read_yaml
+
+        path = self.confined(self.absolute(name))
+        found = read_yaml(path, lambda text: evaluate(text, GLOBALS, self.budget))
+        measure(found, self.budget)
+        return self.xacro.YamlListWrapper.wrap(found)
+
+    def environment(self, name: str) -> str:
+        """Return an environment variable; a file that is not trusted learns of none."""
+        if not self.trust.trusted:
+            raise RefusedError(f"environment variables are not for files of others; {REMEDY}")
+        if name not in os.environ:
+            raise RefusedError(f"no environment variable {name!r}; $(optenv {name} default) allows "
+                               "for that")
+        return os.environ[name]
+
+    def optional(self, name: str, *default: str) -> str:
+        """Return an environment variable or the default; that for a file that is not trusted."""
+        own = " ".join(default)
+        if self.trust.trusted:
+            return os.environ.get(name, own)
+        if name in os.environ:
+            warn(f"{shown(self.file)}: $(optenv {name}) is its default here, {own!r}: environment "
+                 f"variables are not for files of others; {REMEDY}")
+        return own
+
+    def working_folder(self) -> str:
+        """Return the working folder, to a file that is trusted."""
+        if not self.trust.trusted:
+            raise RefusedError(f"the working folder is not for files of others; {REMEDY}")
+        return os.getcwd()
+
+
+class Expansion(XacroFiles):
+    """One run of xacro over a file and what it includes."""
+
+    def guarded(self, run: Callable[[Any], Any]) -> Any:
+        """Return what `run` makes of the module xacro."""
         self.xacro = _own_xacro(self)
         try:
             return run(self.xacro)
@@ -247,20 +343,12 @@ class Expansion:
         return self.guarded(
             lambda xacro: xacro.process_file(str(self.path), mappings=mappings).toxml())
 
-    @property
-    def file(self) -> str:
-        """The file that is being read."""
-        stack = self.xacro.filestack if self.xacro is not None else None
-        return str(stack[-1]) if stack else str(self.path)
-
     def fail(self, what: str, error: Exception) -> NoReturn:
         """Raise the error of one piece of text."""
         text = what if len(what) <= 120 else f"{what[:110]}..."
         reason = " ".join(str(error).split())[:300] or type(error).__name__
         raise MechanismFileError(
             f"{shown(self.file)}: {' '.join(text.split())}: {reason}") from error
-
-    # ------------------------------------------------------------ texts
 
     def eval_text(self, text: str, symbols: Any) -> Any:
         """Return a text with its `${...}` and `$(...)` put in; the value itself of one alone."""
@@ -329,54 +417,6 @@ class Expansion:
             raise RefusedError(f"no argument {name!r}; {suggestion(name, self.arguments)}")
         return self.arguments[name]
 
-    # ------------------------------------------------------------ files
-
-    def package(self, name: str) -> str:
-        """Return the folder of a package."""
-        folder = Path(self.file).parent.resolve()
-        found = next((p for p in package_folders(name, folder, self.packages)
-                      if os.path.isdir(p)), None)
-        if found is None:
-            raise RefusedError(f"no package {name!r}: neither round this file nor below the "
-                               "folders of ROS_PACKAGE_PATH or AMENT_PREFIX_PATH; say where it "
-                               f"lies: load(..., packages={{{name!r}: FOLDER}})")
-        return str(found.resolve())
-
-    def absolute(self, name: str, file: str | None = None) -> str:
-        """Return the path of a file that is named in the file being read."""
-        return os.path.join(os.path.dirname(file or self.file), str(name))
-
-    def confined(self, name: str) -> Path:
-        """Return the path of a file that may be read.
-
-        Raises:
-            MechanismFileError: it lies where no file may be read from.
-        """
-        try:
-            return self.trust.resolved(name)
-        except MechanismFileError as error:
-            raise MechanismFileError(f"{shown(self.file)}: {error}") from error
-
-    def included(self, name: str, file: Path) -> list[Path]:
-        """Return the files of an include, those only that can be known without expanding."""
-        try:
-            for package in re.findall(r"\$\(find +([^ )]*) *\)", name):
-                name = re.sub(rf"\$\(find +{re.escape(package)} *\)", self.package(package), name)
-            if "$" in name:
-                return []
-            return [p for p in map(self.confined, self.matching(self.absolute(name, str(file))))
-                    if is_file(p)]
-        except (MechanismFileError, RefusedError):
-            return []  # for xacro to complain about, if it comes to it
-
-    def matching(self, name: str) -> list[str]:
-        """Return the files that a name with or without wildcards stands for, sorted."""
-        if not re.search(r"[*[?]", name):
-            return [name]
-        folder = os.path.dirname(re.split(r"[*[?]", name)[0])
-        self.confined(folder)
-        return sorted(glob.glob(name))
-
     def include_files(self, name: str, symbols: Any) -> list[str]:
         """Return the files of an include."""
         files = self.matching(self.absolute(self.eval_text(name, symbols)))
@@ -390,33 +430,6 @@ class Expansion:
             except MechanismFileError as error:
                 raise MechanismFileError(f"{shown(self.file)}: an include: {error}") from error
         return files
-
-    def parse(self, _: None, name: str) -> Any:
-        """Return the document of a file."""
-        path = Path(name)
-        if not os.path.exists(path) and self.xacro.filestack[1:]:  # an include that may be missing
-            self.xacro.filestack.pop()
-            error = FileNotFoundError(2, "no such file", name)
-            raise self.xacro.XacroException(f"no such file: {shown(name)}", exc=error)
-        text = read_text(path)
-        self.budget.spend(len(text) // SHARE)
-        try:
-            document = minidom.parseString(text)
-        except (ExpatError, ValueError) as error:
-            raise MechanismFileError(f"{shown(name)}: not well-formed XML: {error}") from error
-        _leave_out_space(document, "xacro:eval-comments" not in text)
-        return document
-
-    def load_yaml(self, name: str) -> Any:
-        """Return what a YAML file says."""
-        from spatial_pin.formats.xacro.yaml_files import read_yaml
-
-        path = self.confined(self.absolute(name))
-        found = read_yaml(path, lambda text: evaluate(text, GLOBALS, self.budget))
-        measure(found, self.budget)
-        return self.xacro.YamlListWrapper.wrap(found)
-
-    # ------------------------------------------------------------ elements
 
     def macro(self, name: str, macros: Any, symbols: Any) -> Any:
         """Return a macro with the names in its reach, paid for."""
@@ -450,38 +463,11 @@ class Expansion:
 COMMANDS: dict[str, tuple[int, int, Callable[..., Any]]] = {  # fewest words, most, what it does
     "arg": (1, 1, Expansion.argument),
     "find": (1, 1, Expansion.package),
-    "env": (1, 1, lambda expansion, name: _environment(expansion, name)),
-    "optenv": (1, 100, lambda expansion, name, *rest: _optional(expansion, name, *rest)),
-    "cwd": (0, 0, lambda expansion: _working_folder(expansion)),
+    "env": (1, 1, Expansion.environment),
+    "optenv": (1, 100, Expansion.optional),
+    "cwd": (0, 0, Expansion.working_folder),
     "dirname": (0, 0, lambda expansion: os.path.abspath(os.path.dirname(expansion.file))),
 }
-
-
-def _environment(expansion: Expansion, name: str) -> str:
-    """Return an environment variable; a file that is not trusted learns of none."""
-    if not expansion.trust.trusted:
-        raise RefusedError(f"environment variables are not for files of others; {REMEDY}")
-    if name not in os.environ:
-        raise RefusedError(f"no environment variable {name!r}; $(optenv {name} default) allows for "
-                           "that")
-    return os.environ[name]
-
-
-def _optional(expansion: Expansion, name: str, *default: str) -> str:
-    """Return an environment variable, or the default; that for a file that is not trusted."""
-    own = " ".join(default)
-    if expansion.trust.trusted:
-        return os.environ.get(name, own)
-    if name in os.environ:
-        warn(f"{shown(expansion.file)}: $(optenv {name}) is its default here, {own!r}: environment "
-             f"variables are not for files of others; {REMEDY}")
-    return own
-
-
-def _working_folder(expansion: Expansion) -> str:
-    if not expansion.trust.trusted:
-        raise RefusedError(f"the working folder is not for files of others; {REMEDY}")
-    return os.getcwd()
 
 
 def _link(siblings: list[Any]) -> None:
@@ -493,34 +479,12 @@ def _link(siblings: list[Any]) -> None:
             after.previousSibling = before
 
 
-def _leave_out_space(document: minidom.Document, comments: bool) -> None:
-    """Take out what xacro would copy with every macro and leave out in the end: half of a file.
-
-    That is space between elements, and comments where none is an instruction to xacro.
-    """
-    dropped = (Node.TEXT_NODE, Node.COMMENT_NODE) if comments else (Node.TEXT_NODE,)
-    stack: list[Any] = [document.documentElement]
-    while stack:
-        element = stack.pop()
-        children = element.childNodes
-        if len(children) == 1 and children[0].nodeType == Node.TEXT_NODE:
-            continue
-        children[:] = [child for child in children if child.nodeType not in dropped or (
-            child.nodeType == Node.TEXT_NODE and child.data and not child.data.isspace())]
-        _link([None, *children, None])
-        stack += [child for child in children if child.nodeType == Node.ELEMENT_NODE]
-
-
 # ---------------------------------------------------------------- the module
 
 
 @lru_cache(maxsize=1)
 def _xacro_code() -> tuple[ModuleSpec, CodeType]:
-    """Return what a copy of the module xacro is made of.
-
-    Raises:
-        ImportError: it is not installed.
-    """
+    """Return what a copy of the module xacro is made of."""
     spec = importlib.util.find_spec("xacro")
     loader: Any = spec.loader if spec is not None else None
     if spec is None or loader is None:

@@ -76,8 +76,6 @@ class Tape:
         """Note that something cannot be followed."""
         self.is_whole = False
 
-    # ------------------------------------------------------------ writing
-
     def number(self, place: int) -> Traced:
         """Return the number at a place."""
         found = Traced(self._values[place])
@@ -115,8 +113,6 @@ class Tape:
         else:
             self.give_up()
         return value
-
-    # ------------------------------------------------------------ texts
 
     def text(self, place: int) -> str:
         """Return the text of a number."""
@@ -173,8 +169,6 @@ class Tape:
             return self.number(0)
         number = self.number(place)
         return -number if math.copysign(1.0, number) < 0.0 else number
-
-    # ------------------------------------------------------------ other arguments
 
     def at(self, arguments: Array, places: Iterable[int]) -> tuple[Array, NDArray[np.bool_]]:
         """Return numbers at other arguments, and which of these lead to the same decisions.

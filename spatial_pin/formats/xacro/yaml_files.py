@@ -20,7 +20,7 @@ MOST_ENTRIES = 100_000  # entries of one table after all that is merged into it
 MOST_DIGITS = 400  # letters of a whole number, beyond which it is beyond the range of numbers
 
 
-class _Loader(yaml.SafeLoader):
+class _PlainLoader(yaml.SafeLoader):
     """YAML's safe types, with bounds on what a short text can grow to."""
 
     def flatten_mapping(self, node: Any) -> None:
@@ -34,7 +34,7 @@ class _Loader(yaml.SafeLoader):
         return super().construct_yaml_int(node)
 
 
-_Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_yaml_int)
+_PlainLoader.add_constructor("tag:yaml.org,2002:int", _PlainLoader.construct_yaml_int)
 
 
 def read_yaml(path: Path, evaluate: Callable[[str], Any]) -> Any:
@@ -47,16 +47,13 @@ def read_yaml(path: Path, evaluate: Callable[[str], Any]) -> Any:
     Raises:
         MechanismFileError: it cannot be read.
     """
-
-    class Loader(_Loader):
-        """The units of this file."""
-
+    loader: Any = type("Loader", (_PlainLoader,), {})  # with the units of this file
     for tag, unit in UNITS.items():
-        Loader.add_constructor(tag, lambda loader, node, unit=unit: (  # type: ignore[misc]
+        loader.add_constructor(tag, lambda loader, node, unit=unit: (  # type: ignore[misc]
             float(evaluate(loader.construct_scalar(node))) * unit))
     text = read_text(path)
     try:
-        return yaml.load(text, Loader)
+        return yaml.load(text, loader)
     except RecursionError:
         reason = "nested too deeply"
     except Exception as error:  # YAML's own, and those of the expressions

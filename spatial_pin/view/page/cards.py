@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import html
 import os
+import re
 import sys
 from collections.abc import Iterable, Sequence
+from importlib.resources import files
 from pathlib import PosixPath, WindowsPath
 from typing import TYPE_CHECKING
 
@@ -32,20 +34,6 @@ STYLE = "width: 100%; height: 600px; border: 1px solid #dfe3e8"
 # JupyterLab takes frames out of notebooks of others until they are trusted, and leaves what is in
 # them, which no browser shows in a frame.
 HIDDEN = "Run this cell, or trust the notebook, to see the page that is stored here."
-# The frame of a page with a server: one that cannot be asked is replaced by a frame of what
-# needs none. The same frame would not do: what it was to load may fail later, and show an error.
-WATCHED = """<iframe src="{url}" id="{name}" data-still="{still}" style="{style}">{hidden}</iframe>
-<script>
-(() => {{
-  const frame = document.getElementById("{name}");
-  fetch("{url}", {{mode: "no-cors", cache: "no-store"}}).catch(() => {{
-    const other = frame.cloneNode();
-    other.removeAttribute("src");
-    other.srcdoc = frame.dataset.still;
-    frame.replaceWith(other);
-  }});
-}})();
-</script>"""
 MOST_ROWS = 20  # of a table: more push the notebook's next cell off the screen
 
 
@@ -162,10 +150,15 @@ def framed(page: str) -> str:
 
 
 def watched(url: str, still: str) -> str:
-    """Return a frame of a served page, and of a still one where the server does not answer."""
+    """Return a frame of a served page, and of a still one where the server does not answer.
+
+    That is another frame: what the first was to load may fail later, and show an error.
+    """
     name = f"spatial_pin_{html.escape(url.rpartition(':')[2].strip('/'))}"
-    return WATCHED.format(url=html.escape(url), name=name, still=_quoted(still), style=STYLE,
-                          hidden=HIDDEN)
+    parts = {"URL": html.escape(url), "NAME": name, "STILL": _quoted(still), "STYLE": STYLE,
+             "HIDDEN": HIDDEN}
+    template = files("spatial_pin.view.page").joinpath("watched.html").read_text("utf-8").rstrip()
+    return re.sub("@([A-Z]+)@", lambda found: parts[found[1]], template)
 
 
 def _quoted(page: str) -> str:

@@ -20,7 +20,15 @@ LEAST_HEIGHT, MOST_HEIGHT = 2.4, 6.0  # height of the figure of a path [in]
 
 def goals_told(design: Design, motion: Motion | None) -> str:
     """Return dimensions, errors and defects as tables, and functions as curves."""
-    parts = [_dimensions(design), _errors(design)]
+    on = design.at_bounds
+    dimensions = [(name, f"its {on[name]}" if name in on else "", number(x), number(low),
+                   number(high)) for (name, x), (low, high) in zip(
+                       design.dimensions.items(), design.bounds.values(), strict=True)]
+    errors = [(name, str(e.samples), *(f"{tiny(x)} {e.unit}".strip() for x in (e.rms, e.most)))
+              for name, e in design.errors.items()]
+    heads = ("dimension", "on a bound", "value [m, rad]", "least", "most")
+    parts = [table(heads, dimensions, numbers=3), table(
+        ("goal", "samples", "root mean square", "largest error"), errors, numbers=3)]
     parts += [paragraph(f"{x.kind.capitalize()}: {x.text}.") for x in design.defects]
     if not design.defects:
         parts.append(paragraph("Circuit, branch, order and transmission are as they should be."))
@@ -30,23 +38,6 @@ def goals_told(design: Design, motion: Motion | None) -> str:
         parts += [_path(met, motion) for met in design.met
                   if isinstance(met.goal, PathGoal | PosesGoal)]
     return "".join(parts)
-
-
-def _dimensions(design: Design) -> str:
-    on = design.at_bounds
-    rows = [(name, f"its {on[name]}" if name in on else "", number(x), number(low), number(high))
-            for (name, x), (low, high) in zip(
-                design.dimensions.items(), design.bounds.values(), strict=True)]
-    return table(("dimension", "on a bound", "value [m, rad]", "least", "most"), rows, numbers=3)
-
-
-def _errors(design: Design) -> str:
-    def told(x: float, unit: str) -> str:
-        return f"{tiny(x)} {unit}".strip()
-
-    rows = [(name, str(e.samples), told(e.rms, e.unit), told(e.most, e.unit))
-            for name, e in design.errors.items()]
-    return table(("goal", "samples", "root mean square", "largest error"), rows, numbers=3)
 
 
 def _curve(met: Met, motion: Motion) -> str:

@@ -18,8 +18,8 @@ import numpy as np
 from spatial_pin._support.checks import checked, plain_text
 from spatial_pin._support.outputs import named_path, write_text
 from spatial_pin.view.page.plots import curves_of
-from spatial_pin.view.scene.film import Film, Reading, film, length_words
-from spatial_pin.view.scene.framing import ASPECT, Framing
+from spatial_pin.view.scene.film import Film, Readout, film, length_words
+from spatial_pin.view.scene.framing import ASPECT
 from spatial_pin.view.scene.look import overlaid
 
 if TYPE_CHECKING:
@@ -63,22 +63,8 @@ def packed_script(more: tuple[str, ...] = ()) -> str:
     return json.dumps(packed([script_of((*SCRIPTS, *more)).encode()]))
 
 
-def _notes(shown: Film, framing: Framing) -> str:
-    """Return the small print of the page."""
-    error = f"closure error {'≤ ' if len(shown.q) > 1 else ''}{shown.closure_error:.1e}"
-    lines = (*shown.notes, error, f"ground grid {length_words(framing.cell)}")
-    return "".join(f"<small>{html.escape(line)}</small>" for line in lines)
-
-
-def _rows(readings: tuple[Reading, ...]) -> list[dict[str, Any]]:
+def _rows(readings: tuple[Readout, ...]) -> list[dict[str, Any]]:
     return [{**r._asdict(), "values": np.round(r.values, r.digits + 2).tolist()} for r in readings]
-
-
-def _signals(found: Sequence[Signal]) -> dict[str, Any]:
-    """Return the numbers that the page can tell and draw, and what they are."""
-    data = [np.asarray(signal.values, "<f4").tobytes() for signal in found]
-    told = [{**signal._asdict(), "values": None} for signal in found]
-    return {"told": told, "held": packed(data)}
 
 
 def _data(
@@ -101,15 +87,17 @@ def _data(
         "world": upright(mechanism.model).T.tolist(),
         "joints": joint_paths(mechanism.model),
         **anatomy(mechanism),
-        "signals": _signals(found),
+        "signals": {"told": [{**signal._asdict(), "values": None} for signal in found],
+                    "held": packed([np.asarray(signal.values, "<f4").tobytes()
+                                    for signal in found])},
         "extent": np.round(framing.scaled(drawn.extent), 4).tolist(),
         "curves": curves,
         "seconds": np.round(shown.seconds, 6).tolist(),
         "readings": _rows(shown.readings),
         "alarms": _rows(drawn.layer.alarms),
         "marks": [mark._asdict() for mark in shown.marks],
-        "labels": [{"text": label.text, "at": framing.scaled(label.point).tolist()}
-                   for label in drawn.layer.labels],
+        "labels": [{"text": text, "at": framing.scaled(point).tolist()}
+                   for text, point in drawn.layer.labels],
         "aspect": ASPECT,
     }
     return json.dumps(data, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
@@ -122,6 +110,8 @@ def parts_of(
     """Return what stands at the marks of page.html, for a page that needs nobody."""
     folder = files("spatial_pin.view.page")
     title = plain_text(title or shown.mechanism.title or shown.mechanism.name, "title")
+    error = f"closure error {'≤ ' if len(shown.q) > 1 else ''}{shown.closure_error:.1e}"
+    notes = (*shown.notes, error, f"ground grid {length_words(drawn.framing.cell)}")
     legend = []  # what the colours mean
     for colour, text in drawn.layer.legend:
         rgb = ", ".join(str(round(255 * x)) for x in colour[:3])
@@ -129,7 +119,7 @@ def parts_of(
         legend.append(f"<small>{swatch}{html.escape(text)}</small>")
     return {
         "TITLE": html.escape(title),
-        "NOTES": _notes(shown, drawn.framing),
+        "NOTES": "".join(f"<small>{html.escape(line)}</small>" for line in notes),
         "LEGEND": "".join(legend),
         "MESHCAT": packed_viewer(),
         "STYLE": folder.joinpath("page.css").read_text("utf-8"),

@@ -15,7 +15,6 @@ from spatial_pin.assembly.state import State
 from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.continuation.branch_points import passage
 from spatial_pin.continuation.cursor import Cursor, Stopped
-from spatial_pin.continuation.pseudo_arclength import Arrival
 from spatial_pin.continuation.start import Start
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.inverse_kinematics.reach import reach
@@ -228,25 +227,21 @@ class Jog:
                 self._keep(cursor)
                 found = passage(cursor, stopped.arrival)
                 if found is None:
-                    return self._stop(cursor, stopped.arrival)
+                    arrival = stopped.arrival
+                    self.state = cursor.here.state(cursor.start)
+                    if not arrival.runs_away and arrival.kind != "lost":
+                        evaluation = cursor.start.evaluation
+                        evaluation.angle_reference[:] = self.state.angles
+                        evaluation.update(arrival.q)
+                        self.state = State(self.mechanism, arrival.q, angles=evaluation.angles,
+                                           closure_error=evaluation.closure_error)
+                    kind = "limit" if arrival.runs_away else arrival.kind
+                    return Stop(kind, float(arrival.value))
                 cursor.stand(found.place(value))
             if cursor.here.s == value:
                 break
         self.state = self._keep(cursor)
         return None
-
-    def _stop(self, cursor: Cursor, arrival: Arrival) -> Stop:
-        """Stand where a branch has ended."""
-        self.state = cursor.here.state(cursor.start)
-        if arrival.runs_away:
-            return Stop("limit", float(arrival.value))
-        if arrival.kind != "lost":
-            evaluation = cursor.start.evaluation
-            evaluation.angle_reference[:] = self.state.angles
-            evaluation.update(arrival.q)
-            self.state = State(self.mechanism, arrival.q, angles=evaluation.angles,
-                               closure_error=evaluation.closure_error)
-        return Stop(arrival.kind, float(arrival.value))
 
     def _keep(self, cursor: Cursor) -> State:
         """Return where a point stands; the next move begins there if the motion is determined."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 import html
 import json
 import math
+import secrets
 import threading
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
@@ -197,8 +198,16 @@ class Desk:
 
     def ranges(self, question: Mapping[str, Any]) -> Answer:
         """Tell how far every slider goes."""
-        found = self.reaches().items()
-        return {"ranges": {name: _range(self.dials[name], reach) for name, reach in found}}
+        ranges = {}
+        for name, reach in self.reaches().items():  # beyond its limits, and the marks of these
+            dial = self.dials[name]
+            lower, upper = (end / dial.size for end in reach.ends)
+            room = BEYOND_LIMIT * max(upper - lower, 1e-9)
+            marks = [{"at": s.value / dial.size, "text": dial.stop(s), "kind": s.kind}
+                     for s in reach.stops if s]
+            ranges[name] = {"ends": (lower - room * (reach.stops[0] is not None),
+                                     upper + room * (reach.stops[1] is not None)), "marks": marks}
+        return {"ranges": ranges}
 
     def limits(self, question: Mapping[str, Any]) -> Answer:
         """Let joint limits be in the way, or not."""
@@ -215,12 +224,21 @@ class Desk:
 
     def mode(self, question: Mapping[str, Any]) -> Answer:
         """Go to the next assembly mode at the same driver values."""
+        from spatial_pin.view.scene.stage import joint_poses
+
         held = self.jog.held()
         if self._modes is None or self._modes[0] != held:
             self._modes = held, assembly_modes(
                 self.jog.mechanism, held, patience=FRUITLESS, most_starts=MOST_STARTS)
-        modes = self._modes[1]
-        here = _nearest(self.jog.state, modes)
+        modes, mechanism = self._modes[1], self.jog.mechanism
+        here = -1
+        if modes:  # which of them this is, by the placements of its bodies
+            q = np.array([self.jog.state.q, *(mode.q for mode in modes)])
+            own, *others = joint_poses(mechanism.model, q)
+            there = np.array(others)
+            apart = np.linalg.norm(there[..., :3] - own[:, :3], axis=2)
+            turned = 1.0 - np.abs(np.sum(there[..., 3:] * own[:, 3:], axis=2))
+            here = int((apart / mechanism.characteristic_length + turned).sum(axis=1).argmin())
         for step in range(1, len(modes)):
             k = (here + step) % len(modes)
             try:
@@ -275,9 +293,19 @@ def drag(desk: Desk, question: Mapping[str, Any]) -> Answer:
 
 
 def _words(told: Told, name: str) -> str:
-    """Return an output of a motion of one sample."""
+    """Return an output of a motion of one sample; a force is that at rest."""
     if is_force(name):
-        return _force_words(told, name)
+        if name.endswith(".power"):
+            raise SpatialPinError(NO_RATES.format(name))
+        try:
+            parts = told.output(name).parts()
+        except SingularError:
+            return f"{name}: not determined here"
+        words = []
+        for values, label, unit in parts:
+            numbers = ", ".join(f"{x:z.4g}" for x in np.atleast_1d(values[0])).replace("-", "−")
+            words.append(f"{label} = {f'({numbers})' if values.ndim > 1 else numbers} {unit}")
+        return "; ".join(words)
     value, label, unit = told.output(name)
     if unit not in ("rad", "m", "kg"):
         raise SpatialPinError(NO_RATES.format(name))
@@ -286,45 +314,6 @@ def _words(told: Told, name: str) -> str:
     size, word = unit_of_length(float(np.abs(value).max()))
     numbers = ", ".join(f"{x / size:z.2f}" for x in value[0]).replace("-", "−")
     return f"{label} = ({numbers}) {word}"
-
-
-def _force_words(told: Told, name: str) -> str:
-    """Return a force at rest of a motion of one sample."""
-    if name.endswith(".power"):
-        raise SpatialPinError(NO_RATES.format(name))
-    try:
-        found = told.output(name)
-    except SingularError:
-        return f"{name}: not determined here"
-    words = []
-    for values, label, unit in found.parts():
-        numbers = ", ".join(f"{x:z.4g}" for x in np.atleast_1d(values[0])).replace("-", "−")
-        words.append(f"{label} = {f'({numbers})' if values.ndim > 1 else numbers} {unit}")
-    return "; ".join(words)
-
-
-def _range(dial: Dial, reach: Reach) -> Answer:
-    """Return the ends of a slider, beyond its limits, and the marks of these."""
-    lower, upper = (end / dial.size for end in reach.ends)
-    room = BEYOND_LIMIT * max(upper - lower, 1e-9)
-    ends = lower - room * (reach.stops[0] is not None), upper + room * (reach.stops[1] is not None)
-    marks = [{"at": s.value / dial.size, "text": dial.stop(s), "kind": s.kind}
-             for s in reach.stops if s]
-    return {"ends": ends, "marks": marks}
-
-
-def _nearest(state: State, modes: list[State]) -> int:
-    """Return which of the modes a state is, by the placements of its bodies."""
-    from spatial_pin.view.scene.stage import joint_poses
-
-    if not modes:
-        return -1
-    mechanism = state.mechanism
-    poses = joint_poses(mechanism.model, np.array([state.q, *(mode.q for mode in modes)]))
-    here, there = poses[0], poses[1:]
-    apart = np.linalg.norm(there[..., :3] - here[:, :3], axis=2) / mechanism.characteristic_length
-    turned = 1.0 - np.abs(np.sum(there[..., 3:] * here[:, 3:], axis=2))
-    return int((apart + turned).sum(axis=1).argmin())
 
 
 def _page(desk: Desk, token: str, title: str | None, look: Look | None) -> str:
@@ -426,7 +415,7 @@ def live(
         )
     desk = Desk(jog, tuple(names_of(outputs, "outputs")), () if look is None else look.curves)
     still = None if look is None else replace(look, curves=())
-    service = Service(desk.answer)
+    service = Service(desk.answer, secrets.token_urlsafe(24))
     viewer = Viewer(_page(desk, service.token, title, look), port, service,
                     still=lambda: page(state, title, still))
     if open_browser:

@@ -12,7 +12,7 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import TYPE_CHECKING
+from importlib.resources import files
 
 import numpy as np
 
@@ -36,29 +36,7 @@ from spatial_pin.view.page.plots import abscissa, plot, svg
 from spatial_pin.view.scene.film import loads
 from spatial_pin.view.scene.look import Look
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 FIGURE_WIDTH, PANEL, LOWEST = 7.5, 1.4, 2.4  # of a figure, of each panel of it; least height [in]
-FREEZE = """<style>#says h1 { display: none; }</style>
-<script>
-// Paper has no 3-D: what is seen when printing begins is printed as a picture.
-addEventListener("beforeprint", () => {
-  document.body.classList.add("bare");
-  viewer.render();
-  const still = document.body.appendChild(new Image());
-  still.id = "still";
-  still.src = viewer.renderer.domElement.toDataURL();
-  still.style = "position: absolute; left: 0; top: 0; width: 100%; z-index: -1";
-  viewer.renderer.domElement.style.visibility = "hidden";
-});
-addEventListener("afterprint", () => {
-  document.getElementById("still").remove();
-  document.body.classList.remove("bare");
-  viewer.renderer.domElement.style.visibility = "";
-});
-</script>
-</body>"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,21 +90,13 @@ def _drawn(
     vectors = any(output.values.ndim > 1 for output in found)
     caption = "<figcaption>x, y and z are world axes.</figcaption>" * vectors
     words = paragraph(note) if note else ""
-    panels = json.dumps(_panels(figure))
-    return section(title, f"{words}<figure data-panels='{panels}'>{drawing}{caption}</figure>")
-
-
-def _panels(figure: Figure) -> list[list[float]]:
-    """Return where the panels of a drawn figure are, for the cursors of the page.
-
-    Left, top, width and height are parts of those of the figure; then the ends of the abscissa.
-    """
-    found = []
+    panels = []  # for the cursors of the page: parts of the figure, and the ends of the abscissa
     for axes in figure.axes:
         left, bottom, width, height = axes.get_position().bounds
-        ends = [float(x) for x in axes.get_xlim()]
-        found.append([*(round(x, 4) for x in (left, 1 - bottom - height, width, height)), *ends])
-    return found
+        panels.append([*(round(x, 4) for x in (left, 1 - bottom - height, width, height)),
+                       *(float(x) for x in axes.get_xlim())])
+    data = json.dumps(panels)
+    return section(title, f"{words}<figure data-panels='{data}'>{drawing}{caption}</figure>")
 
 
 def _derived(subject: Subject, of_coordinate: str = "", of_position: str = "") -> list[str]:
@@ -157,33 +127,29 @@ def _key(subject: Subject) -> str:
     if motion is None:
         facts += [(name, number(subject.state.coordinate(name).value,
                                 mechanism.coordinate(name).unit)) for name in mechanism.drivers]
-    else:
-        facts += _course(motion)
+    elif motion.driver is None and motion.time is not None:
+        facts.append(("Duration", number(float(np.ptp(motion.time)), "s")))
+    elif motion.driver is not None:
+        unit = motion.driver_unit
+        ends = f"{number(motion.driver[0], unit)} to {number(motion.driver[-1], unit)}"
+        facts.append((f"Driver {motion.driver_name}", ends))
+        if motion.per == "s":
+            low, high = float(np.min(motion.driver_speed)), float(np.max(motion.driver_speed))
+            speed = number(high, f"{unit}/s")
+            facts.append(("Driver speed", speed if low == high else f"{number(low)} to {speed}"))
+    if motion is not None:
         facts.append(("Positions computed", str(len(motion))))
     facts.append(("Largest closure error", tiny(error)))
     cells = (f"<div><dt>{html.escape(a)}</dt><dd>{html.escape(b)}</dd></div>" for a, b in facts)
     return f'<dl class="key">{"".join(cells)}</dl>'
 
 
-def _course(motion: Motion) -> list[tuple[str, str]]:
-    """Say from where to where the driver went and how fast, or how long the motion lasts."""
-    if motion.driver is None:
-        time = [] if motion.time is None else [float(np.ptp(motion.time))]
-        return [("Duration", number(x, "s")) for x in time]
-    unit = motion.driver_unit
-    ends = f"{number(motion.driver[0], unit)} to {number(motion.driver[-1], unit)}"
-    if motion.per != "s":
-        return [(f"Driver {motion.driver_name}", ends)]
-    low, high = float(np.min(motion.driver_speed)), float(np.max(motion.driver_speed))
-    speed = number(high, f"{unit}/s")
-    speed = speed if low == high else f"{number(low)} to {speed}"
-    return [(f"Driver {motion.driver_name}", ends), ("Driver speed", speed)]
-
-
 def _view(subject: Subject) -> str:
     """Show the mechanism in three dimensions."""
     text = page(subject.shown, subject.title, subject.look, subject.loads)
-    text = text.replace("</body>", FREEZE)
+    # paper has no 3-D: what is seen when printing begins is printed as a picture
+    freeze = files("spatial_pin.view.page").joinpath("freeze.html").read_text("utf-8").rstrip()
+    text = text.replace("</body>", freeze)
     frame = f'<iframe title="3-D view" srcdoc="{html.escape(text)}"></iframe>'
     hint = "Drag to turn, scroll to come nearer, drag with the right button to move. "
     if subject.motion is not None:

@@ -12,9 +12,8 @@ import threading
 import warnings
 import webbrowser
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from spatial_pin._support.checks import checked
 from spatial_pin.errors import SpatialPinError
@@ -34,17 +33,14 @@ LONGEST_QUESTION = 4096  # of a page to its server [bytes]: a value for each of 
 TOKEN = "X-Token"  # header that a question carries its token in
 
 
-@dataclass(frozen=True)
-class Service:
-    """What a page may ask its server.
+class Service(NamedTuple):
+    """What a page may ask its server: `answer` maps questions to answers, both plain data.
 
-    Attributes:
-        answer: from a question to its answer, both plain data; what it raises is told the page.
-        token: a secret that only the page knows and sends with every question.
+    What it raises is told the page; `token` is a secret that the page sends with every question.
     """
 
     answer: Callable[[Any], Any]
-    token: str = field(default_factory=lambda: secrets.token_urlsafe(24))
+    token: str
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -70,9 +66,12 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(404)
         elif not self._is_from_page(service.token):
             self.send_error(403)
-        elif (length := self._length()) is None:
-            self.send_error(413)
         else:
+            given = self.headers.get("Content-Length", "")
+            length = int(given) if given.isascii() and given.isdigit() and len(given) < 10 else -1
+            if not 0 <= length <= LONGEST_QUESTION:  # or it is not told
+                self.send_error(413)
+                return
             answer = _answer(service, self.rfile.read(length))
             self._send("application/json", json.dumps(answer, allow_nan=False).encode())
 
@@ -100,12 +99,6 @@ class _Handler(BaseHTTPRequestHandler):
             and self.headers.get("Origin") == f"http://{host}"
             and secrets.compare_digest(given.encode(), token.encode())
         )
-
-    def _length(self) -> int | None:
-        """Return the length of a question [bytes]; None where it is not told or too long."""
-        given = self.headers.get("Content-Length", "")
-        length = int(given) if given.isascii() and given.isdigit() and len(given) < 10 else -1
-        return length if 0 <= length <= LONGEST_QUESTION else None
 
     def _send(self, kind: str, body: bytes) -> None:
         self.send_response(200)
@@ -265,14 +258,6 @@ class Viewer:
         return watched(self.url, self._still() if self._still else html.escape(repr(self)))
 
 
-def _open(viewer: Viewer) -> bool:
-    """Open the page in the user's browser; return whether a browser has fetched it."""
-    named = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))
-    if sys.platform.startswith("linux") and not named:
-        return False  # only browsers that write text are left, and they would take the terminal
-    return webbrowser.open(viewer.url) and viewer.wait_until_fetched(FETCHED_IN)
-
-
 def open_in_browser(viewer: Viewer, verb: str) -> None:
     """Open a page in the user's browser; if none can be, warn with the address.
 
@@ -282,8 +267,12 @@ def open_in_browser(viewer: Viewer, verb: str) -> None:
         viewer: the page; it is stopped if anything goes wrong.
         verb: what the user has called.
     """
+    named = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))
+    # without one only browsers that write text are left, and they would take the terminal
+    has_browser = named or not sys.platform.startswith("linux")
     try:
-        if is_in_notebook() or _open(viewer):
+        if is_in_notebook() or (has_browser and webbrowser.open(
+                viewer.url) and viewer.wait_until_fetched(FETCHED_IN)):
             return
         message = f"no browser has opened the page: open {viewer.url}"
         warnings.warn(f"{message} (`{verb}(...).wait()` keeps it there)", stacklevel=3)

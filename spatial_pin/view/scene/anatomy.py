@@ -14,7 +14,7 @@ from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.scene.film import Film
 from spatial_pin.view.scene.layers.axes import AXIAL
-from spatial_pin.view.scene.layers.places import Place, places
+from spatial_pin.view.scene.layers.places import places
 
 FORCES = (("force", "N", slice(0, 3)), ("moment", "N·m", slice(3, 6)))  # of a reaction
 
@@ -43,32 +43,24 @@ def anatomy(mechanism: Mechanism) -> dict[str, Any]:
     Frames are links and named frames; a link has its mass [kg] and centre of mass [m] in its frame.
     The first of two joints that a pair joins is the one that carries.
     """
-    return {"frames": [_frame(mechanism, name) for name in _names(mechanism)],
-            "pairs": [_pair(mechanism, place) for place in places(mechanism)]}
-
-
-def _names(mechanism: Mechanism) -> list[str]:
-    every = dict.fromkeys([*mechanism.links, *mechanism.frames])
-    return [name for name in every if name not in mechanism.unplaced]
-
-
-def _frame(mechanism: Mechanism, name: str) -> dict[str, Any]:
-    joint, placement = mechanism.frame_on_joint(name)
-    x, y, z, *turn = _short(pin.SE3ToXYZQUAT(placement))
-    told = {"name": name, "joint": joint, "at": [x, y, z], "turn": turn}
-    inertia = mechanism.inertias.get(name)
-    if inertia is not None and inertia.mass > 0.0:
-        told |= {"mass": inertia.mass, "com": _short(inertia.lever)}
-    return told
-
-
-def _pair(mechanism: Mechanism, place: Place) -> dict[str, Any]:
-    coordinates = [c.name for c in coordinates_of(mechanism, place.name)]
-    told = {"name": place.name, "kind": place.kind, "joints": place.joints,
-            "at": [_short(frame[:3, 3]) for frame in place.frames], "coordinates": coordinates}
-    if place.kind in AXIAL:
-        told["along"] = _short(place.frames[1][:3, 2])
-    return told
+    frames, pairs = list[dict[str, Any]](), list[dict[str, Any]]()
+    for name in dict.fromkeys([*mechanism.links, *mechanism.frames]):
+        if name in mechanism.unplaced:
+            continue
+        joint, placement = mechanism.frame_on_joint(name)
+        x, y, z, *turn = _short(pin.SE3ToXYZQUAT(placement))
+        frames.append({"name": name, "joint": joint, "at": [x, y, z], "turn": turn})
+        inertia = mechanism.inertias.get(name)
+        if inertia is not None and inertia.mass > 0.0:
+            frames[-1] |= {"mass": inertia.mass, "com": _short(inertia.lever)}
+    for place in places(mechanism):
+        coordinates = [c.name for c in coordinates_of(mechanism, place.name)]
+        pairs.append({"name": place.name, "kind": place.kind, "joints": place.joints,
+                      "at": [_short(frame[:3, 3]) for frame in place.frames],
+                      "coordinates": coordinates})
+        if place.kind in AXIAL:
+            pairs[-1]["along"] = _short(place.frames[1][:3, 2])
+    return {"frames": frames, "pairs": pairs}
 
 
 def _short(values: Array) -> list[float]:

@@ -27,7 +27,7 @@ LENGTHS = ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm"))
 MAX_ROWS = 1201  # 60 a second for 20 s: more cannot be seen
 
 
-class Reading(NamedTuple):
+class Readout(NamedTuple):
     """A number shown beside the picture.
 
     Attributes:
@@ -50,7 +50,7 @@ class Reading(NamedTuple):
         return f"{self.name}{self.says}{value}{self.unit}"
 
 
-class Mark(NamedTuple):
+class SliderMark(NamedTuple):
     """Something that happens at one moment of a film.
 
     Attributes:
@@ -83,12 +83,12 @@ class Film:
     mechanism: Mechanism
     q: Array
     seconds: Array
-    readings: tuple[Reading, ...]
+    readings: tuple[Readout, ...]
     closure_error: float
     notes: tuple[str, ...]
     source: Motion | State
     rows: NDArray[np.intp]
-    marks: tuple[Mark, ...] = ()
+    marks: tuple[SliderMark, ...] = ()
 
     @cached_property
     def open_rows(self) -> NDArray[np.intp]:
@@ -201,29 +201,18 @@ def _pace(motion: Motion) -> tuple[Array, str]:
     return np.linspace(0.0, USUAL_FILM, n), f"shown at {(n - 1) / USUAL_FILM:.3g} samples a second"
 
 
-def reading(name: str, values: Array, unit: str) -> Reading:
+def reading(name: str, values: Array, unit: str) -> Readout:
     """Return values in rad, m or s as a reading, in a unit that reads well."""
     if unit == "rad":
-        return Reading(name, np.rad2deg(values), "°", 1)
+        return Readout(name, np.rad2deg(values), "°", 1)
     largest = float(np.max(np.abs(values)))
     if unit == "m" and 0.0 < largest < 1.0:
         size, unit = unit_of_length(largest)
-        return Reading(name, values / size, f" {unit}", 2)
-    return Reading(name, values, f" {unit}", 3)
+        return Readout(name, values / size, f" {unit}", 2)
+    return Readout(name, values, f" {unit}", 3)
 
 
-def _readings(motion: Motion) -> tuple[Reading, ...]:
-    """Return driver value and time."""
-    found = []
-    if motion.driver is not None:
-        driver = np.asarray(motion.driver, float)
-        found.append(reading(motion.driver_name, driver, motion.driver_unit))
-    if motion.time is not None:
-        found.append(reading("time", np.asarray(motion.time, float), "s"))
-    return tuple(found)
-
-
-def driver_readings(state: State) -> tuple[Reading, ...]:
+def driver_readings(state: State) -> tuple[Readout, ...]:
     """Return the values of the drivers of a state, one row each."""
     mechanism = state.mechanism
     return tuple(
@@ -232,7 +221,7 @@ def driver_readings(state: State) -> tuple[Reading, ...]:
     )
 
 
-def _marks(motion: Motion, seconds: Array) -> tuple[Mark, ...]:
+def _marks(motion: Motion, seconds: Array) -> tuple[SliderMark, ...]:
     """Return when the events of a motion are shown: between samples, as far as the driver is."""
     marks = []
     for event in motion.events:
@@ -242,7 +231,7 @@ def _marks(motion: Motion, seconds: Array) -> tuple[Mark, ...]:
         if motion.driver is not None and (way := motion.driver[after] - motion.driver[before]):
             part = np.clip((event.value - motion.driver[before]) / way, 0.0, 1.0)
         moment = seconds[before] + part * (seconds[after] - seconds[before])
-        marks.append(Mark(float(moment), event.kind, event.text))
+        marks.append(SliderMark(float(moment), event.kind, event.text))
     return tuple(marks)
 
 
@@ -269,26 +258,22 @@ def moments(shown: Film, other: Film) -> tuple[Array, NDArray[np.intp], str]:
         Seconds of the film, shape (K,), rising; which samples of the other, shape (K,); how they
         belong together, in words.
     """
-    x, y, words = _common(shown.motion, other.motion)
+    one, two = shown.motion, other.motion
+    x, y, words = _ends(one, two)
+    if one.time is not None and two.time is not None:
+        if one_way(one.time) and one_way(two.time):
+            x, y, words = one.time, two.time, "at the same times"
+    elif one.driver_name == two.driver_name and one.driver is not None and one_way(
+            one.driver) and two.driver is not None and one_way(two.driver):
+        x, y, words = one.driver, two.driver, f"at the same {one.driver_name}"
     rising = np.argsort(x)
     inside = np.flatnonzero((y >= x.min()) & (y <= x.max()))
     if not len(inside):
-        x, y, words = _ends(shown.motion, other.motion)
+        x, y, words = _ends(one, two)
         rising, inside = np.arange(len(x)), np.arange(len(y))
     seconds = np.interp(y[inside], x[rising], shown.seconds[rising])
     order = np.argsort(seconds)
     return seconds[order], inside[order], words
-
-
-def _common(one: Motion, other: Motion) -> tuple[Array, Array, str]:
-    """Return what two motions have in common, sample by sample, and what it is."""
-    if one.time is not None and other.time is not None:
-        if one_way(one.time) and one_way(other.time):
-            return one.time, other.time, "at the same times"
-    elif one.driver_name == other.driver_name and one.driver is not None and one_way(
-            one.driver) and other.driver is not None and one_way(other.driver):
-        return one.driver, other.driver, f"at the same {one.driver_name}"
-    return _ends(one, other)
 
 
 def _ends(one: Motion, other: Motion) -> tuple[Array, Array, str]:
@@ -320,7 +305,13 @@ def film(motion_or_state: Motion | State) -> Film:
     seconds, note = _pace(motion)
     error = float(np.max(motion.closure_error))
     q, notes = np.asarray(motion.q, float), (note,) if note else ()
-    n, readings, rows = len(q), _readings(motion), np.arange(len(q))
+    n, rows = len(q), np.arange(len(q))
+    readings: tuple[Readout, ...] = ()
+    if motion.driver is not None:
+        driver = np.asarray(motion.driver, float)
+        readings = (reading(motion.driver_name, driver, motion.driver_unit),)
+    if motion.time is not None:
+        readings = (*readings, reading("time", np.asarray(motion.time, float), "s"))
     marks = _marks(motion, seconds)
     if n > MAX_ROWS:  # first and last among those that are left
         rows = np.unique(np.round(np.linspace(0, n - 1, MAX_ROWS)).astype(int))

@@ -47,18 +47,6 @@ def rotate(quaternion: Array, v: Array) -> Array:
     return v + w * t + np.cross(u, t)
 
 
-def _corners(visual: pin.GeometryObject) -> Array:
-    """Return the corners (8, 3) of a shape's box in its joint's frame [m], (0, 3) if unbounded."""
-    visual.geometry.computeLocalAABB()
-    box = visual.geometry.aabb_local
-    lower, upper = np.asarray(box.min_), np.asarray(box.max_)
-    if not np.all(np.abs([lower, upper]) < 1e100) or np.any(lower > upper):
-        return np.zeros((0, 3))
-    grid = np.array([(i, j, k) for i in (0, 1) for j in (0, 1) for k in (0, 1)])
-    M = visual.placement
-    return (lower + grid * (upper - lower)) @ M.rotation.T + M.translation
-
-
 def occupied(visuals: list[pin.GeometryObject], poses: Array) -> Array:
     """Return the corners of all boxes in all samples, shape (K, 3) [m].
 
@@ -67,10 +55,17 @@ def occupied(visuals: list[pin.GeometryObject], poses: Array) -> Array:
         poses: of the joints, shape (N, n_joints, 7), x y z and quaternion x y z w.
     """
     rows = np.unique(np.linspace(0, len(poses) - 1, ROWS_LOOKED_AT).astype(int))
+    grid = np.array([(i, j, k) for i in (0, 1) for j in (0, 1) for k in (0, 1)])
     points = [np.zeros((1, 0, 3))]
     for visual in visuals:
+        visual.geometry.computeLocalAABB()
+        box, M = visual.geometry.aabb_local, visual.placement
+        lower, upper = np.asarray(box.min_), np.asarray(box.max_)
+        if not np.all(np.abs([lower, upper]) < 1e100) or np.any(lower > upper):
+            continue  # unbounded
+        corners = (lower + grid * (upper - lower)) @ M.rotation.T + M.translation
         pose = poses[rows, None, visual.parentJoint]
-        points.append((pose[..., :3] + rotate(pose[..., 3:], _corners(visual))).reshape(1, -1, 3))
+        points.append((pose[..., :3] + rotate(pose[..., 3:], corners)).reshape(1, -1, 3))
     return np.concatenate(points, axis=1)[0]
 
 

@@ -61,11 +61,6 @@ class Lathe(mg.Geometry):
                 "segments": self.segments}
 
 
-def _cone(shape: Any, size: float) -> Solid:
-    geometry = mg.Cylinder(2 * shape.halfLength, radiusTop=0.0, radiusBottom=shape.radius)
-    return Solid(geometry, Y_TO_Z)
-
-
 def _capsule(shape: Any, size: float) -> Solid:
     angle = np.linspace(0.0, np.pi / 2, 9)
     half = np.stack([shape.radius * np.cos(angle), shape.halfLength + shape.radius * np.sin(angle)])
@@ -76,19 +71,6 @@ def _capsule(shape: Any, size: float) -> Solid:
 def _plane(shape: Any, size: float) -> Solid:
     pose = pin.SE3(pin.Quaternion.FromTwoVectors(pin.ZAxis, shape.n).matrix(), shape.d * shape.n)
     return Solid(mg.Box([4 * size, 4 * size, 1e-3 * size]), pose.homogeneous)
-
-
-def _triangle(shape: Any, size: float) -> Solid:
-    corners = np.array([shape.a, shape.b, shape.c])
-    return Solid(mg.TriangularMeshGeometry(corners, [[0, 1, 2]]), faceted=True)
-
-
-def _convex(shape: Any, size: float) -> Solid | None:
-    return _triangles(shape.points(), shape.polygons, shape.num_polygons)
-
-
-def _mesh(shape: Any, size: float) -> Solid | None:
-    return _triangles(shape.vertices(), shape.tri_indices, shape.num_tris)
 
 
 def _triangles(points: Array, corners: Callable[[int], Any], n: int) -> Solid | None:
@@ -114,13 +96,17 @@ SOLIDS: dict[type, Callable[[Any, float], Solid | None]] = {
     coal.Ellipsoid: lambda shape, size: Solid(mg.Sphere(1.0), np.diag([*shape.radii, 1.0])),
     coal.Cylinder: lambda shape, size: Solid(
         mg.Cylinder(2 * shape.halfLength, shape.radius), Y_TO_Z),
-    coal.Cone: _cone,
+    coal.Cone: lambda shape, size: Solid(mg.Cylinder(
+        2 * shape.halfLength, radiusTop=0.0, radiusBottom=shape.radius), Y_TO_Z),
     coal.Capsule: _capsule,
     coal.Plane: _plane,
     coal.Halfspace: _plane,
-    coal.TriangleP: _triangle,
-    coal.Convex: _convex,
-    coal.BVHModelBase: _mesh,
+    coal.TriangleP: lambda shape, size: Solid(mg.TriangularMeshGeometry(
+        np.array([shape.a, shape.b, shape.c]), [[0, 1, 2]]), faceted=True),
+    coal.Convex: lambda shape, size: _triangles(
+        shape.points(), shape.polygons, shape.num_polygons),
+    coal.BVHModelBase: lambda shape, size: _triangles(
+        shape.vertices(), shape.tri_indices, shape.num_tris),
     coal.HeightFieldAABB: _height_field,
     coal.HeightFieldOBBRSS: _height_field,
     coal.OcTree: _octree,
@@ -213,13 +199,12 @@ def coloured(visual: pin.GeometryObject) -> list[tuple[Solid, tuple[float, ...] 
     pieces: dict[tuple[float, ...] | None, list[Array]] = {}
     for (_, colour), piece in zip(runs, np.split(faces, ends), strict=True):
         pieces.setdefault(colour, []).append(piece)
-    return [(_part(shape.vertices(), np.concatenate(piece)), colour)
-            for colour, piece in pieces.items()]
-
-
-def _part(points: Array, faces: Array) -> Solid:
-    used, places = np.unique(faces, return_inverse=True)
-    return Solid(mg.TriangularMeshGeometry(points[used], places.reshape(-1, 3)), faceted=True)
+    found = []
+    for colour, own in pieces.items():
+        used, corners = np.unique(np.concatenate(own), return_inverse=True)
+        mesh = mg.TriangularMeshGeometry(shape.vertices()[used], corners.reshape(-1, 3))
+        found.append((Solid(mesh, faceted=True), colour))
+    return found
 
 
 def solid(visual: pin.GeometryObject, size: float) -> Solid | None:

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from spatial_pin.constraints.pinocchio_views import placements
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.view.scene.film import Film, Reading
+from spatial_pin.view.scene.film import Film, Readout
 from spatial_pin.view.scene.framing import rotate
 from spatial_pin.view.scene.shapes import Solid
 
@@ -75,13 +75,6 @@ class Entry(NamedTuple):
     text: str
 
 
-class Label(NamedTuple):
-    """Words that stand at a point of the view, shape (3,) [m]."""
-
-    text: str
-    point: Array
-
-
 @dataclass(frozen=True, eq=False)
 class Layer:
     """What a picture has of one kind.
@@ -91,14 +84,14 @@ class Layer:
         points: what the picture must hold besides the bodies, shape (K, 3) [m].
         legend: what it means.
         alarms: what is wrong, sample by sample; a value of 0 says nothing.
-        labels: words in the picture.
+        labels: words in the picture, and the point where they stand, shape (3,) [m].
     """
 
     items: tuple[Item, ...] = ()
     points: Array = field(default_factory=lambda: np.zeros((0, 3)))
     legend: tuple[Entry, ...] = ()
-    alarms: tuple[Reading, ...] = ()
-    labels: tuple[Label, ...] = ()
+    alarms: tuple[Readout, ...] = ()
+    labels: tuple[tuple[str, Array], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

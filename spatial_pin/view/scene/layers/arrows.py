@@ -152,14 +152,6 @@ def rates(motion: Motion, spec: str) -> Vectors:
                    motion.frame_unit(kind))
 
 
-def _head(heads: int, size: float) -> Solid:
-    """Return a cone, or two one behind the other, with the last tip at 0 and the base below."""
-    r, h = HEAD_RADIUS * size, HEAD_LENGTH * size
-    below = [-(heads - k) * 0.7 * h - 0.3 * h for k in range(heads)]
-    corners = [p for z in below for p in ((0.0, z), (r, z), (0.0, z + h))]
-    return turned(*corners)
-
-
 def _items(stage: Stage, v: Vectors, per_unit: float) -> tuple[tuple[Item, ...], Array]:
     """Return shaft and head of an arrow, and its tips (N, 3) [m]."""
     start, along = stage.seen(v.point), per_unit * stage.seen(v.vector)
@@ -177,30 +169,14 @@ def _items(stage: Stage, v: Vectors, per_unit: float) -> tuple[tuple[Item, ...],
     shaft = rod_between(start, start + part[:, None] * along)
     thin = scale[:, None] * shaft.scales[:, :2]  # type: ignore[index]
     shaft = Track(shaft.poses, np.concatenate([thin, shaft.scales[:, 2:]], axis=1))  # type: ignore[index]
-    cone = _head(heads, stage.size)
+    r, h = HEAD_RADIUS * stage.size, HEAD_LENGTH * stage.size
+    below = [-(heads - k) * 0.7 * h - 0.3 * h for k in range(heads)]  # one behind the other
+    cone = turned(*(p for z in below for p in ((0.0, z), (r, z), (0.0, z + h))))
     items = (
         Item(name, rod(SHAFT_RADIUS * stage.size), colour, track=shaft, through=True),
         Item(f"head, {name}", cone, colour, track=head, through=True),
     )
     return items, tip
-
-
-def _of_quantity(stage: Stage, vectors: list[Vectors]) -> Layer:
-    """Return the arrows of one quantity, to one scale."""
-    quantity, unit = vectors[0].quantity, vectors[0].unit
-    colour = COLOURS.get(quantity, OTHER)
-    names = ", ".join(v.name for v in vectors)
-    largest = max(float(np.linalg.norm(v.vector, axis=1).max(initial=0.0)) for v in vectors)
-    if largest == 0.0:
-        return Layer(legend=(Entry(colour, f"{quantity} of {names}: none"),))
-    value = nice(largest / 4)
-    length = nice(0.95 * LONGEST_ARROW * stage.size / (largest / value))
-    if length * largest / value > 1.5 * LONGEST_ARROW * stage.size:
-        length = nice(length / 2)
-    drawn = [_items(stage, v, length / value) for v in vectors]
-    words = f"{quantity} of {names}: {length_words(length)} = {value:.4g} {unit}"
-    items = tuple(item for pair, _ in drawn for item in pair)
-    return Layer(items, np.concatenate([tip for _, tip in drawn]), (Entry(colour, words),))
 
 
 def arrows(stage: Stage, specs: tuple[str | Vectors, ...]) -> list[Layer]:
@@ -223,4 +199,22 @@ def arrows(stage: Stage, specs: tuple[str | Vectors, ...]) -> list[Layer]:
                 raise ValueError(f"{one.name}: points and vectors are {shapes}; ({n}, 3) is needed")
             vectors = one._replace(point=point[film.rows], vector=vector[film.rows])
         quantities.setdefault(vectors.quantity, []).append(vectors)
-    return [_of_quantity(stage, vectors) for vectors in quantities.values()]
+    layers = []
+    for alike in quantities.values():  # to one scale
+        quantity, unit = alike[0].quantity, alike[0].unit
+        colour = COLOURS.get(quantity, OTHER)
+        names = ", ".join(v.name for v in alike)
+        largest = max(float(np.linalg.norm(v.vector, axis=1).max(initial=0.0)) for v in alike)
+        if largest == 0.0:
+            layers.append(Layer(legend=(Entry(colour, f"{quantity} of {names}: none"),)))
+            continue
+        value = nice(largest / 4)
+        length = nice(0.95 * LONGEST_ARROW * stage.size / (largest / value))
+        if length * largest / value > 1.5 * LONGEST_ARROW * stage.size:
+            length = nice(length / 2)
+        drawn = [_items(stage, v, length / value) for v in alike]
+        words = f"{quantity} of {names}: {length_words(length)} = {value:.4g} {unit}"
+        items = tuple(item for pair, _ in drawn for item in pair)
+        tips = np.concatenate([tip for _, tip in drawn])
+        layers.append(Layer(items, tips, (Entry(colour, words),)))
+    return layers

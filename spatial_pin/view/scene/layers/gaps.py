@@ -12,7 +12,7 @@ from spatial_pin.mechanism.equations import Distance, Square
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.view.scene.film import Reading, unit_of_length
+from spatial_pin.view.scene.film import Readout, unit_of_length
 from spatial_pin.view.scene.shapes import ball, rod
 from spatial_pin.view.scene.stage import Entry, Item, Layer, Stage, ball_at, rod_between
 
@@ -38,15 +38,6 @@ class ClosureGap(NamedTuple):
     offset: Array
 
 
-def _length(stage: Stage, closure: Closure) -> Array | float:
-    """Return how long a distance is to be, (N,) [m] where other frames tell."""
-    if not closure.between:
-        return closure.geometry.length
-    first, second = (stage.points(i, m.translation) for i, m in map(
-        stage.film.mechanism.frame_on_joint, closure.between))
-    return np.linalg.norm(second - first, axis=1)
-
-
 def _pair_gap(stage: Stage, closure: Closure, residual: Array) -> ClosureGap:
     """Return by how much the frames of a closure are off.
 
@@ -57,13 +48,17 @@ def _pair_gap(stage: Stage, closure: Closure, residual: Array) -> ClosureGap:
     (i1, m1), (i2, m2) = (mechanism.frame_on_joint(name) for name in closure.frames[:2])
     turn = stage.rotations(i1, m1.rotation)
     apart = stage.points(i2, m2.translation) - stage.points(i1, m1.translation)
-    length = residual * mechanism.characteristic_length
+    lengths = residual * mechanism.characteristic_length
     offset, angular = np.zeros_like(apart), np.zeros(len(apart))
-    for row, off in zip(closure.rows, length.T, strict=True):
+    for row, off in zip(closure.rows, lengths.T, strict=True):
         first = row.first
         if isinstance(first, Square):  # along the line between the frames
-            far = np.linalg.norm(apart, axis=1)
-            wrong = np.where(off != 0.0, far - _length(stage, closure), 0.0)
+            far, length = np.linalg.norm(apart, axis=1), closure.geometry.length
+            if closure.between:  # other frames tell how long it is to be
+                ends = (stage.points(i, m.translation) for i, m in map(
+                    mechanism.frame_on_joint, closure.between))
+                length = np.linalg.norm(np.subtract(*ends), axis=1)
+            wrong = np.where(off != 0.0, far - length, 0.0)
             offset += apart * (wrong / np.where(far > 0, far, 1.0))[:, None]
         elif isinstance(first, Distance):
             offset += off[:, None] * (turn @ first.u)
@@ -97,11 +92,6 @@ def gaps_of(stage: Stage) -> list[ClosureGap]:
             lengths = 0 * error if is_angle else error * mechanism.characteristic_length
             found.append(ClosureGap(closure, lengths, error if is_angle else 0 * error, none))
     return found
-
-
-def _digits(largest: float) -> int:
-    """Return the decimals that tell numbers up to `largest` with three digits."""
-    return int(np.clip(GAP_DIGITS - 1 - np.floor(np.log10(largest)), 0, 8))
 
 
 def _length_items(stage: Stage, gap: ClosureGap) -> tuple[list[Item], Array]:
@@ -149,7 +139,7 @@ def gaps(stage: Stage) -> Layer:
     if not len(stage.film.open_rows):
         return Layer()
     items: list[Item] = []
-    alarms: list[Reading] = []
+    alarms: list[Readout] = []
     points: list[Array] = [np.zeros((0, 3))]
     for gap in gaps_of(stage):
         name, measures = f"closure {gap.closure.name}", []
@@ -158,8 +148,9 @@ def gaps(stage: Stage) -> Layer:
             measures.append((gap.lengths / size, f" {unit}"))
         if np.any(gap.angles):
             measures.append((np.rad2deg(gap.angles), "°"))
-        alarms += [Reading(name, values, unit, _digits(float(values.max())), says=" open by ")
-                   for values, unit in measures]
+        for values, unit in measures:
+            digits = GAP_DIGITS - 1 - np.floor(np.log10(float(values.max())))
+            alarms.append(Readout(name, values, unit, int(np.clip(digits, 0, 8)), " open by "))
         kinds = ((gap.offset, _length_items), (gap.angles, _angle_items))
         for measure, make in kinds if gap.closure.frames else ():
             if np.any(measure):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -12,7 +10,7 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.proximity.clearance import Clearance, PairClearance
 from spatial_pin.synthesis.goals import PathGoal, PosesGoal
 from spatial_pin.synthesis.ranked_designs import Design
-from spatial_pin.view.scene.film import Reading, length_words, unit_of_length
+from spatial_pin.view.scene.film import Readout, length_words, unit_of_length
 from spatial_pin.view.scene.layers.arrows import traces
 from spatial_pin.view.scene.layers.visuals import body_items
 from spatial_pin.view.scene.shapes import Solid, ball, mg, moved, rod
@@ -77,7 +75,7 @@ def clearances(stage: Stage, found: Clearance) -> Layer:
         distances = pair.distances[film.rows]
         depth = np.where(distances <= found.tolerance, -distances, 0.0)
         size, unit = unit_of_length(float(np.abs(depth).max()) or 1.0)
-        alarms.append(Reading(_names(pair), depth / size, f" {unit}", 2, says=" overlap by "))
+        alarms.append(Readout(_names(pair), depth / size, f" {unit}", 2, says=" overlap by "))
     return Layer(tuple(items), np.zeros((0, 3)), tuple(legend), tuple(alarms))
 
 
@@ -131,21 +129,7 @@ def workspaces(stage: Stage, found: Workspace) -> Layer:
     if shown_one != own:
         raise SpatialPinError(f"mechanism {shown_one!r}: the workspace is that of another one, "
                               f"{own!r}; ask sp.workspace of this one")
-    items, legend = [], []
-    shown: list[Array] = [np.zeros((0, 3))]
-    for name, points, colour, text in _groups(found):
-        seen = stage.seen(points)
-        corners = seen[:, None] + WORKSPACE_BALL * stage.size * CORNERS  # of octahedra, as one
-        faces = FACES + 6 * np.arange(len(seen))[:, None, None]  # solid: balls would be slow
-        octahedra = mg.TriangularMeshGeometry(corners.reshape(-1, 3), faces.reshape(-1, 3))
-        items.append(Item(name, Solid(octahedra, faceted=True), colour))
-        legend.append(Entry(colour, text))
-        shown.append(seen)
-    return Layer(tuple(items), np.concatenate(shown), tuple(legend))
-
-
-def _groups(found: Workspace) -> Iterator[tuple[str, Array, Colour, str]]:
-    """Yield name, points, colour and words of what is drawn alike."""
+    groups = []  # name, points, colour and words of what is drawn alike
     rows = np.flatnonzero(found.reached & ~np.isnan(found.dexterity))
     rows = rows[:: -(-len(rows) // MOST_BALLS) or 1]
     values = found.dexterity[rows]
@@ -155,13 +139,24 @@ def _groups(found: Workspace) -> Iterator[tuple[str, Array, Colour, str]]:
     for k, colour in enumerate(DEXTERITY_COLOURS):
         if (level == k).any():
             low, high = (top * x / n for x in (k, k + 1))
-            yield (f"workspace {k}", found.points[rows[level == k]], colour,
-                   f"{found.frame}: dexterity {low:.2g} to {high:.2g}")
+            groups.append((f"workspace {k}", found.points[rows[level == k]], colour,
+                           f"{found.frame}: dexterity {low:.2g} to {high:.2g}"))
     ends = found.boundary.points
     ends = ends[~np.isnan(ends).any(axis=1)]
     ends = ends[:: -(-len(ends) // MOST_BALLS) or 1]
     if len(ends):
-        yield "workspace ends", ends, BRANCH_END, f"{found.frame}: the branch ends"
+        groups.append(("workspace ends", ends, BRANCH_END, f"{found.frame}: the branch ends"))
+    items, legend = [], []
+    shown: list[Array] = [np.zeros((0, 3))]
+    for name, points, colour, text in groups:
+        seen = stage.seen(points)
+        corners = seen[:, None] + WORKSPACE_BALL * stage.size * CORNERS  # of octahedra, as one
+        faces = FACES + 6 * np.arange(len(seen))[:, None, None]  # solid: balls would be slow
+        octahedra = mg.TriangularMeshGeometry(corners.reshape(-1, 3), faces.reshape(-1, 3))
+        items.append(Item(name, Solid(octahedra, faceted=True), colour))
+        legend.append(Entry(colour, text))
+        shown.append(seen)
+    return Layer(tuple(items), np.concatenate(shown), tuple(legend))
 
 
 # ---------------------------------------------------------------- goals of a design

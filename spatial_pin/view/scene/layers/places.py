@@ -49,34 +49,20 @@ def _outward(placement: pin.SE3) -> Array:
     return p / length if length > 0 else np.array([0.0, 0.0, 1.0])
 
 
-def _joint_axes(mechanism: Mechanism) -> list[list[Array]]:
-    """Return the unit vectors, in its frame at neutral, of the axes of every joint of the tree."""
-    model = mechanism.model
+def places(mechanism: Mechanism) -> list[Place]:
+    """Return every joint of the tree, and every closure that joins two frames, as a pair."""
+    model, found = mechanism.model, list[Place]()
     data = model.createData()
     J = pin.computeJointJacobians(model, data, mechanism.neutral).reshape(6, model.nv)
-    found = []
     for j, kind in enumerate(mechanism.pairs, start=1):
         columns = J[:, [model.idx_vs[j] + place for place in AXIS_PLACES.get(kind, ())]].T
         vectors = [c[3:] if np.any(c[3:]) else c[:3] for c in columns]
-        found.append([data.oMi[j].rotation.T @ v / np.linalg.norm(v) for v in vectors])
-    return found
-
-
-def _tree_places(mechanism: Mechanism) -> list[Place]:
-    """Return the pairs of the tree's joints."""
-    model, found = mechanism.model, []
-    for j, axes in enumerate(_joint_axes(mechanism), start=1):
+        axes = [data.oMi[j].rotation.T @ v / np.linalg.norm(v) for v in vectors]
         on_parent, bodies = model.jointPlacements[j], (int(model.parents[j]), j)
         axes = axes or [_outward(on_parent)]
         turn1, turn2 = axes_from_z(axes[0]), axes_from_z(axes[-1])
         frames = _framed(on_parent, turn1), _framed(pin.SE3.Identity(), turn2)
-        found.append(Place(model.names[j], mechanism.pairs[j - 1], bodies, frames))
-    return found
-
-
-def _closure_places(mechanism: Mechanism) -> list[Place]:
-    """Return the pairs of the closures that join two frames."""
-    found = []
+        found.append(Place(model.names[j], kind, bodies, frames))
     for closure in mechanism.closures:
         if not closure.frames:
             continue
@@ -87,8 +73,3 @@ def _closure_places(mechanism: Mechanism) -> list[Place]:
         frames = _framed(m1, turn1), _framed(m2, turn2)
         found.append(Place(closure.name, closure.type, (i1, i2), frames))
     return found
-
-
-def places(mechanism: Mechanism) -> list[Place]:
-    """Return every joint and closure that is a pair."""
-    return _tree_places(mechanism) + _closure_places(mechanism)

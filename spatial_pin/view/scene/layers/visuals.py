@@ -87,15 +87,6 @@ def bodies(stage: Stage) -> Layer:
 # ---------------------------------------------------------------- sticks
 
 
-def _distinct(points: list[Array], least: float) -> list[Array]:
-    """Return the points (3,) that are further than `least` [m] from 0 and from those before."""
-    kept: list[Array] = [np.zeros(3)]
-    for p in points:
-        if min(np.linalg.norm(p - other) for other in kept) > least:
-            kept.append(p)
-    return kept[1:]
-
-
 def skeleton(model: pin.Model) -> pin.GeometryModel:
     """Return a geometry model of sticks; a ball stands for a body without extent."""
     return _sticks(model, range(model.njoints))
@@ -134,8 +125,11 @@ def _sticks(model: pin.Model, joints: Iterable[int]) -> pin.GeometryModel:
     geometry = pin.GeometryModel()
     for j in joints:
         thickness = THICKNESS * longest * (1.0 + SPREAD * (GOLDEN * j % 1.0))
-        points = _distinct([p for joint, p in ends if joint == j],
-                           TOLERANCES.half_precision * longest)
+        points: list[Array] = []  # those that are further from 0, and from those before
+        for joint, p in ends:
+            if joint == j and min(np.linalg.norm(p - other) for other in (
+                    np.zeros(3), *points)) > TOLERANCES.half_precision * longest:
+                points.append(p)
         for k, p in enumerate(points):
             length = float(np.linalg.norm(p))
             turn = pin.Quaternion.FromTwoVectors(pin.ZAxis, p / length).matrix()

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 from xml.dom import minidom
 
 from spatial_pin.errors import MechanismFileError
@@ -71,47 +71,50 @@ def _evaluated(
 # ---------------------------------------------------------------- numbers written with them
 
 
-class Written(NamedTuple):
-    """A table of a mechanism file in which texts with `${...}` may stand for numbers.
+class Values(dict[str, Any]):
+    """A table of a mechanism file with numbers in the place of texts with `${...}`.
 
-    Attributes:
-        table: as the file has it.
-        where: the file; table_name: what the table is called, for errors.
-        tree: the file of the tree, whose arguments are the names in the texts.
-        parameters, trusted, packages: what both were loaded with.
+    It remembers how they are written.
     """
 
-    table: Mapping[str, Any]
-    where: Path
-    table_name: str
-    tree: Path
-    parameters: Mapping[str, float]
-    trusted: bool
-    packages: Mapping[str, Path]
-
-    def values(self, given: Mapping[str, float] | None = None) -> Values:
-        """Return the table with numbers in the place of texts.
+    def __init__(
+        self, table: Mapping[str, Any], where: Path, table_name: str, tree: Path,
+        parameters: Mapping[str, float], trusted: bool, packages: Mapping[str, Path],
+    ) -> None:
+        """Work a table out.
 
         Args:
-            given: arguments that differ from the parameters [SI, rad].
+            table: as the file has it.
+            where: the file.
+            table_name: what the table is called, for errors.
+            tree: the file of the tree, whose arguments are the names in the texts.
+            parameters: what both were loaded with [SI, rad].
+            trusted: likewise.
+            packages: likewise.
 
         Raises:
             MechanismFileError: a text is no expression of the arguments, or its value no number.
         """
-        parameters = {**self.parameters, **(given or {})}
-        values = dict(self.table)
-        if any(map(_is_written, values.values())):
-            texts = arguments(self.tree, parameters, self.trusted, self.packages)
-            expansion = Expansion(self.where, self.trusted, self.packages)
-            values = expansion.guarded(partial(self._worked_out, expansion, texts))
-        return Values(values, self._replace(parameters=parameters))
+        super().__init__(table)
+        self._table, self._where, self._name = table, where, table_name
+        self._loaded = tree, parameters, trusted, packages
+        if any(map(_is_written, table.values())):
+            texts = arguments(tree, parameters, trusted, packages)
+            expansion = Expansion(where, trusted, packages)
+            self.update(expansion.guarded(partial(self._worked_out, expansion, texts)))
+
+    def at(self, given: Mapping[str, float]) -> Values:
+        """Return the same table with other arguments than the parameters [SI, rad]."""
+        tree, parameters, trusted, packages = self._loaded
+        return Values(self._table, self._where, self._name, tree, {**parameters, **given}, trusted,
+                      packages)
 
     def _worked_out(
         self, expansion: Expansion, texts: dict[str, str], xacro: Any
     ) -> dict[str, Any]:
         """Return the table with all texts worked out by a copy of xacro."""
-        where = shown(self.where)
-        xacro.init_stacks(str(self.where))
+        where = shown(self._where)
+        xacro.init_stacks(str(self._where))
         xacro.substitution_args_context["arg"] = texts
         names = {**xacro._global_symbols,
                  **{name: expansion.literal(text) for name, text in texts.items()}}
@@ -126,24 +129,16 @@ class Written(NamedTuple):
             except MechanismFileError as error:
                 reason = str(error).removeprefix(f"{where}: ")
                 known = f"dimensions are: {', '.join(texts)}" if texts else "no dimensions"
-                raise MechanismFileError(f"{where}: {self.table_name}: {key}: {reason} "
+                raise MechanismFileError(f"{where}: {self._name}: {key}: {reason} "
                                          f"({known})") from error
             several = isinstance(result, list | tuple)
             parts = list(result) if several else [result]
             if not all(not isinstance(x, bool) and _is_number(x) for x in parts):
-                raise MechanismFileError(f"{where}: {self.table_name}: {key}: {value!r} is "
+                raise MechanismFileError(f"{where}: {self._name}: {key}: {value!r} is "
                                          f"{str(result)[:80]!r}, no finite number")
             return [float(x) for x in parts] if several else float(result)
 
-        return {key: number(key, value) for key, value in self.table.items()}
-
-
-class Values(dict[str, Any]):
-    """Numbers of a table, which remember how they are written."""
-
-    def __init__(self, values: Mapping[str, Any], written: Written) -> None:
-        super().__init__(values)
-        self.written = written
+        return {key: number(key, value) for key, value in self._table.items()}
 
 
 def _is_written(value: Any) -> bool:
