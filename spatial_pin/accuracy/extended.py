@@ -169,7 +169,7 @@ class Extended:
         return [_moving(t, *moving)]
 
     def rows(self, q: Array, v: Array, a: Array, turns: Array) -> Array:
-        """Return closure equations with their rates (3, N, n_closure) [-], in `Evaluation`'s order.
+        """Return closure equations with their rates (3, N, n_closure) [-], in its order.
 
         Args:
             q: (N, nq) configurations.

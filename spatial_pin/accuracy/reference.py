@@ -21,9 +21,8 @@ from spatial_pin.accuracy.tasks import SimulationTask, SweepTask
 from spatial_pin.assembly.close import close
 from spatial_pin.assembly.holding import still_entries
 from spatial_pin.assembly.square_system import SINGULAR_PIVOT, SquareSystem
-from spatial_pin.constraints.closure_equations import Evaluation
-from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SingularError, SpatialPinError
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.motion.motion import Motion
@@ -148,7 +147,7 @@ class ExactRows:
         unresolved passive freedoms, the last rows (N, k, nv); whether they are regular (N,).
         """
         n, nv = len(q), self.mechanism.model.nv
-        evaluation = Evaluation(constraints_of(self.mechanism))
+        evaluation = LoopEquations(self.mechanism)
         closed = np.array(q, dtype=float)
         found: dict[int, SquareSystem] = {}
         inverses = np.zeros((n, nv, nv))

@@ -10,9 +10,9 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.closer import Closed, Reached, closer_of
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.coordinates import coordinate_gradient
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
@@ -27,7 +27,7 @@ Found = TypeVar("Found", Closed, Reached)
 
 
 def close(
-    evaluation: Evaluation,
+    evaluation: LoopEquations,
     q: Array,
     free: NDArray[np.bool_],
     tolerance: float,
@@ -79,7 +79,7 @@ def finite(found: Found) -> Found:
 
 
 def pinned_rows(
-    evaluation: Evaluation, free: NDArray[np.bool_], pinned: Iterable[str]
+    evaluation: LoopEquations, free: NDArray[np.bool_], pinned: Iterable[str]
 ) -> tuple[Array, Array]:
     """Return the closure equations over the `free` velocities, scaled, and their residual.
 

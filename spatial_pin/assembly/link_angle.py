@@ -12,8 +12,8 @@ import numpy as np
 
 from spatial_pin._support.columns import XYZ
 from spatial_pin._support.lazy import made_once
-from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -63,7 +63,7 @@ class LinkAngle(NamedTuple):
         found: Array = np.unwrap(self.directed(rotations))
         return found
 
-    def slope(self, evaluation: Evaluation) -> Array:
+    def slope(self, evaluation: LoopEquations) -> Array:
         """Return the derivative (nv,) for joint velocities at the last `update`."""
         arm = evaluation.frame(self.frame).rotation @ self.arm
         along = float(self.axis @ arm)
@@ -91,7 +91,7 @@ def link_angle(mechanism: Mechanism, spec: str) -> LinkAngle | None:
 @made_once
 def _named(mechanism: Mechanism, name: str, letter: str, spec: str) -> LinkAngle:
     frame = mechanism.frame_id(mechanism.placed(name))
-    with evaluation_of(mechanism) as evaluation:
+    with loops_of(mechanism) as evaluation:
         evaluation.update(mechanism.neutral)
         turns = evaluation.frame_jacobian(frame)[3:].copy()
         axis = np.eye(3)[XYZ.index(letter)] if letter else _common(turns, _turns(evaluation))
@@ -114,7 +114,7 @@ def _named(mechanism: Mechanism, name: str, letter: str, spec: str) -> LinkAngle
     return found._replace(sums=sums, zero=zero)
 
 
-def _turns(evaluation: Evaluation) -> Array:
+def _turns(evaluation: LoopEquations) -> Array:
     """Return the turns (3, nv) of all joints relative to the bodies that they hang on."""
     model = evaluation.mechanism.model
     found = np.zeros((3, model.nv))

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import made_once
-from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Closure, Coordinate
@@ -239,7 +239,7 @@ def _axis(mechanism: Mechanism, joint: int) -> Array:
 
 
 def passive_freedoms(
-    evaluation: Evaluation, null_space: Array, driven: Iterable[Coordinate] | None = None
+    evaluation: LoopEquations, null_space: Array, driven: Iterable[Coordinate] | None = None
 ) -> list[tuple[str, Array]]:
     """Return (joint name, (k, nv) velocities) for the motions that move one link only.
 
@@ -315,13 +315,13 @@ def _telescopes(mechanism: Mechanism, groups: NDArray[np.intp]) -> list[tuple[in
     return [tuple(sorted(x)) for x in found if _is_rod(mechanism, min(x))]
 
 
-def moved_bodies(evaluation: Evaluation, velocities: Array) -> list[int]:
+def moved_bodies(evaluation: LoopEquations, velocities: Array) -> list[int]:
     """Return the bodies, by joint, that joint velocities (k, nv) move at the evaluation."""
     twists = _twists(evaluation, velocities)
     return (np.flatnonzero(np.abs(twists).max(axis=(1, 2), initial=0.0) > RESTING) + 1).tolist()
 
 
-def _twists(evaluation: Evaluation, velocities: Array) -> Array:
+def _twists(evaluation: LoopEquations, velocities: Array) -> Array:
     """Return the twists (bodies, 6, k) of joint velocities (k, nv), the largest of size 1."""
     size = np.array([1.0, 1.0, 1.0, *[evaluation.mechanism.characteristic_length] * 3])
     columns = (joint_jacobian(evaluation.data, evaluation.model.nv)

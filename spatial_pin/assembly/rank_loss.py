@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.assembly.close import close
-from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.kernel.regular import step_beside
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array, decompose, independent_rows
@@ -45,7 +45,7 @@ class Regular(NamedTuple):
         return bool(np.abs(away).max(initial=0.0) <= self.radius)
 
 
-def rank_loss(evaluation: Evaluation, q: Array, rank: int) -> int:
+def rank_loss(evaluation: LoopEquations, q: Array, rank: int) -> int:
     """Return how many independent equations the loops lose at q, where their rank is `rank`.
 
     As many independent rows as that leave a surface through q of as many dimensions as there are
@@ -82,7 +82,7 @@ def rank_loss(evaluation: Evaluation, q: Array, rank: int) -> int:
     return max(lost, int(beside is not None))
 
 
-def _generic_rank(evaluation: Evaluation, q: Array) -> int:
+def _generic_rank(evaluation: LoopEquations, q: Array) -> int:
     """Return the closure rank at closed configurations near q."""
     n, model = evaluation.constraints.n_closure, evaluation.model
     free = np.ones(model.nv, dtype=bool)
@@ -96,7 +96,7 @@ def _generic_rank(evaluation: Evaluation, q: Array) -> int:
     return best
 
 
-def _ways(evaluation: Evaluation, q: Array) -> int:
+def _ways(evaluation: LoopEquations, q: Array) -> int:
     """Return in how many independent ways steps from q go on when loops are closed again."""
     evaluation.update(q)
     n, scale = evaluation.constraints.n_closure, evaluation.mechanism.velocity_scale
@@ -114,7 +114,7 @@ def _ways(evaluation: Evaluation, q: Array) -> int:
     return int(np.count_nonzero(decompose(np.array(left)).s > TOLERANCES.moved)) if left else 0
 
 
-def lost_rank(evaluation: Evaluation, q: Array, lost: int, motion: str) -> str:
+def lost_rank(evaluation: LoopEquations, q: Array, lost: int, motion: str) -> str:
     """Return why nothing determines the motion at q, in words, where the loops lose equations.
 
     Args:

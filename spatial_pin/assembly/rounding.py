@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from copy import copy
 from itertools import accumulate, combinations, takewhile
 from math import comb
 from typing import NamedTuple
@@ -32,9 +31,9 @@ from numpy.typing import NDArray
 from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.close import close
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
-from spatial_pin.constraints.compiled_equations import Constraints, constraints_of
+from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.kernel.closer import Examined, closer_of
+from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.coordinates import joint_values, with_values
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Equations
@@ -112,12 +111,12 @@ def rounded(mechanism: Mechanism, gap: float) -> Mechanism | None:
     """
     if mechanism.whole is not None or not gap or not mechanism.closures:
         return None
-    with evaluation_of(mechanism) as evaluation:
+    with loops_of(mechanism) as evaluation:
         kept = None if _is_exact(evaluation) else _kept(evaluation, gap)
     return None if kept is None else mechanism.with_equations(kept)
 
 
-def _is_exact(evaluation: Evaluation) -> bool:
+def _is_exact(evaluation: LoopEquations) -> bool:
     """Whether equations are clearly independent, or follow from others, at a pose near the guess.
 
     Not at the guess itself: loops that fit as drawn fit there however rounded their numbers are.
@@ -199,7 +198,7 @@ def rounding_of(mechanism: Mechanism) -> float:
     return 0.0 if mechanism.kept is None else mechanism.kept.cut
 
 
-def _kept(evaluation: Evaluation, gap: float) -> Equations | None:
+def _kept(evaluation: LoopEquations, gap: float) -> Equations | None:
     """Return the equations that stay where the numbers of others are rounded; None: all stay."""
     cut = min(GAPS_WIDE * gap, WIDEST_GAP)
     first = next(_beginnings(evaluation, cut, gap), None)
@@ -236,7 +235,7 @@ def _kept(evaluation: Evaluation, gap: float) -> Equations | None:
 
 
 def _moves_with_all(
-    evaluation: Evaluation, samples: list[Sample], rank: int, soft: float
+    evaluation: LoopEquations, samples: list[Sample], rank: int, soft: float
 ) -> bool:
     """Whether a mechanism has as many freedoms with all its equations as with `rank` of them.
 
@@ -285,7 +284,7 @@ def _rank(s: Array, cut: float) -> int:
     return int(np.count_nonzero(s > cut * s[0])) if s.size else 0
 
 
-def _sample(evaluation: Evaluation, q: Array, cut: float, gap: float) -> Sample | None:
+def _sample(evaluation: LoopEquations, q: Array, cut: float, gap: float) -> Sample | None:
     """Close the loops from q (nq,) as well as they can; None where that is not to the gap."""
     free = np.ones(evaluation.model.nv, dtype=bool)
     q, error = close(evaluation, q, free, CLOSED, cut=cut)
@@ -295,7 +294,7 @@ def _sample(evaluation: Evaluation, q: Array, cut: float, gap: float) -> Sample 
     return Sample(q, jacobian, singular_values(jacobian), error)
 
 
-def _beginnings(evaluation: Evaluation, cut: float, gap: float) -> Iterator[Sample]:
+def _beginnings(evaluation: LoopEquations, cut: float, gap: float) -> Iterator[Sample]:
     """Yield configurations closed to the gap, from the guess of the file and from others."""
     mechanism, model = evaluation.mechanism, evaluation.model
     q = _guess(mechanism)
@@ -308,7 +307,7 @@ def _beginnings(evaluation: Evaluation, cut: float, gap: float) -> Iterator[Samp
 
 
 def _nearby(
-    evaluation: Evaluation, first: Sample, cut: float, gap: float
+    evaluation: LoopEquations, first: Sample, cut: float, gap: float
 ) -> Iterator[list[Sample]]:
     """Yield paths from a configuration, closed to the gap, that one included.
 
@@ -341,7 +340,7 @@ def _oriented(first: Sample, path: list[Sample], rank: int = 0) -> list[Sample]:
     return found
 
 
-def _opens_nearby(whole: Evaluation, reduced: Mechanism, first: Sample, gap: float) -> bool:
+def _opens_nearby(whole: LoopEquations, reduced: Mechanism, first: Sample, gap: float) -> bool:
     """Whether equations left out open beyond the gap within half a radian of motion from a sample.
 
     The equations that stay are followed along random directions of their freedom, both ways, as far
@@ -349,7 +348,7 @@ def _opens_nearby(whole: Evaluation, reduced: Mechanism, first: Sample, gap: flo
     Equations that hardly are so at the first sample determine no motion at all.
     """
     rng, free = np.random.default_rng(20114), np.ones(whole.model.nv, dtype=bool)
-    with evaluation_of(reduced) as evaluation:
+    with loops_of(reduced) as evaluation:
         n = evaluation.constraints.n_closure
 
         def closed(q: Array) -> Sample | None:
@@ -406,7 +405,7 @@ def _walk(
 
 
 def _on_the_way(
-    evaluation: Evaluation, first: Sample, cut: float, gap: float
+    evaluation: LoopEquations, first: Sample, cut: float, gap: float
 ) -> Iterator[Sample]:
     """Yield configurations that the mechanism goes through, closed to the gap."""
     model, scale = evaluation.model, evaluation.mechanism.velocity_scale
@@ -447,9 +446,9 @@ def _independent(
     everywhere = [x for path in paths for x in path]
     rows, worth = _choice([x.jacobian for x in everywhere], paths, weights)
     if worth[1] < GOOD and any(c.can_turn for c in mechanism.closures):
-        turned = copy(mechanism)
-        vars(turned).update(closures=tuple(c.turned() for c in mechanism.closures if c.can_turn))
-        evaluation, more = Evaluation(Constraints(turned)), []
+        turned = mechanism.with_fields(
+            closures=tuple(c.turned() for c in mechanism.closures if c.can_turn))
+        evaluation, more = LoopEquations(turned), []
         for x in everywhere:
             evaluation.update(x.q)
             more.append(np.vstack([x.jacobian, evaluation.jacobian[: len(evaluation.residual)]]))

@@ -19,9 +19,9 @@ from spatial_pin.assembly.undetermined import (
     dependence,
     moves_frame,
 )
-from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import kernel_of
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.kernel.paths import prescribed_places
 from spatial_pin.kernel.rates import Chosen, Rates, rates_of
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
@@ -59,7 +59,7 @@ class SquareSystem:
     """
 
     def __init__(
-        self, evaluation: Evaluation, driven: Sequence[Coordinate], q: Array,
+        self, evaluation: LoopEquations, driven: Sequence[Coordinate], q: Array,
         still: Sequence[int] | None = None, frame: int | None = None,
     ) -> None:
         self.evaluation, self._frame = evaluation, frame

@@ -13,9 +13,9 @@ from spatial_pin._support.brief import brief
 from spatial_pin._support.checks import finite_array, is_finite
 from spatial_pin._support.lazy import cached_property, made_once
 from spatial_pin.assembly.frames import Located, located
-from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.coordinates import CoordinateRates, coordinate_rates, needed
 from spatial_pin.mechanism.inertia import moving_mass
 from spatial_pin.mechanism.joint_limits import beyond_limits
@@ -460,7 +460,7 @@ def gap_of(mechanism: Mechanism, q: Array, angles: Array) -> Gap:
     """
     if mechanism.whole is None or mechanism.kept is None:
         return Gap()
-    with evaluation_of(mechanism.whole, all_angles(mechanism, angles)) as evaluation:
+    with loops_of(mechanism.whole, all_angles(mechanism, angles)) as evaluation:
         evaluation.update(q)
         largest: dict[str, float] = {}
         for label, row in zip(evaluation.constraints.labels, evaluation.residual, strict=True):
@@ -516,7 +516,7 @@ def of_mechanism(mechanism: Mechanism, state: State) -> State:
             assert state.mechanism.kept is not None
             mechanism = mechanism.with_equations(state.mechanism.kept)
     same = state.mechanism.coordinates == mechanism.coordinates
-    evaluation = Evaluation(constraints_of(mechanism))
+    evaluation = LoopEquations(mechanism)
     if same and state.angles.size == evaluation.angle_reference.size:
         evaluation.angle_reference[:] = state.angles
         evaluation.update(state.q)
@@ -598,7 +598,7 @@ def _measured(mechanism: Mechanism, q: Array, angles: Array | None) -> tuple[flo
     reference: Array | float = 0.0
     if angles is not None and angles.size:
         reference = _given(angles, np.zeros(constraints_of(mechanism).n_angles), "angles")
-    with evaluation_of(mechanism, reference) as at:
+    with loops_of(mechanism, reference) as at:
         at.update(q)
         return float(at.closure_error), at.angles.copy()
 

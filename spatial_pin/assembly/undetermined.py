@@ -11,8 +11,8 @@ from spatial_pin.assembly.holding import BASE, SPRINGS, free_bases, velocity_ent
 from spatial_pin.assembly.passive_freedoms import RESTING, is_in_loop, passive_freedoms
 from spatial_pin.assembly.rank_loss import lost_rank, rank_loss
 from spatial_pin.assembly.rounding import gap_words
-from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.errors import SingularError
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
@@ -30,7 +30,7 @@ class Asked(NamedTuple):
         still: velocity entries that stand still.
     """
 
-    evaluation: Evaluation
+    evaluation: LoopEquations
     driven: Sequence[Coordinate]
     drive: Array
     still: Sequence[int]
@@ -134,7 +134,7 @@ def check_passive(asked: Asked, null_space: Array, rank: int, q: Array) -> None:
         + _ways_to_prescribe(mechanism, chosen, set(names)))
 
 
-def moves_frame(evaluation: Evaluation, null_space: Array, frame: int) -> bool:
+def moves_frame(evaluation: LoopEquations, null_space: Array, frame: int) -> bool:
     """Whether freedoms (k, nv), scaled velocities of length 1, move a frame at the evaluation."""
     size = evaluation.mechanism.velocity_scale
     length = np.array([evaluation.mechanism.characteristic_length] * 3 + [1.0] * 3)
@@ -142,7 +142,7 @@ def moves_frame(evaluation: Evaluation, null_space: Array, frame: int) -> bool:
     return bool(np.abs(twists).max(initial=0.0) > RESTING)
 
 
-def check_regular(evaluation: Evaluation, q: Array, rank: int) -> None:
+def check_regular(evaluation: LoopEquations, q: Array, rank: int) -> None:
     """Refuse a configuration q at which the loops lose independent equations.
 
     Also where the freedom won moves one link only, like a passive one: a single distance whose
@@ -155,7 +155,7 @@ def check_regular(evaluation: Evaluation, q: Array, rank: int) -> None:
                             + lost_rank(evaluation, q, lost, "drivers"))
 
 
-def _check_free(evaluation: Evaluation, null_space: Array) -> None:
+def _check_free(evaluation: LoopEquations, null_space: Array) -> None:
     """Refuse freedoms counted as passive that a closure holds, with a lever arm near round-off."""
     n = evaluation.constraints.n_closure
     held = np.abs(evaluation.jacobian[:n] @ null_space.T).max(axis=1, initial=0.0)

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import made_once
 from spatial_pin.constraints.composed_equations import Composed, Equation, Factor
-from spatial_pin.constraints.product_vectors import matrix_of, rate_matrix
+from spatial_pin.constraints.product_vectors import matrix_of
 from spatial_pin.constraints.products import Products
 from spatial_pin.constraints.turns import turns_of
 from spatial_pin.mechanism.coordinates import needed
@@ -93,7 +93,7 @@ class Constraints:
         labels: closure and equation of each of the `n_closure` closure equations.
         n_closure: number of closure equations; those of `n_passive` resolved freedoms follow them.
         n_products: of them that have products; those of joint coordinates alone come last.
-        n_wrenches: of `Evaluation.row_wrenches`.
+        n_wrenches: of `LoopEquations.row_wrenches`.
         equations: what they are made of, and after them the passive ones.
         plain: closure equations that are one product each; their numbers are its own.
         composed: those that are more, alike ones together.
@@ -188,7 +188,6 @@ class Constraints:
         self.terms = products.a.terms, products.b.terms, products.x.terms
         a, b, x = (block.entries() for block in (products.a, products.b, products.x))
         self.c_abx = matrix_of([a, b, x], [0, r, 2 * r], (3 * r, 4 * model.njoints))
-        self.c_rates = rate_matrix(a, b, r, model.njoints)
         self.constants = np.array(products.constants)
         self.factors = np.array(products.factors).reshape(-1, 1)
         self.signs = np.array(products.signs).reshape(r, model.nv)

@@ -14,6 +14,12 @@ from numpy.lib.stride_tricks import as_strided
 
 from spatial_pin.numerics.linalg import Array
 
+# columns: v, omega of a twist; rows of 16: the transposed 4 x 4 matrix, row by row
+TWIST_MATRIX = np.zeros((6, 16))
+for _i in range(3):
+    TWIST_MATRIX[_i, 12 + _i] = 1.0
+    TWIST_MATRIX[3 + _i].reshape(4, 4)[:3, :3] = pin.skew(np.eye(3)[_i]).T
+
 
 def placements(data: pin.Data) -> Array:
     """Return a view (njoints, 4, 3) on the joint placements: three columns of R, then p."""

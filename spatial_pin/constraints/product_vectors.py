@@ -1,7 +1,7 @@
 """The vectors whose scalar products closure equations are: linear in where the bodies are.
 
 With G the joint placements stacked as rows (columns of R, then p, of each joint), every vector is
-a row of C G. Its rates are C G' and C G''.
+a row of C G.
 """
 
 from __future__ import annotations
@@ -94,14 +94,6 @@ class Entries(NamedTuple):
     rows: NDArray[np.intp]
     columns: NDArray[np.intp]
     values: Array
-
-
-def rate_matrix(a: Entries, b: Entries, r: int, n: int) -> Any:
-    """Return the matrix that takes (G'', G', G) of n joints to A'', A', A and then B, B', B''."""
-    orders = [(a, 2), (a, 1), (a, 0), (b, 0), (b, 1), (b, 2)]
-    blocks = [Entries(x.rows, 12 * (x.columns // 4) + 4 * (2 - order) + x.columns % 4, x.values)
-              for x, order in orders]
-    return matrix_of(blocks, [k * r for k in range(6)], (6 * r, 12 * n))
 
 
 def matrix_of(blocks: list[Entries], starts: list[int], shape: tuple[int, int]) -> Any:

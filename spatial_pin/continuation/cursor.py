@@ -16,7 +16,6 @@ import numpy as np
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.continuation.asymptotes import running_away
 from spatial_pin.continuation.driving import DriversLaw
 from spatial_pin.continuation.pseudo_arclength import Arrival, towards
@@ -25,6 +24,7 @@ from spatial_pin.continuation.start import Start
 from spatial_pin.continuation.unknowns import WithParameter
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import kernel_of
+from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.kernel.paths import Path, Samples
 from spatial_pin.mechanism.coordinates import coordinate_value
 from spatial_pin.numerics.linalg import Array
@@ -316,5 +316,5 @@ def cursor_along(
         SingularError: the driver does not determine the motion there.
     """
     mechanism = state.mechanism
-    with evaluation_of(mechanism, state.angles) as evaluation, kernel_of(mechanism) as kernel:
+    with loops_of(mechanism, state.angles) as evaluation, kernel_of(mechanism) as kernel:
         yield Cursor(Start.along(state, [driver], hold, accuracy, kernel, evaluation))

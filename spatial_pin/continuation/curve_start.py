@@ -12,10 +12,9 @@ from spatial_pin.assembly.holding import Hold, divided
 from spatial_pin.assembly.passive_freedoms import moved_bodies
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import Evaluation
-from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.continuation.solution_curve import Curve
 from spatial_pin.errors import SingularError
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array
@@ -59,7 +58,7 @@ def system_at(
 def _square(
     mechanism: Mechanism, driven: Sequence[Coordinate], state: State, still: Sequence[int]
 ) -> SquareSystem:
-    evaluation = Evaluation(constraints_of(mechanism))
+    evaluation = LoopEquations(mechanism)
     evaluation.angle_reference[:] = state.angles
     system = SquareSystem(evaluation, driven, state.q, still)
     system.check_regular(state.q)
@@ -103,7 +102,7 @@ def not_spinning(system: SquareSystem) -> list[int]:
     return [i for i in range(mechanism.model.njoints) if i not in spinning]
 
 
-def body_places(evaluation: Evaluation, bodies: list[int]) -> Array:
+def body_places(evaluation: LoopEquations, bodies: list[int]) -> Array:
     """Return the placements of bodies, lengths scaled."""
     scale = np.array([1.0, 1.0, 1.0, evaluation.mechanism.characteristic_length])[:, None]
     return evaluation.placements[bodies] / scale

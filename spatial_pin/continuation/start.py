@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from spatial_pin.assembly.holding import Hold, divided, still_entries
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.continuation.driving import DriversLaw, OneDriver
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import Kernel
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.kernel.paths import Path, Samples, prescribed_places
 from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -55,7 +55,7 @@ class Start:
 
     def __init__(
         self, state: State, driven: Sequence[Coordinate], still: Sequence[int] | None,
-        accuracy: Accuracy, kernel: Kernel, evaluation: Evaluation, law: Any = None,
+        accuracy: Accuracy, kernel: Kernel, evaluation: LoopEquations, law: Any = None,
         begin: float = 0.0,
     ) -> None:
         self.state, self.mechanism, self.accuracy = state, state.mechanism, accuracy
@@ -76,7 +76,7 @@ class Start:
     @classmethod
     def along(
         cls, state: State, names: Sequence[str], hold: Hold, accuracy: Accuracy, kernel: Kernel,
-        evaluation: Evaluation, law: Any = None, begin: float = 0.0,
+        evaluation: LoopEquations, law: Any = None, begin: float = 0.0,
     ) -> Start:
         """Return the start of a branch with the first of some names driven, the others held.
 

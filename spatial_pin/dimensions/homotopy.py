@@ -16,9 +16,9 @@ from spatial_pin.assembly.close import close
 from spatial_pin.assembly.search.closing import ACCEPTED
 from spatial_pin.assembly.search.whole_turns import nearest_turn
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.formats.files import load
+from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.mechanism.coordinates import coordinate_round_off, with_values
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import decompose, determinant_sign_of, independent_rows
@@ -81,13 +81,13 @@ def _step(state: State, there: Mechanism, drivers: Mapping[str, float]) -> State
     free = np.ones(near.model.nv, dtype=bool)
     free[[near.coordinate_table[name].v for name in drivers]] = False
     accuracy = Accuracy.named("engineering")
-    with evaluation_of(near, state.angles) as evaluation:
+    with loops_of(near, state.angles) as evaluation:
         evaluation.update(state.q)
         jacobian = evaluation.jacobian[: evaluation.constraints.n_closure, free]
         rows = independent_rows(jacobian)
         spare = decompose(jacobian[rows]).null_space
         before = determinant_sign_of(np.vstack([jacobian[rows], spare]))
-    with evaluation_of(there, state.angles) as evaluation:
+    with loops_of(there, state.angles) as evaluation:
         q = with_values(there, state.q, dict(drivers))
         q, error = close(evaluation, q, free, accuracy.tolerance)
         q = nearest_turn(there, q, drivers, values)

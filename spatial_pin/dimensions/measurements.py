@@ -10,7 +10,6 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin._support.checks import finite_number, mapping, positive_number, rows_of
-from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.inverse_kinematics.named_targets import read_targets
 from spatial_pin.inverse_kinematics.targets import (
@@ -21,6 +20,7 @@ from spatial_pin.inverse_kinematics.targets import (
     Position,
     Target,
 )
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.coordinates import coordinate_value
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, decompose
@@ -77,7 +77,7 @@ class MeasuredQuantity:
                 return replace(found, sigma=sigma[name])
         raise ValueError(f"sigma says nothing of {target.name!r}: add {kind!r} [{UNITS[kind]}]")
 
-    def error(self, evaluation: Evaluation, base: pin.SE3 | None) -> tuple[Array, Array]:
+    def error(self, evaluation: LoopEquations, base: pin.SE3 | None) -> tuple[Array, Array]:
         """Return model less measurement (k,) [m, rad], and its derivative (k, nv)."""
         mechanism, size = evaluation.mechanism, 1.0  # what one of the residual stands for
         if isinstance(self.target, CoordinateValue):
@@ -91,7 +91,7 @@ class MeasuredQuantity:
             error, slope = base.rotation @ error, base.rotation @ slope
         return size * error, size * slope
 
-    def base_slope(self, evaluation: Evaluation, base: pin.SE3) -> Array:
+    def base_slope(self, evaluation: LoopEquations, base: pin.SE3) -> Array:
         """Return the derivative (k, 6) of `error` for moving the base: shifts, then turns.
 
         Both along the axes of what measures, turns about the base's own origin.

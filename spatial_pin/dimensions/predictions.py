@@ -15,13 +15,13 @@ import pinocchio as pin
 
 from spatial_pin.assembly.holding import still_entries
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.dimensions.dimension_batch import DimensionFamily, EvaluatedBatch
 from spatial_pin.dimensions.homotopy import followed
 from spatial_pin.dimensions.measurements import UNITS, Encoder, MeasuredQuantity
 from spatial_pin.dimensions.variants import Variants
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.inverse_kinematics.targets import CoordinateValue
+from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array, Decomposition, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -108,7 +108,7 @@ class _AtRest(NamedTuple):
     """A pose as targets ask for it, in which dimensions move the frames in the place of joints."""
 
     mechanism: Mechanism
-    evaluation: Evaluation
+    evaluation: LoopEquations
     beside: NeighbouringPoses
     pose: int
 
@@ -124,7 +124,7 @@ class _AtRest(NamedTuple):
         """Return the derivatives (k, n) of an error; of coordinates, which stand, zero."""
         if isinstance(quantity.target, CoordinateValue):
             return np.zeros((1, len(self.beside.widths)))
-        return quantity.error(cast(Evaluation, self), base)[1]
+        return quantity.error(cast(LoopEquations, self), base)[1]
 
 
 class Predictions:
@@ -216,7 +216,7 @@ class Predictions:
             return np.full(len(self.sigmas), np.inf)  # SciPy's trust region shrinks then
         parts = []
         for state, quantities in zip(here.states, self._quantities, strict=True):
-            with evaluation_of(here.mechanism, state.angles) as evaluation:
+            with loops_of(here.mechanism, state.angles) as evaluation:
                 evaluation.update(state.q)
                 parts += [q.error(evaluation, here.base)[0] for q in quantities]
         told = np.concatenate(parts)
@@ -235,7 +235,7 @@ class Predictions:
         here = self._near = self.at(x)
         beside, rows = self._beside(here), []
         for i, state in enumerate(here.states):
-            with evaluation_of(here.mechanism, state.angles) as evaluation:
+            with loops_of(here.mechanism, state.angles) as evaluation:
                 evaluation.update(state.q)
                 rows.append(self._pose_rows(i, evaluation, here, beside))
         k = len(self.unknowns.encoders)
@@ -262,7 +262,7 @@ class Predictions:
         return NeighbouringPoses(bodies, poses, np.diag(ahead - behind), {})
 
     def _pose_rows(
-        self, i: int, evaluation: Evaluation, here: FittedState,
+        self, i: int, evaluation: LoopEquations, here: FittedState,
         beside: NeighbouringPoses | None,
     ) -> Array:
         """Return the derivatives (k, n) of a pose's errors [m, rad] per unit of the unknowns."""

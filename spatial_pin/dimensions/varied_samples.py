@@ -19,7 +19,6 @@ from spatial_pin.assembly.close import DAMPED_STEPS
 from spatial_pin.assembly.holding import still_entries
 from spatial_pin.assembly.search.whole_turns import periodic
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.dimensions.dimension_batch import DimensionNumbers
 from spatial_pin.dimensions.homotopy import followed
@@ -27,6 +26,7 @@ from spatial_pin.dimensions.variants import TracedGeometry, TracedTree, Variants
 from spatial_pin.dynamics.outputs import Told
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.dimensions import ClosedSamples, DimensionCloser, Numbers
+from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.mechanism.coordinates import coordinate_rates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.limits import limits
@@ -268,7 +268,7 @@ class _System(NamedTuple):
         free[[c.v for c in held]] = False
         moving = free.copy()
         moving[driven] = False
-        with evaluation_of(mechanism, state.angles) as evaluation:
+        with loops_of(mechanism, state.angles) as evaluation:
             evaluation.update(state.q)
             jacobian, n = evaluation.jacobian, evaluation.constraints.n_closure
             chosen = independent_rows(jacobian[:n, moving])

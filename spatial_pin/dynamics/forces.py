@@ -13,10 +13,10 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin._support.checks import finite_number, mapping
-from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.errors import SpatialPinError, UnknownNameError, warn
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.checks import has_inertia
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Spring
@@ -114,7 +114,7 @@ class Forces:
         """Whether there is any spring, or any resistance."""
         return bool(self.lines or self.turns or self.resistance)
 
-    def generalised(self, evaluation: Evaluation, q: Array, v: Array) -> Array:
+    def generalised(self, evaluation: LoopEquations, q: Array, v: Array) -> Array:
         """Return the generalised forces (nv,) of all, after `evaluation.update(q)`."""
         total = self.turning(q, v)
         for line in self.lines:
@@ -129,7 +129,7 @@ class Forces:
             total[turn.v] -= turn.law(float(q[turn.q]), float(v[turn.v]))
         return total
 
-    def states(self, evaluation: Evaluation, q: Array, v: Array) -> dict[str, SpringState]:
+    def states(self, evaluation: LoopEquations, q: Array, v: Array) -> dict[str, SpringState]:
         """Return every spring at (q, v), after `evaluation.update(q)`."""
         found = {}
         for line in self.lines:
@@ -141,7 +141,7 @@ class Forces:
             found[turn.name] = SpringState(x, rate, turn.law(x, rate))
         return found
 
-    def wrenches(self, evaluation: Evaluation, v: Array) -> list[tuple[int, Array]]:
+    def wrenches(self, evaluation: LoopEquations, v: Array) -> list[tuple[int, Array]]:
         """Return (joint, wrench (6,) on its body about the world origin) of line springs."""
         found = []
         for line in self.lines:
@@ -150,7 +150,7 @@ class Forces:
             found += [(line.bodies[0], force * wrench), (line.bodies[1], -force * wrench)]
         return found
 
-    def storing(self, evaluation: Evaluation, q: Array, v: Array) -> float:
+    def storing(self, evaluation: LoopEquations, q: Array, v: Array) -> float:
         """Return how fast springs store energy [W]; those with a law of their own store none."""
         total = 0.0
         for line in self.lines:
@@ -162,7 +162,7 @@ class Forces:
                 total += turn.storing(float(q[turn.q])) * float(v[turn.v])
         return total
 
-    def energy(self, evaluation: Evaluation, q: Array) -> float:
+    def energy(self, evaluation: LoopEquations, q: Array) -> float:
         """Return the energy stored in springs [J]; those with a law of their own store none."""
         total = 0.0
         for line in self.lines:
@@ -189,7 +189,7 @@ class Forces:
         size = self.mechanism.characteristic_length + float(np.abs(point).max())
         return TOLERANCES.last_digit * size
 
-    def row(self, evaluation: Evaluation, line: Line) -> tuple[Array, float, Array]:
+    def row(self, evaluation: LoopEquations, line: Line) -> tuple[Array, float, Array]:
         """Return d(length)/dv (nv,), the length, and the unit wrench of lengthening (6,)."""
         g = evaluation.placements
         first, second = (x @ g[i] for i, x in zip(line.bodies, line.points, strict=True))
@@ -243,7 +243,7 @@ def joint_efforts(mechanism: Mechanism, efforts: Mapping[str, float] | None) -> 
 
 
 def external_wrenches(
-    mechanism: Mechanism, evaluation: Evaluation, external: Mapping[str, pin.Force] | None
+    mechanism: Mechanism, evaluation: LoopEquations, external: Mapping[str, pin.Force] | None
 ) -> list[tuple[int, Array]]:
     """Return (joint, wrench (6,) about the world origin) of forces given at frames, world axes.
 
@@ -267,7 +267,7 @@ def external_wrenches(
     return found
 
 
-def generalised(evaluation: Evaluation, wrenches: list[tuple[int, Array]]) -> Array:
+def generalised(evaluation: LoopEquations, wrenches: list[tuple[int, Array]]) -> Array:
     """Return the generalised forces (nv,) of wrenches on bodies, after `evaluation.update`."""
     total = np.zeros(evaluation.model.nv)
     jacobian = joint_jacobian(evaluation.data, evaluation.model.nv)

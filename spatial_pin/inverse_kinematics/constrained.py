@@ -18,9 +18,9 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.close import closed
-from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.inverse_kinematics.targets import Residual, Target
 from spatial_pin.kernel.closer import Closed
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.joint_limits import SLACK, JointLimit
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, Decomposition, Triangular, decompose
@@ -97,7 +97,7 @@ class Constrained:
     """
 
     def __init__(
-        self, evaluation: Evaluation, limits: Sequence[JointLimit], still: Sequence[int],
+        self, evaluation: LoopEquations, limits: Sequence[JointLimit], still: Sequence[int],
         tolerance: float,
     ) -> None:
         self.evaluation, self.tolerance = evaluation, tolerance
@@ -373,7 +373,7 @@ class Stationary(Target):
     sizes: Array
     ways: Array
 
-    def residual(self, evaluation: Evaluation) -> Residual:
+    def residual(self, evaluation: LoopEquations) -> Residual:
         """See `Target`: how far it is from the least sum along each direction.
 
         The derivative is that along the motions that there are: other targets and the loops see to
@@ -385,7 +385,7 @@ class Stationary(Target):
         half.base.stand(q)
         return found, rows
 
-    def pulled(self, evaluation: Evaluation, forces: Array) -> tuple[Array, Array]:
+    def pulled(self, evaluation: LoopEquations, forces: Array) -> tuple[Array, Array]:
         """See `Target`: one way is enough, as second derivatives do not depend on the order."""
         q, half, n = evaluation.q, self.sum.at(evaluation.q), len(self.sizes)
         way = (forces[:n] / self.sizes) @ self.ways @ half.motions.T @ half.motions

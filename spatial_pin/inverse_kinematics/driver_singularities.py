@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from spatial_pin.assembly.holding import Hold, divided
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import Kernel, kernel_of
+from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.numerics.linalg import Array, singular_values
 from spatial_pin.numerics.roots import sign_change
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -97,7 +97,7 @@ def _rest(state: State, hold: Hold) -> _Rest | None:
         mechanism, driven_coordinates(mechanism, mechanism.drivers), hold)
     if not mechanism.drivers or any(c.q < 0 for c in driven):
         return None
-    with evaluation_of(mechanism, state.angles) as evaluation:
+    with loops_of(mechanism, state.angles) as evaluation:
         try:
             system = SquareSystem(evaluation, driven, state.q, still)
         except SingularError:

@@ -13,7 +13,6 @@ from spatial_pin._support.checks import finite_array, finite_number
 from spatial_pin._support.columns import XYZ
 from spatial_pin.assembly.link_angle import ANGLE, LinkAngle, link_angle
 from spatial_pin.assembly.state import center_of_mass
-from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.inverse_kinematics.targets import (
     CentreOfMass,
@@ -25,6 +24,7 @@ from spatial_pin.inverse_kinematics.targets import (
     pose,
     position,
 )
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import FRAME_UNITS
 from spatial_pin.motion.outputs import (
@@ -49,7 +49,7 @@ class PointPart(Target):
     axes: tuple[int, ...]  # numbers of the world's axes
     values: Array  # that the components should have [m]
 
-    def residual(self, evaluation: Evaluation) -> Residual:
+    def residual(self, evaluation: LoopEquations) -> Residual:
         """See `Target`."""
         mechanism = evaluation.mechanism
         size = mechanism.characteristic_length
@@ -79,7 +79,7 @@ class AngleValue(Target):
     angle: LinkAngle  # which it is
     value: float  # that it should have [rad]
 
-    def residual(self, evaluation: Evaluation) -> Residual:
+    def residual(self, evaluation: LoopEquations) -> Residual:
         """See `Target`: within half a turn."""
         rotation = evaluation.frame(self.angle.frame).rotation
         off = float(self.angle.directed(rotation[None])[0]) - self.value

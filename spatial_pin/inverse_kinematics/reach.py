@@ -15,11 +15,11 @@ from spatial_pin.assembly.held_start import starting_state
 from spatial_pin.assembly.holding import BASE, Hold, held_by
 from spatial_pin.assembly.search.whole_turns import periodic
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.errors import ReachError
 from spatial_pin.inverse_kinematics.named_targets import read_targets
 from spatial_pin.inverse_kinematics.solving import ReachResult, Solver
 from spatial_pin.inverse_kinematics.targets import CoordinateValue
+from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.mechanism.coordinates import coordinate_value, needed
 from spatial_pin.mechanism.joint_limits import JointLimit, joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -96,7 +96,7 @@ def reach(
     asked += [CoordinateValue(c.name, value=coordinate_value(mechanism, c, start.q))
               for c in held.coordinates]
     kept = joint_limits(mechanism) if limits else []
-    with evaluation_of(mechanism, start.angles) as evaluation:
+    with loops_of(mechanism, start.angles) as evaluation:
         solver = Solver(evaluation, asked, kept, held.entries, exact_for(mechanism))
         best = _best(start, solver, starts)
         if not best.is_best(solver.tolerance) and not best.is_on_its_way:

@@ -16,7 +16,6 @@ from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.held_start import starting_state
 from spatial_pin.assembly.holding import BASE, Hold, free_bases, held_by, is_base
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.errors import Interrupted, ReachError, SingularError, SpatialPinError
 from spatial_pin.inverse_kinematics.driver_singularities import driver_singularities
 from spatial_pin.inverse_kinematics.named_targets import read_targets
@@ -29,6 +28,7 @@ from spatial_pin.inverse_kinematics.target_coordinates import (
     stretches_of,
 )
 from spatial_pin.inverse_kinematics.target_tables import TargetTable, law_of, tables_of, targets_at
+from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.kernel.paths import Samples
 from spatial_pin.mechanism.coordinates import needed
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -210,7 +210,7 @@ def reach_path(
     wanted = targets_at(tables, 0)
     start = starting_state(mechanism, guess, state)
     met = TOLERANCES.closed + 2.0 * start.mechanism.extent.resolution
-    with evaluation_of(start.mechanism, start.angles) as evaluation:
+    with loops_of(start.mechanism, start.angles) as evaluation:
         evaluation.update(start.q)
         is_met = all(np.linalg.norm(target.residual(evaluation)[0]) <= met
                      for target in read_targets(start.mechanism, wanted))
@@ -239,7 +239,7 @@ def _chains(
     """Return how many freedoms there are at a state, and the chains of the targets."""
     mechanism = state.mechanism
     size = mechanism.characteristic_length
-    with evaluation_of(mechanism, state.angles) as evaluation:
+    with loops_of(mechanism, state.angles) as evaluation:
         asked = read_targets(mechanism, targets_at(tables, 0))
         held = held_by(mechanism, hold)
         solver = Solver(evaluation, asked, [], held.entries, exact_for(mechanism))
@@ -336,7 +336,7 @@ def _standing(copy: State, names: list[str], mechanism: Mechanism, hold: Hold) -
         else:
             standing.append(mechanism.coordinate(name).name if name in mechanism.drivers else name)
     units = np.eye(copy.mechanism.model.nv)
-    with evaluation_of(copy.mechanism, copy.angles) as evaluation:
+    with loops_of(copy.mechanism, copy.angles) as evaluation:
         evaluation.update(copy.q)
         rows = np.vstack([evaluation.jacobian,
                           units[[copy.mechanism.coordinate(x).v for x in names]]])

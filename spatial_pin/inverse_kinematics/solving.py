@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.inverse_kinematics.constrained import Constrained, Held, Lagrangian, Stationary
 from spatial_pin.inverse_kinematics.descending import Descent
 from spatial_pin.inverse_kinematics.targets import CoordinateValue, Residual, Target
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.joint_limits import JointLimit
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -69,7 +69,7 @@ class AsNow(Target):
     target: Target
     value: Array
 
-    def residual(self, evaluation: Evaluation) -> Residual:
+    def residual(self, evaluation: LoopEquations) -> Residual:
         """See `Target`."""
         found, slope = self.target.residual(evaluation)
         return found - self.value, slope
@@ -81,7 +81,7 @@ class Unmoved(Target):
 
     start: Array
 
-    def residual(self, evaluation: Evaluation) -> Residual:
+    def residual(self, evaluation: LoopEquations) -> Residual:
         """See `Target`: in radians and characteristic lengths."""
         model, scale = evaluation.model, evaluation.mechanism.velocity_scale
         slope = pin.dDifference(model, self.start, evaluation.q, pin.ARG1)
@@ -97,7 +97,7 @@ class Solver(Constrained):
     """
 
     def __init__(
-        self, evaluation: Evaluation, targets: Sequence[Target], limits: Sequence[JointLimit],
+        self, evaluation: LoopEquations, targets: Sequence[Target], limits: Sequence[JointLimit],
         still: Sequence[int], tolerance: float,
     ) -> None:
         super().__init__(evaluation, limits, still, tolerance)

@@ -17,7 +17,6 @@ import pinocchio as pin
 
 from spatial_pin.assembly.close import close
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.inverse_kinematics.named_targets import AngleValue, PointPart
 from spatial_pin.inverse_kinematics.target_tables import (
@@ -26,6 +25,7 @@ from spatial_pin.inverse_kinematics.target_tables import (
     cardan_course,
 )
 from spatial_pin.inverse_kinematics.targets import Target
+from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.mechanism.coordinates import spin_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS, closure_geometry, prismatic_joint, revolute_joint
@@ -268,6 +268,6 @@ def _closed(copy: Mechanism, state: State, names: list[str], values: Array) -> S
         coordinate = copy.coordinate_table[name]
         if coordinate.q >= 0:
             q[coordinate.q], free[coordinate.v] = value, False
-    with evaluation_of(copy, state.angles) as evaluation:
+    with loops_of(copy, state.angles) as evaluation:
         q, error = close(evaluation, q, free, TOLERANCES.round_off)
         return State(copy, q, closure_error=error, angles=evaluation.angles.copy())

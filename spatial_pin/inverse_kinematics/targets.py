@@ -32,7 +32,7 @@ from spatial_pin._support.checks import (
 )
 from spatial_pin._support.columns import XYZ
 from spatial_pin.assembly.state import mass_shares
-from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.coordinates import coordinate_gradient, coordinate_value
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import axes_from_z
@@ -71,10 +71,10 @@ class Target(ABC):
     weight: float | None = None
 
     @abstractmethod
-    def residual(self, evaluation: Evaluation) -> Residual:
+    def residual(self, evaluation: LoopEquations) -> Residual:
         """Return how far it is from its value, and the derivative, at the last `update`."""
 
-    def pulled(self, evaluation: Evaluation, forces: Array) -> tuple[Array, Array]:
+    def pulled(self, evaluation: LoopEquations, forces: Array) -> tuple[Array, Array]:
         """Return the sum (nv,) of forces times the derivatives, and forces of other residuals.
 
         Args:
@@ -111,13 +111,13 @@ def _components(what: str, point: Iterable[float | None]) -> Iterable[tuple[str,
             yield f"{axis} of {what}", float(value)
 
 
-def _frame(evaluation: Evaluation, name: str) -> tuple[pin.SE3, Array]:
+def _frame(evaluation: LoopEquations, name: str) -> tuple[pin.SE3, Array]:
     """Return where a frame is, and its Jacobian (6, nv) at its origin in world axes."""
     frame = evaluation.mechanism.frame_id(name)
     return evaluation.frame(frame), evaluation.frame_jacobian(frame)
 
 
-def _offset(evaluation: Evaluation, at: pin.SE3, slope: Array, point: Array) -> Residual:
+def _offset(evaluation: LoopEquations, at: pin.SE3, slope: Array, point: Array) -> Residual:
     mechanism = evaluation.mechanism
     size = mechanism.characteristic_length
     return (at.translation - (point - mechanism.centre)) / size, slope[:3] / size
@@ -134,7 +134,7 @@ class Position(Target):
 
     point: Array
 
-    def residual(self, evaluation: Evaluation) -> Residual:
+    def residual(self, evaluation: LoopEquations) -> Residual:
         """See `Target`."""
         return _offset(evaluation, *_frame(evaluation, self.name), self.point)
 
@@ -149,7 +149,7 @@ class Orientation(Target):
 
     rotation: Array
 
-    def residual(self, evaluation: Evaluation) -> Residual:
+    def residual(self, evaluation: LoopEquations) -> Residual:
         """See `Target`: the logarithm of the rotation from where it should be to where it is."""
         return _turn(*_frame(evaluation, self.name), self.rotation)
 
@@ -168,7 +168,7 @@ class Pose(Target):
 
     placement: pin.SE3
 
-    def residual(self, evaluation: Evaluation) -> Residual:
+    def residual(self, evaluation: LoopEquations) -> Residual:
         """See `Target`: those of `Position`, then those of `Orientation`."""
         at, slope = _frame(evaluation, self.name)
         parts = [_offset(evaluation, at, slope, self.placement.translation),
@@ -192,7 +192,7 @@ class Direction(Target):
     axis: Array
     along: Array
 
-    def residual(self, evaluation: Evaluation) -> Residual:
+    def residual(self, evaluation: LoopEquations) -> Residual:
         """See `Target`: the angle between them, along two directions normal to the target."""
         frame = evaluation.mechanism.frame_id(self.name)
         axis = evaluation.frame(frame).rotation @ self.axis
@@ -222,7 +222,7 @@ class CoordinateValue(Target):
 
     value: float
 
-    def residual(self, evaluation: Evaluation) -> Residual:
+    def residual(self, evaluation: LoopEquations) -> Residual:
         """See `Target`: by the coordinate's own size."""
         mechanism = evaluation.mechanism
         coordinate = mechanism.prescribed_coordinate(self.name)
@@ -251,7 +251,7 @@ class Distance(Target):
     other: str
     length: float
 
-    def residual(self, evaluation: Evaluation) -> Residual:
+    def residual(self, evaluation: LoopEquations) -> Residual:
         """See `Target`."""
         first, second = (evaluation.mechanism.frame_id(x) for x in (self.name, self.other))
         size = evaluation.mechanism.characteristic_length
@@ -278,7 +278,7 @@ class CentreOfMass(Target):
 
     point: tuple[float | None, ...]
 
-    def residual(self, evaluation: Evaluation) -> Residual:
+    def residual(self, evaluation: LoopEquations) -> Residual:
         """See `Target`."""
         mechanism = evaluation.mechanism
         size = mechanism.characteristic_length

@@ -38,6 +38,7 @@ class Evaluated(NamedTuple):
         residual: (n_closure,) closure equations.
         angles: (n_angles,) of screw closures [rad].
         jacobian: (n_closure + n_passive, nv) with respect to v / `velocity_scale`.
+        angle_jacobian: (n_angles, nv) of the angles, likewise.
         bias: (n_closure + n_passive,) second derivatives at zero joint acceleration.
     """
 
@@ -46,6 +47,7 @@ class Evaluated(NamedTuple):
     residual: Array
     angles: Array
     jacobian: Array
+    angle_jacobian: Array
     bias: Array
 
 
@@ -57,6 +59,7 @@ class Kernel:
         arrays: what it is made of, if that is not the whole mechanism.
 
     Attributes:
+        constraints: its equations.
         handle: of the C structure.
         library: the compiled functions.
         packed: what it was made of.
@@ -64,7 +67,7 @@ class Kernel:
     """
 
     def __init__(self, mechanism: Mechanism, arrays: Packed | None = None) -> None:
-        c = constraints_of(mechanism)
+        self.constraints = c = constraints_of(mechanism)
         self.mechanism = mechanism
         self.packed: Packed = arrays or packed(mechanism)
         self.nq, self.nv = mechanism.model.nq, mechanism.model.nv
@@ -96,14 +99,16 @@ class Kernel:
         q, v = numbers(q, (self.nq,)), numbers(v, (self.nv,))
         reference = numbers(reference, (self.n_angles,))
         n, equations = len(self.packed.frames), self.n_closure + self.n_passive
+        rows = equations + self.n_angles
         rotations, translations = np.empty((n, 3, 3)), np.empty((n, 3))
         residual, angles = np.empty(self.n_closure), np.empty(self.n_angles)
-        jacobian, bias = np.empty((equations, self.nv)), np.empty(equations)
+        jacobian, bias = np.empty((rows, self.nv)), np.empty(equations)
         self.library.kernel_evaluate(self.handle, *map(address, (
             q, v, reference, rotations, translations, residual, angles, jacobian, bias)))
         carriers = self.packed.carriers
         in_pin = np.einsum("jki,jlk->jil", rotations, self.packed.frames)[carriers]
-        return Evaluated(in_pin, translations[carriers], residual, angles, jacobian, bias)
+        return Evaluated(in_pin, translations[carriers], residual, angles, jacobian[:equations],
+                         jacobian[equations:], bias)
 
     def placements(self, q: Array) -> Array:
         """Return the joint placements (m, njoints, 4, 3) at q (m, nq): columns of R, then p."""
@@ -117,11 +122,11 @@ class Kernel:
 
     def jacobians(self, q: Array) -> Array:
         """Return (m, n_closure + n_passive, nv) at q (m, nq), by v / `velocity_scale`."""
-        q = numbers(q, (len(q), self.nq))
-        found = np.empty((len(q), self.n_closure + self.n_passive, self.nv))
+        q, n = numbers(q, (len(q), self.nq)), self.n_closure + self.n_passive
+        found = np.empty((len(q), n + self.n_angles, self.nv))
         self.library.kernel_evaluate_all(
             self.handle, len(q), address(q), None, None, address(found))
-        return found
+        return found[:, :n]
 
     def displaced(self, q: Array, steps: Array) -> Array:
         """Return q (m, nq) moved by joint displacements (m, nv), as `pin.integrate`."""

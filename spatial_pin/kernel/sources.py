@@ -42,7 +42,7 @@ def prototypes(folder: Path) -> str:
     """Return the prototypes of the functions that Python calls, as C has them, one a line."""
     found = {}
     for file in c_files(folder, ".c", ".h"):
-        for text in re.findall(r"^EXPORT ([^;{}]*\))\s*[;{]", file.read_text("utf-8"), re.MULTILINE):
+        for text in re.findall(r"^EXPORT ([^;{}]*\))\s*[;{]", file.read_text("utf-8"), re.M):
             words = " ".join(text.split())
             found[words[: words.index("(")].split()[-1].lstrip("*")] = words
     return "\n".join(found.values())

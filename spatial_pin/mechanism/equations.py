@@ -14,7 +14,7 @@ quantity     value       an equation of it
 ===========  ==========  ====================================================
 
 d, u and w are linear in the entries of oMi and oMj, so that value, Jacobian and higher rates of
-every quantity come from one product rule (`spatial_pin.constraints.closure_equations`).
+every quantity come from one product rule (`kernel/core/equations.c`).
 """
 
 from __future__ import annotations

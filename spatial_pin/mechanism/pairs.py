@@ -9,6 +9,9 @@ To add a pair, add one entry to `PAIRS`:
    closes loops, with `coordinates` (suffix, unit) in the order of its velocity vector.
 4. `aligned`: which axes ("z", "xyz") must point the same way when closed: product equations have
    mirror roots, and assembly refuses them.
+5. `n_frames`, `n_joints`: how many frames it joins, two as a rule, and of how many joints it has
+   the coordinates.
+6. `keys`: its own numbers in a mechanism file, which a `Closure` has in `numbers`.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.close import closed
-from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.numerics.linalg import Array, decompose, null_space
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -46,7 +46,7 @@ MOST_SLIDES = 20  # at most: each leaves a third of the residual, all of them 3e
 SLID = 0.5
 
 
-def finite_freedom(evaluation: Evaluation, q: Array, tangents: Array) -> int:
+def finite_freedom(evaluation: LoopEquations, q: Array, tangents: Array) -> int:
     """Return the largest dimension of the closed configurations near q.
 
     Where a way leads out of q along a random tangent, its end is a generic configuration, and what
@@ -74,7 +74,7 @@ def finite_freedom(evaluation: Evaluation, q: Array, tangents: Array) -> int:
 
 
 def finite_motions(
-    evaluation: Evaluation, q: Array, tangents: Array, free: NDArray[np.bool_] | None = None,
+    evaluation: LoopEquations, q: Array, tangents: Array, free: NDArray[np.bool_] | None = None,
     steps: tuple[float, ...] = (SETTING_OUT,),
 ) -> Array:
     """Return orthonormal scaled velocities (d, nv) that span the ways out of q along tangents.
@@ -106,7 +106,7 @@ def finite_motions(
 
 
 def _way_out(
-    evaluation: Evaluation, q: Array, tangent: Array, free: NDArray[np.bool_], step: float
+    evaluation: LoopEquations, q: Array, tangent: Array, free: NDArray[np.bool_], step: float
 ) -> tuple[Array, Array] | None:
     """Return the way out of q along a tangent or against it; None where neither leads out."""
     return (_followed(evaluation, q, tangent, free, step)
@@ -114,7 +114,7 @@ def _way_out(
 
 
 def _followed(
-    evaluation: Evaluation, q: Array, direction: Array, free: NDArray[np.bool_], step: float
+    evaluation: LoopEquations, q: Array, direction: Array, free: NDArray[np.bool_], step: float
 ) -> tuple[Array, Array] | None:
     """Follow closed configurations from q; None where they end.
 
@@ -156,7 +156,7 @@ def _followed(
     return None
 
 
-def _tangent(evaluation: Evaluation, q: Array, direction: Array) -> Array:
+def _tangent(evaluation: LoopEquations, q: Array, direction: Array) -> Array:
     """Return the part of a direction that opens no loop at q (nq,), or all of it if there is none.
 
     Where a way bends sharply the last step says little of the next one.
@@ -169,7 +169,7 @@ def _tangent(evaluation: Evaluation, q: Array, direction: Array) -> Array:
     return along / size if size > TOLERANCES.half_precision else direction
 
 
-def _closed(evaluation: Evaluation, q: Array, free: NDArray[np.bool_]) -> tuple[Array, float]:
+def _closed(evaluation: LoopEquations, q: Array, free: NDArray[np.bool_]) -> tuple[Array, float]:
     """Close the loops from q, also along the valleys of what opens them by a high power only.
 
     There Newton's method takes a part of the way back each time; what other equations say is

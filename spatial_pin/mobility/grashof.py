@@ -9,9 +9,9 @@ import numpy as np
 from spatial_pin._support.checks import checked
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State, of_mechanism
-from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -98,7 +98,7 @@ def _four_bar(mechanism: Mechanism, state: State) -> tuple[list[str], Array]:
     first, second = chains
     if len(first) + len(second) != 3 or set(first) & set(second):
         raise wrong
-    with evaluation_of(mechanism, state.angles) as evaluation:
+    with loops_of(mechanism, state.angles) as evaluation:
         evaluation.update(state.q)
         places = [evaluation.data.oMi[i] for i in first]
         places += [evaluation.frame(mechanism.frame_id(frames[0]))]

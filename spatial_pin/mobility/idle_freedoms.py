@@ -17,8 +17,8 @@ from spatial_pin.assembly.passive_freedoms import (
     moved_bodies,
     passive_freedoms,
 )
-from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mobility.loops import ALGEBRA_TOLERANCE
 from spatial_pin.numerics.linalg import Array, common_rows, decompose, null_space
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -66,7 +66,7 @@ class PassiveFreedom(NamedTuple):
 
 
 def passive_freedoms_at(
-    evaluation: Evaluation, q: Array, held: Iterable[int] = ()
+    evaluation: LoopEquations, q: Array, held: Iterable[int] = ()
 ) -> list[tuple[str, Array]]:
     """Return (joint name, (k, nv) velocities) of the links that are passive at a closed q.
 
@@ -90,7 +90,7 @@ def passive_freedoms_at(
 
 
 def idle_freedoms(
-    evaluation: Evaluation, q: Array, held: Iterable[int] = ()
+    evaluation: LoopEquations, q: Array, held: Iterable[int] = ()
 ) -> list[tuple[str, Array]]:
     """Return (joint name, (k, nv) velocities) of the links that idle about or along own axes at q.
 
@@ -108,7 +108,7 @@ def idle_freedoms(
     return found
 
 
-def _spins_and_slides(evaluation: Evaluation, joint: str, velocities: Array) -> Array:
+def _spins_and_slides(evaluation: LoopEquations, joint: str, velocities: Array) -> Array:
     """Return the motions of one body, (k, nv), recombined into pure spins and slides.
 
     Spins are about axes of its own, as far as they may be: how the world lies has no say.
@@ -135,7 +135,7 @@ def _spins_and_slides(evaluation: Evaluation, joint: str, velocities: Array) -> 
     return np.vstack([spins, slides])
 
 
-def _idles(evaluation: Evaluation, q: Array, joint: str, velocities: Array) -> bool:
+def _idles(evaluation: LoopEquations, q: Array, joint: str, velocities: Array) -> bool:
     """Whether some of the motions (k, nv) of one body are idle, along an axis that stands.
 
     Then all of them are its own; what carries a body along curves only, like a platform on its
@@ -163,7 +163,7 @@ def _idles(evaluation: Evaluation, q: Array, joint: str, velocities: Array) -> b
         least_squares(opened, start, max_nfev=IDLE_STEPS).x for start in starts))
 
 
-def _gone(evaluation: Evaluation, q: Array, joint: str, v: Array) -> tuple[Array, Array]:
+def _gone(evaluation: LoopEquations, q: Array, joint: str, v: Array) -> tuple[Array, Array]:
     """Return where a body comes to from q (nq,) along v (nv,), and v at such a pace; it is at q."""
     mechanism, i = evaluation.mechanism, evaluation.mechanism.joint_id(joint)
     size = np.array([1.0 / mechanism.characteristic_length] * 3 + [1.0] * 3)
@@ -174,23 +174,23 @@ def _gone(evaluation: Evaluation, q: Array, joint: str, v: Array) -> tuple[Array
     return pin.integrate(evaluation.model, q, IDLE_WAY * paced), paced
 
 
-def _goes_on(evaluation: Evaluation, q: Array, joint: str, v: Array) -> bool:
+def _goes_on(evaluation: LoopEquations, q: Array, joint: str, v: Array) -> bool:
     """Whether loops stay closed as a body goes on with its velocity, given by v (nv,), for long.
 
     So does a link that idles about its axis, or along it. What carries a body along a curve of its
     own, like a platform on its legs, is no idle motion: its axis moves. Chains of hinges that carry
     it do not turn evenly as the body does: they close the loops again.
     """
-    mechanism, model, data = evaluation.mechanism, evaluation.model, evaluation.data
+    mechanism, model = evaluation.mechanism, evaluation.model
     body = mechanism.joint_id(joint)
     there, _ = _gone(evaluation, q, joint, v)
     moved = moved_bodies(evaluation, v[None])
     if inside_links(mechanism).isdisjoint(moved):
         evaluation.update(there)
         return bool(evaluation.closure_error < ALGEBRA_TOLERANCE)
-    twist = joint_jacobian(data, model.nv) @ (v * evaluation.constraints.support(body))
+    twist = joint_jacobian(evaluation.data, model.nv) @ (v * evaluation.constraints.support(body))
     rest = [k for k in range(1, model.njoints) if k not in moved]
-    before, places = data.oMi[body].copy(), evaluation.placements[rest].copy()
+    before, places = evaluation.data.oMi[body].copy(), evaluation.placements[rest].copy()
     hinges = {model.names[k] for k in range(1, model.njoints)
               if k in moved or model.parents[k] in moved}
     driven = {mechanism.coordinate(d.joint) for d in mechanism.drivers.values()}
@@ -198,7 +198,7 @@ def _goes_on(evaluation: Evaluation, q: Array, joint: str, v: Array) -> bool:
     free[[c.v for c in mechanism.coordinate_table.values()
           if c.joint in hinges and c not in driven]] = True
     error = close(evaluation, there, free, TOLERANCES.round_off)[1]
-    screw = pin.log6(data.oMi[body] * before.inverse()).vector
+    screw = pin.log6(evaluation.data.oMi[body] * before.inverse()).vector
     size = np.array([1.0 / mechanism.characteristic_length] * 3 + [1.0] * 3)
     along, way = size * twist / np.linalg.norm(size * twist), size * screw
     off = way - along * (along @ way)
@@ -207,7 +207,7 @@ def _goes_on(evaluation: Evaluation, q: Array, joint: str, v: Array) -> bool:
                 and max(np.abs(off).max(), shifted) < ALGEBRA_TOLERANCE)
 
 
-def described(evaluation: Evaluation, joint: str, v: Array) -> PassiveFreedom:
+def described(evaluation: LoopEquations, joint: str, v: Array) -> PassiveFreedom:
     """Name the motion v (nv,) of the one body that it moves."""
     mechanism, model = evaluation.mechanism, evaluation.model
     i = mechanism.joint_id(joint)

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array, null_space, rank, row_space
@@ -45,7 +45,7 @@ class Loop(NamedTuple):
     kind: str
 
 
-def loop_of(evaluation: Evaluation, closure: Closure, tolerance: float) -> Loop:
+def loop_of(evaluation: LoopEquations, closure: Closure, tolerance: float) -> Loop:
     """Recognise the loop of a closure by the motions that its pairs generate."""
     mechanism, constraints = evaluation.mechanism, evaluation.constraints
     rows = [i for i, label in enumerate(constraints.labels) if label.closure == closure.name]

@@ -13,9 +13,9 @@ from spatial_pin.assembly.holding import free_bases, still_entries
 from spatial_pin.assembly.rounding import as_meant, gap_words, rounding_of
 from spatial_pin.assembly.state import State, all_angles, of_mechanism
 from spatial_pin.assembly.undetermined import check_loops
-from spatial_pin.constraints.closure_equations import Evaluation, evaluated
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import MechanismFileError, SpatialPinError
+from spatial_pin.kernel.loop_equations import LoopEquations, loops_at
 from spatial_pin.mechanism.coordinates import driver_coordinates, finite_array, needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mobility.finite_motions import finite_freedom, finite_motions
@@ -174,7 +174,7 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
     else:
         x = finite_array(state, (mechanism.model.nq,), "q")
         mechanism = as_meant(mechanism)
-    evaluation = evaluated(mechanism, x, state.angles if isinstance(state, State) else 0.0)
+    evaluation = loops_at(mechanism, x, state.angles if isinstance(state, State) else 0.0)
     if evaluation.closure_error > TOLERANCES.nothing:
         raise SpatialPinError(
             f"mechanism {mechanism.name!r}: mobility asks for a closed configuration; closure "
@@ -183,7 +183,7 @@ def mobility(mechanism: Mechanism, q: Array | State | None = None) -> Mobility:
     jacobian = evaluation.jacobian[: evaluation.constraints.n_closure].copy()
     every, rounding = evaluation, rounding_of(mechanism)
     if mechanism.whole is not None:  # with the equations left out of its file
-        every = evaluated(mechanism.whole, x, all_angles(mechanism, evaluation.angles))
+        every = loops_at(mechanism.whole, x, all_angles(mechanism, evaluation.angles))
     n, labels = every.constraints.n_closure, every.constraints.labels
     independent = independent_rows(every.jacobian[:n],
                                    max(TOLERANCES.half_precision, rounding)).tolist()
@@ -243,7 +243,7 @@ def driver_advice(state: State, found: Mobility) -> str:
         return f"it is a structure, which cannot move; if it is to, {check_loops(mechanism)}"
     if not missing:
         return ""
-    evaluation = evaluated(mechanism, state.q, state.angles)
+    evaluation = loops_at(mechanism, state.q, state.angles)
     if missing < 0:
         rows = _tangents(evaluation).T[[c.v for c in drivers]]
         independent = common_rows(rows[None], np.zeros((0, rows.shape[1])), len(drivers))
@@ -262,7 +262,7 @@ def driver_advice(state: State, found: Mobility) -> str:
     return f"{count}; add {counted(missing, 'driver')}{', such as ' * bool(names)}{tables}"
 
 
-def _tangents(evaluation: Evaluation) -> Array:
+def _tangents(evaluation: LoopEquations) -> Array:
     """Return (freedoms, nv) velocities at which the loops stay closed."""
     return null_space(evaluation.jacobian[: evaluation.constraints.n_closure],
                       TOLERANCES.half_precision)

@@ -13,9 +13,8 @@ from spatial_pin.assembly.close import close
 from spatial_pin.assembly.passive_freedoms import moved_bodies, unseen_links
 from spatial_pin.assembly.search.whole_turns import nearest_turn, turned_apart
 from spatial_pin.assembly.state import State, gap_of
-from spatial_pin.constraints.closure_equations import Evaluation
-from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mobility.finite_motions import WAY_OUT, finite_motions
@@ -76,7 +75,7 @@ def rows_of(marks: Mapping[int, BodyMark], n_joints: int, length: float) -> Arra
     return np.array(rows).reshape(len(rows), 4 * n_joints)
 
 
-def resting(evaluation: Evaluation, idle: list[tuple[str, Array]]) -> dict[int, BodyMark]:
+def resting(evaluation: LoopEquations, idle: list[tuple[str, Array]]) -> dict[int, BodyMark]:
     """Return what passive freedoms leave at rest of the bodies that they move."""
     mechanism, marks = evaluation.mechanism, {}
     for _, velocities in idle:
@@ -104,13 +103,13 @@ def resting(evaluation: Evaluation, idle: list[tuple[str, Array]]) -> dict[int, 
     return marks
 
 
-def _twists(evaluation: Evaluation, body: int, velocities: Array) -> Array:
+def _twists(evaluation: LoopEquations, body: int, velocities: Array) -> Array:
     """Return (k, 6) twists of a body about the world origin for joint velocities (k, nv)."""
     columns = joint_jacobian(evaluation.data, evaluation.model.nv)
     return velocities @ (columns * evaluation.constraints.support(body)).T
 
 
-def _speeds(evaluation: Evaluation, body: int, points: Array, velocities: Array) -> Array:
+def _speeds(evaluation: LoopEquations, body: int, points: Array, velocities: Array) -> Array:
     """Return (k, 3 points) velocities of points of a body [characteristic lengths]."""
     placement = evaluation.data.oMi[body]
     places = points @ placement.rotation.T + placement.translation
@@ -166,7 +165,7 @@ class ModeCheck:
     ) -> None:
         self.mechanism, self.held, self.tolerance = mechanism, dict(held), tolerance
         self.rods, self.gap = rods, gap
-        self.evaluation = Evaluation(constraints_of(mechanism))
+        self.evaluation = LoopEquations(mechanism)
         self.free = np.ones(mechanism.model.nv, dtype=bool)
         self.fixed = [mechanism.coordinate_table[name].v for name in held]
         self.free[self.fixed] = False

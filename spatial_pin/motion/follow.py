@@ -13,12 +13,12 @@ from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.held_start import held_start
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.continuation.follow import followed_as_far
 from spatial_pin.continuation.pseudo_arclength import Arrival
 from spatial_pin.continuation.start import Start
 from spatial_pin.errors import Interrupted, LimitError, SingularError, SpatialPinError
 from spatial_pin.kernel.kernel import kernel_of
+from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.kernel.paths import Samples
 from spatial_pin.mechanism.coordinates import needed
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -168,7 +168,7 @@ def along(
     mechanism, n = state.mechanism, len(s)
     crossed = list[tuple[float, int]]()
     with (progress_bar(n, title, progress) as bar,
-          evaluation_of(mechanism, state.angles) as evaluation, kernel_of(mechanism) as kernel):
+          loops_of(mechanism, state.angles) as evaluation, kernel_of(mechanism) as kernel):
         start = Start.along(state, names, hold, accuracy, kernel, evaluation, law, float(s[0]))
         samples = start.samples(n)
         n, stop, is_cut = followed_as_far(start, s, samples, crossed if passes else None, bar)

@@ -24,7 +24,6 @@ from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.held_start import held_start
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.continuation.asymptotes import BEYOND_LINKS
 from spatial_pin.continuation.at_once import swept_at_once
 from spatial_pin.continuation.cursor import FARTHEST
@@ -33,6 +32,7 @@ from spatial_pin.continuation.pseudo_arclength import Arrival
 from spatial_pin.continuation.start import Start, moving_drivers
 from spatial_pin.errors import Interrupted, LimitError, SingularError, SpatialPinError
 from spatial_pin.kernel.kernel import kernel_of
+from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.kernel.paths import Samples
 from spatial_pin.mechanism.coordinates import coordinate_value, driver_coordinates, needed
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -232,7 +232,7 @@ def _followed(
     mechanism, stop, is_cut = there.mechanism, None, False
     crossed: list[tuple[float, int]] = []
     bar = progress_bar(n, f"{mechanism.name}: {driver}", progress)
-    with bar, evaluation_of(mechanism) as evaluation, kernel_of(mechanism) as kernel:
+    with bar, loops_of(mechanism) as evaluation, kernel_of(mechanism) as kernel:
         start = Start.along(there, [driver, *given], hold, accuracy, kernel, evaluation)
         samples = None
         if accuracy.corrections is None and begun is None:

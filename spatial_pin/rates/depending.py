@@ -19,9 +19,9 @@ from spatial_pin.assembly.holding import Hold, free_bases, velocity_entries
 from spatial_pin.assembly.rank_loss import rank_loss
 from spatial_pin.assembly.search.loop_groups import LoopGroup, loop_groups, part_of
 from spatial_pin.assembly.state import State, made
-from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import Kernel, kernel_of
+from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.kernel.paths import Samples
 from spatial_pin.kernel.rates import Chosen, Rates
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -233,7 +233,7 @@ def _is_determined(state: State, given: Prescription) -> bool:
 
 def _is_regular(state: State) -> bool:
     """Whether no loops lose equations at a closed state."""
-    with evaluation_of(state.mechanism, state.angles) as evaluation:
+    with loops_of(state.mechanism, state.angles) as evaluation:
         evaluation.update(state.q)
         rows = evaluation.jacobian[: evaluation.constraints.n_closure]
         return not rank_loss(evaluation, state.q, len(independent_rows(rows)))
@@ -248,7 +248,7 @@ def _named(mechanism: Mechanism, entries: NDArray[np.bool_]) -> list[str]:
 def _few(state: State, part: Part, rest: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return (nv,) velocities that hold all the rest: of loops as many as they have freedoms."""
     found = rest.copy()
-    with evaluation_of(state.mechanism, state.angles) as evaluation:
+    with loops_of(state.mechanism, state.angles) as evaluation:
         evaluation.update(state.q)
         labels = evaluation.constraints.labels
         for group in part.others:

@@ -14,9 +14,9 @@ from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.holding import FixedHold, Hold, divided, fixed, held_by
 from spatial_pin.assembly.square_system import SINGULAR_PIVOT, SquareSystem
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kernel.kernel import Kernel
+from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.kernel.paths import prescribed_places
 from spatial_pin.kernel.rates import Chosen, Rates, rates_of
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -79,7 +79,7 @@ def chosen_at(state: State, given: Prescription, frame: int | None = None) -> Ch
         SingularError: the rates are not determined there.
     """
     mechanism = state.mechanism
-    with evaluation_of(mechanism, state.angles) as evaluation:
+    with loops_of(mechanism, state.angles) as evaluation:
         try:
             system = SquareSystem(evaluation, given.driven, state.q, given.still, frame)
             system.check_regular(state.q)

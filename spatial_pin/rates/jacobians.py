@@ -13,10 +13,10 @@ from spatial_pin._support.checks import checked, names_of
 from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.holding import BASE, FixedHold, Hold, fixed, free_bases, is_base
 from spatial_pin.assembly.state import WORLD_AXES, State, of_mechanism
-from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import Constraints
 from spatial_pin.constraints.pinocchio_views import frame_jacobian
 from spatial_pin.kernel.kernel import Kernel, kernel_of
+from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.kernel.rates import Rates
 from spatial_pin.mechanism.coordinates import finite_array, needed
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -53,7 +53,7 @@ def closure_jacobian(mechanism: Mechanism, q: Array | State) -> Array:
     """
     needed(mechanism)
     x = finite_array(q.q if isinstance(q, State) else q, (mechanism.model.nq,), "q")
-    with evaluation_of(mechanism) as evaluation:
+    with loops_of(mechanism) as evaluation:
         evaluation.update(x)
         rows = evaluation.jacobian[: evaluation.constraints.n_closure]
         return rows / mechanism.velocity_scale
@@ -212,7 +212,7 @@ def jacobian_rate(
     moving = _Moving(mechanism, state, frame)
     found = all_determined(state, given) or frame_determined(state, given, frame)
     part, angles = found.state.mechanism, found.state.angles
-    with kernel_of(part) as kernel, evaluation_of(part, angles) as evaluation:
+    with kernel_of(part) as kernel, loops_of(part, angles) as evaluation:
         rates = found.rates(kernel)
         evaluation.update(state.q)
         columns = []
@@ -261,7 +261,7 @@ def _bracket(mechanism: Mechanism, u: Array, w: Array) -> Array:
     return out
 
 
-def _equation_brackets(evaluation: Evaluation, turned: Array, u: Array, w: Array) -> Array:
+def _equation_brackets(evaluation: LoopEquations, turned: Array, u: Array, w: Array) -> Array:
     """Return what the equations' Jacobians at u lack of symmetry, (n_closure + n_passive,).
 
     The spin about a line fixed in a body is no function of the configuration: the body's angular

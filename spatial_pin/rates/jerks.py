@@ -1,7 +1,7 @@
 """Third derivatives of closed motions.
 
 With the twist nu of a body in its own axes and H its 4 x 4 matrix, the stacked placements of
-`spatial_pin.constraints.closure_equations` have G' = H^T G, G'' = H^T G' + H'^T G and
+`spatial_pin.constraints` have G' = H^T G, G'' = H^T G' + H'^T G and
 G''' = H^T G'' + 2 H'^T G' + H''^T G. nu'' follows from Pinocchio's derivatives of nu'.
 """
 
@@ -16,12 +16,12 @@ from spatial_pin._support.brief import words
 from spatial_pin._support.checks import checked, finite_number
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State, center_of_mass, mass_shares, of_mechanism
-from spatial_pin.constraints.closure_equations import TWIST_MATRIX, Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import composed_rates
 from spatial_pin.constraints.composite_joints import split_of
-from spatial_pin.constraints.pinocchio_views import acceleration_derivatives
+from spatial_pin.constraints.pinocchio_views import TWIST_MATRIX, acceleration_derivatives
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.kernel import kernel_of
+from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.rates.determined import Prescription, placed, refuse_components
@@ -168,7 +168,7 @@ def solve_jerks(
     given = Prescription.of(mechanism, driven_coordinates(mechanism, jerks), hold)
     refuse_components(mechanism, given.driven)
     drive = np.array([j_of.get(c.name, 0.0) for c in given.driven])
-    with (kernel_of(mechanism) as kernel, evaluation_of(mechanism, state.angles) as evaluation):
+    with (kernel_of(mechanism) as kernel, loops_of(mechanism, state.angles) as evaluation):
         rates = placed(kernel, state, given)
         evaluation.update(state.q)
         j = rates.answer(_equation_jerks(evaluation, state, bodies), drive)
@@ -205,7 +205,7 @@ def placement_rates(g: Array, twist: Array, accel: Array, jerk: Array) -> list[A
     return [g, g1, g2, h @ g2 + 2.0 * dh @ g1 + ddh @ g]
 
 
-def _equation_jerks(evaluation: Evaluation, state: State, bodies: Array) -> Array:
+def _equation_jerks(evaluation: LoopEquations, state: State, bodies: Array) -> Array:
     """Return the third derivatives (n_closure + n_passive,) of the equations at zero joint jerk."""
     c = evaluation.constraints
     twists, accels = evaluation.move(state.q, state.v, state.a)

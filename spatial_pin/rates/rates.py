@@ -20,9 +20,9 @@ from spatial_pin.assembly.holding import (
     held_by,
 )
 from spatial_pin.assembly.state import State, made, of_mechanism
-from spatial_pin.constraints.closure_equations import Evaluation, evaluated, evaluation_of
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import kernel_of
+from spatial_pin.kernel.loop_equations import LoopEquations, loops_at, loops_of
 from spatial_pin.kernel.rates import Chosen, Solved
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
@@ -86,7 +86,7 @@ def _with_standing(state: State, wanted: list[Coordinate], hold: Hold) -> list[C
     drivers = driven_coordinates(mechanism, mechanism.drivers)
     wanted, still = divided(mechanism, wanted, hold)
     others = [c for c in divided(mechanism, drivers, hold)[0] if c not in wanted]
-    evaluation = evaluated(mechanism, state.q, state.angles)
+    evaluation = loops_at(mechanism, state.q, state.angles)
     n = evaluation.constraints.n_closure
     rows = np.vstack([evaluation.jacobian[independent_rows(evaluation.jacobian[:n])],
                       evaluation.jacobian[n:], np.eye(mechanism.model.nv)[list(still)]])
@@ -122,7 +122,7 @@ def _choices(state: State, named: list[Coordinate], hold: Hold) -> Iterator[list
     if all(c in drivers for c in named):
         yield drivers
         others, still = divided(mechanism, drivers, hold)
-        with evaluation_of(mechanism, state.angles) as evaluation:
+        with loops_of(mechanism, state.angles) as evaluation:
             evaluation.update(state.q)
             closed = _closed(evaluation, still)
             freedoms = mechanism.model.nv - rank(closed)
@@ -137,7 +137,7 @@ def _choices(state: State, named: list[Coordinate], hold: Hold) -> Iterator[list
     yield named
 
 
-def _closed(evaluation: Evaluation, still: tuple[int, ...]) -> Array:
+def _closed(evaluation: LoopEquations, still: tuple[int, ...]) -> Array:
     """Return the closure equations, and one for each velocity entry that stands still."""
     rows = evaluation.jacobian[: evaluation.constraints.n_closure]
     return np.vstack([rows, np.eye(rows.shape[1])[list(still)]]) if still else rows
@@ -146,7 +146,7 @@ def _closed(evaluation: Evaluation, still: tuple[int, ...]) -> Array:
 def _are_independent(state: State, driven: list[Coordinate], hold: Hold) -> bool:
     """Whether coordinates can move independently of each other at a state."""
     driven, still = divided(state.mechanism, driven, hold)
-    with evaluation_of(state.mechanism, state.angles) as evaluation:
+    with loops_of(state.mechanism, state.angles) as evaluation:
         evaluation.update(state.q)
         closed = _closed(evaluation, still)
         rows = [scaled_row(state.mechanism, c, state.q) for c in driven]
@@ -378,7 +378,7 @@ def check_rates(state: State, v: Array) -> None:
         SingularError: names the closure that would open.
     """
     mechanism = state.mechanism
-    with evaluation_of(mechanism, state.angles) as evaluation:
+    with loops_of(mechanism, state.angles) as evaluation:
         evaluation.update(state.q)
         n, labels = evaluation.constraints.n_closure, evaluation.constraints.labels
         violation = np.abs(evaluation.jacobian[:n] @ (v / mechanism.velocity_scale))

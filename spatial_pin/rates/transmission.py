@@ -12,10 +12,10 @@ from spatial_pin._support.checks import checked
 from spatial_pin.assembly.close import pinned_rows
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State, of_mechanism
-from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.kernel.kernel import kernel_of
+from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array, null_space, row_space
@@ -155,7 +155,7 @@ class MovedOutput(NamedTuple):
             q: (nq,) a closed configuration.
             angles: (n_angles,) of screw closures there [rad].
         """
-        with evaluation_of(mechanism, angles) as evaluation:
+        with loops_of(mechanism, angles) as evaluation:
             evaluation.update(q)
             own, allowed = _velocities(evaluation, self.joint, self.coordinate, self.given)
             place = evaluation.data.oMi[self.joint].act(self.point)
@@ -212,7 +212,7 @@ def _moved_at(mechanism: Mechanism, joint: int, at: str | None) -> tuple[str, Ar
 
 
 def _velocities(
-    evaluation: Evaluation, joint: int, output: Coordinate, given: Prescription
+    evaluation: LoopEquations, joint: int, output: Coordinate, given: Prescription
 ) -> tuple[Array, Array]:
     """Return the twist of the output's own joint, and those it may have with that joint opened.
 

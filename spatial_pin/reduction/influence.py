@@ -19,9 +19,8 @@ import pinocchio as pin
 from spatial_pin.assembly.close import close
 from spatial_pin.assembly.link_angle import link_angle
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import Evaluation
-from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SpatialPinError, UnknownNameError
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.mobility.loops import joints_between
@@ -135,7 +134,7 @@ class OutputInfluence:
         self.free = np.ones(mechanism.model.nv, dtype=bool)
         for i in self.locked:
             self.free[self.columns[i]] = False
-        self.evaluation = Evaluation(constraints_of(mechanism))
+        self.evaluation = LoopEquations(mechanism)
         self.evaluation.angle_reference[:] = state.angles
         self.configurations = list(self._generic(state))
         n = self.evaluation.constraints.n_closure

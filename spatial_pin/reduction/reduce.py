@@ -13,9 +13,9 @@ from spatial_pin._support.checks import checked
 from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State, of_mechanism
-from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.coordinates import coordinates_of, joint_values, needed
 from spatial_pin.mechanism.equations import linear_ratios
 from spatial_pin.mechanism.extent import Extent
@@ -285,7 +285,7 @@ def carried_over(reduced: Mechanism, state: State) -> State:
     full, own = (constraints_of(m) for m in (state.mechanism, reduced))
     names = [full.labels[x.equation] for x in full.angles]
     angles = np.array([state.angles[names.index(own.labels[x.equation])] for x in own.angles])
-    with evaluation_of(reduced, angles) as evaluation:
+    with loops_of(reduced, angles) as evaluation:
         evaluation.update(q)
         return State(reduced, q, state.v[at], state.a[at], in_time=state.in_time,
                      closure_error=evaluation.closure_error, angles=evaluation.angles)
@@ -356,7 +356,7 @@ def _bodies(mechanism: Mechanism, asked: RequestedOutputs, dynamics: bool) -> se
 def _agrees(made: Mechanism, influence: OutputInfluence) -> bool:
     """Whether the reduced mechanism is closed, and as free, where the full one was looked at."""
     full = influence.mechanism
-    evaluation = Evaluation(constraints_of(made))
+    evaluation = LoopEquations(made)
     at = [full.coordinate_table[name].v for name in made.coordinates]
     for q, motions in zip(influence.configurations, influence.motions, strict=True):
         influence.evaluation.update(q)

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.constraints.closure_equations import evaluation_of
+from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.mechanism.resistance import resists
@@ -56,7 +56,7 @@ def drop_equations(model: ReducedModel) -> None:
 
 def _slopes(made: Mechanism) -> dict[str, Array]:
     """Return the derivatives of the equations of every closure, side by side at some places."""
-    with evaluation_of(made) as evaluation:
+    with loops_of(made) as evaluation:
         jacobians = []
         for q in open_configurations(made, made.neutral):
             evaluation.update(q)

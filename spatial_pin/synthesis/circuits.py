@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.continuation.curve_start import body_places, not_spinning, system_at
 from spatial_pin.continuation.solution_curve import Curve
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Event
 from spatial_pin.motion.trace import trace
@@ -62,7 +62,7 @@ class Circuit:
         self._n = len(self.motion) - ends_at_first
         self._bodies = not_spinning(system_at(self.motion.mechanism, driver,
                                               self.motion.state(0), BASE)[0])
-        with evaluation_of(self.motion.mechanism) as evaluation:
+        with loops_of(self.motion.mechanism) as evaluation:
             self._places = np.array([self._at(evaluation, q) for q in self.motion.q[: self._n]])
         # a screw may have gone on by less than a step
         self.is_closed = ends_at_first and self._ahead(self._n - 1, self._places[0]) is not None
@@ -94,7 +94,7 @@ class Circuit:
 
         Links that spin freely may stand as they like.
         """
-        with evaluation_of(self.motion.mechanism) as evaluation:
+        with loops_of(self.motion.mechanism) as evaluation:
             target = self._at(evaluation, state.q)
         for row in self._near(target):
             found = self._ahead(row, target)
@@ -139,7 +139,7 @@ class Circuit:
             self._spacing(i), other._spacing(j))
             for i in self._branch_points() for j in other._branch_points())
 
-    def _at(self, evaluation: Evaluation, q: Array) -> Array:
+    def _at(self, evaluation: LoopEquations, q: Array) -> Array:
         evaluation.update(q)
         return body_places(evaluation, self._bodies)
 

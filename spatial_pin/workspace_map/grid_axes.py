@@ -11,10 +11,10 @@ from spatial_pin._support.checks import finite_array, mapping, whole_number
 from spatial_pin.assembly.close import scaled_row
 from spatial_pin.assembly.holding import Hold, held_by
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.inverse_kinematics.target_coordinates import ALL, Chain, ChainSegment, copy_at
 from spatial_pin.inverse_kinematics.target_tables import TargetCourse, TargetTable
+from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, decompose, rank
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -59,7 +59,7 @@ def posed(
     """
     if task is None:
         mechanism = start.mechanism
-        with evaluation_of(mechanism, start.angles) as evaluation:
+        with loops_of(mechanism, start.angles) as evaluation:
             motions = tangent(evaluation, start.q, hold)
             rows = evaluation.frame_jacobian(mechanism.frame_id(mechanism.placed(frame)))[:3]
             moved = rows * mechanism.velocity_scale / mechanism.characteristic_length @ motions.T
@@ -80,7 +80,7 @@ def posed(
     return state, coordinates, _standing(state, frame, coordinates, parts, hold), task
 
 
-def tangent(evaluation: Evaluation, q: Array, hold: Hold) -> Array:
+def tangent(evaluation: LoopEquations, q: Array, hold: Hold) -> Array:
     """Return orthonormal rows (m, nv) of scaled velocities that loops and what is held allow."""
     evaluation.update(q)
     held = held_by(evaluation.mechanism, hold)
@@ -98,7 +98,7 @@ def _standing(
 ) -> tuple[str, ...]:
     """Return the parts that stand still: in their order, those that are free to change."""
     mechanism = state.mechanism
-    with evaluation_of(mechanism, state.angles) as evaluation:
+    with loops_of(mechanism, state.angles) as evaluation:
         motions = tangent(evaluation, state.q, hold)
     taken: list[str] = []
     for part in (*parts, *(p for p in coordinates if p not in parts)):

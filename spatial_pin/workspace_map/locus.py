@@ -23,8 +23,8 @@ import pinocchio as pin
 
 from spatial_pin.assembly.close import close, scaled_row
 from spatial_pin.assembly.holding import held_by
-from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.joint_limits import JointLimit, joint_limits
 from spatial_pin.motion.joint_limits import KIND as JOINT_LIMIT
 from spatial_pin.numerics.linalg import Array, aligned, decompose
@@ -47,7 +47,7 @@ class Section:
     """
 
     def __init__(
-        self, asked: GridConfig, task: FrameTask, evaluation: Evaluation, free: tuple[int, int],
+        self, asked: GridConfig, task: FrameTask, evaluation: LoopEquations, free: tuple[int, int],
         spans: Array,
     ) -> None:
         mechanism = asked.mechanism

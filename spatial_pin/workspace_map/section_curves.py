@@ -9,7 +9,7 @@ import numpy as np
 
 from spatial_pin._support.checks import finite_number, mapping, positive_number
 from spatial_pin.assembly.search.whole_turns import turned_apart
-from spatial_pin.constraints.closure_equations import evaluation_of
+from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.workspace_map.dexterity import SINGULAR, FrameTask
@@ -52,7 +52,7 @@ def curves_of(
             lengths].
     """
     kinds = {LIMIT} | ({SINGULAR} if task.is_square else set())
-    with evaluation_of(asked.mechanism) as evaluation:
+    with loops_of(asked.mechanism) as evaluation:
         section = Section(asked, task, evaluation, free, spans)
         kinds |= set(section.limits)
         seeds: list[tuple[str, Array, Array]] = [

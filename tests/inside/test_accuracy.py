@@ -5,6 +5,7 @@ import mechanisms as known
 import numpy as np
 import pinocchio as pin
 import pytest
+from closure_oracle import Evaluation
 from hypothesis import given
 from hypothesis import strategies as st
 from masses import simple_pendulum
@@ -18,7 +19,6 @@ from spatial_pin.accuracy.extended import EPS, Extended
 from spatial_pin.accuracy.reference import Astray, ExactRows, SimulationReference, SweepReference
 from spatial_pin.accuracy.tasks import SHORTER, SimulationTask, task_of
 from spatial_pin.accuracy.tradeoff import pareto, with_reference
-from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.settings import MEASURED
 

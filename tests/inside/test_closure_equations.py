@@ -11,6 +11,7 @@ from itertools import permutations, product
 import numpy as np
 import pinocchio as pin
 import pytest
+from closure_oracle import Evaluation
 from closure_trees import (
     FIRST,
     JOINTS,
@@ -32,7 +33,6 @@ from mechanisms import closure, coupling, floating, load, point, refine, turning
 from variety import paired
 
 import spatial_pin as sp
-from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.compiled_equations import Constraints
 from spatial_pin.mechanism.pairs import PAIRS
 

@@ -7,6 +7,7 @@ import mechanisms as known
 import numpy as np
 import pinocchio as pin
 import pytest
+from closure_oracle import Evaluation
 from closure_trees import JOINTS, tree_with
 from ladders import G, heavy_four_bar, ladder, leaning, moving
 from loaded_library import library
@@ -16,7 +17,6 @@ from variety import each, few, first
 
 import spatial_pin as sp
 from spatial_pin.constraints import trees
-from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.dynamics.derivatives.forces import slope
 from spatial_pin.dynamics.forces import joint_efforts

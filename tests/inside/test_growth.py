@@ -7,11 +7,11 @@ import numpy as np
 import pinocchio as pin
 import published_models as models
 import pytest
+from closure_oracle import Evaluation
 from folders import ROOT
 from variety import few
 
 import spatial_pin as sp
-from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.kernel_tree import KernelTree
 from spatial_pin.constraints.trees import Tree, tree_of

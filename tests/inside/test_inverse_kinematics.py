@@ -10,12 +10,12 @@ from machines import arm, at
 
 import spatial_pin as sp
 from spatial_pin import targets
-from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.inverse_kinematics import reach
 from spatial_pin.inverse_kinematics.constrained import Lagrangian, Stationary
 from spatial_pin.inverse_kinematics.descending import Descent
 from spatial_pin.inverse_kinematics.named_targets import read_targets
 from spatial_pin.inverse_kinematics.solving import Solver
+from spatial_pin.kernel.loop_equations import loops_of
 
 
 def test_an_answer_from_afar_comes_without_whole_turns(tmp_path, monkeypatch):
@@ -33,7 +33,7 @@ def test_forces_pull_as_the_derivatives_say(tmp_path):
     """Of every kind of target, also of those that stand for sums of squares that stay least."""
     mechanism = arm(tmp_path, (1.0, 0.8, 0.6, 0.5, 0.4))
     state = at(mechanism, 0.3, 0.4, 0.5, -0.3, 0.2)
-    with evaluation_of(mechanism) as evaluation:
+    with loops_of(mechanism) as evaluation:
         base = Solver(evaluation, [], [], [], 1e-12)
         wanted = [targets.Position(name="link3", point=np.array([2.0, 2.5, 0.0]), weight=1.0)]
         least = Lagrangian(base, [], wanted, state.q, base.stops.moves)
@@ -61,7 +61,7 @@ def test_derivatives_of_every_kind_are_those_of_differences(tmp_path):
         "hook_2.first": 0.2, "all": targets.centre_of_mass(0.1, None, 0.3),
         "platform_2.position.z": 0.4, "platform.com.position": [0.1, 0.2, 0.3],
         "com.position.y": 0.1, "platform.angle.z": 0.3, "platform_1.angle.x": 0.2}
-    with evaluation_of(mechanism) as evaluation:
+    with loops_of(mechanism) as evaluation:
         for target in read_targets(mechanism, wanted):
             evaluation.update(start.q)
             _, slope = target.residual(evaluation)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from closure_oracle import Evaluation
 from closure_trees import check_derivatives, pose, refinement
 from derivative_cases import check
 from folders import ROOT
@@ -20,7 +21,6 @@ from scipy.interpolate import PPoly, make_interp_spline
 import spatial_pin as sp
 from spatial_pin.accuracy.extended import Extended
 from spatial_pin.cli import main
-from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.compiled_equations import Constraints, composed_rates
 from spatial_pin.kernel import packing
 from spatial_pin.mechanism.equations import (

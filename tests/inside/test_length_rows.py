@@ -6,6 +6,7 @@ import mechanisms as known
 import numpy as np
 import pinocchio as pin
 import pytest
+from closure_oracle import Evaluation
 from closure_trees import (
     ENDS,
     FIRST,
@@ -25,7 +26,6 @@ from variety import paired
 import spatial_pin as sp
 from spatial_pin.accuracy.extended import Extended
 from spatial_pin.constraints import trees
-from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.dynamics.solvers.equations import Equations
 from spatial_pin.view.scene.film import film

@@ -12,7 +12,6 @@ from variety import few
 
 import spatial_pin as sp
 from spatial_pin import settings
-from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.dynamics.simulation import problem
 from spatial_pin.dynamics.simulation.formulations.free_fall import floats
 from spatial_pin.dynamics.simulation.formulations.independent import Independent
@@ -20,6 +19,7 @@ from spatial_pin.dynamics.simulation.integrators import Differences
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.simulate import FORMULATIONS as INNER
 from spatial_pin.dynamics.simulation.simulate import _independent
+from spatial_pin.kernel.loop_equations import loops_of
 
 
 def test_a_new_integrator_is_one_entry():
@@ -99,7 +99,7 @@ def test_a_sample_between_says_how_open_its_loops_are():
     motion = sp.simulate(mech, state, 1.5, accuracy=sp.Accuracy(tolerance=1e-6))
     assert 1e-9 < motion.closure_error.max() <= 1e-6
     for k in (17, 500, 983):
-        with evaluation_of(mech, motion.angles[k]) as evaluation:
+        with loops_of(mech, motion.angles[k]) as evaluation:
             evaluation.update(motion.q[k])
             assert abs(evaluation.closure_error - motion.closure_error[k]) < 1e-14
 

@@ -180,7 +180,7 @@ def test_a_system_without_solution_is_singular(tmp_path):
 # ---------------------------------------------------------------- arrays of nobody
 
 
-HEAD = 10  # counts that begin the integers, see `read_structure` in model.c
+HEAD = 14  # counts that begin the integers, see `read_structure` in model.c
 WILD = np.array([0, 1, -1, 2, 3, 4, 5, 6, 7, 100, -100, 10**5, 10**8, 10**8 + 1, 2**31, 2**32,
                  2**62, 2**63 - 1, -(2**63)])
 ODD = np.array([0.0, -0.0, 1.0, -1.0, 1e308, -1e308, 1e-308, 5e-324, np.nan, np.inf, -np.inf, 1e20])
@@ -203,7 +203,8 @@ def use(handle: ctypes.c_void_p, ints: np.ndarray, reals: np.ndarray, rng) -> se
     q, v, turns = rng.normal(size=nq), rng.normal(size=nv), rng.normal(size=n_angles)
     if rng.random() < 0.3 and nq:
         q[rng.integers(nq)] = rng.choice(ODD)
-    sizes = (9 * n, 3 * n, n_closure, n_angles, (n_closure + n_idle) * nv, n_closure + n_idle)
+    sizes = (9 * n, 3 * n, n_closure, n_angles, (n_closure + n_idle + n_angles) * nv,
+             n_closure + n_idle)
     out = [np.empty(size) for size in sizes]
     ends = {c.kernel_evaluate(handle, *map(address, (q, v, turns, *out)))}
     c.kernel_integrate(handle, 1, address(q), address(v))

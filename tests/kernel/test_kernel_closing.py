@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from closure_oracle import Evaluation
 from loaded_library import library
 from mechanisms import KNOWN
 from variety import each
 
 import spatial_pin as sp
 from spatial_pin.assembly.close import close, pinned_rows
-from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.kernel.closer import NAMED, TURNS, Asked, Closer, Meant, Shakes
 from spatial_pin.numerics.linalg import decompose

@@ -11,11 +11,11 @@ from variety import each, few, paired
 
 import spatial_pin as sp
 from spatial_pin.assembly.square_system import SquareSystem
-from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.continuation.cursor import Cursor
 from spatial_pin.continuation.start import Start
 from spatial_pin.formats.export import content_of
 from spatial_pin.kernel.kernel import Kernel
+from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.kernel.paths import Path, Samples
 from spatial_pin.rates.rates import prescribed_at
 from spatial_pin.settings import Accuracy
@@ -25,7 +25,7 @@ def path_of(mechanism, driver, accuracy=None) -> tuple[Path, sp.State]:
     """Return the path of a driver, and the state it is to start at."""
     state = sp.assemble(mechanism)
     driven = prescribed_at(state, [driver])
-    with evaluation_of(mechanism) as evaluation:
+    with loops_of(mechanism) as evaluation:
         evaluation.angle_reference[:] = state.angles
         system = SquareSystem(evaluation, driven, state.q)
         return Path(Kernel(mechanism), system.equations, [c.v for c in driven], system.passive,

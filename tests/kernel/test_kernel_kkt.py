@@ -7,10 +7,10 @@ import ctypes
 import numpy as np
 import published_models as models
 import pytest
+from closure_oracle import Evaluation
 from closure_trees import somewhere
 from kernel_checks import everything
 
-from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.kernel.kernel import Kernel, address
 from spatial_pin.kernel.kkt import KKT

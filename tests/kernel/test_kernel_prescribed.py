@@ -10,8 +10,8 @@ from variety import paired
 
 import spatial_pin as sp
 from spatial_pin.assembly.square_system import SquareSystem
-from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.kernel.kernel import Kernel
+from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.kernel.paths import Path, Samples, prescribed_places
 from spatial_pin.rates.rates import prescribed_at
 from spatial_pin.settings import Accuracy
@@ -23,7 +23,7 @@ def path_of(mechanism, accuracy=None) -> tuple[Path, sp.State]:
     """Return the path of all drivers of a mechanism, and the state it is to start at."""
     state = sp.assemble(mechanism)
     driven = prescribed_at(state, mechanism.drivers)
-    with evaluation_of(mechanism) as evaluation:
+    with loops_of(mechanism) as evaluation:
         evaluation.angle_reference[:] = state.angles
         system = SquareSystem(evaluation, driven, state.q)
     kernel = Kernel(mechanism)

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import published_models as models
 import pytest
+from closure_oracle import Evaluation
 from loaded_library import library
 from mechanisms import four_bar, swung
 from variety import each
@@ -15,9 +16,9 @@ from variety import each
 import spatial_pin as sp
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.kernel.kernel import Kernel
+from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.kernel.rates import Chosen, Rates
 from spatial_pin.kernel.regular import Beside, step_beside
 from spatial_pin.mechanism.coordinates import coordinate_bias
@@ -177,7 +178,7 @@ def test_components_of_balls_and_floating_joints_are_driven_in_the_kernel(tmp_pa
 
 def _beside(mechanism: sp.Mechanism, state: State) -> Beside | None:
     """Return the end of a step in the freedoms that independent closure equations leave."""
-    with evaluation_of(mechanism, state.angles) as evaluation:
+    with loops_of(mechanism, state.angles) as evaluation:
         evaluation.update(state.q)
         jacobian = evaluation.jacobian[: evaluation.constraints.n_closure].copy()
         chosen = independent_rows(jacobian)
@@ -203,6 +204,6 @@ def test_a_flat_parallelogram_opens_beside_by_the_square_of_the_step() -> None:
     flat = sp.assemble(mechanism, {"crank": 0.0}, dict.fromkeys(mechanism.coordinates, 0.0))
     found = _beside(mechanism, flat)
     assert found is not None and not found.is_closed
-    with evaluation_of(mechanism) as evaluation:
+    with loops_of(mechanism) as evaluation:
         evaluation.update(found.q)
         assert 1e-3 < evaluation.closure_error / TOLERANCES.trial_step**2 < 1.0

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
+from closure_oracle import Evaluation
 from mechanisms import between, closure, floating, load, point, refine
 
 import spatial_pin as sp
-from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.mechanism.pairs import COUPLING, JOINT_TYPES, PAIRS, closure_types
 
 __all__ = ["CLOSURE_TYPES", "COUPLING", "JOINT_TYPES", "PAIRS"]  # what others take from here

@@ -7,14 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
+from closure_oracle import Evaluation
 from closure_trees import JOINTS, KEYS, TYPES, pose, refinement, somewhere
 from mechanisms import between, closure, coupling, floating, load, point
 from sameness import assert_same
 
 import spatial_pin as sp
-from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.compiled_equations import Constraints
 from spatial_pin.kernel.kernel import Kernel
+from spatial_pin.kernel.loop_equations import loops_at
 
 ROUND_OFF = 1e-14
 
@@ -88,6 +89,10 @@ def assert_same_as_pinocchio(mechanism: sp.Mechanism, q: np.ndarray, v: np.ndarr
     assert_near(found.residual, judge.residual, steep, "residual")
     assert_near(found.angles, judge.angles, 10.0 * (1.0 + np.abs(turns).max(initial=0.0)), "angles")
     assert_near(found.jacobian, judge.jacobian, steep, "Jacobian")
+    assert_near(found.angle_jacobian, judge.angle_jacobian, 10.0 * steep, "Jacobian of angles")
+    wrenches = loops_at(mechanism, q, turns).row_wrenches()
+    size = 1.0 + float(np.abs(judge.row_wrenches()).max(initial=0.0))
+    assert_near(wrenches, judge.row_wrenches(), size, "wrenches")
     speed = 1.0 + float(np.abs(v / mechanism.velocity_scale).max(initial=0.0))
     assert_near(found.bias, bias, speed**2 * steep + np.abs(bias).max(initial=0.0), "bias")
 

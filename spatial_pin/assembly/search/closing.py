@@ -18,9 +18,9 @@ from spatial_pin.assembly.search.release import least_motion
 from spatial_pin.assembly.search.targets import asked_of, free_but, left_of
 from spatial_pin.assembly.search.whole_turns import periodic, turned_apart
 from spatial_pin.assembly.state import all_angles
-from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.kernel.closer import LOOSE, Closed, Examined, Meant, Reached, closer_of
+from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.coordinates import coordinate_round_off, coordinate_value, with_values
 from spatial_pin.mechanism.joint_limits import position_limits
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -45,15 +45,15 @@ class Equations:  # with Equations(...) as equations
 
     def __init__(self, mechanism: Mechanism, angles: Array | None = None) -> None:
         self.mechanism = mechanism
-        self._acquired: list[evaluation_of] = []
+        self._acquired: list[loops_of] = []
         n = constraints_of(mechanism).n_angles
         self.reference = angles if angles is not None and len(angles) == n else np.zeros(n)
-        self.whole: Evaluation | None = None
+        self.whole: LoopEquations | None = None
 
     def __enter__(self) -> Equations:
         """Return this."""
         if self.mechanism.whole is not None:
-            self.whole = self._evaluation_of(
+            self.whole = self._loops_of(
                 self.mechanism.whole, all_angles(self.mechanism, self.reference))
         return self
 
@@ -69,12 +69,12 @@ class Equations:  # with Equations(...) as equations
         return own.__enter__()
 
     @cached_property
-    def evaluation(self) -> Evaluation:
+    def evaluation(self) -> LoopEquations:
         """The equations of the mechanism."""
-        return self._evaluation_of(self.mechanism, self.reference)
+        return self._loops_of(self.mechanism, self.reference)
 
-    def _evaluation_of(self, mechanism: Mechanism, angles: Array) -> Evaluation:
-        acquired = evaluation_of(mechanism, angles)
+    def _loops_of(self, mechanism: Mechanism, angles: Array) -> LoopEquations:
+        acquired = loops_of(mechanism, angles)
         found = acquired.__enter__()
         self._acquired.append(acquired)
         return found
@@ -155,7 +155,7 @@ class Closing:
         return {k: x for k, x in self._guess.values.items() if k not in self.held}
 
     @property
-    def evaluation(self) -> Evaluation:
+    def evaluation(self) -> LoopEquations:
         """The equations of the mechanism."""
         return self.equations.evaluation
 

@@ -12,10 +12,10 @@ from spatial_pin.assembly.search.closing import ACCEPTED, Closing, coordinate_si
 from spatial_pin.assembly.search.guesses import COORDINATE_ERROR, MAX_STARTS, Guess
 from spatial_pin.assembly.search.search import Search
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.opposite_axes import opposite_axes
 from spatial_pin.errors import AssemblyError
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.coordinates import coordinate_value, with_values
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, decompose
@@ -166,7 +166,7 @@ def _too_large(mechanism: Mechanism, q: Array) -> str:
             f"{mechanism.characteristic_length:.3g} m (angles: fewer turns)")
 
 
-def open_gap(mechanism: Mechanism, evaluation: Evaluation, closure: str) -> str:
+def open_gap(mechanism: Mechanism, evaluation: LoopEquations, closure: str) -> str:
     """Return how far a closure is open at the evaluation, in m or rad, as text."""
     constraints = evaluation.constraints
     rows = [i for i, label in enumerate(constraints.labels) if label.closure == closure]

@@ -15,7 +15,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.close import close, pinned_rows, scaled_row
-from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.coordinates import coordinate_bias, coordinate_value
 from spatial_pin.numerics.linalg import EPS, Array, decompose, rank
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -31,7 +31,7 @@ ASIDE = EPS ** (1.0 / 3.0)  # step of central differences, whose round-off is as
 
 
 def can_stand(
-    evaluation: Evaluation, free: NDArray[np.bool_], standing: Mapping[str, float],
+    evaluation: LoopEquations, free: NDArray[np.bool_], standing: Mapping[str, float],
     pinned: Mapping[str, float],
 ) -> bool:
     """Whether drivers are independent of each other and of the loops at the evaluation.
@@ -47,7 +47,7 @@ def can_stand(
     return rank(np.vstack([jacobian, rows])) == rank(jacobian) + len(standing)
 
 
-def _rows(evaluation: Evaluation, names: Iterable[str]) -> Array:
+def _rows(evaluation: LoopEquations, names: Iterable[str]) -> Array:
     """Return the derivatives (k, nv) of coordinates at the evaluation, all scaled."""
     mechanism = evaluation.mechanism
     rows = [scaled_row(mechanism, mechanism.coordinate_table[name], evaluation.q)
@@ -56,7 +56,7 @@ def _rows(evaluation: Evaluation, names: Iterable[str]) -> Array:
 
 
 def can_move(
-    evaluation: Evaluation, free: NDArray[np.bool_], drivers: Mapping[str, float],
+    evaluation: LoopEquations, free: NDArray[np.bool_], drivers: Mapping[str, float],
     pinned: Mapping[str, float],
 ) -> bool:
     """Whether drivers move all freedoms at the evaluation, or each of them can move by itself.
@@ -73,7 +73,7 @@ def can_move(
 
 
 def least_motion(
-    evaluation: Evaluation, q: Array, free: NDArray[np.bool_], wanted: Mapping[str, float],
+    evaluation: LoopEquations, q: Array, free: NDArray[np.bool_], wanted: Mapping[str, float],
     tolerance: float, pinned: Mapping[str, float],
 ) -> tuple[Array, float]:
     """Move a closed configuration until coordinates are as near to wanted values as loops allow.
@@ -117,7 +117,7 @@ class _Goal:
     """How far coordinates are from wanted values, and its derivatives on closed configurations."""
 
     def __init__(
-        self, evaluation: Evaluation, free: NDArray[np.bool_], wanted: Mapping[str, float],
+        self, evaluation: LoopEquations, free: NDArray[np.bool_], wanted: Mapping[str, float],
         pinned: Mapping[str, float],
     ) -> None:
         table = evaluation.mechanism.coordinate_table

@@ -13,9 +13,9 @@ from spatial_pin.assembly.search.closing import ACCEPTED
 from spatial_pin.assembly.search.targets import free_but
 from spatial_pin.assembly.search.whole_turns import turned_apart
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SingularError
+from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.mechanism.coordinates import coordinate_value, with_values
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -88,7 +88,7 @@ def _led(
 
 def _loops(found: State, free: NDArray[np.bool_], elsewhere: NDArray[np.bool_]) -> list[str]:
     """Return the closures of what stands elsewhere (nv,), though the loops determine where."""
-    with evaluation_of(found.mechanism, found.angles) as evaluation:
+    with loops_of(found.mechanism, found.angles) as evaluation:
         evaluation.update(found.q)
         rows = evaluation.jacobian[: evaluation.constraints.n_closure]
         loose = np.zeros(len(free), dtype=bool)

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.constraints.closure_equations import Evaluation
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.joint_limits import beyond_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
@@ -39,7 +39,7 @@ def beyond_words(mechanism: Mechanism, q: Array, name: str) -> str:
 
 
 def within_limits(
-    evaluation: Evaluation, q: Array, free: NDArray[np.bool_], let_go: Mapping[str, float]
+    evaluation: LoopEquations, q: Array, free: NDArray[np.bool_], let_go: Mapping[str, float]
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Close the loops within the joint limits by bounded least squares, nearly.
 

@@ -26,11 +26,14 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.constraints.closure_equations import TWIST_MATRIX
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.composed_equations import Composed
 from spatial_pin.constraints.composite_joints import SplitModel
-from spatial_pin.constraints.pinocchio_views import acceleration_derivatives, twist_derivatives
+from spatial_pin.constraints.pinocchio_views import (
+    TWIST_MATRIX,
+    acceleration_derivatives,
+    twist_derivatives,
+)
 from spatial_pin.constraints.trees import Subtree, parts_of
 from spatial_pin.dynamics.forces import Forces
 from spatial_pin.mechanism.mechanism import Mechanism

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from spatial_pin.assembly.rank_loss import lost_rank, rank_loss
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.constraints.trees import is_large
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import kernel_of
+from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.kernel.rates import rates_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, decompose, independent_rows, weighty_rows
@@ -44,7 +44,7 @@ class Freedoms:
     def equations(self, state: State) -> NDArray[np.intp]:
         """Return which closure equations are independent at a state."""
         if state is not self._state:
-            with evaluation_of(self._mechanism, state.angles) as evaluation:
+            with loops_of(self._mechanism, state.angles) as evaluation:
                 evaluation.update(state.q)
                 self._jacobian = evaluation.jacobian[: evaluation.constraints.n_closure].copy()
             self._state, self._spaces = state, {}
@@ -116,7 +116,7 @@ class Freedoms:
 
     def _found(self, state: State, rows: NDArray[np.intp], drive: Array) -> Array:
         name = self._mechanism.name
-        with evaluation_of(self._mechanism, state.angles) as evaluation:
+        with loops_of(self._mechanism, state.angles) as evaluation:
             if not self._spaces and (lost := rank_loss(evaluation, state.q, len(rows))):
                 why = lost_rank(evaluation, state.q, lost, "forces")
                 raise SingularError(f"mechanism {name!r}: {state}: {why}", state=state)

@@ -11,7 +11,6 @@ import numpy as np
 
 from spatial_pin._support.checks import mapping
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.dynamics.forces import (
     Forces,
     Law,
@@ -26,6 +25,7 @@ from spatial_pin.dynamics.solvers.accelerations import no_inertia
 from spatial_pin.dynamics.solvers.bodies import Bodies, bodies_of
 from spatial_pin.dynamics.solvers.independent_coordinates import Bounded
 from spatial_pin.dynamics.solvers.least_constraint import Least, LeastConstraint
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.kernel.packing import Packed, with_masses
 from spatial_pin.mechanism.checks import refuse_negative_inertias
 from spatial_pin.mechanism.laws import DriverLaw
@@ -135,7 +135,7 @@ class Problem:
         """What finds accelerations for any masses."""
         return LeastConstraint(self.mechanism)
 
-    def efforts(self, t: float, q: Array, v: Array, evaluation: Evaluation) -> Array:
+    def efforts(self, t: float, q: Array, v: Array, evaluation: LoopEquations) -> Array:
         """Return the efforts (nv,) at joints, with forces from outside [N·m, N]."""
         if not (self.law or self.external):
             return self.constant
@@ -147,7 +147,7 @@ class Problem:
                 self.mechanism, evaluation, self.external.law(t, state)))
         return total
 
-    def given(self, t: float, q: Array, v: Array, evaluation: Evaluation) -> Array:
+    def given(self, t: float, q: Array, v: Array, evaluation: LoopEquations) -> Array:
         """Return the joint forces (nv,) of efforts, springs and what resists."""
         total = self.efforts(t, q, v, evaluation)
         if self.forces.exist:

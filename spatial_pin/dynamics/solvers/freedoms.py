@@ -7,10 +7,10 @@ from collections.abc import Iterable
 import numpy as np
 
 from spatial_pin.assembly.passive_freedoms import is_in_loop, passive_freedoms
-from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.dynamics.solvers.equations import Equations
 from spatial_pin.dynamics.solvers.independent_coordinates import ROUNDING
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.mobility.idle_freedoms import idle_freedoms
 from spatial_pin.numerics.linalg import Array, decompose
@@ -49,7 +49,7 @@ def passive_among(equations: Equations, freedoms: Array, held: Iterable[int]) ->
     They turn or slide a link along an axis of its own, with or without its centre of mass; the
     velocities `held`, by their places, stand still in them.
     """
-    found = idle_freedoms(Evaluation(equations.constraints), equations.state.q, held)
+    found = idle_freedoms(LoopEquations(equations.mechanism), equations.state.q, held)
     return np.vstack([freedoms[:0], *(motions / equations.scale @ freedoms.T @ freedoms
                                       for _, motions in found)])
 

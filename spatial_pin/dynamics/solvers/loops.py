@@ -12,12 +12,12 @@ import numpy as np
 
 from spatial_pin.assembly.rank_loss import Regular, lost_rank, rank_loss
 from spatial_pin.assembly.state import State, all_angles
-from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.trees import is_large
 from spatial_pin.dynamics.solvers.bodies import bodies_of
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kkt import KKT
+from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, Decomposition, full_decomposition
 from spatial_pin.numerics.sparse_spaces import SparseSpaces
@@ -76,17 +76,17 @@ class Loops:
         return KKT(self.mechanism, self.bodies.mass_at, self.bodies.n_masses)
 
     @cached_property
-    def _evaluation(self) -> Evaluation:
-        return Evaluation(self.constraints)
+    def _evaluation(self) -> LoopEquations:
+        return LoopEquations(self.mechanism)
 
     @property
-    def evaluation(self) -> Evaluation:
+    def evaluation(self) -> LoopEquations:
         """The closure equations at the state; for a large tree without their dense Jacobian."""
         evaluation = self._evaluation
         if self._placed is not self.state:
             evaluation.angle_reference[:] = self.angle_reference
             if self._is_large:
-                evaluation.update_wrenches(self.state.q)
+                evaluation.update(self.state.q, with_jacobian=False)
             else:
                 evaluation.update(self.state.q)
                 self._derived = self.state
@@ -201,7 +201,7 @@ class Loops:
         if self._is_large and self.model.nv > PROBED:
             self._check_second_order(rank)
             return
-        with evaluation_of(self.mechanism, self.angle_reference) as evaluation:
+        with loops_of(self.mechanism, self.angle_reference) as evaluation:
             lost = rank_loss(evaluation, self.state.q, rank)
             self._regular = evaluation.regular
             if lost:

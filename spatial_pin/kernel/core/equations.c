@@ -124,6 +124,14 @@ static void rate_quantity(Kernel *k, Int i, const Real *v)
     k->quantity_bias[i] = bias;
 }
 
+static void add_angle_row(Kernel *k, Int angle, Real factor)
+{
+    const Int *of = k->angle_product + 2 * angle;
+    const Real s = k->value[of[0]], c = k->value[of[1]], square = s * s + c * c;
+    add_product_row(k, of[0], factor * c / square);
+    add_product_row(k, of[1], -factor * s / square);
+}
+
 /* Add factor times the derivatives of a quantity to the scratch row over all freedoms. */
 static void add_quantity_row(Kernel *k, Int i, Real factor)
 {
@@ -135,10 +143,7 @@ static void add_quantity_row(Kernel *k, Int i, Real factor)
     } else if (kind == OF_PRODUCT) {
         add_product_row(k, at[0], factor);
     } else {
-        const Int *of = k->angle_product + 2 * at[0];
-        const Real s = k->value[of[0]], c = k->value[of[1]], square = s * s + c * c;
-        add_product_row(k, of[0], factor * c / square);
-        add_product_row(k, of[1], -factor * s / square);
+        add_angle_row(k, at[0], factor);
     }
 }
 
@@ -459,6 +464,15 @@ void equations_values_near(Kernel *k, const Real *q, const Real *reference)
     if (k->n_angles) /* else there may be no array */
         memmove(k->angle_reference, reference, (size_t)k->n_angles * sizeof *reference);
     equations_values(k, q);
+}
+
+void equations_angle_row(Kernel *k, Int angle, Real *row)
+{
+    add_angle_row(k, angle, 1.0);
+    for (Int v = 0; v < k->nv; v++) {
+        row[v] = k->row[v];
+        k->row[v] = 0.0;
+    }
 }
 
 void equations_close_turns(Kernel *k, const Real *q)

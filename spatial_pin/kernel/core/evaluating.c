@@ -10,7 +10,8 @@ static void copy_out(Real *out, const Real *from, Int n)
 }
 
 /* Any of the outputs may be NULL. R (9, by columns) and p (3) are of each joint; the dense
- * Jacobian (n_equations, nv) is with respect to v / scale; the bias (n_equations) wants v. */
+ * Jacobians of equations and angles (n_equations + n_angles, nv) are with respect to v / scale; the
+ * bias (n_equations) wants v. */
 EXPORT int kernel_evaluate(Kernel *k, const Real *q, const Real *v, const Real *reference, Real *R,
                            Real *p, Real *residual, Real *angle, Real *jacobian, Real *bias)
 {
@@ -22,10 +23,12 @@ EXPORT int kernel_evaluate(Kernel *k, const Real *q, const Real *v, const Real *
     if (jacobian || bias)
         equations_jacobian(k, &k->all);
     if (jacobian) {
-        memset(jacobian, 0, (size_t)(k->n_equations * k->nv) * sizeof *jacobian);
+        memset(jacobian, 0, (size_t)((k->n_equations + k->n_angles) * k->nv) * sizeof *jacobian);
         for (Int i = 0; i < k->n_equations; i++)
             for (Int e = k->entry_start[i]; e < k->entry_start[i + 1]; e++)
                 jacobian[i * k->nv + k->entry_v[e]] = k->entry[e];
+        for (Int i = 0; i < k->n_angles; i++)
+            equations_angle_row(k, i, jacobian + (k->n_equations + i) * k->nv);
     }
     if (bias && v) {
         equations_bias(k, &k->all, v);
@@ -44,7 +47,7 @@ EXPORT void kernel_evaluate_all(Kernel *k, Int m, const Real *q, Real *R, Real *
         kernel_evaluate(k, q, NULL, k->angle_reference, R, p, NULL, NULL, jacobian, NULL);
         R += R ? 9 * k->n_joints : 0;
         p += p ? 3 * k->n_joints : 0;
-        jacobian += jacobian ? k->n_equations * k->nv : 0;
+        jacobian += jacobian ? (k->n_equations + k->n_angles) * k->nv : 0;
     }
 }
 

@@ -214,6 +214,8 @@ void equations_bias(Kernel *k, const Parts *of, const Real *v);
 void equations_of_system(Kernel *k);
 void equations_make_room(Kernel *k); /* for parts */
 void equations_begin(Kernel *k);     /* the parts of all, and the ground */
+/* Derivatives (nv) of an angle by v / scale, after equations_jacobian; `row` is zero before. */
+void equations_angle_row(Kernel *k, Int angle, Real *row);
 /* Evaluate at q, every angle in the turn that closes its equation best; the reference follows. */
 void equations_close_turns(Kernel *k, const Real *q);
 void equations_place_ground(Kernel *k); /* vectors that do not move, once for all */

@@ -12,7 +12,6 @@ import pinocchio as pin
 
 from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import Evaluation, evaluation_of
 from spatial_pin.continuation.branch_points import passage
 from spatial_pin.continuation.cursor import Cursor, Stopped
 from spatial_pin.continuation.start import Start
@@ -20,6 +19,7 @@ from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.inverse_kinematics.reach import reach
 from spatial_pin.inverse_kinematics.targets import Residual, Target
 from spatial_pin.kernel.kernel import kernel_of
+from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.coordinates import finite_number
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
@@ -214,7 +214,7 @@ class Jog:
         Raises:
             SingularError: the drivers do not determine the motion there.
         """
-        with evaluation_of(self.mechanism, state.angles) as evaluation, \
+        with loops_of(self.mechanism, state.angles) as evaluation, \
                 kernel_of(self.mechanism) as kernel:
             yield Cursor(Start(state, driven, None, self._accuracy, kernel, evaluation))
 
@@ -300,7 +300,7 @@ class Grip(Target):
     origin: Array
     direction: Array
 
-    def residual(self, evaluation: Evaluation) -> Residual:
+    def residual(self, evaluation: LoopEquations) -> Residual:
         """See `Target`: how far the point is from the line, by the characteristic length."""
         at = evaluation.data.oMi[self.joint].act(self.point)
         moved = evaluation.body_jacobian(self.joint)

@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import Evaluation
-from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.dynamics.forces import Forces
 from spatial_pin.dynamics.simulation.formulations.free_rotation import Spins
 from spatial_pin.dynamics.simulation.independent_coordinates import Lost
@@ -21,6 +19,7 @@ from spatial_pin.dynamics.solvers.independent_coordinates import (
     IndependentCoordinates,
 )
 from spatial_pin.kernel.dynamics import Asked
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.kernel.packing import Ints
 from spatial_pin.numerics.linalg import Array
 
@@ -82,10 +81,10 @@ class Answers:
                      self._drives if problem.drives else None, self._least)
 
     @cached_property
-    def _evaluation(self) -> Evaluation:
-        return Evaluation(constraints_of(self._problem.mechanism))
+    def _evaluation(self) -> LoopEquations:
+        return LoopEquations(self._problem.mechanism)
 
-    def _evaluated(self, q: Array, angles: Array) -> Evaluation:
+    def _evaluated(self, q: Array, angles: Array) -> LoopEquations:
         self._evaluation.angle_reference[:] = angles
         self._evaluation.update(q)
         return self._evaluation

@@ -17,7 +17,6 @@ import pinocchio as pin
 
 from spatial_pin.assembly.close import close
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import evaluation_of
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.result import (
     Energies,
@@ -25,6 +24,7 @@ from spatial_pin.dynamics.simulation.result import (
     Simulation,
     energy_drift,
 )
+from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.mechanism.inertia import KineticEnergy
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
@@ -84,7 +84,7 @@ class FreeFall:
         weightless.gravity = pin.Motion.Zero()
         self.mechanism = state.mechanism.with_fields(model=weightless)
         q, v, _ = self._seen(0.0, state.q, state.v, state.a, -1.0)
-        with evaluation_of(self.mechanism, state.angles) as evaluation:
+        with loops_of(self.mechanism, state.angles) as evaluation:
             evaluation.update(q)
             if evaluation.closure_error > tolerance:
                 q, _ = close(evaluation, q, np.ones(model.nv, dtype=bool), tolerance)

@@ -21,8 +21,8 @@ import pinocchio as pin
 from spatial_pin.assembly.close import close
 from spatial_pin.assembly.passive_freedoms import driven_groups, passive_freedoms
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import Evaluation, evaluated
 from spatial_pin.dynamics.simulation.problem import Problem
+from spatial_pin.kernel.loop_equations import LoopEquations, loops_at
 from spatial_pin.mechanism.resistance import resists
 from spatial_pin.numerics.linalg import Array, null_space
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -55,7 +55,7 @@ def spinning_bodies(problem: Problem, state: State) -> list[Spinning]:
     mechanism = problem.mechanism
     if "spherical" not in mechanism.pairs or problem.external:
         return []
-    evaluation = evaluated(mechanism, state.q, state.angles)
+    evaluation = loops_at(mechanism, state.q, state.angles)
     freedoms = null_space(evaluation.jacobian[: evaluation.constraints.n_closure])
     if len(freedoms) < 2:
         return []
@@ -98,7 +98,7 @@ def _beside(u: Array, point: Array) -> float:
     return float(np.linalg.norm(point - (point @ u) * u))
 
 
-def _stay_free(evaluation: Evaluation, q: Array, bodies: list[Spinning]) -> bool:
+def _stay_free(evaluation: LoopEquations, q: Array, bodies: list[Spinning]) -> bool:
     """Whether the spins are free at other closed configurations too."""
     model, n = evaluation.model, evaluation.constraints.n_closure
     rng, free = np.random.default_rng(7), np.ones(model.nv, dtype=bool)

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.closure_equations import Evaluation, evaluated
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.solvers.independent_coordinates import IndependentCoordinates
+from spatial_pin.kernel.loop_equations import LoopEquations, loops_at
 from spatial_pin.numerics.linalg import Array, decompose, independent_rows
 from spatial_pin.settings import Accuracy
 
@@ -68,9 +68,9 @@ def _place(problem: Problem, t: float, state: State) -> Place:
     return Place(t, state, found.a, 1.0 if found.lost else found.error)
 
 
-def _rows(problem: Problem, state: State) -> tuple[Evaluation, Array, Array]:
+def _rows(problem: Problem, state: State) -> tuple[LoopEquations, Array, Array]:
     """Return an evaluation at a state, the loops' rows, and those with the prescribed ones."""
-    evaluation = evaluated(problem.mechanism, state.q, state.angles)
+    evaluation = loops_at(problem.mechanism, state.q, state.angles)
     loops = evaluation.jacobian[: evaluation.constraints.n_closure].copy()
     drives = np.eye(problem.model.nv)[[c.v for c, _ in problem.drives]]
     return evaluation, loops, np.vstack([loops, drives])

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from spatial_pin.constraints.closure_equations import Evaluation
 from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.equations import Distance, Square
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
@@ -71,7 +71,7 @@ def _pair_gap(stage: Stage, closure: Closure, residual: Array) -> ClosureGap:
 def gaps_of(stage: Stage) -> list[ClosureGap]:
     """Return the closures that are open in any sample."""
     mechanism, film = stage.film.mechanism, stage.film
-    evaluation = Evaluation(constraints_of(mechanism))
+    evaluation = LoopEquations(mechanism)
     residuals = np.zeros((len(film.rows), len(evaluation.residual)))  # 0 where all are closed
     for k in film.open_rows:
         if film.motion.angles.size:

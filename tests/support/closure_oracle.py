@@ -1,4 +1,4 @@
-"""All closure equations of a mechanism, evaluated together: values, Jacobian, and bias.
+"""The oracle of the kernel: closure equations by Pinocchio, values, Jacobian, and bias.
 
 Vectors and derivatives of equations are those of `compiled_equations`. With A, B vectors of a
 product, linear in the placements G of all joints,
@@ -22,23 +22,24 @@ from spatial_pin.constraints.compiled_equations import (
     Constraints,
     combined_wrenches,
     composed_rates,
-    constraints_of,
 )
 from spatial_pin.constraints.composed_equations import composed_rows
 from spatial_pin.constraints.opposite_axes import opposite_axes
-from spatial_pin.constraints.product_vectors import multiply
+from spatial_pin.constraints.pinocchio_views import TWIST_MATRIX
+from spatial_pin.constraints.product_vectors import Entries, Vectors, matrix_of, multiply
 from spatial_pin.constraints.trees import tree_of
-from spatial_pin.constraints.workspaces import acquired
-from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 
-# columns: v, omega of a twist; rows of 16: the transposed 4 x 4 matrix, row by row
-TWIST_MATRIX = np.zeros((6, 16))
-for _i in range(3):
-    TWIST_MATRIX[_i, 12 + _i] = 1.0
-    TWIST_MATRIX[3 + _i].reshape(4, 4)[:3, :3] = pin.skew(np.eye(3)[_i]).T
 # a @ _CYCLES = (a, a_yzx, a_zxy, a_yzx): a cross product from one multiplication and one difference
 _CYCLES = np.hstack([np.eye(3)[:, c] for c in ([0, 1, 2], [1, 2, 0], [2, 0, 1], [1, 2, 0])])
+
+
+def rate_matrix(a: Entries, b: Entries, r: int, n: int) -> Any:
+    """Return the matrix that takes (G'', G', G) of n joints to A'', A', A and then B, B', B''."""
+    orders = [(a, 2), (a, 1), (a, 0), (b, 0), (b, 1), (b, 2)]
+    blocks = [Entries(x.rows, 12 * (x.columns // 4) + 4 * (2 - order) + x.columns % 4, x.values)
+              for x, order in orders]
+    return matrix_of(blocks, [k * r for k in range(6)], (6 * r, 12 * n))
 
 
 class Evaluation:
@@ -80,6 +81,11 @@ class Evaluation:
         self._g = self.placements.reshape(-1, 3)
         self._twists, self._accelerations = self._tree.twists, self._tree.accelerations
         self._joint_jacobian = self._tree.columns
+        blocks = [Vectors() for _ in range(2)]
+        for block, terms in zip(blocks, c.terms[:2], strict=True):
+            for of in terms:
+                block.add(*of)
+        self._c_rates = rate_matrix(*(x.entries() for x in blocks), r, model.njoints)
         self._make_buffers(nv, r)
         self._plain = not c.composed
         self._offset = bool(np.any(c.constants))
@@ -210,7 +216,7 @@ class Evaluation:
             self._twists, self._accelerations))
         g1 = h1 @ g0
         g2 = h1 @ g1 + h2 @ g0
-        vectors = c.c_rates @ np.concatenate([g2, g1, g0], axis=1).reshape(-1, 3)
+        vectors = self._c_rates @ np.concatenate([g2, g1, g0], axis=1).reshape(-1, 3)
         a2, a1, a0, b0, b1, b2 = vectors.reshape(6, -1, 3)
         first = np.vecdot(a1, b0) + np.vecdot(a0, b1)
         bias = np.vecdot(a2, b0) + 2.0 * np.vecdot(a1, b1) + np.vecdot(a0, b2)
@@ -244,34 +250,3 @@ class Evaluation:
     def mirrored(self) -> str:
         """Return the name of a closure whose axes do not point the same way, else nothing."""
         return next(iter(opposite_axes(self.mechanism, self.data)), "")
-
-
-def evaluated(mechanism: Mechanism, q: Array, angles: Array | float = 0.0) -> Evaluation:
-    """Return a new `Evaluation` at the configuration q (nq,), screws counting turns from angles."""
-    found = Evaluation(constraints_of(mechanism))
-    found.angle_reference[:] = angles
-    found.update(q)
-    return found
-
-
-def _evaluation(mechanism: Mechanism) -> Evaluation:
-    return Evaluation(constraints_of(mechanism))
-
-
-class evaluation_of(acquired["Evaluation"]):  # with evaluation_of(...) as evaluation
-    """Acquire an `Evaluation` of a mechanism, its screws counting turns from some angles.
-
-    Args:
-        mechanism: the mechanism.
-        angles: (n_angles,) of its screws [rad].
-    """
-
-    def __init__(self, mechanism: Mechanism, angles: Array | float = 0.0) -> None:
-        super().__init__(mechanism, _evaluation)
-        self._angles = angles
-
-    def __enter__(self) -> Evaluation:
-        """Return the evaluation."""
-        found = super().__enter__()
-        found.angle_reference[:] = self._angles
-        return found

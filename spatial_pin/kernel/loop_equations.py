@@ -1,0 +1,211 @@
+"""The closure equations of a mechanism at one configuration after the other.
+
+The kernel evaluates them and their Jacobian; Pinocchio tells where bodies and frames are, once
+something wants to know it. Columns are scaled by `Mechanism.velocity_scale`, so that ranks and
+steps mean the same at every size.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from spatial_pin.constraints.compiled_equations import Constraints, combined_wrenches
+from spatial_pin.constraints.composed_equations import composed_rows
+from spatial_pin.constraints.kernel_tree import KernelTree
+from spatial_pin.constraints.opposite_axes import opposite_axes
+from spatial_pin.constraints.trees import Tree, tree_of
+from spatial_pin.constraints.workspaces import acquired
+from spatial_pin.kernel.kernel import Kernel, numbers
+from spatial_pin.kernel.library import address
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.linalg import Array
+
+
+class LoopEquations:
+    """Closure equations and their Jacobian at the configuration of the last `update`.
+
+    Attributes:
+        mechanism: the mechanism; model: its model, relative to the centre.
+        constraints: what the equations are made of.
+        q: (nq,) the last configuration; not to be changed before what is made of it.
+        residual: (n_closure,) closure equations [-]; lengths divided by the characteristic length.
+        jacobian: (n_closure + n_passive, nv) derivative of the equations for the scaled
+            velocities v / `velocity_scale`; the last ones are rates of idle rotations.
+        angles: (n_angles,) angles that count turns [rad], from those in `angle_reference`.
+        angle_reference: (n_angles,) the angles to which `angles` stays nearest, where the
+            configuration does not tell their turns.
+        angle_jacobian: (n_angles, nv) derivative of `angles`, like `jacobian`.
+        regular: the last configuration that was found to be regular, see `rank_loss`.
+    """
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self.mechanism, self.model = mechanism, mechanism.centred_model
+        self._kernel = kernel = Kernel(mechanism)
+        self.constraints: Constraints = kernel.constraints
+        self.regular: Any = None
+        self.q = mechanism.neutral
+        self._own_q, n = np.empty(kernel.nq), kernel.n_closure + kernel.n_passive
+        self.residual = np.zeros(kernel.n_closure)
+        self.angles, self.angle_reference = np.zeros((2, kernel.n_angles))
+        self._rows = np.zeros((n + kernel.n_angles, kernel.nv))
+        self.jacobian, self.angle_jacobian = self._rows[:n], self._rows[n:]
+        self._is_placed = False
+        self._at = tuple(map(address, (self._own_q, self.angle_reference, self.residual,
+                                       self.angles, self._rows)))
+
+    def update(self, q: Array, with_jacobian: bool = True) -> None:
+        """Evaluate the equations at the configuration q (nq,), and `jacobian` if it is wanted."""
+        self.q, self._is_placed = q, False
+        self._own_q[:] = q
+        here, reference, residual, angles, rows = self._at
+        self._kernel.library.kernel_evaluate(
+            self._kernel.handle, here, None, reference, None, None, residual, angles,
+            rows if with_jacobian else None, None)
+
+    def bias(self, q: Array, v: Array) -> Array:
+        """Return (n_closure + n_passive,) second derivatives at zero joint acceleration.
+
+        At q (nq,) and joint velocities v (nv,).
+        """
+        self._own_q[:] = q
+        v, bias = numbers(v, (self.model.nv,)), np.empty(len(self.jacobian))
+        self._kernel.library.kernel_evaluate(
+            self._kernel.handle, self._at[0], address(v), self._at[1], *[None] * 5, address(bias))
+        return bias
+
+    @property
+    def closure_error(self) -> float:
+        """Largest absolute closure equation at the last configuration [-]."""
+        return float(np.abs(self.residual).max()) if self.residual.size else 0.0
+
+    def worst_closure(self) -> str:
+        """Return the name of the closure with the largest residual; empty when there is none."""
+        if not self.residual.size:
+            return ""
+        return self.constraints.labels[int(np.argmax(np.abs(self.residual)))].closure
+
+    def mirrored(self) -> str:
+        """Return the name of a closure whose axes do not point the same way, else nothing."""
+        return next(iter(opposite_axes(self.mechanism, self.data)), "")
+
+    # ------------------------------------------------------------ where the bodies are
+
+    @cached_property
+    def _unplaced(self) -> Tree | KernelTree:
+        return tree_of(self.model)
+
+    @property
+    def _tree(self) -> Tree | KernelTree:
+        """The tree at the last configuration."""
+        if not self._is_placed:
+            self._unplaced.place(self.q)
+            self._is_placed = True
+        return self._unplaced
+
+    @property
+    def data(self) -> Any:
+        """Pinocchio's data at the last configuration: placements and the joint Jacobian."""
+        return self._tree.data
+
+    @property
+    def placements(self) -> Array:
+        """(njoints, 4, 3) of the joints, columns of the rotation, then the position; a view."""
+        return self._tree.placements
+
+    def frame(self, frame: int) -> pin.SE3:
+        """Return where a frame of the model is, relative to the centre."""
+        at = self.model.frames[frame]
+        return self.data.oMi[at.parentJoint] * at.placement
+
+    def body_jacobian(self, joint: int) -> Array:
+        """Return the world Jacobian (6, nv) of the body of a joint."""
+        return self._tree.columns * self.constraints.support(joint)
+
+    def frame_jacobian(self, frame: int) -> Array:
+        """Return the Jacobian (6, nv) of a frame at its origin, world axes."""
+        return self._tree.frame_jacobian(frame)
+
+    def move(self, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
+        """Move the bodies as q (nq,), v and a (nv,) say.
+
+        Returns:
+            Views (njoints, 6) on the twists and spatial accelerations, joint axes.
+        """
+        tree = self._tree
+        tree.move(q, v, a)
+        return tree.twists, tree.accelerations
+
+    # ------------------------------------------------------------ forces of the equations
+
+    def _products(self) -> tuple[Array, Array]:
+        """Return all products of vectors (n,), and their wrenches (n, 6) about the world origin."""
+        c = self.constraints
+        a, b, x = (c.c_abx @ self.placements.reshape(-1, 3)).reshape(3, -1, 3)
+        return np.vecdot(a, b) - c.constants, np.hstack([b * c.factors, np.cross(x, b)])
+
+    def row_wrenches(self) -> Array:
+        """Return (n_wrenches, 6) force on body 2 per unit of each equation, and its moment.
+
+        World axes, the moment about the world origin; an equation's derivative is its wrench times
+        the twist of body 2 relative to body 1. Joint coordinates act on joints, see `joint_rows`.
+        Behind them come those of `Constraints.elsewhere`: they act on two bodies of their own.
+        """
+        values, wrenches = self._products()
+        (found,) = combined_wrenches(self.constraints, [values[:, None]], [self.q[:, None]],
+                                     [wrenches])
+        return found
+
+    def joint_rows(self) -> Array:
+        """Return (len(of_joints), nv) joint forces per unit of each equation `of_joints`.
+
+        They are the derivatives of these equations by joint coordinates as such.
+        """
+        c, (values, _) = self.constraints, self._products()
+        found, nv = np.zeros((c.n_closure, self.model.nv)), self.model.nv
+        for group in c.composed:
+            if len(group.coordinates[0]):
+                value, _ = group.values(group.seeded([values[:, None]], [self.q[:, None]]))
+                found[group.rows] = composed_rows(
+                    group, value.changes[0], np.zeros((len(values), nv)), np.ones(nv))
+        return found[c.of_joints]
+
+    def twist_derivatives(self, joint: int) -> Array:
+        """Return derivatives (n_closure, 6) of equations for a twist of what a joint carries."""
+        c, at = self.constraints, self.model.idx_vs[joint]
+        values, wrenches = self._products()
+        signs = c.signs[:, at, None] / self.mechanism.velocity_scale[at]
+        (moved,) = combined_wrenches(c, [values[:, None]], [self.q[:, None]], [signs * wrenches])
+        for k, x in enumerate(c.elsewhere, start=c.n_closure):
+            moved[x.equation] += moved[k]
+        return moved[: c.n_closure]
+
+
+def loops_at(mechanism: Mechanism, q: Array, angles: Array | float = 0.0) -> LoopEquations:
+    """Return new `LoopEquations` at the configuration q (nq,), angles counting turns from some."""
+    found = LoopEquations(mechanism)
+    found.angle_reference[:] = angles
+    found.update(q)
+    return found
+
+
+class loops_of(acquired["LoopEquations"]):  # with loops_of(...) as loops
+    """Acquire `LoopEquations` of a mechanism, whose angles count turns from some.
+
+    Args:
+        mechanism: the mechanism.
+        angles: (n_angles,) [rad].
+    """
+
+    def __init__(self, mechanism: Mechanism, angles: Array | float = 0.0) -> None:
+        super().__init__(mechanism, LoopEquations)
+        self._angles = angles
+
+    def __enter__(self) -> LoopEquations:
+        """Return the equations."""
+        found = super().__enter__()
+        found.angle_reference[:] = self._angles
+        return found
