@@ -63,6 +63,10 @@ def heading(key: str, value: Any, name: str = "NAME") -> str:
     return f"write {said} and below it joint = {_said(named)}".replace("'", '"')
 
 
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
 def _is_finite(value: int | float) -> bool:
     try:
         return math.isfinite(value)
@@ -141,7 +145,7 @@ class CheckedValues:
     def number(self, key: str, default: Any = _REQUIRED, least: float = -math.inf) -> float:
         """Return a finite number, no less than the least."""
         value = self.get(key, default)
-        if isinstance(value, bool) or not isinstance(value, int | float):
+        if not _is_number(value):
             self.fail(key, f"must be a number, not {_said(value)}")
         if not _is_finite(value) or value < least:
             self.fail(key, f"is {_said(value)}; it must be finite" +
@@ -163,8 +167,7 @@ class CheckedValues:
         value = self.get(key)
         values = value if isinstance(value, list) else [value]
         for x in values:
-            is_number = isinstance(x, int | float) and not isinstance(x, bool)
-            if not is_number or not (_is_finite(x) or x in (math.inf, -math.inf)):
+            if not _is_number(x) or not (_is_finite(x) or x in (math.inf, -math.inf)):
                 self.fail(key, f"must be a number, or a list of them, not {_said(value)}")
         if not values:
             self.fail(key, "is an empty list")
@@ -180,11 +183,8 @@ class CheckedValues:
     def vector(self, key: str) -> Array:
         """Return three numbers (3,)."""
         value = self.get(key)
-        numbers = isinstance(value, list) and len(value) == 3 and all(
-            isinstance(x, int | float) and not isinstance(x, bool) and _is_finite(x)
-            for x in value
-        )
-        if not numbers:
+        if not (isinstance(value, list) and len(value) == 3
+                and all(_is_number(x) and _is_finite(x) for x in value)):
             self.fail(key, f"must be three finite numbers, not {_said(value)}")
         return np.array(value, dtype=float)
 

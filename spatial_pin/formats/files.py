@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tomllib
 import xml.etree.ElementTree as ET
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import replace
 from os import PathLike, fspath
 from pathlib import Path
@@ -250,13 +250,10 @@ def _loaded(request: Request) -> Mechanism:
     importer = importer_of(request.path)
     assert importer is not None  # otherwise it was not found
     request = _choosing_model(request, request.path, importer)
-    imported, faults = importer.read(request), Faults()
-    for notice in imported.notices:
-        faults.note(notice)
-    path = request.path
+    imported, path = importer.read(request), request.path
     name = path.name.removesuffix(".xacro").removesuffix(".urdf")
     content = {"name": name, "tree": path.name, **imported.content}
-    return _told(content, path, imported.urdf, request, faults)
+    return _made(content, path, imported.urdf, request, imported.notices)
 
 
 def _folders(packages: Mapping[str, str | Path]) -> dict[str, Path]:
@@ -290,7 +287,7 @@ def _find(source: str | Path) -> Path:
 
 
 def _load_toml(request: Request) -> Mechanism:
-    path, faults = request.path, Faults()
+    path = request.path
     top = TomlTable(parse_toml(read_text(path), path), str(path))
     mistakes = Mistakes(str(path))
     with mistakes.each():
@@ -306,9 +303,7 @@ def _load_toml(request: Request) -> Mechanism:
     if mistakes:
         MechanismSpec(top, mistakes)
         mistakes.tell()
-    for notice in (*tree.notices, *left_out):
-        faults.note(notice)
-    return _told(content, file, tree.urdf, request, faults)
+    return _made(content, file, tree.urdf, request, (*tree.notices, *left_out))
 
 
 def _choosing_model(request: Request, file: Path, importer: Importer) -> Request:
@@ -347,10 +342,13 @@ def _tree_of(top: TomlTable, request: Request) -> Path:
     return file
 
 
-def _told(
-    content: dict[str, Any], file: Path, urdf: str, request: Request, faults: Faults
+def _made(
+    content: dict[str, Any], file: Path, urdf: str, request: Request, notices: Iterable[str]
 ) -> Mechanism:
-    """Return the mechanism of a file's content and the tree of `file`; its faults are told."""
+    """Return the mechanism of a file's content and the tree of `file`; a warning tells faults."""
+    faults = Faults()
+    for notice in notices:
+        faults.note(notice)
     if request.free_flyer:
         joints = content.get("joints")
         tables = joints if isinstance(joints, dict) else {}

@@ -28,14 +28,14 @@ from spatial_pin.synthesis.precision import PathGoal
 # which takes some thirty milliseconds, fewer.
 CURVES, LOADED = 4096, 64
 MOST_COMPARED = 1024  # of those that turn fully: where all do, a fourth is enough
-SHEETS = 8  # times as many in an atlas: of four-bars a tenth to a third turn fully
+BATCHES = 8  # times as many in an atlas: of four-bars a tenth to a third turn fully
 TURN_STEPS = 72  # samples of a turn
 # Newton's steps from drawn configurations, and from sample to sample, where joints go on as before;
 # what is left open before the last is squared by it.
 FIRST_STEPS, NEXT_STEPS, NEARLY = 12, 2, 1e-2
 LONGEST_NEWTON = 0.5  # of these steps [rad, characteristic lengths]
 FLOOR = 1e-12  # beside normal equations of order one, which may be singular
-OF_A_SHEET, MOST_BROUGHT = 4, 12  # curves that are kept of those drawn together, of so many tried
+OF_A_BATCH, MOST_BROUGHT = 4, 12  # curves that are kept of those drawn together, of so many tried
 COMES_BACK = 1e-3  # part of a curve's size that is between its ends after a turn
 MOVED = 1e-6  # part of a motion as a whole that dimensions cannot make, up to which they can
 # Steps by which a curve is brought to the path: by a factor of size, by an angle [rad] or a part of
@@ -69,7 +69,7 @@ class CurveDatabase:
 
     def __init__(self, problem: DesignProblem) -> None:
         self.p = problem
-        paths = [(k, s.goal) for k, s in enumerate(problem.settlings)
+        paths = [(k, s.goal) for k, s in enumerate(problem.inner_problems)
                  if isinstance(s.goal, PathGoal) and not s.goal.drivers
                  and s.goal.count >= LEAST_POINTS]
         if len(paths) != 1:
@@ -98,7 +98,7 @@ class CurveDatabase:
             self.goal, points=points, drivers={self._driver.name: values}, input_offset=False,
             placement=False, scale=False))
 
-    def sheet(self, rng: np.random.Generator) -> list[AtlasStart]:
+    def batch(self, rng: np.random.Generator) -> list[AtlasStart]:
         """Return the best of some drawn curves, the best first."""
         drawn = np.array([self.p.draw(rng) for _ in range(self.curves)])
         x, samples, points = self._curves(drawn, rng)
@@ -116,9 +116,9 @@ class CurveDatabase:
             alike = AtlasStart(
                 x[i], GoalStates.joined([s._replace(at=np.array([k])) for k, s in enumerate(own)]),
                 float(found.misfit[i]), 0)
-            there = self._brought(alike, float(found.size[i]), found.rotation[i])
+            there = self._homotopy(alike, float(found.size[i]), found.rotation[i])
             begins += [there] if there is not None else []
-            if len(begins) == OF_A_SHEET:
+            if len(begins) == OF_A_BATCH:
                 break
         return begins
 
@@ -212,7 +212,7 @@ class CurveDatabase:
             turns[:] = False
         return Movable(shifts, turns, scaled or can(arms))
 
-    def _brought(self, alike: AtlasStart, size: float, rotation: Array) -> AtlasStart | None:
+    def _homotopy(self, alike: AtlasStart, size: float, rotation: Array) -> AtlasStart | None:
         """Return where a curve has been brought to the path; None if bounds do not let it.
 
         It is moved as a whole, a step at a time, by dimensions that Newton's method finds. A
@@ -265,7 +265,7 @@ class CurveDatabase:
     def solved(self, begin: AtlasStart) -> LocalSolution:
         """Return the local solution from a curve."""
         near = [begin.samples]
-        if len(self.p.settlings) > 1:
+        if len(self.p.inner_problems) > 1:
             near = self.p.begun(begin.x, None)
             near[self.number] = begin.samples
         found = self.p.solve_from(begin.x, near, WEIGHTS[1:])

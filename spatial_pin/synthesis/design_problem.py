@@ -118,7 +118,7 @@ class DesignProblem(DesignSpace):
         if rng is None:
             return self.solve_from(x, near, WEIGHTS)
         found = self.solve_from(x, near, WEIGHTS[rng.integers(2) :])
-        exact = [s.goal.weight is None for s in self.settlings]
+        exact = [s.goal.weight is None for s in self.inner_problems]
         if found.is_one or not any(exact) or not all(exact):
             return found
         starts = BatchedStarts(self, np.array([self.draw(rng) for _ in range(BATCH)]), rng)
@@ -140,7 +140,7 @@ class LocalFit:
     def __init__(self, problem: DesignSpace) -> None:
         self.p, self.evaluations = problem, 0
         self._near: list[GoalStates] = []
-        self._parts = list(zip(problem.settlings, problem.own, strict=True))
+        self._parts = list(zip(problem.inner_problems, problem.own, strict=True))
 
     def solved(
         self, x: Array, near: list[GoalStates], weights: Sequence[float]
@@ -285,8 +285,8 @@ class _Exactly:
         if not members.holds.all():
             self._why = OPEN
             return None
-        for (settling, own), near in zip(fit._parts, fit._near, strict=True):
-            there, residual, is_closed = settling.exactly(members, near, x[own])
+        for (inner, own), near in zip(fit._parts, fit._near, strict=True):
+            there, residual, is_closed = inner.exactly(members, near, x[own])
             if not is_closed.all():
                 self._why = OPEN
                 return None

@@ -42,7 +42,7 @@ class DesignSpace:
         names: of the numbers that are looked for: dimensions, then numbers of the goals.
         lower, upper: (n,) their bounds.
         start: (n,) where the first start is.
-        settlings: of the goals of precision; own: which numbers are their own.
+        inner_problems: of the goals of precision; own: which numbers are their own.
         demands: the other goals.
     """
 
@@ -52,25 +52,26 @@ class DesignSpace:
     ) -> None:
         self.mechanism, self.goals = mechanism, tuple(goals)
         self.family = DimensionFamily(mechanism, bounds)
-        self.settlings = [InnerProblem(self.family, g) for g in goals if isinstance(g, Precision)]
+        self.inner_problems = [InnerProblem(self.family, g) for g in goals
+                               if isinstance(g, Precision)]
         self.demands = [g for g in goals if isinstance(g, Demand)]
         self._guess = guess
         self._nominal: State | None = None
         self._last: tuple[bytes, tuple[DimensionBatch, DimensionBatch]] | None = None
-        own = [f"{s.goal.name}: {name}" for s in self.settlings for name in s.names]
+        own = [f"{s.goal.name}: {name}" for s in self.inner_problems for name in s.names]
         self.n = len(bounds)
         self.names = (*bounds, *own)
         low, high = np.array([*bounds.values()], dtype=float).reshape(-1, 2).T
         free = np.full(len(own), np.inf)
         self.lower, self.upper = np.concatenate([low, -free]), np.concatenate([high, free])
-        first = [x for s in self.settlings for x in s.own_start()]
+        first = [x for s in self.inner_problems for x in s.own_start()]
         self.start = np.array([*(mechanism.dimensions[name] for name in bounds), *first])
         self.start[: self.n] = np.clip(self.start[: self.n], low, high)
         length = mechanism.characteristic_length
         widths = np.where(np.isfinite(high - low), high - low,
                           np.maximum(np.abs(self.start[: self.n]), min(length, 1.0)))
         self.sizes = np.concatenate([widths, np.ones(len(own))])
-        ends = np.cumsum([self.n, *(len(s.names) for s in self.settlings)])
+        ends = np.cumsum([self.n, *(len(s.names) for s in self.inner_problems)])
         self.own = [slice(*x) for x in itertools.pairwise(ends.tolist())]
 
     def draw(self, rng: np.random.Generator) -> Array:
@@ -81,7 +82,7 @@ class DesignSpace:
         """
         x = self.start.copy()
         x[: self.n] = self._between(rng.uniform(size=self.n))
-        own = [name for s in self.settlings for name in s.names]
+        own = [name for s in self.inner_problems for name in s.names]
         for i, name in enumerate(own, start=self.n):
             if name == "scale" or name in ("placement.x", "placement.y", "placement.z"):
                 x[i] += 0.5 * rng.standard_normal()
@@ -141,27 +142,27 @@ class DesignSpace:
         """Return configurations to start from, each sample from the one before."""
         members, found = self.members(x), []
         state = self.nominal()
-        for settling, own in zip(self.settlings, self.own, strict=True):
+        for inner, own in zip(self.inner_problems, self.own, strict=True):
             k = 1 if rng is None else DRAWN_TRIES
             q = (state.q[None] if rng is None else
                  np.concatenate([state.q[None], spread(self.mechanism, state.q, k - 1, rng)]))
             tries = GoalStates(
                 q, np.repeat(state.angles[None], k, axis=0), np.zeros(k, dtype=np.intp))
-            last = self._best(settling, members, tries, x[own])
+            last = self._best(inner, members, tries, x[own])
             chain = [last]
-            for i in range(1, settling.goal.count):
-                last = self._best(settling, members, last._replace(at=np.array([i])), x[own])
+            for i in range(1, inner.goal.count):
+                last = self._best(inner, members, last._replace(at=np.array([i])), x[own])
                 chain.append(last)
             found.append(GoalStates.joined(chain))
         return found
 
     @staticmethod
     def _best(
-        settling: InnerProblem, members: DimensionBatch, tries: GoalStates, own: Array
+        inner: InnerProblem, members: DimensionBatch, tries: GoalStates, own: Array
     ) -> GoalStates:
         """Return that of some configurations from which the goal is met best."""
-        settled = settling.loosely(members, settling.placed(tries, own), own, WEIGHTS[0])
-        left = settling.loose_residual(members, settled, own, WEIGHTS[0])
+        settled = inner.loosely(members, inner.placed(tries, own), own, WEIGHTS[0])
+        left = inner.loose_residual(members, settled, own, WEIGHTS[0])
         best = int(np.argmin(np.einsum("mi,mi->m", left, left)))
         return settled.taken(slice(best, best + 1))
 
@@ -196,11 +197,11 @@ class DesignSpace:
         if not members.holds.all():
             return np.inf
         total = 0.0
-        for settling, samples, own in zip(self.settlings, self.begun(x, None), self.own,
+        for inner, samples, own in zip(self.inner_problems, self.begun(x, None), self.own,
                                           strict=True):
-            left = settling.loose_residual(members, samples, x[own], WEIGHTS[-1])
-            total += float(np.sum(left**2)) * weight_of(settling.goal) ** 2
-        if not self.settlings:
+            left = inner.loose_residual(members, samples, x[own], WEIGHTS[-1])
+            total += float(np.sum(left**2)) * weight_of(inner.goal) ** 2
+        if not self.inner_problems:
             candidate = self.candidate(x, [])
             for demand in self.demands:
                 left = demand.values(candidate)

@@ -29,7 +29,7 @@ from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mobility.mobility import mobility
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.synthesis.curve_atlas import SHEETS, AtlasStart, CurveDatabase
+from spatial_pin.synthesis.curve_atlas import BATCHES, AtlasStart, CurveDatabase
 from spatial_pin.synthesis.design_problem import DesignProblem, LocalSolution, ProblemSpec
 from spatial_pin.synthesis.inner_problem import GoalStates
 
@@ -255,9 +255,9 @@ class GlobalSearch:
             atlas = CurveDatabase(self._problem)  # refuses what it is not for
             begins = list[AtlasStart]()
             name = f"{self._problem.mechanism.name}: atlas"
-            with progress_bar(SHEETS, name, progress) as bar:
-                for sheet in self._all(_sheet, np.random.SeedSequence(seed).spawn(SHEETS)):
-                    begins += sheet
+            with progress_bar(BATCHES, name, progress) as bar:
+                for batch in self._all(_batch, np.random.SeedSequence(seed).spawn(BATCHES)):
+                    begins += batch
                     self.curves += atlas.curves
                     bar.update()
             begins = sorted(begins, key=lambda begin: begin.misfit)[:starts]
@@ -344,8 +344,8 @@ def _made(keyed: _Keyed, thread: int) -> DesignProblem:
     return keyed.spec.make()
 
 
-def _sheet(problem: DesignProblem, seed: np.random.SeedSequence) -> list[AtlasStart]:
-    return CurveDatabase(problem).sheet(np.random.default_rng(seed))
+def _batch(problem: DesignProblem, seed: np.random.SeedSequence) -> list[AtlasStart]:
+    return CurveDatabase(problem).batch(np.random.default_rng(seed))
 
 
 def _solved(

@@ -24,11 +24,11 @@ from spatial_pin.numerics.stacked import damped_solutions, null_spaces, projecte
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.synthesis.precision import Precision, simple
 
-SETTLING_STEPS = 40  # of a sample at most: from afar some twenty are usual, from nearby four
+INNER_STEPS = 40  # of a sample at most: from afar some twenty are usual, from nearby four
 CLOSINGS = 12  # Newton's: from a step of half a radian four to six
 FIRST_DAMPING = 1e-3  # of Levenberg's method, relative to equations of order one
 # by what damping goes after a step that helped, and after one that did not
-SETTLING_EASING, SETTLING_HARDENING = 0.2, 8.0
+INNER_EASING, INNER_HARDENING = 0.2, 8.0
 MOST_DAMPING = 1e6  # with which nothing moves any more
 MOST_OPEN = 0.1  # by which a step along the loops may open them: so much is closed quadratically
 # Levenberg's term beside equations of order one: the square root of round-off in their products,
@@ -175,13 +175,13 @@ class InnerProblem:
             least: damping at least after a step that did not help.
         """
         damping = np.full(len(samples.q), first)
-        for _ in range(SETTLING_STEPS):
+        for _ in range(INNER_STEPS):
             steps = known.steps(damping)
             there, new = evaluated(samples._replace(q=self._moved(samples, steps)))
             better, idle = judged(new, known)
             samples, known = _chosen(better, there, samples), _chosen(better, new, known)
-            damping = np.where(better, SETTLING_EASING * damping,
-                               SETTLING_HARDENING * np.maximum(damping, least))
+            damping = np.where(better, INNER_EASING * damping,
+                               INNER_HARDENING * np.maximum(damping, least))
             small = np.abs(steps).max(axis=1, initial=0.0) < TOLERANCES.half_precision
             if np.all(small | idle | (damping > MOST_DAMPING)):
                 break

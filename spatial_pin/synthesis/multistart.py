@@ -57,13 +57,13 @@ class BatchedStarts:
     def __init__(self, problem: DesignSpace, x: Array, rng: np.random.Generator) -> None:
         self._p, self.x, self.evaluations = problem, x, 0
         state, mechanism, m = problem.nominal(), problem.mechanism, len(x)
-        self._counts = [s.goal.count for s in problem.settlings]
+        self._counts = [s.goal.count for s in problem.inner_problems]
         self.samples = []
-        for settling, own, k in zip(problem.settlings, problem.own, self._counts, strict=True):
+        for inner, own, k in zip(problem.inner_problems, problem.own, self._counts, strict=True):
             some = GoalStates(spread(mechanism, state.q, m * k, rng),
                            np.repeat(state.angles[None], m * k, axis=0), np.tile(np.arange(k), m))
             self.samples.append(GoalStates.joined([
-                settling.placed(some.taken(slice(i * k, i * k + k)), x[i, own])
+                inner.placed(some.taken(slice(i * k, i * k + k)), x[i, own])
                 for i in range(m)]))
         values, self.samples = self._values(x, self.samples)
         self.cost = _cost(values)
@@ -122,9 +122,9 @@ class BatchedStarts:
         self.evaluations += len(x)
         members = self._p.family.at(x[:, : self._p.n].T)
         found, there = [], []
-        for settling, own, k, some in self._goals(samples):
+        for inner, own, k, some in self._goals(samples):
             each = members.taken(np.repeat(np.arange(len(x)), k))
-            values, angles = _all(settling.equations, each, some, x[:, own], k)
+            values, angles = _all(inner.equations, each, some, x[:, own], k)
             values = values.reshape(len(x), k, -1)
             values[~members.holds] = np.inf
             found.append(values)
@@ -134,7 +134,7 @@ class BatchedStarts:
     def _goals(
         self, samples: list[GoalStates]
     ) -> Iterator[tuple[InnerProblem, slice, int, GoalStates]]:
-        yield from zip(self._p.settlings, self._p.own, self._counts, samples, strict=True)
+        yield from zip(self._p.inner_problems, self._p.own, self._counts, samples, strict=True)
 
     def _equations(self, rows: NDArray[np.intp]) -> list[StartEquations]:
         p, x, n = self._p, self.x[rows], self._p.n
@@ -147,14 +147,14 @@ class BatchedStarts:
         around = (here[:, None] + np.arange(1, n + 1)).ravel()
         found = []
         samples = [_some(s, k, rows) for s, k in zip(self.samples, self._counts, strict=True)]
-        for settling, own, k, some in self._goals(samples):
+        for inner, own, k, some in self._goals(samples):
             value, moves, by_own = _all(
-                lambda *a, s=settling: s.rows(*a)[0].together(1.0),
+                lambda *a, s=inner: s.rows(*a)[0].together(1.0),
                 members.taken(np.repeat(here, k)), some, x[:, own], k)
             value = value.reshape(len(x), k, -1)
             every = (np.arange(len(x))[:, None, None] * k + np.zeros((n, 1), np.intp)
                      + np.arange(k)).ravel()
-            beside, _ = _all(settling.equations, members.taken(np.repeat(around, k)),
+            beside, _ = _all(inner.equations, members.taken(np.repeat(around, k)),
                              some.taken(every), x[:, own], n * k)
             rise = beside.reshape(len(x), n, k, -1) - value[:, None]
             numbers = np.zeros((*value.shape, len(p.names)))

@@ -402,10 +402,10 @@ def design_of(problem: DesignProblem, found: LocalSolution) -> Design:
     there = problem.family.variants.whole(dimensions) if dimensions else problem.mechanism
     met, errors, numbers = list[Met](), dict[str, GoalError](), dict[str, float]()
     members, end = problem.members(found.x), n
-    for settling, samples in zip(problem.settlings, found.samples, strict=True):
-        own = found.x[end : end + len(settling.names)]
+    for inner, samples in zip(problem.inner_problems, found.samples, strict=True):
+        own = found.x[end : end + len(inner.names)]
         end += len(own)
-        goal = settling.goal
+        goal = inner.goal
         drawn = own[: len(goal.own_names)]
         # configurations of the family leave out a last digit
         states = tuple(
@@ -413,11 +413,11 @@ def design_of(problem: DesignProblem, found: LocalSolution) -> Design:
                                        closure_error=np.nan, angles=angles))
             for q, angles in zip(samples.q, samples.angles, strict=True))
         met.append(Met(goal, states, goal.targets(problem.mechanism, drawn)))
-        missed = goal.errors(settling.residual(members, samples, own), problem.mechanism, drawn)
+        missed = goal.errors(inner.residual(members, samples, own), problem.mechanism, drawn)
         name = _free_name(goal.name, errors)
         errors[name] = _error(missed, goal.unit_of(problem.mechanism))
         numbers |= {f"{name}: {key}": goal.natural(problem.mechanism, key, x)
-                    for key, x in zip(settling.names, own.tolist(), strict=True)}
+                    for key, x in zip(inner.names, own.tolist(), strict=True)}
     states = tuple(state for one in met for state in one.states) or (
         followed(there, {}, problem.nominal()),)
     for demand in problem.demands:

@@ -65,11 +65,11 @@ def test_slopes_count_what_is_missed_beyond_the_end_of_a_curve():
     points = np.column_stack([3.0 + 2.0 * np.cos(at), 2.0 * np.sin(at)])
     problem = DesignProblem(mechanism, [goals.path("rocker_end", points)],
                       {name: (0.2, 9.0) for name in ("r2", "r3", "r4")})
-    (settling,), x = problem.settlings, problem.start
+    (inner,), x = problem.inner_problems, problem.start
     (near,) = problem.begun(x, None)
 
     def settled(x):
-        found, left, is_closed = settling.exactly(problem.members(x), near, np.empty(0))
+        found, left, is_closed = inner.exactly(problem.members(x), near, np.empty(0))
         assert is_closed.all()
         return found, left
 
@@ -77,7 +77,7 @@ def test_slopes_count_what_is_missed_beyond_the_end_of_a_curve():
         return 0.5 * np.sum(settled(x)[1] ** 2)
 
     there, left = settled(x)
-    slopes = settling.slopes(problem.members(x), *problem.around(x), there, np.empty(0))
+    slopes = inner.slopes(problem.members(x), *problem.around(x), there, np.empty(0))
     gradient = np.einsum("kr,krn->n", left, slopes)
     steps = 1e-5 * np.eye(3)
     assert gradient == pytest.approx([(cost(x + d) - cost(x - d)) / 2e-5 for d in steps], rel=1e-5)
@@ -159,7 +159,7 @@ def test_the_gradient_of_demands_and_goals_is_that_of_what_is_made_least():
 @pytest.fixture
 def small(monkeypatch):
     monkeypatch.setattr(atlas, "CURVES", 300)
-    monkeypatch.setattr(search, "SHEETS", 2)
+    monkeypatch.setattr(search, "BATCHES", 2)
 
 
 LINKS = {"r1": (0.2, 0.5), "r2": (0.05, 0.2), "r3": (0.1, 0.5), "r4": (0.1, 0.5)}
@@ -216,7 +216,7 @@ def test_begins_are_at_the_path_within_bounds(small):
     points = drawn(**TRUE) + np.array([0.2, -0.1, 0.0])
     names = FREE | {"x0": (-1.0, 1.0), "y0": (-1.0, 1.0), "theta0": (-3.2, 3.2)}
     problem = DesignProblem(traced_four_bar(), [path(points)], names)
-    found = CurveDatabase(problem).sheet(np.random.default_rng(1))
+    found = CurveDatabase(problem).batch(np.random.default_rng(1))
     assert found and all(a.misfit <= b.misfit for a, b in pairwise(found))
     size = np.linalg.norm(points - points.mean(axis=0))
     for begin in found:

@@ -80,10 +80,6 @@ class RobotTree:
                                      f"{suggestion(name or '', self.joints)}")
         return self.joints[name]
 
-    def placement(self, element: ET.Element | None, where: ET.Element) -> pin.SE3:
-        """Return the placement that `xyz` and `rpy` of an element give, identity without."""
-        return placement(element, self.where(where))
-
     def axis(self, element: ET.Element | None, where: ET.Element) -> Array:
         """Return the unit vector `xyz` of an element, URDF's default without."""
         if element is None or "xyz" not in element.attrib:
@@ -132,7 +128,7 @@ class RobotTree:
             at = placed.setdefault(link, pin.SE3.Identity())
             for child in reversed(way):
                 joint = self.above[child][1]
-                at = placed[child] = at * self.placement(joint.find("origin"), joint)
+                at = placed[child] = at * placement(joint.find("origin"), self.where(joint))
         return placed
 
     def between(self, links: Sequence[str]) -> list[list[str]]:

@@ -55,6 +55,7 @@ import pinocchio as pin
 from spatial_pin.formats.dialects.drake import read_armatures
 from spatial_pin.formats.dialects.robot import RobotReading
 from spatial_pin.formats.urdf.elements import local
+from spatial_pin.formats.urdf.validation import placement
 from spatial_pin.numerics.linalg import Array
 
 ENDS = (("predecessor",), ("successor", "sucessor"))  # one exporter writes it so
@@ -105,7 +106,7 @@ def _ends(element: ET.Element, reading: RobotReading) -> list[tuple[str, pin.SE3
         if found is None:
             raise reading.fail(element, f"has no <{names[0]} link=...>")
         link = reading.link(found.get("link") or found.get("name"), element)
-        ends.append((link, reading.placement(found.find("origin"), element)))
+        ends.append((link, placement(found.find("origin"), reading.where(element))))
     return ends
 
 
@@ -128,7 +129,7 @@ def read_constraint(element: ET.Element, reading: RobotReading) -> None:
         if found is None:
             raise reading.fail(element, f"has no <{side} link=...>")
         link = reading.link(found.get("link"), element)
-        ends.append((link, reading.placement(element.find(f"{side}_origin"), element)))
+        ends.append((link, placement(element.find(f"{side}_origin"), reading.where(element))))
         own = element.find(f"{side}_axis")
         own = own if own is not None else element.find("axis")
         follows = own is None and axes and kind != "universal"
@@ -147,7 +148,8 @@ def read_loop_joint(element: ET.Element, reading: RobotReading) -> None:
         raise reading.fail(element, f"joins {len(found)} links; it needs <link1> and <link2>")
     found.sort(key=lambda e: str(e.tag))  # <link1> first, the order of two alike stays
     axis = reading.axis(element.find("axis"), element)
-    ends = [(reading.link(e.get("link"), element), reading.placement(e, element)) for e in found]
+    where = reading.where(element)
+    ends = [(reading.link(e.get("link"), element), placement(e, where)) for e in found]
     reading.close(reading.name_of(element), reading.pair(element), "Isaac <loop_joint>", ends,
                   (axis, axis))
 

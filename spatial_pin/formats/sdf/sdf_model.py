@@ -258,9 +258,9 @@ def _joints_of(
         return _two_axes(model, joint, element, where)
     joint = _about(model, joint, name, element.find("axis"), where, "axis")
     if joint.type == "screw":
-        joint = replace(joint, lead=_lead(element, where))
+        joint = joint.but(lead=_lead(element, where))
     if kind == "continuous":
-        joint = replace(joint, lower=-math.inf, upper=math.inf)
+        joint = joint.but(lower=-math.inf, upper=math.inf)
     return [], [joint]
 
 
@@ -270,7 +270,7 @@ def _about(
     """Return a joint with what an <axis> of the file's joint of that name says."""
     if joint.type == "spherical":
         dynamics = axis.find("dynamics") if axis is not None else None
-        return replace(joint, damping=number(dynamics, "damping", 0.0, where),
+        return joint.but(damping=number(dynamics, "damping", 0.0, where),
                        friction=number(dynamics, "friction", 0.0, where))
     if axis is None:
         raise MechanismFileError(f"{where} needs <{tag}>")
@@ -295,7 +295,7 @@ def _two_axes(
     """Return a universal joint, or two revolute joints where these say more."""
     kind, cross = element.get("type"), f"{joint.name}.cross"
     first, second = (
-        _about(model, replace(joint, name=f"{joint.name}.{AXES[tag]}", type="revolute"),
+        _about(model, joint.but(name=f"{joint.name}.{AXES[tag]}", type="revolute"),
                     joint.name, element.find(tag), where, tag) for tag in AXES)
     square = abs(first.axis @ second.axis) < 1e-9
     if kind == "universal" and not square:
@@ -305,11 +305,11 @@ def _two_axes(
     if square and same and not any(
             x.is_limited or x.stiffness or math.isfinite(min(x.effort, x.velocity))
             for x in (first, second)):
-        return [], [replace(joint, axis=first.axis, axis2=second.axis, damping=first.damping,
+        return [], [joint.but(axis=first.axis, axis2=second.axis, damping=first.damping,
                             friction=first.friction)]
     between = Link(cross, model.frames.in_world(model.frame_of[joint.name], "joint"))
-    return [between], [replace(first, child=cross, on_child=pin.SE3.Identity()),
-                       replace(second, parent=cross, on_parent=pin.SE3.Identity())]
+    return [between], [first.but(child=cross, on_child=pin.SE3.Identity()),
+                       second.but(parent=cross, on_parent=pin.SE3.Identity())]
 
 
 def _lead(element: ET.Element, where: str) -> float:
