@@ -56,7 +56,7 @@ if TYPE_CHECKING:
     from spatial_pin.dimensions.sensitivity import Sensitivity, sensitivity
     from spatial_pin.dimensions.tolerance import Tolerance, tolerance
     from spatial_pin.dynamics.derivatives.derivatives import Derivatives, dynamics_derivatives
-    from spatial_pin.dynamics.derivatives.reactions import Linear
+    from spatial_pin.dynamics.derivatives.reaction_derivatives import Linear
     from spatial_pin.dynamics.forward import Dynamics, forward_dynamics
     from spatial_pin.dynamics.inverse import Efforts, inverse_dynamics
     from spatial_pin.dynamics.kinetostatics import Kinetostatics, kinetostatics
@@ -73,7 +73,7 @@ if TYPE_CHECKING:
     from spatial_pin.mobility.mode_list import AssemblyModes, Continuum
     from spatial_pin.motion.dead_centres import dead_centres
     from spatial_pin.motion.follow import follow
-    from spatial_pin.motion.joint_limits import JointLimit, Passing
+    from spatial_pin.motion.joint_limit_events import JointLimit, Passing
     from spatial_pin.motion.limits import Bound, Range, limits
     from spatial_pin.motion.motion import Event, FrameMotion, Motion, Output
     from spatial_pin.motion.rated_limits import BeyondLimit
@@ -127,7 +127,7 @@ _ON_USE = {
     "dimensions.sensitivity": "Sensitivity sensitivity",
     "dimensions.tolerance": "Tolerance tolerance",
     "dynamics.derivatives.derivatives": "Derivatives dynamics_derivatives",
-    "dynamics.derivatives.reactions": "Linear",
+    "dynamics.derivatives.reaction_derivatives": "Linear",
     "dynamics.forward": "Dynamics forward_dynamics",
     "dynamics.inverse": "Efforts inverse_dynamics",
     "dynamics.kinetostatics": "Kinetostatics kinetostatics",
@@ -144,7 +144,7 @@ _ON_USE = {
     "mobility.assembly_modes": "assembly_modes",
     "motion.dead_centres": "dead_centres",
     "motion.follow": "follow",
-    "motion.joint_limits": "JointLimit Passing",
+    "motion.joint_limit_events": "JointLimit Passing",
     "motion.limits": "Bound Range limits",
     "motion.motion": "Event FrameMotion Motion Output",
     "motion.rated_limits": "BeyondLimit",

@@ -45,7 +45,7 @@ KINDS = {  # what may be written for an SI unit
 _PATTERN = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S*)\s*")
 
 
-class Quantity(float):
+class ValueWithUnit(float):
     """An SI value that remembers the unit it was written with ("" for none)."""
 
     unit: str = ""
@@ -55,7 +55,7 @@ class Quantity(float):
         return not self.unit or self.unit in KINDS[base]
 
 
-def quantity(text: str) -> Quantity:
+def quantity(text: str) -> ValueWithUnit:
     """Return the SI value of a number with an optional unit.
 
     Raises:
@@ -70,7 +70,7 @@ def quantity(text: str) -> Quantity:
     value = float(match[1]) * UNITS[match[2]]
     if not math.isfinite(value):
         raise ValueError(f"{text!r} is not finite")
-    found = Quantity(value)
+    found = ValueWithUnit(value)
     found.unit = match[2]
     return found
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin._support.checks import names_of
-from spatial_pin._support.outputs import (
+from spatial_pin._support.output_files import (
     is_special,
     named_path,
     write_bytes,

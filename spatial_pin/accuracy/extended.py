@@ -22,7 +22,7 @@ from spatial_pin.mechanism.equations import (
     Angle,
     ConstraintEquation,
     Cosine,
-    Distance,
+    Displacement,
     FunctionOf,
     JointCoordinate,
     Quantity,
@@ -217,7 +217,7 @@ class Extended:
             return np.stack([f[0], f[1] * inner[1], f[1] * inner[2] + f[2] * inner[1] ** 2])
         one, two = (frames[k] for k in x.frames)
         r1, r2, d = one[..., :3, :3], two[..., :3, :3], (two - one)[..., :3, 3]
-        if isinstance(x, Distance):
+        if isinstance(x, Displacement):
             return dot(r1 @ x.u.astype(Long), d)
         if isinstance(x, Cosine):
             return dot(r1 @ x.u.astype(Long), r2 @ x.w.astype(Long))

@@ -13,7 +13,7 @@ import numpy as np
 from spatial_pin._support.brief import counted
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.held_start import held_coordinates
-from spatial_pin.assembly.rounding import as_meant
+from spatial_pin.assembly.redundant_equations import as_meant
 from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.dynamics.simulation.simulate import Simulation, simulate
 from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError

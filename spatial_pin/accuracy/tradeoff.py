@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from spatial_pin._support.checks import checked, positive_number, whole_number
-from spatial_pin._support.outputs import named_path, write_text
+from spatial_pin._support.output_files import named_path, write_text
 from spatial_pin._support.progress import progress_bar
 from spatial_pin.accuracy.reference import (
     Astray,

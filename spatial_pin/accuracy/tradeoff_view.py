@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from spatial_pin._support.outputs import literal, save_figure
+from spatial_pin._support.output_files import literal, save_figure
 from spatial_pin.accuracy.tasks import describe
 from spatial_pin.accuracy.tradeoff import Measured, Tradeoff
 

@@ -8,8 +8,8 @@ from typing import Any
 from weakref import WeakSet
 
 from spatial_pin._support.checks import checked, mapping
-from spatial_pin.assembly.rounding import allowed_from, gap_allowed, rounded
-from spatial_pin.assembly.search.closing import Closing, Equations, gone_from
+from spatial_pin.assembly.redundant_equations import allowed_from, gap_allowed, rounded
+from spatial_pin.assembly.search.closing import AcquiredEquations, Closing, gone_from
 from spatial_pin.assembly.search.counted_turns import led
 from spatial_pin.assembly.search.guesses import Guess, read_guess
 from spatial_pin.assembly.search.refusals import failure
@@ -156,7 +156,7 @@ def assembled(
     start, angles, lost = led(
         mechanism, held, start, guess.angles if isinstance(guess, State) else None, standing,
         start.names if isinstance(guess, Mapping) else ())
-    with Equations(mechanism, angles) as equations:
+    with AcquiredEquations(mechanism, angles) as equations:
         search = Search(Closing(equations, held, standing, start, accuracy), limits)
         search.run(release=release)
         if search.best is None and standing and release:
@@ -250,7 +250,7 @@ def _at_home(
 
     Else where the loops take them, as the guess may name the platform and leave out the legs.
     """
-    with Equations(mechanism) as equations:
+    with AcquiredEquations(mechanism) as equations:
         search = Search(Closing(
             equations, {}, drivers, start, accuracy_of(None)), False)
         search.attempt(start.q)

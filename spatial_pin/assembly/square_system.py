@@ -13,7 +13,7 @@ import numpy as np
 from spatial_pin.assembly.close import scaled_row
 from spatial_pin.assembly.holding import still_entries
 from spatial_pin.assembly.undetermined import (
-    Asked,
+    PrescribedMotion,
     check_passive,
     check_regular,
     dependence,
@@ -23,7 +23,7 @@ from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.kernel.paths import prescribed_places
-from spatial_pin.kernel.rates import Chosen, Rates, rates_of
+from spatial_pin.kernel.rate_solver import Chosen, RateSolver, rates_of
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import Array, Factors, decompose, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -96,7 +96,8 @@ class SquareSystem:
         chosen = evaluation.jacobian[self.equations]
         self.size = max(self.size, float(np.linalg.norm(chosen, axis=1).max(initial=0.0)))
         regular = np.vstack([chosen, evaluation.jacobian[n:], self.drive])
-        asked = Asked(evaluation, self.driven, self.drive[: len(self.driven)], self.still)
+        asked = PrescribedMotion(
+            evaluation, self.driven, self.drive[: len(self.driven)], self.still)
         svd = decompose(regular)
         if svd.rank < r + p + len(self.drive):
             raise SingularError(dependence(asked, np.delete(
@@ -141,7 +142,7 @@ class SquareSystem:
         return Chosen(self.equations, self.passive)
 
     @contextmanager
-    def _rates(self, q: Array) -> Iterator[Rates]:
+    def _rates(self, q: Array) -> Iterator[RateSolver]:
         """Acquire what solves for rates at q (nq,) with the equations chosen here."""
         with kernel_of(self.evaluation.mechanism) as kernel:
             at = prescribed_places(kernel, self.driven, self.still)

@@ -10,7 +10,7 @@ import numpy as np
 from spatial_pin.assembly.holding import BASE, SPRINGS, free_bases, velocity_entries
 from spatial_pin.assembly.passive_freedoms import RESTING, is_in_loop, passive_freedoms
 from spatial_pin.assembly.rank_loss import lost_rank, rank_loss
-from spatial_pin.assembly.rounding import gap_words
+from spatial_pin.assembly.redundant_equations import gap_words
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.coordinates import driver_coordinates
@@ -20,7 +20,7 @@ from spatial_pin.numerics.linalg import Array, common_rows, decompose, independe
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 
-class Asked(NamedTuple):
+class PrescribedMotion(NamedTuple):
     """What is to determine a motion.
 
     Attributes:
@@ -36,7 +36,7 @@ class Asked(NamedTuple):
     still: Sequence[int]
 
 
-def dependence(asked: Asked, closures: Array) -> str:
+def dependence(asked: PrescribedMotion, closures: Array) -> str:
     """Return why drivers are not independent, from the rows of all else."""
     names = ", ".join(repr(c.name) for c in asked.driven)
     where = f"mechanism {asked.evaluation.mechanism.name!r}: "
@@ -79,7 +79,7 @@ def dependence(asked: Asked, closures: Array) -> str:
             "instead")
 
 
-def _nothing_moves(asked: Asked, names: str) -> str:
+def _nothing_moves(asked: PrescribedMotion, names: str) -> str:
     """Return why nothing is left that could move."""
     mechanism = asked.evaluation.mechanism
     base = {v for joint in free_bases(mechanism) for v in velocity_entries(mechanism, joint)}
@@ -97,7 +97,7 @@ def check_loops(mechanism: Mechanism) -> str:
     return f"check the {what}, and the axes of the joints"
 
 
-def _needless_passives(asked: Asked) -> list[str]:
+def _needless_passives(asked: PrescribedMotion) -> list[str]:
     """Return the names of passive tables whose rotation is not free as the drivers stand."""
     evaluation = asked.evaluation
     n, passives = evaluation.constraints.n_closure, evaluation.mechanism.passives
@@ -108,7 +108,7 @@ def _needless_passives(asked: Asked) -> list[str]:
     return [passive.name for k, passive in enumerate(passives) if k not in kept]
 
 
-def check_passive(asked: Asked, null_space: Array, rank: int, q: Array) -> None:
+def check_passive(asked: PrescribedMotion, null_space: Array, rank: int, q: Array) -> None:
     """Refuse freedoms that are not the motion of one link: somebody must drive them."""
     evaluation, mechanism = asked.evaluation, asked.evaluation.mechanism
     found = [(joint, v) for joint, v in passive_freedoms(

@@ -23,7 +23,7 @@ from spatial_pin.formats.parsing import parse_toml
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.synthesis import goals
 from spatial_pin.synthesis.precision import Goal
-from spatial_pin.units import Quantity, quantity
+from spatial_pin.units import ValueWithUnit, quantity
 
 EXACT = "exact"  # a weight in the file: the goal is to be met exactly
 KINDS: dict[str, Callable[..., Goal]] = {
@@ -70,7 +70,7 @@ def _bounds(path: Path, name: str, given: Any) -> Bounds:
     if given == "free":
         return None
     try:
-        low, high = (None if x == "free" else x if isinstance(x, Quantity) else float(x)
+        low, high = (None if x == "free" else x if isinstance(x, ValueWithUnit) else float(x)
                      for x in map(_plain, given))
     except (TypeError, ValueError):
         raise SpatialPinError(f"{path}: dimension {name} is [least, most] or \"free\", as either "
@@ -85,7 +85,7 @@ def check_bounds(bounds: Mapping[str, Bounds]) -> None:
         ValueError: names the dimension.
     """
     for name, ends in bounds.items():
-        given = [x for x in ends or () if isinstance(x, Quantity) and x.unit]
+        given = [x for x in ends or () if isinstance(x, ValueWithUnit) and x.unit]
         units = " and ".join(x.unit for x in given)
         if not any(all(x.is_for(base) for x in given) for base in ("m", "rad")):
             raise ValueError(f"bounds of {name} are in {units}; a dimension is a length or an "
@@ -159,7 +159,7 @@ def _plain(given: Any) -> Any:
 
 def _in_units(key: str, given: Any, base: str) -> Any:
     """Return what is given, after a look at the units in it."""
-    if isinstance(given, Quantity) and base and not given.is_for(base):
+    if isinstance(given, ValueWithUnit) and base and not given.is_for(base):
         raise ValueError(f"{key} is in {base}, not in {given.unit}")
     if isinstance(given, list):
         for x in given:

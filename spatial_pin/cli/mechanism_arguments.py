@@ -17,7 +17,7 @@ from spatial_pin.errors import UnknownNameError
 from spatial_pin.inverse_kinematics.named_targets import is_angle, is_part
 from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.proximity.clearance import standing
-from spatial_pin.units import Quantity, likely_unit
+from spatial_pin.units import ValueWithUnit, likely_unit
 
 MANY_TURNS = 12.0  # [rad], nearly two turns: whole numbers beyond are meant in degrees more often
 Result = TypeVar("Result")
@@ -31,7 +31,7 @@ def loaded(options: argparse.Namespace) -> sp.Mechanism:
     how: dict[str, Any] = {"trusted": options.trusted, "free_flyer": options.free_flyer,
                            "packages": dict(options.packages), "model": options.model,
                            "without": options.without}
-    plain = {name: x for name, x in given.items() if isinstance(x, Quantity) and not x.unit}
+    plain = {name: x for name, x in given.items() if isinstance(x, ValueWithUnit) and not x.unit}
     if plain:  # first, for what is far off may not even load
         rest = {name: x for name, x in given.items() if name not in plain}
         usual: Mapping[str, float] = {}
@@ -72,8 +72,8 @@ def fitting(
     for name, x in values.items():
         driver = mechanism.drivers.get(name)
         coordinate = known.get(driver.joint if driver else name)
-        is_output = not coordinate and isinstance(x, Quantity) and is_part(mechanism, name)
-        if not (coordinate or is_output) or not isinstance(x, Quantity):
+        is_output = not coordinate and isinstance(x, ValueWithUnit) and is_part(mechanism, name)
+        if not (coordinate or is_output) or not isinstance(x, ValueWithUnit):
             continue
         unit = coordinate.unit if coordinate else "rad" if is_angle(mechanism, name) else "m"
         if not x.is_for(unit + RATES.get(rate, "")):
@@ -114,7 +114,7 @@ def in_units(values: Mapping[str, float], *units: str) -> None:
         ValueError: names the quantity.
     """
     for name, x in values.items():
-        if isinstance(x, Quantity) and x.unit not in ("", *units):
+        if isinstance(x, ValueWithUnit) and x.unit not in ("", *units):
             raise ValueError(f"{name} is in {' or '.join(units)}, not in {x.unit}")
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 import spatial_pin as sp
-from spatial_pin._support.outputs import write_text
+from spatial_pin._support.output_files import write_text
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.formats.export import robot_of
 from spatial_pin.formats.parsing import toml_text

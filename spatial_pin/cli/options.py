@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from spatial_pin.cli.printing import SCREEN
 from spatial_pin.cli.tables import read_target
 from spatial_pin.dimensions.bounds import Bounds
-from spatial_pin.units import Quantity, quantity
+from spatial_pin.units import ValueWithUnit, quantity
 
 SPRINGS_HELP = "; springs for all joints that springs act about"
 MECHANISM_HELP = ("library name (see `spatial-pin list`), or path of a mechanism file (.toml), or "
@@ -110,7 +110,7 @@ def start_options(speed: str) -> tuple[Option, ...]:
 # ---------------------------------------------------------------- values
 
 
-def value(text: str) -> Quantity:
+def value(text: str) -> ValueWithUnit:
     """Return a number with a unit or without one."""
     try:
         return quantity(text)
@@ -118,7 +118,7 @@ def value(text: str) -> Quantity:
         raise argparse.ArgumentTypeError(str(error)) from None
 
 
-def above_zero(text: str) -> Quantity:
+def above_zero(text: str) -> ValueWithUnit:
     """Return a number above zero, with a unit or without one."""
     found = value(text)
     if not found > 0.0:
@@ -126,7 +126,7 @@ def above_zero(text: str) -> Quantity:
     return found
 
 
-def not_negative(text: str) -> Quantity:
+def not_negative(text: str) -> ValueWithUnit:
     """Return a number from zero up, with a unit or without one."""
     found = value(text)
     if found < 0.0:
@@ -172,7 +172,7 @@ def spread(text: str) -> tuple[str, float]:
     return name, found
 
 
-def rising(text: str) -> tuple[str, tuple[Quantity, Quantity]]:
+def rising(text: str) -> tuple[str, tuple[ValueWithUnit, ValueWithUnit]]:
     """Return name and ends of `NAME=LO..HI`, the smaller one first."""
     name, (low, high) = span(text)
     if not low < high:
@@ -180,7 +180,7 @@ def rising(text: str) -> tuple[str, tuple[Quantity, Quantity]]:
     return name, (low, high)
 
 
-def span(text: str) -> tuple[str, tuple[Quantity, Quantity]]:
+def span(text: str) -> tuple[str, tuple[ValueWithUnit, ValueWithUnit]]:
     """Return name and ends of `NAME=LO..HI`."""
     name, equals, given = text.partition("=")
     low, dots, high = given.partition("..")
@@ -200,7 +200,7 @@ def bounded(text: str) -> tuple[str, Bounds]:
     return name, (value(low) if low else None, value(high) if high else None)
 
 
-def numbers(text: str) -> tuple[str, tuple[Quantity, ...]]:
+def numbers(text: str) -> tuple[str, tuple[ValueWithUnit, ...]]:
     """Return name and numbers of `NAME=A,B,C`."""
     name, equals, given = text.partition("=")
     if not (name and equals):

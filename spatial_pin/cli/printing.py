@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from spatial_pin._support.outputs import write_columns, write_csv, write_text
+from spatial_pin._support.output_files import write_columns, write_csv, write_text
 from spatial_pin.assembly.holding import BASE
 
 WIDTH = 80  # columns of a terminal

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import spatial_pin as sp
-from spatial_pin._support.outputs import figure_suffix
+from spatial_pin._support.output_files import figure_suffix
 from spatial_pin.cli.commands import COMMANDS, GROUPS
 from spatial_pin.cli.options import MECHANISM, as_taken
 from spatial_pin.cli.printing import SCREEN, WIDTH, CutShort, unheard, worded

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin._support.outputs import plain_text
+from spatial_pin._support.output_files import plain_text
 from spatial_pin.dimensions.measurements import ENCODER
 from spatial_pin.dimensions.measurements import UNITS as MEASURED_UNITS
 from spatial_pin.errors import SpatialPinError, UnknownNameError
@@ -21,7 +21,7 @@ from spatial_pin.inverse_kinematics import targets
 from spatial_pin.inverse_kinematics.named_targets import is_angle, is_coordinate, is_part
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.units import UNITS, Quantity, quantity
+from spatial_pin.units import UNITS, ValueWithUnit, quantity
 
 TIME = "time"
 POINT, TURNED = ("x", "y", "z"), ("rx", "ry", "rz")  # columns of a frame: NAME.x, NAME.rx
@@ -124,7 +124,7 @@ def _check_unit(path: str | Path, mechanism: Mechanism | None, name: str, unit: 
         base = "rad"
     elif mechanism and last in POINT:
         base = "m"
-    given = Quantity(1.0)
+    given = ValueWithUnit(1.0)
     given.unit = unit
     if base and not given.is_for(base):
         raise SpatialPinError(f"{path}: column {name!r} is in {base}, not in {unit}")
@@ -284,7 +284,7 @@ def check_sigma(mechanism: Mechanism, sigma: Mapping[str, float]) -> None:
         if not unit and (coordinate in mechanism.drivers or coordinate in
                          mechanism.coordinate_table):
             unit = mechanism.coordinate(coordinate).unit
-        if unit and isinstance(value, Quantity) and not value.is_for(unit):
+        if unit and isinstance(value, ValueWithUnit) and not value.is_for(unit):
             raise ValueError(f"sigma of {name} is in {unit}, not in {value.unit}")
 
 

@@ -34,7 +34,7 @@ from spatial_pin.mechanism.equations import (
     Angle,
     ConstraintEquation,
     Cosine,
-    Distance,
+    Displacement,
     FunctionOf,
     JointCoordinate,
     Quantity,
@@ -149,7 +149,7 @@ class Constraints:
         made = _Composing(self.mechanism, closure, products, at, len(self.angles))
         size, terms = self._size(closure, equation), []
         for weight, quantities in equation.terms:
-            lengths = sum(isinstance(x, Distance | Square) for x in quantities)
+            lengths = sum(isinstance(x, Displacement | Square) for x in quantities)
             power = equation.is_length - lengths
             if weight:
                 terms.append((size * weight * self.scale**power,

@@ -24,7 +24,7 @@ from spatial_pin.numerics.linalg import Array
 SYMMETRIC = np.array([4, 5, 7, 5, 6, 8, 7, 8, 9])  # places of a (3, 3) inertia in `inertias`
 
 
-class Placed:
+class TreePlacements:
     """Placements (njoints, 4, 3) as `pin.Data.oMi` has them, each made when it is asked for."""
 
     def __init__(self, found: Array) -> None:
@@ -64,7 +64,7 @@ class KernelTree:
         self.placements, self.columns = np.zeros((n, 4, 3)), np.zeros((6, model.nv))
         self.placements[0, :3] = np.eye(3)
         self.twists, self.accelerations = np.zeros((2, n, 6))
-        self.data = SimpleNamespace(J=self.columns, oMi=Placed(self.placements))
+        self.data = SimpleNamespace(J=self.columns, oMi=TreePlacements(self.placements))
         self._make_buffers()
 
     def _create(self, scale: Array, is_core: NDArray[np.bool_]) -> None:

@@ -65,7 +65,7 @@ def frames_of(mechanism: Mechanism, names: Sequence[str]) -> tuple[FrameOnBody, 
     return first, second
 
 
-class Vectors:
+class VectorBlock:
     """Coefficient rows on G of one block (A, B or X), grown row by row, and their terms."""
 
     def __init__(self) -> None:

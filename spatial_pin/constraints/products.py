@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.constraints.product_vectors import FrameOnBody, Term, Vectors, frames_of
+from spatial_pin.constraints.product_vectors import FrameOnBody, Term, VectorBlock, frames_of
 from spatial_pin.mechanism.coordinates import joint_values, with_values
-from spatial_pin.mechanism.equations import Angle, Cosine, Distance, ScalarProduct
+from spatial_pin.mechanism.equations import Angle, Cosine, Displacement, ScalarProduct
 from spatial_pin.mechanism.mechanism import Mechanism, point_on_body
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
@@ -32,7 +32,7 @@ class Products:
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism = mechanism
         self.scale = 1.0 / mechanism.characteristic_length
-        self.a, self.b, self.x = Vectors(), Vectors(), Vectors()
+        self.a, self.b, self.x = VectorBlock(), VectorBlock(), VectorBlock()
         self.constants: list[float] = []
         self.factors: list[float] = []
         self.signs: list[Array] = []
@@ -50,7 +50,7 @@ class Products:
             self._add_dot(one, product.u, two, product.w, constant)
             return len(self) - 1
         self.a.add(two.origin(1.0), one.origin(-1.0))
-        if isinstance(product, Distance):
+        if isinstance(product, Displacement):
             self.b.add(one.direction(product.u, self.scale))
             self.x.add(two.origin(1.0))
         else:
@@ -59,7 +59,7 @@ class Products:
                                        if length is None else length)
             self.b.add(two.origin(half), one.origin(-half))
             self.x.add(two.origin(2.0))
-        factor = 1.0 if isinstance(product, Distance) else 2.0
+        factor = 1.0 if isinstance(product, Displacement) else 2.0
         self._finish(constant * self.scale, factor, self._between(one, two))
         return len(self) - 1
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from spatial_pin.continuation.pseudo_arclength import STRAIGHT, Arrival
-from spatial_pin.continuation.solution_curve import Curve, CurvePoint
+from spatial_pin.continuation.solution_curve import CurvePoint, SolutionCurve
 from spatial_pin.mechanism.coordinates import coordinate_gradient, coordinate_value
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array
@@ -29,7 +29,7 @@ ROOTS = 1, 2, 3  # of the coordinate, in which the leading value may be a power 
 MOST_TRIALS = 40  # from one place to the next, which is twice as far out
 
 
-def running_away(curve: Curve, x: Array, target: float) -> Arrival | None:
+def running_away(curve: SolutionCurve, x: Array, target: float) -> Arrival | None:
     """Return the end of a branch on which a joint runs away, before a target; None if none does.
 
     A target so near the end that the joint would be farther out than is followed is beyond it too.
@@ -53,7 +53,7 @@ def running_away(curve: Curve, x: Array, target: float) -> Arrival | None:
 class _Far(NamedTuple):
     """A coordinate that may run away along a curve."""
 
-    curve: Curve
+    curve: SolutionCurve
     of: Coordinate
 
     @property
@@ -79,7 +79,7 @@ class _Far(NamedTuple):
         return float(self.row(point.x) @ point.t)
 
 
-def _outward(curve: Curve, x: Array) -> tuple[_Far, CurvePoint] | None:
+def _outward(curve: SolutionCurve, x: Array) -> tuple[_Far, CurvePoint] | None:
     """Return which joint runs away at x, and the point there, its tangent that way."""
     table = curve.evaluation.mechanism.coordinate_table.values()
     far = [f for c in table if c not in curve.system.driven and (f := _Far(curve, c))

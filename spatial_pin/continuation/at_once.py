@@ -10,18 +10,17 @@ from typing import NamedTuple
 
 from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.holding import BASE
-from spatial_pin.assembly.rounding import as_meant
+from spatial_pin.assembly.redundant_equations import as_meant
+from spatial_pin.assembly.search.closure_settings import asked_of
 from spatial_pin.assembly.search.guesses import read_guess
-from spatial_pin.assembly.search.straight import Plan as Assembly
-from spatial_pin.assembly.search.straight import leads_nowhere, straight_plan
-from spatial_pin.assembly.search.targets import asked_of
+from spatial_pin.assembly.search.straight import AssemblyPlan, leads_nowhere, straight_plan
 from spatial_pin.assembly.state import State
-from spatial_pin.continuation import follow as following
+from spatial_pin.continuation import path_following as following
 from spatial_pin.continuation.evaluation_order import there_and_back
 from spatial_pin.continuation.start import moving_drivers
 from spatial_pin.kernel.beginning import Beginning
 from spatial_pin.kernel.closer import Closer
-from spatial_pin.kernel.paths import Samples, prescribed_places
+from spatial_pin.kernel.paths import PathSamples, prescribed_places
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.rates.rates import check_not_held, prescribed_first
@@ -32,7 +31,7 @@ from spatial_pin.settings import Accuracy
 MOST_FREEDOMS = 100
 
 
-class Plan(NamedTuple):
+class SweepPlan(NamedTuple):
     """What a sweep does, but for values.
 
     Attributes:
@@ -41,7 +40,7 @@ class Plan(NamedTuple):
         idle: what begins paths, each for one caller at a time.
     """
 
-    assembly: Assembly
+    assembly: AssemblyPlan
     driven: list[int]
     idle: list[Beginning]
 
@@ -49,7 +48,7 @@ class Plan(NamedTuple):
 def swept_at_once(
     mechanism: Mechanism, driver: str, held: tuple[str, ...], values: Array, accuracy: Accuracy,
     tolerance: float, guess: State | None,
-) -> tuple[int, Samples] | None:
+) -> tuple[int, PathSamples] | None:
     """Return how far a sweep goes, and its samples; None where more is decided than values.
 
     Args:
@@ -89,7 +88,7 @@ def swept_at_once(
 @made_once
 def _plan(
     mechanism: Mechanism, driver: str, held: tuple[str, ...], named: tuple[str, ...]
-) -> Plan | None:
+) -> SweepPlan | None:
     """Return what a sweep does from a guess with these names; None where they do not decide it."""
     check_not_held(mechanism, [mechanism.coordinate_table[driver]], held)
     if mechanism.model.nv > MOST_FREEDOMS or type(mechanism).start is not Mechanism.start:
@@ -106,4 +105,4 @@ def _plan(
     places = prescribed_places(k, driven, still)
     if not closer.knows_mirrors or not 0 <= k.nv - k.n_passive - len(places) <= k.n_closure:
         return None
-    return Plan(assembly, places, [Beginning(closer, places)])
+    return SweepPlan(assembly, places, [Beginning(closer, places)])

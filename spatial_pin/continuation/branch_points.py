@@ -17,11 +17,11 @@ import pinocchio as pin
 
 from spatial_pin.assembly.close import close
 from spatial_pin.assembly.square_system import SquareSystem
-from spatial_pin.continuation.cursor import Cursor, Place, Stopped
+from spatial_pin.continuation.cursor import Cursor, PathPoint, Stopped
 from spatial_pin.continuation.driving import OneDriver, nearest
 from spatial_pin.continuation.pseudo_arclength import Arrival
 from spatial_pin.continuation.singular_points import zeros
-from spatial_pin.continuation.solution_curve import Curve, CurvePoint, matrices
+from spatial_pin.continuation.solution_curve import CurvePoint, SolutionCurve, matrices
 from spatial_pin.errors import SingularError
 from spatial_pin.numerics.linalg import Array
 
@@ -40,7 +40,7 @@ SMOOTHED = 1e-7
 OFF = 1e-4  # part of the way across that the continued curve may be off the closed configurations
 
 
-def far_side(curve: Curve, base: CurvePoint, distance: float) -> CurvePoint | None:
+def far_side(curve: SolutionCurve, base: CurvePoint, distance: float) -> CurvePoint | None:
     """Return the point beyond a branch point that lies `distance` ahead of a point, straight on.
 
     None where no branch goes straight on.
@@ -74,7 +74,7 @@ def _polynomial(x: Array, y: Array) -> Callable[[float], Array]:
     return at
 
 
-def straight_on(curve: Curve, point: CurvePoint) -> CurvePoint | None:
+def straight_on(curve: SolutionCurve, point: CurvePoint) -> CurvePoint | None:
     """Return a point of the curve beyond the branch point just ahead of another, or None."""
     for reach in (REACHES * _arc(point.t)).tolist():
         behind = curve.ahead(point, -reach)
@@ -121,7 +121,7 @@ class Passage(NamedTuple):
     first: Callable[[float], Array]
     second: Callable[[float], Array]
     angles: Callable[[float], Array]
-    outside: tuple[Place, Place]
+    outside: tuple[PathPoint, PathPoint]
 
     def holds(self, value: float) -> bool:
         """Whether a driver value lies between the ends."""
@@ -133,7 +133,7 @@ class Passage(NamedTuple):
         met = [x for x in self.branch_points if low <= x <= high and abs(x - first) > SAME]
         return met if last > first else met[::-1]
 
-    def place(self, value: float) -> Place:
+    def place(self, value: float) -> PathPoint:
         """Return the place at a driver value between the ends, else the end that is nearer."""
         if not self.holds(value):
             return self.outside[int(abs(value - self.ends[1]) < abs(value - self.ends[0]))]
@@ -142,7 +142,7 @@ class Passage(NamedTuple):
         evaluation.angle_reference[:] = angles
         evaluation.update(q)
         error = float(np.abs(evaluation.residual).max(initial=0.0))
-        return Place(value, q, *self.rates(value, first, second), error, angles)
+        return PathPoint(value, q, *self.rates(value, first, second), error, angles)
 
     def by_drivers(self, value: float) -> tuple[Array, Array, Array]:
         """Return the configuration (nq,) at a leading value between the ends, and its derivatives.
@@ -178,7 +178,7 @@ class Passage(NamedTuple):
         off = pin.difference(mechanism.model, other, place.q) / mechanism.velocity_scale
         return bool(place.error < CLOSED and np.abs(off).max() < KNOWN)
 
-    def matrices(self, curve: Curve, values: Array) -> Array:
+    def matrices(self, curve: SolutionCurve, values: Array) -> Array:
         """Return the matrices (k, m, m) of equations and tangent at leading values (k,)."""
         unknowns, places = curve.unknowns, []
         for s in values.tolist():
@@ -270,12 +270,12 @@ def _with_bends(smoothed: Passage, cursor: Cursor) -> Passage | None:
 class _Node(NamedTuple):
     """A place of a passage, and what `Passage.first` and `Passage.second` are there."""
 
-    place: Place
+    place: PathPoint
     first: Array
     second: Array
 
 
-def _nodes(cursor: Cursor, curve: Curve, point: CurvePoint, reach: float) -> list[_Node]:
+def _nodes(cursor: Cursor, curve: SolutionCurve, point: CurvePoint, reach: float) -> list[_Node]:
     """Return nodes from a point on, away from the branch point, the nearest to it first.
 
     Raises:
@@ -309,7 +309,9 @@ def _second_rates(system: SquareSystem, q: Array, first: Array) -> Array:
     return found
 
 
-def _joined(cursor: Cursor, curve: Curve, near: list[_Node], far: list[_Node]) -> Passage | None:
+def _joined(
+    cursor: Cursor, curve: SolutionCurve, near: list[_Node], far: list[_Node]
+) -> Passage | None:
     """Return the passage between two sides; None if it is not accurate, or no branch crosses."""
     nodes = [*near, *far]
     places = [node.place for node in nodes]

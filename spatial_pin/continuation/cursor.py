@@ -19,13 +19,13 @@ from spatial_pin.assembly.state import State
 from spatial_pin.continuation.asymptotes import running_away
 from spatial_pin.continuation.driving import DriversLaw
 from spatial_pin.continuation.pseudo_arclength import Arrival, towards
-from spatial_pin.continuation.solution_curve import Curve
+from spatial_pin.continuation.solution_curve import SolutionCurve
 from spatial_pin.continuation.start import Start
 from spatial_pin.continuation.unknowns import WithParameter
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.loop_equations import loops_of
-from spatial_pin.kernel.paths import Path, Samples
+from spatial_pin.kernel.paths import Path, PathSamples
 from spatial_pin.mechanism.coordinates import coordinate_value
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -50,7 +50,7 @@ class Stopped(Exception):
         self.sample = 0
 
 
-class Place(NamedTuple):
+class PathPoint(NamedTuple):
     """A closed configuration of a branch.
 
     Attributes:
@@ -69,7 +69,7 @@ class Place(NamedTuple):
     angles: Array
 
     @classmethod
-    def of(cls, samples: Samples, k: int, s: float) -> Place:
+    def of(cls, samples: PathSamples, k: int, s: float) -> PathPoint:
         """Return sample k, at driver value s."""
         q, t, c, error, angles = (part[k].copy() for part in samples)
         return cls(s, q, t, c, float(error), angles)
@@ -100,15 +100,15 @@ class Cursor:
             start.checked_system(state), state.q, start.leading.begin)
 
     @property
-    def here(self) -> Place:
+    def here(self) -> PathPoint:
         """The current place."""
         if self._here is None:
             assert self._path is not None
             s, sample = self._path.here
-            self._here = Place.of(sample, 0, s)
+            self._here = PathPoint.of(sample, 0, s)
         return self._here
 
-    def stand(self, place: Place) -> None:
+    def stand(self, place: PathPoint) -> None:
         """Move to a known place of the branch."""
         self._here, self._path = place, None
 
@@ -129,7 +129,7 @@ class Cursor:
 
     def curve(
         self, system: SquareSystem, tolerance: float, pace: float | None = None
-    ) -> Curve:
+    ) -> SolutionCurve:
         """Return the curve through the current place, what leads set free.
 
         Args:
@@ -140,12 +140,12 @@ class Cursor:
         """
         leading = self.start.leading
         if not isinstance(leading, DriversLaw):
-            return Curve(system, tolerance)
+            return SolutionCurve(system, tolerance)
         span = float(leading.law.x[-1] - leading.law.x[0])
         pace = max(self.pace(self.here) if pace is None else pace, 1.0 / span)
-        return Curve(system, tolerance, WithParameter(system, leading, 1.0 / pace))
+        return SolutionCurve(system, tolerance, WithParameter(system, leading, 1.0 / pace))
 
-    def place(self, q: Array, s: float, angles: Array, system: SquareSystem) -> Place:
+    def place(self, q: Array, s: float, angles: Array, system: SquareSystem) -> PathPoint:
         """Return the place at a closed configuration.
 
         Args:
@@ -164,13 +164,13 @@ class Cursor:
             system.select(q)
         return self._solved(system, q, s)
 
-    def _solved(self, system: SquareSystem, q: Array, s: float) -> Place:
+    def _solved(self, system: SquareSystem, q: Array, s: float) -> PathPoint:
         leading = self.start.leading
         t = system.driver_rates() @ leading.rates(s)
         c = system.acceleration(q, t, leading.bends(s))
         evaluation = system.evaluation
         error = float(np.abs(evaluation.residual).max(initial=0.0))
-        return Place(s, q, t, c, error, evaluation.angles.copy())
+        return PathPoint(s, q, t, c, error, evaluation.angles.copy())
 
     def _moving_path(self) -> Path | None:
         """Return the kernel's path from the current place; None where it cannot start here."""
@@ -180,7 +180,7 @@ class Cursor:
             self._here = None
         return self._path
 
-    def follow(self, values: Array, samples: Samples) -> int:
+    def follow(self, values: Array, samples: PathSamples) -> int:
         """Write samples at driver values (m,) as far as the kernel goes; return how many."""
         path = self._moving_path()
         return path.follow(values, samples) if path is not None else 0
@@ -223,11 +223,11 @@ class Cursor:
         is_fast = np.abs(here.t / scale).max() > UNBOUND * asked
         return Arrival("limit" if is_fast else "lost", here.q, here.s)
 
-    def pace(self, place: Place) -> float:
+    def pace(self, place: PathPoint) -> float:
         """Return how fast joints move at a place, by the leading value."""
         return float(np.linalg.norm(place.t / self.start.mechanism.velocity_scale))
 
-    def way(self, place: Place, value: float) -> float:
+    def way(self, place: PathPoint, value: float) -> float:
         """Return how far joints move from a place to a leading value at the rates there."""
         return abs(value - place.s) * self.pace(place)
 
@@ -258,7 +258,7 @@ class Cursor:
         curve = self.curve(system, TOLERANCES.round_off, pace)
         return running_away(curve, curve.unknowns.of(q, s), goal)
 
-    def _go_by_arc_length(self, value: float, clear: Place, goal: float) -> None:
+    def _go_by_arc_length(self, value: float, clear: PathPoint, goal: float) -> None:
         """Continue by pseudo-arclength, which finds the limit or passes the hard stretch.
 
         It starts at the place `clear`, if near: that is farther from the singularity ahead. The

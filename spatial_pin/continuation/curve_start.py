@@ -12,7 +12,7 @@ from spatial_pin.assembly.holding import Hold, divided
 from spatial_pin.assembly.passive_freedoms import moved_bodies
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
-from spatial_pin.continuation.solution_curve import Curve
+from spatial_pin.continuation.solution_curve import SolutionCurve
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -76,7 +76,7 @@ def _beside(
             system = _square(mechanism, [other, *driven[1:]], state, still)
         except SingularError:
             continue
-        curve = Curve(system, Accuracy.named("engineering").tolerance)
+        curve = SolutionCurve(system, Accuracy.named("engineering").tolerance)
         point = curve.settle(state.q, direction_of(system) / system.scale)
         q = curve.ahead(point, BESIDE_LIMIT) if point is not None else None
         if q is not None:

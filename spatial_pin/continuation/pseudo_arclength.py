@@ -13,7 +13,7 @@ import numpy as np
 
 from spatial_pin.assembly.close import close
 from spatial_pin.continuation.singular_points import distance_after, located
-from spatial_pin.continuation.solution_curve import Curve, CurvePoint
+from spatial_pin.continuation.solution_curve import CurvePoint, SolutionCurve
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.roots import sign_change
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -57,7 +57,7 @@ class Arrival(NamedTuple):
     runs_away: str = ""
 
 
-class Step(NamedTuple):
+class PredictedStep(NamedTuple):
     """A step along a curve that is not taken yet.
 
     Attributes:
@@ -83,7 +83,7 @@ class ArcLengthPath:
             in the last step; infinite if none is in view.
     """
 
-    def __init__(self, curve: Curve, point: CurvePoint, distance: float = np.inf) -> None:
+    def __init__(self, curve: SolutionCurve, point: CurvePoint, distance: float = np.inf) -> None:
         self.curve, self.point, self.distance = curve, point, distance
 
     @property
@@ -91,7 +91,7 @@ class ArcLengthPath:
         """Leading value of the point."""
         return self.curve.value(self.point.x)
 
-    def ahead(self, length: float) -> Step:
+    def ahead(self, length: float) -> PredictedStep:
         """Return the next step, as long as asked for or shorter where the curve bends.
 
         It goes no further than half the way to a singularity: two branch points in one step would
@@ -100,20 +100,20 @@ class ArcLengthPath:
         """
         curve, point = self.curve, self.point
         if self.distance < NEAREST_BRANCH_POINT * np.sqrt(curve.tolerance):
-            return Step("branch point", point.x, point.t, 0.0)
+            return PredictedStep("branch point", point.x, point.t, 0.0)
         length = min(length, 0.5 * self.distance)
         smallest = min(length, SMALLEST_STEP)
         while length >= smallest:
             x = curve.ahead(point, length)
             t, sign = curve.direction(x, point.t) if x is not None else (point.t, 0)
             if x is not None and sign == point.sign and t @ point.t >= STRAIGHT:
-                return Step("regular", x, t, length)
+                return PredictedStep("regular", x, t, length)
             length *= 0.5
             if length < NEAR_BRANCH_POINT and x is not None and sign != point.sign:
-                return Step("branch point", point.x, point.t, 0.0)
-        return Step("lost", point.x, point.t, 0.0)
+                return PredictedStep("branch point", point.x, point.t, 0.0)
+        return PredictedStep("lost", point.x, point.t, 0.0)
 
-    def turning_point(self, step: Step) -> Step | None:
+    def turning_point(self, step: PredictedStep) -> PredictedStep | None:
         """Return the part of a step to where the leading value turns back, if it does."""
         curve, point = self.curve, self.point
         before, after = curve.slope(point.t), curve.slope(step.t)
@@ -125,9 +125,9 @@ class ArcLengthPath:
             return curve.slope(curve.direction(x, point.t)[0]) if x is not None else np.nan
 
         length = _root(slope, step.length)
-        return Step("regular", _place(curve, point, length), step.t, length)
+        return PredictedStep("regular", _place(curve, point, length), step.t, length)
 
-    def take(self, step: Step) -> bool:
+    def take(self, step: PredictedStep) -> bool:
         """Move by a step; False, and nothing moves, where branches cross at its end."""
         point = self.curve.settle(step.x, step.t)
         if point is None:
@@ -137,7 +137,7 @@ class ArcLengthPath:
         return True
 
 
-def towards(curve: Curve, x: Array, target: float, direction: Array) -> Arrival:
+def towards(curve: SolutionCurve, x: Array, target: float, direction: Array) -> Arrival:
     """Follow a curve from x towards the leading value `target`.
 
     Args:
@@ -174,11 +174,11 @@ def towards(curve: Curve, x: Array, target: float, direction: Array) -> Arrival:
     return _arrival(curve, "lost", path.point.x)
 
 
-def _arrival(curve: Curve, kind: str, x: Array) -> Arrival:
+def _arrival(curve: SolutionCurve, kind: str, x: Array) -> Arrival:
     return Arrival(kind, curve.unknowns.configuration(x), curve.value(x))
 
 
-def _arrive(curve: Curve, point: CurvePoint, length: float, target: float) -> Arrival:
+def _arrive(curve: SolutionCurve, point: CurvePoint, length: float, target: float) -> Arrival:
     """Return the configuration at the target value, reached within `length` of the point."""
 
     def gap(x: float) -> float:
@@ -197,14 +197,14 @@ def _arrive(curve: Curve, point: CurvePoint, length: float, target: float) -> Ar
     return Arrival("reached", q, target)
 
 
-def branch_point_near(curve: Curve, point: CurvePoint, x: Array) -> Arrival:
+def branch_point_near(curve: SolutionCurve, point: CurvePoint, x: Array) -> Arrival:
     """Return where the equations lose rank, ahead of a point, near x; there if none is found."""
     found = located(curve, point)
     kind, value = found if found is not None else ("branch point", curve.value(x))
     return Arrival(kind, curve.unknowns.configuration(x), value)
 
 
-def _place(curve: Curve, point: CurvePoint, length: float) -> Array:
+def _place(curve: SolutionCurve, point: CurvePoint, length: float) -> Array:
     found = curve.ahead(point, length)
     return point.x.copy() if found is None else found
 

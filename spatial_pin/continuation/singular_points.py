@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from spatial_pin.continuation.solution_curve import Curve, CurvePoint, matrices
+from spatial_pin.continuation.solution_curve import CurvePoint, SolutionCurve, matrices
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -96,7 +96,7 @@ def zeros(x: Array, matrices: Array) -> list[float]:
     return [float(group.mean()) for group in groups if group.size]
 
 
-def _viewed(curve: Curve, point: CurvePoint) -> tuple[CurvePoint, float] | None:
+def _viewed(curve: SolutionCurve, point: CurvePoint) -> tuple[CurvePoint, float] | None:
     """Return a point before a branch point ahead of another, and its distance, in VIEW."""
     back, base, distance = VIEW[0], _moved(curve, point, -VIEW[0]), 0.0
     for _ in range(STEPS_TO_VIEW):
@@ -113,7 +113,7 @@ def _viewed(curve: Curve, point: CurvePoint) -> tuple[CurvePoint, float] | None:
     return None
 
 
-def _moved(curve: Curve, point: CurvePoint, length: float) -> CurvePoint | None:
+def _moved(curve: SolutionCurve, point: CurvePoint, length: float) -> CurvePoint | None:
     """Return the point `length` ahead of another one, or less far before a branch point."""
     while abs(length) > SMALLEST_STEP:
         x = curve.ahead(point, length)
@@ -126,7 +126,7 @@ def _moved(curve: Curve, point: CurvePoint, length: float) -> CurvePoint | None:
     return None
 
 
-def distance_ahead(curve: Curve, point: CurvePoint) -> float:
+def distance_ahead(curve: SolutionCurve, point: CurvePoint) -> float:
     """Return about how far ahead of a point the equations lose rank, inf if not at all."""
     x = curve.ahead(point, PROBE)
     if x is None:
@@ -140,7 +140,7 @@ def distance_after(last: CurvePoint, point: CurvePoint, length: float) -> float:
     return point.sigma * length / fall if fall > 0.0 else np.inf
 
 
-def located(curve: Curve, point: CurvePoint) -> tuple[str, float] | None:
+def located(curve: SolutionCurve, point: CurvePoint) -> tuple[str, float] | None:
     """Return the kind of the point ahead where the equations lose rank, and its leading value.
 
     The matrix of equations and tangent, a smooth function of the arc length, is extrapolated to

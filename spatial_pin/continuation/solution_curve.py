@@ -32,7 +32,7 @@ class CurvePoint(NamedTuple):
     slopes: Array
 
 
-class Curve:
+class SolutionCurve:
     """The curve of closed configurations through a point.
 
     Attributes:
@@ -149,7 +149,7 @@ def _ratio(s: Array, size: float) -> float:
     return float(s[-1] / np.hypot(s[0], size)) if s.size else 1.0
 
 
-def matrices(curve: Curve, places: Iterable[tuple[Array, Array]]) -> Array:
+def matrices(curve: SolutionCurve, places: Iterable[tuple[Array, Array]]) -> Array:
     """Return matrices (k, m, m) of [independent equations; unit tangent] at places (x, t).
 
     Smooth functions of the place, singular where branches cross.

@@ -16,7 +16,7 @@ from spatial_pin.continuation.driving import DriversLaw, OneDriver
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.loop_equations import LoopEquations
-from spatial_pin.kernel.paths import Path, Samples, prescribed_places
+from spatial_pin.kernel.paths import Path, PathSamples, prescribed_places
 from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
@@ -104,9 +104,9 @@ class Start:
         return Start(self.state, self.driven, self.still, self.accuracy, self.kernel,
                      self.evaluation, law, begin)
 
-    def samples(self, n: int) -> Samples:
+    def samples(self, n: int) -> PathSamples:
         """Return room for n samples."""
-        return Samples.empty(n, self.kernel.nq, self.kernel.nv, self.kernel.n_angles)
+        return PathSamples.empty(n, self.kernel.nq, self.kernel.nv, self.kernel.n_angles)
 
     def system(self, q: Array, angles: Array) -> SquareSystem:
         """Return the square system at a configuration.

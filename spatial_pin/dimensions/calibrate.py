@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin._support.checks import checked, names_of, positive_number
-from spatial_pin._support.outputs import named_path, write_csv, write_text
+from spatial_pin._support.output_files import named_path, write_csv, write_text
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.state import State
 from spatial_pin.dimensions.bounds import bounds_of

@@ -23,7 +23,7 @@ from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.dimensions.dimension_batch import DimensionNumbers
 from spatial_pin.dimensions.homotopy import followed
 from spatial_pin.dimensions.variants import TracedGeometry, TracedTree, Variants
-from spatial_pin.dynamics.outputs import Told
+from spatial_pin.dynamics.force_outputs import Told
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.dimensions import ClosedSamples, DimensionCloser, Numbers
 from spatial_pin.kernel.loop_equations import loops_of

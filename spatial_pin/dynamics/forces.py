@@ -17,8 +17,8 @@ from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.errors import SpatialPinError, UnknownNameError, warn
 from spatial_pin.kernel.loop_equations import LoopEquations
-from spatial_pin.mechanism.checks import has_inertia
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.mechanism_checks import has_inertia
 from spatial_pin.mechanism.parts import Spring
 from spatial_pin.mechanism.resistance import Resistance, SlipSpeed
 from spatial_pin.numerics.linalg import Array
@@ -39,7 +39,7 @@ class Line(NamedTuple):
     storing: Callable[[float], float] | None
 
 
-class Turn(NamedTuple):
+class JointSpring(NamedTuple):
     """A spring about, or along, a joint coordinate."""
 
     name: str
@@ -89,7 +89,7 @@ class Forces:
         self.mechanism = mechanism
         self.resistance = Resistance(mechanism, slip_speed)
         self.lines: list[Line] = []
-        self.turns: list[Turn] = []
+        self.turns: list[JointSpring] = []
         for spring in mechanism.springs:
             self._add(spring, laws.get(spring.name))
 
@@ -101,7 +101,8 @@ class Forces:
         law = law or (lambda x, rate: k * (x - free) + c * rate)
         if spring.joint:
             coordinate = m.driven_coordinate(spring.joint)
-            self.turns.append(Turn(spring.name, coordinate.q, coordinate.v, law, energy, storing))
+            self.turns.append(JointSpring(
+                spring.name, coordinate.q, coordinate.v, law, energy, storing))
             return
         (i1, m1), (i2, m2) = (m.centred_frame(f) for f in spring.frames)
         support = constraints_of(m).support

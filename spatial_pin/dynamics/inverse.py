@@ -18,7 +18,7 @@ from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.forward import Dynamics, Load
 from spatial_pin.dynamics.reactions import UNMOVED
-from spatial_pin.dynamics.solvers.equations import Equations, equations_of
+from spatial_pin.dynamics.solvers.equations_of_motion import Equations, equations_of
 from spatial_pin.dynamics.solvers.freedoms import (
     active_among,
     idle_among,

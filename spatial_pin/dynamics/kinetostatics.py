@@ -17,7 +17,7 @@ from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.inverse import Actuation, actuation_of, balance, pressing
 from spatial_pin.dynamics.reactions import Poses, one_of_many, why_not_unique
-from spatial_pin.dynamics.solvers.equations import Equations, equations_of
+from spatial_pin.dynamics.solvers.equations_of_motion import Equations, equations_of
 from spatial_pin.errors import Interrupted, SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
@@ -101,7 +101,7 @@ class Kinetostatics(_Loads, Tabular):
             >>> loads.output("crank.effort").values.round(3)  # [N·m]
             array([-0.27 ,  0.214,  0.971])
         """
-        from spatial_pin.dynamics.outputs import output
+        from spatial_pin.dynamics.force_outputs import output
 
         return output(self, spec)
 
@@ -120,7 +120,7 @@ class Kinetostatics(_Loads, Tabular):
             >>> [(name, x.unit) for name, x in loads.quantities("crank.effort").items()]
             [('time', 's'), ('crank', 'rad'), ('crank effort', 'N·m')]
         """
-        from spatial_pin.dynamics.outputs import quantities
+        from spatial_pin.dynamics.force_outputs import quantities
 
         return quantities(self, outputs)
 
@@ -191,7 +191,7 @@ class Kinetostatics(_Loads, Tabular):
         return ("", "") if unique is None else one_of_many(np.logical_and.reduce(unique, axis=0))
 
 
-class _Rows:
+class _StoredSamples:
     """What is kept of every sample until reactions are worked out for all of them together."""
 
     def __init__(self, equations: Equations, n: int, n_efforts: int) -> None:
@@ -285,7 +285,7 @@ def kinetostatics(
         equations = bearing = stack.enter_context(equations_of(moved))
         if moved.whole is not None:
             bearing = stack.enter_context(equations_of(moved.whole))
-        rows = _Rows(bearing, len(motion), len(actuation.names))
+        rows = _StoredSamples(bearing, len(motion), len(actuation.names))
         try:
             for k in range(len(motion)):
                 state = moving_in_time(mechanism, motion.state(k))

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from spatial_pin._support.outputs import named_folder, named_path, replacing, write_text
+from spatial_pin._support.output_files import named_folder, named_path, replacing, write_text
 from spatial_pin.errors import MechanismFileError, SpatialPinError, warn
 from spatial_pin.formats.dialects import RobotReading, read_dialects
 from spatial_pin.formats.file_access import Trust, is_file

@@ -24,9 +24,9 @@ from spatial_pin.formats.urdf.urdf_model import (
     tree_of,
 )
 from spatial_pin.formats.xacro.xacro_arguments import Values, dimensions
-from spatial_pin.mechanism.checks import check_mechanism, impossible_inertias
 from spatial_pin.mechanism.coordinates import check_guess
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.mechanism_checks import check_mechanism, impossible_inertias
 from spatial_pin.mechanism.named_frames import Frame, add_frames
 from spatial_pin.mechanism.pairs import (
     JOINT_TYPES,

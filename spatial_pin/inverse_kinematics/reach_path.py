@@ -29,7 +29,7 @@ from spatial_pin.inverse_kinematics.target_coordinates import (
 )
 from spatial_pin.inverse_kinematics.target_tables import TargetTable, law_of, tables_of, targets_at
 from spatial_pin.kernel.loop_equations import loops_of
-from spatial_pin.kernel.paths import Samples
+from spatial_pin.kernel.paths import PathSamples
 from spatial_pin.mechanism.coordinates import needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.follow import Followed, along, finished, follow, sample_times
@@ -278,7 +278,7 @@ def _followed(
     """Follow the targets from a state at the first of them."""
     mechanism = state.mechanism
     model, here, done = mechanism.model, state, 0
-    samples = Samples.empty(len(s), model.nq, model.nv, len(state.angles))
+    samples = PathSamples.empty(len(s), model.nq, model.nv, len(state.angles))
     lost = list[tuple[float, int]]()
     title = f"{mechanism.name}: {', '.join(chain.table.name for chain in chains)}"
     for stretch in stretches_of(chains, len(s)):
@@ -310,7 +310,7 @@ def _followed(
 
 def _between(
     copy: Mechanism, names: list[str], nq: int, standing: list[str], law: Any, s: Array,
-    samples: Samples, k: int, at: float,
+    samples: PathSamples, k: int, at: float,
 ) -> Array:
     """Return the configuration (nq,) at a parameter behind sample k of a stretch.
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Sequence
 
-from spatial_pin.kernel.closer import Asked, Closer
+from spatial_pin.kernel.closer import Closer, ClosureSettings
 from spatial_pin.kernel.kernel import check, numbers
 from spatial_pin.kernel.library import INT, POINTER, REAL, address
-from spatial_pin.kernel.paths import PathRows, Samples, asked_path
+from spatial_pin.kernel.paths import PathRows, PathSamples, asked_path
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy
 
@@ -50,8 +50,8 @@ class Beginning:
 
     def follow(
         self, q: Array, place: int, value: float, angles: Array | None, values: Array,
-        accuracy: Accuracy, asked: Asked, open_by: float,
-    ) -> tuple[int, Samples] | None:
+        accuracy: Accuracy, asked: ClosureSettings, open_by: float,
+    ) -> tuple[int, PathSamples] | None:
         """Close the loops from a guess, and follow the path that begins there.
 
         Args:
@@ -71,7 +71,7 @@ class Beginning:
         if accuracy is not self._accuracy:
             self._follow_by(accuracy)
         kernel, task, rows, n = self._kernel, self._task, self._rows, len(values)
-        samples = Samples.empty(n, kernel.nq, kernel.nv, kernel.n_angles)
+        samples = PathSamples.empty(n, kernel.nq, kernel.nv, kernel.n_angles)
         rows.q, rows.t, rows.c, rows.error, rows.angles = map(address, samples)
         values = numbers(values, (n,))
         task.value, task.n, task.open = address(values), n, open_by

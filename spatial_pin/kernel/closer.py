@@ -133,7 +133,7 @@ class Shakes:
             address(x) for x in (self.steps, self._shaken, self._group))
 
 
-class Asked(NamedTuple):
+class ClosureSettings(NamedTuple):
     """How loops are closed, whatever the values of what is held: two are the same if one object.
 
     Attributes:
@@ -206,7 +206,7 @@ class Closer:
             facts=self._facts[0], angle=self._facts[1])
         self.at_task, self._meant = ctypes.byref(self._task), self._task.meant
         self._reached = ctypes.byref(self._meant), *found
-        self._asked: Asked | None = None  # what the arrays of the task are set to
+        self._asked: ClosureSettings | None = None  # what the arrays of the task are set to
 
     def close(
         self, q: Array, free: NDArray[np.bool_], reference: Array, tolerance: float,
@@ -235,8 +235,8 @@ class Closer:
         return Closed(self._q.copy(), self.facts.item(0), self._is_mirrored(self._mirrored))
 
     def reach(
-        self, q: Sequence[Array], asked: Asked, value: Array, reference: Array | float = 0.0,
-        pinned: Iterable[float] = (), shaken: bool = False,
+        self, q: Sequence[Array], asked: ClosureSettings, value: Array,
+        reference: Array | float = 0.0, pinned: Iterable[float] = (), shaken: bool = False,
     ) -> list[Reached]:
         """Close from each of some q (nq,), `AT_ONCE` at most, by itself, as `close` does.
 
@@ -268,7 +268,7 @@ class Closer:
             self._distances.item(k), None if k else seen) for k in range(task.m)]
 
     def begin_at(
-        self, q: Array, place: int, value: float, angles: Array | None, asked: Asked
+        self, q: Array, place: int, value: float, angles: Array | None, asked: ClosureSettings
     ) -> None:
         """Let C close the loops from q (nq,), an entry of which has another value.
 
@@ -285,7 +285,7 @@ class Closer:
         self._task.m = 1
         self._task.n_shakes = len(asked.shakes.steps) if asked.shakes else 0
 
-    def _ask(self, asked: Asked) -> None:
+    def _ask(self, asked: ClosureSettings) -> None:
         """Set what does not depend on values."""
         task = self._task
         self._let_move(asked.free, asked.first)

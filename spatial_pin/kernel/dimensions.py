@@ -92,7 +92,7 @@ class EvaluatedSamples(NamedTuple):
         return (own.reshape(-1, 3) @ self.axes[joint].T).reshape(own.shape)
 
 
-class _Samples(ctypes.Structure):
+class _DimensionStruct(ctypes.Structure):
     _fields_ = [(name, ctypes.c_void_p) for name in (
         "base", "place", "varied", "free", "joint", "speed", "acceleration", "q", "angle", "v",
         "a", "point", "fact")]
@@ -161,7 +161,7 @@ class DimensionCloser:
         work = np.empty(len(base) + kernel.nq + nv + kernel.n_closure + self._n_fill * nv)
         speed, acceleration = (None, None) if rates is None else (
             np.ascontiguousarray(x, float) for x in rates)
-        asked = _Samples(
+        asked = _DimensionStruct(
             *(None if x is None else address(x) for x in (
                 base, places, varied, self._free, at, speed, acceleration, q, angles, v, a,
                 points, facts)),
@@ -205,7 +205,7 @@ class DimensionEvaluator:
         turns, translations = np.empty((m, n, 3, 3)), np.empty((m, n, 3))
         k = m if with_jacobian else 0
         jacobian, linear, angular = np.empty((k, size, nv)), *np.empty((2, k, nv, 3))
-        asked = _Samples(base=address(base), place=address(places), varied=address(varied),
+        asked = _DimensionStruct(base=address(base), place=address(places), varied=address(varied),
                          q=address(q), angle=address(angles), n_reals=len(base),
                          n_varied=len(places))
         ends = [address(x) if with_jacobian else None for x in (jacobian, linear, angular)]

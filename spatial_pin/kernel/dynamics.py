@@ -24,13 +24,13 @@ _DRIVES = ctypes.CFUNCTYPE(ctypes.c_int, REAL, POINTER)
 _LEAST = ctypes.CFUNCTYPE(ctypes.c_int, REAL, POINTER, POINTER, POINTER, POINTER, POINTER)
 
 
-class _Asked(ctypes.Structure):
+class _CallbackStruct(ctypes.Structure):
     """Asked in dynamics.h."""
 
     _fields_ = [("efforts", _EFFORTS), ("spring", _SPRING), ("drives", _DRIVES), ("least", _LEAST)]
 
 
-class Run(ctypes.Structure):
+class RunStruct(ctypes.Structure):
     """Run in running.h: what many steps want, and where their samples go."""
 
     _fields_ = [("times", POINTER), ("n_times", INT), ("row", INT), ("q", POINTER), ("v", POINTER),
@@ -47,7 +47,7 @@ AT_END, AT_FAILURE, NEW_COORDINATES, FULL, STIFF, CREEPING, MANY = range(7)  # w
 NO_SAMPLES = 9  # the same, see Pause in running.c
 
 
-class Samples(NamedTuple):
+class SimulationSamples(NamedTuple):
     """N samples of a simulation.
 
     Attributes:
@@ -65,13 +65,13 @@ class Samples(NamedTuple):
     angles: Array
 
 
-class _Rows(ctypes.Structure):
+class _SampleStruct(ctypes.Structure):
     """SampleRows in dynamics.h."""
 
-    _fields_ = [(name, POINTER) for name in Samples._fields]
+    _fields_ = [(name, POINTER) for name in SimulationSamples._fields]
 
 
-class Asked(NamedTuple):
+class Callbacks(NamedTuple):
     """Python functions that the equations of motion call.
 
     Attributes:
@@ -88,7 +88,7 @@ class Asked(NamedTuple):
     least: Callable[[float, Array, Array, Array, Array], Array | None]
 
 
-class Dynamics:
+class KernelDynamics:
     """The equations of motion in independent coordinates.
 
     Args:
@@ -103,7 +103,7 @@ class Dynamics:
     """
 
     def __init__(
-        self, mechanism: Mechanism, arrays: Packed, ints: Ints, reals: Array, asked: Asked
+        self, mechanism: Mechanism, arrays: Packed, ints: Ints, reals: Array, asked: Callbacks
     ) -> None:
         self._kernel = kernel = Kernel(mechanism, arrays)
         self._library, self.asking = library(), Asking()
@@ -119,7 +119,7 @@ class Dynamics:
             raise RuntimeError(f"the kernel refuses the forces of {mechanism.name!r}: {code}")
         self.handle = handle
 
-    def _functions(self, asked: Asked) -> _Asked:
+    def _functions(self, asked: Callbacks) -> _CallbackStruct:
         nq, nv, na, safely = self.nq, self.nv, self.n_angles, self.asking.safely
 
         def efforts(t: float, q: int, v: int, angles: int, out: int) -> int:
@@ -146,7 +146,7 @@ class Dynamics:
             view(out, self.n_free)[:] = found
             return 0
 
-        return _Asked(
+        return _CallbackStruct(
             _EFFORTS(safely(efforts)) if asked.efforts else _EFFORTS(),
             _SPRING(safely(spring)) if asked.spring else _SPRING(),
             _DRIVES(safely(drives)) if asked.drives else _DRIVES(), _LEAST(safely(lightest)))
@@ -220,18 +220,18 @@ class Dynamics:
         self._library.dynamics_free(self.handle, address(free))
         return free.tolist()
 
-    def room(self, n: int) -> Samples:
+    def room(self, n: int) -> SimulationSamples:
         """Return room for n samples."""
-        return Samples(*(np.empty((n, k)) for k in (
+        return SimulationSamples(*(np.empty((n, k)) for k in (
             self.nq, self.nv, self.nv, 4, self.n_drives, self.n_angles)))
 
-    def samples(self, times: Array, unknowns: Array) -> Samples | None:
+    def samples(self, times: Array, unknowns: Array) -> SimulationSamples | None:
         """Return samples at times (N,) and unknowns (N, n); None where loops cannot be closed."""
         times, unknowns = (np.ascontiguousarray(x, float) for x in (times, unknowns))
         found = self.room(len(times))
         code = self.asking.settle(self._library.dynamics_samples(
             self.handle, len(times), address(times), address(unknowns),
-            ctypes.byref(_Rows(*map(address, found)))))
+            ctypes.byref(_SampleStruct(*map(address, found)))))
         return None if code else found
 
     def crossed(self, first: float, last: float) -> list[float]:

@@ -22,7 +22,7 @@ RATES = ctypes.CFUNCTYPE(ctypes.c_int, POINTER, REAL, POINTER, POINTER)
 LOST, ASK_FAILED = 20, 21  # as in simulating/dynamics.h
 
 
-class _Integrator(ctypes.Structure):
+class _IntegratorStruct(ctypes.Structure):
     """The first entries of Integrator in integrating.h."""
 
     _fields_ = [
@@ -102,7 +102,7 @@ class RungeKutta:
         weakref.finalize(self, self._library.integrator_destroy, handle)
         if self._asking.settle(code) != ASK_FAILED:
             check(code)
-        self._c = _Integrator.from_address(handle.value or 0)
+        self._c = _IntegratorStruct.from_address(handle.value or 0)
         self.n, self.method = n, method
         self._y, self._y_old, self._f = (view(p, n) for p in (self._c.y, self._c.y_old, self._c.f))
 

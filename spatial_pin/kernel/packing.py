@@ -180,7 +180,7 @@ class _VectorTable:
         return self._index[key], factor
 
 
-class _Products(NamedTuple):
+class _ProductArrays(NamedTuple):
     """Arrays of all products, see `kernel.h`."""
 
     a_term: Ints
@@ -194,7 +194,7 @@ class _Products(NamedTuple):
     sign: Array
 
 
-def _products(constraints: Constraints, vectors: _VectorTable) -> _Products:
+def _products(constraints: Constraints, vectors: _VectorTable) -> _ProductArrays:
     n = len(constraints.constants)
     blocks = []
     for terms, width in zip(constraints.terms, (2, 2, 1), strict=True):
@@ -206,10 +206,10 @@ def _products(constraints: Constraints, vectors: _VectorTable) -> _Products:
     (a, fa), (b, fb), (x, fx) = blocks
     rows, columns = np.nonzero(constraints.signs)
     start = np.searchsorted(rows, np.arange(n + 1))
-    return _Products(a, b, x, fa, fb, fx, start, columns, constraints.signs[rows, columns])
+    return _ProductArrays(a, b, x, fa, fb, fx, start, columns, constraints.signs[rows, columns])
 
 
-class _Turns(NamedTuple):
+class _TurnArrays(NamedTuple):
     """Arrays of what tells the turns of screws, see `kernel.h`."""
 
     start: Ints
@@ -218,12 +218,12 @@ class _Turns(NamedTuple):
     sign: Array
 
 
-def _turns(constraints: Constraints) -> _Turns:
+def _turns(constraints: Constraints) -> _TurnArrays:
     rows = [np.where(turns.are_all, turns.row, 0.0) for turns in constraints.turns]
     places = [np.flatnonzero(row) for row in rows]
     start = np.cumsum([0, *map(len, places)])
     signs = [row[at] for row, at in zip(rows, places, strict=True)]
-    return _Turns(start, *(np.concatenate([np.empty(0, x), *some]).astype(x) for x, some in (
+    return _TurnArrays(start, *(np.concatenate([np.empty(0, x), *some]).astype(x) for x, some in (
         (np.int64, places), (float, [[turns.offset] for turns in constraints.turns]),
         (float, signs))))
 

@@ -27,7 +27,7 @@ IDLE_ERROR = 1e-14  # idle rotation that a step may leave at most, by estimate [
 IDLE_PART = 1e-3  # the same by the tolerance, where that is larger
 
 
-class Samples(NamedTuple):
+class PathSamples(NamedTuple):
     """The path at m driver values.
 
     Attributes:
@@ -44,17 +44,17 @@ class Samples(NamedTuple):
     angles: Array
 
     @classmethod
-    def empty(cls, n: int, nq: int, nv: int, n_angles: int) -> Samples:
+    def empty(cls, n: int, nq: int, nv: int, n_angles: int) -> PathSamples:
         """Return arrays for n samples."""
         return cls(np.empty((n, nq)), np.empty((n, nv)), np.empty((n, nv)), np.empty(n),
                    np.empty((n, n_angles)))
 
-    def between(self, first: int, last: int) -> Samples:
+    def between(self, first: int, last: int) -> PathSamples:
         """Return the samples from `first` to before `last`, as views."""
-        return Samples(*(part[first:last] for part in self))
+        return PathSamples(*(part[first:last] for part in self))
 
 
-class _Accuracy(ctypes.Structure):
+class _AccuracyStruct(ctypes.Structure):
     _fields_ = [(name, ctypes.c_double)
                 for name in ("enough", "tolerance", "left", "idle", "between")]
     _fields_ += [(name, ctypes.c_int64) for name in ("order", "corrections")]
@@ -74,7 +74,7 @@ def asked_path(accuracy: Accuracy, has_redundant: bool, is_determined: bool) -> 
     loose = tolerance >= BETWEEN and accuracy.order == 3 and not is_fixed and is_determined
     wanted = min(tolerance, TIGHT) if has_redundant else tolerance
     closed = NODE_RESIDUAL if loose else max(wanted, FINEST)
-    return ctypes.byref(_Accuracy(
+    return ctypes.byref(_AccuracyStruct(
         UNCORRECTED_PART * closed, CLOSED_PART * closed, max(LEFT, wanted),
         np.inf if is_fixed else max(IDLE_ERROR, IDLE_PART * tolerance),
         tolerance if loose else 0.0, accuracy.order,
@@ -82,9 +82,9 @@ def asked_path(accuracy: Accuracy, has_redundant: bool, is_determined: bool) -> 
 
 
 class PathRows(ctypes.Structure):
-    """Where the arrays of `Samples` are, for C."""
+    """Where the arrays of `PathSamples` are, for C."""
 
-    _fields_ = [(name, ctypes.c_void_p) for name in Samples._fields]
+    _fields_ = [(name, ctypes.c_void_p) for name in PathSamples._fields]
 
 
 class Path:
@@ -134,7 +134,7 @@ class Path:
         return not self._library.path_start(
             self._handle, *self.kernel.taken(q, angles), self._chooses)
 
-    def follow(self, values: Array, samples: Samples) -> int:
+    def follow(self, values: Array, samples: PathSamples) -> int:
         """Write samples at values of the parameter (m,); return how many were reached."""
         values = numbers(values, (len(samples.q),))
         rows, code = PathRows(*map(address, samples)), ctypes.c_int()
@@ -146,10 +146,10 @@ class Path:
         return not self._library.path_go(self._handle, value)
 
     @property
-    def here(self) -> tuple[float, Samples]:
+    def here(self) -> tuple[float, PathSamples]:
         """The current point, which may lie between samples: the parameter, and one sample."""
         kernel = self.kernel
-        sample = Samples.empty(1, kernel.nq, kernel.nv, kernel.n_angles)
+        sample = PathSamples.empty(1, kernel.nq, kernel.nv, kernel.n_angles)
         row = PathRows(*map(address, sample))
         s: float = self._library.path_stand(self._handle, ctypes.byref(row))
         return s, sample

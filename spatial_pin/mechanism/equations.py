@@ -8,7 +8,7 @@ and w a vector fixed in frame j, the scalar products are [Haug1989, 9.4]:
 ===========  ==========  ====================================================
 quantity     value       an equation of it
 ===========  ==========  ====================================================
-`Distance`   u . d       origin j lies in the plane through origin i normal to u
+`Displacement`   u . d       origin j lies in the plane through origin i normal to u
 `Cosine`     u . w       the angle between two directions is given
 `Square`     d . d / 2L  the origins are L apart, or as far as two other frames
 ===========  ==========  ====================================================
@@ -30,7 +30,7 @@ from spatial_pin.numerics.piecewise import Piecewise
 FIRST_TWO = (0, 1)  # frames of a closure that most quantities are of
 
 
-class Distance(NamedTuple):
+class Displacement(NamedTuple):
     """Component [m] of the vector between two origins along u (3,), in the axes of the first."""
 
     u: Array
@@ -84,7 +84,7 @@ class FunctionOf(NamedTuple):
     argument: Angle | JointCoordinate
 
 
-ScalarProduct = Distance | Cosine | Square
+ScalarProduct = Displacement | Cosine | Square
 Quantity = ScalarProduct | Angle | JointCoordinate | FunctionOf
 Term = tuple[float, tuple[Quantity, ...]]
 
@@ -110,7 +110,7 @@ class ConstraintEquation:
 
 def point(u: Array) -> ConstraintEquation:
     """Return the equation u . d = 0."""
-    return ConstraintEquation(((1.0, (Distance(u),)),), is_length=True)
+    return ConstraintEquation(((1.0, (Displacement(u),)),), is_length=True)
 
 
 def dot(u: Array, w: Array, cosine: float = 0.0) -> ConstraintEquation:
@@ -133,7 +133,7 @@ def distance(length: float) -> ConstraintEquation:
 
 def screw(axes1: Array, axes2: Array, pitch: float) -> ConstraintEquation:
     """Return the equation slide = pitch [m/rad] * angle about z; `axes` (3, 3) hold x, y, z."""
-    terms = (1.0, (Distance(axes1[:, 2]),)), (-pitch, (Angle(axes1, axes2),))
+    terms = (1.0, (Displacement(axes1[:, 2]),)), (-pitch, (Angle(axes1, axes2),))
     return ConstraintEquation(terms, is_length=True)
 
 

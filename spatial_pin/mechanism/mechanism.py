@@ -24,7 +24,14 @@ from spatial_pin.mechanism.extent import Extent, centred, extent_of
 from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.mechanism.named_frames import Frame, frames_by_name
 from spatial_pin.mechanism.pairs import PAIRS
-from spatial_pin.mechanism.parts import Closure, Coordinate, Driver, Equations, Passive, Spring
+from spatial_pin.mechanism.parts import (
+    Closure,
+    Coordinate,
+    Driver,
+    Passive,
+    SelectedEquations,
+    Spring,
+)
 from spatial_pin.numerics.linalg import Array
 
 
@@ -103,7 +110,7 @@ class Mechanism:
     model_of_file: str | None = None
     without: tuple[str, ...] = ()
     whole: Mechanism | None = None
-    kept: Equations | None = None
+    kept: SelectedEquations | None = None
     dimensions: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
@@ -194,7 +201,7 @@ class Mechanism:
                 "without": self.without, "gap": self.gap}
 
     @made_once
-    def with_equations(self, kept: Equations) -> Mechanism:
+    def with_equations(self, kept: SelectedEquations) -> Mechanism:
         """Return the same mechanism with some of its equations only; this one is its `whole`."""
         closures = []
         for c, own, turned in zip(self.closures, kept.own, kept.turned, strict=True):

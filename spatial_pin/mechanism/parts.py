@@ -135,7 +135,7 @@ class Closure:
                        geometry=replace(g, axes1=g.axes2, axes2=g.axes1))
 
 
-class Equations(NamedTuple):
+class SelectedEquations(NamedTuple):
     """Some equations of a mechanism, by closure: places in `Closure.rows`, a coupling's is 0.
 
     Attributes:

@@ -12,7 +12,7 @@ from spatial_pin._support.checks import checked, generator, mapping, positive_nu
 from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.assemble import assembled, standing_drivers, tell
 from spatial_pin.assembly.holding import free_bases
-from spatial_pin.assembly.rounding import as_meant
+from spatial_pin.assembly.redundant_equations import as_meant
 from spatial_pin.assembly.search.guesses import read_guess
 from spatial_pin.assembly.search.loop_groups import LoopGroup, loop_groups, part_of
 from spatial_pin.assembly.search.within_limits import violated_limit

@@ -10,7 +10,7 @@ from spatial_pin._support.brief import counted
 from spatial_pin._support.checks import checked
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.holding import free_bases, still_entries
-from spatial_pin.assembly.rounding import as_meant, gap_words, rounding_of
+from spatial_pin.assembly.redundant_equations import as_meant, gap_words, rounding_of
 from spatial_pin.assembly.state import State, all_angles, of_mechanism
 from spatial_pin.assembly.undetermined import check_loops
 from spatial_pin.constraints.compiled_equations import constraints_of

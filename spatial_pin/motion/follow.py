@@ -13,16 +13,16 @@ from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.held_start import held_start
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State
-from spatial_pin.continuation.follow import followed_as_far
+from spatial_pin.continuation.path_following import followed_as_far
 from spatial_pin.continuation.pseudo_arclength import Arrival
 from spatial_pin.continuation.start import Start
 from spatial_pin.errors import Interrupted, LimitError, SingularError, SpatialPinError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.loop_equations import loops_of
-from spatial_pin.kernel.paths import Samples
+from spatial_pin.kernel.paths import PathSamples
 from spatial_pin.mechanism.coordinates import needed
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.motion.joint_limits import joint_limit_events
+from spatial_pin.motion.joint_limit_events import joint_limit_events
 from spatial_pin.motion.motion import Event, Motion
 from spatial_pin.motion.rated_limits import velocity_limit_events
 from spatial_pin.motion.sweep import ENDS, check_choice, crossed_event, stop_event, sweep
@@ -135,7 +135,7 @@ class Followed(NamedTuple):
         released: sentences on what is held, but not where the guess has it.
     """
 
-    samples: Samples
+    samples: PathSamples
     done: int
     stop: Arrival | None
     crossed: Sequence[tuple[float, int]] = ()
@@ -285,7 +285,7 @@ def _column(given: Any, n: int, what: str) -> Array:
     return finite_array(np.full(n, numbers) if numbers.ndim == 0 else numbers, (n,), what)
 
 
-def _motion(mechanism: Mechanism, samples: Samples, n: int, times: Array | None) -> Motion:
+def _motion(mechanism: Mechanism, samples: PathSamples, n: int, times: Array | None) -> Motion:
     v, a = samples.t[:n], samples.c[:n]
     check_finite(v, a, "the speeds and accelerations of the motion")
     return Motion(

@@ -14,11 +14,11 @@ from spatial_pin.assembly.state import State
 from spatial_pin.continuation.asymptotes import running_away
 from spatial_pin.continuation.curve_start import body_places, direction_of, not_spinning, system_at
 from spatial_pin.continuation.pseudo_arclength import towards
-from spatial_pin.continuation.solution_curve import Curve
+from spatial_pin.continuation.solution_curve import SolutionCurve
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.motion.joint_limits import joint_limits_passed, passed_at_start
+from spatial_pin.motion.joint_limit_events import joint_limits_passed, passed_at_start
 from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
@@ -146,7 +146,7 @@ def _bound(
     bodies = not_spinning(system)
     place, angles, q = body_places(evaluation, bodies), evaluation.angles.copy(), state.q
     for k in range(1, MOST_TURNS + 1):
-        curve, goal = Curve(system, tolerance), start + sense * k * span
+        curve, goal = SolutionCurve(system, tolerance), start + sense * k * span
         arrival = towards(curve, q, goal, direction)
         if arrival.kind == "lost":
             if end := running_away(curve, arrival.q, goal):

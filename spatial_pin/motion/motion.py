@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from spatial_pin._support.brief import brief, words
 from spatial_pin._support.checks import checked, is_finite
 from spatial_pin._support.columns import Quantity, Tabular, read_only, write_npz
-from spatial_pin._support.outputs import named_path
+from spatial_pin._support.output_files import named_path
 from spatial_pin.assembly.holding import BASE, as_written, written
 from spatial_pin.assembly.state import State
 from spatial_pin.errors import SpatialPinError

@@ -31,7 +31,7 @@ VECTORS = (*FRAME_UNITS, "force", "moment")  # NAME.position.z, ... is a compone
 KINDS = sorted({*COORDINATE_OUTPUTS, *FORCES, *FRAME_UNITS}, key=len, reverse=True)
 
 
-class Bodies(NamedTuple):
+class MovingBodies(NamedTuple):
     """Joint placements (N, n, 4, 3), local twists and spatial accelerations (N, n, 6)."""
 
     placements: Array
@@ -151,7 +151,9 @@ def label_of(spec: str) -> str:
     return spec
 
 
-def quantities(motion: Motion, outputs: str | Iterable[str] | None = None) -> dict[str, Quantity]:
+def quantities(
+    motion: Motion, outputs: str | Iterable[str] | None = None
+) -> dict[str, Quantity]:
     """Return time, driver, and outputs or all coordinates; see `Motion.quantities`."""
     if outputs is not None:
         found = (motion.output(name) for name in names_of(outputs, "outputs"))
@@ -236,11 +238,11 @@ def _ratio(motion: Motion, name: str, rate: Array, inverse: bool) -> Output:
     return Output(rate / motion.driver_speed, f"{name} / {motion.driver_name} speed ratio", unit)
 
 
-def bodies(motion: Motion) -> Bodies:
+def bodies(motion: Motion) -> MovingBodies:
     """Return where all bodies are and how they move."""
     tree = tree_of(motion.mechanism.model)
     views = tree.placements, tree.twists, tree.accelerations
-    found = Bodies(*(np.empty((len(motion), *view.shape)) for view in views))
+    found = MovingBodies(*(np.empty((len(motion), *view.shape)) for view in views))
     for k in range(len(motion)):
         tree.move(motion.q[k], motion.v[k], motion.a[k])
         for rows, view in zip(found, views, strict=True):
@@ -250,7 +252,7 @@ def bodies(motion: Motion) -> Bodies:
 
 def _at(motion: Motion, joint: int, offset: pin.SE3) -> FrameMotion:
     """Motion of the frame at `offset` from a joint frame."""
-    b: Bodies = motion._bodies
+    b: MovingBodies = motion._bodies
     r = b.placements[:, joint, :3].transpose(0, 2, 1)
     v, w = b.twists[:, joint, :3], b.twists[:, joint, 3:]
     a, e = b.accelerations[:, joint, :3], b.accelerations[:, joint, 3:]

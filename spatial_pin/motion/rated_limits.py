@@ -15,7 +15,7 @@ from spatial_pin._support.brief import brief
 from spatial_pin._support.lazy import made_anew
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
-from spatial_pin.motion.joint_limits import SLACK
+from spatial_pin.motion.joint_limit_events import SLACK
 from spatial_pin.motion.motion import Event, Motion
 from spatial_pin.motion.summary import EFFORTS, where
 from spatial_pin.numerics.linalg import Array

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spatial_pin.assembly.rounding import allowed_from, clearly_above, gap_allowed
+from spatial_pin.assembly.redundant_equations import allowed_from, clearly_above, gap_allowed
 from spatial_pin.errors import LimitError, SingularError
 from spatial_pin.motion.motion import AnyMotion, Event, first_samples
 from spatial_pin.settings import Accuracy

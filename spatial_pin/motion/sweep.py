@@ -27,17 +27,17 @@ from spatial_pin.assembly.state import State
 from spatial_pin.continuation.asymptotes import BEYOND_LINKS
 from spatial_pin.continuation.at_once import swept_at_once
 from spatial_pin.continuation.cursor import FARTHEST
-from spatial_pin.continuation.follow import followed_as_far, followed_in_order
+from spatial_pin.continuation.path_following import followed_as_far, followed_in_order
 from spatial_pin.continuation.pseudo_arclength import Arrival
 from spatial_pin.continuation.start import Start, moving_drivers
 from spatial_pin.errors import Interrupted, LimitError, SingularError, SpatialPinError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.loop_equations import loops_of
-from spatial_pin.kernel.paths import Samples
+from spatial_pin.kernel.paths import PathSamples
 from spatial_pin.mechanism.coordinates import coordinate_value, driver_coordinates, needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
-from spatial_pin.motion.joint_limits import joint_limit_events
+from spatial_pin.motion.joint_limit_events import joint_limit_events
 from spatial_pin.motion.motion import Event, Motion, made
 from spatial_pin.motion.rated_limits import velocity_limit_events
 from spatial_pin.motion.rounding import within_gap
@@ -209,7 +209,7 @@ class _Way(NamedTuple):
     """
 
     mechanism: Mechanism
-    samples: Samples
+    samples: PathSamples
     held: tuple[str, ...]
     n: int
     stop: Arrival | None = None
@@ -220,7 +220,7 @@ class _Way(NamedTuple):
 def _followed(
     mechanism: Mechanism, driver: str, coordinate: Coordinate, values: Array, guess: Any,
     given: Mapping[str, float], held: tuple[str, ...], accuracy: Accuracy, is_straight: bool,
-    progress: bool, begun: tuple[int, Samples] | None,
+    progress: bool, begun: tuple[int, PathSamples] | None,
 ) -> _Way:
     """Return the samples, also beyond what the kernel has `begun`, as far as the branch goes."""
     check_not_held(mechanism, [coordinate], held)

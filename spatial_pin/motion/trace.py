@@ -14,9 +14,9 @@ from spatial_pin.continuation.branch_points import straight_on
 from spatial_pin.continuation.curve_start import body_places, direction_of, not_spinning, system_at
 from spatial_pin.continuation.pseudo_arclength import ArcLengthPath
 from spatial_pin.continuation.singular_points import distance_ahead, located
-from spatial_pin.continuation.solution_curve import Curve, CurvePoint
+from spatial_pin.continuation.solution_curve import CurvePoint, SolutionCurve
 from spatial_pin.errors import SingularError
-from spatial_pin.kernel.paths import Samples
+from spatial_pin.kernel.paths import PathSamples
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Event, Motion
 from spatial_pin.numerics.linalg import Array, decompose
@@ -70,7 +70,7 @@ def trace(
     step = positive_number(step, "step")
     positive_number(most_rows, "most_rows")
     system, state, moved = system_at(mechanism, driver, guess, hold)
-    curve = Curve(system, Accuracy.named("engineering").tolerance)
+    curve = SolutionCurve(system, Accuracy.named("engineering").tolerance)
     first = curve.settle(state.q, direction_of(system) / system.scale)
     if first is None:
         raise SingularError(f"mechanism {mechanism.name!r}: branches cross at the start, {state}",
@@ -121,7 +121,7 @@ def _pass_straight_on(path: ArcLengthPath, samples: _TracedSamples) -> bool:
     return True
 
 
-def _curvature(curve: Curve, point: CurvePoint) -> Array:
+def _curvature(curve: SolutionCurve, point: CurvePoint) -> Array:
     """Return d²q/d(arc)² (nv,) at a point; the evaluation is left there."""
     rows, scale, evaluation = curve.equations(point.x), curve.unknowns.scale, curve.evaluation
     n, chosen = evaluation.constraints.n_closure, curve.selected
@@ -136,7 +136,7 @@ class _TracedSamples:
     """Samples of a traced curve."""
 
     def __init__(
-        self, curve: Curve, driver: str, mechanism: Mechanism, moved: Depending | None
+        self, curve: SolutionCurve, driver: str, mechanism: Mechanism, moved: Depending | None
     ) -> None:
         self.curve, self.driver, self.mechanism, self._moved = curve, driver, mechanism, moved
         self.points: list[CurvePoint] = []
@@ -208,7 +208,7 @@ class _TracedSamples:
         q = np.array([p.x for p in self.points])
         v = np.array([scale * p.t for p in self.points])
         driver, moved = self.curve.system.driven[0], self._moved
-        found = Samples(q, v, np.array(self.accelerations), np.array(self.errors),
+        found = PathSamples(q, v, np.array(self.accelerations), np.array(self.errors),
                         np.array([p.angles for p in self.points]))
         mechanism = self.mechanism
         if moved is not None:

@@ -67,8 +67,8 @@ class SparseSpaces:
         return np.setdiff1d(np.arange(self.jacobian.shape[1]), free)
 
     @cached_property
-    def _balanced(self) -> _Projection:
-        return _Projection(self.jacobian[:, self._dependent])
+    def _balanced(self) -> _ProjectionMatrix:
+        return _ProjectionMatrix(self.jacobian[:, self._dependent])
 
     def minimum_norm_transposed(self, b: Array) -> Array:
         """Return the shortest x (n_rows,) with x J = b, for a b (nv,) that no freedom feels."""
@@ -84,7 +84,7 @@ class SparseSpaces:
         return np.array([self._balanced.nearest(x) for x in members]).reshape(members.shape)
 
 
-class _Projection:
+class _ProjectionMatrix:
     """The regular matrix [1 A; A^T 0] of a sparse matrix A (m, r) of full column rank, factored."""
 
     def __init__(self, a: Any) -> None:

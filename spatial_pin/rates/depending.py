@@ -22,8 +22,8 @@ from spatial_pin.assembly.state import State, made
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import Kernel, kernel_of
 from spatial_pin.kernel.loop_equations import loops_of
-from spatial_pin.kernel.paths import Samples
-from spatial_pin.kernel.rates import Chosen, Rates
+from spatial_pin.kernel.paths import PathSamples
+from spatial_pin.kernel.rate_solver import Chosen, RateSolver
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import Array, common_rows, independent_rows, null_space
@@ -93,7 +93,7 @@ def places(driven: Iterable[Coordinate]) -> tuple[int, ...]:
     return tuple(c.v for c in driven if c.q >= 0 or isinstance(c, VelocityEntry))
 
 
-class Placed(NamedTuple):
+class FrameDependence(NamedTuple):
     """What determines the velocity of a frame.
 
     Attributes:
@@ -108,7 +108,7 @@ class Placed(NamedTuple):
     columns: list[int]
     chosen: Chosen | None
 
-    def rates(self, kernel: Kernel) -> Rates:
+    def rates(self, kernel: Kernel) -> RateSolver:
         """Return what solves for rates there, in a kernel of the state's mechanism."""
         rates = self.given.rates(kernel)
         rates.place(self.state.q, self.state.angles, self.chosen)
@@ -123,15 +123,15 @@ class Placed(NamedTuple):
         return whole
 
 
-def all_determined(state: State, given: Prescription) -> Placed | None:
+def all_determined(state: State, given: Prescription) -> FrameDependence | None:
     """Return what determines the velocity of all frames; None where that is not clear."""
     with kernel_of(state.mechanism) as kernel:
         if given.rates(kernel).place(state.q, state.angles):
-            return Placed(state, given, list(range(given.n_moving)), None)
+            return FrameDependence(state, given, list(range(given.n_moving)), None)
     return None
 
 
-def frame_determined(state: State, given: Prescription, frame: int) -> Placed:
+def frame_determined(state: State, given: Prescription, frame: int) -> FrameDependence:
     """Return what determines the velocity of a frame of a closed state.
 
     Raises:
@@ -145,7 +145,7 @@ def frame_determined(state: State, given: Prescription, frame: int) -> Placed:
 
 def entries_determined(
     state: State, given: Prescription, entries: tuple[int, ...], frame: int | None = None
-) -> Placed:
+) -> FrameDependence:
     """Return what determines velocities of a closed state.
 
     Args:
@@ -160,13 +160,14 @@ def entries_determined(
     asked = {*entries, *places(given.driven)} - {*given.still}
     part = part_for(state.mechanism, tuple(sorted(asked)), tuple(sorted(given.still)))
     if part is None:
-        return Placed(state, given, list(range(given.n_moving)), chosen_at(state, given, frame))
+        return FrameDependence(
+            state, given, list(range(given.n_moving)), chosen_at(state, given, frame))
     driven = [k for k, c in enumerate(given.driven) if part.entries[c.v]]
     columns = [k for k in driven if k < given.n_moving]
     still = {*given.still, *np.flatnonzero(~part.entries).tolist()}
     own = Prescription([given.driven[k] for k in driven], len(columns), tuple(sorted(still)))
     there = part.state(state)
-    return Placed(there, own, columns, chosen_at(there, own, frame))
+    return FrameDependence(there, own, columns, chosen_at(there, own, frame))
 
 
 class Depending(NamedTuple):
@@ -186,7 +187,7 @@ class Depending(NamedTuple):
     whole: State
     angles: list[int]
 
-    def of_whole(self, samples: Samples) -> Samples:
+    def of_whole(self, samples: PathSamples) -> PathSamples:
         """Return samples of the part as samples of the whole mechanism."""
         angles = np.repeat(self.whole.angles[None], len(samples.q), axis=0)
         angles[:, self.angles] = samples.angles

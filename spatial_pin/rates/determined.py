@@ -18,7 +18,7 @@ from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.kernel.paths import prescribed_places
-from spatial_pin.kernel.rates import Chosen, Rates, rates_of
+from spatial_pin.kernel.rate_solver import Chosen, RateSolver, rates_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.rates.prescribed import driven_coordinates, rate_coordinates, siblings
@@ -44,13 +44,13 @@ class Prescription(NamedTuple):
         moving, still = divided(mechanism, driven, hold)
         return cls(moving, len(moving) - len(held_by(mechanism, hold, driven).coordinates), still)
 
-    def rates(self, kernel: Kernel) -> Rates:
+    def rates(self, kernel: Kernel) -> RateSolver:
         """Return what solves for the rates in a kernel."""
         return rates_of(
             kernel, tuple(prescribed_places(kernel, self.driven, self.still)), self.n_moving)
 
 
-def placed(kernel: Kernel, state: State, given: Prescription) -> Rates:
+def placed(kernel: Kernel, state: State, given: Prescription) -> RateSolver:
     """Return what solves for the rates of a closed state, where something is prescribed.
 
     Args:
@@ -99,7 +99,7 @@ def prescription_by(mechanism: Mechanism, driver: str, hold: FixedHold) -> Presc
     return Prescription.of(mechanism, driven_coordinates(mechanism, [driver]), hold)
 
 
-class Plan(NamedTuple):
+class RatePlan(NamedTuple):
     """What is prescribed when rates are given under some names.
 
     Attributes:
@@ -114,7 +114,7 @@ class Plan(NamedTuple):
 
 def plan_of(
     mechanism: Mechanism, speeds: Mapping[str, Any], accelerations: Mapping[str, Any], hold: Hold
-) -> Plan | None:
+) -> RatePlan | None:
     """Return what is prescribed where rates are given; None where it has to be tried.
 
     The drivers if all names are of them, or the named ones where nothing stands still beside them.
@@ -134,7 +134,7 @@ def plan_of(
 @made_once
 def _plan(
     mechanism: Mechanism, names: tuple[tuple[str, ...], ...], hold: FixedHold
-) -> Plan | None:
+) -> RatePlan | None:
     drivers = driven_coordinates(mechanism, mechanism.drivers)
     chosen = [[c for name in some for c in rate_coordinates(mechanism, name)] for some in names]
     if any(len(set(own)) != len(some) for some, own in zip(names, chosen, strict=True)):
@@ -147,7 +147,7 @@ def _plan(
     given = Prescription.of(mechanism, drivers, hold)
     if given.driven[: given.n_moving] != drivers:
         return None  # some of them are held
-    return Plan(given, *([given.driven.index(c) for c in own] for own in chosen))
+    return RatePlan(given, *([given.driven.index(c) for c in own] for own in chosen))
 
 
 def refuse_components(mechanism: Mechanism, driven: Iterable[Coordinate]) -> None:

@@ -17,7 +17,7 @@ from spatial_pin.constraints.compiled_equations import Constraints
 from spatial_pin.constraints.pinocchio_views import frame_jacobian
 from spatial_pin.kernel.kernel import Kernel, kernel_of
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
-from spatial_pin.kernel.rates import Rates
+from spatial_pin.kernel.rate_solver import RateSolver
 from spatial_pin.mechanism.coordinates import finite_array, needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import PAIRS
@@ -110,7 +110,7 @@ def jacobian(
         return found.among_all(_columns(kernel, found.rates(kernel), frame), given.n_moving)
 
 
-def _columns(kernel: Kernel, rates: Rates, frame: int) -> Array:
+def _columns(kernel: Kernel, rates: RateSolver, frame: int) -> Array:
     """Return the Jacobian (6, n) of a frame where rates are placed."""
     own = kernel.mechanism.model.frames[frame]
     joint = int(kernel.packed.carriers[own.parentJoint])

@@ -23,7 +23,7 @@ from spatial_pin.assembly.state import State, made, of_mechanism
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_at, loops_of
-from spatial_pin.kernel.rates import Chosen, Solved
+from spatial_pin.kernel.rate_solver import Chosen, Solved
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import EPS, Array, decompose, independent_rows, rank

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State
 from spatial_pin.continuation.curve_start import body_places, not_spinning, system_at
-from spatial_pin.continuation.solution_curve import Curve
+from spatial_pin.continuation.solution_curve import SolutionCurve
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -169,7 +169,7 @@ class Circuit:
         if np.abs(self._at(system.evaluation, near.q) - self._places[row]).max(
                 initial=0.0) > TOLERANCES.half_precision:
             return None  # a dead centre: its neighbours are as good
-        curve = Curve(system, Accuracy.named("engineering").tolerance)
+        curve = SolutionCurve(system, Accuracy.named("engineering").tolerance)
         point = curve.settle(near.q, self.motion.v[row] / system.scale)
         h = TOLERANCES.trial_step * SAMPLE_STEP
         ends = [] if point is None else [

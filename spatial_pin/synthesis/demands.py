@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.dynamics.inverse import inverse_dynamics
-from spatial_pin.dynamics.solvers.equations import equations_of
+from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.mechanism.inertia import moving_mass
 from spatial_pin.mechanism.joint_limits import JointLimit, joint_limits

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from spatial_pin._support.checks import checked, picture_size, positive_number
-from spatial_pin._support.outputs import named_path, replacing, write_bytes
+from spatial_pin._support.output_files import named_path, replacing, write_bytes
 from spatial_pin._support.progress import progress_bar
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.view.browser import Browser

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin._support.checks import finite_number, positive_number
-from spatial_pin._support.outputs import literal, save_figure
+from spatial_pin._support.output_files import literal, save_figure
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.motion.sweep import check_choice
 from spatial_pin.numerics.linalg import Array

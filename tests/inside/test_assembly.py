@@ -8,7 +8,7 @@ import published_models as models
 from rods_of_hinges import rssr
 
 import spatial_pin as sp
-from spatial_pin.assembly import rounding
+from spatial_pin.assembly import redundant_equations as rounding
 from spatial_pin.assembly.passive_freedoms import chain_links
 
 

@@ -12,7 +12,7 @@ import pytest
 
 import spatial_pin as sp
 from spatial_pin._support.lazy import RESULTS, cached_property, made_anew, made_once
-from spatial_pin._support.outputs import replacing
+from spatial_pin._support.output_files import replacing
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.dimensions.sensitivity import with_spread
 
@@ -24,7 +24,7 @@ def test_a_kill_on_the_way_loses_nothing(tmp_path):
     path = tmp_path / "a.txt"
     path.write_text(OLD)
     code = ("import os, signal, sys; from pathlib import Path\n"
-            "from spatial_pin._support.outputs import replacing\n"
+            "from spatial_pin._support.output_files import replacing\n"
             "with replacing(Path(sys.argv[1])) as target:\n"
             "    target.write_text('half'); os.kill(os.getpid(), signal.SIGKILL)\n")
     done = subprocess.run([sys.executable, "-c", code, str(path)], timeout=60)

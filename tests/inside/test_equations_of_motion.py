@@ -18,12 +18,12 @@ from variety import each, few, first
 import spatial_pin as sp
 from spatial_pin.constraints import trees
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.dynamics.derivatives.forces import slope
+from spatial_pin.dynamics.derivatives.spring_derivatives import slope
 from spatial_pin.dynamics.forces import joint_efforts
 from spatial_pin.dynamics.inverse import Actuation, balance, pressing
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.solvers.accelerations import DOUBTFUL
-from spatial_pin.dynamics.solvers.equations import Equations
+from spatial_pin.dynamics.solvers.equations_of_motion import Equations
 from spatial_pin.dynamics.solvers.independent_coordinates import Bounded
 from spatial_pin.dynamics.solvers.least_constraint import LeastConstraint
 from spatial_pin.mechanism.inertia import MassMatrix

@@ -19,7 +19,7 @@ from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.simulate import _independent
 from spatial_pin.kernel.integrating import RungeKutta
 from spatial_pin.kernel.kernel import kernel_of
-from spatial_pin.kernel.rates import rates_of
+from spatial_pin.kernel.rate_solver import rates_of
 from spatial_pin.mechanism.coordinates import with_values
 
 WORK = """

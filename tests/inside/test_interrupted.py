@@ -9,12 +9,12 @@ import pytest
 import spatial_pin as sp
 from spatial_pin.accuracy import tradeoff
 from spatial_pin.cli.running import main
-from spatial_pin.continuation import follow as following
+from spatial_pin.continuation import path_following as following
 from spatial_pin.dimensions import tolerance
 from spatial_pin.dimensions.predictions import Predictions
 from spatial_pin.dimensions.sensitivity import _Around
 from spatial_pin.dimensions.varied_samples import VariedSamples
-from spatial_pin.dynamics.kinetostatics import _Rows
+from spatial_pin.dynamics.kinetostatics import _StoredSamples
 from spatial_pin.dynamics.simulation.running.run import Run
 from spatial_pin.inverse_kinematics import reach_path
 from spatial_pin.mobility.mode_search import ModeSearch
@@ -213,7 +213,7 @@ def test_forces_and_derivatives_along_a_motion_are_kept_until_ctrl_c(monkeypatch
     motion = sp.sweep(mechanism, "crank", VALUES, speed=2.0)
     forces, derived = sp.kinetostatics(mechanism, motion), sp.sensitivity(
         mechanism, motion, "rocker_pin", ["r3"])
-    monkeypatch.setattr(_Rows, "fill", interrupting(_Rows.fill, 21))
+    monkeypatch.setattr(_StoredSamples, "fill", interrupting(_StoredSamples.fill, 21))
     with pytest.raises(sp.Interrupted) as stopped:
         sp.kinetostatics(mechanism, motion)
     assert "not whole" in repr(stopped.value)
@@ -231,7 +231,7 @@ def test_forces_and_derivatives_along_a_motion_are_kept_until_ctrl_c(monkeypatch
 
 
 @pytest.mark.parametrize(("words", "owner", "name"), [
-    (["statics", "four_bar"], _Rows, "fill"),
+    (["statics", "four_bar"], _StoredSamples, "fill"),
     (["sensitivity", "four_bar", "rocker_pin"], _Around, "differentiated"),
     (["transmission", "four_bar", "rocker_pin"], sp, "transmission"),
 ], ids=["statics", "sensitivity", "transmission"])

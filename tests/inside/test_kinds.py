@@ -27,7 +27,7 @@ from spatial_pin.mechanism.equations import (
     Angle,
     ConstraintEquation,
     Cosine,
-    Distance,
+    Displacement,
     FunctionOf,
     JointCoordinate,
 )
@@ -88,7 +88,7 @@ def on_spline(c: sp.Closure) -> tuple[ConstraintEquation, ...]:
     ends = np.arange(len(x), dtype=float)
     pieces = [PPoly.from_spline(make_interp_spline(ends, row, k=5)) for row in (x, y, z)]
     curves = [Piecewise(p.x[5:-5], p.c[::-1, 5:-5].T.copy()) for p in pieces]
-    return tuple(ConstraintEquation(((1.0, (Distance(e),)),
+    return tuple(ConstraintEquation(((1.0, (Displacement(e),)),
                                      (-1.0, (FunctionOf(f, JointCoordinate(0)),))), is_length=True)
                  for e, f in zip(np.eye(3), curves, strict=True))
 
@@ -98,7 +98,7 @@ def cam(c: sp.Closure) -> tuple[ConstraintEquation, ...]:
     x, y, z = c.geometry.axes1.T
     of = c.geometry.axes2[:, 0]
     lobes = (-c.numbers["rise"], (Cosine(y, of), Cosine(x, of)))
-    return (ConstraintEquation(((1.0, (Distance(z),)), lobes), is_length=True),)
+    return (ConstraintEquation(((1.0, (Displacement(z),)), lobes), is_length=True),)
 
 
 CAM = Pair(5, cam, keys=(Key("rise"),))

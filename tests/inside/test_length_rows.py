@@ -27,7 +27,7 @@ import spatial_pin as sp
 from spatial_pin.accuracy.extended import Extended
 from spatial_pin.constraints import trees
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.dynamics.solvers.equations import Equations
+from spatial_pin.dynamics.solvers.equations_of_motion import Equations
 from spatial_pin.view.scene.film import film
 from spatial_pin.view.scene.meshcat_commands import scene
 

@@ -141,7 +141,7 @@ def test_a_step_without_samples_is_taken_again_shorter(monkeypatch, integrator):
     mechanism, state = thrown("delta", 0)
     whole = sp.simulate(mechanism, state, 1.0, times=TIMES, accuracy=sp.Accuracy(
         integrator=integrator))
-    from spatial_pin.dynamics.simulation.independent_coordinates import Lost
+    from spatial_pin.dynamics.simulation.coordinate_partitioning import Lost
     from spatial_pin.dynamics.simulation.running import run
 
     original, refused = run.Run._take, []

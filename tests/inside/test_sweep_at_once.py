@@ -8,7 +8,7 @@ from variety import each
 
 import spatial_pin as sp
 from spatial_pin.continuation import at_once
-from spatial_pin.continuation import follow as following
+from spatial_pin.continuation import path_following as following
 from spatial_pin.motion import sweep as sweeping
 
 FIELDS = ("q", "v", "a", "closure_error", "angles", "driver", "driver_speed", "time")

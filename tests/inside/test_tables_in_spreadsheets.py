@@ -88,7 +88,7 @@ def test_a_table_that_was_written_is_read_again(tmp_path, run):
 
 
 def test_numbers_and_single_signs_stay_as_they_are():
-    from spatial_pin._support.outputs import write_csv
+    from spatial_pin._support.output_files import write_csv
 
     text = io.StringIO()
     write_csv(text, {"-": np.array(["-", "-1.5", "+2"], dtype=object), "x": np.array([-1.0, 2, 3])},

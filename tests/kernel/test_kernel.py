@@ -35,7 +35,7 @@ from spatial_pin.kernel.beginning import _Task
 from spatial_pin.kernel.closer import MeantPlaces, Reaching
 from spatial_pin.kernel.kernel import Kernel, address
 from spatial_pin.kernel.library import CODES, library
-from spatial_pin.kernel.paths import PathRows, Samples, _Accuracy
+from spatial_pin.kernel.paths import PathRows, PathSamples, _AccuracyStruct
 
 SCRIPTS = ROOT / "scripts"
 LIBRARY = sorted(p.stem for p in (Path(sp.__file__).parents[1] / "urdf").glob("*.toml"))
@@ -317,7 +317,7 @@ def reach_wildly(closer, nv: int, q, turns, pinned, rng, path=None, values=()) -
     if path is None:
         return library().closer_reach(closer, ctypes.byref(task)), 0
     driven = wild_places(2 * nv, rng, int(rng.integers(0, 3)))
-    values, samples = np.array(values), Samples.empty(len(values), nq, nv, len(turns))
+    values, samples = np.array(values), PathSamples.empty(len(values), nq, nv, len(turns))
     follow = _Task(int(rng.integers(-1, nv + 1)), address(driven), len(driven), 1e-4,
                    address(values), len(values), PathRows(*map(address, samples)))
     task.m = 1
@@ -327,15 +327,15 @@ def reach_wildly(closer, nv: int, q, turns, pinned, rng, path=None, values=()) -
 def use_path(handle: ctypes.c_void_p, ints: np.ndarray, q, turns, rng) -> set[int]:
     """Follow a path a little, whatever the square system is."""
     c, path, code = library(), ctypes.c_void_p(), ctypes.c_int()
-    asked = _Accuracy(1e-13, 1e-13, 1e-12, 0.1, rng.choice([0.0, 1e-6]), int(rng.integers(0, 4)),
-                      int(rng.integers(-1, 3)))
+    asked = _AccuracyStruct(1e-13, 1e-13, 1e-12, 0.1, rng.choice([0.0, 1e-6]),
+                            int(rng.integers(0, 4)), int(rng.integers(-1, 3)))
     assert c.path_create(handle, ctypes.byref(asked), ctypes.byref(path)) == 0
     nv, ends = int(ints[2]), set()
     if rng.random() < 0.3:
         ends.add(prescribe(path, nv, rng))
     end = c.path_start(path, address(q), address(turns), int(rng.integers(2)))
     if not end:
-        samples = Samples.empty(4, len(q), nv, len(turns))
+        samples = PathSamples.empty(4, len(q), nv, len(turns))
         rows = PathRows(*map(address, samples))
         s = c.path_stand(path, ctypes.byref(rows))
         values = np.append(s + rng.normal(size=3), rng.choice([np.nan, np.inf, s]))

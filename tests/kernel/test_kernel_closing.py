@@ -15,7 +15,7 @@ from variety import each
 import spatial_pin as sp
 from spatial_pin.assembly.close import close, pinned_rows
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.kernel.closer import NAMED, TURNS, Asked, Closer, Meant, Shakes
+from spatial_pin.kernel.closer import NAMED, TURNS, Closer, ClosureSettings, Meant, Shakes
 from spatial_pin.numerics.linalg import decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -125,8 +125,8 @@ def test_configurations_closed_in_one_go_are_those_closed_one_by_one(name: str) 
     free, turns = np.ones(mechanism.model.nv, dtype=bool), np.empty(0)
     free[mechanism.coordinate(next(iter(mechanism.drivers))).v] = False
     rest = free, turns, 1e-13, 60, (), 1e-9
-    asked = Asked(free, None, 1e-13, 60, 1e-9, np.zeros(mechanism.model.nq, np.int64), q[0], q[0],
-                  None)
+    asked = ClosureSettings(free, None, 1e-13, 60, 1e-9, np.zeros(mechanism.model.nq, np.int64),
+                            q[0], q[0], None)
     together, alone = Closer(mechanism).reach(q, asked, q[0]), Closer(mechanism)
     for start, found in zip(q, together, strict=True):
         known = alone.close(start, *rest)
@@ -152,7 +152,7 @@ def test_further_starts_tried_in_one_go_are_those_tried_one_by_one(
     said[[c.q for c in mechanism.coordinate_table.values() if c.q >= 0]] = NAMED
     steps = np.random.default_rng(7).uniform(-2.0, 2.0, (8, model.nv)) * mechanism.velocity_scale
     shakes = Shakes(steps[None], near, np.zeros(model.nv, np.int64))  # of one group of loops
-    asked = Asked(free, first if stays else None, 1e-13, 60, 1e-9, said, q, q, shakes)
+    asked = ClosureSettings(free, first if stays else None, 1e-13, 60, 1e-9, said, q, q, shakes)
     start = Closer(mechanism).reach([_near(mechanism, 3, 0.5)], asked, q)[0].q
     told = Closer(mechanism).reach([start], asked, start + 0.1, shaken=True)
     alone, wanted, nearest = Closer(mechanism), [], np.inf

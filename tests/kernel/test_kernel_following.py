@@ -16,7 +16,7 @@ from spatial_pin.continuation.start import Start
 from spatial_pin.formats.export import content_of
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.loop_equations import loops_of
-from spatial_pin.kernel.paths import Path, Samples
+from spatial_pin.kernel.paths import Path, PathSamples
 from spatial_pin.rates.rates import prescribed_at
 from spatial_pin.settings import Accuracy
 
@@ -32,8 +32,8 @@ def path_of(mechanism, driver, accuracy=None) -> tuple[Path, sp.State]:
                     accuracy or Accuracy()), state
 
 
-def room(path: Path, n: int) -> Samples:
-    return Samples.empty(n, path.kernel.nq, path.kernel.nv, path.kernel.n_angles)
+def room(path: Path, n: int) -> PathSamples:
+    return PathSamples.empty(n, path.kernel.nq, path.kernel.nv, path.kernel.n_angles)
 
 
 def by_arc_length(monkeypatch, *args, **keys) -> sp.Motion:

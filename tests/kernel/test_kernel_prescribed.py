@@ -12,7 +12,7 @@ import spatial_pin as sp
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.loop_equations import loops_of
-from spatial_pin.kernel.paths import Path, Samples, prescribed_places
+from spatial_pin.kernel.paths import Path, PathSamples, prescribed_places
 from spatial_pin.rates.rates import prescribed_at
 from spatial_pin.settings import Accuracy
 
@@ -56,11 +56,11 @@ def prescribe(path: Path, spline: PPoly, begin: float = 0.0) -> None:
     path.prescribe(begin, spline.x, coefficients)
 
 
-def room(path: Path, n: int) -> Samples:
-    return Samples.empty(n, path.kernel.nq, path.kernel.nv, path.kernel.n_angles)
+def room(path: Path, n: int) -> PathSamples:
+    return PathSamples.empty(n, path.kernel.nq, path.kernel.nv, path.kernel.n_angles)
 
 
-def followed(path: Path, values) -> Samples:
+def followed(path: Path, values) -> PathSamples:
     samples = room(path, len(values))
     assert path.follow(values, samples) == len(values)
     return samples

@@ -19,7 +19,7 @@ from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.loop_equations import loops_of
-from spatial_pin.kernel.rates import Chosen, Rates
+from spatial_pin.kernel.rate_solver import Chosen, RateSolver
 from spatial_pin.kernel.regular import Beside, step_beside
 from spatial_pin.mechanism.coordinates import coordinate_bias
 from spatial_pin.numerics.linalg import decompose, independent_rows
@@ -64,7 +64,7 @@ def test_rates_are_those_of_the_square_system(name: str) -> None:
     drive, more = rng.uniform(-1.0, 1.0, (2, len(system.driven)))
     at = [*system.drive_at, *system.still]
     kernel = Kernel(mechanism)  # whose memory the rates work in
-    rates = Rates(kernel, at, len(drive))
+    rates = RateSolver(kernel, at, len(drive))
     rates.speeds[: len(drive)], rates.accelerations[: len(drive)] = drive, more
     found = rates.solve(state.q, state.angles)
     c = constraints_of(mechanism)
@@ -90,7 +90,7 @@ def test_rates_with_equations_and_passive_freedoms_that_are_given(name: str) -> 
     rng = np.random.default_rng(4)
     drive, more = rng.uniform(-1.0, 1.0, (2, len(system.driven)))
     kernel = Kernel(bare)  # whose memory the rates work in
-    rates = Rates(kernel, [*system.drive_at, *system.still], len(drive))
+    rates = RateSolver(kernel, [*system.drive_at, *system.still], len(drive))
     rates.speeds[: len(drive)], rates.accelerations[: len(drive)] = drive, more
     found = rates.solve(state.q, state.angles, Chosen(system.equations, system.passive))
     v, a = _rates(system, state.q, drive, more)
@@ -167,7 +167,7 @@ def test_components_of_balls_and_floating_joints_are_driven_in_the_kernel(tmp_pa
     drive, more = rng.uniform(-1.0, 1.0, (2, len(system.driven)))
     nv = mechanism.model.nv
     kernel = Kernel(mechanism)
-    rates = Rates(kernel, [c.v + nv * (c.q < 0) for c in system.driven], len(drive))
+    rates = RateSolver(kernel, [c.v + nv * (c.q < 0) for c in system.driven], len(drive))
     rates.speeds[: len(drive)], rates.accelerations[: len(drive)] = drive, more
     found = rates.solve(state.q, state.angles)
     assert found is not None

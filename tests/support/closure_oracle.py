@@ -26,7 +26,7 @@ from spatial_pin.constraints.compiled_equations import (
 from spatial_pin.constraints.composed_equations import composed_rows
 from spatial_pin.constraints.opposite_axes import opposite_axes
 from spatial_pin.constraints.pinocchio_views import TWIST_MATRIX
-from spatial_pin.constraints.product_vectors import Entries, Vectors, matrix_of, multiply
+from spatial_pin.constraints.product_vectors import Entries, VectorBlock, matrix_of, multiply
 from spatial_pin.constraints.trees import tree_of
 from spatial_pin.numerics.linalg import Array
 
@@ -81,7 +81,7 @@ class Evaluation:
         self._g = self.placements.reshape(-1, 3)
         self._twists, self._accelerations = self._tree.twists, self._tree.accelerations
         self._joint_jacobian = self._tree.columns
-        blocks = [Vectors() for _ in range(2)]
+        blocks = [VectorBlock() for _ in range(2)]
         for block, terms in zip(blocks, c.terms[:2], strict=True):
             for of in terms:
                 block.add(*of)

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import cached_property, made_once
 from spatial_pin.assembly.close import NOTHING, close, closed, finite
+from spatial_pin.assembly.search.closure_settings import asked_of, free_but, left_of
 from spatial_pin.assembly.search.guesses import NEAR_GUESS, OPEN, Guess, far_ones
 from spatial_pin.assembly.search.loop_groups import LoopGroup, part_of
 from spatial_pin.assembly.search.release import least_motion
-from spatial_pin.assembly.search.targets import asked_of, free_but, left_of
 from spatial_pin.assembly.search.whole_turns import periodic, turned_apart
 from spatial_pin.assembly.state import all_angles
 from spatial_pin.constraints.compiled_equations import constraints_of
@@ -31,7 +31,7 @@ from spatial_pin.settings import Accuracy
 ACCEPTED = TOLERANCES.closed
 
 
-class Equations:  # with Equations(...) as equations
+class AcquiredEquations:  # with Equations(...) as equations
     """The equations of a mechanism, acquired when they are first evaluated, and released.
 
     Args:
@@ -50,7 +50,7 @@ class Equations:  # with Equations(...) as equations
         self.reference = angles if angles is not None and len(angles) == n else np.zeros(n)
         self.whole: LoopEquations | None = None
 
-    def __enter__(self) -> Equations:
+    def __enter__(self) -> AcquiredEquations:
         """Return this."""
         if self.mechanism.whole is not None:
             self.whole = self._loops_of(
@@ -62,9 +62,10 @@ class Equations:  # with Equations(...) as equations
         for acquired in self._acquired:
             acquired.__exit__(*error)
 
-    def part(self, group: LoopGroup) -> Equations:
+    def part(self, group: LoopGroup) -> AcquiredEquations:
         """Return the equations of a group of loops; they are released with these."""
-        own = Equations(part_of(self.mechanism, group.closures), self.reference[group.angles])
+        own = AcquiredEquations(part_of(self.mechanism, group.closures),
+                                self.reference[group.angles])
         own._acquired = self._acquired
         return own.__enter__()
 
@@ -100,7 +101,7 @@ class Closing:
 
     def __init__(
         self,
-        equations: Equations,
+        equations: AcquiredEquations,
         held: Mapping[str, float],
         standing: Mapping[str, float],
         guess: Guess,

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.close import closed
 from spatial_pin.assembly.holding import still_entries
+from spatial_pin.assembly.search.closure_settings import free_but
 from spatial_pin.assembly.search.guesses import Guess
 from spatial_pin.assembly.search.loop_groups import loop_groups
-from spatial_pin.assembly.search.targets import free_but
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.closer import closer_of

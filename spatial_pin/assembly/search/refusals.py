@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from spatial_pin.assembly.rounding import clearly_above, gap_words
+from spatial_pin.assembly.redundant_equations import clearly_above, gap_words
 from spatial_pin.assembly.search.closing import ACCEPTED, Closing, coordinate_sizes, size_of
 from spatial_pin.assembly.search.guesses import COORDINATE_ERROR, MAX_STARTS, Guess
 from spatial_pin.assembly.search.search import Search

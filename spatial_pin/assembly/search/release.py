@@ -89,7 +89,7 @@ def least_motion(
     Returns:
         The configuration and its closure error.
     """
-    goal = _Goal(evaluation, free, wanted, pinned)
+    goal = _CoordinateGoal(evaluation, free, wanted, pinned)
     evaluation.update(q)
     error, motion = evaluation.closure_error, goal.motion(q)
     slope, step = goal.newton(q)
@@ -113,7 +113,7 @@ def least_motion(
     return q, evaluation.closure_error
 
 
-class _Goal:
+class _CoordinateGoal:
     """How far coordinates are from wanted values, and its derivatives on closed configurations."""
 
     def __init__(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from spatial_pin.assembly.close import closed
 from spatial_pin.assembly.holding import still_entries
 from spatial_pin.assembly.search.closing import ACCEPTED
-from spatial_pin.assembly.search.targets import free_but
+from spatial_pin.assembly.search.closure_settings import free_but
 from spatial_pin.assembly.search.whole_turns import turned_apart
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of

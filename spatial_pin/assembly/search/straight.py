@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.search.closing import ACCEPTED
+from spatial_pin.assembly.search.closure_settings import Left, asked_of, left_of
 from spatial_pin.assembly.search.counted_turns import uncounted
 from spatial_pin.assembly.search.guesses import (
     ANOTHER_SIZE,
@@ -21,7 +22,6 @@ from spatial_pin.assembly.search.guesses import (
     Guess,
 )
 from spatial_pin.assembly.search.search import is_nearer
-from spatial_pin.assembly.search.targets import Left, asked_of, left_of
 from spatial_pin.assembly.state import State, made
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.kernel.closer import MOST_GROUPS, closer_of
@@ -31,7 +31,7 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy
 
 
-class Plan(NamedTuple):
+class AssemblyPlan(NamedTuple):
     """What names alone decide of an assembly.
 
     Attributes:
@@ -104,7 +104,7 @@ def leads_nowhere(accuracy: Accuracy) -> float:
 @made_once
 def straight_plan(
     mechanism: Mechanism, held: tuple[str, ...], named: tuple[str, ...], release: bool
-) -> Plan | None:
+) -> AssemblyPlan | None:
     """Return what names decide of an assembly; None where more than names does.
 
     Args:
@@ -126,6 +126,6 @@ def straight_plan(
         return None  # turns may have to be counted on the way
     if mechanism.whole is not None or left.pinned or not left.is_whole or not mechanism.model.nq:
         return None
-    return Plan(left, [table[name].q for name in held], places,
+    return AssemblyPlan(left, [table[name].q for name in held], places,
                 ANOTHER_SIZE * mechanism.characteristic_length,
                 float(mechanism.velocity_scale.min()) / COORDINATE_ERROR)

@@ -40,9 +40,9 @@ from spatial_pin.cli.options import (
 )
 from spatial_pin.cli.printing import CutShort, on_screen, print_result, say, wrote
 from spatial_pin.cli.tables import name_of_column, read_table
-from spatial_pin.dynamics.outputs import with_forces
+from spatial_pin.dynamics.force_outputs import with_forces
 from spatial_pin.motion.default_motion import default_motion
-from spatial_pin.motion.joint_limits import KIND as JOINT_LIMIT
+from spatial_pin.motion.joint_limit_events import KIND as JOINT_LIMIT
 from spatial_pin.motion.report import motion_summary
 from spatial_pin.motion.summary import EFFORTS
 from spatial_pin.units import KINDS

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import spatial_pin as sp
-from spatial_pin._support.outputs import write_columns
+from spatial_pin._support.output_files import write_columns
 from spatial_pin.cli.goal_files import check_bounds, read_goals
 from spatial_pin.cli.mechanism_arguments import (
     as_far_as_found,

@@ -21,12 +21,18 @@ from numpy.typing import NDArray
 from spatial_pin._support.checks import checked
 from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.constraints.composite_joints import split_of
-from spatial_pin.dynamics.derivatives.closures import Rates, Rows
-from spatial_pin.dynamics.derivatives.forces import Outside, Pull, Slopes, Springs, spring_slopes
-from spatial_pin.dynamics.derivatives.reactions import Changes, Linear, ReactionChanges
+from spatial_pin.dynamics.derivatives.reaction_derivatives import Changes, Linear, ReactionChanges
+from spatial_pin.dynamics.derivatives.row_derivatives import ProductRates, RowDerivatives
+from spatial_pin.dynamics.derivatives.spring_derivatives import (
+    Outside,
+    Pull,
+    Slopes,
+    Springs,
+    spring_slopes,
+)
 from spatial_pin.dynamics.forces import Law, joint_efforts
 from spatial_pin.dynamics.forward import Dynamics, forward_dynamics
-from spatial_pin.dynamics.solvers.equations import Equations, equations_of
+from spatial_pin.dynamics.solvers.equations_of_motion import Equations, equations_of
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
@@ -102,8 +108,8 @@ class _Terms(NamedTuple):
         lines, turns: the springs.
     """
 
-    rows: Rows
-    rates: Rates
+    rows: RowDerivatives
+    rates: ProductRates
     outside: Outside
     lines: list[Pull]
     turns: list[Pull]
@@ -162,7 +168,7 @@ def dynamics_derivatives(
     answer = forward_dynamics(mechanism, state, efforts, external=external, laws=laws,
                               slip_speed=slip_speed)
     whole = split_of(mechanism)
-    rows = Rows(mechanism, whole, springs.forces)
+    rows = RowDerivatives(mechanism, whole, springs.forces)
     rates = rows.products.rates(state.q, state.v, answer.a)
     terms = _Terms(rows, rates, Outside(mechanism, whole, external), springs.lines(rows, rates),
                    springs.turns(state.q, state.v))

@@ -18,18 +18,18 @@ from spatial_pin.dynamics.forces import (
     generalised,
     joint_efforts,
 )
+from spatial_pin.dynamics.simulation.coordinate_partitioning import Freedoms, Lost
 from spatial_pin.dynamics.simulation.external import External
-from spatial_pin.dynamics.simulation.independent_coordinates import Freedoms, Lost
 from spatial_pin.dynamics.simulation.result import LeastExchange
 from spatial_pin.dynamics.solvers.accelerations import no_inertia
-from spatial_pin.dynamics.solvers.bodies import Bodies, bodies_of
+from spatial_pin.dynamics.solvers.bodies import WholeTree, bodies_of
 from spatial_pin.dynamics.solvers.independent_coordinates import Bounded
 from spatial_pin.dynamics.solvers.least_constraint import Least, LeastConstraint
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.kernel.packing import Packed, with_masses
-from spatial_pin.mechanism.checks import refuse_negative_inertias
 from spatial_pin.mechanism.laws import DriverLaw
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.mechanism_checks import refuse_negative_inertias
 from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -126,7 +126,7 @@ class Problem:
         return LeastExchange(self.mechanism, self.constant)
 
     @cached_property
-    def bodies(self) -> Bodies:
+    def bodies(self) -> WholeTree:
         """Its masses, and the forces that its motions need."""
         return bodies_of(self.model)
 

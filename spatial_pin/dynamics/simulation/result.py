@@ -15,7 +15,7 @@ from spatial_pin._support.columns import Quantity, write_npz
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.joint_limits import JointLimit
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.motion.joint_limits import Passing
+from spatial_pin.motion.joint_limit_events import Passing
 from spatial_pin.motion.motion import Motion, Output, content_of, fields_of, read_content
 from spatial_pin.motion.summary import effort_lines, first_of
 from spatial_pin.numerics.linalg import Array
@@ -146,7 +146,7 @@ class Simulation(Motion):
             >>> motion.output("energy").values.shape, motion.output("energy").unit  # (N,)
             ((1001,), 'J')
         """
-        from spatial_pin.dynamics.outputs import output_of_simulation
+        from spatial_pin.dynamics.force_outputs import output_of_simulation
 
         return output_of_simulation(self, spec)
 
@@ -165,7 +165,7 @@ class Simulation(Motion):
             >>> [(name, x.unit) for name, x in motion.quantities("energy").items()]
             [('time', 's'), ('energy', 'J')]
         """
-        from spatial_pin.dynamics.outputs import quantities_of_simulation
+        from spatial_pin.dynamics.force_outputs import quantities_of_simulation
 
         return quantities_of_simulation(self, outputs)
 

@@ -13,12 +13,12 @@ from spatial_pin._support.checks import as_array, checked, positive_number
 from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
+from spatial_pin.dynamics.simulation.coordinate_partitioning import Lost
 from spatial_pin.dynamics.simulation.external import WrenchLaw, external_forces
 from spatial_pin.dynamics.simulation.formulations.free_fall import FreeFall, floats
 from spatial_pin.dynamics.simulation.formulations.free_rotation import Spins, spinning_bodies
 from spatial_pin.dynamics.simulation.formulations.independent import Independent
 from spatial_pin.dynamics.simulation.formulations.projected import Projected
-from spatial_pin.dynamics.simulation.independent_coordinates import Lost
 from spatial_pin.dynamics.simulation.problem import EffortLaw, Problem
 from spatial_pin.dynamics.simulation.result import Projection, Simulation, driver_names
 from spatial_pin.dynamics.simulation.running.energy_balance import LOST_SHARE

@@ -19,10 +19,10 @@ import numpy as np
 
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.trees import is_in_kernel
+from spatial_pin.dynamics.solvers.constrained_motion import PROBED, Loops
 from spatial_pin.dynamics.solvers.independent_coordinates import IndependentCoordinates
 from spatial_pin.dynamics.solvers.least_constraint import Least, LeastConstraint
 from spatial_pin.dynamics.solvers.limbs import Limbs
-from spatial_pin.dynamics.solvers.loops import PROBED, Loops
 from spatial_pin.errors import SingularError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, independent_rows

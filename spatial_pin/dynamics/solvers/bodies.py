@@ -15,7 +15,7 @@ from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.numerics.linalg import Array
 
 
-class Bodies:
+class WholeTree:
     """A tree taken whole."""
 
     def __init__(self, model: pin.Model) -> None:
@@ -61,7 +61,7 @@ class Bodies:
         return self._transmitted
 
 
-class BodiesInKernel(Bodies):
+class BodiesInKernel(WholeTree):
     """A large tree: memory and time grow in proportion to its size, not to its cube."""
 
     def __init__(self, model: pin.Model) -> None:
@@ -78,7 +78,7 @@ class BodiesInKernel(Bodies):
 
     @cached_property
     def mass_at(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-        """Rows, columns and places, see `Bodies`."""
+        """Rows, columns and places, see `WholeTree`."""
         return both_halves(*self._entries)
 
     def masses(self, q: Array) -> Array:
@@ -112,6 +112,6 @@ def both_halves(
             np.concatenate([places, beside]))
 
 
-def bodies_of(model: pin.Model) -> Bodies:
+def bodies_of(model: pin.Model) -> WholeTree:
     """Return the bodies of a tree."""
-    return (BodiesInKernel if is_in_kernel(model) else Bodies)(model)
+    return (BodiesInKernel if is_in_kernel(model) else WholeTree)(model)

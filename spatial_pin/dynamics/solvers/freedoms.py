@@ -8,7 +8,7 @@ import numpy as np
 
 from spatial_pin.assembly.passive_freedoms import is_in_loop, passive_freedoms
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
-from spatial_pin.dynamics.solvers.equations import Equations
+from spatial_pin.dynamics.solvers.equations_of_motion import Equations
 from spatial_pin.dynamics.solvers.independent_coordinates import ROUNDING
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.parts import Coordinate

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin._support.outputs import named_path, write_text
+from spatial_pin._support.output_files import named_path, write_text
 from spatial_pin.errors import ClosureTypeError, SpatialPinError, warn
 from spatial_pin.formats.file_access import is_file
 from spatial_pin.formats.mjcf.compiling import some
@@ -28,9 +28,9 @@ from spatial_pin.formats.mjcf.document import (
 from spatial_pin.formats.mjcf.model_tree import WORLD
 from spatial_pin.formats.urdf.elements import numbers_text, unique
 from spatial_pin.formats.urdf.validation import placement
-from spatial_pin.mechanism.checks import refuse_negative_inertias
 from spatial_pin.mechanism.coordinates import joint_values, with_values
 from spatial_pin.mechanism.mechanism import Mechanism, rigid_distance
+from spatial_pin.mechanism.mechanism_checks import refuse_negative_inertias
 from spatial_pin.mechanism.pairs import COUPLING
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array

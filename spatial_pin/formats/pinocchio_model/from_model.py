@@ -19,11 +19,11 @@ from spatial_pin.formats.pinocchio_model.pair_tree import (
 )
 from spatial_pin.formats.pinocchio_model.urdf_text import LinkTree, urdf_of
 from spatial_pin.formats.urdf.elements import fresh
-from spatial_pin.mechanism.checks import check_mechanism
 from spatial_pin.mechanism.closures import FramePlace, of_native
 from spatial_pin.mechanism.coordinates import check_guess, joint_vector
 from spatial_pin.mechanism.inertia import remainder
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.mechanism_checks import check_mechanism
 from spatial_pin.mechanism.named_frames import Frame, add_frames, frames_by_name
 from spatial_pin.mechanism.parts import Closure, Driver, Passive, Spring, drivers_of_tree
 

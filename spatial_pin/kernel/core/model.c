@@ -21,7 +21,7 @@ const char *const kernel_prototypes = PROTOTYPES;
 
 /* Of anything counted: products of two counts stay far below 2^63 */
 #define MOST_COUNTED 100000000
-#define HEAD 14 /* counts that the arrays begin with */
+#define N_COUNTS 14 /* that the arrays begin with */
 
 int widen(void **array, Int n, size_t size)
 {
@@ -65,10 +65,10 @@ int kernel_had_memory(Kernel *k)
 
 static int read_structure(Kernel *k, Source from)
 {
-    const Int *head = read_ints(&from, HEAD);
+    const Int *head = read_ints(&from, N_COUNTS);
     if (!head)
         return 0;
-    for (int i = 0; i < HEAD; i++)
+    for (int i = 0; i < N_COUNTS; i++)
         if (head[i] < 0 || head[i] > MOST_COUNTED)
             return 0;
     k->n_joints = head[0], k->nq = head[1], k->nv = head[2];

@@ -2,8 +2,8 @@
 
 #include <math.h>
 
-#define MOST_PIECES 1000000
-#define MOST_DEGREE 1000
+#define MOST_BREAKS 1000000 /* of one function: times powers they stay far below 2^63 */
+#define MOST_POWERS 1000    /* likewise */
 
 /* The last piece that begins at or before x, among all but the first; 0 if there is none. */
 static Int piece_of(const Real *breaks, Int n, Real x)
@@ -45,8 +45,8 @@ Int piecewise_size(const Int *shape, Int n)
 {
     Int total = 0;
     for (Int i = 0; i < n; i++, shape += SHAPE) {
-        if (shape[FIRST_NUMBER] != total || shape[PIECES] < 1 || shape[PIECES] > MOST_PIECES ||
-            shape[DEGREE] < 0 || shape[DEGREE] > MOST_DEGREE || (shape[REPEATS] & ~(Int)1))
+        if (shape[FIRST_NUMBER] != total || shape[PIECES] < 1 || shape[PIECES] > MOST_BREAKS ||
+            shape[DEGREE] < 0 || shape[DEGREE] > MOST_POWERS || (shape[REPEATS] & ~(Int)1))
             return -1;
         total += shape[PIECES] + 1 + shape[PIECES] * (shape[DEGREE] + 1) + 1;
     }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spatial_pin._support.outputs import literal
+from spatial_pin._support.output_files import literal
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.synthesis.goals import FunctionGoal, PathGoal, PosesGoal

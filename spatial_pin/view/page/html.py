@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from spatial_pin._support.checks import checked, plain_text
-from spatial_pin._support.outputs import named_path, write_text
+from spatial_pin._support.output_files import named_path, write_text
 from spatial_pin.view.page.plots import curves_of
 from spatial_pin.view.scene.film import Film, Readout, film, length_words
 from spatial_pin.view.scene.framing import ASPECT

@@ -20,7 +20,7 @@ import numpy as np
 from spatial_pin._support.checks import checked, finite_array, names_of
 from spatial_pin.assembly.held_start import starting_state
 from spatial_pin.assembly.state import State
-from spatial_pin.dynamics.outputs import Told
+from spatial_pin.dynamics.force_outputs import Told
 from spatial_pin.errors import SingularError, SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.mobility.assembly_modes import assembly_modes

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin._support.checks import checked, plain_text
-from spatial_pin._support.outputs import literal, save_figure
+from spatial_pin._support.output_files import literal, save_figure
 from spatial_pin.assembly.state import State
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.motion.motion import Motion, Output, motion_needed

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin._support.checks import checked, plain_text
-from spatial_pin._support.outputs import named_path, write_text
+from spatial_pin._support.output_files import named_path, write_text
 from spatial_pin.assembly.state import State
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.motion.motion import Motion

@@ -17,8 +17,8 @@ from importlib.resources import files
 import numpy as np
 
 from spatial_pin.assembly.state import State
+from spatial_pin.dynamics.force_outputs import with_forces
 from spatial_pin.dynamics.kinetostatics import Kinetostatics
-from spatial_pin.dynamics.outputs import with_forces
 from spatial_pin.dynamics.simulation.simulate import Simulation
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.coordinates import coordinates_of

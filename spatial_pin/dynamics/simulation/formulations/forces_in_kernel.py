@@ -10,15 +10,15 @@ import numpy as np
 
 from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.forces import Forces
+from spatial_pin.dynamics.simulation.coordinate_partitioning import Lost
 from spatial_pin.dynamics.simulation.formulations.free_rotation import Spins
-from spatial_pin.dynamics.simulation.independent_coordinates import Lost
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.solvers.independent_coordinates import (
     ROUNDING,
     Bounded,
     IndependentCoordinates,
 )
-from spatial_pin.kernel.dynamics import Asked
+from spatial_pin.kernel.dynamics import Callbacks
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.kernel.packing import Ints
 from spatial_pin.numerics.linalg import Array
@@ -73,10 +73,10 @@ class Answers:
     def __init__(self, problem: Problem, spins: Spins, free: Callable[[], list[int]]) -> None:
         self._problem, self._spins, self._free = problem, spins, free
 
-    def asked(self) -> Asked:
+    def asked(self) -> Callbacks:
         """Return the functions, None where the kernel need not ask."""
         problem = self._problem
-        return Asked(self._efforts if problem.law or problem.external else None,
+        return Callbacks(self._efforts if problem.law or problem.external else None,
                      _laws(problem.forces),
                      self._drives if problem.drives else None, self._least)
 

@@ -13,16 +13,16 @@ from numpy.typing import NDArray
 
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.dynamics.simulation.coordinate_partitioning import Lost
 from spatial_pin.dynamics.simulation.formulations.forces_in_kernel import (
     Answers,
     forces_as_arrays,
 )
 from spatial_pin.dynamics.simulation.formulations.free_rotation import Spins
-from spatial_pin.dynamics.simulation.independent_coordinates import Lost
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.result import Energies
 from spatial_pin.errors import SingularError
-from spatial_pin.kernel.dynamics import Dynamics, Samples
+from spatial_pin.kernel.dynamics import KernelDynamics, SimulationSamples
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -74,7 +74,7 @@ class Independent:
         self._answers = Answers(problem, self.spins, lambda: self.kernel.free)
         arrays = forces_as_arrays(
             problem, self.n, self.spins, self.projects, max(wanted, TOLERANCES.round_off))
-        self.kernel = Dynamics(mechanism, problem.packed, *arrays, self._answers.asked())
+        self.kernel = KernelDynamics(mechanism, problem.packed, *arrays, self._answers.asked())
         self.kernel_handle, self.asking = self.kernel.handle, self.kernel.asking
         self._begin(state, rows)
 
@@ -147,7 +147,7 @@ class Independent:
         q, v, angles, error = found
         return State(self.problem.mechanism, q, v, closure_error=error, angles=angles)
 
-    def samples(self, times: Array, unknowns: Array) -> Samples:
+    def samples(self, times: Array, unknowns: Array) -> SimulationSamples:
         """Return everything at times (N,) and unknowns (N, n), loops closed.
 
         Raises:

@@ -16,7 +16,7 @@ from spatial_pin.settings import Accuracy
 FALLEN = 1e-3  # of what it was at the start: a singular value is on its way to zero
 
 
-class Place(NamedTuple):
+class RunPoint(NamedTuple):
     """Where a simulation begins or ends.
 
     Attributes:
@@ -54,7 +54,7 @@ def why_it_ends(problem: Problem, accuracy: Accuracy, first: State, t: float, la
                 or _steps(accuracy))
 
 
-def _place(problem: Problem, t: float, state: State) -> Place:
+def _place(problem: Problem, t: float, state: State) -> RunPoint:
     """Return a place with the accelerations of least constraint, which hold for any masses."""
     evaluation, loops, rows = _rows(problem, state)
     picked = independent_rows(rows)
@@ -65,7 +65,7 @@ def _place(problem: Problem, t: float, state: State) -> Place:
     found = problem.least_constraint.solve(
         q, v, motions.carried(bias[picked], v), motions.columns,
         problem.given(t, q, v, evaluation))
-    return Place(t, state, found.a, 1.0 if found.lost else found.error)
+    return RunPoint(t, state, found.a, 1.0 if found.lost else found.error)
 
 
 def _rows(problem: Problem, state: State) -> tuple[LoopEquations, Array, Array]:
@@ -103,7 +103,7 @@ def _least(rows: Array, rank: int) -> float:
     return float(s[rank - 1] / s[0]) if rank else 1.0
 
 
-def _masses(problem: Problem, accuracy: Accuracy, start: Place, end: Place) -> str:
+def _masses(problem: Problem, accuracy: Accuracy, start: RunPoint, end: RunPoint) -> str:
     if end.error > accuracy.time_tolerance:
         grown = f"accelerations are known to {end.error:.1e} of their size only"
     elif _grown(problem, start, end):  # not by forces
@@ -122,13 +122,13 @@ def _masses(problem: Problem, accuracy: Accuracy, start: Place, end: Place) -> s
             f"{heavy}; make the masses more alike, or the light ones zero")
 
 
-def _grown(problem: Problem, start: Place, end: Place) -> bool:
+def _grown(problem: Problem, start: RunPoint, end: RunPoint) -> bool:
     """Whether accelerations are far beyond those at the start."""
     before, now = (np.abs(place.a / problem.scale).max(initial=0.0) for place in (start, end))
     return bool(FALLEN * now > before)
 
 
-def _is_pulled(problem: Problem, end: Place) -> bool:
+def _is_pulled(problem: Problem, end: RunPoint) -> bool:
     """Whether efforts, springs and friction have a part in the accelerations."""
     q, v = end.state.q, end.state.v
     given = problem.given(end.t, q, v, _rows(problem, end.state)[0]) * problem.scale
@@ -147,7 +147,7 @@ def _lightest_and_heaviest(problem: Problem) -> tuple[str, str]:
                  for mass, joint in (moved[0], moved[-1]))  # type: ignore[return-value]
 
 
-def _forces(problem: Problem, start: Place, end: Place) -> str:
+def _forces(problem: Problem, start: RunPoint, end: RunPoint) -> str:
     units = problem.scale
     if not np.isfinite(end.a).all():
         return ("the accelerations there are no finite numbers: look at the force laws and at how "

@@ -6,9 +6,9 @@ import time
 from collections.abc import Callable, Set
 
 from spatial_pin.assembly.state import State
+from spatial_pin.dynamics.simulation.coordinate_partitioning import Lost
 from spatial_pin.dynamics.simulation.formulations.independent import Independent
 from spatial_pin.dynamics.simulation.formulations.projected import Projected
-from spatial_pin.dynamics.simulation.independent_coordinates import Lost
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.result import Projection
 from spatial_pin.dynamics.simulation.running.ending import why_it_ends

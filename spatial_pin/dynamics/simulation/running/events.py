@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from spatial_pin._support.checks import finite_number
 from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.simulation.problem import Problem
-from spatial_pin.dynamics.simulation.running.rated_limits import RatedLimits
-from spatial_pin.dynamics.simulation.running.step import Step
+from spatial_pin.dynamics.simulation.running.limit_events import RatedLimits
+from spatial_pin.dynamics.simulation.running.step import IntegrationStep
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.joint_limits import SLACK, JointLimit, joint_limits
-from spatial_pin.motion.joint_limits import NOISE, Passing, first_passing, passed_at_start
+from spatial_pin.motion.joint_limit_events import NOISE, Passing, first_passing, passed_at_start
 from spatial_pin.motion.rated_limits import RatedLimit
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.roots import sign_change
@@ -113,7 +113,7 @@ class Watch:
         self.always = bool(stop_when or (self.rated and self.rated.efforts_are_looked_at))
         self._last = 0.0 if stop_when is None else _stop_value(stop_when, 0.0, state)
 
-    def look(self, step: Step, times: Array) -> Found:
+    def look(self, step: IntegrationStep, times: Array) -> Found:
         """Return what a step has met, which has samples at times (N,)."""
         passed = self._passed(step)
         rated = self.rated.passed(step) if self.rated else []
@@ -125,7 +125,7 @@ class Watch:
         return Found([p for p in passed if stop is None or p[0] <= stop], stop, text,
                      [p for p in rated if stop is None or p[0] <= stop])
 
-    def _passed(self, step: Step) -> list[tuple[float, JointLimit]]:
+    def _passed(self, step: IntegrationStep) -> list[tuple[float, JointLimit]]:
         """Return the joint limits passed in a step, in the order of the times."""
         if not self.limits:
             return []
@@ -135,7 +135,7 @@ class Watch:
                  for limit in self.limits]
         return sorted(((t, limit) for t, limit in found if t is not None), key=lambda x: x[0])
 
-    def _crossed(self, step: Step, times: Array) -> float | None:
+    def _crossed(self, step: IntegrationStep, times: Array) -> float | None:
         """Return when `stop_when` has first crossed zero in a step, as its samples and end tell."""
         function = self.stop_when
         if function is None:

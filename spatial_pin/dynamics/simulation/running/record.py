@@ -15,9 +15,9 @@ from spatial_pin.dynamics.simulation.result import (
     energy_drift,
 )
 from spatial_pin.dynamics.simulation.running.events import Found, Watch
-from spatial_pin.dynamics.simulation.running.step import Step
-from spatial_pin.kernel.dynamics import Samples
-from spatial_pin.motion.joint_limits import Passing
+from spatial_pin.dynamics.simulation.running.step import IntegrationStep
+from spatial_pin.kernel.dynamics import SimulationSamples
+from spatial_pin.motion.joint_limit_events import Passing
 from spatial_pin.motion.motion import Event
 from spatial_pin.numerics.linalg import Array
 
@@ -42,7 +42,7 @@ class Record:
         n, nq, nv = len(times) + 1, problem.model.nq, problem.model.nv  # one more where it stops
         n_angles = constraints_of(problem.mechanism).n_angles
         self._at = np.append(times, np.nan)
-        self.room = Samples(*(np.empty((n, k)) for k in (
+        self.room = SimulationSamples(*(np.empty((n, k)) for k in (
             nq, nv, nv, 4, len(problem.drives), n_angles)))
         self._passed: list[Passing] = list(watch.at_start)
         self.events = [passing.event for passing in watch.at_start]
@@ -63,7 +63,7 @@ class Record:
             into[self.filled : self.filled + len(times)] = part
         self.filled += len(times)
 
-    def take(self, step: Step, found: Found, before: Array) -> None:
+    def take(self, step: IntegrationStep, found: Found, before: Array) -> None:
         """Keep the samples and events of a step.
 
         Args:
@@ -110,9 +110,9 @@ class Record:
             row = first + int(np.count_nonzero(times < t))
             self.events.append(Event(rated.kind, t, row, f"{rated.words} passed at {t:.12g} s"))
 
-    def all(self) -> tuple[Array, Samples]:
+    def all(self) -> tuple[Array, SimulationSamples]:
         """Return the times (N,) of samples that are there, and these."""
-        return self._at[: self.filled], Samples(*(x[: self.filled] for x in self.room))
+        return self._at[: self.filled], SimulationSamples(*(x[: self.filled] for x in self.room))
 
     def motion(
         self, start: Energies, evaluations: int, projection: Projection | None,

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from spatial_pin.assembly.state import State
+from spatial_pin.dynamics.simulation.coordinate_partitioning import Lost
 from spatial_pin.dynamics.simulation.formulations.independent import Independent
 from spatial_pin.dynamics.simulation.formulations.projected import Projected
-from spatial_pin.dynamics.simulation.independent_coordinates import Lost
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.result import Energies, Simulation
 from spatial_pin.dynamics.simulation.running.energy_balance import Balance
@@ -20,12 +20,18 @@ from spatial_pin.dynamics.simulation.running.equations_in_use import EquationsIn
 from spatial_pin.dynamics.simulation.running.events import Watch
 from spatial_pin.dynamics.simulation.running.pace import Pace
 from spatial_pin.dynamics.simulation.running.record import Record
-from spatial_pin.dynamics.simulation.running.step import Step
+from spatial_pin.dynamics.simulation.running.step import IntegrationStep
 from spatial_pin.dynamics.simulation.running.stepping import Stepping
 from spatial_pin.dynamics.simulation.running.vanishing_inertia import SINGULAR, VanishingInertia
 from spatial_pin.errors import EnergyError, SpatialPinError
-from spatial_pin.kernel.dynamics import AT_END, AT_FAILURE, MANY, NEW_COORDINATES, NO_SAMPLES
-from spatial_pin.kernel.dynamics import Run as KernelRun
+from spatial_pin.kernel.dynamics import (
+    AT_END,
+    AT_FAILURE,
+    MANY,
+    NEW_COORDINATES,
+    NO_SAMPLES,
+    RunStruct,
+)
 from spatial_pin.kernel.integrating import RungeKutta
 from spatial_pin.kernel.library import address
 from spatial_pin.motion.motion import Event
@@ -124,10 +130,10 @@ class Run:
                 solver = self._stepping.succeed(system, self.t, self.y, solver)
 
     @cached_property
-    def _kernel_run(self) -> KernelRun:
+    def _kernel_run(self) -> RunStruct:
         """What steps in the kernel want, and where their samples go."""
         record, bounds = self.record, self._watch.bounds
-        return KernelRun(
+        return RunStruct(
             address(record.times), len(record.times), 0, *map(address, record.room),
             allowed=float(self._accuracy.most_steps), looks=self._watch.always,
             n_limits=len(bounds.q), limit_q=address(bounds.q), limit_v=address(bounds.v),
@@ -224,7 +230,7 @@ class Run:
     def _take(self, system: Independent, solver: Any, before: Array) -> bool:
         """Keep samples and events of the last step; return whether it is to be the last."""
         self.record.steps += 1
-        step = Step(system, solver)
+        step = IntegrationStep(system, solver)
         found = self._watch.look(step, self.record.until(step.last))
         if found.stop is None and self._inertia_vanishes(step):
             words = self._inertia.words(step.last, *step.place(step.last))
@@ -232,7 +238,7 @@ class Run:
         self.record.take(step, found, before)
         return found.stop is not None
 
-    def _inertia_vanishes(self, step: Step) -> bool:
+    def _inertia_vanishes(self, step: IntegrationStep) -> bool:
         """Whether the motion comes to where it has no inertia, just behind a step."""
         length = step.last - step.first
         shortened = length / max(self._pace.largest[1], length)

@@ -12,7 +12,7 @@ from spatial_pin.dynamics.simulation.formulations.independent import Independent
 from spatial_pin.numerics.linalg import Array
 
 
-class Step:
+class IntegrationStep:
     """The last step of an integrator, with the interpolant between its ends.
 
     Args:

@@ -8,7 +8,7 @@ import numpy as np
 
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.kernel.loop_equations import LoopEquations
-from spatial_pin.mechanism.equations import Distance, Square
+from spatial_pin.mechanism.equations import Displacement, Square
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -60,7 +60,7 @@ def _pair_gap(stage: Stage, closure: Closure, residual: Array) -> ClosureGap:
                 length = np.linalg.norm(np.subtract(*ends), axis=1)
             wrong = np.where(off != 0.0, far - length, 0.0)
             offset += apart * (wrong / np.where(far > 0, far, 1.0))[:, None]
-        elif isinstance(first, Distance):
+        elif isinstance(first, Displacement):
             offset += off[:, None] * (turn @ first.u)
         else:
             angular = np.hypot(angular, off / mechanism.characteristic_length)

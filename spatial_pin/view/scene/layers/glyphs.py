@@ -15,7 +15,7 @@ import numpy as np
 
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.scene.layers.axes import AXIAL
-from spatial_pin.view.scene.layers.places import Place, places
+from spatial_pin.view.scene.layers.places import PairPlace, places
 from spatial_pin.view.scene.shapes import Solid, ball, bar, moved, rod, tube, turned
 from spatial_pin.view.scene.stage import Item, Layer, Stage, rod_between
 
@@ -174,14 +174,14 @@ GLYPHS: dict[str, Callable[[Site], list[Piece]]] = {
 }
 
 
-def _origins(stage: Stage, place: Place) -> tuple[Array, Array]:
+def _origins(stage: Stage, place: PairPlace) -> tuple[Array, Array]:
     """Return the origins of both frames in the view, shape (N, 3) each [m]."""
     pairs = zip(place.joints, place.frames, strict=True)
     first, second = (stage.points(joint, M[:3, 3]) for joint, M in pairs)
     return first, second
 
 
-def _units(stage: Stage, found: Sequence[Place]) -> list[float]:
+def _units(stage: Stage, found: Sequence[PairPlace]) -> list[float]:
     """Return the sizes of signs [m]: smaller where pairs of a body are close to each other."""
     sides = [(joint, frame[:3, 3]) for place in found
              for joint, frame in zip(place.joints, place.frames, strict=True)]
@@ -195,7 +195,7 @@ def _units(stage: Stage, found: Sequence[Place]) -> list[float]:
     return [float(min(pair)) for pair in zip(units[::2], units[1::2], strict=True)]
 
 
-def _site(stage: Stage, place: Place, unit: float) -> Site:
+def _site(stage: Stage, place: PairPlace, unit: float) -> Site:
     """Return how far the second frame goes, as seen from the first."""
     o1, o2 = _origins(stage, place)
     axes = stage.rotations(place.joints[0], place.frames[0][:3, :3])
@@ -206,7 +206,7 @@ def _site(stage: Stage, place: Place, unit: float) -> Site:
                 (float(away.min()), float(away.max())))
 
 
-def _item(stage: Stage, place: Place, k: int, piece: Piece, through: bool) -> Item:
+def _item(stage: Stage, place: PairPlace, k: int, piece: Piece, through: bool) -> Item:
     name, said = f"{place.kind} {place.name} {k}", f"{place.name}: {place.kind}"
     *rgb, opacity = MOVES if piece.on == "second" else CARRIES
     colour = (*rgb, THROUGH if through else opacity)
@@ -220,7 +220,7 @@ def _item(stage: Stage, place: Place, k: int, piece: Piece, through: bool) -> It
                 axial=place.kind in AXIAL)
 
 
-def _held(stage: Stage, place: Place, piece: Piece) -> Array:
+def _held(stage: Stage, place: PairPlace, piece: Piece) -> Array:
     """Return what a picture must hold of a piece, shape (K, 3) [m]."""
     (low, high, r), (x, y) = piece.span, piece.middle
     if piece.on == "between" or low == high == r == 0.0:

@@ -21,7 +21,7 @@ AXIS_PLACES = {  # which of a joint's freedoms turn about its axis, or slide alo
 }
 
 
-class Place(NamedTuple):
+class PairPlace(NamedTuple):
     """A pair between two bodies.
 
     Attributes:
@@ -49,9 +49,9 @@ def _outward(placement: pin.SE3) -> Array:
     return p / length if length > 0 else np.array([0.0, 0.0, 1.0])
 
 
-def places(mechanism: Mechanism) -> list[Place]:
+def places(mechanism: Mechanism) -> list[PairPlace]:
     """Return every joint of the tree, and every closure that joins two frames, as a pair."""
-    model, found = mechanism.model, list[Place]()
+    model, found = mechanism.model, list[PairPlace]()
     data = model.createData()
     J = pin.computeJointJacobians(model, data, mechanism.neutral).reshape(6, model.nv)
     for j, kind in enumerate(mechanism.pairs, start=1):
@@ -62,7 +62,7 @@ def places(mechanism: Mechanism) -> list[Place]:
         axes = axes or [_outward(on_parent)]
         turn1, turn2 = axes_from_z(axes[0]), axes_from_z(axes[-1])
         frames = _framed(on_parent, turn1), _framed(pin.SE3.Identity(), turn2)
-        found.append(Place(model.names[j], kind, bodies, frames))
+        found.append(PairPlace(model.names[j], kind, bodies, frames))
     for closure in mechanism.closures:
         if not closure.frames:
             continue
@@ -71,5 +71,5 @@ def places(mechanism: Mechanism) -> list[Place]:
         if closure.type == "spherical":
             turn1 = axes_from_z(_outward(m1))
         frames = _framed(m1, turn1), _framed(m2, turn2)
-        found.append(Place(closure.name, closure.type, (i1, i2), frames))
+        found.append(PairPlace(closure.name, closure.type, (i1, i2), frames))
     return found

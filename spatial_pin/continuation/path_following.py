@@ -6,18 +6,18 @@ from collections.abc import Iterator
 from typing import Any
 
 from spatial_pin.continuation.branch_points import passage
-from spatial_pin.continuation.cursor import STRETCH, Cursor, Place, Stopped
+from spatial_pin.continuation.cursor import STRETCH, Cursor, PathPoint, Stopped
 from spatial_pin.continuation.evaluation_order import there_and_back
 from spatial_pin.continuation.pseudo_arclength import Arrival
 from spatial_pin.continuation.start import Start
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.kernel.paths import Samples
+from spatial_pin.kernel.paths import PathSamples
 from spatial_pin.numerics.linalg import Array
 
 CHUNK = 200_000  # joint coordinates followed at a time: a tenth of a second
 
 
-def followed_in_order(start: Start, values: Array, bar: Any) -> Samples | None:
+def followed_in_order(start: Start, values: Array, bar: Any) -> PathSamples | None:
     """Return the samples, followed in the order of their values from the first on, both ways.
 
     None where the values as given are no detour, or where the branch ends or crosses another: which
@@ -42,7 +42,7 @@ def followed_in_order(start: Start, values: Array, bar: Any) -> Samples | None:
 
 
 def followed_as_far(
-    start: Start, values: Array, samples: Samples, crossed: list[tuple[float, int]] | None,
+    start: Start, values: Array, samples: PathSamples, crossed: list[tuple[float, int]] | None,
     bar: Any, begun: int = 0,
 ) -> tuple[int, Arrival | None, bool]:
     """Write the samples of a branch as far as it goes, as `follow` does, from number `begun` on.
@@ -68,7 +68,7 @@ def followed_as_far(
 
 
 def follow(
-    start: Start, values: Array, samples: Samples, crossed: list[tuple[float, int]] | None,
+    start: Start, values: Array, samples: PathSamples, crossed: list[tuple[float, int]] | None,
     begun: int = 0,
 ) -> Iterator[int]:
     """Write the samples of a branch at driver values; yields the number of those done.
@@ -82,7 +82,7 @@ def follow(
     """
     cursor, k = Cursor(start), begun
     if k:
-        cursor.stand(Place.of(samples, k - 1, float(values[k - 1])))
+        cursor.stand(PathPoint.of(samples, k - 1, float(values[k - 1])))
     chunk = max(CHUNK // max(start.kernel.nv, 1), 1)
     while k < len(values):
         last = cursor.here if k else None
@@ -94,7 +94,7 @@ def follow(
         if k == len(values) or done == chunk:
             continue
         if done:
-            last = Place.of(samples, k - 1, float(values[k - 1]))
+            last = PathPoint.of(samples, k - 1, float(values[k - 1]))
         if last is not None and cursor.way(last, cursor.here.s) < STRETCH:
             cursor.stand(last)  # clear of what lies ahead, and not too far to go again
         try:
@@ -108,14 +108,14 @@ def follow(
         yield k
 
 
-def _put(samples: Samples, k: int, place: Place) -> None:
+def _put(samples: PathSamples, k: int, place: PathPoint) -> None:
     """Write a place into sample k."""
     samples.q[k], samples.t[k], samples.c[k] = place.q, place.t, place.c
     samples.error[k], samples.angles[k] = place.error, place.angles
 
 
 def _pass_branch_point(
-    cursor: Cursor, values: Array, samples: Samples, stopped: Stopped,
+    cursor: Cursor, values: Array, samples: PathSamples, stopped: Stopped,
     crossed: list[tuple[float, int]] | None,
 ) -> int:
     """Go straight on at a branch point before a sample; return the first one behind its passage.

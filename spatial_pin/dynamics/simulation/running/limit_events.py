@@ -9,7 +9,7 @@ import numpy as np
 from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.forces import joint_efforts
 from spatial_pin.dynamics.simulation.problem import Problem
-from spatial_pin.dynamics.simulation.running.step import Step
+from spatial_pin.dynamics.simulation.running.step import IntegrationStep
 from spatial_pin.motion.motion import Event
 from spatial_pin.motion.rated_limits import RatedLimit, effort_limits, velocity_limits
 from spatial_pin.numerics.linalg import Array
@@ -48,7 +48,7 @@ class RatedLimits:
         self.at_start = [Event(limit.kind, 0.0, 0, f"beyond the {limit.words} from the start")
                          for limit, x in (*constant, *moving) if limit.excess(x) > 0.0]
 
-    def passed(self, step: Step) -> list[tuple[float, RatedLimit]]:
+    def passed(self, step: IntegrationStep) -> list[tuple[float, RatedLimit]]:
         """Return the limits passed outwards in a step, with the times, in their order."""
         limits = [*self.velocities, *self._given, *(limit for _, limit in self._driven)]
         if not limits:
@@ -75,7 +75,7 @@ class RatedLimits:
             last, after = next(((t, x) for t, x in inside if x > 0.0), (last, after))
         return sign_change(excess, first, last, before, after) if after > 0.0 else None
 
-    def _excesses(self, step: Step, t: float) -> Array:
+    def _excesses(self, step: IntegrationStep, t: float) -> Array:
         """Return how far all are beyond their limits, relative to these."""
         v = step.place(t)[1]
         pairs = [(limit, v[limit.v]) for limit in self.velocities]

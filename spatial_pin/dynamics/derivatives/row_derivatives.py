@@ -61,7 +61,7 @@ class Block(NamedTuple):
     b: Array
 
 
-class Rates(NamedTuple):
+class ProductRates(NamedTuple):
     """Products of vectors with their rates at a motion, and how these change with q and v.
 
     Attributes:
@@ -154,7 +154,7 @@ class BodiesOfTree:
         return is_own, np.stack([g0, g1, g2]), np.stack([moved, first, second]), of_v
 
 
-class Products:
+class ProductDerivatives:
     """Products A . B of vectors linear in the placements, and what they do when q and v change.
 
     Args:
@@ -185,7 +185,7 @@ class Products:
         return np.array([v for j in sorted(before - {0})
                          for v in range(model.idx_vs[j], model.idx_vs[j] + model.nvs[j])], np.intp)
 
-    def rates(self, q: Array, v: Array, acceleration: Array) -> Rates:
+    def rates(self, q: Array, v: Array, acceleration: Array) -> ProductRates:
         """Return the products' rates at a motion."""
         self.bodies.move(q, v, acceleration)
         values, vectors = np.zeros((3, self.n)), []
@@ -197,8 +197,8 @@ class Products:
             of_q[at], of_v[at] = (_leibniz(_change(levels, x)) for x in (by_q, by_v))
             vectors.append((*levels[0], *by_q[0]))
         placements, columns = self.bodies.places()
-        return Rates(values, of_q, of_v, vectors, placements, _matrix(columns.T).swapaxes(1, 2),
-                     (q, v, acceleration))
+        return ProductRates(values, of_q, of_v, vectors, placements,
+                            _matrix(columns.T).swapaxes(1, 2), (q, v, acceleration))
 
     def _of_block(self, block: Block) -> tuple[Levels, Levels, Levels]:
         """Return A and B with their rates, and what these change by with q and with v."""
@@ -214,14 +214,14 @@ class Products:
         found = [[(block.a @ x, block.b @ x) for x in levels] for levels in (g, by_q, by_v)]
         return found[0], found[1], found[2]
 
-    def first_slopes(self, rates: Rates, row: int) -> Array:
+    def first_slopes(self, rates: ProductRates, row: int) -> Array:
         """Return the q derivatives (c, 3) of the first vector of a product."""
         by_block = zip(self.blocks, rates.vectors, strict=True)
         found: Array = next(da[:, block.rows == row, :] for block, (_, _, da, _) in by_block
                             if row in block.rows)
         return found[:, 0]
 
-    def bending(self, rates: Rates, weights: Array) -> Array:
+    def bending(self, rates: ProductRates, weights: Array) -> Array:
         """Return q derivatives (nv, nv) of the q derivatives of the weighted sum of products.
 
         Args:
@@ -290,7 +290,7 @@ def _leibniz(product: Product) -> Array:
                      product(2, 0) + 2.0 * product(1, 1) + product(0, 2)])
 
 
-class Rows:
+class RowDerivatives:
     """Closure rows and springs between frames, with their derivatives.
 
     Products are those of closure equations, then from `closed` on half the squared spring lengths.
@@ -313,9 +313,9 @@ class Rows:
                 ends[i] = ends.get(i, np.zeros(4)) + sense * point
             a.append(ends)
             b.append({i: 0.5 * x for i, x in ends.items()})
-        self.products = Products(mechanism, whole, a, b)
+        self.products = ProductDerivatives(mechanism, whole, a, b)
 
-    def accelerations(self, rates: Rates) -> tuple[Array, Array]:
+    def accelerations(self, rates: ProductRates) -> tuple[Array, Array]:
         """Return the derivatives (n_closure, nv) of the rows' second rates, in q and in v."""
         c = self.constraints
         out = np.zeros((2, c.n_closure, self.nv))
@@ -331,7 +331,7 @@ class Rows:
                 total[group.rows] = group.values(inputs)[0].change(2)
         return out[0], out[1]
 
-    def joint_rows(self, rates: Rates) -> tuple[Array, Array]:
+    def joint_rows(self, rates: ProductRates) -> tuple[Array, Array]:
         """Return the derivatives (k, nv) of equations by joint coordinates as such.
 
         And how they change with q (k, nv, nv).
@@ -345,7 +345,7 @@ class Rows:
                 np.add.at(changes, (group.rows, v), change)
         return rows[c.of_joints], changes[c.of_joints]
 
-    def _slopes(self, group: Composed, rates: Rates) -> list[tuple[Array, Array]]:
+    def _slopes(self, group: Composed, rates: ProductRates) -> list[tuple[Array, Array]]:
         """Return derivatives (m,) by products and coordinates, and how they change (m, nv)."""
         products = [rates.values[0][:, None, None], rates.by_q[0][:, None]]
         coordinates = [rates.motion[0][:, None, None], np.eye(self.nv)[:, None]]
@@ -354,7 +354,7 @@ class Rows:
                  np.broadcast_to(x.values[1], (m, 1, self.nv))[:, 0])
                 for x in group.slopes(products, coordinates)]
 
-    def bending(self, rates: Rates, multipliers: Array, pulls: Array) -> Array:
+    def bending(self, rates: ProductRates, multipliers: Array, pulls: Array) -> Array:
         """Return q derivatives (nv, nv) of the joint forces of rows and springs, kept as strong.
 
         Args:

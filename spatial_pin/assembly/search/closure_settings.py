@@ -14,7 +14,7 @@ from spatial_pin.assembly.holding import still_entries
 from spatial_pin.assembly.search.guesses import Further, further_starts
 from spatial_pin.assembly.search.loop_groups import LoopGroup, loop_groups, loose_entries
 from spatial_pin.assembly.search.whole_turns import said_of
-from spatial_pin.kernel.closer import NAMED, Asked
+from spatial_pin.kernel.closer import NAMED, ClosureSettings
 from spatial_pin.mechanism.coordinates import by_joint
 from spatial_pin.mechanism.joint_limits import position_limits
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -79,12 +79,12 @@ def left_of(
 
 
 @made_once
-def asked_of(mechanism: Mechanism, left: Left, tolerance: float) -> Asked:
+def asked_of(mechanism: Mechanism, left: Left, tolerance: float) -> ClosureSettings:
     """Return how loops are closed where so much is left to move; the same object every time."""
     lower, upper = position_limits(mechanism)
     shakes = None if left.further is None else left.further.first
-    return Asked(left.free, left.first, tolerance, DAMPED_STEPS, TOLERANCES.rank, left.said,
-                 lower, upper, shakes)
+    return ClosureSettings(left.free, left.first, tolerance, DAMPED_STEPS, TOLERANCES.rank,
+                           left.said, lower, upper, shakes)
 
 
 def _said(

@@ -13,7 +13,7 @@ from spatial_pin.constraints.trees import is_large
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.loop_equations import loops_of
-from spatial_pin.kernel.rates import rates_of
+from spatial_pin.kernel.rate_solver import rates_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, decompose, independent_rows, weighty_rows
 

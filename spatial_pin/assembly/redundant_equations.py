@@ -36,7 +36,7 @@ from spatial_pin.kernel.closer import Examined, closer_of
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.coordinates import joint_values, with_values
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.parts import Equations
+from spatial_pin.mechanism.parts import SelectedEquations
 from spatial_pin.numerics.linalg import Array, decompose, null_space, singular_values, weighty_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy
@@ -198,7 +198,7 @@ def rounding_of(mechanism: Mechanism) -> float:
     return 0.0 if mechanism.kept is None else mechanism.kept.cut
 
 
-def _kept(evaluation: LoopEquations, gap: float) -> Equations | None:
+def _kept(evaluation: LoopEquations, gap: float) -> SelectedEquations | None:
     """Return the equations that stay where the numbers of others are rounded; None: all stay."""
     cut = min(GAPS_WIDE * gap, WIDEST_GAP)
     first = next(_beginnings(evaluation, cut, gap), None)
@@ -220,7 +220,7 @@ def _kept(evaluation: LoopEquations, gap: float) -> Equations | None:
                            _oriented(first, x, rank)))
             for x in _nearby(evaluation, first, cut, gap)]
     kept = (_independent(mechanism, near, _oriented(first, samples, rank)) if rank else
-            Equations(((),) * len(mechanism.closures), ((),) * len(mechanism.closures)))
+            SelectedEquations(((),) * len(mechanism.closures), ((),) * len(mechanism.closures)))
     if _opens_nearby(evaluation, mechanism.with_equations(kept),
                      _oriented(first, [first], rank)[0], gap):
         return None
@@ -431,7 +431,7 @@ def _on_the_way(
 
 def _independent(
     mechanism: Mechanism, near: list[list[Sample]], samples: list[Sample]
-) -> Equations:
+) -> SelectedEquations:
     """Return equations, as many as are independent, that are so at all samples as well as can be.
 
     No choice may do everywhere: the parallel cranks of a coupler are folded by pairs, one pair here
@@ -463,7 +463,7 @@ def _independent(
                                               for _ in range(2)]
     for row in rows:
         kept[row >= constraints.n_closure][labels[row].closure] += (labels[row].equation,)
-    return Equations(tuple(kept[0].values()), tuple(kept[1].values()))
+    return SelectedEquations(tuple(kept[0].values()), tuple(kept[1].values()))
 
 
 def _independence(jacobians: list[Array] | Array, samples: list[Sample]) -> Array:

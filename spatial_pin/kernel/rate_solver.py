@@ -45,7 +45,7 @@ class Chosen(NamedTuple):
     fill: Array
 
 
-class Rates:
+class RateSolver:
     """Solves for rates with some freedoms driven; one caller at a time.
 
     Kept by the kernel whose memory it works in. What is asked for after `place` or `solve` is that
@@ -183,9 +183,9 @@ def _determined(code: int) -> bool:
     return code == NOT_FINITE
 
 
-def rates_of(kernel: Kernel, driven: tuple[int, ...], n_moving: int) -> Rates:
+def rates_of(kernel: Kernel, driven: tuple[int, ...], n_moving: int) -> RateSolver:
     """Return the solver for rates in a kernel, made once."""
     key = driven, n_moving
     if key not in kernel.kept:
-        kernel.kept[key] = Rates(kernel, driven, n_moving)
+        kernel.kept[key] = RateSolver(kernel, driven, n_moving)
     return kernel.kept[key]

@@ -24,8 +24,8 @@ from spatial_pin.constraints.compiled_equations import combined_wrenches
 from spatial_pin.constraints.composite_joints import SplitModel
 from spatial_pin.constraints.pinocchio_views import acceleration_derivatives
 from spatial_pin.constraints.trees import Subtree
-from spatial_pin.dynamics.derivatives.closures import Rates, Rows
-from spatial_pin.dynamics.derivatives.forces import Pull
+from spatial_pin.dynamics.derivatives.row_derivatives import ProductRates, RowDerivatives
+from spatial_pin.dynamics.derivatives.spring_derivatives import Pull
 from spatial_pin.dynamics.forward import Dynamics
 from spatial_pin.dynamics.reactions import Pairs
 from spatial_pin.numerics.linalg import Array
@@ -71,8 +71,8 @@ class Changes(NamedTuple):
     state: State
     whole: SplitModel
     a: Array
-    rows: Rows
-    rates: Rates
+    rows: RowDerivatives
+    rates: ProductRates
     lines: list[Pull]
     turns: list[Pull]
     outside: list[tuple[int, pin.SE3, pin.Force]]

@@ -16,7 +16,11 @@ import pinocchio as pin
 from spatial_pin.constraints.composite_joints import SplitModel
 from spatial_pin.constraints.pinocchio_views import own_jacobian
 from spatial_pin.constraints.trees import Subtree
-from spatial_pin.dynamics.derivatives.closures import BodiesOfTree, Rates, Rows
+from spatial_pin.dynamics.derivatives.row_derivatives import (
+    BodiesOfTree,
+    ProductRates,
+    RowDerivatives,
+)
 from spatial_pin.dynamics.forces import Forces, Law, Line
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -90,7 +94,7 @@ class Springs:
                                 ONE_SIDED), by_rate
         return slope(lambda y: law(y, rate), x, REACH * (abs(x) or unit)), by_rate
 
-    def lines(self, rows: Rows, rates: Rates) -> list[Pull]:
+    def lines(self, rows: RowDerivatives, rates: ProductRates) -> list[Pull]:
         """Return the springs between frames, in the order of `forces.lines`.
 
         Raises:
@@ -111,7 +115,7 @@ class Springs:
             found.append(Pull(force, force / length, row, by_q, by_rate * row))
         return found
 
-    def _at_a_point(self, line: Line, rows: Rows, rates: Rates, at: int) -> Pull:
+    def _at_a_point(self, line: Line, rows: RowDerivatives, rates: ProductRates, at: int) -> Pull:
         """Return a spring whose frames coincide: its force is stiffness times what parts them.
 
         Where nothing can part them, any stiffness will do.
@@ -158,7 +162,7 @@ def spring_slopes(lines: list[Pull], turns: list[Pull], nv: int) -> tuple[Array,
     """Return the derivatives (nv, nv) of the springs' joint forces with respect to q and v.
 
     Those along lines that bend, at the same force by half the squared length, are left out: see
-    `Rows.bending`.
+    `RowDerivatives.bending`.
 
     Args:
         lines: springs between frames.

@@ -14,15 +14,15 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.assembly.rounding import rounding_of
+from spatial_pin.assembly.redundant_equations import rounding_of
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.constraints.workspaces import acquired
 from spatial_pin.dynamics.forces import Forces, Law, external_wrenches, generalised
 from spatial_pin.dynamics.reactions import UNMOVED, Pairs, Poses
 from spatial_pin.dynamics.solvers.accelerations import MotionEquations
-from spatial_pin.mechanism.checks import refuse_negative_inertias
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.mechanism_checks import refuse_negative_inertias
 from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.numerics.linalg import Array
 
