@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 from spatial_pin._support.checks import number_from_zero, positive_number, whole_number
 from spatial_pin.errors import SpatialPinError
 
-FORMULATIONS = ("independent", "projected")  # names of those of `dynamics.simulation.simulate`
+FORMULATIONS = ("independent", "projected")  # names of those of `dynamics.simulation.formulations`
 KERNEL = "kernel"
 
 

@@ -29,7 +29,6 @@ LAYERS = {
                 "pinocchio_model"],
     "assembly": ["search"],
     "dynamics": ["solvers", "derivatives", "simulation"],
-    "dynamics.simulation": ["formulations", "running"],
     "view": ["scene", "page"],
     "cli": ["commands"],
     "view.scene": ["layers"],

@@ -15,8 +15,8 @@ import spatial_pin as sp
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.kernel_tree import KernelTree
 from spatial_pin.constraints.trees import Tree, tree_of
+from spatial_pin.dynamics.simulation.formulations import independent
 from spatial_pin.dynamics.simulation.problem import Problem
-from spatial_pin.dynamics.simulation.simulate import _independent
 from spatial_pin.kernel.integrating import RungeKutta
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.rate_solver import rates_of
@@ -90,7 +90,7 @@ def test_many_loops_far_from_where_they_flatten_are_not_held_for_near(loops):
     """
     mechanism = models.ladder(loops)
     state = sp.assemble(mechanism, {"pin_0": -0.02})
-    system = _independent(Problem(mechanism, None, None, None, 1e-13), state)
+    system = independent(Problem(mechanism, None, None, None, 1e-13), state)
     y = system.unknowns(state.v, 0.0)
     solver = RungeKutta("DOP853", system, 0.0, y, 1.0, 1e-3, 1.0, 1e-9, np.full(len(y), 1e-9))
     while solver.status == "running":

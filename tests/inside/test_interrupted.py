@@ -15,7 +15,7 @@ from spatial_pin.dimensions.predictions import Predictions
 from spatial_pin.dimensions.sensitivity import _Around
 from spatial_pin.dimensions.varied_samples import VariedSamples
 from spatial_pin.dynamics.kinetostatics import _StoredSamples
-from spatial_pin.dynamics.simulation.running.run import Run
+from spatial_pin.dynamics.simulation.run import Run
 from spatial_pin.inverse_kinematics import reach_path
 from spatial_pin.mobility.mode_search import ModeSearch
 from spatial_pin.proximity.clearance_search import ClearanceSearch

@@ -13,12 +13,11 @@ from variety import few
 import spatial_pin as sp
 from spatial_pin import settings
 from spatial_pin.dynamics.simulation import problem
-from spatial_pin.dynamics.simulation.formulations.free_fall import floats
-from spatial_pin.dynamics.simulation.formulations.independent import Independent
+from spatial_pin.dynamics.simulation.formulations import FORMULATIONS as INNER
+from spatial_pin.dynamics.simulation.formulations import Independent, independent
+from spatial_pin.dynamics.simulation.free_fall import floats
 from spatial_pin.dynamics.simulation.integrators import Differences
 from spatial_pin.dynamics.simulation.problem import Problem
-from spatial_pin.dynamics.simulation.simulate import FORMULATIONS as INNER
-from spatial_pin.dynamics.simulation.simulate import _independent
 from spatial_pin.kernel.loop_equations import loops_of
 
 
@@ -141,8 +140,8 @@ def test_a_step_without_samples_is_taken_again_shorter(monkeypatch, integrator):
     mechanism, state = thrown("delta", 0)
     whole = sp.simulate(mechanism, state, 1.0, times=TIMES, accuracy=sp.Accuracy(
         integrator=integrator))
+    from spatial_pin.dynamics.simulation import run
     from spatial_pin.dynamics.simulation.coordinate_partitioning import Lost
-    from spatial_pin.dynamics.simulation.running import run
 
     original, refused = run.Run._take, []
 
@@ -178,7 +177,7 @@ def test_nothing_that_was_given_up_is_tried_again(tmp_path):
     state = arm_on_a_slider(tmp_path, 21)
     problem, given_up, found = Problem(state.mechanism, None, None, None, 1e-13), set(), []
     for _ in range(3):
-        system = _independent(problem, state, given_up)
+        system = independent(problem, state, given_up)
         found.append(tuple(system.free))
         given_up.add((Independent, found[-1]))
     assert len(set(found)) == 2
@@ -190,7 +189,7 @@ def test_a_motion_goes_to_the_limit_itself(tmp_path, gap):
     """Here the rod leans back."""
     state = rod_end_on_a_line(tmp_path, 0.0)
     assert state.placement("end").translation[0] < state.placement("rod").translation[0]
-    system = _independent(Problem(state.mechanism, None, None, None, 1e-13), state)
+    system = independent(Problem(state.mechanism, None, None, None, 1e-13), state)
     angle = np.arcsin((0.9 - 0.8) / 0.5) + gap
     lean = np.pi - np.arcsin((0.9 - 0.5 * np.sin(angle)) / 0.8)
     rate = -0.5 * np.cos(angle) / (0.8 * np.cos(lean))  # how fast it turns, for the crank

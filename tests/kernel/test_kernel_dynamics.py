@@ -12,9 +12,9 @@ from scipy import integrate
 from variety import each
 
 import spatial_pin as sp
+from spatial_pin.dynamics.simulation.events import Watch
+from spatial_pin.dynamics.simulation.formulations import independent
 from spatial_pin.dynamics.simulation.problem import Problem
-from spatial_pin.dynamics.simulation.running.events import Watch
-from spatial_pin.dynamics.simulation.simulate import _independent
 from spatial_pin.kernel.integrating import RungeKutta
 from spatial_pin.mechanism.inertia import KineticEnergy
 
@@ -34,7 +34,7 @@ def test_accelerations_are_those_of_forward_dynamics(name):
     """Which has Pinocchio's mass matrix and forces, and solves for all joints together."""
     mech, state = moving(name, 3)
     efforts = dict.fromkeys(list(mech.drivers)[:1], 0.7)
-    system = _independent(Problem(mech, efforts, None, None, 1e-13), state)
+    system = independent(Problem(mech, efforts, None, None, 1e-13), state)
     sample = system.samples(np.zeros(1), system.unknowns(state.v, 0.0)[None])
     expected = sp.forward_dynamics(mech, state, efforts).a
     assert np.abs(sample.q[0] - state.q).max() < 1e-12
@@ -46,7 +46,7 @@ def test_accelerations_are_those_of_forward_dynamics(name):
 def test_energies_are_pinocchios(name):
     mech, state = moving(name, 5)
     problem = Problem(mech, None, None, None, 1e-13)
-    system = _independent(problem, state)
+    system = independent(problem, state)
     found = system.energies(0.0, system.unknowns(state.v, 0.0))
     model, data = mech.model, mech.model.createData()
     kinetic = KineticEnergy(model)(state.q, state.v)
@@ -77,7 +77,7 @@ def test_trees_accelerate_as_by_the_articulated_body_algorithm(tmp_path, seed):
     model = mech.model
     q = pin.integrate(model, pin.neutral(model), rng.uniform(-1.0, 1.0, model.nv))
     state = sp.State(mech, q, rng.uniform(-2.0, 2.0, model.nv), closure_error=0.0)
-    system = _independent(Problem(mech, {"elbow": 0.4}, None, None, 1e-13), state)
+    system = independent(Problem(mech, {"elbow": 0.4}, None, None, 1e-13), state)
     sample = system.samples(np.zeros(1), system.unknowns(state.v, 0.0)[None])
     tau = np.zeros(model.nv)
     tau[mech.coordinate("elbow").v] = 0.4

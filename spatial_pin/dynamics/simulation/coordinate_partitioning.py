@@ -87,7 +87,7 @@ class Freedoms:
         """
         drive = np.zeros((len(prescribed), self._mechanism.model.nv))
         drive[np.arange(len(prescribed)), list(prescribed)] = 1.0
-        freedoms = self._beside(state, drive)
+        freedoms = self._without(state, drive)
         if not len(freedoms):
             return []
         return weighty_rows(freedoms.T, len(freedoms)).tolist()
@@ -102,20 +102,16 @@ class Freedoms:
         Raises:
             SingularError: the loops have lost rank.
         """
-        speeds = np.abs(self._beside(state, apart)[0])
+        speeds = np.abs(self._without(state, apart)[0])
         plain = [c.v for c in self._mechanism.coordinate_table.values() if c.q >= 0]
         enough = PLAIN * speeds.max()
         return sorted((v for v in plain if speeds[v] > enough), key=lambda v: -speeds[v])
 
-    def _beside(self, state: State, drive: Array) -> Array:
-        """Return orthonormal rows (n, nv), scaled, of the motions that drive (k, nv) leaves."""
-        rows, key = self.equations(state), drive.tobytes()
-        if key not in self._spaces:
-            self._spaces[key] = self._found(state, rows, drive)
-        return self._spaces[key]
-
-    def _found(self, state: State, rows: NDArray[np.intp], drive: Array) -> Array:
-        name = self._mechanism.name
+    def _without(self, state: State, drive: Array) -> Array:
+        """Return orthonormal rows (n, nv), scaled, of the motions in which drive (k, nv) rests."""
+        rows, key, name = self.equations(state), drive.tobytes(), self._mechanism.name
+        if key in self._spaces:
+            return self._spaces[key]
         with loops_of(self._mechanism, state.angles) as evaluation:
             if not self._spaces and (lost := rank_loss(evaluation, state.q, len(rows))):
                 why = lost_rank(evaluation, state.q, lost, "forces")
@@ -125,4 +121,5 @@ class Freedoms:
             raise SingularError(
                 f"mechanism {name!r}: the prescribed coordinates are not independent of each other "
                 f"at {state}", state=state)
-        return svd.null_space
+        self._spaces[key] = svd.null_space
+        return self._spaces[key]

@@ -1,10 +1,10 @@
 """Integrators of ordinary differential equations, made of entries of `settings.INTEGRATORS`.
 
-`stepper` returns a function (fun, t0, y0, t_end, settings, units, longest, first) to an object that
-steps like those of SciPy: `step()`, `t`, `t_old`, `y`, `status` ("running", "finished" or "failed")
-and `dense_output()`, a function of the time, or of times (N,), over the last step that returns
-unknowns (n,) or (n, N). `units` say what counts as one of every unknown, `longest` is the longest
-step [s] and `first` the longest first one; steps of fixed length know neither but `longest`.
+`integrator` returns an object that steps like those of SciPy: `step()`, `t`, `t_old`, `y`, `status`
+("running", "finished" or "failed") and `dense_output()`, a function of the time, or of times (N,),
+over the last step that returns unknowns (n,) or (n, N). `units` say what counts as one of every
+unknown, `longest` is the longest step [s] and `first` the longest first one; steps of fixed length
+know neither but `longest`.
 """
 
 from __future__ import annotations
@@ -17,8 +17,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from spatial_pin.dynamics.simulation.formulations.independent import Independent
-from spatial_pin.errors import SpatialPinError
+from spatial_pin.dynamics.simulation.formulations import Independent
+from spatial_pin.dynamics.simulation.problem import Problem
+from spatial_pin.errors import SpatialPinError, StepLimitError, warn
 from spatial_pin.kernel.integrating import RungeKutta
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import INTEGRATORS, KERNEL, Accuracy
@@ -32,6 +33,13 @@ SLOPE_STEP = 1e-7  # step of differences for implicit methods, relative to the u
 HUGE = 1e100  # rate that stands for none, where loops cannot be closed
 FASTEST = 1e100  # rate whose square, divided by a tolerance, still has a square
 SLOWEST = 1e3  # durations that a natural time may last
+AUTOMATIC, EXPLICIT, IMPLICIT = "automatic", "DOP853", "Radau"
+NEAR = 1e-3  # pivot, and step, relative to the largest so far, below which the motion creeps
+TRIED = 1000  # steps of a motion without damping, which go on as long as they are
+HOPELESS = 10.0  # steps needed relative to those allowed: beyond, the duration is a mistake
+CREEPING = 60  # such steps in a row that show a singular configuration just ahead
+NOWHERE = 1e-2  # of the longest step: farther than all allowed steps would lead if as short
+STANDING = 200  # such steps in a row that lead nowhere: stiff motions soon take longer ones
 
 
 class Units(NamedTuple):
@@ -140,45 +148,33 @@ def first_step(
     return min(units.time * min(100.0 * trial, step), span)
 
 
-def _like_scipy(name: str) -> Callable[..., Any]:
-    def make(
-        fun: Function, t0: float, y0: Array, t_end: float, accuracy: Accuracy, units: Units,
-        longest: float = math.inf, first: float = math.inf,
-    ) -> Any:
-        module, _, own = INTEGRATORS[name].solver.partition(":")
-        made = getattr(import_module(module), own)  # on use: SciPy's take half a second
-        tolerance = max(accuracy.time_tolerance, FINEST)
-        longest = min(longest, accuracy.step or math.inf)
-        more: dict[str, Any] = {"max_step": longest, "rtol": tolerance,
-                                "atol": tolerance * units.unknowns}
-        if "jac" in signature(made).parameters:  # of implicit ones
-            more["jac"] = Differences(fun, units.unknowns)
-        order = INTEGRATORS[name].order
-        if order:
-            span = min(t_end - t0, longest)
-            more["first_step"] = min(
-                first_step(fun, t0, y0, span, order, tolerance, units), first)
-            return made(fun, t0, y0, t_end, **more)
-        if math.isfinite(first):
-            more["first_step"] = first
-        # LSODA does not see NaN, but shortens its step for HUGE
-        return made(lambda t, y: np.nan_to_num(fun(t, y), nan=HUGE), t0, y0, t_end, **more)
-    return make
-
-
-def _in_kernel(name: str) -> Callable[..., Any]:
-    def make(
-        fun: Function, t0: float, y0: Array, t_end: float, accuracy: Accuracy, units: Units,
-        longest: float = math.inf, first: float = math.inf,
-    ) -> RungeKutta:
-        tolerance, span = max(accuracy.time_tolerance, FINEST), t_end - t0
-        longest = min(longest, accuracy.step or math.inf)
-        order, is_fixed = INTEGRATORS[name].order, INTEGRATORS[name].is_fixed
-        step = float(_count(name, span, longest)) if is_fixed else min(
-            first_step(fun, t0, y0, min(span, longest), order, tolerance, units), first)
+def integrator(
+    name: str, fun: Function, t0: float, y0: Array, t_end: float, accuracy: Accuracy, units: Units,
+    longest: float = math.inf, first: float = math.inf,
+) -> Any:
+    """Return an integrator, see the module's docstring."""
+    own, tolerance = INTEGRATORS[name], max(accuracy.time_tolerance, FINEST)
+    longest = min(longest, accuracy.step or math.inf)
+    span = t_end - t0
+    if not own.is_fixed and own.order:
+        first = min(first_step(
+            fun, t0, y0, min(span, longest), own.order, tolerance, units), first)
+    if own.solver == KERNEL:
+        step = float(_count(name, span, longest)) if own.is_fixed else first
         return RungeKutta(name, fun, t0, y0, t_end, step, longest, tolerance,
                           tolerance * units.unknowns)
-    return make
+    module, _, kind = own.solver.partition(":")
+    made = getattr(import_module(module), kind)  # on use: SciPy's take half a second
+    more: dict[str, Any] = {"max_step": longest, "rtol": tolerance,
+                            "atol": tolerance * units.unknowns}
+    if "jac" in signature(made).parameters:  # of implicit ones
+        more["jac"] = Differences(fun, units.unknowns)
+    if own.order or math.isfinite(first):
+        more["first_step"] = first
+    if own.order:
+        return made(fun, t0, y0, t_end, **more)
+    # LSODA does not see NaN, but shortens its step for HUGE
+    return made(lambda t, y: np.nan_to_num(fun(t, y), nan=HUGE), t0, y0, t_end, **more)
 
 
 def _count(name: str, span: float, step: float) -> int:
@@ -208,10 +204,134 @@ def successor(solver: Any, units: Array, easy: int) -> tuple[str, int]:
     return (EXPLICIT, 0) if easy >= LONG else (IMPLICIT, easy)
 
 
-AUTOMATIC, EXPLICIT, IMPLICIT = "automatic", "DOP853", "Radau"
+class Stepping:
+    """The integrator in use: the one given, or by turns an explicit and an implicit one.
 
+    It looks at the lengths of the steps: how fast they lead on, and when they lead nowhere.
 
-def stepper(name: str) -> Callable[..., Any]:
-    """Return what makes an integrator, see the module's docstring."""
-    name = EXPLICIT if name == AUTOMATIC else name
-    return _in_kernel(name) if INTEGRATORS[name].solver == KERNEL else _like_scipy(name)
+    Args:
+        problem: what acts.
+        accuracy: integrator, tolerance or step, and how many steps may be taken.
+        end: until when they go [s].
+
+    Attributes:
+        used: names of the integrators that have taken steps.
+        largest: (2,) pivot of the equations and step [s], the largest so far.
+    """
+
+    def __init__(self, problem: Problem, accuracy: Accuracy, end: float) -> None:
+        self._problem, self._accuracy, self._end = problem, accuracy, end
+        self._chosen, self._method = accuracy.integrator, ""
+        self._easy, self._has_warned = 0, False
+        self.used: list[str] = []
+        self.largest: Array = np.zeros(2)
+        self._creeping = self._standing = 0
+
+    def begin(
+        self, system: Independent, t: float, y: Array, longest: float = np.inf,
+        only_first: bool = False,
+    ) -> Any:
+        """Return an integrator that starts at unknowns y, its error norm in natural units.
+
+        Args:
+            system: the equations of motion.
+            t: where it starts [s].
+            y: (n,) unknowns there.
+            longest: its longest step [s].
+            only_first: whether that holds for the first step alone.
+        """
+        self._units = natural_units(system, t, y, self._end - t)
+        method = EXPLICIT if self._chosen == AUTOMATIC else self._chosen
+        first, longest = (longest, np.inf) if only_first else (np.inf, longest)
+        return self._made(method, system, t, y, longest, first)
+
+    def succeed(self, system: Independent, t: float, y: Array, solver: Any) -> Any:
+        """Return the integrator to go on with: another one if stiffness has changed."""
+        if self._chosen != AUTOMATIC:
+            return solver
+        method, self._easy = successor(solver, self._units.unknowns, self._easy)
+        if method == self._method:
+            return solver
+        return self._made(method, system, t, y, solver.max_step)
+
+    def note(self, system: Independent, solver: Any) -> None:
+        """Keep the names of integrators used; warn once of an explicit one that only creeps."""
+        if self._method not in self.used:
+            self.used.append(self._method)
+        is_chosen = self._chosen != AUTOMATIC
+        if self._has_warned or not is_chosen or not getattr(solver, "creeps", False):
+            return
+        self._has_warned = True
+        cause = self._stiffest(system, solver)
+        warn(
+            f"mechanism {self._problem.mechanism.name!r}: from {solver.t:.6g} s on the explicit "
+            f"integrator {self._chosen!r} is no good, for steps of {solver.t - solver.t_old:.1e} s "
+            f"are as long as it is stable with: {cause} is stiff. Leave the "
+            "integrator out, or take Accuracy(integrator=\"Radau\")")
+
+    def _made(
+        self, method: str, system: Independent, t: float, y: Array, longest: float,
+        first: float = np.inf,
+    ) -> Any:
+        self._method, self._easy = method, 0
+        if self._problem.external and not INTEGRATORS[method].is_fixed:
+            longest = min(longest, self._problem.external.longest_step)
+        return integrator(
+            method, system, t, y, self._end, self._accuracy, self._units, longest, first)
+
+    def _stiffest(self, system: Independent, solver: Any) -> str:
+        """Return what causes the stiffness at the solver's time, in words."""
+        problem = self._problem
+        resistance = problem.forces.resistance
+        if not resistance:
+            return "a spring or damper"
+        slopes = resistance.slopes(system.place(solver.t, solver.y)[1]) * problem.scale**2
+        by_v = {c.v: c.name for c in problem.mechanism.coordinate_table.values()}
+        at = int(slopes.argmax())
+        damped = resistance.damping[at] * problem.scale[at] ** 2 > 0.5 * slopes[at]
+        return f"the {'damping' if damped else 'dry friction'} of {by_v[at]!r}"
+
+    def leapt(self, steps: int, largest: Array) -> None:
+        """Take note of steps in the kernel, which looks at them by itself."""
+        if steps > 1:
+            self._creeping = self._standing = 0
+        self.largest = largest
+
+    def creeps(self, pivot: float, step: float) -> bool:
+        """Whether steps shorten towards a singular configuration, or are too short to end."""
+        sizes = np.array([pivot, step])
+        self.largest = np.maximum(self.largest, sizes)
+        creeps = bool(np.all(sizes < NEAR * self.largest))
+        self._creeping = self._creeping + 1 if creeps else 0
+        stands = step * self._accuracy.most_steps < NOWHERE * self.largest[1]
+        self._standing = self._standing + 1 if stands else 0
+        return self._creeping > CREEPING or self._standing > STANDING
+
+    def is_short(self, time: float) -> bool:
+        """Whether a time [s] is negligible relative to the longest step so far."""
+        return bool(time <= NEAR**2 * self.largest[1])
+
+    def most(self, steps: int) -> int:
+        """Return how many steps may follow before they are looked at again."""
+        return min(TRIED - steps % TRIED, max(self._accuracy.most_steps - steps, 1))
+
+    def refuse_to_go_on_for_ever(self, t: float, steps: int, solver: Any) -> None:
+        """Refuse more steps than are allowed, early where there would be far more.
+
+        How many fixed ones there are was known before.
+
+        Raises:
+            StepLimitError: there would be more.
+        """
+        most = self._accuracy.most_steps
+        if solver.status != "running" or INTEGRATORS[self._accuracy.integrator].is_fixed:
+            return
+        is_hopeless = (self._problem.is_steady and not self._problem.is_damped
+                       and steps % TRIED == 0 and t * HOPELESS * most < self._end * steps)
+        if steps < most and not is_hopeless:
+            return
+        raise StepLimitError(
+            f"mechanism {self._problem.mechanism.name!r}: {steps} steps have led to "
+            f"{t:.6g} s of {self._end:.6g} s, the last of {solver.t - solver.t_old:.2g} s: "
+            "take a shorter duration, a larger time_tolerance, integrator='Radau' where strong "
+            f"springs or dampers make steps short, or Accuracy(most_steps={10 * most})")

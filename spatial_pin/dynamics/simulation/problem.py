@@ -1,15 +1,16 @@
-"""What a simulation is asked: forces and laws of drivers."""
+"""What acts in a simulation: forces, those from outside over time, and laws of drivers."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
-from spatial_pin._support.checks import mapping
+from spatial_pin._support.checks import as_array, is_finite, mapping
 from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.forces import (
     Forces,
@@ -18,13 +19,10 @@ from spatial_pin.dynamics.forces import (
     generalised,
     joint_efforts,
 )
-from spatial_pin.dynamics.simulation.coordinate_partitioning import Freedoms, Lost
-from spatial_pin.dynamics.simulation.external import External
+from spatial_pin.dynamics.simulation.coordinate_partitioning import Freedoms
 from spatial_pin.dynamics.simulation.result import LeastExchange
-from spatial_pin.dynamics.solvers.accelerations import no_inertia
 from spatial_pin.dynamics.solvers.bodies import WholeTree, bodies_of
-from spatial_pin.dynamics.solvers.independent_coordinates import Bounded
-from spatial_pin.dynamics.solvers.least_constraint import Least, LeastConstraint
+from spatial_pin.dynamics.solvers.least_constraint import LeastConstraint
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.kernel.packing import Packed, with_masses
 from spatial_pin.mechanism.laws import DriverLaw
@@ -32,14 +30,13 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.mechanism_checks import refuse_negative_inertias
 from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.numerics.tolerances import TOLERANCES
 
 # Closure asked for, from which on the integrator tells accelerations of samples, and most of one
 # freedom are interpolated: below it hardly one is as closed as that.
 BETWEEN_ANCHORS = 1e-11
 
 EffortLaw = Callable[[float, State], Mapping[str, float]]
-
+WrenchLaw = Callable[[float, State], Mapping[str, pin.Force]]
 
 NO_LAW = ("it must be a function of time that returns (value, rate, acceleration), as those of "
           "spatial_pin.laws")
@@ -62,6 +59,64 @@ def _law(name: str, law: Any) -> DriverLaw:
         return found
 
     return asked
+
+
+class External(NamedTuple):
+    """Forces at frames, world axes, force and moment at the frame's origin.
+
+    Attributes:
+        law: of the time and the State, by frame.
+        is_steady: whether they are constant.
+        longest_step: of an integrator that is to leap over no row [s].
+    """
+
+    law: WrenchLaw
+    is_steady: bool = False
+    longest_step: float = np.inf
+
+
+def external_forces(mechanism: Mechanism, given: Any, times: Array) -> External | None:
+    """Return what `simulate` is given as forces from outside; None if there are none.
+
+    Args:
+        mechanism: whose frames they act at.
+        given: by frame a `pin.Force` or rows (N, 6); or a function of the time and the State.
+        times: (N,) that the rows belong to.
+
+    Raises:
+        UnknownNameError: there is no such frame.
+        ValueError: rows are not as many as the times, or not finite.
+    """
+    if callable(given):
+        return External(lambda t, state: mapping(given(t, state), "external"))
+    forces: dict[str, pin.Force] = {}
+    tables: dict[str, Array] = {}
+    for name, force in mapping(given, "external").items():
+        mechanism.frame_id(name)
+        if isinstance(force, pin.Force):
+            forces[name] = force
+        else:
+            tables[name] = _rows(name, force, times)
+    if not tables:
+        return External(lambda t, state: forces, is_steady=True) if forces else None
+
+    def law(t: float, state: State) -> Mapping[str, pin.Force]:
+        return forces | {
+            name: pin.Force(np.array([np.interp(t, times, column) for column in rows.T]))
+            for name, rows in tables.items()}
+
+    return External(law, longest_step=float(np.diff(times).min(initial=np.inf)))
+
+
+def _rows(name: str, force: Any, times: Array) -> Array:
+    rows = as_array(force, f"external force at {name!r}")
+    if rows.shape != (len(times), 6):
+        raise ValueError(
+            f"external force at {name!r} has shape {rows.shape}; give a pin.Force, or a row of "
+            f"force and moment for each of the {len(times)} times: ({len(times)}, 6)")
+    if not is_finite(rows):
+        raise ValueError(f"external force at {name!r} is NaN or infinite")
+    return rows
 
 
 class Problem:
@@ -153,32 +208,6 @@ class Problem:
         if self.forces.exist:
             total = total + self.forces.generalised(evaluation, q, v)
         return total
-
-    def least(self, q: Array, v: Array, a: Bounded, columns: Bounded, given: Array) -> Least:
-        """Return the accelerations by `LeastConstraint`, for any masses.
-
-        What has no inertia stays as it is, if no force works on it.
-
-        Args:
-            q: (nq,) configuration, the loops closed.
-            v: (nv,) joint velocities.
-            a: (nv,) joint accelerations at which the freedoms have none.
-            columns: (nv, n) joint velocities of unit freedoms.
-            given: (nv,) joint forces.
-
-        Raises:
-            Lost: masses differ too much for any digit.
-            SingularError: a force works on a freedom without inertia.
-        """
-        found = self.least_constraint.solve(q, v, a, columns, given)
-        if found.pulled:
-            moving = np.abs(found.still / self.scale).max(axis=0)
-            by_v = {c.v: c.name for c in self.mechanism.coordinate_table.values()}
-            moved = np.flatnonzero(moving > TOLERANCES.half_precision * moving.max())
-            raise no_inertia(self.mechanism, [by_v[v] for v in moved.tolist()])
-        if found.lost:
-            raise Lost("masses differ too much there")
-        return found
 
     def unknowns(self, u: Array, work: float) -> Array:
         """Return the unknowns: coordinates 0, their rates u, and the work if any is done."""

@@ -14,17 +14,18 @@ from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.simulation.coordinate_partitioning import Lost
-from spatial_pin.dynamics.simulation.external import WrenchLaw, external_forces
-from spatial_pin.dynamics.simulation.formulations.free_fall import FreeFall, floats
-from spatial_pin.dynamics.simulation.formulations.free_rotation import Spins, spinning_bodies
-from spatial_pin.dynamics.simulation.formulations.independent import Independent
-from spatial_pin.dynamics.simulation.formulations.projected import Projected
-from spatial_pin.dynamics.simulation.problem import EffortLaw, Problem
+from spatial_pin.dynamics.simulation.events import AT_LIMITS, Watch
+from spatial_pin.dynamics.simulation.formulations import FORMULATIONS
+from spatial_pin.dynamics.simulation.free_fall import FreeFall, floats
+from spatial_pin.dynamics.simulation.problem import (
+    EffortLaw,
+    Problem,
+    WrenchLaw,
+    external_forces,
+)
+from spatial_pin.dynamics.simulation.record import LOST_SHARE
 from spatial_pin.dynamics.simulation.result import Projection, Simulation, driver_names
-from spatial_pin.dynamics.simulation.running.energy_balance import LOST_SHARE
-from spatial_pin.dynamics.simulation.running.equations_in_use import Formulate, GivenUp
-from spatial_pin.dynamics.simulation.running.events import AT_LIMITS, Watch
-from spatial_pin.dynamics.simulation.running.run import Run
+from spatial_pin.dynamics.simulation.run import Run
 from spatial_pin.errors import (
     EnergyError,
     Interrupted,
@@ -127,8 +128,7 @@ def simulate(
     state = moving_in_time(mechanism, state)
     mechanism = state.mechanism
     times = _times(duration, times)
-    _check_formulation(accuracy)
-    _check_step(accuracy, float(times[-1]))
+    _check_accuracy(accuracy, float(times[-1]))
     if on_joint_limit not in AT_LIMITS:
         raise ValueError(f"on_joint_limit is {on_joint_limit!r}; it is one of "
                          f"{', '.join(map(repr, AT_LIMITS))}")
@@ -153,7 +153,7 @@ def simulate(
             bar.update(t - bar.n)
         moved = motion()
         if moved.energy_drift > LOST_SHARE:
-            run.refuse_samples()
+            run.balance.refuse_samples(run.record)
         moved = within_gap(moved, accuracy, "stop")
     except (Lost, SingularError, StepLimitError) as error:
         if not run.end_without_inertia():
@@ -163,7 +163,7 @@ def simulate(
         error.motion = motion()
         raise
     except KeyboardInterrupt:
-        raise _interrupted(run, motion) from None
+        raise (Interrupted(motion()) if run.record.filled else KeyboardInterrupt()) from None
     finally:
         bar.close()
     return moved
@@ -184,19 +184,11 @@ def _ended(
     return error
 
 
-def _interrupted(run: Run, motion: Callable[[], Simulation]) -> KeyboardInterrupt:
-    """Return what Ctrl-C raises: with the motion so far, if there is any."""
-    return Interrupted(motion()) if run.record.filled else KeyboardInterrupt()
-
-
-def _check_formulation(accuracy: Accuracy) -> None:
+def _check_accuracy(accuracy: Accuracy, duration: float) -> None:
     if accuracy.formulation == "projected" and not INTEGRATORS[accuracy.integrator].is_one_step:
         known = [name for name, x in INTEGRATORS.items() if x.is_one_step]
         raise ValueError(f"integrator {accuracy.integrator!r} cannot be corrected after a step; "
                          f"for the projected formulation there are {', '.join(known)}")
-
-
-def _check_step(accuracy: Accuracy, duration: float) -> None:
     most = max(accuracy.most_steps, Accuracy.most_steps)
     if accuracy.step is not None and duration > most * accuracy.step:
         with np.errstate(over="ignore"):
@@ -238,39 +230,3 @@ def _check_start(problem: Problem, state: State) -> None:
             raise SpatialPinError(
                 f"mechanism {name!r}: the law of {driver} starts with {rate:.9g} {c.unit}/s, the "
                 f"state moves with {pace:.9g}: solve its rates")
-
-
-def _independent(problem: Problem, state: State, given_up: GivenUp = frozenset()) -> Independent:
-    """Return the equations of motion in the independent coordinates that fit a state best.
-
-    One freedom, links that spin freely not counted, is told by a joint with one coordinate, the
-    fastest that has not been given up.
-
-    Args:
-        problem: what acts.
-        state: where they begin.
-        given_up: what could not be followed from there.
-
-    Raises:
-        SingularError: the motion is not determined there.
-    """
-    free = problem.freedoms.best(state, [c.v for c, _ in problem.drives])
-    if not problem.drives:
-        spins = Spins(problem, spinning_bodies(problem, state) if len(free) > 1 else [])
-        if len(free) - len(spins) == 1:
-            for v in problem.freedoms.plain(state, spins.rows):
-                if (Independent, (v,)) not in given_up:
-                    return Independent(problem, state, [v], spins)
-    return Independent(problem, state, free)
-
-
-def _projected(problem: Problem, state: State, given_up: GivenUp = frozenset()) -> Independent:
-    """Return the equations of motion in all joint coordinates, whatever was given up."""
-    held = [] if problem.drives else problem.freedoms.best(state, [])
-    return Projected(problem, state, held)
-
-
-FORMULATIONS: dict[str, Formulate] = {
-    "independent": _independent,
-    "projected": _projected,
-}

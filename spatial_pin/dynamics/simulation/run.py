@@ -4,25 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.simulation.coordinate_partitioning import Lost
-from spatial_pin.dynamics.simulation.formulations.independent import Independent
-from spatial_pin.dynamics.simulation.formulations.projected import Projected
+from spatial_pin.dynamics.simulation.equations_in_use import EquationsInUse
+from spatial_pin.dynamics.simulation.events import IntegrationStep, Watch
+from spatial_pin.dynamics.simulation.formulations import Formulate, Independent, Projected
+from spatial_pin.dynamics.simulation.integrators import Stepping
 from spatial_pin.dynamics.simulation.problem import Problem
+from spatial_pin.dynamics.simulation.record import Balance, Record
 from spatial_pin.dynamics.simulation.result import Energies, Simulation
-from spatial_pin.dynamics.simulation.running.energy_balance import Balance
-from spatial_pin.dynamics.simulation.running.equations_in_use import EquationsInUse, Formulate
-from spatial_pin.dynamics.simulation.running.events import Watch
-from spatial_pin.dynamics.simulation.running.pace import Pace
-from spatial_pin.dynamics.simulation.running.record import Record
-from spatial_pin.dynamics.simulation.running.step import IntegrationStep
-from spatial_pin.dynamics.simulation.running.stepping import Stepping
-from spatial_pin.dynamics.simulation.running.vanishing_inertia import SINGULAR, VanishingInertia
+from spatial_pin.dynamics.simulation.vanishing_inertia import SINGULAR, VanishingInertia
 from spatial_pin.errors import EnergyError, SpatialPinError
 from spatial_pin.kernel.dynamics import (
     AT_END,
@@ -58,6 +53,7 @@ class Run:
         y: unknowns there.
         start: energies at the start.
         record: the samples so far.
+        balance: of their energies, once they have begun.
     """
 
     def __init__(
@@ -69,18 +65,22 @@ class Run:
         self.t, self._end = 0.0, float(times[-1])
         self.y: Array = np.empty(0)
         self.record = Record(problem, times, watch)
-        self._pace = Pace(problem, accuracy, self._end)
-        self._in_use = EquationsInUse(problem, accuracy, formulate, self.record, self._pace)
-        self._stepping = Stepping(accuracy, self._end)
+        self._stepping = Stepping(problem, accuracy, self._end)
+        self._in_use = EquationsInUse(problem, accuracy, formulate, self.record, self._stepping)
         self._inertia = VanishingInertia(problem.mechanism)
         self._evaluations, self._has_failed, self._is_short = 0, False, False
+        record, limits = self.record, {k: address(x) for k, x in watch.bounds.items()}
+        self._kernel_run = RunStruct(
+            address(record.times), len(record.times), 0, *map(address, record.room),
+            allowed=float(accuracy.most_steps), looks=watch.always,
+            n_limits=len(watch.bounds["limit_q"]), between=problem.between, **limits)
 
     def follow(self, state: State) -> Iterator[float]:
         """Integrate until the end, in one set of coordinates after the other; yields the time."""
         system = self._in_use.begin(0.0, state)
         self.y = system.unknowns(state.v, 0.0)
         self.start = system.energies(0.0, self.y)
-        self._balance = Balance(self._problem, self._accuracy, self.start)
+        self.balance = Balance(self._problem, self._accuracy, self.start)
         start = self.record.until(0.0)
         self.record.ask(system, start, self.y[None][: len(start)])
         if not len(self.y):  # no freedom and no work: the drivers' laws alone determine the motion
@@ -114,7 +114,7 @@ class Run:
                 break
             if why in ROUTINE:
                 yield False
-                self._pace.refuse_to_go_on_for_ever(self.t, self.record.steps, solver)
+                self._stepping.refuse_to_go_on_for_ever(self.t, self.record.steps, solver)
                 if why == NEW_COORDINATES:
                     break
                 continue
@@ -123,23 +123,11 @@ class Run:
                 solver = self._repeated(system, solver, why)
                 continue
             yield stops
-            self._pace.refuse_to_go_on_for_ever(self.t, self.record.steps, solver)
+            self._stepping.refuse_to_go_on_for_ever(self.t, self.record.steps, solver)
             if solver.status == "running":
                 if system.needs_new_coordinates(self.t, solver.y):
                     break
                 solver = self._stepping.succeed(system, self.t, self.y, solver)
-
-    @cached_property
-    def _kernel_run(self) -> RunStruct:
-        """What steps in the kernel want, and where their samples go."""
-        record, bounds = self.record, self._watch.bounds
-        return RunStruct(
-            address(record.times), len(record.times), 0, *map(address, record.room),
-            allowed=float(self._accuracy.most_steps), looks=self._watch.always,
-            n_limits=len(bounds.q), limit_q=address(bounds.q), limit_v=address(bounds.v),
-            limit_side=address(bounds.side), limit_value=address(bounds.value),
-            limit_before=address(bounds.before),
-            between=self._problem.between)
 
     def _leap(self, system: Independent, solver: Any) -> int | None:
         """Take many steps and their samples in the kernel; why it paused, None if it cannot.
@@ -151,8 +139,8 @@ class Run:
             return None
         record, run, before = self.record, self._kernel_run, solver.steps
         run.row, run.n_crossed, run.patience = record.filled, 0, system.patience
-        run.most = self._pace.most(record.steps)
-        run.largest_pivot, run.largest_step = self._pace.largest
+        run.most = self._stepping.most(record.steps)
+        run.largest_pivot, run.largest_step = self._stepping.largest
         try:
             why = solver.run(run)
         finally:
@@ -160,23 +148,12 @@ class Run:
         for x, row in zip(run.crossed[: run.n_crossed], run.crossed_row, strict=False):
             record.note_crossing(system.coordinate_at(x), row)
         taken = solver.steps - before
-        self._pace.leapt(taken, np.array([run.largest_pivot, run.largest_step]))
+        self._stepping.leapt(taken, np.array([run.largest_pivot, run.largest_step]))
         record.steps += taken if why in ROUTINE else max(taken - 1, 0)
         if why in ROUTINE:
             self._stepping.note(system, solver)
             self.t, self.y = solver.t, solver.y
         return why
-
-    def _is_projected(self, system: Projected, solver: Any) -> bool:
-        """Project the last step onto closed loops; False if its residual was too large for that."""
-        opened = system.settle(solver)
-        if opened > 1.0:
-            self._is_short = True
-            return False
-        if self._is_short and opened < LITTLE:
-            solver.max_step = min(2.0 * solver.max_step, self._accuracy.step or np.inf)
-        self._balance.refuse_to_lose(solver.t, system.energies(solver.t, solver.y))
-        return True
 
     def _keep(self, system: Independent, solver: Any, why: int | None) -> bool | None:
         """Keep the last step, which the kernel left for this reason, with its samples and events.
@@ -188,10 +165,17 @@ class Run:
         Raises:
             SingularError: steps only creep on.
         """
-        if why == NO_SAMPLES or (
-                isinstance(system, Projected) and not self._is_projected(system, solver)):
+        if why == NO_SAMPLES:
             return None
-        if self._pace.creeps(system.pivot, solver.t - solver.t_old):
+        if isinstance(system, Projected):
+            opened = system.settle(solver)
+            if opened > 1.0:
+                self._is_short = True
+                return None
+            if self._is_short and opened < LITTLE:
+                solver.max_step = min(2.0 * solver.max_step, self._accuracy.step or np.inf)
+            self.balance.refuse_to_lose(solver.t, system.energies(solver.t, solver.y))
+        if self._stepping.creeps(system.pivot, solver.t - solver.t_old):
             raise self._in_use.singular(self.t, system.state(solver.t, solver.y))
         self._stepping.note(system, solver)
         try:
@@ -207,18 +191,15 @@ class Run:
         return before
 
     def _repeated(self, system: Independent, solver: Any, why: int | None) -> Any:
-        """Return an integrator that repeats the last step with a shorter one, as `_shortened`."""
-        self.t, self.y = float(solver.t_old), self._before(solver, why)
-        self._watch.forget()
-        return self._shortened(system, solver.t - self.t)
-
-    def _shortened(self, system: Independent, step: float) -> Any:
-        """Return an integrator that repeats a step [s], at most half as long.
+        """Return an integrator that repeats the last step, at most half as long.
 
         Raises:
             SingularError: even the shortest steps open the loops.
             SpatialPinError: the step is fixed.
         """
+        self.t, self.y = float(solver.t_old), self._before(solver, why)
+        self._watch.forget()
+        step = solver.t - self.t
         if INTEGRATORS[self._accuracy.integrator].is_fixed:
             raise SpatialPinError(
                 f"mechanism {self._problem.mechanism.name!r}: a step of {step:.3g} s at "
@@ -232,17 +213,15 @@ class Run:
         self.record.steps += 1
         step = IntegrationStep(system, solver)
         found = self._watch.look(step, self.record.until(step.last))
-        if found.stop is None and self._inertia_vanishes(step):
-            words = self._inertia.words(step.last, *step.place(step.last))
-            found = found._replace(stop=step.last, text=words, kind=SINGULAR)
+        if found.stop is None:
+            length = step.last - step.first
+            shortened = length / max(self._stepping.largest[1], length)
+            at = (step.last, *step.place(step.last))
+            if self._inertia.is_ahead(*at, shortened):
+                found = found._replace(
+                    stop=step.last, text=self._inertia.words(*at), kind=SINGULAR)
         self.record.take(step, found, before)
         return found.stop is not None
-
-    def _inertia_vanishes(self, step: IntegrationStep) -> bool:
-        """Whether the motion comes to where it has no inertia, just behind a step."""
-        length = step.last - step.first
-        shortened = length / max(self._pace.largest[1], length)
-        return self._inertia.is_ahead(step.last, *step.place(step.last), shortened)
 
     def end_without_inertia(self) -> bool:
         """End a motion that cannot be followed, if that is for want of inertia; whether it is.
@@ -252,21 +231,13 @@ class Run:
         if not self.record.filled:
             return False
         with suppress(EnergyError):
-            self._balance.refuse_samples(self.record)
+            self.balance.refuse_samples(self.record)
         times, samples = self.record.all()
         if not self._inertia.was_ahead(times, samples.q, samples.v):
             return False
         words = self._inertia.words(times[-1], samples.q[-1], samples.v[-1])
         self.record.events.append(Event(SINGULAR, float(times[-1]), len(times), words))
         return True
-
-    def refuse_samples(self) -> None:
-        """Refuse samples whose energy balance is wrong; they are dropped.
-
-        Raises:
-            EnergyError: there are some.
-        """
-        self._balance.refuse_samples(self.record)
 
     def why(self) -> str:
         """Return why the motion cannot be followed beyond the present time."""

@@ -1,11 +1,12 @@
-"""The record of a simulation: samples, events, and numbers of steps."""
+"""The record of a simulation: samples, events, numbers of steps, and its energy balance."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.dynamics.simulation.formulations.independent import Independent
+from spatial_pin.dynamics.simulation.events import IntegrationStep, StepEvents, Watch
+from spatial_pin.dynamics.simulation.formulations import Independent
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.result import (
     ByDriver,
@@ -14,12 +15,16 @@ from spatial_pin.dynamics.simulation.result import (
     Simulation,
     energy_drift,
 )
-from spatial_pin.dynamics.simulation.running.events import Found, Watch
-from spatial_pin.dynamics.simulation.running.step import IntegrationStep
+from spatial_pin.errors import EnergyError
 from spatial_pin.kernel.dynamics import SimulationSamples
 from spatial_pin.motion.joint_limit_events import Passing
 from spatial_pin.motion.motion import Event
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.settings import INTEGRATORS, Accuracy
+
+LOST_SHARE = 1e-2  # of what is exchanged: beyond any error of steps of usual tolerance
+WORST = 0.5  # the same where steps are fixed, or their tolerance is loose
+MOST_ERRORS = 1e6  # errors of steps, one way, that are allowed to add up to it
 
 
 class Record:
@@ -63,7 +68,7 @@ class Record:
             into[self.filled : self.filled + len(times)] = part
         self.filled += len(times)
 
-    def take(self, step: IntegrationStep, found: Found, before: Array) -> None:
+    def take(self, step: IntegrationStep, found: StepEvents, before: Array) -> None:
         """Keep the samples and events of a step.
 
         Args:
@@ -85,7 +90,13 @@ class Record:
         for value, at in system.crossings(before, after):
             earlier = (unknowns[:, 0] - at) * after[1] < 0.0
             self.note_crossing(value, first + int(np.count_nonzero(earlier)))
-        self._note_limits(found, times, first)
+        for t, limit in found.passed:
+            row = first + int(np.count_nonzero(times < t))
+            self._passed.append(Passing(limit, t, row, f"at {t:.12g} s"))
+            self.events.append(self._passed[-1].event)
+        for t, rated in found.rated:
+            row = first + int(np.count_nonzero(times < t))
+            self.events.append(Event(rated.kind, t, row, f"{rated.words} passed at {t:.12g} s"))
         if found.stop is not None:
             self.events.append(Event(found.kind, found.stop, self.filled, found.text))
 
@@ -99,16 +110,6 @@ class Record:
         text = (f"branch point at {self._coordinates[-1]} = {value:.9g}: branches cross; followed "
                 "the one that goes straight on")
         self.events.append(Event("branch point", value, sample, text))
-
-    def _note_limits(self, found: Found, times: Array, first: int) -> None:
-        """Keep the limits passed in a step, which has samples at `times`, numbered from `first`."""
-        for t, limit in found.passed:
-            row = first + int(np.count_nonzero(times < t))
-            self._passed.append(Passing(limit, t, row, f"at {t:.12g} s"))
-            self.events.append(self._passed[-1].event)
-        for t, rated in found.rated:
-            row = first + int(np.count_nonzero(times < t))
-            self.events.append(Event(rated.kind, t, row, f"{rated.words} passed at {t:.12g} s"))
 
     def all(self) -> tuple[Array, SimulationSamples]:
         """Return the times (N,) of samples that are there, and these."""
@@ -139,3 +140,63 @@ class Record:
             steps=self.steps, by_drivers=problem.by_drivers, joint_limits=self._passed,
             projection=projection, integrators=integrators,
         )
+
+
+class Balance:
+    """What is exchanged along a motion, and what of it may come from nowhere.
+
+    Args:
+        problem: what acts.
+        accuracy: of the steps.
+        start: energies at the start.
+    """
+
+    def __init__(self, problem: Problem, accuracy: Accuracy, start: Energies) -> None:
+        self._start, self._least, self._most, self._size = start, np.inf, -np.inf, 0.0
+        fixed = INTEGRATORS[accuracy.integrator].is_fixed
+        creeps = fixed and problem.forces.resistance  # which is warned of: losses are not known
+        self._watches = problem.is_steady and not creeps
+        self._part = WORST if fixed else min(
+            WORST, max(LOST_SHARE, MOST_ERRORS * accuracy.time_tolerance))
+        self._remedy = ("take a smaller time_tolerance or step, or formulation='independent'"
+                        if accuracy.formulation == "projected"
+                        else "take a smaller time_tolerance or step")
+        self._name, self._least_exchange = problem.mechanism.name, problem.least_exchange
+        self._keeps(start)
+
+    def refuse_to_lose(self, t: float, now: Energies) -> None:
+        """Refuse a step, or a sample, at which energy is not that of the start and the work since.
+
+        Raises:
+            EnergyError: energy was lost or gained.
+        """
+        if self._keeps(now):
+            return
+        raise EnergyError(
+            f"mechanism {self._name!r}: at {t:.9g} s there are "
+            f"{now.total - now.work:.6g} J, the work done taken off, where "
+            f"{self._start.total:.6g} J were at the start: energy came from nowhere or was lost; "
+            f"{self._remedy}")
+
+    def refuse_samples(self, record: Record) -> None:
+        """Refuse samples whose energy balance is wrong; they are dropped.
+
+        Raises:
+            EnergyError: there are some.
+        """
+        times, samples = record.all()
+        for k, (t, row) in enumerate(zip(times.tolist(), samples.numbers.tolist(), strict=True)):
+            try:
+                self.refuse_to_lose(t, Energies(*row[1:]))
+            except EnergyError:
+                record.filled = k
+                raise
+
+    def _keeps(self, now: Energies) -> bool:
+        rest = now.total - now.kinetic
+        self._least, self._most = min(self._least, rest), max(self._most, rest)
+        self._size = max(self._size, now.kinetic, self._most - self._least, abs(now.work))
+        allowed = self._part * max(
+            self._size, self._least_exchange(now.total, self._start.total))
+        gap = abs(now.total - now.work - self._start.total + self._start.work)
+        return not self._watches or gap <= allowed

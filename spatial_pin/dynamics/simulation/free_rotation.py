@@ -71,7 +71,7 @@ def spinning_bodies(problem: Problem, state: State) -> list[Spinning]:
             if size > FREE_SPIN * fastest:  # else others turn
                 found.append(Spinning(joint, slice(iq, iq + 4), v, velocities[0, v] / size))
     found = [body for body in found if _is_symmetric(problem, body)]
-    return found if _stay_free(evaluation, state.q, found) else []
+    return found if _are_free_nearby(evaluation, state.q, found) else []
 
 
 def _is_symmetric(problem: Problem, body: Spinning) -> bool:
@@ -81,7 +81,7 @@ def _is_symmetric(problem: Problem, body: Spinning) -> bool:
     size = problem.mechanism.characteristic_length
     if resists(problem.mechanism, body.joint):
         return False
-    if body.joint in list(model.parents) or _beside(u, inertia.lever) > TOLERANCES.tight * size:
+    if body.joint in list(model.parents) or _off_line(u, inertia.lever) > TOLERANCES.tight * size:
         return False
     moments = inertia.inertia
     along = float(u @ moments @ u)
@@ -89,16 +89,16 @@ def _is_symmetric(problem: Problem, body: Spinning) -> bool:
     round_one = across * np.eye(3) + (along - across) * np.outer(u, u)
     if np.abs(moments - round_one).max() > TOLERANCES.tight * max(np.abs(moments).max(), 1e-300):
         return False
-    return all(_beside(u, point[:3]) <= TOLERANCES.tight * size for line in problem.forces.lines
+    return all(_off_line(u, point[:3]) <= TOLERANCES.tight * size for line in problem.forces.lines
                for joint, point in zip(line.bodies, line.points, strict=True)
                if joint == body.joint)
 
 
-def _beside(u: Array, point: Array) -> float:
+def _off_line(u: Array, point: Array) -> float:
     return float(np.linalg.norm(point - (point @ u) * u))
 
 
-def _stay_free(evaluation: LoopEquations, q: Array, bodies: list[Spinning]) -> bool:
+def _are_free_nearby(evaluation: LoopEquations, q: Array, bodies: list[Spinning]) -> bool:
     """Whether the spins are free at other closed configurations too."""
     model, n = evaluation.model, evaluation.constraints.n_closure
     rng, free = np.random.default_rng(7), np.ones(model.nv, dtype=bool)

@@ -1,0 +1,252 @@
+"""What a simulation looks for in its steps: limits of joints, and where it is to stop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spatial_pin._support.checks import finite_number
+from spatial_pin.assembly.state import State
+from spatial_pin.dynamics.forces import joint_efforts
+from spatial_pin.dynamics.simulation.formulations import Independent
+from spatial_pin.dynamics.simulation.problem import Problem
+from spatial_pin.errors import SpatialPinError
+from spatial_pin.mechanism.joint_limits import SLACK, JointLimit, joint_limits
+from spatial_pin.motion.joint_limit_events import NOISE, Passing, first_passing, passed_at_start
+from spatial_pin.motion.motion import Event
+from spatial_pin.motion.rated_limits import RatedLimit, effort_limits, velocity_limits
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.roots import sign_change
+
+StopFunction = Callable[[float, State], float]
+NEAR_LIMIT = 0.5  # of a limit, from which on it is looked for between the ends of a step too
+BETWEEN = (0.25, 0.5, 0.75)  # parts of a step
+AT_LIMITS = ("report", "stop", "ignore")
+
+
+class IntegrationStep:
+    """The last step of an integrator, with the interpolant between its ends.
+
+    Args:
+        system: the equations of motion.
+        solver: the integrator.
+
+    Attributes:
+        system: as given.
+        first, last: when it begins and ends [s].
+        end: (n,) unknowns there.
+    """
+
+    def __init__(self, system: Independent, solver: Any) -> None:
+        self.system, self._solver, self.end = system, solver, np.array(solver.y)
+        self._dense: Callable[[Any], Array] | None = None
+        self.first, self.last = float(solver.t_old), float(solver.t)
+
+    def unknowns(self, times: Array) -> Array:
+        """Return the unknowns (N, n) at times (N,)."""
+        if self._dense is None:
+            self._dense = self._solver.dense_output()
+        return self._dense(times).T
+
+    def _at(self, t: float) -> Array:
+        return self.end if t == self.last else self.unknowns(np.array([t]))[0]
+
+    def place(self, t: float) -> tuple[Array, Array]:
+        """Return configuration (nq,) and velocity (nv,) at a time."""
+        return self.system.place(t, self._at(t))
+
+    def state(self, t: float) -> State:
+        """Return the State at a time."""
+        return self.system.state(t, self._at(t))
+
+    def efforts(self, t: float) -> Array:
+        """Return the efforts of prescribed drivers at a time."""
+        return self.system.samples(np.array([t]), self._at(t)[None]).efforts[0]
+
+
+class RatedLimits:
+    """The limits that a simulation may pass.
+
+    Efforts are those of prescribed drivers and those that a function gives. What constant efforts
+    are beyond is told at the start.
+
+    Args:
+        problem: what is simulated.
+        state: where it starts.
+
+    Attributes:
+        at_start: events of limits that it is beyond from the start.
+        velocities: the limits of velocities.
+        efforts_are_looked_at: whether efforts change that have limits.
+    """
+
+    def __init__(self, problem: Problem, state: State) -> None:
+        self.problem = problem
+        by_v = {limit.v: limit for limit in effort_limits(problem.mechanism)}
+        self.velocities = velocity_limits(problem.mechanism)
+        self._given = list(by_v.values()) if problem.law is not None else []
+        drives = enumerate(c.v for c, _ in problem.drives)
+        self._driven = [(k, by_v[v]) for k, v in drives if v in by_v]
+        self.efforts_are_looked_at = bool(self._given or self._driven)
+        constant = [(limit, problem.constant[limit.v]) for limit in by_v.values()]
+        moving = [(limit, state.v[limit.v]) for limit in self.velocities]
+        self.at_start = [Event(limit.kind, 0.0, 0, f"beyond the {limit.words} from the start")
+                         for limit, x in (*constant, *moving) if limit.excess(x) > 0.0]
+
+    def passed(self, step: IntegrationStep) -> list[tuple[float, RatedLimit]]:
+        """Return the limits passed outwards in a step, with the times, in their order."""
+        limits = [*self.velocities, *self._given, *(limit for _, limit in self._driven)]
+        if not limits:
+            return []
+        found = []
+        before, after = self._excesses(step, step.first), self._excesses(step, step.last)
+        for k, limit in enumerate(limits):
+            t = self._passing(lambda t, k=k: float(self._excesses(step, t)[k]),  # type: ignore[misc]
+                              (step.first, step.last), float(before[k]), float(after[k]))
+            if t is not None:
+                found.append((t, limit))
+        return sorted(found, key=lambda pair: pair[0])
+
+    def _passing(
+        self, excess: Callable[[float], float], span: tuple[float, float], before: float,
+        after: float,
+    ) -> float | None:
+        """Return when an excess first becomes positive in a span of time, if it does."""
+        if before > 0.0:
+            return None
+        first, last = span
+        if not after > 0.0 and max(before, after) > -NEAR_LIMIT:
+            inside = ((t, excess(t)) for t in (first + part * (last - first) for part in BETWEEN))
+            last, after = next(((t, x) for t, x in inside if x > 0.0), (last, after))
+        return sign_change(excess, first, last, before, after) if after > 0.0 else None
+
+    def _excesses(self, step: IntegrationStep, t: float) -> Array:
+        """Return how far all are beyond their limits, relative to these."""
+        v = step.place(t)[1]
+        pairs = [(limit, v[limit.v]) for limit in self.velocities]
+        if self._given and self.problem.law is not None:
+            given = joint_efforts(self.problem.mechanism, self.problem.law(t, step.state(t)))
+            pairs += [(limit, given[limit.v]) for limit in self._given]
+        if self._driven:
+            efforts = step.efforts(t)
+            pairs += [(limit, efforts[k]) for k, limit in self._driven]
+        return np.array([float(limit.excess(x)) / limit.value for limit, x in pairs])
+
+
+class StepEvents(NamedTuple):
+    """What a step has met.
+
+    Attributes:
+        passed: joint limits, with the times.
+        stop: when the simulation ends, if it does in this step.
+        text: why.
+        rated: effort and velocity limits, with the times.
+        kind: of the event that says so.
+    """
+
+    passed: list[tuple[float, JointLimit]]
+    stop: float | None = None
+    text: str = ""
+    rated: Sequence[tuple[float, RatedLimit]] = ()
+    kind: str = "stopped"
+
+
+def _stop_value(stop_when: StopFunction, t: float, state: State) -> float:
+    value: Any = stop_when(t, state)
+    return finite_number(value.item() if np.size(value) == 1 and isinstance(value, np.ndarray)
+                         else value, f"what stop_when returns at {t:.6g} s")
+
+
+class Watch:
+    """Looks at the steps of a simulation.
+
+    Args:
+        problem: what is simulated.
+        state: where it starts.
+        stop_when: function whose zeros end it.
+        on_joint_limit: "report", "stop" or "ignore".
+
+    Attributes:
+        at_start: joint limits beyond which it starts.
+        bounds: limits of coordinates as the kernel's steps heed them, by the names in `RunStruct`:
+            entries of q and v, side (1 above, -1 below, 0 of the velocity), value from which on a
+            coordinate is beyond, and room and how fast it closes where the last step ended.
+        always: whether every step is to be looked at.
+
+    Raises:
+        SpatialPinError: it is to stop at joint limits but starts beyond one.
+        ValueError: `stop_when` returns no number.
+    """
+
+    def __init__(
+        self, problem: Problem, state: State, stop_when: StopFunction | None, on_joint_limit: str
+    ) -> None:
+        self.stop_when, self.on_joint_limit = stop_when, on_joint_limit
+        self._scale = problem.mechanism.velocity_scale
+        ignored = on_joint_limit == "ignore"
+        self.limits = [] if ignored else joint_limits(problem.mechanism)
+        self.at_start: list[Passing] = (
+            [] if ignored else passed_at_start(problem.mechanism, state.q, 0.0))
+        if on_joint_limit == "stop" and self.at_start:
+            raise SpatialPinError(
+                f"mechanism {problem.mechanism.name!r}: the state is beyond the "
+                f"{self.at_start[0].limit.words}, where the simulation is to stop: start inside "
+                "(assemble(limits=True)), or give on_joint_limit=\"report\"")
+        self.rated = None if ignored else RatedLimits(problem, state)
+        table = [(x.q, x.v, x.side, x.value + x.side * SLACK * x.size,
+                  float(x.room(state.q)) + SLACK * x.size, float(x.closing(state.v)))
+                 for x in self.limits]
+        table += [(0, x.v, 0, x.value * (1.0 + SLACK), -float(x.excess(state.v[x.v])), 0.0)
+                  for x in (self.rated.velocities if self.rated else ())]
+        columns = np.array(table, float).reshape(-1, 6)
+        q, v, side = (x.astype(np.int64) for x in columns[:, :3].T)  # contiguous, as C reads it
+        self.bounds: dict[str, NDArray[Any]] = {
+            "limit_q": q, "limit_v": v, "limit_side": side,
+            "limit_value": columns[:, 3].copy(), "limit_before": columns[:, 4:].copy()}
+        self.always = bool(stop_when or (self.rated and self.rated.efforts_are_looked_at))
+        self._last = 0.0 if stop_when is None else _stop_value(stop_when, 0.0, state)
+
+    def look(self, step: IntegrationStep, times: Array) -> StepEvents:
+        """Return what a step has met, which has samples at times (N,)."""
+        passed = self._passed(step)
+        rated = self.rated.passed(step) if self.rated else []
+        stop = self._crossed(step, times)
+        text = "" if stop is None else f"stopped at {stop:.12g} s"
+        if passed and self.on_joint_limit == "stop" and (stop is None or passed[0][0] <= stop):
+            stop, limit = passed[0]
+            text = f"stopped at {stop:.12g} s by the {limit.words}"
+        return StepEvents([p for p in passed if stop is None or p[0] <= stop], stop, text,
+                     [p for p in rated if stop is None or p[0] <= stop])
+
+    def _passed(self, step: IntegrationStep) -> list[tuple[float, JointLimit]]:
+        """Return the joint limits passed in a step, in the order of the times."""
+        if not self.limits:
+            return []
+        ends = step.place(step.first), step.place(step.last)
+        noise = NOISE * float(np.abs(np.array([v for _, v in ends]) / self._scale).max())
+        found = [(first_passing(limit, step.place, (step.first, step.last), ends, noise), limit)
+                 for limit in self.limits]
+        return sorted(((t, limit) for t, limit in found if t is not None), key=lambda x: x[0])
+
+    def _crossed(self, step: IntegrationStep, times: Array) -> float | None:
+        """Return when `stop_when` has first crossed zero in a step, as its samples and end tell."""
+        function = self.stop_when
+        if function is None:
+            return None
+        before, since, found = self._last, step.first, None
+        for t in sorted({*times.tolist(), step.last}):
+            value = _stop_value(function, t, step.state(t))
+            if before != 0.0 and before * value <= 0.0:
+                found = sign_change(lambda t: _stop_value(function, t, step.state(t)),
+                                    since, t, before, value)
+                break
+            before, since = value, t
+        self._last = value
+        return found
+
+    def forget(self) -> None:
+        """Look at the next step whatever the kernel has seen: the last one is taken again."""
+        self.bounds["limit_before"][:] = np.inf

@@ -1,0 +1,428 @@
+"""The equations of motion of a simulation, evaluated in the kernel, in one of two formulations.
+
+"independent": in independent coordinates [Wehage1982]. One freedom passes change points (branches
+that cross) straight on; bodies that spin freely about a line of symmetry are no freedoms then,
+their angular velocity about it is constant.
+
+"projected": in all joint coordinates, the loops kept closed by projection [Eich1993].
+Accelerations are those of the independent coordinates' engine, at the nearest configuration with
+closed loops; after every step the unknowns are taken there by the shortest way, and velocities to
+what the loops allow. Dearer than independent coordinates, which are only used to solve the
+equations: what is integrated does not depend on their choice.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence, Set
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from spatial_pin.assembly.state import State
+from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.dynamics.forces import JointSpring, Line
+from spatial_pin.dynamics.simulation.coordinate_partitioning import Lost
+from spatial_pin.dynamics.simulation.free_rotation import Spins, spinning_bodies
+from spatial_pin.dynamics.simulation.problem import Problem
+from spatial_pin.dynamics.simulation.result import Energies, Projection
+from spatial_pin.dynamics.solvers.accelerations import no_inertia
+from spatial_pin.dynamics.solvers.independent_coordinates import (
+    ROUNDING,
+    Bounded,
+    IndependentCoordinates,
+)
+from spatial_pin.errors import SingularError, SpatialPinError
+from spatial_pin.kernel.dynamics import Callbacks, KernelDynamics, SimulationSamples
+from spatial_pin.kernel.loop_equations import LoopEquations
+from spatial_pin.kernel.packing import Ints
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
+
+GivenUp = Set[tuple[type, tuple[int, ...]]]  # formulations, and their independent coordinates
+
+# Speed of a joint relative to the independent coordinates' at which others are taken: it costs half
+# a digit of the joint.
+FASTER_THAN_CHOSEN = 4.0
+# Residual that points which samples lie between are closed to: second derivatives divide it by the
+# square of the way between them.
+ANCHOR_RESIDUAL = 1e-12
+# Residual that projected places are closed to: whether two are one is told to 1e-6 (SAME_PLACE in
+# projected.c).
+PROJECTED_RESIDUAL = 1e-8
+# Rotation vector at which coordinates of joints that turn in space are begun anew [rad].
+COORDINATES_END = 1.0
+TURNED_END = 0.5  # the same where all joint coordinates are unknowns [rad]
+LEFT_OPEN = 1e-6  # closure residual that a step may leave to be projected away, at tight tolerances
+LOOSE = 10.0  # the same relative to the tolerance of a step, at loose ones
+WIDE = 1e-2  # the same at any tolerance: from there Newton's method finds the same branch
+
+
+def forces_as_arrays(
+    problem: Problem, n_free: int, spins: Spins, projects: bool, tolerance: float
+) -> tuple[Ints, Array]:
+    """Return what `read_arrays` in creating.c reads.
+
+    Args:
+        problem: what acts.
+        n_free: number of independent coordinates.
+        spins: bodies that spin freely besides.
+        projects: whether all joint coordinates are unknowns.
+        tolerance: closure residual to reach.
+    """
+    prescribed, bodies = [c.v for c, _ in problem.drives], spins.bodies
+    resistance, carriers = problem.forces.resistance, problem.packed.carriers
+    frames, lines, turns = problem.packed.frames, problem.forces.lines, problem.forces.turns
+    springs = {s.name: (s.stiffness, s.damping, s.free) for s in problem.mechanism.springs}
+    ends = [(carriers[j], x[:3]) for line in lines
+            for j, x in zip(line.bodies, line.points, strict=True)]
+    ints: list[Any] = [
+        [n_free, len(prescribed), len(bodies), len(lines), len(turns), problem.works, projects],
+        prescribed, [carriers[body.joint] for body in bodies], [j for j, _ in ends],
+        [x.energy is None for x in lines], [x.q for x in turns], [x.v for x in turns],
+        [x.energy is None for x in turns]]
+    reals: list[Any] = [
+        [tolerance], resistance.damping, resistance.friction,
+        resistance.slip_speed, problem.model.armature, problem.constant,
+        [body.axis for body in bodies], [frames[j].T @ x for j, x in ends],
+        [springs[x.name] for x in lines], [springs[x.name] for x in turns]]
+    return (np.concatenate([np.asarray(x, np.int64).ravel() for x in ints]),
+            np.concatenate([np.asarray(x, float).ravel() for x in reals]))
+
+
+class ForceFunctions:
+    """What only Python knows: efforts and laws that are functions, accelerations for any masses.
+
+    Args:
+        problem: what acts.
+        spins: bodies that spin freely.
+        free: returns the velocity entries that are independent now.
+
+    Attributes:
+        reference: what the present coordinates count from.
+    """
+
+    reference: State
+
+    def __init__(self, problem: Problem, spins: Spins, free: Callable[[], list[int]]) -> None:
+        self._problem, self._spins, self._free = problem, spins, free
+
+    def callbacks(self) -> Callbacks:
+        """Return the functions, None where the kernel need not call one."""
+        problem = self._problem
+        springs: list[Line | JointSpring] = [*problem.forces.lines, *problem.forces.turns]
+        has_laws = not all(spring.energy for spring in springs)
+        return Callbacks(
+            self._efforts if problem.law or problem.external else None,
+            (lambda which, length, rate: float(springs[which].law(length, rate)))
+            if has_laws else None,
+            self._drives if problem.drives else None, self._least)
+
+    @cached_property
+    def _evaluation(self) -> LoopEquations:
+        return LoopEquations(self._problem.mechanism)
+
+    def _evaluated(self, q: Array, angles: Array) -> LoopEquations:
+        self._evaluation.angle_reference[:] = angles
+        self._evaluation.update(q)
+        return self._evaluation
+
+    def _efforts(self, t: float, q: Array, v: Array, angles: Array) -> Array:
+        return self._problem.efforts(t, q, v, self._evaluated(q, angles))
+
+    def _drives(self, t: float) -> Array:
+        return np.array([law(t) for _, law in self._problem.drives], float)
+
+    def _least(self, t: float, q: Array, v: Array, a: Array, angles: Array) -> Array | None:
+        """Return free accelerations by `LeastConstraint`, where masses differ much or are none.
+
+        What has no inertia stays as it is, if no force works on it. None where masses differ too
+        much for any digit.
+
+        Raises:
+            SingularError: a force works on a freedom without inertia.
+        """
+        problem, evaluation = self._problem, self._evaluated(q, angles)
+        held = np.eye(len(v))[[c.v for c, _ in problem.drives]]
+        rows = evaluation.jacobian[problem.freedoms.equations(self.reference)]
+        columns = IndependentCoordinates(
+            np.vstack([rows, held, self._spins.rows * problem.scale]), problem.scale,
+            evaluation.closure_error, self._free()).columns
+        found = problem.least_constraint.solve(
+            q, v, Bounded(a, ROUNDING * np.abs(a)), columns,
+            problem.given(t, q, v, evaluation))
+        if found.pulled:
+            moving = np.abs(found.still / problem.scale).max(axis=0)
+            by_v = {c.v: c.name for c in problem.mechanism.coordinate_table.values()}
+            moved = np.flatnonzero(moving > TOLERANCES.half_precision * moving.max())
+            raise no_inertia(problem.mechanism, [by_v[v] for v in moved.tolist()])
+        return None if found.lost else found.z
+
+
+class Independent:
+    """The right-hand side for the unknowns y.
+
+    These are independent coordinates x, rates u of their joints, quaternions (x, y, z, w) of
+    bodies that spin freely, and the work done if any is.
+
+    Args:
+        problem: what acts.
+        state: what the coordinates count from.
+        free: velocity entries that are independent.
+        spins: bodies that spin freely besides.
+
+    Raises:
+        SingularError: the coordinates do not determine the motion there.
+    """
+
+    projects = False  # whether every step is to be settled, as `Projected` does
+
+    def __init__(
+        self, problem: Problem, state: State, free: Sequence[int], spins: Spins | None = None
+    ) -> None:
+        self.problem, self.free, self.n = problem, list(free), len(free)
+        self.spins = spins or Spins(problem, [])
+        mechanism = problem.mechanism
+        rows = problem.freedoms.equations(state)
+        self._is_whole = len(rows) == constraints_of(mechanism).n_closure
+        # where others lie between, what a residual leaves open in those left out is magnified
+        wanted = problem.tolerance if self._is_whole else TOLERANCES.round_off
+        if problem.between and self.n == 1 and not (problem.drives or len(self.spins)):
+            wanted = min(wanted, ANCHOR_RESIDUAL)
+        if self.projects:
+            wanted = min(wanted, PROJECTED_RESIDUAL)
+        self._functions = ForceFunctions(problem, self.spins, lambda: self.kernel.free)
+        arrays = forces_as_arrays(
+            problem, self.n, self.spins, self.projects, max(wanted, TOLERANCES.round_off))
+        self.kernel = KernelDynamics(
+            mechanism, problem.packed, *arrays, self._functions.callbacks())
+        self.kernel_handle, self.asking = self.kernel.handle, self.kernel.asking
+        held = self.n + len(self.problem.drives) + len(self.spins)
+        if len(rows) + held != mechanism.model.nv:
+            raise SingularError(
+                f"mechanism {mechanism.name!r}: {mechanism.model.nv - len(rows)} freedoms at "
+                f"{state.q}, but {held} independent coordinates")
+        sigmas = np.array(self.spins.rates(state.q, state.v))
+        has_begun = self.kernel.begin(state.q, state.angles, sigmas, self.free, rows)
+        if not has_begun or not self.kernel.keep() or self.kernel.pivot < TOLERANCES.singular:
+            raise SingularError(f"mechanism {mechanism.name!r}: singular configuration")
+        self._count_from(state)
+
+    def _count_from(self, state: State) -> None:
+        by_v = {c.v: c.q for c in self.problem.mechanism.coordinate_table.values()}
+        self._functions.reference, self._scale = state, self.problem.scale[self.free]
+        self._is_linear, self.patience = all(by_v[v] >= 0 for v in self.free), FASTER_THAN_CHOSEN
+        self._start = float(state.q[by_v[self.free[0]]]) if self.n and self._is_linear else 0.0
+
+    def __call__(self, t: float, y: Array) -> Array:
+        """Return dy/dt; NaN where the loops cannot be closed."""
+        return self.kernel.rates(t, y)
+
+    def unknowns(self, v: Array, work: float) -> Array:
+        """Return y where the coordinates are 0, at joint velocities v (nv,)."""
+        y = self.problem.unknowns(v[self.free] / self._scale, work)
+        turns = [self._functions.reference.q[body.q] for body in self.spins.bodies]
+        return np.concatenate([y[: 2 * self.n], *turns, y[2 * self.n :]])
+
+    def renewed(self, t: float, y: Array, state: State) -> Array | None:
+        """Change to the best coordinates at y, where the mechanism is at a state.
+
+        Returns:
+            The unknowns in them; None where no coordinates determine it.
+        """
+        found = self.kernel.renew(t, y)
+        if found is None:
+            return None
+        self.free, fresh, is_same = found
+        if is_same:
+            self.patience *= 2.0
+        else:
+            self._count_from(state)
+        return fresh
+
+    def place(self, t: float, y: Array) -> tuple[Array, Array]:
+        """Return configuration (nq,) and velocity (nv,) at y.
+
+        Raises:
+            Lost: the loops cannot be closed there.
+        """
+        return self._closed(t, y)[:2]
+
+    def state(self, t: float, y: Array) -> State:
+        """Return the State at y, with velocities.
+
+        Raises:
+            Lost: the loops cannot be closed there.
+        """
+        q, v, angles, error = self._closed(t, y)
+        return State(self.problem.mechanism, q, v, closure_error=error, angles=angles)
+
+    def _closed(self, t: float, y: Array) -> tuple[Array, Array, Array, float]:
+        found = self.kernel.place(t, y)
+        if found is None:
+            raise Lost
+        return found
+
+    def samples(self, times: Array, unknowns: Array) -> SimulationSamples:
+        """Return everything at times (N,) and unknowns (N, n), loops closed.
+
+        Raises:
+            Lost: they cannot be at one of them.
+        """
+        found = self.kernel.samples(times, unknowns)
+        if found is None:
+            raise Lost
+        return found
+
+    def energies(self, t: float, y: Array) -> Energies:
+        """Return the energies at y."""
+        _, kinetic, total, work = self.samples(np.array([t]), y[None]).numbers[0].tolist()
+        return Energies(kinetic, total, work)
+
+    def heaviest(self, t: float, y: Array) -> float:
+        """Return the largest inertia of a joint at y, scaled, the others held."""
+        self.place(t, y)
+        return self.kernel.heaviest
+
+    def needs_new_coordinates(self, t: float, y: Array) -> bool:
+        """Whether other independent coordinates, or these begun anew, would be better."""
+        if not self._is_linear and np.abs(y[: self.n]).max(initial=0.0) > COORDINATES_END:
+            return True
+        if self.kernel.place(t, y) is None:
+            return True
+        return self.kernel.keep() > self.patience
+
+    def crossings(self, y: Array, to: Array) -> list[tuple[float, float]]:
+        """Return where branches cross between unknowns: the coordinate, and the unknown there."""
+        if self.n != 1:
+            return []
+        return [(self.coordinate_at(x), x) for x in self.kernel.crossed(float(y[0]), float(to[0]))]
+
+    def coordinate_at(self, x: float) -> float:
+        """Return the value of the first independent coordinate at an unknown x."""
+        return self._start + float(self._scale[0]) * x
+
+    @property
+    def is_fresh_the_same(self) -> bool:
+        """Whether the same coordinates, taken anew, would be no better."""
+        return self._is_linear and self._is_whole
+
+    @property
+    def evaluations(self) -> int:
+        """How often it was evaluated."""
+        return self.kernel.evaluations
+
+    @property
+    def pivot(self) -> float:
+        """Smallest over largest pivot of the equations at the present place."""
+        return self.kernel.pivot
+
+
+class Projected(Independent):
+    """The right-hand side for the unknowns y: coordinates x of all joints, rates u, work done.
+
+    Args:
+        problem: what acts; nothing is prescribed.
+        state: what the coordinates count from.
+        held: velocity entries that determine the motion there.
+
+    Raises:
+        SingularError: the loops have lost rank at the state.
+    """
+
+    projects = True
+
+    def __init__(self, problem: Problem, state: State, held: Sequence[int]) -> None:
+        super().__init__(problem, state, held)
+        self.free = list(range(problem.model.nv))
+        table = problem.mechanism.coordinate_table.values()
+        self._turning = [c.v for c in table if c.q < 0]  # those of balls and free joints
+        self.projection = Projection(0, 0, 0.0, 0.0, 0.0)
+
+    @property
+    def is_fresh_the_same(self) -> bool:
+        """Whether coordinates begun anew would be no better."""
+        return not self._turning
+
+    def unknowns(self, v: Array, work: float) -> Array:
+        """Return y where the coordinates are 0, at joint velocities v (nv,)."""
+        return self.problem.unknowns(v / self.problem.scale, work)
+
+    def renewed(self, t: float, y: Array, state: State) -> Array | None:
+        """Let the coordinates count from y; return the unknowns there, None where they cannot."""
+        found = self.kernel.renew(t, y)
+        return None if found is None else found[1]
+
+    def settle(self, solver: Any) -> float:
+        """Take the solver's state back to closed loops and to velocities that they allow.
+
+        Returns the residual that the step had left, relative to what is allowed; above 1 nothing
+        has been done.
+        """
+        began = time.perf_counter()
+        allowed = min(max(LEFT_OPEN, LOOSE * getattr(solver, "rtol", 0.0)), WIDE)
+        found = self.kernel.settle(np.array(solver.y), allowed)
+        if found is None:
+            return np.inf
+        solver.y, opened, corrections = found
+        solver.f = self(solver.t, solver.y)
+        self.kernel.keep()
+        steps, before, most, seconds, share = self.projection
+        self.projection = Projection(
+            steps + 1, before + corrections, max(most, opened),
+            seconds + time.perf_counter() - began, share)
+        return opened / allowed
+
+    def needs_new_coordinates(self, t: float, y: Array) -> bool:
+        """Whether the coordinates should be begun anew."""
+        return float(np.abs(y[self._turning]).max(initial=0.0)) > TURNED_END
+
+    def crossings(self, y: Array, to: Array) -> list[tuple[float, float]]:
+        """Return nothing: where branches cross the loops lose rank."""
+        return []
+
+
+def independent(problem: Problem, state: State, given_up: GivenUp = frozenset()) -> Independent:
+    """Return the equations of motion in the independent coordinates that fit a state best.
+
+    One freedom, links that spin freely not counted, is told by a joint with one coordinate, the
+    fastest that has not been given up.
+
+    Args:
+        problem: what acts.
+        state: where they begin.
+        given_up: what could not be followed from there.
+
+    Raises:
+        SingularError: the motion is not determined there.
+    """
+    free = problem.freedoms.best(state, [c.v for c, _ in problem.drives])
+    if not problem.drives:
+        spins = Spins(problem, spinning_bodies(problem, state) if len(free) > 1 else [])
+        if len(free) - len(spins) == 1:
+            for v in problem.freedoms.plain(state, spins.rows):
+                if (Independent, (v,)) not in given_up:
+                    return Independent(problem, state, [v], spins)
+    return Independent(problem, state, free)
+
+
+def projected(problem: Problem, state: State, given_up: GivenUp = frozenset()) -> Independent:
+    """Return the equations of motion in all joint coordinates, whatever was given up.
+
+    Raises:
+        SpatialPinError: drivers are prescribed, which this formulation does not know.
+        SingularError: the motion is not determined there.
+    """
+    if problem.drives:
+        raise SpatialPinError(
+            f"mechanism {problem.mechanism.name!r}: the projected formulation prescribes no "
+            "drivers; use the independent one")
+    return Projected(problem, state, problem.freedoms.best(state, []))
+
+
+Formulate = Callable[[Problem, State, GivenUp], Independent]
+FORMULATIONS: dict[str, Formulate] = {
+    "independent": independent,
+    "projected": projected,
+}

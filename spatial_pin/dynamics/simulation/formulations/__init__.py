@@ -1,1 +1,0 @@
-"""The equations of motion in one, in some, or in all coordinates."""

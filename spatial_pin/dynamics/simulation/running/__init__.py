@@ -1,1 +1,0 @@
-"""A simulation under way: from step to step, and from coordinates to others."""
