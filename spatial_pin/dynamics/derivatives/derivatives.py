@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -22,16 +21,15 @@ from spatial_pin._support.checks import checked
 from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.constraints.composite_joints import split_of
 from spatial_pin.dynamics.derivatives.reaction_derivatives import Changes, Linear, ReactionChanges
-from spatial_pin.dynamics.derivatives.row_derivatives import ProductRates, RowDerivatives
+from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.derivatives.spring_derivatives import (
     Outside,
-    Pull,
     Slopes,
     Springs,
     spring_slopes,
 )
 from spatial_pin.dynamics.forces import Law, joint_efforts
-from spatial_pin.dynamics.forward import Dynamics, forward_dynamics
+from spatial_pin.dynamics.forward import forward_dynamics
 from spatial_pin.dynamics.solvers.equations_of_motion import Equations, equations_of
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -99,22 +97,6 @@ class Derivatives:
                 f"reactions by {len(self.a)} q, v and efforts)")
 
 
-class _Terms(NamedTuple):
-    """What the equations are differentiated at.
-
-    Attributes:
-        rows, rates: of the closures and springs at the motion.
-        outside: wrenches on frames.
-        lines, turns: the springs.
-    """
-
-    rows: RowDerivatives
-    rates: ProductRates
-    outside: Outside
-    lines: list[Pull]
-    turns: list[Pull]
-
-
 @checked
 def dynamics_derivatives(
     mechanism: Mechanism,
@@ -170,8 +152,10 @@ def dynamics_derivatives(
     whole = split_of(mechanism)
     rows = RowDerivatives(mechanism, whole, springs.forces)
     rates = rows.products.rates(state.q, state.v, answer.a)
-    terms = _Terms(rows, rates, Outside(mechanism, whole, external), springs.lines(rows, rates),
-                   springs.turns(state.q, state.v))
+    moving = Changes(
+        state, whole, answer.a, rows, rates, springs.lines(rows, rates),
+        springs.turns(state.q, state.v), Outside(mechanism, whole, external),
+        joint_efforts(mechanism, efforts))
     jacobian = closure_jacobian(mechanism, state.q)
     borne = jacobian.T @ answer.multipliers
     with equations_of(mechanism) as equations:
@@ -180,31 +164,21 @@ def dynamics_derivatives(
         chosen = equations.kkt.rows
         at_rest = np.zeros((1, equations.n_closure))
         multipliers = equations.kkt.solve(-borne[None], at_rest)[1][0, chosen]
-        by = _changes(equations, answer, terms, chosen, multipliers)
+        by = _changes(equations, moving, chosen, multipliers)
     a, lam = Linear(answer.a, *by[0]), Linear(multipliers, *(x[chosen] for x in by[1]))
-    moving = Changes(state, whole, answer.a, rows, rates, terms.lines, terms.turns,
-                     terms.outside.given, joint_efforts(mechanism, efforts))
     return Derivatives(a, chosen, lam, ReactionChanges(answer, moving, a, lam, chosen))
 
 
-def _lightest(equations: Equations) -> list[str]:
-    """Return the names of the coordinates of the motion that has the least inertia."""
-    freedoms = null_space(equations.scaled) * equations.scale
-    motion = np.linalg.eigh(freedoms @ equations.mass() @ freedoms.T)[1][:, 0] @ freedoms
-    sizes = np.abs(motion / equations.scale)
-    return equations.moving((sizes / sizes.max())[None])
-
-
-def _motion_needs(answer: Dynamics, terms: _Terms) -> tuple[Array, Array]:
+def _motion_needs(terms: Changes) -> tuple[Array, Array]:
     """Return q and v derivatives (nv, nv) of M a + b, less what is put on from outside."""
-    state, bodies, outside = answer.state, terms.rows.products.bodies, terms.outside
+    state, bodies, outside = terms.state, terms.rows.products.bodies, terms.outside
     by_q, by_v = np.zeros((2, bodies.nv, bodies.nv))
     for p in bodies.parts:
         model, unit = p.mass.model, p.mass.unit
         pulls = pin.StdVec_Force([
             force * (1.0 / unit) for force in outside.on_joints(p, terms.rates.placements)])
         found = pin.computeRNEADerivatives(
-            model, p.data, state.q[p.q], state.v[p.v], answer.a[p.v], pulls)
+            model, p.data, state.q[p.q], state.v[p.v], terms.a[p.v], pulls)
         for total, x in zip((by_q, by_v), found[:2], strict=True):
             total[np.ix_(p.v, p.v)] = unit * x
         pin.computeJointJacobians(model, p.data, state.q[p.q])
@@ -212,8 +186,7 @@ def _motion_needs(answer: Dynamics, terms: _Terms) -> tuple[Array, Array]:
 
 
 def _changes(
-    equations: Equations, answer: Dynamics, terms: _Terms, chosen: NDArray[np.intp],
-    multipliers: Array,
+    equations: Equations, terms: Changes, chosen: NDArray[np.intp], multipliers: Array
 ) -> tuple[list[Array], list[Array]]:
     """Return derivatives with respect to q, v, efforts: of accelerations, and of multipliers.
 
@@ -221,7 +194,6 @@ def _changes(
 
     Args:
         equations: at the state, their KKT system factored.
-        answer: of the forward dynamics.
         terms: what changes.
         chosen: the independent closure equations.
         multipliers: theirs.
@@ -230,12 +202,17 @@ def _changes(
         SingularError: a motion has no inertia.
     """
     if equations.kkt.pivot < TOLERANCES.zero:
+        freedoms = null_space(equations.scaled) * equations.scale
+        inertias = freedoms @ equations.mass() @ freedoms.T
+        motion = np.linalg.eigh(inertias)[1][:, 0] @ freedoms  # that of the least inertia
+        sizes = np.abs(motion / equations.scale)
+        names = equations.moving((sizes / sizes.max())[None])
         raise SingularError(
             f"mechanism {equations.mechanism.name!r}: {equations.state}: beside others a motion of "
-            f"{', '.join(_lightest(equations))} has no inertia, so accelerations have no "
+            f"{', '.join(names)} has no inertia, so accelerations have no "
             "derivatives there: give its links more mass", state=equations.state)
-    rows, rates, nv = terms.rows, terms.rates, len(answer.a)
-    force_by_q, force_by_v = _motion_needs(answer, terms)
+    rows, rates, nv = terms.rows, terms.rates, len(terms.a)
+    force_by_q, force_by_v = _motion_needs(terms)
     spring_by_q, spring_by_v = spring_slopes(terms.lines, terms.turns, nv)
     borne = np.zeros(equations.n_closure)
     borne[chosen] = multipliers

@@ -23,9 +23,8 @@ from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import combined_wrenches
 from spatial_pin.constraints.composite_joints import SplitModel
 from spatial_pin.constraints.pinocchio_views import acceleration_derivatives
-from spatial_pin.constraints.trees import Subtree
 from spatial_pin.dynamics.derivatives.row_derivatives import ProductRates, RowDerivatives
-from spatial_pin.dynamics.derivatives.spring_derivatives import Pull
+from spatial_pin.dynamics.derivatives.spring_derivatives import Outside, Pull
 from spatial_pin.dynamics.forward import Dynamics
 from spatial_pin.dynamics.reactions import Pairs
 from spatial_pin.numerics.linalg import Array
@@ -64,7 +63,7 @@ class Changes(NamedTuple):
         a: (nv,) accelerations.
         rows, rates: closure equations and spring lengths.
         lines, turns: the springs.
-        outside: (joint, placement, force in world axes) of wrenches on frames.
+        outside: wrenches on frames.
         effort: (nv,) efforts at joints.
     """
 
@@ -75,7 +74,7 @@ class Changes(NamedTuple):
     rates: ProductRates
     lines: list[Pull]
     turns: list[Pull]
-    outside: list[tuple[int, pin.SE3, pin.Force]]
+    outside: Outside
     effort: Array
 
 
@@ -121,8 +120,7 @@ class ReactionChanges:
         """Return the reactions by pair and the wrench on the fixed link."""
         pairs, rates = Pairs(self.mechanism), self.changes.rates
         closed, on_bodies = self._of_closures(pairs)
-        self._springs(on_bodies)
-        self._outside(on_bodies)
+        self._add_given(on_bodies)
         forces = pairs.carried(self._needed() - on_bodies)
         efforts, columns = self._efforts(), self._columns()
         found = {}
@@ -149,32 +147,29 @@ class ReactionChanges:
     # ------------------------------------------------------------ what motion needs
 
     def _needed(self) -> Array:
-        """Return (njoints, 6, ...) the wrenches W of the bodies."""
+        """Return (njoints, 6, ...) the wrenches W of the bodies, at the world's origin."""
         changes, bodies = self.changes, self.changes.rows.products.bodies
         bodies.move(changes.state.q, changes.state.v, changes.a)
         total = self._new(len(bodies.joints), 6)
         for i in range(1, len(total)):
-            total[i] = self._body(*bodies.at(i))
+            part, joint = bodies.at(i)
+            model, data, at = part.model, part.data, 1 + part.v
+            v_by_q, a_by_q, a_by_v, columns = acceleration_derivatives(model, data, joint)
+            inertia, v = model.inertias[joint].matrix(), data.v[joint].vector
+            pull = data.oMi[joint].rotation.T @ model.gravity.linear
+            falling = np.zeros((6, model.nv))
+            falling[:3] = pin.skew(pull) @ columns[3:]
+            momentum = inertia @ v
+            f = inertia @ (data.a[joint].vector - np.append(pull, np.zeros(3)))
+            f += _dual(v) @ momentum
+            turning = _bar(momentum) + _dual(v) @ inertia
+            out = self._new(6)
+            out[:, 0] = f
+            out[:, at] = inertia @ (a_by_q - falling) + turning @ v_by_q + _bar(f) @ columns
+            out[:, self.nv + at] = inertia @ a_by_v + turning @ columns
+            out[:, 1:] += inertia @ columns @ self.a[part.v, 1:]
+            total[i] = data.oMi[joint].toDualActionMatrix() @ out
         return total
-
-    def _body(self, part: Subtree, joint: int) -> Array:
-        """Return (6, ...) the wrench that the motion of a body needs, at the world's origin."""
-        model, data, at = part.model, part.data, 1 + part.v
-        v_by_q, a_by_q, a_by_v, columns = acceleration_derivatives(model, data, joint)
-        inertia, x = model.inertias[joint].matrix(), data.oMi[joint].toDualActionMatrix()
-        v = data.v[joint].vector
-        pull = data.oMi[joint].rotation.T @ model.gravity.linear
-        momentum = inertia @ v
-        f = inertia @ (data.a[joint].vector - np.append(pull, np.zeros(3))) + _dual(v) @ momentum
-        turning = _bar(momentum) + _dual(v) @ inertia
-        falling = np.zeros((6, model.nv))
-        falling[:3] = pin.skew(pull) @ columns[3:]
-        out = self._new(6)
-        out[:, 0] = f
-        out[:, at] = inertia @ (a_by_q - falling) + turning @ v_by_q + _bar(f) @ columns
-        out[:, self.nv + at] = inertia @ a_by_v + turning @ columns
-        out[:, 1:] += inertia @ columns @ self.a[part.v, 1:]
-        return x @ out
 
     # ------------------------------------------------------------ what else acts
 
@@ -217,8 +212,8 @@ class ReactionChanges:
             [rates.motion[0][:, None, None], np.eye(nv)[:, None]], [wrenches[:, :, None], by_q])
         return found[:, :, 0], changed
 
-    def _springs(self, on_bodies: Array) -> None:
-        """Add the wrenches of springs between frames."""
+    def _add_given(self, on_bodies: Array) -> None:
+        """Add the wrenches of springs between frames, and those from outside."""
         rates = self.changes.rates
         lines = self.changes.rows.forces.lines
         for line, pull in zip(lines, self.changes.lines, strict=True):
@@ -236,16 +231,12 @@ class ReactionChanges:
             wrench[:, self.by_v] = np.outer(along, pull.by_v)
             on_bodies[line.bodies[0]] += wrench
             on_bodies[line.bodies[1]] -= wrench
-
-    def _outside(self, on_bodies: Array) -> None:
-        """Add the wrenches from outside, whose points move with their frames."""
-        rates = self.changes.rates
-        for joint, placement, force in self.changes.outside:
+        for joint, placement, force in self.changes.outside.given:  # points move with their frames
             at = np.append(placement.translation, 1.0)
-            point, moved = at @ rates.placements[joint], at @ self.placements_by_q[joint]
+            point, move = at @ rates.placements[joint], at @ self.placements_by_q[joint]
             on_bodies[joint, :3, 0] += force.linear
             on_bodies[joint, 3:, 0] += force.angular + np.cross(point, force.linear)
-            on_bodies[joint, 3:, self.by_q] += np.cross(moved, force.linear).T
+            on_bodies[joint, 3:, self.by_q] += np.cross(move, force.linear).T
 
     # ------------------------------------------------------------ efforts at joints
 
