@@ -1,7 +1,7 @@
 """Accelerations under forces: one ladder of solvers, tried in order until one is accurate.
 
 1. The KKT system, its independent equations and scaling chosen at the state (`kernel.kkt`), joints
-   that no loop is built on eliminated before (`limbs`): an open tree has no KKT system. Of a tree
+   that no loop is built on eliminated before (`Limbs`): an open tree has no KKT system. Of a tree
    in the kernel, where the second is slow, doubtful accelerations are corrected once.
 2. Gauss's least constraint in independent coordinates, where round-off of the first may matter:
    near singular configurations of the loops, and where masses differ much or are zero.
@@ -16,23 +16,112 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spatial_pin.assembly.state import State
+from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.constraints.kernel_tree import KernelTree
 from spatial_pin.constraints.trees import is_in_kernel
+from spatial_pin.dynamics.solvers.bodies import both_halves
 from spatial_pin.dynamics.solvers.constrained_motion import PROBED, Loops
 from spatial_pin.dynamics.solvers.independent_coordinates import IndependentCoordinates
 from spatial_pin.dynamics.solvers.least_constraint import Least, LeastConstraint
-from spatial_pin.dynamics.solvers.limbs import Limbs
 from spatial_pin.errors import SingularError
+from spatial_pin.kernel.kkt import KKT
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, independent_rows
-from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.numerics.tolerances import EPS, TOLERANCES
 
 # Estimated error from which on the second solver is used, at twenty times the cost: the KKT system
 # has ten digits then, and the error bound of the least constraint is less of an overestimate.
 DOUBTFUL = TOLERANCES.rank
 # Correction of a long tree's accelerations up to which what is left is small beside it.
 CORRECTED = 1e-6
+LEAST_ERROR = 16.0 * EPS  # of accelerations: of their forces, rounded some times
+
+
+class Limbs:
+    """The joints of a mechanism that no loop is built on, and the core that is left.
+
+    Such joints are eliminated, from the tips inwards, at a cost in proportion to their number: the
+    articulated-body algorithm [Featherstone2008, 7.3]. The core has a KKT system as if its bodies
+    had articulated inertias; an open tree has none.
+
+    Args:
+        mechanism: the mechanism.
+
+    Attributes:
+        exist: whether there are such joints.
+        a: (nv,) accelerations that were found last.
+        error: their estimated round-off, relative to the largest.
+        kkt: of the core, None of an open tree.
+    """
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self._mechanism, model = mechanism, mechanism.model
+        tied, is_core = constraints_of(mechanism).tied, np.zeros(model.njoints, bool)
+        for joint, (first, n) in enumerate(zip(model.idx_vs, model.nvs, strict=True)):
+            is_core[joint] = joint > 0 and tied[first : first + n].any()
+        self._tree = KernelTree(model, mechanism.velocity_scale, is_core)
+        self._open = np.flatnonzero(~self._tree.is_core)
+        self.exist = bool(len(self._open))
+        self.a, self._needed, self._force = np.zeros((3, model.nv))
+        self._scale, self.error = mechanism.velocity_scale, 0.0
+        self._rounding = EPS * np.random.default_rng(0).choice([-1.0, 1.0], model.nv)
+
+    @cached_property
+    def _entries(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        return self._tree.mass_entries(all_joints=False)
+
+    @cached_property
+    def _masses(self) -> Array:
+        """The core's masses, then units of the others: these have no part in the KKT system."""
+        return np.zeros(len(self._entries[0]) + len(self._open))
+
+    @cached_property
+    def kkt(self) -> KKT | None:
+        """The KKT system of the core."""
+        n = len(self._entries[0])
+        if not n:
+            return None
+        rows, columns, places = both_halves(*self._entries)
+        others = np.arange(n, len(self._masses))
+        at = (np.concatenate([rows, self._open]), np.concatenate([columns, self._open]),
+              np.concatenate([places, others]))
+        return KKT(self._mechanism, at, len(self._masses))
+
+    def solve(self, state: State, reference: Array, force: Array) -> bool:
+        """Find the accelerations under joint forces (nv,); False where a limb has no inertia.
+
+        Args:
+            state: configuration and velocity.
+            reference: (n_angles,) from which the angles of screws count [rad].
+            force: the joint forces.
+        """
+        self._force[:] = force
+        if not self._tree.eliminate(state.q, state.v, self._force, self._masses, self._needed):
+            return False
+        self.error = 0.0
+        kkt = self.kkt
+        if kkt is not None:
+            rows, columns = self._entries
+            n, own = len(rows), rows == columns
+            heaviest = float((self._masses[:n][own] * self._scale[rows[own]] ** 2).max())
+            self._masses[n:] = (heaviest or 1.0) / self._scale[self._open] ** 2
+            kkt.mass[:] = self._masses
+            given = np.where(self._tree.is_core, self._force, 0.0)
+            self.a[:] = kkt.accelerations(state.q, state.v, reference, given, self._needed)
+            self.error = kkt.error
+        largest, corrected, rounding = self._tree.complete(self._force, self.a)
+        largest = largest or 1.0
+        self.error = max(self.error, LEAST_ERROR, (corrected + rounding) / largest)
+        return True
+
+    @property
+    def is_of_forces(self) -> bool:
+        """Whether round-off of the joint forces is most of `error`: no solver can know more."""
+        rounding = self._tree.response(self._rounding * self._force)
+        return self.error * float(np.abs(self.a / self._scale).max()) <= 10.0 * rounding
 
 
 class Solution(NamedTuple):
@@ -76,7 +165,9 @@ class MotionEquations(Loops):
         state, kkt = self.state, self.kkt
         needed = self.bodies.needed(state.q, state.v)
         a = self.by_kkt(state.q, state.v, self.angle_reference, given, needed).copy()
-        closures, error, is_sure = kkt.closures.copy(), kkt.error, self._is_sure
+        closures, error = kkt.closures.copy(), kkt.error
+        # the least constraint is dense: of a large tree only where the KKT system is singular
+        is_sure = kkt.pivot >= TOLERANCES.rank if self._is_large else error <= DOUBTFUL
         self.check_rank(kkt.rank)
         if is_sure:
             return Solution(a, closures, error)
@@ -84,7 +175,12 @@ class MotionEquations(Loops):
             corrected = self._corrected(a, closures, given)
             if corrected.error <= CORRECTED:
                 return corrected
-        found = self._by_least_constraint(given)
+        scaled = self.scaled
+        chosen = independent_rows(scaled)
+        gamma = self.evaluation.bias(state.q, state.v)[chosen]
+        coordinates = IndependentCoordinates(scaled[chosen], self.scale, state.closure_error)
+        found = self.least_constraint.solve(
+            state.q, state.v, coordinates.carried(gamma, state.v), coordinates.columns, given)
         if not (kkt.pivot < TOLERANCES.zero or found.error < error):
             return Solution(a, closures, error)
         self._refuse(found)
@@ -142,26 +238,10 @@ class MotionEquations(Loops):
             return self.model.nv > PROBED or limbs.is_of_forces
         return limbs.kkt.error <= DOUBTFUL and limbs.is_of_forces
 
-    @property
-    def _is_sure(self) -> bool:
-        """Whether the KKT solution is accurate enough to skip the least constraint.
-
-        That one is dense: for a large tree it is used only where the KKT system is singular.
-        """
-        return self.kkt.pivot >= TOLERANCES.rank if self._is_large else self.kkt.error <= DOUBTFUL
-
     @cached_property
     def least_constraint(self) -> LeastConstraint:
         """The solver that is accurate for any ratio of masses."""
         return LeastConstraint(self.mechanism)
-
-    def _by_least_constraint(self, given: Array) -> Least:
-        state, scaled = self.state, self.scaled
-        chosen = independent_rows(scaled)
-        gamma = self.evaluation.bias(state.q, state.v)[chosen]
-        coordinates = IndependentCoordinates(scaled[chosen], self.scale, state.closure_error)
-        return self.least_constraint.solve(
-            state.q, state.v, coordinates.carried(gamma, state.v), coordinates.columns, given)
 
     def _refuse(self, found: Least) -> None:
         """Refuse accelerations that forces do not determine, or that round-off hides.

@@ -219,20 +219,17 @@ class Loops:
         motion = self._stand_without_masses(force=any_way / self.scale).copy()
         if self.kkt.pivot >= TOLERANCES.rank:
             a = self._stand_without_masses(v=motion)
-            if self._lacking(a, motion) > FOLLOWS:
+            rows, columns, values = self.kkt.entries
+            gamma = self.evaluation.bias(self.state.q, motion)[: self.n_closure]
+            terms, fastest = values * (a / self.scale)[columns], np.abs(motion / self.scale).max()
+            lacking = np.abs(np.bincount(rows, terms, self.n_closure) + gamma)  # J a + gamma
+            size = max(float(np.abs(terms).max()), float(fastest) ** 2)
+            if float(lacking.max()) / size > FOLLOWS:
                 raise SingularError(
                     f"mechanism {self.mechanism.name!r}: {self.state}: singular configuration: the "
                     "loops lose independent equations there, so that the forces do not determine "
                     "the motion; start beside this configuration", state=self.state)
         self._regular = Regular(self.state.q.copy(), rank, 0.0)
-
-    def _lacking(self, a: Array, v: Array) -> float:
-        """Return the largest |J a + gamma(v)| relative to its terms; a and v are (nv,)."""
-        rows, columns, values = self.kkt.entries
-        gamma = self.evaluation.bias(self.state.q, v)[: self.n_closure]
-        terms, fastest = values * (a / self.scale)[columns], np.abs(v / self.scale).max()
-        left = np.abs(np.bincount(rows, terms, self.n_closure) + gamma)
-        return float(left.max()) / max(float(np.abs(terms).max()), float(fastest) ** 2)
 
     def _stand_without_masses(self, v: Array | None = None, force: Array | None = None) -> Array:
         """Solve the KKT system with a unit mass matrix of the scaled velocities."""

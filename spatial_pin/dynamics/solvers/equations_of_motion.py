@@ -57,7 +57,10 @@ class Equations(MotionEquations):
             slip_speed: of dry friction, see `Forces`.
         """
         self.place(state)
-        self._take_laws(dict(laws or {}), slip_speed)
+        own = (dict(laws or {}),
+               dict(slip_speed) if isinstance(slip_speed, Mapping) else slip_speed)
+        if own != self._laws:
+            self._laws, self.springs = own, Forces(self.mechanism, *own)
         springs = self.springs
         self.turning = springs.turning(state.q, state.v) if springs.exist else self._rest
         self.given, self.wrenches = self.turning, []
@@ -67,12 +70,6 @@ class Equations(MotionEquations):
             self.wrenches += springs.wrenches(self.evaluation, state.v)
         if self.wrenches:
             self.given = self.turning + generalised(self.evaluation, self.wrenches)
-
-    def _take_laws(self, laws: dict[str, Law], slip_speed: SlipSpeed | None) -> None:
-        slip_speed = dict(slip_speed) if isinstance(slip_speed, Mapping) else slip_speed
-        if (laws, slip_speed) != self._laws:
-            self._laws = laws, slip_speed
-            self.springs = Forces(self.mechanism, laws, slip_speed)
 
     @property
     def applied(self) -> Array:

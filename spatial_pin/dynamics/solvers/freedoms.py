@@ -34,10 +34,18 @@ def idle_among(equations: Equations, found: list[tuple[str, Array]]) -> Array:
 
     They turn a link of a loop and move no centre of mass.
     """
-    idle = [np.zeros((0, len(equations.scale)))]
+    evaluation, mechanism, scale = equations.evaluation, equations.mechanism, equations.scale
+    idle = [np.zeros((0, len(scale)))]
     for joint, motions in found:
-        if is_in_loop(equations.mechanism, joint):
-            svd = decompose(_shifts(equations, motions))
+        if is_in_loop(mechanism, joint):
+            heavy, levers = equations.bodies.centres
+            columns = joint_jacobian(evaluation.data, len(scale))
+            twists = ((columns * evaluation.constraints.supports[heavy][:, None])
+                      @ (motions * scale).T)
+            centres = (levers[:, None] @ evaluation.placements[heavy])[:, 0]
+            shifts = twists[:, :3] + np.cross(twists[:, 3:], centres[:, :, None], axis=1)
+            svd = decompose(
+                shifts.reshape(-1, len(motions)) / mechanism.characteristic_length)
             moved = svd.s > TOLERANCES.half_precision * np.abs(motions).max()
             idle.append(svd.vt[np.count_nonzero(moved) :] @ motions)
     return np.vstack(idle)
@@ -52,21 +60,6 @@ def passive_among(equations: Equations, freedoms: Array, held: Iterable[int]) ->
     found = idle_freedoms(LoopEquations(equations.mechanism), equations.state.q, held)
     return np.vstack([freedoms[:0], *(motions / equations.scale @ freedoms.T @ freedoms
                                       for _, motions in found)])
-
-
-def _shifts(equations: Equations, motions: Array) -> Array:
-    """Return how motions (k, nv), scaled, move the centres of mass, (3 bodies, k).
-
-    Per characteristic length; nothing for bodies without mass.
-    """
-    evaluation, mechanism = equations.evaluation, equations.mechanism
-    heavy, levers = equations.bodies.centres
-    columns = joint_jacobian(evaluation.data, len(equations.scale))
-    twists = ((columns * evaluation.constraints.supports[heavy][:, None])
-              @ (motions * equations.scale).T)
-    centres = (levers[:, None] @ evaluation.placements[heavy])[:, 0]
-    moved = twists[:, :3] + np.cross(twists[:, 3:], centres[:, :, None], axis=1)
-    return moved.reshape(-1, len(motions)) / mechanism.characteristic_length
 
 
 def active_among(equations: Equations, freedoms: Array, found: list[tuple[str, Array]]) -> Array:

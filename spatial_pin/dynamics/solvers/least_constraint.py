@@ -151,22 +151,17 @@ class LeastConstraint:
         another. Motion within its bounds does not count.
         """
         pin.forwardKinematics(self._model, self._data, q, v, a.value)
-        rotors = self._of_rotors(columns, a)
         bodies = self._of_bodies(columns, a, v)
-        rows, known, rest, rest_known = (
-            np.concatenate(pair) for pair in zip(bodies[:4], rotors[:4], strict=True))
-        pace = np.maximum(bodies[4], rotors[4])
-        return rows, known, rest, rest_known, 1.0 / np.where(pace > 0.0, pace, 1.0)
-
-    def _of_rotors(self, columns: Bounded, a: Bounded) -> tuple[Array, ...]:
-        """Return the rows of joints with an armature, as `_rows` does, and their speeds (n,)."""
-        at, weights = self._rotors, self._weights
+        at, weights = self._rotors, self._weights  # joints with an armature
         turned, turning = columns.value[at], a.value[at]
-        known = columns.bound[at] + ROUNDING * np.abs(turned)
-        rest_known = a.bound[at] + ROUNDING * np.abs(turning)
-        pace = np.abs(turned / self._scale[at, None]).max(axis=0, initial=0.0)
-        return (weights[:, None] * turned, weights[:, None] * known, weights * turning,
-                weights * rest_known, pace)
+        rotors = (weights[:, None] * turned,
+                  weights[:, None] * (columns.bound[at] + ROUNDING * np.abs(turned)),
+                  weights * turning, weights * (a.bound[at] + ROUNDING * np.abs(turning)))
+        rows, known, rest, rest_known = (
+            np.concatenate(pair) for pair in zip(bodies[:4], rotors, strict=True))
+        pace = np.maximum(bodies[4], np.abs(turned / self._scale[at, None]).max(
+            axis=0, initial=0.0))
+        return rows, known, rest, rest_known, 1.0 / np.where(pace > 0.0, pace, 1.0)
 
     def _of_bodies(self, columns: Bounded, a: Bounded, v: Array) -> tuple[Array, ...]:
         """Return the rows of bodies with mass, as `_rows` does, and their speeds (n,)."""
@@ -188,8 +183,7 @@ class LeastConstraint:
         rest_known[:, :3] += (moving * turning)[:, None] / ROUNDING + ROUNDING * (
             np.abs(down) @ np.abs(gravity))
         rest_known[:, 3:] += (turning * turning)[:, None] / ROUNDING
-        rest = roots * self._rest(motion, change, down @ gravity)
-        rest[:, 3:] += _gyroscopic(roots[:, 3:], (self._back @ motion[:, 3:, None])[:, :, 0])
+        rest = self._rest(motion, change, down @ gravity)
         flat = (6 * len(heavy), n)  # either may be 0
         return ((roots[:, :, None] * twists).reshape(flat),
                 (roots[:, :, None] * sizes[:, :, :n]).reshape(flat), rest.ravel(),
@@ -223,7 +217,9 @@ class LeastConstraint:
         return twists, sizes
 
     def _rest(self, motion: Array, change: Array, gravity: Array) -> Array:
-        """Return the accelerations (bodies, 6) of centres less gravity, and angular, own axes.
+        """Return the weighted accelerations (bodies, 6) of centres less gravity, and angular.
+
+        The latter in own axes, with the gyroscopic I^(-1/2) (w x I w); 0 of bodies without I.
 
         Args:
             motion: (bodies, 6) spatial velocities.
@@ -235,6 +231,12 @@ class LeastConstraint:
         found[:, :3] = (change[:, :3] + cross(w, motion[:, :3]) + cross(change[:, 3:], lever)
                         + cross(w, cross(w, lever)) - gravity)
         found[:, 3:] = (self._back @ change[:, 3:, None])[:, :, 0]
+        found = self._roots * found
+        own, roots = (self._back @ w[:, :, None])[:, :, 0], self._roots[:, 3:]
+        squares, i, j = roots * roots, [2, 0, 1], [1, 2, 0]
+        moved = (squares[:, i] - squares[:, j]) * own[:, j] * own[:, i]
+        held = roots > ROUNDING * roots.max(axis=1, keepdims=True, initial=0.0)
+        found[:, 3:] += np.divide(moved, roots, out=np.zeros_like(moved), where=held)
         return found
 
 
@@ -269,15 +271,6 @@ def skew(arms: Array) -> Array:
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         across[:, j, i], across[:, i, j] = arms[:, k], -arms[:, k]
     return across
-
-
-def _gyroscopic(roots: Array, w: Array) -> Array:
-    """Return I^(-1/2) (w x I w) (m, 3), from the roots of the principal moments; 0 for none."""
-    squares = roots * roots
-    i, j = [2, 0, 1], [1, 2, 0]
-    moved = (squares[:, i] - squares[:, j]) * w[:, j] * w[:, i]
-    held = roots > ROUNDING * roots.max(axis=1, keepdims=True, initial=0.0)
-    return np.divide(moved, roots, out=np.zeros_like(moved), where=held)
 
 
 class _Fit:
