@@ -94,17 +94,13 @@ def with_forces(
     """
     found: list[str | Output] = []
     for name in outputs:
-        if is_force(name) and not _is_own_effort(motion, name):
+        is_own = (isinstance(motion, Simulation) and name.endswith(".effort")
+                  and _effort(motion, name, motion.efforts) is not None)
+        if is_force(name) and not is_own:
             found += output(loads(), name).parts()
         else:
             found.append(name)
     return found
-
-
-def _is_own_effort(motion: Motion, spec: str) -> bool:
-    """Whether it is the effort of a prescribed driver of a simulation."""
-    return (isinstance(motion, Simulation) and spec.endswith(".effort")
-            and _effort(motion, spec, motion.efforts) is not None)
 
 
 def _own_name(mechanism: Mechanism, name: str, efforts: Mapping[str, Array]) -> str | None:

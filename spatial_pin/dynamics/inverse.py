@@ -64,7 +64,14 @@ class Actuation:
         given = actuated if isinstance(actuated, Mapping) else {}
         weights = np.array([positive_number(given.get(n, 1.0), f"weight of {n!r}")
                             for n in self.names])
-        self.coordinates = [_motor(mechanism, n) for n in self.names]
+        self.coordinates: list[Coordinate] = []
+        for name in self.names:
+            component = mechanism.coordinate_table.get(name)
+            joint = component.joint if component else name
+            if joint in untied(mechanism):
+                raise SpatialPinError(f"mechanism {mechanism.name!r}: {name!r} cannot be actuated: "
+                                      f"{_to_be_held(mechanism, joint)}")
+            self.coordinates.append(mechanism.driven_coordinate(name))
         self.columns = np.array([c.v for c in self.coordinates], dtype=int)
         self.root = 1.0 / np.sqrt(weights)
         tied = constraints_of(mechanism).tied
@@ -91,16 +98,6 @@ def actuation_of(
 @made_once
 def _drivers(mechanism: Mechanism) -> Actuation:
     return Actuation(mechanism)
-
-
-def _motor(mechanism: Mechanism, name: str) -> Coordinate:
-    """Return the coordinate that a motor of that name acts on."""
-    component = mechanism.coordinate_table.get(name)
-    joint = component.joint if component else name
-    if joint in untied(mechanism):
-        raise SpatialPinError(f"mechanism {mechanism.name!r}: {name!r} cannot be actuated: "
-                              f"{_to_be_held(mechanism, joint)}")
-    return mechanism.driven_coordinate(name)
 
 
 class Efforts(Dynamics):
@@ -240,16 +237,23 @@ def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, A
     freedoms, rank = _freedoms(equations, actuation)
     equations.check_rank(rank)
     a = equations.state.a
-    spare, found = _unactuated(equations, actuation, freedoms)
-    if found:
-        a = _left_free(equations, actuation, spare, idle_among(equations, found))
+    if len(freedoms):
+        pull = freedoms[:, actuation.columns]
+        size = np.where(actuation.shared, np.abs(pull).max(axis=0, initial=0.0), 1.0)
+        spare = decompose((pull / np.where(size > 0.0, size, 1.0)).T).null_space @ freedoms
+        found = of_one_link(equations, spare, actuation.coordinates) if len(spare) else []
+        if len(spare) != sum(len(motions) for _, motions in found):
+            raise SpatialPinError(f"mechanism {equations.mechanism.name!r}: " + _too_few(
+                equations, actuation, active_among(equations, spare, found), size))
+        if found:
+            a = _left_free(equations, actuation, spare, idle_among(equations, found))
     wanted = equations.motion_forces(a) - equations.given
     efforts = wanted[actuation.columns]
     if actuation.has_shared:
         shared = actuation.shared
         work, root = freedoms * equations.scale, actuation.root[shared]
-        pull = decompose(work[:, actuation.columns[shared]] * root)
-        efforts[shared] = root * pull.minimum_norm(work @ wanted)
+        svd = decompose(work[:, actuation.columns[shared]] * root)
+        efforts[shared] = root * svd.minimum_norm(work @ wanted)
     return efforts, a, wanted - actuation.generalised(efforts, len(wanted))
 
 
@@ -277,27 +281,6 @@ def _freedoms(equations: Equations, actuation: Actuation) -> tuple[Array, int]:
     return freedoms, rank
 
 
-def _unactuated(
-    equations: Equations, actuation: Actuation, freedoms: Array
-) -> tuple[Array, list[tuple[str, Array]]]:
-    """Return the freedoms (k, nv), scaled, that no actuator moves, and those of each one link.
-
-    Raises:
-        SpatialPinError: some move more than one link.
-    """
-    if not len(freedoms):
-        return freedoms, []
-    pull = freedoms[:, actuation.columns]
-    size = np.where(actuation.shared, np.abs(pull).max(axis=0, initial=0.0), 1.0)
-    spare = decompose((pull / np.where(size > 0.0, size, 1.0)).T).null_space @ freedoms
-    found = of_one_link(equations, spare, actuation.coordinates) if len(spare) else []
-    missing = len(spare) - sum(len(motions) for _, motions in found)
-    if missing:
-        raise SpatialPinError(f"mechanism {equations.mechanism.name!r}: " + _too_few(
-            equations, actuation, active_among(equations, spare, found), size))
-    return spare, found
-
-
 def _too_few(equations: Equations, actuation: Actuation, freedoms: Array, pull: Array) -> str:
     """Say which freedoms (k, nv) no actuator moves, and by what they can be moved.
 
@@ -311,24 +294,21 @@ def _too_few(equations: Equations, actuation: Actuation, freedoms: Array, pull: 
     bases = _floating(mechanism, equations.moving(freedoms))
     entries = [v for joint in bases for v in velocity_entries(mechanism, joint)]
     others = decompose(freedoms[:, entries].T).null_space @ freedoms  # no base moves
-    ways = [_to_be_actuated(equations, actuation, others)] if len(others) else []
-    ways += [_to_be_held(mechanism, joint) for joint in bases]
+    remedies = []
+    if len(others):
+        moving, chosen = ", ".join(equations.moving(others)), _to_actuate(equations, others)
+        given = [name for name in actuation.names if mechanism.coordinate(name).q >= 0]
+        remedies.append(
+            f"actuate {len(others)} more of {moving}, such as actuated={[*given, *chosen]}"
+            if _bear_motors(equations, chosen) else
+            f"what moves is {moving}, and {NO_MOTOR}: model it as a chain of revolute joints")
+    remedies += [_to_be_held(mechanism, joint) for joint in bases]
     stuck = [name for name, x in zip(actuation.names, pull, strict=True)
              if x < TOLERANCES.near_singular]
     why = (f"{', '.join(map(repr, stuck))} {'is' if len(stuck) == 1 else 'are'} at a limit "
            "position, where no effort there moves anything: ") if stuck else ""
     return (f"{why}{missing} freedom{'s have' if missing > 1 else ' has'} no actuator; "
-            f"{'; '.join(ways)}")
-
-
-def _to_be_actuated(equations: Equations, actuation: Actuation, freedoms: Array) -> str:
-    """Say by what freedoms (k, nv) can be moved, none of which moves a free base."""
-    mechanism, moving = equations.mechanism, ", ".join(equations.moving(freedoms))
-    chosen = _to_actuate(equations, freedoms)
-    if not _bear_motors(equations, chosen):
-        return f"what moves is {moving}, and {NO_MOTOR}: model it as a chain of revolute joints"
-    given = [name for name in actuation.names if mechanism.coordinate(name).q >= 0]
-    return f"actuate {len(freedoms)} more of {moving}, such as actuated={[*given, *chosen]}"
+            f"{'; '.join(remedies)}")
 
 
 def _floating(mechanism: Mechanism, names: Iterable[str]) -> list[str]:

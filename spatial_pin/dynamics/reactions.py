@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from spatial_pin._support.brief import first_names
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.stacked import cross
 
@@ -70,7 +69,15 @@ class Pairs:
     def __init__(self, mechanism: Mechanism) -> None:
         self.model = model = mechanism.model
         self.length, self.centre = mechanism.characteristic_length, mechanism.centre
-        self.closed = _closed_pairs(mechanism)
+        self.closed: list[ClosedPair] = []
+        at = 0
+        for closure in mechanism.closures:
+            rows = slice(at, at + closure.n_rows)
+            if closure.frames:
+                at = rows.stop
+                (first, _), (second, x) = map(mechanism.centred_frame, closure.frames[:2])
+                self.closed.append(ClosedPair(
+                    closure.name, rows, (first, second), np.append(x.translation, 1.0)))
         constraints = constraints_of(mechanism)
         self.elsewhere, self._of_joints = constraints.elsewhere, constraints.of_joints
         self.coupled = sorted(set().union(*beside_couplings(mechanism).values()))
@@ -128,7 +135,10 @@ class Pairs:
             effort: (..., nv) efforts at joints.
         """
         on_bodies = given + self.on_bodies(poses.rows, multipliers)
-        forces = _in_world(poses.placements, transmitted) - self._carried(on_bodies)
+        local = transmitted.reshape(*transmitted.shape[:-1], 2, 3)
+        forces = (local @ poses.placements[..., :3, :]).reshape(transmitted.shape)
+        forces[..., 3:] += cross(poses.placements[..., 3, :], forces[..., :3])
+        forces = forces - self._carried(on_bodies)
         at_joints = _moved(forces, poses.placements[..., 3, :])
         found = {self.model.names[i]: self._without_effort(i, at_joints[..., i, :], poses.columns,
                                                            effort)
@@ -247,32 +257,9 @@ def _levels(parents: list[int]) -> list[tuple[NDArray[np.intp], NDArray[np.intp]
     return [(np.array(joints), np.array([parents[i] for i in joints])) for joints in levels]
 
 
-def _closed_pairs(mechanism: Mechanism) -> list[ClosedPair]:
-    found, at = [], 0
-    for closure in mechanism.closures:
-        rows = slice(at, at + closure.n_rows)
-        if closure.frames:
-            at = rows.stop
-            found.append(_closed_pair(mechanism, closure, rows))
-    return found
-
-
-def _closed_pair(mechanism: Mechanism, closure: Closure, rows: slice) -> ClosedPair:
-    (first, _), (second, placement) = (mechanism.centred_frame(f) for f in closure.frames[:2])
-    return ClosedPair(closure.name, rows, (first, second), np.append(placement.translation, 1.0))
-
-
 def _borne(rows: Array, multipliers: Array, part: slice) -> Array:
     """Return the wrench (..., 6) on body 2 of the closure with these rows, at the world origin."""
     return (multipliers[..., None, part] @ rows[..., part, :])[..., 0, :]
-
-
-def _in_world(placements: Array, forces: Array) -> Array:
-    """Return forces (..., 6) given in joint axes at joint origins in world axes at its origin."""
-    turned = forces.reshape(*forces.shape[:-1], 2, 3) @ placements[..., :3, :]
-    turned = turned.reshape(forces.shape)
-    turned[..., 3:] += cross(placements[..., 3, :], turned[..., :3])
-    return turned
 
 
 def _moved(wrench: Array, point: Array) -> Array:
