@@ -13,24 +13,22 @@ from spatial_pin._support.brief import first_names
 from spatial_pin._support.checks import checked, names_of, positive_number
 from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.holding import untied, velocity_entries
+from spatial_pin.assembly.passive_freedoms import is_in_loop, passive_freedoms
 from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
 from spatial_pin.dynamics.forward import Dynamics, Load
 from spatial_pin.dynamics.reactions import UNMOVED
 from spatial_pin.dynamics.solvers.equations_of_motion import Equations, equations_of
-from spatial_pin.dynamics.solvers.freedoms import (
-    active_among,
-    idle_among,
-    of_one_link,
-    passive_among,
-    round_off,
-)
+from spatial_pin.dynamics.solvers.independent_coordinates import ROUNDING
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.mechanism.resistance import SlipSpeed
+from spatial_pin.mobility.idle_freedoms import idle_freedoms
 from spatial_pin.motion.summary import EFFORTS
 from spatial_pin.numerics.linalg import Array, common_rows, decompose, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -236,22 +234,26 @@ def balance(equations: Equations, actuation: Actuation) -> tuple[Array, Array, A
     """
     freedoms, rank = _freedoms(equations, actuation)
     equations.check_rank(rank)
-    a = equations.state.a
+    a, scale = equations.state.a, equations.scale
     if len(freedoms):
         pull = freedoms[:, actuation.columns]
         size = np.where(actuation.shared, np.abs(pull).max(axis=0, initial=0.0), 1.0)
         spare = decompose((pull / np.where(size > 0.0, size, 1.0)).T).null_space @ freedoms
-        found = of_one_link(equations, spare, actuation.coordinates) if len(spare) else []
+        found = passive_freedoms(
+            equations.evaluation, spare * scale, actuation.coordinates) if len(spare) else []
+        found = [(joint, motions / scale) for joint, motions in found]  # that move one link only
         if len(spare) != sum(len(motions) for _, motions in found):
-            raise SpatialPinError(f"mechanism {equations.mechanism.name!r}: " + _too_few(
-                equations, actuation, active_among(equations, spare, found), size))
+            passive = np.vstack([spare[:0], *(motions for _, motions in found)])
+            active = decompose(passive @ spare.T).null_space @ spare
+            raise SpatialPinError(f"mechanism {equations.mechanism.name!r}: "
+                                  + _too_few(equations, actuation, active, size))
         if found:
-            a = _left_free(equations, actuation, spare, idle_among(equations, found))
+            a = _left_free(equations, actuation, spare, _idle_rotations(equations, found))
     wanted = equations.motion_forces(a) - equations.given
     efforts = wanted[actuation.columns]
     if actuation.has_shared:
         shared = actuation.shared
-        work, root = freedoms * equations.scale, actuation.root[shared]
+        work, root = freedoms * scale, actuation.root[shared]
         svd = decompose(work[:, actuation.columns[shared]] * root)
         efforts[shared] = root * svd.minimum_norm(work @ wanted)
     return efforts, a, wanted - actuation.generalised(efforts, len(wanted))
@@ -361,7 +363,9 @@ def _left_free(
     a = _spun(equations, idle, at.a) if len(idle) else at.a
     loaded = _loaded(equations, spare, idle, a)
     if loaded and (at.v.any() or at.a.any()):
-        free = passive_among(equations, spare, actuation.columns)
+        idle_of = idle_freedoms(LoopEquations(equations.mechanism), at.q, actuation.columns)
+        free = np.vstack([spare[:0], *(motions / equations.scale @ spare.T @ spare
+                                       for _, motions in idle_of)])
         a = _spun(equations, free, at.a) if len(free) else a
         loaded = _loaded(equations, spare, idle[:0], a)
     if loaded:
@@ -387,6 +391,28 @@ def _relief(equations: Equations, loaded: list[str]) -> str:
     return "; ".join(ways)
 
 
+def _idle_rotations(equations: Equations, found: list[tuple[str, Array]]) -> Array:
+    """Return the idle rotations (k, nv) among motions of one link, by joint.
+
+    They turn a link of a loop and move no centre of mass.
+    """
+    evaluation, mechanism, scale = equations.evaluation, equations.mechanism, equations.scale
+    idle = [np.zeros((0, len(scale)))]
+    for joint, motions in found:
+        if is_in_loop(mechanism, joint):
+            heavy, levers = equations.bodies.centres
+            columns = joint_jacobian(evaluation.data, len(scale))
+            twists = ((columns * evaluation.constraints.supports[heavy][:, None])
+                      @ (motions * scale).T)
+            centres = (levers[:, None] @ evaluation.placements[heavy])[:, 0]
+            shifts = twists[:, :3] + np.cross(twists[:, 3:], centres[:, :, None], axis=1)
+            svd = decompose(
+                shifts.reshape(-1, len(motions)) / mechanism.characteristic_length)
+            moved = svd.s > TOLERANCES.half_precision * np.abs(motions).max()
+            idle.append(svd.vt[np.count_nonzero(moved) :] @ motions)
+    return np.vstack(idle)
+
+
 def _loaded(equations: Equations, spare: Array, idle: Array, a: Array) -> list[str]:
     """Return the coordinates of freedoms (k, nv), scaled, that are not driven but loaded.
 
@@ -394,8 +420,15 @@ def _loaded(equations: Equations, spare: Array, idle: Array, a: Array) -> list[s
     would fall under them. Of idle rotations (m, nv), whose accelerations are free, springs and
     forces from outside.
     """
-    scale, wanted = equations.scale, equations.motion_forces(a) - equations.given
-    allowed = TOLERANCES.nothing * float(np.abs(scale * wanted).max()) + round_off(equations, a)
+    state, scale, model = equations.state, equations.scale, equations.model
+    wanted = equations.motion_forces(a) - equations.given
+    weight = sum(i.mass for i in model.inertias) * float(
+        np.linalg.norm(model.gravity.linear)) * equations.mechanism.characteristic_length
+    heaviest = float(np.abs(scale[:, None] * equations.mass() * scale).max(initial=0.0))
+    rates = float(np.abs(a / scale).max(initial=0.0))
+    rates += float(np.abs(state.v / scale).max(initial=0.0)) ** 2
+    round_off = ROUNDING * (weight + heaviest * rates)
+    allowed = TOLERANCES.nothing * float(np.abs(scale * wanted).max()) + round_off
     for motions, force in ((spare, wanted), (idle, equations.applied)):
         loads = motions @ (scale * force)
         if np.abs(loads).max(initial=0.0) > allowed:
