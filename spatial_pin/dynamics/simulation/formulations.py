@@ -176,7 +176,7 @@ class Independent:
         SingularError: the coordinates do not determine the motion there.
     """
 
-    projects = False  # whether every step is to be settled, as `Projected` does
+    projects = False  # whether all joints are unknowns, and steps are settled, as in `Projected`
 
     def __init__(
         self, problem: Problem, state: State, free: Sequence[int], spins: Spins | None = None
@@ -207,6 +207,8 @@ class Independent:
         has_begun = self.kernel.begin(state.q, state.angles, sigmas, self.free, rows)
         if not has_begun or not self.kernel.keep() or self.kernel.pivot < TOLERANCES.singular:
             raise SingularError(f"mechanism {mechanism.name!r}: singular configuration")
+        if self.projects:
+            self.free = list(range(mechanism.model.nv))
         self._count_from(state)
 
     def _count_from(self, state: State) -> None:
@@ -221,9 +223,9 @@ class Independent:
 
     def unknowns(self, v: Array, work: float) -> Array:
         """Return y where the coordinates are 0, at joint velocities v (nv,)."""
-        y = self.problem.unknowns(v[self.free] / self._scale, work)
+        y, n = self.problem.unknowns(v[self.free] / self._scale, work), 2 * len(self.free)
         turns = [self._functions.reference.q[body.q] for body in self.spins.bodies]
-        return np.concatenate([y[: 2 * self.n], *turns, y[2 * self.n :]])
+        return np.concatenate([y[:n], *turns, y[n:]])
 
     def renewed(self, t: float, y: Array, state: State) -> Array | None:
         """Change to the best coordinates at y, where the mechanism is at a state.
@@ -294,8 +296,11 @@ class Independent:
         return self.kernel.keep() > self.patience
 
     def crossings(self, y: Array, to: Array) -> list[tuple[float, float]]:
-        """Return where branches cross between unknowns: the coordinate, and the unknown there."""
-        if self.n != 1:
+        """Return where branches cross between unknowns: the coordinate, and the unknown there.
+
+        None where all joints are unknowns: there the loops lose rank.
+        """
+        if self.n != 1 or self.projects:
             return []
         return [(self.coordinate_at(x), x) for x in self.kernel.crossed(float(y[0]), float(to[0]))]
 
@@ -306,7 +311,7 @@ class Independent:
     @property
     def is_fresh_the_same(self) -> bool:
         """Whether the same coordinates, taken anew, would be no better."""
-        return self._is_linear and self._is_whole
+        return self._is_linear and (self._is_whole or self.projects)
 
     @property
     def evaluations(self) -> int:
@@ -335,19 +340,9 @@ class Projected(Independent):
 
     def __init__(self, problem: Problem, state: State, held: Sequence[int]) -> None:
         super().__init__(problem, state, held)
-        self.free = list(range(problem.model.nv))
         table = problem.mechanism.coordinate_table.values()
         self._turning = [c.v for c in table if c.q < 0]  # those of balls and free joints
         self.projection = Projection(0, 0, 0.0, 0.0, 0.0)
-
-    @property
-    def is_fresh_the_same(self) -> bool:
-        """Whether coordinates begun anew would be no better."""
-        return not self._turning
-
-    def unknowns(self, v: Array, work: float) -> Array:
-        """Return y where the coordinates are 0, at joint velocities v (nv,)."""
-        return self.problem.unknowns(v / self.problem.scale, work)
 
     def renewed(self, t: float, y: Array, state: State) -> Array | None:
         """Let the coordinates count from y; return the unknowns there, None where they cannot."""
@@ -377,10 +372,6 @@ class Projected(Independent):
     def needs_new_coordinates(self, t: float, y: Array) -> bool:
         """Whether the coordinates should be begun anew."""
         return float(np.abs(y[self._turning]).max(initial=0.0)) > TURNED_END
-
-    def crossings(self, y: Array, to: Array) -> list[tuple[float, float]]:
-        """Return nothing: where branches cross the loops lose rank."""
-        return []
 
 
 def independent(problem: Problem, state: State, given_up: GivenUp = frozenset()) -> Independent:

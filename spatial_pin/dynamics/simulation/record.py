@@ -59,7 +59,7 @@ class Record:
         """Return the times of samples that are not yet there, up to `end`."""
         return self.times[self.filled : np.searchsorted(self.times, end, "right")]
 
-    def ask(self, system: Independent, times: Array, unknowns: Array) -> None:
+    def evaluate(self, system: Independent, times: Array, unknowns: Array) -> None:
         """Work out samples at times (N,) and unknowns (N, n)."""
         if not times.size:
             return
@@ -86,7 +86,7 @@ class Record:
             times = np.union1d(times, [found.stop])
         unknowns = step.unknowns(times) if times.size else np.empty((0, len(after)))
         first = self.filled
-        self.ask(system, times, unknowns)
+        self.evaluate(system, times, unknowns)
         for value, at in system.crossings(before, after):
             earlier = (unknowns[:, 0] - at) * after[1] < 0.0
             self.note_crossing(value, first + int(np.count_nonzero(earlier)))

@@ -82,10 +82,10 @@ class Run:
         self.start = system.energies(0.0, self.y)
         self.balance = Balance(self._problem, self._accuracy, self.start)
         start = self.record.until(0.0)
-        self.record.ask(system, start, self.y[None][: len(start)])
+        self.record.evaluate(system, start, self.y[None][: len(start)])
         if not len(self.y):  # no freedom and no work: the drivers' laws alone determine the motion
             rest = self.record.until(self._end)
-            self.record.ask(system, rest, np.empty((len(rest), 0)))
+            self.record.evaluate(system, rest, np.empty((len(rest), 0)))
             self.t = self._end
         while self.t < self._end:
             before = system.evaluations
