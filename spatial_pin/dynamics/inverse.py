@@ -284,13 +284,9 @@ def _freedoms(equations: Equations, actuation: Actuation) -> tuple[Array, int]:
 
 
 def _too_few(equations: Equations, actuation: Actuation, freedoms: Array, pull: Array) -> str:
-    """Say which freedoms (k, nv) no actuator moves, and by what they can be moved.
+    """Say which freedoms (k, nv), scaled, no actuator moves, and by what they can be moved.
 
-    Args:
-        equations: at the configuration.
-        actuation: the actuators, of which each moves something by `pull` (m,) at most.
-        freedoms: that are left, scaled.
-        pull: zero of an actuator at a limit position.
+    Each actuator moves something by `pull` (m,) at most: zero at a limit position.
     """
     mechanism, missing = equations.mechanism, len(freedoms)
     bases = _floating(mechanism, equations.moving(freedoms))

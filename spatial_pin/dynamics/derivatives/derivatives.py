@@ -190,13 +190,8 @@ def _changes(
 ) -> tuple[list[Array], list[Array]]:
     """Return derivatives with respect to q, v, efforts: of accelerations, and of multipliers.
 
-    The former are (nv, nv), the latter (n_closure, nv).
-
-    Args:
-        equations: at the state, their KKT system factored.
-        terms: what changes.
-        chosen: the independent closure equations.
-        multipliers: theirs.
+    The former are (nv, nv), the latter (n_closure, nv); `multipliers` are those of the rows
+    `chosen`, and the KKT system is factored at the state.
 
     Raises:
         SingularError: a motion has no inertia.

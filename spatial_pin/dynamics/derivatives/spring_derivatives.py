@@ -118,13 +118,7 @@ class Springs:
     def _at_a_point(self, line: Line, rows: RowDerivatives, rates: ProductRates, at: int) -> Pull:
         """Return a spring whose frames coincide: its force is stiffness times what parts them.
 
-        Where nothing can part them, any stiffness will do.
-
-        Args:
-            line: the spring.
-            rows: closure equations and spring lengths.
-            rates: theirs.
-            at: the number of its length.
+        Where nothing can part them, any stiffness will do. Its length is row `at`.
         """
         parting = rows.products.first_slopes(rates, at)
         none, pace = np.zeros(rows.nv), float(np.sqrt(max(rates.values[2][at], 0.0)))

@@ -262,9 +262,16 @@ class Stepping:
         if self._has_warned or not is_chosen or not getattr(solver, "creeps", False):
             return
         self._has_warned = True
-        cause = self._stiffest(system, solver)
+        problem, cause = self._problem, "a spring or damper"
+        resistance = problem.forces.resistance
+        if resistance:
+            slopes = resistance.slopes(system.place(solver.t, solver.y)[1]) * problem.scale**2
+            by_v = {c.v: c.name for c in problem.mechanism.coordinate_table.values()}
+            at = int(slopes.argmax())
+            damped = resistance.damping[at] * problem.scale[at] ** 2 > 0.5 * slopes[at]
+            cause = f"the {'damping' if damped else 'dry friction'} of {by_v[at]!r}"
         warn(
-            f"mechanism {self._problem.mechanism.name!r}: from {solver.t:.6g} s on the explicit "
+            f"mechanism {problem.mechanism.name!r}: from {solver.t:.6g} s on the explicit "
             f"integrator {self._chosen!r} is no good, for steps of {solver.t - solver.t_old:.1e} s "
             f"are as long as it is stable with: {cause} is stiff. Leave the "
             "integrator out, or take Accuracy(integrator=\"Radau\")")
@@ -278,18 +285,6 @@ class Stepping:
             longest = min(longest, self._problem.external.longest_step)
         return integrator(
             method, system, t, y, self._end, self._accuracy, self._units, longest, first)
-
-    def _stiffest(self, system: Independent, solver: Any) -> str:
-        """Return what causes the stiffness at the solver's time, in words."""
-        problem = self._problem
-        resistance = problem.forces.resistance
-        if not resistance:
-            return "a spring or damper"
-        slopes = resistance.slopes(system.place(solver.t, solver.y)[1]) * problem.scale**2
-        by_v = {c.v: c.name for c in problem.mechanism.coordinate_table.values()}
-        at = int(slopes.argmax())
-        damped = resistance.damping[at] * problem.scale[at] ** 2 > 0.5 * slopes[at]
-        return f"the {'damping' if damped else 'dry friction'} of {by_v[at]!r}"
 
     def leapt(self, steps: int, largest: Array) -> None:
         """Take note of steps in the kernel, which looks at them by itself."""
