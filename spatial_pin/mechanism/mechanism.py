@@ -22,15 +22,16 @@ from spatial_pin.errors import (
 )
 from spatial_pin.mechanism.extent import Extent, centred, extent_of
 from spatial_pin.mechanism.inertia import inertia_as_given
-from spatial_pin.mechanism.named_frames import Frame, frames_by_name
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mechanism.parts import (
     Closure,
     Coordinate,
     Driver,
+    Frame,
     Passive,
     SelectedEquations,
     Spring,
+    frames_by_name,
 )
 from spatial_pin.numerics.linalg import Array
 

@@ -32,8 +32,11 @@ def check_mechanism(mechanism: Mechanism, where: str, mistakes: Mistakes | None 
     """
     found = Mistakes(where) if mistakes is None else mistakes
     for kind in ("closures", "springs"):
+        names = [x.name for x in getattr(mechanism, kind)]
         with found.each():
-            _check_unique([x.name for x in getattr(mechanism, kind)], f"{where}: {kind}")
+            for k, name in enumerate(names):
+                if name in names[:k]:
+                    raise MechanismFileError(f"{where}: {kind}: two are named {name!r}")
     for closure in mechanism.closures:
         with found.each():
             _check_closure(mechanism, closure, f"{where}: closure {closure.name!r}")
@@ -84,14 +87,6 @@ def _check_driver(mechanism: Mechanism, driver: Driver, driven: dict[str, str], 
             f"{here}: {driver.joint!r} is driven by {driven[driver.joint]!r} already"
         )
     driven[driver.joint] = driver.name
-
-
-def _check_unique(names: Iterable[str], where: str) -> None:
-    seen: set[str] = set()
-    for name in names:
-        if name in seen:
-            raise MechanismFileError(f"{where}: two are named {name!r}")
-        seen.add(name)
 
 
 def _check_closure(mechanism: Mechanism, closure: Closure, where: str) -> None:
