@@ -199,16 +199,12 @@ class Cursor:
             if not stretches * STRETCH <= FARTHEST or goal == begin.s:
                 raise Stopped(self._running_away(value) or Arrival(
                     "lost", begin.q, begin.s, is_far=True))
-            if self._go(goal):
+            path = self._moving_path()
+            if path is not None and path.go(goal):
                 continue
             if not self.has_arc_length:
                 raise Stopped(self._end())
             self._go_by_arc_length(goal, begin, value)
-
-    def _go(self, value: float) -> bool:
-        """Move towards a driver value as far as the kernel can; True if it was reached."""
-        path = self._moving_path()
-        return path is not None and path.go(value)
 
     def _end(self) -> Arrival:
         """Return where the branch ends if pseudo-arclength cannot be used, to the smallest step.

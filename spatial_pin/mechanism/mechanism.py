@@ -65,7 +65,7 @@ class Mechanism:
             are rounded [-]; 0: the numbers are exact; None: that of the accuracy.
         model_of_file, without: which model of its file it is, and what was left out, see `load`.
         whole: the mechanism as its file has it, where this one is without equations that the
-            file's rounded numbers contradict, see `assembly.rounding`; else None.
+            file's rounded numbers contradict, see `assembly.redundant_equations`; else None.
         kept: which equations of the `whole` it has.
         dimensions: value of every named dimension (xacro argument), given or by default [SI, rad];
             read when first asked for.

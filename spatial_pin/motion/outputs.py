@@ -210,7 +210,7 @@ def _coordinate_output(motion: Motion, name: str, kind: str) -> Output:
         jerks = np.array([j.coordinate(name) for j in _jerks(motion)])
         return Output(jerks, f"{name} jerk", motion.rate_unit(unit, 3))
     if kind == "transmission_angle":
-        angles = [transmission_angle(motion.mechanism, motion.state(k), name, motion.driver_name)[0]
+        angles = [transmission_angle(motion.mechanism, motion.state(k), name, motion.driver_name)
                   for k in range(len(motion.swept))]
         return Output(np.array(angles), f"{name} transmission angle", "rad")
     if len(motion.swept) and np.any(motion.driver_speed == 0.0):

@@ -111,12 +111,9 @@ def transmission(
     return Transmission(ratio, advantage, angle, moved.at)
 
 
-def transmission_angle(
-    mechanism: Mechanism, state: State, output: str, driver: str, at: str | None = None
-) -> tuple[float, str]:
-    """Return transmission angle and pair as `transmission` does, at dead centres too."""
-    moved = MovedOutput.of(mechanism, output, driver, at)
-    return moved.angle(mechanism, state.q, state.angles), moved.at
+def transmission_angle(mechanism: Mechanism, state: State, output: str, driver: str) -> float:
+    """Return the transmission angle as `transmission` does, at dead centres too [rad]."""
+    return MovedOutput.of(mechanism, output, driver).angle(mechanism, state.q, state.angles)
 
 
 class MovedOutput(NamedTuple):
