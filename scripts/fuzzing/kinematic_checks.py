@@ -12,7 +12,7 @@ import pinocchio as pin
 import spatial_pin as sp
 from fuzzing.case import Skip, need, small
 from fuzzing.judge import Judge
-from spatial_pin.formats.export import export_urdf
+from spatial_pin.formats.mechanism_writer import export_urdf
 
 SAMPLES = 50  # of a sweep
 AHEAD = 25  # samples of our own way to the first one

@@ -14,7 +14,7 @@ import numpy as np
 import spatial_pin as sp
 from spatial_pin._support.output_files import write_text
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.formats.export import robot_of
+from spatial_pin.formats.mechanism_writer import robot_of
 from spatial_pin.formats.parsing import toml_text
 from spatial_pin.mechanism.coordinates import coordinates_of
 from spatial_pin.mechanism.joint_limits import joint_limits

@@ -34,6 +34,7 @@ from spatial_pin.mechanism.coordinates import needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.follow import Followed, along, finished, follow, sample_times
 from spatial_pin.motion.motion import Motion
+from spatial_pin.motion.rounding import within_gap
 from spatial_pin.numerics.linalg import Array, rank
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.rates import check_not_held
@@ -230,7 +231,8 @@ def reach_path(
         if asked == freedom:
             raise
         return by_drivers(first, tables, moved, hold, accuracy, progress)
-    return finished(first.mechanism, followed, moved, held, [t.name for t in tables], "targets")
+    motion = finished(first.mechanism, followed, moved, held, [t.name for t in tables], "targets")
+    return within_gap(motion, accuracy, "raise")
 
 
 def _chains(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import weakref
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -27,28 +27,6 @@ def numbers(array: Array, shape: tuple[int, ...]) -> Array:
     if out.shape != shape:
         raise ValueError(f"an array of shape {out.shape} stands where {shape} is needed")
     return out
-
-
-class Evaluated(NamedTuple):
-    """What one configuration gives.
-
-    Attributes:
-        rotations: (n, 3, 3) of the joints of the model in the world, as Pinocchio's.
-        translations: (n, 3) [m].
-        residual: (n_closure,) closure equations.
-        angles: (n_angles,) of screw closures [rad].
-        jacobian: (n_closure + n_passive, nv) with respect to v / `velocity_scale`.
-        angle_jacobian: (n_angles, nv) of the angles, likewise.
-        bias: (n_closure + n_passive,) second derivatives at zero joint acceleration.
-    """
-
-    rotations: Array
-    translations: Array
-    residual: Array
-    angles: Array
-    jacobian: Array
-    angle_jacobian: Array
-    bias: Array
 
 
 class Kernel:
@@ -87,28 +65,6 @@ class Kernel:
         """Return where copies of q (nq,) and of angles of screws (n_angles,) are, for C."""
         self._q[:], self._angles[:] = q, angles
         return self._taken
-
-    def evaluate(self, q: Array, v: Array, reference: Array) -> Evaluated:
-        """Return placements, closure equations, Jacobian and bias at q (nq,), v (nv,).
-
-        Args:
-            q: configuration.
-            v: joint velocities.
-            reference: (n_angles,) the angles to which those of screw closures stay nearest [rad].
-        """
-        q, v = numbers(q, (self.nq,)), numbers(v, (self.nv,))
-        reference = numbers(reference, (self.n_angles,))
-        n, equations = len(self.packed.frames), self.n_closure + self.n_passive
-        rows = equations + self.n_angles
-        rotations, translations = np.empty((n, 3, 3)), np.empty((n, 3))
-        residual, angles = np.empty(self.n_closure), np.empty(self.n_angles)
-        jacobian, bias = np.empty((rows, self.nv)), np.empty(equations)
-        self.library.kernel_evaluate(self.handle, *map(address, (
-            q, v, reference, rotations, translations, residual, angles, jacobian, bias)))
-        carriers = self.packed.carriers
-        in_pin = np.einsum("jki,jlk->jil", rotations, self.packed.frames)[carriers]
-        return Evaluated(in_pin, translations[carriers], residual, angles, jacobian[:equations],
-                         jacobian[equations:], bias)
 
     def placements(self, q: Array) -> Array:
         """Return the joint placements (m, njoints, 4, 3) at q (m, nq): columns of R, then p."""

@@ -98,7 +98,9 @@ def _packed(mechanism: Mechanism, idle: bool) -> Packed:
     model, carriers = split_of(mechanism)
     tree = TreeArrays(model)
     vectors = _VectorTable(tree.frames, carriers)
-    products = _products(constraints, vectors)
+    terms, factors = _products(constraints, vectors)
+    moved, freedoms = np.nonzero(constraints.signs)  # product and freedom of each of their supports
+    supports = np.searchsorted(moved, np.arange(len(constraints.constants) + 1))
     n_idle = constraints.n_passive if idle else 0
     n = constraints.n_closure + n_idle
     sums = _Sums(constraints.equations[:n])
@@ -106,22 +108,24 @@ def _packed(mechanism: Mechanism, idle: bool) -> Packed:
     kinds = [SUM if e.terms else PRODUCT for e in constraints.equations[: constraints.n_closure]]
     product = [-1 if e.terms else e.products[0] for e in constraints.equations[:n]]
     starts = np.cumsum([0] + [len(p) for p in patterns])
-    turns = _turns(constraints)
+    turning = [np.where(turns.are_all, turns.row, 0.0) for turns in constraints.turns]
+    turned = [np.flatnonzero(row) for row in turning]  # entries of q that count each angle's turns
     head = [model.njoints, model.nq, model.nv, len(vectors.body), len(constraints.constants),
             constraints.n_closure, n_idle, constraints.n_angles,
-            len(products.support), starts[-1], len(turns.q), len(sums.numbers),
+            len(freedoms), starts[-1], sum(map(len, turned)), len(sums.numbers),
             len(sums.kinds), len(sums.functions)]
     sines = [x.sine for x in constraints.angles]
     return Packed(
         _joined(np.int64, head, tree.kind, tree.parent, tree.iq, tree.iv, vectors.body,
-                vectors.flag, products.a_term, products.b_term, products.x_term,
-                products.start, products.support, kinds, [IDLE] * n_idle, product,
+                vectors.flag, *terms, supports, freedoms, kinds, [IDLE] * n_idle, product,
                 [(x, x + 1) for x in sines], sums.terms, sums.factors, sums.kinds, sums.places,
-                sums.function, sums.shapes, starts, *patterns, turns.start, turns.q),
+                sums.function, sums.shapes, starts, *patterns,
+                np.cumsum([0, *map(len, turned)]), *turned),
         _joined(float, tree.rotation, tree.translation, tree.pitch, tree.mass, tree.com,
                 tree.inertia, model.gravity.linear, mechanism.velocity_scale, vectors.local,
-                products.a_factor, products.b_factor, products.x_factor, constraints.constants,
-                constraints.factors, products.sign, turns.offset, turns.sign, sums.numbers,
+                *factors, constraints.constants, constraints.factors,
+                constraints.signs[moved, freedoms], [turns.offset for turns in constraints.turns],
+                *(row[at] for row, at in zip(turning, turned, strict=True)), sums.numbers,
                 *sums.functions),
         tree.frames, carriers, np.array(vectors.fixed_in, np.int64),
         np.array(vectors.flag, bool))
@@ -180,52 +184,21 @@ class _VectorTable:
         return self._index[key], factor
 
 
-class _ProductArrays(NamedTuple):
-    """Arrays of all products, see `kernel.h`."""
-
-    a_term: Ints
-    b_term: Ints
-    x_term: Ints
-    a_factor: Array
-    b_factor: Array
-    x_factor: Array
-    start: Ints
-    support: Ints
-    sign: Array
-
-
-def _products(constraints: Constraints, vectors: _VectorTable) -> _ProductArrays:
+def _products(
+    constraints: Constraints, vectors: _VectorTable
+) -> tuple[list[Ints], list[Array]]:
+    """Return the numbers of the vectors A, B and X of all products, and their factors."""
     n = len(constraints.constants)
-    blocks = []
+    blocks: list[Ints] = []
+    factors: list[Array] = []
     for terms, width in zip(constraints.terms, (2, 2, 1), strict=True):
         index, factor = np.full((n, width), -1, np.int64), np.zeros((n, width))
         for i, sum_of in enumerate(terms):
             for k, term in enumerate(sum_of):
                 index[i, k], factor[i, k] = vectors.of(term)
-        blocks.append((index, factor))
-    (a, fa), (b, fb), (x, fx) = blocks
-    rows, columns = np.nonzero(constraints.signs)
-    start = np.searchsorted(rows, np.arange(n + 1))
-    return _ProductArrays(a, b, x, fa, fb, fx, start, columns, constraints.signs[rows, columns])
-
-
-class _TurnArrays(NamedTuple):
-    """Arrays of what tells the turns of screws, see `kernel.h`."""
-
-    start: Ints
-    q: Ints
-    offset: Array
-    sign: Array
-
-
-def _turns(constraints: Constraints) -> _TurnArrays:
-    rows = [np.where(turns.are_all, turns.row, 0.0) for turns in constraints.turns]
-    places = [np.flatnonzero(row) for row in rows]
-    start = np.cumsum([0, *map(len, places)])
-    signs = [row[at] for row, at in zip(rows, places, strict=True)]
-    return _TurnArrays(start, *(np.concatenate([np.empty(0, x), *some]).astype(x) for x, some in (
-        (np.int64, places), (float, [[turns.offset] for turns in constraints.turns]),
-        (float, signs))))
+        blocks.append(index)
+        factors.append(factor)
+    return blocks, factors
 
 
 class _Sums:

@@ -5,13 +5,13 @@ that are fixed in two frames, the angle of one frame relative to another, a join
 function of one of these. With d the vector from origin i to origin j, u a vector fixed in frame i
 and w a vector fixed in frame j, the scalar products are [Haug1989, 9.4]:
 
-===========  ==========  ====================================================
-quantity     value       an equation of it
-===========  ==========  ====================================================
-`Displacement`   u . d       origin j lies in the plane through origin i normal to u
-`Cosine`     u . w       the angle between two directions is given
-`Square`     d . d / 2L  the origins are L apart, or as far as two other frames
-===========  ==========  ====================================================
+================  ==========  ====================================================
+quantity          value       an equation of it
+================  ==========  ====================================================
+Displacement      u . d       origin j lies in the plane through origin i normal to u
+Cosine            u . w       the angle between two directions is given
+Square            d . d / 2L  the origins are L apart, or as far as two other frames
+================  ==========  ====================================================
 
 d, u and w are linear in the entries of oMi and oMj, so that value, Jacobian and higher rates of
 every quantity come from one product rule (`kernel/core/equations.c`).

@@ -470,7 +470,7 @@ class Mechanism:
             >>> file.name, sp.load(file).coordinates == sp.load("rssr").coordinates
             ('rssr.toml', True)
         """
-        from spatial_pin.formats.export import save
+        from spatial_pin.formats.mechanism_writer import save
 
         return save(self, folder)
 

@@ -25,6 +25,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.joint_limit_events import joint_limit_events
 from spatial_pin.motion.motion import Event, Motion
 from spatial_pin.motion.rated_limits import velocity_limit_events
+from spatial_pin.motion.rounding import within_gap
 from spatial_pin.motion.sweep import ENDS, check_choice, crossed_event, stop_event, sweep
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -117,8 +118,9 @@ def follow(
                      passes=on_crossing == "straight")._replace(released=gone)
     if moved is not None:
         followed, held = followed._replace(samples=moved.of_whole(followed.samples)), moved.held
-    return finished(state.mechanism, followed, None if times is None else s, held, list(values),
-                    "drivers", on_limit, on_crossing)
+    motion = finished(state.mechanism, followed, None if times is None else s, held, list(values),
+                      "drivers", on_limit, on_crossing)
+    return within_gap(motion, accuracy, on_limit)
 
 
 class Followed(NamedTuple):

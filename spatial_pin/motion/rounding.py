@@ -43,8 +43,7 @@ def within_gap(motion: AnyMotion, accuracy: Accuracy, on_limit: str) -> AnyMotio
                 raise SingularError(f"mechanism {motion.mechanism.name!r}: {text}", state=state,
                                     motion=motion)
             swept = motion.time if motion.driver is None else motion.driver
-            assert swept is not None
-            value = float(swept[row])
+            value = float(row if swept is None else swept[row])
             motion = first_samples(motion, before)
             motion.events.append(Event(GAP, value, before, text))
             if on_limit != "stop":

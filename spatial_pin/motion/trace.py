@@ -19,6 +19,7 @@ from spatial_pin.errors import SingularError
 from spatial_pin.kernel.paths import PathSamples
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Event, Motion
+from spatial_pin.motion.rounding import within_gap
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.depending import Depending
@@ -95,7 +96,7 @@ def trace(
         samples.add(path.point)
     else:
         samples.note("not closed", path.value)
-    return samples.motion()
+    return within_gap(samples.motion(), Accuracy(), "stop")
 
 
 def _advance(path: ArcLengthPath, length: float, samples: _TracedSamples) -> bool:

@@ -30,7 +30,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.formats.export import tree_axes
+from spatial_pin.formats.mechanism_writer import tree_axes
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import axes_from_z
 from spatial_pin.mechanism.parts import Closure

@@ -121,6 +121,17 @@ def test_a_motion_ends_where_redundant_equations_open_beyond_the_gap():
     assert len(end.value.motion) == len(motion)
 
 
+def test_every_followed_motion_ends_where_the_gap_opens():
+    mechanism, values = four_bar(off=2e-4, gap=2e-4), np.linspace(0.0, 3.0, 61)
+    timed = sp.follow(mechanism, {"crank": values}, times=values, on_limit="stop")
+    traced = sp.trace(mechanism, "crank")
+    with pytest.raises(sp.LimitError, match="redundant equations of closure 'pin'") as end:
+        sp.reach_path(mechanism, {"crank": values}, times=values)
+    for motion in (timed, traced, end.value.motion):
+        assert motion.events[-1].kind == "gap"
+        assert np.abs(motion.coordinate("crank").value).max() == pytest.approx(1.0, abs=0.15)
+
+
 def test_save_keeps_the_gap(tmp_path):
     mechanism = four_bar(6, gap=2e-5)
     again = sp.load(mechanism.save(tmp_path / "saved"))

@@ -196,6 +196,18 @@ def test_no_folder_holds_too_many_files():
     assert not full, listed(full)
 
 
+def test_no_class_and_no_module_name_stands_twice():
+    """Readers, writers and reports of formats and pages have one name each in their own folder."""
+    classes, modules = Counter(), Counter()
+    for path in PACKAGE.rglob("*.py"):
+        modules[path.stem] += 1
+        classes.update(node.name.lstrip("_") for node in ast.walk(ast.parse(
+            path.read_text("utf-8"))) if isinstance(node, ast.ClassDef))
+    repeated = {"__init__", "__main__", "reader", "writer", "report"}
+    assert [name for name, n in classes.items() if n > 1] == []
+    assert [name for name, n in modules.items() if n > 1 and name not in repeated] == []
+
+
 def test_only_the_command_line_prints():
     calls = {name_of(path): facts_of(path).prints for path in MODULES if facts_of(path).prints}
     wrong = {name: lines for name, lines in calls.items() if not name.startswith("cli.")}

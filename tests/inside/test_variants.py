@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from kernel_checks import evaluated
 
 import spatial_pin as sp
 from spatial_pin.dimensions import sensitivity, variants
@@ -169,7 +170,7 @@ def test_numbers_of_the_kernel_are_those_of_loaded_mechanisms(name):
         reals = numbers.base.copy()
         reals[numbers.places] = varied_numbers
         kernel.library.kernel_set_numbers(kernel.handle, address(reals), len(reals))
-        one, two = (x.evaluate(q, v, turns) for x in (kernel, Kernel(varied(mechanism, own))))
+        one, two = (evaluated(x, q, v, turns) for x in (kernel, Kernel(varied(mechanism, own))))
         for a, b in list(zip(one, two, strict=True))[tree.turns_axes:]:  # bodies' axes turn too
             assert a == pytest.approx(b, abs=16 * EPS * (1.0 + np.abs(b).max(initial=0.0)))
 

@@ -25,6 +25,7 @@ from kernel_checks import (
     assert_same_as_pinocchio,
     check_kernel,
     configurations,
+    evaluated,
     everything,
 )
 from loaded_library import library as from_library
@@ -115,7 +116,7 @@ def square_system(mechanism: sp.Mechanism, rng: np.random.Generator):
     """A kernel, q, and equations, driven freedoms and filled rows that determine everything."""
     kernel = Kernel(mechanism)
     q, v = asked_at(mechanism, rng)
-    jacobian = kernel.evaluate(q, v, np.zeros(kernel.n_angles)).jacobian
+    jacobian = evaluated(kernel, q, v, np.zeros(kernel.n_angles)).jacobian
     closures, idle = jacobian[: kernel.n_closure], jacobian[kernel.n_closure :]
     kept = independent(closures, rng.permutation(kernel.n_closure), idle)
     rows = np.vstack([closures[kept], idle])
@@ -422,7 +423,7 @@ def answers(kernel: Kernel, mechanism: sp.Mechanism, seed: int) -> bytes:
     rng, said = np.random.default_rng(seed), []
     for _ in range(5):
         q, v = asked_at(mechanism, rng)
-        said += kernel.evaluate(q, v, np.zeros(kernel.n_angles))
+        said += evaluated(kernel, q, v, np.zeros(kernel.n_angles))
         said.append(integrated(kernel, q, v))
     fresh, q, *system, _ = square_system(mechanism, rng)
     said.append(solved(kernel, q, *system, np.ones(fresh.nv)))
@@ -436,13 +437,13 @@ def test_answers_do_not_depend_on_what_was_asked_before(tmp_path):
     assert answers(Kernel(mechanism), mechanism, 1) == first
     answers(used, mechanism, 2)
     bad = np.full(used.nq, np.nan)
-    used.evaluate(bad, np.full(used.nv, np.inf), np.zeros(used.n_angles))
+    evaluated(used, bad, np.full(used.nv, np.inf), np.zeros(used.n_angles))
     x, turns = np.ones(used.nv), np.full(used.n_angles, 1e300)
     c.kernel_solve(used.handle, address(bad), address(turns), address(x))
     own = used.packed.reals
     other = own * 3.0
     assert not c.kernel_set_numbers(used.handle, address(other), len(other))
-    used.evaluate(mechanism.neutral, np.ones(used.nv), np.zeros(used.n_angles))
+    evaluated(used, mechanism.neutral, np.ones(used.nv), np.zeros(used.n_angles))
     assert not c.kernel_set_numbers(used.handle, address(own), len(own))
     assert answers(used, mechanism, 1) == first
 

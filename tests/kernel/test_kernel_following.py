@@ -13,7 +13,7 @@ import spatial_pin as sp
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.continuation.cursor import Cursor
 from spatial_pin.continuation.start import Start
-from spatial_pin.formats.export import content_of
+from spatial_pin.formats.mechanism_writer import content_of
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.kernel.paths import Path, PathSamples

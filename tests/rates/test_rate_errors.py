@@ -57,4 +57,4 @@ def test_rates_of_a_traced_curve_near_its_branch_points_are_as_good_as_is_said()
     off = np.abs(motion.v[rows] - exact).max(axis=1) / np.abs(exact).max()
     bend = np.abs(motion.a[rows]).max(axis=1) / np.abs(exact).max() ** 2  # exact: 0
     assert np.all(np.maximum(off, bend) <= 10.0 * np.maximum(told, 1e-15))
-    assert 1e-9 < told.max() < 1e-5 and np.median(told) < 1e-13
+    assert 1e-9 < told.max() < 1e-5 and np.median(told) < 2e-13  # 7e-14 to 1.1e-13 by processor

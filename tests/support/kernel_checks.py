@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -14,7 +15,8 @@ from sameness import assert_same
 
 import spatial_pin as sp
 from spatial_pin.constraints.compiled_equations import Constraints
-from spatial_pin.kernel.kernel import Kernel
+from spatial_pin.kernel.kernel import Kernel, numbers
+from spatial_pin.kernel.library import address
 from spatial_pin.kernel.loop_equations import loops_at
 
 ROUND_OFF = 1e-14
@@ -58,6 +60,45 @@ def asked_at(mechanism: sp.Mechanism, rng: np.random.Generator):
     return q, scale * rng.normal(size=mechanism.model.nv)
 
 
+class Evaluated(NamedTuple):
+    """What one configuration gives.
+
+    Attributes:
+        rotations: (n, 3, 3) of the joints of the model in the world, as Pinocchio's.
+        translations: (n, 3) [m].
+        residual: (n_closure,) closure equations.
+        angles: (n_angles,) of screw closures [rad].
+        jacobian: (n_closure + n_passive, nv) with respect to v / `velocity_scale`.
+        angle_jacobian: (n_angles, nv) of the angles, likewise.
+        bias: (n_closure + n_passive,) second derivatives at zero joint acceleration.
+    """
+
+    rotations: np.ndarray
+    translations: np.ndarray
+    residual: np.ndarray
+    angles: np.ndarray
+    jacobian: np.ndarray
+    angle_jacobian: np.ndarray
+    bias: np.ndarray
+
+
+def evaluated(kernel: Kernel, q, v, reference) -> Evaluated:
+    """Placements, closure equations, Jacobian and bias at q, v; angles nearest to `reference`."""
+    q, v = numbers(q, (kernel.nq,)), numbers(v, (kernel.nv,))
+    reference = numbers(reference, (kernel.n_angles,))
+    n, equations = len(kernel.packed.frames), kernel.n_closure + kernel.n_passive
+    rows = equations + kernel.n_angles
+    rotations, translations = np.empty((n, 3, 3)), np.empty((n, 3))
+    residual, angles = np.empty(kernel.n_closure), np.empty(kernel.n_angles)
+    jacobian, bias = np.empty((rows, kernel.nv)), np.empty(equations)
+    kernel.library.kernel_evaluate(kernel.handle, *map(address, (
+        q, v, reference, rotations, translations, residual, angles, jacobian, bias)))
+    carriers = kernel.packed.carriers
+    in_pin = np.einsum("jki,jlk->jil", rotations, kernel.packed.frames)[carriers]
+    return Evaluated(in_pin, translations[carriers], residual, angles, jacobian[:equations],
+                     jacobian[equations:], bias)
+
+
 def assert_near(ours: np.ndarray, theirs: np.ndarray, size: float, what: str) -> None:
     """Equal to round-off of numbers of a size."""
     assert ours.shape == theirs.shape, what
@@ -77,7 +118,7 @@ def assert_same_as_pinocchio(mechanism: sp.Mechanism, q: np.ndarray, v: np.ndarr
     judge.angle_reference[:] = turns
     judge.update(q)
     bias = judge.bias(q, v)
-    found = kernel.evaluate(q, v, turns)
+    found = evaluated(kernel, q, v, turns)
     rotations = np.array([m.rotation for m in judge.data.oMi])
     places = np.array([m.translation for m in judge.data.oMi])
     assert_near(found.rotations, rotations, 1.0, "rotations")

@@ -15,8 +15,8 @@ from spatial_pin.cli.mechanism_arguments import loaded
 from spatial_pin.cli.new_files import write_from, write_new
 from spatial_pin.cli.options import Command, data_options, option, package
 from spatial_pin.cli.printing import WIDTH, on_screen, print_result, say
-from spatial_pin.formats.export import export_urdf
 from spatial_pin.formats.files import library_titles
+from spatial_pin.formats.mechanism_writer import export_urdf
 from spatial_pin.mobility.mobility import driver_advice
 from spatial_pin.motion.report import info as info_of
 from spatial_pin.operators import OPERATORS

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.formats.export import tree_axes
+from spatial_pin.formats.mechanism_writer import tree_axes
 from spatial_pin.formats.urdf.elements import UNBOUNDED, numbers_text, unique
 from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.mechanism.mechanism import Mechanism
