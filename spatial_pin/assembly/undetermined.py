@@ -142,70 +142,63 @@ def lost_rank(evaluation: LoopEquations, q: Array, lost: int, motion: str) -> st
             "beside this configuration")
 
 
-class PrescribedMotion(NamedTuple):
-    """What is to determine a motion.
+def dependence(
+    evaluation: LoopEquations, driven: Sequence[Coordinate], drive: Array, still: Sequence[int],
+    closures: Array,
+) -> str:
+    """Return why drivers are not independent.
 
-    Attributes:
+    Args:
         evaluation: the closure equations, at the configuration.
         driven: the prescribed coordinates.
         drive: (n, nv) derivatives of these, scaled.
         still: velocity entries that stand still.
+        closures: the rows of all but what is driven.
     """
-
-    evaluation: LoopEquations
-    driven: Sequence[Coordinate]
-    drive: Array
-    still: Sequence[int]
-
-
-def dependence(asked: PrescribedMotion, closures: Array) -> str:
-    """Return why drivers are not independent, from the rows of all else."""
-    names = ", ".join(repr(c.name) for c in asked.driven)
-    where = f"mechanism {asked.evaluation.mechanism.name!r}: "
-    drive = asked.drive
-    needless = _needless_passives(asked)
+    names, mechanism = ", ".join(repr(c.name) for c in driven), evaluation.mechanism
+    where = f"mechanism {mechanism.name!r}: "
+    needless = _needless_passives(evaluation, driven, drive)
     if needless:
         return (f"{where}passive {', '.join(map(repr, needless))}: no rotation of the "
                 "body about that line is free as the drivers stand; take the table out")
-    if asked.still and decompose(closures).rank < len(closures):
+    if still and decompose(closures).rank < len(closures):
         return (f"{where}what is held cannot all stand still beside the loops and the base: "
                 "they move it together; hold less")
     freedom = closures.shape[1] - decompose(closures).rank
     moving = drive @ decompose(closures).null_space.T
-    if freedom < len(asked.driven):
+    if freedom < len(driven):
         rank = decompose(closures, TOLERANCES.near_singular).rank
-        if closures.shape[1] - rank >= len(asked.driven):
+        if closures.shape[1] - rank >= len(driven):
             return (f"{where}singular configuration: branches cross so near that round-off "
                     "hides which equations depend on others; start further from it"
-                    + gap_words(asked.evaluation.mechanism))
+                    + gap_words(mechanism))
         if not freedom:
-            return where + _nothing_moves(asked, names)
+            return where + _nothing_moves(mechanism, still, names)
         kept = common_rows(moving[None], np.zeros((0, freedom)), freedom)
-        more = ", ".join(repr(c.name) for k, c in enumerate(asked.driven) if k not in kept)
-        return (f"{where}{len(asked.driven)} coordinates are prescribed ({names}), but the "
+        more = ", ".join(repr(c.name) for k, c in enumerate(driven) if k not in kept)
+        return (f"{where}{len(driven)} coordinates are prescribed ({names}), but the "
                 f"closed mechanism has {freedom} freedom{'s' * (freedom != 1)} there; "
-                f"prescribe fewer: leave out {len(asked.driven) - freedom}, such as {more}, "
+                f"prescribe fewer: leave out {len(driven) - freedom}, such as {more}, "
                 "which the others move")
     moved = np.abs(moving).max(axis=1, initial=0.0)
-    stuck = ", ".join(repr(c.name) for c, m in zip(asked.driven, moved, strict=True)
+    stuck = ", ".join(repr(c.name) for c, m in zip(driven, moved, strict=True)
                       if m < TOLERANCES.near_singular)
     if stuck:
         return (f"{where}singular configuration: {stuck} is at a limit position "
                 "there, where no speed of it moves the mechanism; start beside it, or "
                 "prescribe another coordinate")
-    kept = common_rows(moving[None], np.zeros((0, moving.shape[1])), len(asked.driven))
-    follow = [repr(c.name) for k, c in enumerate(asked.driven) if k not in kept]
+    kept = common_rows(moving[None], np.zeros((0, moving.shape[1])), len(driven))
+    follow = [repr(c.name) for k, c in enumerate(driven) if k not in kept]
     return (f"{where}singular configuration: the prescribed {names} depend on each other "
             f"there, for the loops let them move together only: {', '.join(follow)} "
             f"go{'es' * (len(follow) == 1)} as the others do; prescribe another coordinate "
             "instead")
 
 
-def _nothing_moves(asked: PrescribedMotion, names: str) -> str:
+def _nothing_moves(mechanism: Mechanism, still: Sequence[int], names: str) -> str:
     """Return why nothing is left that could move."""
-    mechanism = asked.evaluation.mechanism
     base = {v for joint in free_bases(mechanism) for v in velocity_entries(mechanism, joint)}
-    if set(asked.still) - base:
+    if set(still) - base:
         return (f"what is held and the loops leave no freedom, so that {names} cannot move; "
                 "hold less")
     return (f"{names} cannot move: the loops leave no freedom there (see sp.mobility); "
@@ -219,22 +212,25 @@ def check_loops(mechanism: Mechanism) -> str:
     return f"check the {what}, and the axes of the joints"
 
 
-def _needless_passives(asked: PrescribedMotion) -> list[str]:
+def _needless_passives(
+    evaluation: LoopEquations, driven: Sequence[Coordinate], drive: Array
+) -> list[str]:
     """Return the names of passive tables whose rotation is not free as the drivers stand."""
-    evaluation = asked.evaluation
     n, passives = evaluation.constraints.n_closure, evaluation.mechanism.passives
     drivers = driver_coordinates(evaluation.mechanism).values()
-    stand = [row for c, row in zip(asked.driven, asked.drive, strict=True) if c in drivers]
+    stand = [row for c, row in zip(driven, drive, strict=True) if c in drivers]
     free = decompose(np.vstack([evaluation.jacobian[:n], *stand])).null_space
     kept = set(independent_rows(evaluation.jacobian[n:] @ free.T).tolist())
     return [passive.name for k, passive in enumerate(passives) if k not in kept]
 
 
-def check_passive(asked: PrescribedMotion, null_space: Array, rank: int, q: Array) -> None:
+def check_passive(
+    evaluation: LoopEquations, driven: Sequence[Coordinate], null_space: Array, rank: int, q: Array
+) -> None:
     """Refuse freedoms that are not the motion of one link: somebody must drive them."""
-    evaluation, mechanism = asked.evaluation, asked.evaluation.mechanism
+    mechanism = evaluation.mechanism
     found = [(joint, v) for joint, v in passive_freedoms(
-        evaluation, null_space * mechanism.velocity_scale, asked.driven)
+        evaluation, null_space * mechanism.velocity_scale, driven)
              if joint not in free_bases(mechanism)]
     determined = sum(len(v) for _, v in found) == len(null_space)
     if determined:
@@ -248,9 +244,9 @@ def check_passive(asked: PrescribedMotion, null_space: Array, rank: int, q: Arra
     names = [c for c, m in zip(mechanism.coordinates, moving, strict=True) if m]
     picked = independent_rows(np.where(moving[:, None], null_space.T, 0.0))[:missing]
     chosen = [mechanism.coordinates[v] for v in sorted(picked)]
-    given = ", ".join(repr(c.name) for c in asked.driven) or "nothing"
+    given = ", ".join(repr(c.name) for c in driven) or "nothing"
     raise SingularError(
-        f"mechanism {mechanism.name!r}: {given} {'are' if len(asked.driven) > 1 else 'is'} "
+        f"mechanism {mechanism.name!r}: {given} {'are' if len(driven) > 1 else 'is'} "
         f"prescribed, and {missing} of its freedoms are not prescribed; "
         f"prescribe {missing} more of {', '.join(names)}, such as "
         + _ways_to_prescribe(mechanism, chosen, set(names)))
