@@ -199,11 +199,11 @@ def _build(
         if spec.is_whole["drivers"]:
             _check_guess(mechanism, where, mistakes)
     mistakes.tell()
-    found = impossible_inertias(mechanism)
+    negative, lopsided = impossible_inertias(mechanism)
     for kind, links in (
-        ("below zero, which no body has: motion is computed, forces are refused", found.negative),
+        ("below zero, which no body has: motion is computed, forces are refused", negative),
         ("no body has these moments of inertia, one is above the sum of the other two",
-         found.lopsided),
+         lopsided),
     ):
         for link, words in links.items():
             faults.note(kind, f"link {link!r}: {words}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -144,27 +144,17 @@ def _check_passive(mechanism: Mechanism, passive: Passive, where: str) -> None:
         )
 
 
-class Impossible(NamedTuple):
-    """Inertias of moving bodies that no body has, by the link at fault, in words.
-
-    Attributes:
-        negative: a mass or a principal moment of inertia is below zero.
-        lopsided: a principal moment is more than the sum of the other two.
-    """
-
-    negative: dict[str, str]
-    lopsided: dict[str, str]
-
-
 @made_once
-def impossible_inertias(mechanism: Mechanism) -> Impossible:
-    """Return the links whose bodies have inertias that no body has.
+def impossible_inertias(mechanism: Mechanism) -> tuple[dict[str, str], dict[str, str]]:
+    """Return the links whose bodies have inertias that no body has, with these in words.
 
+    First those with a mass or a principal moment of inertia below zero; then those of which a
+    principal moment is more than the sum of the other two.
     Links that are fixed to one another are one body, of which it is judged; what round-off of the
     file's numbers can do to a moment, relative to mass times length squared, is let pass.
     """
     model, length = mechanism.model, mechanism.characteristic_length
-    found = Impossible({}, {})
+    found: tuple[dict[str, str], dict[str, str]] = {}, {}
     for kinds, kind in zip(_kinds(list(model.inertias)[1:], length), found, strict=True):
         for joint in map(int, np.flatnonzero(kinds) + 1):
             links = [f.name for f in model.frames
@@ -182,7 +172,7 @@ def refuse_negative_inertias(mechanism: Mechanism) -> None:
     Raises:
         SpatialPinError: there is one; names the link.
     """
-    for link, words in impossible_inertias(mechanism).negative.items():
+    for link, words in impossible_inertias(mechanism)[0].items():
         raise SpatialPinError(
             f"mechanism {mechanism.name!r}: link {link!r} has {words}: below zero, which no body "
             "has, so that no forces come of it; mend its <inertial>")
