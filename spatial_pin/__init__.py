@@ -40,8 +40,7 @@ from spatial_pin.formats.files import list_mechanisms, load
 from spatial_pin.mechanism import closures, laws
 from spatial_pin.mechanism.coordinates import CoordinateRates
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.named_frames import Frame
-from spatial_pin.mechanism.parts import Closure, Coordinate, Driver, Passive, Spring
+from spatial_pin.mechanism.parts import Closure, Coordinate, Driver, Frame, Passive, Spring
 from spatial_pin.mobility.mobility import Mobility, mobility
 from spatial_pin.settings import Accuracy
 

@@ -7,18 +7,26 @@ from dataclasses import replace
 from typing import Any
 from weakref import WeakSet
 
+import numpy as np
+from numpy.typing import NDArray
+
 from spatial_pin._support.checks import checked, mapping
+from spatial_pin.assembly.close import closed
+from spatial_pin.assembly.holding import still_entries
 from spatial_pin.assembly.redundant_equations import allowed_from, gap_allowed, rounded
-from spatial_pin.assembly.search.closing import AcquiredEquations, Closing, gone_from
+from spatial_pin.assembly.search.closing import ACCEPTED, AcquiredEquations, Closing, gone_from
+from spatial_pin.assembly.search.closure_settings import free_but
 from spatial_pin.assembly.search.counted_turns import led
 from spatial_pin.assembly.search.guesses import Guess, read_guess
 from spatial_pin.assembly.search.refusals import failure
-from spatial_pin.assembly.search.same_branch import branch_changed
+from spatial_pin.assembly.search.release import beyond_words
 from spatial_pin.assembly.search.search import Search
 from spatial_pin.assembly.search.straight import straight
-from spatial_pin.assembly.search.within_limits import beyond_words
+from spatial_pin.assembly.search.whole_turns import turned_apart
 from spatial_pin.assembly.state import NO_ANGLES, State, made
-from spatial_pin.errors import AssemblyError, warn
+from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.errors import AssemblyError, SingularError, warn
+from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.mechanism.coordinates import (
     coordinate_value,
     driver_coordinates,
@@ -28,10 +36,16 @@ from spatial_pin.mechanism.coordinates import (
     with_values,
 )
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.linalg import Array, decompose
+from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy, accuracy_of
 
 _WARNED: WeakSet[Mechanism] = WeakSet()  # of which `tell` has warned
+# rad, characteristic lengths: what moves no further at once has not changed its branch, but beside
+# a singular configuration, where branches are as near to each other as that
+SAME_PLACE_BY = 0.3
+LEAST_PART = 2.0**-10  # part of the way from which on a step is too short to be worth another
+STANDS_APART = 1e-3  # rad, characteristic lengths: more than round-off beside a dead centre
 
 
 @checked
@@ -285,3 +299,71 @@ def _result(search: Search, said: Mapping[str, float], lost: tuple[str, ...]) ->
     names = {d.joint: d.name for d in mechanism.drivers.values()} if gone else {}
     return made(mechanism, q, None, None, closure_error=seen.error, angles=seen.angles,
                 released={names[c]: x for c, x in gone.items()}, lost_turns=lost)
+
+
+def branch_changed(guess: State, found: State, held: Iterable[str]) -> str:
+    """Return a sentence where loops have left the branch of a guess; "" where they have not.
+
+    The coordinates that are held go straight from where the guess has them to where they are, the
+    loops closed in short steps: where that does not lead to what was found, the loops that stand
+    elsewhere are on another branch. Nothing is looked at where hardly anything has moved.
+
+    Args:
+        guess: where the assembly started; of the same mechanism.
+        found: what it has led to.
+        held: coordinates that have values, and those of drivers that stand.
+    """
+    mechanism = found.mechanism
+    if np.abs(turned_apart(mechanism, guess.q, found.q)).max(initial=0.0) <= SAME_PLACE_BY:
+        return ""
+    table = mechanism.coordinate_table
+    names = list(dict.fromkeys(mechanism.prescribed_coordinate(name).name for name in held))
+    still = still_entries(mechanism, (table[name] for name in names))
+    free = free_but(mechanism, still, (name for name in names if table[name].q >= 0))
+    q, done = _led(guess, found, names, free)
+    apart = np.abs(turned_apart(mechanism, q, found.q))
+    with loops_of(mechanism, found.angles) as evaluation:
+        evaluation.update(found.q)
+        rows, labels = evaluation.jacobian, evaluation.constraints.labels
+        rows = rows[: evaluation.constraints.n_closure]
+        loose = np.zeros(len(free), dtype=bool)
+        loose[free] = np.abs(decompose(rows[:, free]).null_space).max(
+            axis=0, initial=0.0) > TOLERANCES.half_precision
+        elsewhere = (apart > STANDS_APART) & free & ~loose  # though the loops determine where
+        moved = np.abs(rows[:, elsewhere]).max(axis=1, initial=0.0) > 0.0
+    loops = list(dict.fromkeys(labels[k].closure for k in np.flatnonzero(moved)))
+    if not loops:
+        return ""
+    what = "are on another branch than those of the guess" if done == 1.0 else (
+        f"do not go straight from the guess to where they are: {100.0 * done:.3g} % of the way is "
+        "all they can go")
+    return (f"mechanism {mechanism.name!r}: the loops of {', '.join(loops)} {what}; `sweep` and "
+            "`follow` stay on a branch")
+
+
+def _led(
+    guess: State, found: State, names: list[str], free: NDArray[np.bool_]
+) -> tuple[Array, float]:
+    """Return where coordinates lead that go straight from a guess on, and which part of the way."""
+    mechanism = found.mechanism
+    ends = {name: [coordinate_value(mechanism, mechanism.coordinate_table[name], state.q)
+                   for state in (guess, found)] for name in names}
+    pinned = [name for name in names if mechanism.coordinate_table[name].q < 0]
+    n = constraints_of(mechanism).n_angles
+    reference = guess.angles if guess.angles.size == n else np.zeros(n)
+    q, done, step = guess.q, 0.0, 1.0
+    while done < 1.0 and step >= LEAST_PART:
+        part = min(done + step, 1.0)
+        values = {name: (1.0 - part) * a + part * b for name, (a, b) in ends.items()}
+        try:
+            there = closed(mechanism, with_values(mechanism, q, values), free, reference,
+                           TOLERANCES.tight, pinned={name: values[name] for name in pinned})
+            is_near = there.error <= ACCEPTED and np.abs(
+                turned_apart(mechanism, q, there.q)).max(initial=0.0) <= SAME_PLACE_BY
+        except SingularError:
+            is_near = False
+        if is_near:
+            q, done, step = there.q, part, 2.0 * step
+        else:
+            step *= 0.5
+    return q, done

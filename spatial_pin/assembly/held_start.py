@@ -73,9 +73,14 @@ def held_start(
             pass  # they are let go, and it is told how far they went
     state = assembled(mechanism, values, guess, accuracy=accuracy)
     drivers = driver_coordinates(mechanism)
-    told = {drivers[name].name for name in state.released}
-    texts = [_gone(state, name, value) for name, value in held.items() if name not in told]
-    return state, [text for text in texts if text]
+    texts, released = [], {drivers[name].name for name in state.released}
+    for name in [name for name in held if name not in released]:
+        coordinate = state.mechanism.coordinate(name)
+        by = state.coordinate(name).value - held[name]
+        if abs(by) > TOLERANCES.half_precision * state.mechanism.velocity_scale[coordinate.v]:
+            texts.append(f"{name} is held {by:+.9g} {coordinate.unit} from where the guess has it, "
+                         "as the loops would not close otherwise")
+    return state, texts
 
 
 def held_coordinates(
@@ -88,15 +93,3 @@ def held_coordinates(
     return [c for c in mechanism.coordinate_table.values()
             if ((c.q >= 0 and c.v in held.entries and c.v not in base) or c in held.coordinates)
             and c not in given]
-
-
-def _gone(state: State, name: str, value: float) -> str:
-    """Return a sentence on how far a joint stands from where it should; none if it does not."""
-    found = state.coordinate(name)
-    size = state.mechanism.velocity_scale[state.mechanism.coordinate(name).v]
-    by = found.value - value
-    if abs(by) <= TOLERANCES.half_precision * size:
-        return ""
-    unit = state.mechanism.coordinate(name).unit
-    return (f"{name} is held {by:+.9g} {unit} from where the guess has it, as the loops would not "
-            "close otherwise")

@@ -256,7 +256,15 @@ def passive_freedoms(
     moves = np.append(False, np.abs(twists).max(axis=(1, 2), initial=0.0) > RESTING)
     links: list[tuple[int, ...]] = [
         (group,) for group in sorted(set(groups[moves].tolist()) - {0})]
-    links += [link for link in _telescopes(mechanism, groups) if moves[list(link)].all()]
+    rods: list[set[int]] = []  # of several groups of bodies, that slide on each other
+    for ends, kind in _kinds_of_pairs(mechanism):
+        joined = set(groups[list(ends)].tolist())
+        if kind == "prismatic" and len(joined) == 2 and 0 not in joined:
+            near = [x for x in rods if x & joined]
+            rods = [x for x in rods if not x & joined]
+            rods.append(joined.union(*near))
+    links += [tuple(sorted(x)) for x in rods
+              if _is_rod(mechanism, min(x)) and moves[list(x)].all()]
     found: list[tuple[str, Array]] = []
     for link in links:
         alone = _alone(mechanism, twists, groups, moves, link)
@@ -270,7 +278,15 @@ def _alone(
     link: tuple[int, ...],
 ) -> Array:
     """Return which motions (m, k) of k move a link alone; of several groups of bodies as one."""
-    n, inside = twists.shape[2], _inside_balls(mechanism, groups, link)
+    n = twists.shape[2]
+    mine = [ball for ball in balls_of_hinges(mechanism)
+            if not set(groups[list(ball.ends)].tolist()).isdisjoint(link)]
+    inside = {body for ball in mine for body in ball.inside}
+    partners = {int(groups[x]) for ends in _pairs(mechanism) for x in ends
+                if not set(groups[list(ends)].tolist()).isdisjoint(link)} - inside
+    partners |= {int(groups[body]) for ball in mine for body in ball.ends}
+    # between two balls on the ground, written as hinges, stand the shafts of a double Cardan joint
+    inside = inside if partners - {0, *link} else set()
     own = np.isin(groups, link)
     seen = moves & ~own
     seen[list(inside)] = False
@@ -285,34 +301,6 @@ def _alone(
         turned = decompose(twists[own[1:]].reshape(-1, n) @ alone.T)
         alone = turned.vt[: np.count_nonzero(turned.s > RESTING)] @ alone
     return alone
-
-
-def _inside_balls(
-    mechanism: Mechanism, groups: NDArray[np.intp], link: tuple[int, ...]
-) -> set[int]:
-    """Return the bodies inside the balls of a link; none of one that the ground alone carries.
-
-    Between two balls on the ground, written as hinges, stand the shafts of a double Cardan joint.
-    """
-    mine = [ball for ball in balls_of_hinges(mechanism)
-            if not set(groups[list(ball.ends)].tolist()).isdisjoint(link)]
-    partners = {int(groups[body]) for ball in mine for body in ball.ends}
-    inside = {body for ball in mine for body in ball.inside}
-    partners |= {int(groups[x]) for ends in _pairs(mechanism) for x in ends
-                 if not set(groups[list(ends)].tolist()).isdisjoint(link)} - inside
-    return inside if partners - {0, *link} else set()
-
-
-def _telescopes(mechanism: Mechanism, groups: NDArray[np.intp]) -> list[tuple[int, ...]]:
-    """Return the rods of several groups of bodies, each by the first of its bodies."""
-    found: list[set[int]] = []
-    for ends, kind in _kinds_of_pairs(mechanism):
-        joined = set(groups[list(ends)].tolist())
-        if kind == "prismatic" and len(joined) == 2 and 0 not in joined:
-            near = [x for x in found if x & joined]
-            found = [x for x in found if not x & joined]
-            found.append(joined.union(*near))
-    return [tuple(sorted(x)) for x in found if _is_rod(mechanism, min(x))]
 
 
 def moved_bodies(evaluation: LoopEquations, velocities: Array) -> list[int]:

@@ -32,7 +32,7 @@ from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.close import close
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.kernel.closer import Examined, closer_of
+from spatial_pin.kernel.closer import closer_of
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.coordinates import joint_values, with_values
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -138,13 +138,10 @@ def _is_exact(evaluation: LoopEquations) -> bool:
                 if error > CLOSED or np.abs(ahead).max() < TOLERANCES.half_precision:
                     break
             else:
-                if _is_clear(closer.examine(q, evaluation.angle_reference)):
+                seen = closer.examine(q, evaluation.angle_reference)
+                if seen.least > INDEPENDENT and seen.left_out < TOLERANCES.tight:
                     return True
     return False
-
-
-def _is_clear(seen: Examined) -> bool:
-    return seen.least > INDEPENDENT and seen.left_out < TOLERANCES.tight
 
 
 def gap_allowed(mechanism: Mechanism, accuracy: Accuracy | None = None) -> float:
@@ -244,7 +241,7 @@ def _moves_with_all(
     without some equations moves with all of them. From a sample all equations are closed, which may
     lead far away, and followed from there.
     """
-    free = np.ones(evaluation.model.nv, dtype=bool)
+    mechanism, free = evaluation.mechanism, np.ones(evaluation.model.nv, dtype=bool)
     for x in samples[::EVERY]:
         q, error = close(evaluation, x.q, free, CLOSED)
         if error > FITS:
@@ -254,9 +251,14 @@ def _moves_with_all(
             reached = list(_on_the_way(evaluation, first, TOLERANCES.rank, FITS))
             if len(reached) <= ON_THE_WAY // 2:
                 return False
-            return max(_rank(y.s, TOLERANCES.rank) for y in reached) <= rank or (
-                _shortest_link(evaluation.mechanism) > soft / ABOVE
-                and not np.any(_moving(samples, rank) & ~_moving(reached, None)))
+            if max(_rank(y.s, TOLERANCES.rank) for y in reached) <= rank:
+                return True
+            lengths = [float(np.linalg.norm(place.translation)) / mechanism.characteristic_length
+                       for place in list(mechanism.model.jointPlacements)[1:]]
+            shortest = min((length for length in lengths  # of links; 0 if none is that short
+                            if TOLERANCES.nothing < length < WIDEST_GAP), default=0.0)
+            return bool(shortest > soft / ABOVE and not np.any(
+                _moving(samples, rank) & ~_moving(reached, None)))
     return False
 
 
@@ -268,16 +270,6 @@ def _moving(samples: list[Sample], rank: int | None) -> NDArray[np.bool_]:
         tangents = null_space(x.jacobian, min(cut, WIDEST_GAP))
         moves |= np.abs(tangents).max(axis=0, initial=0.0) > TOLERANCES.rank
     return moves
-
-
-def _shortest_link(mechanism: Mechanism) -> float:
-    """Return the length of the shortest of links that are much shorter than the mechanism.
-
-    The distance of two joints in a row, by the characteristic length; 0 if there is no such link.
-    """
-    lengths = [float(np.linalg.norm(x.translation)) / mechanism.characteristic_length
-               for x in list(mechanism.model.jointPlacements)[1:]]
-    return min((x for x in lengths if TOLERANCES.nothing < x < WIDEST_GAP), default=0.0)
 
 
 def _rank(s: Array, cut: float) -> int:

@@ -13,7 +13,6 @@ import numpy as np
 from spatial_pin.assembly.close import scaled_row
 from spatial_pin.assembly.holding import still_entries
 from spatial_pin.assembly.undetermined import (
-    PrescribedMotion,
     check_passive,
     check_regular,
     dependence,
@@ -96,16 +95,15 @@ class SquareSystem:
         chosen = evaluation.jacobian[self.equations]
         self.size = max(self.size, float(np.linalg.norm(chosen, axis=1).max(initial=0.0)))
         regular = np.vstack([chosen, evaluation.jacobian[n:], self.drive])
-        asked = PrescribedMotion(
-            evaluation, self.driven, self.drive[: len(self.driven)], self.still)
-        svd = decompose(regular)
+        svd, d = decompose(regular), len(self.driven)
         if svd.rank < r + p + len(self.drive):
-            raise SingularError(dependence(asked, np.delete(
-                regular, slice(r + p, r + p + len(self.driven)), axis=0)))
+            raise SingularError(dependence(
+                evaluation, self.driven, self.drive[:d], self.still,
+                np.delete(regular, slice(r + p, r + p + d), axis=0)))
         self.passive = svd.null_space
         if len(self.passive):
             if self._frame is None or moves_frame(evaluation, self.passive, self._frame):
-                check_passive(asked, self.passive, r, q)
+                check_passive(evaluation, self.driven, self.passive, r, q)
             else:
                 check_regular(evaluation, q, r)
         self.factor()

@@ -1,4 +1,4 @@
-"""Why nothing determines the motion of a mechanism: what is refused, and the words of refusals."""
+"""Why nothing determines a motion: where loops lose equations, what is refused, and the words."""
 
 from __future__ import annotations
 
@@ -6,84 +6,199 @@ from collections.abc import Container, Sequence
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
+from spatial_pin.assembly.close import close
 from spatial_pin.assembly.holding import BASE, SPRINGS, free_bases, velocity_entries
 from spatial_pin.assembly.passive_freedoms import RESTING, is_in_loop, passive_freedoms
-from spatial_pin.assembly.rank_loss import lost_rank, rank_loss
 from spatial_pin.assembly.redundant_equations import gap_words
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.loop_equations import LoopEquations
+from spatial_pin.kernel.regular import step_beside
 from spatial_pin.mechanism.coordinates import driver_coordinates
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
-from spatial_pin.numerics.linalg import Array, common_rows, decompose, independent_rows
+from spatial_pin.numerics.linalg import EPS, Array, common_rows, decompose, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 
+STEP = TOLERANCES.trial_step
+REGULAR_TRIALS = 4  # of which one nearly always closes, as each is short
+# Estimated from how equations turn over a trial step, they would become dependent after some way.
+# Lost rank is not looked for again within this part of it: they may turn faster farther on, but not
+# four times as fast.
+SURE_WAY = 0.25
+LONGEST_SURE = 0.1  # rad, characteristic lengths, of it at most: ten trial steps
 
-class PrescribedMotion(NamedTuple):
-    """What is to determine a motion.
+
+class Regular(NamedTuple):
+    """A configuration at which the loops lose no equation, and none near it.
 
     Attributes:
+        q: the configuration (nq,).
+        rank: of its closure equations.
+        radius: how far off others with that rank are regular too [rad, characteristic lengths]:
+            rows turn by so little on the way that those chosen here stay independent.
+    """
+
+    q: Array
+    rank: int
+    radius: float
+
+    def holds(self, mechanism: Mechanism, q: Array, rank: int) -> bool:
+        """Whether q (nq,), where the rows have this rank, is so near that it is regular too."""
+        if rank != self.rank:
+            return False
+        away = pin.difference(mechanism.model, self.q, q) / mechanism.velocity_scale
+        return bool(np.abs(away).max(initial=0.0) <= self.radius)
+
+
+def rank_loss(evaluation: LoopEquations, q: Array, rank: int) -> int:
+    """Return how many independent equations the loops lose at q, where their rank is `rank`.
+
+    As many independent rows as that leave a surface through q of as many dimensions as there are
+    freedoms at q. Where no equation is lost, the loops are closed on all of it; where branches
+    cross, or a freedom is instantaneous only, the other rows open on it: with the second power of
+    the way, as a rule [ConnellyWhiteley1996], but a step shows any.
+
+    Args:
+        evaluation: the closure equations, their turns at q; it comes back to q.
+        q: (nq,) closed configuration.
+        rank: of the closure equations there.
+    """
+    n, nv = evaluation.constraints.n_closure, evaluation.model.nv
+    if rank in (n, nv):
+        return 0
+    known: Regular | None = evaluation.regular
+    if known is not None and known.holds(evaluation.mechanism, q, rank):
+        return 0
+    evaluation.update(q)
+    jacobian = evaluation.jacobian[:n].copy()
+    rows = independent_rows(jacobian)
+    svd = decompose(jacobian[rows])
+    freedoms = svd.vt[len(rows) :]
+    beside = step_beside(evaluation.mechanism, q, evaluation.angle_reference, rows, freedoms)
+    if beside is not None and beside.is_closed:
+        evaluation.update(beside.q)
+        turned = np.linalg.norm(evaluation.jacobian[:n] - jacobian) / STEP
+        radius = SURE_WAY * svd.s[-1] / max(turned, EPS) if rank else 0.0
+        evaluation.regular = Regular(q.copy(), rank, min(float(radius), LONGEST_SURE))
+        evaluation.update(q)
+        return 0
+    lost = _generic_rank(evaluation, q) - rank
+    evaluation.update(q)
+    return max(lost, int(beside is not None))
+
+
+def _generic_rank(evaluation: LoopEquations, q: Array) -> int:
+    """Return the closure rank at closed configurations near q."""
+    n, model = evaluation.constraints.n_closure, evaluation.model
+    free = np.ones(model.nv, dtype=bool)
+    rng = np.random.default_rng(3)
+    best = 0
+    for _ in range(REGULAR_TRIALS):
+        step = evaluation.mechanism.velocity_scale * rng.uniform(-0.02, 0.02, model.nv)
+        _, error = close(evaluation, pin.integrate(model, q, step), free, TOLERANCES.zero)
+        if error <= TOLERANCES.closed:
+            best = max(best, len(independent_rows(evaluation.jacobian[:n])))
+    return best
+
+
+def _ways(evaluation: LoopEquations, q: Array) -> int:
+    """Return in how many independent ways steps from q go on when loops are closed again."""
+    evaluation.update(q)
+    n, scale = evaluation.constraints.n_closure, evaluation.mechanism.velocity_scale
+    freedoms = decompose(evaluation.jacobian[:n]).null_space
+    free, rng = np.ones(len(scale), dtype=bool), np.random.default_rng(3)
+    left = []
+    for _ in range(REGULAR_TRIALS * len(freedoms)):
+        v = rng.standard_normal(len(freedoms)) @ freedoms
+        start = pin.integrate(evaluation.model, q, scale * v * (STEP / float(np.linalg.norm(v))))
+        there, error = close(evaluation, start, free, TOLERANCES.zero)
+        moved = pin.difference(evaluation.model, q, there) / (scale * STEP)
+        if error <= TOLERANCES.closed and np.linalg.norm(moved) > TOLERANCES.moved:
+            left.append(moved / np.linalg.norm(moved))
+    evaluation.update(q)
+    return int(np.count_nonzero(decompose(np.array(left)).s > TOLERANCES.moved)) if left else 0
+
+
+def lost_rank(evaluation: LoopEquations, q: Array, lost: int, motion: str) -> str:
+    """Return why nothing determines the motion at q, in words, where the loops lose equations.
+
+    Args:
+        evaluation: the closure equations; it comes back to q.
+        q: (nq,) closed configuration.
+        lost: how many equations.
+        motion: what would determine the motion elsewhere.
+    """
+    n, ways = evaluation.constraints.n_closure, _ways(evaluation, q)
+    freedoms = evaluation.model.nv - len(independent_rows(evaluation.jacobian[:n]))
+    equations = f"{lost} independent equation{'s' * (lost != 1)}"
+    text = f"singular configuration: the loops lose {equations} there, and "
+    if ways <= freedoms - lost:
+        nothing = "nothing can move: " * (not ways)
+        shaken = f"{lost} freedom{' is' if lost == 1 else 's are'} instantaneous only"
+        return f"{text}{nothing}{shaken}: it shakes, but goes nowhere (see sp.mobility)"
+    return (f"{text}branches cross, so that the {motion} do not determine the motion; start "
+            "beside this configuration")
+
+
+def dependence(
+    evaluation: LoopEquations, driven: Sequence[Coordinate], drive: Array, still: Sequence[int],
+    closures: Array,
+) -> str:
+    """Return why drivers are not independent.
+
+    Args:
         evaluation: the closure equations, at the configuration.
         driven: the prescribed coordinates.
         drive: (n, nv) derivatives of these, scaled.
         still: velocity entries that stand still.
+        closures: the rows of all but what is driven.
     """
-
-    evaluation: LoopEquations
-    driven: Sequence[Coordinate]
-    drive: Array
-    still: Sequence[int]
-
-
-def dependence(asked: PrescribedMotion, closures: Array) -> str:
-    """Return why drivers are not independent, from the rows of all else."""
-    names = ", ".join(repr(c.name) for c in asked.driven)
-    where = f"mechanism {asked.evaluation.mechanism.name!r}: "
-    drive = asked.drive
-    needless = _needless_passives(asked)
+    names, mechanism = ", ".join(repr(c.name) for c in driven), evaluation.mechanism
+    where = f"mechanism {mechanism.name!r}: "
+    needless = _needless_passives(evaluation, driven, drive)
     if needless:
         return (f"{where}passive {', '.join(map(repr, needless))}: no rotation of the "
                 "body about that line is free as the drivers stand; take the table out")
-    if asked.still and decompose(closures).rank < len(closures):
+    if still and decompose(closures).rank < len(closures):
         return (f"{where}what is held cannot all stand still beside the loops and the base: "
                 "they move it together; hold less")
     freedom = closures.shape[1] - decompose(closures).rank
     moving = drive @ decompose(closures).null_space.T
-    if freedom < len(asked.driven):
+    if freedom < len(driven):
         rank = decompose(closures, TOLERANCES.near_singular).rank
-        if closures.shape[1] - rank >= len(asked.driven):
+        if closures.shape[1] - rank >= len(driven):
             return (f"{where}singular configuration: branches cross so near that round-off "
                     "hides which equations depend on others; start further from it"
-                    + gap_words(asked.evaluation.mechanism))
+                    + gap_words(mechanism))
         if not freedom:
-            return where + _nothing_moves(asked, names)
+            return where + _nothing_moves(mechanism, still, names)
         kept = common_rows(moving[None], np.zeros((0, freedom)), freedom)
-        more = ", ".join(repr(c.name) for k, c in enumerate(asked.driven) if k not in kept)
-        return (f"{where}{len(asked.driven)} coordinates are prescribed ({names}), but the "
+        more = ", ".join(repr(c.name) for k, c in enumerate(driven) if k not in kept)
+        return (f"{where}{len(driven)} coordinates are prescribed ({names}), but the "
                 f"closed mechanism has {freedom} freedom{'s' * (freedom != 1)} there; "
-                f"prescribe fewer: leave out {len(asked.driven) - freedom}, such as {more}, "
+                f"prescribe fewer: leave out {len(driven) - freedom}, such as {more}, "
                 "which the others move")
     moved = np.abs(moving).max(axis=1, initial=0.0)
-    stuck = ", ".join(repr(c.name) for c, m in zip(asked.driven, moved, strict=True)
+    stuck = ", ".join(repr(c.name) for c, m in zip(driven, moved, strict=True)
                       if m < TOLERANCES.near_singular)
     if stuck:
         return (f"{where}singular configuration: {stuck} is at a limit position "
                 "there, where no speed of it moves the mechanism; start beside it, or "
                 "prescribe another coordinate")
-    kept = common_rows(moving[None], np.zeros((0, moving.shape[1])), len(asked.driven))
-    follow = [repr(c.name) for k, c in enumerate(asked.driven) if k not in kept]
+    kept = common_rows(moving[None], np.zeros((0, moving.shape[1])), len(driven))
+    follow = [repr(c.name) for k, c in enumerate(driven) if k not in kept]
     return (f"{where}singular configuration: the prescribed {names} depend on each other "
             f"there, for the loops let them move together only: {', '.join(follow)} "
             f"go{'es' * (len(follow) == 1)} as the others do; prescribe another coordinate "
             "instead")
 
 
-def _nothing_moves(asked: PrescribedMotion, names: str) -> str:
+def _nothing_moves(mechanism: Mechanism, still: Sequence[int], names: str) -> str:
     """Return why nothing is left that could move."""
-    mechanism = asked.evaluation.mechanism
     base = {v for joint in free_bases(mechanism) for v in velocity_entries(mechanism, joint)}
-    if set(asked.still) - base:
+    if set(still) - base:
         return (f"what is held and the loops leave no freedom, so that {names} cannot move; "
                 "hold less")
     return (f"{names} cannot move: the loops leave no freedom there (see sp.mobility); "
@@ -97,22 +212,25 @@ def check_loops(mechanism: Mechanism) -> str:
     return f"check the {what}, and the axes of the joints"
 
 
-def _needless_passives(asked: PrescribedMotion) -> list[str]:
+def _needless_passives(
+    evaluation: LoopEquations, driven: Sequence[Coordinate], drive: Array
+) -> list[str]:
     """Return the names of passive tables whose rotation is not free as the drivers stand."""
-    evaluation = asked.evaluation
     n, passives = evaluation.constraints.n_closure, evaluation.mechanism.passives
     drivers = driver_coordinates(evaluation.mechanism).values()
-    stand = [row for c, row in zip(asked.driven, asked.drive, strict=True) if c in drivers]
+    stand = [row for c, row in zip(driven, drive, strict=True) if c in drivers]
     free = decompose(np.vstack([evaluation.jacobian[:n], *stand])).null_space
     kept = set(independent_rows(evaluation.jacobian[n:] @ free.T).tolist())
     return [passive.name for k, passive in enumerate(passives) if k not in kept]
 
 
-def check_passive(asked: PrescribedMotion, null_space: Array, rank: int, q: Array) -> None:
+def check_passive(
+    evaluation: LoopEquations, driven: Sequence[Coordinate], null_space: Array, rank: int, q: Array
+) -> None:
     """Refuse freedoms that are not the motion of one link: somebody must drive them."""
-    evaluation, mechanism = asked.evaluation, asked.evaluation.mechanism
+    mechanism = evaluation.mechanism
     found = [(joint, v) for joint, v in passive_freedoms(
-        evaluation, null_space * mechanism.velocity_scale, asked.driven)
+        evaluation, null_space * mechanism.velocity_scale, driven)
              if joint not in free_bases(mechanism)]
     determined = sum(len(v) for _, v in found) == len(null_space)
     if determined:
@@ -126,9 +244,9 @@ def check_passive(asked: PrescribedMotion, null_space: Array, rank: int, q: Arra
     names = [c for c, m in zip(mechanism.coordinates, moving, strict=True) if m]
     picked = independent_rows(np.where(moving[:, None], null_space.T, 0.0))[:missing]
     chosen = [mechanism.coordinates[v] for v in sorted(picked)]
-    given = ", ".join(repr(c.name) for c in asked.driven) or "nothing"
+    given = ", ".join(repr(c.name) for c in driven) or "nothing"
     raise SingularError(
-        f"mechanism {mechanism.name!r}: {given} {'are' if len(asked.driven) > 1 else 'is'} "
+        f"mechanism {mechanism.name!r}: {given} {'are' if len(driven) > 1 else 'is'} "
         f"prescribed, and {missing} of its freedoms are not prescribed; "
         f"prescribe {missing} more of {', '.join(names)}, such as "
         + _ways_to_prescribe(mechanism, chosen, set(names)))

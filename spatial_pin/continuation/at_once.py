@@ -16,7 +16,7 @@ from spatial_pin.assembly.search.guesses import read_guess
 from spatial_pin.assembly.search.straight import AssemblyPlan, leads_nowhere, straight_plan
 from spatial_pin.assembly.state import State
 from spatial_pin.continuation import path_following as following
-from spatial_pin.continuation.evaluation_order import there_and_back
+from spatial_pin.continuation.path_following import there_and_back
 from spatial_pin.continuation.start import moving_drivers
 from spatial_pin.kernel.beginning import Beginning
 from spatial_pin.kernel.closer import Closer

@@ -16,7 +16,6 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.assembly.close import close
-from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.continuation.cursor import Cursor, PathPoint, Stopped
 from spatial_pin.continuation.driving import OneDriver, nearest
 from spatial_pin.continuation.pseudo_arclength import Arrival
@@ -38,6 +37,7 @@ SAME = 1e-9  # difference of driver values that are the branch point's own [rad 
 # is left in accelerations, of what third derivatives are
 SMOOTHED = 1e-7
 OFF = 1e-4  # part of the way across that the continued curve may be off the closed configurations
+Node = tuple[PathPoint, Array, Array]  # a place of a passage; `Passage.first` and `.second` there
 
 
 def far_side(curve: SolutionCurve, base: CurvePoint, distance: float) -> CurvePoint | None:
@@ -226,7 +226,11 @@ def passage(cursor: Cursor, arrival: Arrival) -> Passage | None:
 
 def _passage(cursor: Cursor, sense: float, reach: float) -> Passage | None:
     """Return the passage that begins where the cursor stands, as far as the arc length `reach`."""
-    here, own = cursor.here, _smoothed(cursor, sense, reach)
+    here, own = cursor.here, cursor
+    apart = sense * reach / cursor.pace(here)
+    law = cursor.start.leading.smooth(here.s, here.s - NODES * apart, here.s + (NODES + 2) * apart)
+    if law is not None:  # a smooth one as far as nodes
+        own = cursor.by(cursor.start.by(law, here.s))
     curve = own.curve(own.system(), ROUND_OFF)
     unknowns = curve.unknowns
     near = curve.settle(unknowns.of(here.q, here.s), sense * unknowns.along(here.t))
@@ -234,18 +238,10 @@ def _passage(cursor: Cursor, sense: float, reach: float) -> Passage | None:
     if near is None or far is None:
         return None
     sides = [_nodes(own, curve, point, reach) for point in (near._replace(t=-near.t), far)]
-    values = [node.place.s for node in (*sides[0][::-1], *sides[1])]
+    values = [place.s for place, _, _ in (*sides[0][::-1], *sides[1])]
     if not np.all(sense * np.diff(values) > 0.0):  # the driver turns back
         return None
     return _joined(own, curve, *sides)
-
-
-def _smoothed(cursor: Cursor, sense: float, reach: float) -> Cursor:
-    """Return a cursor that goes on by a smooth law as far as nodes; itself if its law is smooth."""
-    here, leading = cursor.here, cursor.start.leading
-    apart = sense * reach / cursor.pace(here)
-    law = leading.smooth(here.s, here.s - NODES * apart, here.s + (NODES + 2) * apart)
-    return cursor if law is None else cursor.by(cursor.start.by(law, here.s))
 
 
 def _with_bends(smoothed: Passage, cursor: Cursor) -> Passage | None:
@@ -267,22 +263,15 @@ def _with_bends(smoothed: Passage, cursor: Cursor) -> Passage | None:
         outside=(cursor.here, behind))
 
 
-class _Node(NamedTuple):
-    """A place of a passage, and what `Passage.first` and `Passage.second` are there."""
-
-    place: PathPoint
-    first: Array
-    second: Array
-
-
-def _nodes(cursor: Cursor, curve: SolutionCurve, point: CurvePoint, reach: float) -> list[_Node]:
+def _nodes(cursor: Cursor, curve: SolutionCurve, point: CurvePoint, reach: float) -> list[Node]:
     """Return nodes from a point on, away from the branch point, the nearest to it first.
 
     Raises:
         SingularError: the rates are not determined at one of them.
     """
-    nodes: list[_Node] = []
+    nodes: list[Node] = []
     system, k = curve.system, cursor.start.leading.n_moving
+    rest = np.zeros(len(system.driven))
     for length in reach * np.arange(NODES):
         x = curve.ahead(point, length)
         if x is None:
@@ -293,33 +282,26 @@ def _nodes(cursor: Cursor, curve: SolutionCurve, point: CurvePoint, reach: float
             system.select(q)
         place = cursor.place(q, curve.value(x), curve.evaluation.angles.copy(), system)
         first = system.driver_rates()[:, :k]
-        nodes.append(_Node(place, first, _second_rates(system, q, first)))
+        second = np.empty((len(first), k, k))
+        for i in range(k):
+            second[:, i, i] = system.acceleration(q, first[:, i], rest)
+            for j in range(i):
+                both = system.acceleration(q, first[:, i] + first[:, j], rest)
+                second[:, i, j] = second[:, j, i] = 0.5 * (
+                    both - second[:, i, i] - second[:, j, j])
+        nodes.append((place, first, second))
     return nodes
 
 
-def _second_rates(system: SquareSystem, q: Array, first: Array) -> Array:
-    """Return the joint accelerations (nv, k, k) per product of the rates of two drivers."""
-    rest, k = np.zeros(len(system.driven)), first.shape[1]
-    found = np.empty((len(first), k, k))
-    for i in range(k):
-        found[:, i, i] = system.acceleration(q, first[:, i], rest)
-        for j in range(i):
-            both = system.acceleration(q, first[:, i] + first[:, j], rest)
-            found[:, i, j] = found[:, j, i] = 0.5 * (both - found[:, i, i] - found[:, j, j])
-    return found
-
-
 def _joined(
-    cursor: Cursor, curve: SolutionCurve, near: list[_Node], far: list[_Node]
+    cursor: Cursor, curve: SolutionCurve, near: list[Node], far: list[Node]
 ) -> Passage | None:
     """Return the passage between two sides; None if it is not accurate, or no branch crosses."""
-    nodes = [*near, *far]
-    places = [node.place for node in nodes]
+    places, firsts, seconds = zip(*near, *far, strict=True)
     values = np.array([place.s for place in places])
     q, first, second, angles = (_polynomial(values, np.array(x).reshape(2 * NODES, -1)) for x in (
-        [x.q for x in places], [x.first for x in nodes], [x.second for x in nodes],
-        [x.angles for x in places]))
-    outside = near[0].place, far[0].place
+        [x.q for x in places], firsts, seconds, [x.angles for x in places]))
+    outside = near[0][0], far[0][0]
     ends = outside[0].s, outside[1].s
     found = Passage(cursor, cursor.start.leading, [], ends, q, first, second, angles, outside)
     kept = np.delete(np.arange(2 * NODES), [NODES - 1, -1])

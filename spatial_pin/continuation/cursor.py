@@ -19,9 +19,8 @@ from spatial_pin.assembly.state import State
 from spatial_pin.continuation.asymptotes import running_away
 from spatial_pin.continuation.driving import DriversLaw
 from spatial_pin.continuation.pseudo_arclength import Arrival, towards
-from spatial_pin.continuation.solution_curve import SolutionCurve
+from spatial_pin.continuation.solution_curve import SolutionCurve, WithParameter
 from spatial_pin.continuation.start import Start
-from spatial_pin.continuation.unknowns import WithParameter
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.loop_equations import loops_of
@@ -200,16 +199,12 @@ class Cursor:
             if not stretches * STRETCH <= FARTHEST or goal == begin.s:
                 raise Stopped(self._running_away(value) or Arrival(
                     "lost", begin.q, begin.s, is_far=True))
-            if self._go(goal):
+            path = self._moving_path()
+            if path is not None and path.go(goal):
                 continue
             if not self.has_arc_length:
                 raise Stopped(self._end())
             self._go_by_arc_length(goal, begin, value)
-
-    def _go(self, value: float) -> bool:
-        """Move towards a driver value as far as the kernel can; True if it was reached."""
-        path = self._moving_path()
-        return path is not None and path.go(value)
 
     def _end(self) -> Arrival:
         """Return where the branch ends if pseudo-arclength cannot be used, to the smallest step.
@@ -218,8 +213,13 @@ class Cursor:
         """
         here, start, scale = self.here, self.start, self.start.mechanism.velocity_scale
         asked = np.abs(start.leading.rates(here.s) / scale[[c.v for c in start.driven]]).max()
-        if _is_half_turned(start, here.q):
-            return Arrival("half turn", here.q, here.s)
+        mechanism = start.mechanism
+        for joint in {c.joint for c in start.driven if c.q < 0 and c.unit == "rad"}:
+            vector = [coordinate_value(mechanism, c, here.q)
+                      for c in mechanism.coordinate_table.values()
+                      if c.joint == joint and c.unit == "rad"]
+            if np.linalg.norm(vector) > np.pi - TOLERANCES.half_precision:
+                return Arrival("half turn", here.q, here.s)
         is_fast = np.abs(here.t / scale).max() > UNBOUND * asked
         return Arrival("limit" if is_fast else "lost", here.q, here.s)
 
@@ -295,15 +295,6 @@ class Cursor:
         if system.pivot < TOLERANCES.singular:
             raise Stopped(self._running_away(goal, system, singular) or singular)
         self.stand(self._solved(system, arrival.q, value))
-
-
-def _is_half_turned(start: Start, q: Array) -> bool:
-    """Whether a rotation vector with driven components is as long as half a turn."""
-    joints = {c.joint for c in start.driven if c.q < 0 and c.unit == "rad"}
-    table = start.mechanism.coordinate_table.values()
-    vectors = ([coordinate_value(start.mechanism, c, q) for c in table
-                if c.joint == joint and c.unit == "rad"] for joint in joints)
-    return any(np.linalg.norm(x) > np.pi - TOLERANCES.half_precision for x in vectors)
 
 
 @contextmanager

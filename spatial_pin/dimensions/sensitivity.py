@@ -32,8 +32,7 @@ from spatial_pin.motion.motion import Motion, first_samples
 from spatial_pin.numerics.angles import whole_turns
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.rates.determined import Prescription, placed
-from spatial_pin.rates.prescribed import driven_coordinates
+from spatial_pin.rates.prescribed import Prescription, driven_coordinates, placed
 
 # Step of differences relative to the dimension, or characteristic length (1 for angles) where
 # it is zero: of eighth order, they leave 1e-21 of it, and round-off 4e-15 over the step.

@@ -27,7 +27,6 @@ from spatial_pin.formats.xacro.xacro_arguments import Values, dimensions
 from spatial_pin.mechanism.coordinates import check_guess
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.mechanism_checks import check_mechanism, impossible_inertias
-from spatial_pin.mechanism.named_frames import Frame, add_frames
 from spatial_pin.mechanism.pairs import (
     JOINT_TYPES,
     PAIRS,
@@ -38,7 +37,15 @@ from spatial_pin.mechanism.pairs import (
     closure_types,
     hint_at_type,
 )
-from spatial_pin.mechanism.parts import Closure, Driver, Passive, Spring, drivers_of_tree
+from spatial_pin.mechanism.parts import (
+    Closure,
+    Driver,
+    Frame,
+    Passive,
+    Spring,
+    add_frames,
+    drivers_of_tree,
+)
 
 
 class MechanismSpec:
@@ -192,11 +199,11 @@ def _build(
         if spec.is_whole["drivers"]:
             _check_guess(mechanism, where, mistakes)
     mistakes.tell()
-    found = impossible_inertias(mechanism)
+    negative, lopsided = impossible_inertias(mechanism)
     for kind, links in (
-        ("below zero, which no body has: motion is computed, forces are refused", found.negative),
+        ("below zero, which no body has: motion is computed, forces are refused", negative),
         ("no body has these moments of inertia, one is above the sum of the other two",
-         found.lopsided),
+         lopsided),
     ):
         for link, words in links.items():
             faults.note(kind, f"link {link!r}: {words}")

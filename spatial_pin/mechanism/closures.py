@@ -486,7 +486,10 @@ def of_native(constraint: Any, bodies: Sequence[str]) -> Closure:
             "pin.RigidConstraintModel (3-D, 6-D), pin.PointAnchorConstraintModel and "
             "pin.FrameAnchorConstraintModel do, and so does what sp.closures makes")
     for key in DESIRED:
-        if not _is_nothing(getattr(constraint, key, None)):
+        wanted = getattr(constraint, key, None)
+        if isinstance(wanted, pin.SE3):
+            wanted = wanted.homogeneous - np.eye(4)
+        if wanted is not None and np.any(getattr(wanted, "vector", wanted)):
             raise ClosureTypeError(f"closures: {name!r}: its {key} is not zero: a closure holds "
                                    "frames together; put an offset into joint2_placement")
     ids = int(constraint.joint1_id), int(constraint.joint2_id)
@@ -496,9 +499,3 @@ def of_native(constraint: Any, bodies: Sequence[str]) -> Closure:
     places = constraint.joint1_placement, constraint.joint2_placement
     frames = tuple((bodies[i], place.copy()) for i, place in zip(ids, places, strict=True))
     return _closure(kind, frames, name or None, None)  # type: ignore[arg-type]
-
-
-def _is_nothing(wanted: Any) -> bool:
-    if isinstance(wanted, pin.SE3):
-        return bool(np.array_equal(wanted.homogeneous, np.eye(4)))
-    return wanted is None or not np.any(getattr(wanted, "vector", wanted))

@@ -28,6 +28,8 @@ from spatial_pin.numerics.linalg import EPS, Array, pseudo_inverses
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 Numbers = TypeVar("Numbers", float, Array)
+FACTORIALS = np.array([  # of 2, 4, ..., 16
+    2, 24, 720, 40320, 3628800, 479001600, 87178291200, 20922789888000.0])
 
 
 def needed(mechanism: object) -> None:
@@ -199,8 +201,14 @@ def coordinate_rates(
     at, n, iv = mechanism.model.idx_qs[i], mechanism.model.nqs[i], mechanism.model.idx_vs[i]
     quaternions = q[:, at + n - 4 : at + n]
     if n == 7 and c.place < 3:
-        return _floating_translation(c.place, q[:, at : at + 3], quaternions,
-                                     v[:, iv : iv + 6], a[:, iv : iv + 6])
+        from scipy.spatial.transform import Rotation
+
+        rotation = Rotation.from_quat(quaternions.copy())  # SciPy refuses read-only arrays
+        moves, spins = v[:, iv : iv + 3], v[:, iv + 3 : iv + 6]
+        rate = rotation.apply(moves.copy())
+        acceleration = rotation.apply(a[:, iv : iv + 3] + np.cross(spins, moves))
+        return CoordinateRates(q[:, at + c.place].copy(), rate[:, c.place],
+                               acceleration[:, c.place])
     k = c.place % 3
     w = slice(iv + 3, iv + 6) if n == 7 else slice(iv, iv + 3)
     phi = (continued_rotation_vectors if continued else rotation_vectors)(quaternions)
@@ -237,17 +245,6 @@ def coordinate_bias(mechanism: Mechanism, coordinate: Coordinate, q: Array, v: A
         return 0.0
     return float(coordinate_rates(mechanism, coordinate.name, q[None], v[None],
                                   np.zeros((1, len(v)))).acceleration[0])
-
-
-def _floating_translation(
-    k: int, x: Array, quaternions: Array, v: Array, a: Array
-) -> CoordinateRates[Array]:
-    from scipy.spatial.transform import Rotation
-
-    rotation = Rotation.from_quat(quaternions.copy())  # SciPy refuses read-only arrays
-    rate = rotation.apply(v[:, :3].copy())
-    acceleration = rotation.apply(a[:, :3] + np.cross(v[:, 3:], v[:, :3]))
-    return CoordinateRates(x[:, k].copy(), rate[:, k], acceleration[:, k])
 
 
 def rotation_vector(quaternion: Array) -> Array:
@@ -315,7 +312,21 @@ def spin_of(phi: Array, rate: Array, acceleration: Array) -> tuple[Array, Array]
 
 def _jacobian(phi: Array) -> tuple[Array, tuple[Array, Array, Array, Array]]:
     """Return Jr(phi) (N, 3, 3), and the functions that it is made of."""
-    b, c, db, dc = _jacobian_functions(np.sum(phi * phi, axis=1))
+    t2 = np.sum(phi * phi, axis=1)
+    small = t2 < 1e-2  # B, C and their derivatives with respect to t^2, by series there
+    s = np.where(small, 1.0, t2)
+    t = np.sqrt(s)
+    sin, cos = np.sin(t), np.cos(t)
+    k = np.arange(8)
+    powers = np.where(small, t2, 0.0)[:, None] ** k
+    fb = (-1.0) ** k / FACTORIALS
+    fc = fb / (2 * k + 3)
+    b = np.where(small, powers @ fb, (1.0 - cos) / s)
+    c = np.where(small, powers @ fc, (t - sin) / (s * t))
+    db = np.where(small, powers[:, :-1] @ (fb[1:] * k[1:]),
+                  (t * sin - 2.0 * (1.0 - cos)) / (2.0 * s * s))
+    dc = np.where(small, powers[:, :-1] @ (fc[1:] * k[1:]),
+                  (3.0 * sin - t * (2.0 + cos)) / (2.0 * s * s * t))
     skew = np.cross(np.eye(3)[None], phi[:, None])  # skew @ x = phi × x
     return np.eye(3) - b[:, None, None] * skew + c[:, None, None] * (skew @ skew), (b, c, db, dc)
 
@@ -327,24 +338,3 @@ def _spin_bias(phi: Array, rate: Array, functions: tuple[Array, Array, Array, Ar
     u = np.cross(phi, rate)
     return (-(db * dt)[:, None] * u + (dc * dt)[:, None] * np.cross(phi, u)
             + c[:, None] * np.cross(rate, u))
-
-
-def _jacobian_functions(t2: Array) -> tuple[Array, Array, Array, Array]:
-    """Return B, C and their derivatives with respect to t^2, by series where t is small."""
-    small = t2 < 1e-2
-    s = np.where(small, 1.0, t2)
-    t = np.sqrt(s)
-    sin, cos = np.sin(t), np.cos(t)
-    b, c = (1.0 - cos) / s, (t - sin) / (s * t)
-    db = (t * sin - 2.0 * (1.0 - cos)) / (2.0 * s * s)
-    dc = (3.0 * sin - t * (2.0 + cos)) / (2.0 * s * s * t)
-    k = np.arange(8)
-    sign = (-1.0) ** k
-    powers = np.where(small, t2, 0.0)[:, None] ** k
-    fb = sign / np.array([2, 24, 720, 40320, 3628800, 479001600, 87178291200, 20922789888000.0])
-    fc = fb / (2 * k + 3)
-    slopes = lambda f: powers[:, :-1] @ (f[1:] * k[1:])  # noqa: E731
-    return (
-        np.where(small, powers @ fb, b), np.where(small, powers @ fc, c),
-        np.where(small, slopes(fb), db), np.where(small, slopes(fc), dc),
-    )

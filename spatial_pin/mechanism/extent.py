@@ -70,7 +70,12 @@ def extent_of(model: pin.Model, joined: Collection[int], where: str) -> Extent:
     own = np.array([i in joined or f.parentJoint != 0 for i, f in enumerate(model.frames)])
     near, centre = np.ones(len(points), dtype=bool), np.zeros(3)
     if own.any():
-        size = diameter(points[own]) or (_arm(model) or 1.0) / unit
+        size = diameter(points[own])
+        if not size:  # how far mass is from the joints
+            heavy = [x for x in list(model.inertias)[1:] if x.mass > 0.0]
+            arms = [float(np.linalg.norm(x.lever) + np.sqrt(np.abs(x.inertia).max() / x.mass))
+                    for x in heavy]
+            size = (max(arms, default=0.0) or 1.0) / unit
         middle = (points[own].min(axis=0) + points[own].max(axis=0)) / 2
         near = own | (np.linalg.norm(points - middle, axis=1) <= SIZES_NEAR * size)
         if np.linalg.norm(middle) > SIZES_NEAR * size:
@@ -81,13 +86,6 @@ def extent_of(model: pin.Model, joined: Collection[int], where: str) -> Extent:
         raise _refused(model, where, length, int(np.argmax(reach)))
     length = length or 1.0
     return Extent(length, centre, near, EPS * float(np.abs(centre).max()) / length)
-
-
-def _arm(model: pin.Model) -> float:
-    """Return how far mass is from the joints [m], 0 if there is none."""
-    heavy = [x for x in list(model.inertias)[1:] if x.mass > 0.0]
-    return max((float(np.linalg.norm(x.lever) + np.sqrt(np.abs(x.inertia).max() / x.mass))
-                for x in heavy), default=0.0)
 
 
 def centred(model: pin.Model, centre: Array) -> pin.Model:

@@ -34,21 +34,16 @@ def put_inertias(model: pin.Model, links: Mapping[str, pin.Inertia]) -> None:
             parts[frame.parentJoint].append(frame.placement.act(links[frame.name]))
     for joint, inertias in enumerate(parts):
         if inertias:
-            model.inertias[joint] = _sum(inertias)
+            given = sorted(inertias, key=lambda x: x.mass < 0.0)  # no sum below zero on the way
+            unit, total = _unit(x.mass for x in given), pin.Inertia.Zero()
+            for inertia in given:
+                total = total + _times(inertia, 1.0 / unit)
+            model.inertias[joint] = _times(total, unit)
 
 
 def moving_mass(model: pin.Model) -> float:
     """Return the mass of all moving links together, as `pin.computeTotalMass` [kg]."""
     return float(sum(body.mass for body in list(model.inertias)[1:]))
-
-
-def _sum(inertias: Iterable[pin.Inertia]) -> pin.Inertia:
-    given = sorted(inertias, key=lambda x: x.mass < 0.0)  # no sum below zero on the way
-    unit = _unit(x.mass for x in given)
-    total = pin.Inertia.Zero()
-    for inertia in given:
-        total = total + _times(inertia, 1.0 / unit)
-    return _times(total, unit)
 
 
 def remainder(total: pin.Inertia, parts: Iterable[pin.Inertia]) -> pin.Inertia | None:
@@ -163,17 +158,15 @@ class MassMatrix:
 
     def __call__(self, q: Array) -> Array:
         """Return the mass matrix (nv, nv) at a configuration q (nq,), overwritten by the next."""
-        mass = self._in_order(q) if self._own else pin.crba(self.model, self._data, q)
+        if self._own:  # joints are not in the order of its branches
+            for own, joint in enumerate(self._order, start=1):  # they may have been changed
+                self.model.inertias[own] = _times(self._whole.inertias[joint], 1.0 / self.unit)
+            places = np.argsort(self._own[1])
+            mass: Array = pin.crba(self.model, self._data, q[self._own[0]])
+            mass = mass[np.ix_(places, places)]
+        else:
+            mass = pin.crba(self.model, self._data, q)
         return mass if self.unit == 1.0 else mass * self.unit
-
-    def _in_order(self, q: Array) -> Array:
-        """Return the same of a tree whose joints are not in the order of its branches."""
-        assert self._own is not None
-        for own, joint in enumerate(self._order, start=1):  # they may have been changed
-            self.model.inertias[own] = _times(self._whole.inertias[joint], 1.0 / self.unit)
-        places = np.argsort(self._own[1])
-        found: Array = pin.crba(self.model, self._data, q[self._own[0]])
-        return found[np.ix_(places, places)]
 
 
 class KineticEnergy:

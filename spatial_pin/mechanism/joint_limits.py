@@ -71,6 +71,10 @@ class JointLimit(NamedTuple):
         return f"{side} limit {self.value:.9g} {self.unit} of {self.name}"
 
 
+# the limits of joints; their places in q, their values, sides, and what is not called beyond
+LimitArrays = tuple[list[JointLimit], NDArray[np.intp], Array, Array, Array]
+
+
 @made_once
 def position_limits(mechanism: Mechanism) -> tuple[Array, Array]:
     """Return lower and upper limits (nq,) of the model: its own arrays, not to be changed."""
@@ -83,7 +87,7 @@ def joint_limits(mechanism: Mechanism) -> list[JointLimit]:
     Joints whose lower limit is not below the upper one have none: both are 0 where the URDF states
     neither.
     """
-    return _stated(mechanism).limits
+    return _stated(mechanism)[0]
 
 
 def beyond_limits(mechanism: Mechanism, q: Array) -> dict[str, float]:
@@ -103,35 +107,19 @@ def beyond_limits(mechanism: Mechanism, q: Array) -> dict[str, float]:
     return {limits[k].name: float(sides[k] * by[k]) for k in np.flatnonzero(by > slack)}
 
 
-class _Stated(NamedTuple):
-    """The limits of a model, and the same as arrays.
-
-    Attributes:
-        limits: of the joints, in the order of the coordinates.
-        places: in q; values: of them; sides: +1 or -1.
-        slack: beyond them that is not called so.
-    """
-
-    limits: list[JointLimit]
-    places: NDArray[np.intp]
-    values: Array
-    sides: Array
-    slack: Array
-
-
-def _stated(mechanism: Mechanism) -> _Stated:
+def _stated(mechanism: Mechanism) -> LimitArrays:
     """Return the limits that the model has now, which anybody may change."""
     lower, upper = position_limits(mechanism)
     return _stated_by(mechanism, lower.tobytes() + upper.tobytes())
 
 
 @made_anew
-def _stated_by(mechanism: Mechanism, numbers: bytes) -> _Stated:
+def _stated_by(mechanism: Mechanism, numbers: bytes) -> LimitArrays:
     lower, upper = position_limits(mechanism)
     limits = [JointLimit(c.name, c.unit, c.q, c.v, float(value), side,
                          float(mechanism.velocity_scale[c.v]))
               for c in mechanism.coordinate_table.values() if c.q >= 0 and lower[c.q] < upper[c.q]
               for value, side in ((lower[c.q], -1), (upper[c.q], 1)) if abs(value) < UNSTATED]
-    return _Stated(
+    return (
         limits, np.array([x.q for x in limits], np.intp), np.array([x.value for x in limits]),
         np.array([float(x.side) for x in limits]), np.array([SLACK * x.size for x in limits]))

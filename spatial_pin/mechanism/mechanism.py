@@ -22,15 +22,16 @@ from spatial_pin.errors import (
 )
 from spatial_pin.mechanism.extent import Extent, centred, extent_of
 from spatial_pin.mechanism.inertia import inertia_as_given
-from spatial_pin.mechanism.named_frames import Frame, frames_by_name
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mechanism.parts import (
     Closure,
     Coordinate,
     Driver,
+    Frame,
     Passive,
     SelectedEquations,
     Spring,
+    frames_by_name,
 )
 from spatial_pin.numerics.linalg import Array
 
@@ -64,7 +65,7 @@ class Mechanism:
             are rounded [-]; 0: the numbers are exact; None: that of the accuracy.
         model_of_file, without: which model of its file it is, and what was left out, see `load`.
         whole: the mechanism as its file has it, where this one is without equations that the
-            file's rounded numbers contradict, see `assembly.rounding`; else None.
+            file's rounded numbers contradict, see `assembly.redundant_equations`; else None.
         kept: which equations of the `whole` it has.
         dimensions: value of every named dimension (xacro argument), given or by default [SI, rad];
             read when first asked for.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -32,8 +32,11 @@ def check_mechanism(mechanism: Mechanism, where: str, mistakes: Mistakes | None 
     """
     found = Mistakes(where) if mistakes is None else mistakes
     for kind in ("closures", "springs"):
+        names = [x.name for x in getattr(mechanism, kind)]
         with found.each():
-            _check_unique([x.name for x in getattr(mechanism, kind)], f"{where}: {kind}")
+            for k, name in enumerate(names):
+                if name in names[:k]:
+                    raise MechanismFileError(f"{where}: {kind}: two are named {name!r}")
     for closure in mechanism.closures:
         with found.each():
             _check_closure(mechanism, closure, f"{where}: closure {closure.name!r}")
@@ -84,14 +87,6 @@ def _check_driver(mechanism: Mechanism, driver: Driver, driven: dict[str, str], 
             f"{here}: {driver.joint!r} is driven by {driven[driver.joint]!r} already"
         )
     driven[driver.joint] = driver.name
-
-
-def _check_unique(names: Iterable[str], where: str) -> None:
-    seen: set[str] = set()
-    for name in names:
-        if name in seen:
-            raise MechanismFileError(f"{where}: two are named {name!r}")
-        seen.add(name)
 
 
 def _check_closure(mechanism: Mechanism, closure: Closure, where: str) -> None:
@@ -149,27 +144,17 @@ def _check_passive(mechanism: Mechanism, passive: Passive, where: str) -> None:
         )
 
 
-class Impossible(NamedTuple):
-    """Inertias of moving bodies that no body has, by the link at fault, in words.
-
-    Attributes:
-        negative: a mass or a principal moment of inertia is below zero.
-        lopsided: a principal moment is more than the sum of the other two.
-    """
-
-    negative: dict[str, str]
-    lopsided: dict[str, str]
-
-
 @made_once
-def impossible_inertias(mechanism: Mechanism) -> Impossible:
-    """Return the links whose bodies have inertias that no body has.
+def impossible_inertias(mechanism: Mechanism) -> tuple[dict[str, str], dict[str, str]]:
+    """Return the links whose bodies have inertias that no body has, with these in words.
 
+    First those with a mass or a principal moment of inertia below zero; then those of which a
+    principal moment is more than the sum of the other two.
     Links that are fixed to one another are one body, of which it is judged; what round-off of the
     file's numbers can do to a moment, relative to mass times length squared, is let pass.
     """
     model, length = mechanism.model, mechanism.characteristic_length
-    found = Impossible({}, {})
+    found: tuple[dict[str, str], dict[str, str]] = {}, {}
     for kinds, kind in zip(_kinds(list(model.inertias)[1:], length), found, strict=True):
         for joint in map(int, np.flatnonzero(kinds) + 1):
             links = [f.name for f in model.frames
@@ -187,7 +172,7 @@ def refuse_negative_inertias(mechanism: Mechanism) -> None:
     Raises:
         SpatialPinError: there is one; names the link.
     """
-    for link, words in impossible_inertias(mechanism).negative.items():
+    for link, words in impossible_inertias(mechanism)[0].items():
         raise SpatialPinError(
             f"mechanism {mechanism.name!r}: link {link!r} has {words}: below zero, which no body "
             "has, so that no forces come of it; mend its <inertial>")

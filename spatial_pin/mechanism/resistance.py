@@ -46,7 +46,17 @@ class Resistance:
     def __init__(self, mechanism: Mechanism, slip_speed: SlipSpeed | None = None) -> None:
         model = mechanism.model
         self.damping, self.friction = model.damping.copy(), model.upperDryFrictionLimit.copy()
-        self.slip_speed = _slip_speeds(mechanism, slip_speed)
+        total = SLIP_SPEED * mechanism.velocity_scale
+        if mechanism.slip_speeds.size:
+            total = np.where(np.isnan(mechanism.slip_speeds), total, mechanism.slip_speeds)
+        if isinstance(slip_speed, Mapping):
+            for name, value in slip_speed.items():
+                at = [c.v for c in coordinates_of(mechanism, name)]
+                total[at or [mechanism.coordinate(name).v]] = positive_number(
+                    value, f"slip_speed of {name!r}")
+        elif slip_speed is not None:
+            total = positive_number(slip_speed, "slip_speed") * mechanism.velocity_scale
+        self.slip_speed = total
         self.at = np.flatnonzero((self.damping != 0.0) | (self.friction != 0.0))
 
     def __bool__(self) -> bool:
@@ -60,21 +70,6 @@ class Resistance:
         """Return how the forces (nv,) fall with their velocities: never negative."""
         held = np.tanh(v / self.slip_speed)
         return self.damping + self.friction / self.slip_speed * (1.0 - held * held)
-
-
-def _slip_speeds(mechanism: Mechanism, given: SlipSpeed | None) -> Array:
-    """Return the slip speed (nv,) of every coordinate."""
-    total = SLIP_SPEED * mechanism.velocity_scale
-    if mechanism.slip_speeds.size:
-        total = np.where(np.isnan(mechanism.slip_speeds), total, mechanism.slip_speeds)
-    if isinstance(given, Mapping):
-        for name, value in given.items():
-            at = [c.v for c in coordinates_of(mechanism, name)]
-            total[at or [mechanism.coordinate(name).v]] = positive_number(
-                value, f"slip_speed of {name!r}")
-    elif given is not None:
-        total = positive_number(given, "slip_speed") * mechanism.velocity_scale
-    return total
 
 
 def resistance_texts(mechanism: Mechanism) -> dict[str, str]:

@@ -15,7 +15,7 @@ from spatial_pin.assembly.holding import free_bases
 from spatial_pin.assembly.redundant_equations import as_meant
 from spatial_pin.assembly.search.guesses import read_guess
 from spatial_pin.assembly.search.loop_groups import LoopGroup, loop_groups, part_of
-from spatial_pin.assembly.search.within_limits import violated_limit
+from spatial_pin.assembly.search.release import violated_limit
 from spatial_pin.errors import AssemblyError, ContinuumError, unless_cut
 from spatial_pin.mechanism.coordinates import coordinate_value, finite_number, needed, with_values
 from spatial_pin.mechanism.joint_limits import beyond_limits

@@ -139,22 +139,21 @@ def _may_be_passed(motion: Motion, limits: list[JointLimit]) -> NDArray[np.bool_
         (c.q, c.v, c.side, c.value, c.size) for c in limits), strict=True))
     noise = NOISE * float(np.abs(motion.v / motion.mechanism.velocity_scale).max(initial=0.0))
     closing = side * motion.v[:, v]
-    sense = _sense(motion)[:, None]
+    sense = np.ones((len(motion) - 1, 1))  # -1 where samples go against their rates
+    if motion.driver is not None and motion.time is None:
+        rate = motion.coordinate(motion.driver_name).rate
+        sense[~(np.diff(motion.driver) * (rate[:-1] + rate[1:]) >= 0.0)] = -1.0
     room = side * (value - motion.q[:, q])
     outside = room < -SLACK * size
     turning = (sense * closing[:-1] > noise * size) & (sense * closing[1:] < -noise * size)
-    near = np.minimum(room[:-1], room[1:]) <= (1.0 + DOUBT) * _swings(motion, v)
-    return (~outside[:-1] & (outside[1:] | (turning & near))).T
-
-
-def _swings(motion: Motion, v: NDArray[np.intp]) -> Array:
-    """Return (N - 1, k) how far joints get beyond both samples in each step, at most."""
     steps = _steps(motion)
-    if steps is None:
-        return np.full((len(motion) - 1, len(v)), np.inf)
-    h = steps[:, None]
-    rates, accelerations = (np.abs(x[:-1, v]) + np.abs(x[1:, v]) for x in (motion.v, motion.a))
-    return h * SWING_OF_RATES * rates + h * h * SWING_OF_ACCELERATIONS * accelerations
+    swings = np.full((len(motion) - 1, len(v)), np.inf)  # beyond both samples of a step, at most
+    if steps is not None:
+        h = steps[:, None]
+        rates, bends = (np.abs(x[:-1, v]) + np.abs(x[1:, v]) for x in (motion.v, motion.a))
+        swings = h * SWING_OF_RATES * rates + h * h * SWING_OF_ACCELERATIONS * bends
+    near = np.minimum(room[:-1], room[1:]) <= (1.0 + DOUBT) * swings
+    return (~outside[:-1] & (outside[1:] | (turning & near))).T
 
 
 def _steps(motion: Motion) -> Array | None:
@@ -171,15 +170,6 @@ def _steps(motion: Motion) -> Array | None:
 def joint_limit_events(motion: Motion) -> list[Event]:
     """Return the events, of kind "joint limit", of `joint_limits_passed`."""
     return [passing.event for passing in joint_limits_passed(motion)]
-
-
-def _sense(motion: Motion) -> Array:
-    """Return, for every step (N - 1,), whether samples go with their rates (1) or against them."""
-    if motion.driver is None or motion.time is not None:
-        return np.ones(len(motion) - 1)
-    v = motion.coordinate(motion.driver_name).rate
-    with_it = np.diff(motion.driver) * (v[:-1] + v[1:]) >= 0.0
-    return np.where(with_it, 1.0, -1.0)
 
 
 def _between(motion: Motion, limit: JointLimit, k: int) -> Passing | None:
@@ -251,16 +241,11 @@ def _followed(motion: Motion, limit: JointLimit, k: int, ends: _Ends) -> float |
             return cursor.here.q, sense * cursor.here.t
 
         q, _ = at(last)
-        if _elsewhere(motion, q, k + 1):
-            raise SpatialPinError("the samples were taken with other coordinates held")
+        size = motion.mechanism.velocity_scale
+        for c in motion.mechanism.coordinate_table.values():
+            if c.q >= 0 and abs(q[c.q] - motion.q[k + 1, c.q]) > ELSEWHERE * size[c.v]:
+                raise SpatialPinError("the samples were taken with other coordinates held")
         return first_passing(limit, at, (first, last), ends)
-
-
-def _elsewhere(motion: Motion, q: Array, k: int) -> bool:
-    """Whether joints of one freedom stand elsewhere in q (nq,) than in sample k."""
-    table = [c for c in motion.mechanism.coordinate_table.values() if c.q >= 0]
-    size = motion.mechanism.velocity_scale
-    return any(abs(q[c.q] - motion.q[k, c.q]) > ELSEWHERE * size[c.v] for c in table)
 
 
 def _step(motion: Motion, k: int) -> tuple[float, Array, Array]:

@@ -12,14 +12,13 @@ from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.continuation.asymptotes import running_away
-from spatial_pin.continuation.curve_start import body_places, direction_of, not_spinning, system_at
 from spatial_pin.continuation.pseudo_arclength import towards
 from spatial_pin.continuation.solution_curve import SolutionCurve
+from spatial_pin.continuation.start import body_places, direction_of, not_spinning, system_at
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.joint_limit_events import joint_limits_passed, passed_at_start
-from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -131,8 +130,18 @@ def limits(
     direction = direction_of(system)
     ends = [_bound(system, state, start, sense, span, direction) for sense in (-1.0, 1.0)]
     turns = coordinate.unit == "rad" and all(end.kind == "none" for end in ends)
-    found = Range(driver, ends[0], ends[1], coordinate.unit, turns)
-    return _within_joint_limits(state.mechanism, state, found, span, hold) if joints else found
+    found, mechanism = Range(driver, ends[0], ends[1], coordinate.unit, turns), state.mechanism
+    if not joints or not joint_limits(mechanism):
+        return found
+    passed = passed_at_start(mechanism, state.q, 0.0)
+    if passed:
+        raise SpatialPinError(
+            f"mechanism {mechanism.name!r}: {state} is beyond the {passed[0].limit.words}; give a "
+            "guess within the joint limits (assemble(limits=True) finds one)")
+    lower, upper = (_nearer(mechanism, state, driver, bound, sense * span, hold)
+                    for bound, sense in ((found.lower, -1.0), (found.upper, 1.0)))
+    free = found.full_turn and lower == found.lower and upper == found.upper
+    return found._replace(lower=lower, upper=upper, full_turn=free)
 
 
 def _bound(
@@ -166,37 +175,6 @@ def _bound(
     return Bound(start + sense * MOST_TURNS * span, "not followed further")
 
 
-# ---------------------------------------------------------------- joint limits
-
-
-def _within_joint_limits(
-    mechanism: Mechanism, state: State, found: Range, span: float, hold: Hold = BASE
-) -> Range:
-    """Return a driver's range as far as no joint is beyond a limit.
-
-    Args:
-        mechanism: the mechanism.
-        state: where the driver starts.
-        found: its range without joint limits.
-        span: a whole turn, or the longest way of a slide.
-        hold: names of what stands still besides.
-
-    Raises:
-        SpatialPinError: a joint is beyond its limit at the start.
-    """
-    if not joint_limits(mechanism):
-        return found
-    start = passed_at_start(mechanism, state.q, 0.0)
-    if start:
-        raise SpatialPinError(
-            f"mechanism {mechanism.name!r}: {state} is beyond the {start[0].limit.words}; give a "
-            "guess within the joint limits (assemble(limits=True) finds one)")
-    lower, upper = (_nearer(mechanism, state, found.driver, bound, sense * span, hold)
-                    for bound, sense in ((found.lower, -1.0), (found.upper, 1.0)))
-    free = found.full_turn and lower == found.lower and upper == found.upper
-    return found._replace(lower=lower, upper=upper, full_turn=free)
-
-
 def _nearer(
     mechanism: Mechanism, state: State, driver: str, bound: Bound, span: float, hold: Hold
 ) -> Bound:
@@ -213,14 +191,10 @@ def _nearer(
         if passed:
             side = "upper" if passed[0].limit.side > 0 else "lower"
             return Bound(passed[0].value, f"{side} limit of {passed[0].limit.name}")
-        if last or _returns(motion) or mechanism.coordinate(driver).unit == "m":
+        returns = all(abs(motion.q[-1, limit.q] - motion.q[0, limit.q])
+                      < TOLERANCES.half_precision * limit.size
+                      for limit in joint_limits(motion.mechanism))
+        if last or returns or mechanism.coordinate(driver).unit == "m":
             return bound
         state = motion.state(-1)
     return Bound(float(state.coordinate(driver).value), "not followed further")
-
-
-def _returns(motion: Motion) -> bool:
-    """Whether joints with limits end where they began."""
-    return all(abs(motion.q[-1, limit.q] - motion.q[0, limit.q])
-               < TOLERANCES.half_precision * limit.size
-               for limit in joint_limits(motion.mechanism))

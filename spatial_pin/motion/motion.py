@@ -295,8 +295,14 @@ class Motion(Tabular):
             raise SpatialPinError(
                 f"there is no sample {row}: {n} samples are 0 to {n - 1}, or -{n} to -1" if n else
                 f"there is no sample {row}: the motion has none")
-        lost = (partial(self._rate_error, self.driver_name, not self._is_continued(row), self.held)
-                if self.driver is not None else np.nan)
+        lost: Any = np.nan
+        if self.driver is not None:
+            # tangents of a traced curve are solved up to a branch point, and behind it
+            size = self.mechanism.velocity_scale[self.mechanism.coordinate(self.driver_name).v]
+            is_solved = self.per == "length" or not any(
+                e.kind == "branch point" and e.row < n
+                and abs(e.value - self.driver[row]) < ACROSS * size for e in self.events)
+            lost = partial(self._rate_error, self.driver_name, is_solved, self.held)
         return State(self.mechanism, self.q[row], self.v[row], self.a[row],
                      closure_error=self.closure_error[row],
                      angles=self.angles[row] if self.angles.size else None, rate_error=lost,
@@ -308,17 +314,6 @@ class Motion(Tabular):
         from spatial_pin.rates.rates import rate_error
 
         return rate_error(driver, solved, state, held)
-
-    def _is_continued(self, row: int) -> bool:
-        """Whether a sample may lie where the branch was continued across a branch point.
-
-        Of a traced curve none does: its tangents are solved up to the branch point, and behind it.
-        """
-        if self.per == "length":
-            return False
-        size = self.mechanism.velocity_scale[self.mechanism.coordinate(self.driver_name).v]
-        return any(e.kind == "branch point" and e.row < len(self)
-                   and abs(e.value - self.swept[row]) < ACROSS * size for e in self.events)
 
     @cached_property
     def _bodies(self) -> Any:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -29,14 +28,6 @@ ON_GROUND = ("on_ground", "on_ground.force", "on_ground.moment")
 MASS, WHOLE = "mass", "com"  # of all moving links: their mass; WHOLE.position, ... of its centre
 VECTORS = (*FRAME_UNITS, "force", "moment")  # NAME.position.z, ... is a component
 KINDS = sorted({*COORDINATE_OUTPUTS, *FORCES, *FRAME_UNITS}, key=len, reverse=True)
-
-
-class MovingBodies(NamedTuple):
-    """Joint placements (N, n, 4, 3), local twists and spatial accelerations (N, n, 6)."""
-
-    placements: Array
-    twists: Array
-    accelerations: Array
 
 
 def frame(motion: Motion, name: str) -> FrameMotion:
@@ -219,43 +210,37 @@ def _coordinate_output(motion: Motion, name: str, kind: str) -> Output:
         jerks = np.array([j.coordinate(name) for j in _jerks(motion)])
         return Output(jerks, f"{name} jerk", motion.rate_unit(unit, 3))
     if kind == "transmission_angle":
-        angles = [transmission_angle(motion.mechanism, motion.state(k), name, motion.driver_name)[0]
+        angles = [transmission_angle(motion.mechanism, motion.state(k), name, motion.driver_name)
                   for k in range(len(motion.swept))]
         return Output(np.array(angles), f"{name} transmission angle", "rad")
-    return _ratio(motion, name, rate, kind == "advantage")
-
-
-def _ratio(motion: Motion, name: str, rate: Array, inverse: bool) -> Output:
     if len(motion.swept) and np.any(motion.driver_speed == 0.0):
         raise SpatialPinError(f"{name}.ratio: the driver stands still in this motion")
-    units = motion.mechanism.coordinate(name).unit, motion.driver_unit
-    if inverse:
+    by = motion.driver_unit
+    if kind == "advantage":
         with np.errstate(divide="ignore"):
             values = motion.driver_speed / rate
-        unit = "1" if units[0] == units[1] else f"{units[1]}/{units[0]}"
-        return Output(values, f"{name} mechanical advantage", unit)
-    unit = "1" if units[0] == units[1] else f"{units[0]}/{units[1]}"
-    return Output(rate / motion.driver_speed, f"{name} / {motion.driver_name} speed ratio", unit)
+        return Output(values, f"{name} mechanical advantage", "1" if unit == by else f"{by}/{unit}")
+    return Output(rate / motion.driver_speed, f"{name} / {motion.driver_name} speed ratio",
+                  "1" if unit == by else f"{unit}/{by}")
 
 
-def bodies(motion: Motion) -> MovingBodies:
-    """Return where all bodies are and how they move."""
+def bodies(motion: Motion) -> tuple[Array, Array, Array]:
+    """Return joint placements (N, n, 4, 3), local twists and spatial accelerations (N, n, 6)."""
     tree = tree_of(motion.mechanism.model)
     views = tree.placements, tree.twists, tree.accelerations
-    found = MovingBodies(*(np.empty((len(motion), *view.shape)) for view in views))
+    placements, twists, accelerations = (np.empty((len(motion), *view.shape)) for view in views)
     for k in range(len(motion)):
         tree.move(motion.q[k], motion.v[k], motion.a[k])
-        for rows, view in zip(found, views, strict=True):
-            rows[k] = view
-    return found
+        placements[k], twists[k], accelerations[k] = views
+    return placements, twists, accelerations
 
 
 def _at(motion: Motion, joint: int, offset: pin.SE3) -> FrameMotion:
     """Motion of the frame at `offset` from a joint frame."""
-    b: MovingBodies = motion._bodies
-    r = b.placements[:, joint, :3].transpose(0, 2, 1)
-    v, w = b.twists[:, joint, :3], b.twists[:, joint, 3:]
-    a, e = b.accelerations[:, joint, :3], b.accelerations[:, joint, 3:]
+    placements, twists, accelerations = motion._bodies
+    r = placements[:, joint, :3].transpose(0, 2, 1)
+    v, w = twists[:, joint, :3], twists[:, joint, 3:]
+    a, e = accelerations[:, joint, :3], accelerations[:, joint, 3:]
     p = offset.translation
     turning = np.cross(w, p)
     local = np.stack([
@@ -266,5 +251,5 @@ def _at(motion: Motion, joint: int, offset: pin.SE3) -> FrameMotion:
         e,
     ], axis=-1)
     x, dx, ddx, omega, epsilon = np.ascontiguousarray(np.moveaxis(r @ local, -1, 0))
-    x += b.placements[:, joint, 3]
+    x += placements[:, joint, 3]
     return FrameMotion(x, r @ offset.rotation, dx, ddx, omega, epsilon)

@@ -95,6 +95,12 @@ def info(mechanism: Mechanism) -> Info:
     except AssemblyError as failure:
         assert failure.state is not None
         state, closed, error = failure.state, False, failure.closure_error
+    words = "closure error at the guess" if closed else "the guess does not close: closure error"
+    notes = [f"{words} {error:.1e}"]
+    if mechanism.passives:
+        spins = [f"{p.name}: no spin of {p.body!r} about {p.axis[0]} - {p.axis[1]}"
+                 for p in mechanism.passives]
+        notes.append("passive freedoms resolved: " + "; ".join(spins))
     return Info(
         mechanism.name, mechanism.title, mechanism.source, mechanism.characteristic_length,
         list(mechanism.links), dict(mechanism.dimensions),
@@ -106,7 +112,7 @@ def info(mechanism: Mechanism) -> Info:
         resistance_texts(mechanism),
         mobility(mechanism, state) if closed else None,
         error,
-        _notes(mechanism, closed, error),
+        notes,
         {f.name: f"on {f.link}" for f in mechanism.frames.values()},
     )
 
@@ -129,16 +135,6 @@ def _spring_text(mechanism: Mechanism, spring: Spring) -> str:
     damping = f", {spring.damping:g} {per.replace('/', '·s/')}" if spring.damping else ""
     where = spring.joint or " - ".join(spring.frames)
     return f"{where}: {spring.stiffness:g} {per}{damping}, free at {spring.free:g} {length}"
-
-
-def _notes(mechanism: Mechanism, closed: bool, error: float) -> list[str]:
-    words = "closure error at the guess" if closed else "the guess does not close: closure error"
-    notes = [f"{words} {error:.1e}"]
-    if mechanism.passives:
-        spins = [f"{p.name}: no spin of {p.body!r} about {p.axis[0]} - {p.axis[1]}"
-                 for p in mechanism.passives]
-        notes.append("passive freedoms resolved: " + "; ".join(spins))
-    return notes
 
 
 def assembly_summary(state: State) -> str:

@@ -11,10 +11,10 @@ from spatial_pin._support.checks import checked, positive_number
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State
 from spatial_pin.continuation.branch_points import straight_on
-from spatial_pin.continuation.curve_start import body_places, direction_of, not_spinning, system_at
 from spatial_pin.continuation.pseudo_arclength import ArcLengthPath
 from spatial_pin.continuation.singular_points import distance_ahead, located
 from spatial_pin.continuation.solution_curve import CurvePoint, SolutionCurve
+from spatial_pin.continuation.start import body_places, direction_of, not_spinning, system_at
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.paths import PathSamples
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -84,11 +84,15 @@ def trace(
             if samples.is_back(path.point, step):
                 samples.add_first_again()
                 break
-        elif not _pass_straight_on(path, samples):
-            raise SingularError(
-                f"mechanism {mechanism.name!r}: the curve cannot be followed beyond {driver} = "
-                f"{path.value:.12g}: branch point", motion=samples.motion(),
-            )
+        else:
+            before = samples.points[-1]
+            beyond = straight_on(curve, before)
+            if beyond is None:
+                raise SingularError(
+                    f"mechanism {mechanism.name!r}: the curve cannot be followed beyond {driver} = "
+                    f"{path.value:.12g}: branch point", motion=samples.motion())
+            samples.note_branch_points(before, beyond)
+            path.point, path.distance = beyond, distance_ahead(curve, beyond)
         samples.add(path.point)
     else:
         samples.note("not closed", path.value)
@@ -111,28 +115,6 @@ def _advance(path: ArcLengthPath, length: float, samples: _TracedSamples) -> boo
     return True
 
 
-def _pass_straight_on(path: ArcLengthPath, samples: _TracedSamples) -> bool:
-    """Go straight on beyond a branch point after the last sample; False if no branch does."""
-    before = samples.points[-1]
-    beyond = straight_on(path.curve, before)
-    if beyond is None:
-        return False
-    samples.note_branch_points(before, beyond)
-    path.point, path.distance = beyond, distance_ahead(path.curve, beyond)
-    return True
-
-
-def _curvature(curve: SolutionCurve, point: CurvePoint) -> Array:
-    """Return d²q/d(arc)² (nv,) at a point; the evaluation is left there."""
-    rows, scale, evaluation = curve.equations(point.x), curve.unknowns.scale, curve.evaluation
-    n, chosen = evaluation.constraints.n_closure, curve.selected
-    bias = evaluation.bias(point.x, scale * point.t)
-    rhs = np.zeros(len(rows) + 1)
-    rhs[: len(chosen)] = -bias[:n][chosen]
-    rhs[len(chosen) : len(chosen) + len(bias) - n] = -bias[n:]
-    return scale * decompose(np.vstack([rows, point.t])).minimum_norm(rhs)
-
-
 class _TracedSamples:
     """Samples of a traced curve."""
 
@@ -148,10 +130,17 @@ class _TracedSamples:
 
     def add(self, point: CurvePoint) -> None:
         """Keep a point, with the second derivative of the curve there."""
-        model = self.curve.evaluation.model
+        curve, evaluation, model = self.curve, self.curve.evaluation, self.curve.evaluation.model
+        rows, scale = curve.equations(point.x), curve.unknowns.scale
+        n, chosen = evaluation.constraints.n_closure, curve.selected
+        bias = evaluation.bias(point.x, scale * point.t)
+        rhs = np.zeros(len(rows) + 1)
+        rhs[: len(chosen)] = -bias[:n][chosen]
+        rhs[len(chosen) : len(chosen) + len(bias) - n] = -bias[n:]
+        bends = scale * decompose(np.vstack([rows, point.t])).minimum_norm(rhs)
         self.points.append(point)
-        self.accelerations.append(_curvature(self.curve, point))
-        self.errors.append(self.curve.evaluation.closure_error)
+        self.accelerations.append(bends)
+        self.errors.append(evaluation.closure_error)
         if len(self.points) < 2:
             self.bodies = not_spinning(self.curve.system)
             self.own = np.isin(np.repeat(np.arange(model.njoints), model.nvs), self.bodies)

@@ -8,6 +8,7 @@ of another leg, is left out: it stands, and its closures with it.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -16,9 +17,9 @@ from numpy.typing import NDArray
 from spatial_pin._support.checks import names_of
 from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.holding import Hold, free_bases, velocity_entries
-from spatial_pin.assembly.rank_loss import rank_loss
 from spatial_pin.assembly.search.loop_groups import LoopGroup, loop_groups, part_of
 from spatial_pin.assembly.state import State, made
+from spatial_pin.assembly.undetermined import rank_loss
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import Kernel, kernel_of
 from spatial_pin.kernel.loop_equations import loops_of
@@ -28,7 +29,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import Array, common_rows, independent_rows, null_space
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.rates.determined import Prescription, chosen_at
+from spatial_pin.rates.prescribed import Prescription, chosen_at
 from spatial_pin.rates.rates import prescribed_first, wanted_coordinates
 
 
@@ -211,33 +212,25 @@ def depending_on(state: State, names: Sequence[str], hold: Hold) -> Depending | 
     n = len(wanted_coordinates(mechanism, names))
     fixed = (*still, *places(driven[n:]))
     part = part_for(mechanism, tuple(c.v for c in driven[:n]), tuple(sorted(fixed)))
-    if part is None or _is_determined(state, Prescription(driven, len(driven), still)):
+    if part is None:
+        return None
+    with suppress(SingularError):
+        chosen_at(state, Prescription(driven, len(driven), still))
         return None
     rest = ~part.entries
     rest[list(fixed)] = False
     bases = [v for joint in free_bases(mechanism) for v in velocity_entries(mechanism, joint)]
-    if rest[bases].any() or not _is_regular(state):
+    if rest[bases].any():
         return None
+    with loops_of(state.mechanism, state.angles) as evaluation:
+        evaluation.update(state.q)
+        rows = evaluation.jacobian[: evaluation.constraints.n_closure]
+        if rank_loss(evaluation, state.q, len(independent_rows(rows))):
+            return None
     own = () if hold is None else tuple(names_of(hold, "hold"))
     few = _few(state, part, rest)
     return Depending(part.state(state), (*own, *_named(mechanism, rest)),
                      (*own, *_named(mechanism, few)), state, part.angles)
-
-
-def _is_determined(state: State, given: Prescription) -> bool:
-    try:
-        chosen_at(state, given)
-    except SingularError:
-        return False
-    return True
-
-
-def _is_regular(state: State) -> bool:
-    """Whether no loops lose equations at a closed state."""
-    with loops_of(state.mechanism, state.angles) as evaluation:
-        evaluation.update(state.q)
-        rows = evaluation.jacobian[: evaluation.constraints.n_closure]
-        return not rank_loss(evaluation, state.q, len(independent_rows(rows)))
 
 
 def _named(mechanism: Mechanism, entries: NDArray[np.bool_]) -> list[str]:

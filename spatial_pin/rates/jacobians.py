@@ -24,8 +24,13 @@ from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mechanism.parts import Coordinate, drivers_of_tree
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.rates.depending import all_determined, frame_determined
-from spatial_pin.rates.determined import Prescription, placed, refuse_components
-from spatial_pin.rates.prescribed import driven_coordinates, rate_coordinates
+from spatial_pin.rates.prescribed import (
+    Prescription,
+    driven_coordinates,
+    placed,
+    rate_coordinates,
+    refuse_components,
+)
 
 
 @checked

@@ -24,8 +24,9 @@ from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.rates.determined import Prescription, placed, refuse_components
-from spatial_pin.rates.prescribed import driven_coordinates
+from spatial_pin.rates.prescribed import Prescription, driven_coordinates, placed, refuse_components
+
+BINOMIALS = (1,), (1, 1), (1, 2, 1), (1, 3, 3, 1)
 
 
 class Jerks:
@@ -164,7 +165,14 @@ def solve_jerks(
     jerks = jerks or {}
     j_of = {mechanism.driven_coordinate(name).name: finite_number(x, f"jerk of {name!r}")
             for name, x in jerks.items()}
-    bodies, columns = _body_jerks(mechanism, state)
+    model, joints = split_of(mechanism)
+    data = model.createData()
+    pin.computeForwardKinematicsDerivatives(model, data, state.q, state.v, state.a)
+    # second derivatives of all twists at zero joint jerk, joint axes, and what that adds to them
+    bodies, columns = np.zeros((len(joints), 6)), np.zeros((len(joints), 6, model.nv))
+    for i, joint in enumerate(joints[1:].tolist(), start=1):
+        _, by_q, by_v, by_a = acceleration_derivatives(model, data, joint)
+        bodies[i], columns[i] = by_q @ state.v + by_v @ state.a, by_a
     given = Prescription.of(mechanism, driven_coordinates(mechanism, jerks), hold)
     refuse_components(mechanism, given.driven)
     drive = np.array([j_of.get(c.name, 0.0) for c in given.driven])
@@ -173,21 +181,6 @@ def solve_jerks(
         evaluation.update(state.q)
         j = rates.answer(_equation_jerks(evaluation, state, bodies), drive)
     return Jerks(state, j, bodies + columns @ j)
-
-
-def _body_jerks(mechanism: Mechanism, state: State) -> tuple[Array, Array]:
-    """Return the second derivatives of all twists at zero joint jerk (njoints, 6), joint axes.
-
-    And what a joint jerk adds to them, (njoints, 6, nv).
-    """
-    model, joints = split_of(mechanism)
-    data = model.createData()
-    pin.computeForwardKinematicsDerivatives(model, data, state.q, state.v, state.a)
-    bodies, columns = np.zeros((len(joints), 6)), np.zeros((len(joints), 6, model.nv))
-    for i, joint in enumerate(joints[1:].tolist(), start=1):
-        _, by_q, by_v, by_a = acceleration_derivatives(model, data, joint)
-        bodies[i], columns[i] = by_q @ state.v + by_v @ state.a, by_a
-    return bodies, columns
 
 
 def placement_rates(g: Array, twist: Array, accel: Array, jerk: Array) -> list[Array]:
@@ -213,13 +206,7 @@ def _equation_jerks(evaluation: LoopEquations, state: State, bodies: Array) -> A
     flat = [g.reshape(-1, 3) for g in rates]
     n = len(c.constants)
     a, b = ([c.c_abx[part] @ g for g in flat] for part in (slice(0, n), slice(n, 2 * n)))
-    products = [_product_rate(a, b, order) for order in range(4)]
+    products = [sum(binomial * np.vecdot(a[order - k], b[k])  # of a . b [Leibniz]
+                    for k, binomial in enumerate(BINOMIALS[order])) for order in range(4)]
     rows = composed_rates(c, products, [state.q, state.v, state.a])
     return np.concatenate([rows, c.idle_bias @ bodies.reshape(-1)])
-
-
-def _product_rate(a: list[Array], b: list[Array], order: int) -> Array:
-    """Return a derivative (n,) of the equations' products a . b [Leibniz]."""
-    binomial = ((1,), (1, 1), (1, 2, 1), (1, 3, 3, 1))[order]
-    return sum(f * np.vecdot(a[order - k], b[k]) for k, f in enumerate(binomial))  # type: ignore[return-value]
-

@@ -23,15 +23,18 @@ from spatial_pin.assembly.state import State, made, of_mechanism
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_at, loops_of
-from spatial_pin.kernel.rate_solver import Chosen, Solved
+from spatial_pin.kernel.rate_solver import Solved
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import EPS, Array, decompose, independent_rows, rank
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.rates.determined import Prescription, chosen_at, plan_of, prescription_by
 from spatial_pin.rates.prescribed import (
+    Prescription,
     check_one_meaning,
+    chosen_at,
     driven_coordinates,
+    plan_of,
+    prescription_by,
     rates_given,
     siblings,
 )
@@ -153,22 +156,6 @@ def _are_independent(state: State, driven: list[Coordinate], hold: Hold) -> bool
         return rank(np.vstack([closed, *rows])) == rank(closed) + len(driven)
 
 
-def _tried(state: State, named: list[Coordinate], hold: Hold) -> tuple[Prescription, Chosen]:
-    """Return what determines the rates when some coordinates are named.
-
-    Raises:
-        SingularError: nothing does.
-    """
-    errors: list[SingularError] = []
-    for driven in _choices(state, list(dict.fromkeys(named)), hold):
-        given = Prescription.of(state.mechanism, driven, hold)
-        try:
-            return given, chosen_at(state, given)
-        except SingularError as error:
-            errors.append(error)
-    raise errors[-1]
-
-
 def check_not_held(mechanism: Mechanism, named: Sequence[Coordinate], hold: Hold) -> None:
     """Refuse motion of what is held.
 
@@ -270,7 +257,7 @@ def _solved(
     values = [[finite_number(x, f"{what} of {name!r}") for name, x in rates.items()]
               for what, rates in (("speed", speeds), ("acceleration", accelerations))]
     with kernel_of(mechanism) as kernel:
-        rates = plan.given.rates(kernel)
+        rates = plan[0].rates(kernel)
         for target, own, numbers in zip((rates.speeds, rates.accelerations), plan[1:], values,
                                         strict=True):
             target[:] = 0.0
@@ -293,7 +280,16 @@ def _solved_as_tried(
     a_of = rates_given(mechanism, accelerations, "acceleration")
     check_one_meaning(mechanism, [*v_of, *a_of])
     check_not_held(mechanism, [*v_of, *a_of], hold)
-    given, chosen = _tried(state, [*v_of, *a_of], hold)
+    errors: list[SingularError] = []
+    for driven in _choices(state, list(dict.fromkeys([*v_of, *a_of])), hold):
+        given = Prescription.of(mechanism, driven, hold)
+        try:
+            chosen = chosen_at(state, given)
+            break
+        except SingularError as error:
+            errors.append(error)
+    else:
+        raise errors[-1]
     with kernel_of(mechanism) as kernel:
         rates = given.rates(kernel)
         for target, of in ((rates.speeds, v_of), (rates.accelerations, a_of)):

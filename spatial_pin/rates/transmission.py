@@ -21,8 +21,7 @@ from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array, null_space, row_space
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.depending import all_determined, entries_determined
-from spatial_pin.rates.determined import Prescription
-from spatial_pin.rates.prescribed import driven_coordinates
+from spatial_pin.rates.prescribed import Prescription, driven_coordinates
 from spatial_pin.rates.rates import check_not_held
 
 
@@ -92,7 +91,13 @@ def transmission(
     """
     state = of_mechanism(mechanism, state)
     mechanism = state.mechanism
-    input_ = _input(mechanism, driver)
+    if driver is None:
+        names = list(mechanism.drivers)
+        if len(names) != 1:
+            raise SpatialPinError(f"mechanism {mechanism.name!r} has {len(names)} drivers; say "
+                                  f"which one moves the output: {', '.join(names)}")
+        driver = names[0]
+    input_ = mechanism.driven_coordinate(driver)
     check_not_held(mechanism, [input_], hold)
     moved = MovedOutput.of(mechanism, output, input_.name, at, hold)
     angle = moved.angle(mechanism, state.q, state.angles)
@@ -106,12 +111,9 @@ def transmission(
     return Transmission(ratio, advantage, angle, moved.at)
 
 
-def transmission_angle(
-    mechanism: Mechanism, state: State, output: str, driver: str, at: str | None = None
-) -> tuple[float, str]:
-    """Return transmission angle and pair as `transmission` does, at dead centres too."""
-    moved = MovedOutput.of(mechanism, output, driver, at)
-    return moved.angle(mechanism, state.q, state.angles), moved.at
+def transmission_angle(mechanism: Mechanism, state: State, output: str, driver: str) -> float:
+    """Return the transmission angle as `transmission` does, at dead centres too [rad]."""
+    return MovedOutput.of(mechanism, output, driver).angle(mechanism, state.q, state.angles)
 
 
 class MovedOutput(NamedTuple):
@@ -144,7 +146,17 @@ class MovedOutput(NamedTuple):
             raise SpatialPinError(f"{named} is a driver itself")
         if coordinate.v in given.still:
             raise SpatialPinError(f"{named} is held, and cannot be moved")
-        joint = _own_joint(mechanism, coordinate)
+        geared = [c.name for c in mechanism.closures if coordinate.name in c.joints]
+        if geared:
+            raise SpatialPinError(
+                f"mechanism {mechanism.name!r}: {coordinate.name!r} is moved by coupling "
+                f"{geared[0]!r}, not at a pair of its link: it has no transmission angle")
+        joint = mechanism.joint_id(coordinate.joint)
+        if mechanism.model.nvs[joint] != 1:
+            raise SpatialPinError(
+                f"mechanism {mechanism.name!r}: {coordinate.name!r} is one of several coordinates "
+                f"of a {mechanism.pair_of(coordinate.joint)} joint; a transmission angle needs an "
+                "output of one freedom")
         return cls(coordinate, given, joint, *_moved_at(mechanism, joint, at))
 
     def angle(self, mechanism: Mechanism, q: Array, angles: Array) -> float:
@@ -160,33 +172,6 @@ class MovedOutput(NamedTuple):
             own, allowed = _velocities(evaluation, self.joint, self.coordinate, self.given)
             place = evaluation.data.oMi[self.joint].act(self.point)
         return _angle(own, allowed, place / mechanism.characteristic_length)
-
-
-def _input(mechanism: Mechanism, driver: str | None) -> Coordinate:
-    if driver is None:
-        names = list(mechanism.drivers)
-        if len(names) != 1:
-            raise SpatialPinError(f"mechanism {mechanism.name!r} has {len(names)} drivers; say "
-                                  f"which one moves the output: {', '.join(names)}")
-        driver = names[0]
-    return mechanism.driven_coordinate(driver)
-
-
-def _own_joint(mechanism: Mechanism, output: Coordinate) -> int:
-    joint = mechanism.joint_id(output.joint)
-    geared = [c.name for c in mechanism.closures if output.name in c.joints]
-    if geared:
-        raise SpatialPinError(
-            f"mechanism {mechanism.name!r}: {output.name!r} is moved by coupling {geared[0]!r}, "
-            "not at a pair of its link: it has no transmission angle"
-        )
-    if mechanism.model.nvs[joint] != 1:
-        raise SpatialPinError(
-            f"mechanism {mechanism.name!r}: {output.name!r} is one of several coordinates of a "
-            f"{mechanism.pair_of(output.joint)} joint; a transmission angle needs an output of "
-            "one freedom"
-        )
-    return joint
 
 
 def _moved_at(mechanism: Mechanism, joint: int, at: str | None) -> tuple[str, Array]:

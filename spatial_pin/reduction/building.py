@@ -14,9 +14,8 @@ from spatial_pin.formats.pinocchio_model.urdf_text import LinkTree, urdf_of
 from spatial_pin.formats.urdf.elements import fresh
 from spatial_pin.mechanism.mechanism import Mechanism, point_on_body, rigid_distance
 from spatial_pin.mechanism.mechanism_checks import check_mechanism
-from spatial_pin.mechanism.named_frames import add_frames
 from spatial_pin.mechanism.pairs import PAIRS, Z, closure_geometry
-from spatial_pin.mechanism.parts import Closure, Passive
+from spatial_pin.mechanism.parts import Closure, Passive, add_frames
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.reduction.influence import NeededParts, OutputInfluence, RequestedOutputs
 from spatial_pin.reduction.relations import (

@@ -292,7 +292,7 @@ def _transmission(
         return
 
     def angle(state: State) -> float:
-        return transmission_angle(mechanism, state, outputs[0], driver)[0]
+        return transmission_angle(mechanism, state, outputs[0], driver)
 
     try:
         own = [angle(state) for state in states]

@@ -17,8 +17,8 @@ from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.proximity.clearance_search import PLACE_ERROR
 from spatial_pin.proximity.distances import Distances
-from spatial_pin.rates.determined import Prescription
 from spatial_pin.rates.jacobians import jacobian, moving_coordinates
+from spatial_pin.rates.prescribed import Prescription
 
 PLACE_OF_TOUCH = 1e-6  # part of a cell to which a place is known where links come too near
 LOST = "lost"  # why a branch ends where the numbers give out

@@ -16,7 +16,7 @@ from variety import few
 import spatial_pin as sp
 from spatial_pin.continuation import singular_points
 from spatial_pin.continuation.cursor import Cursor
-from spatial_pin.continuation.evaluation_order import there_and_back
+from spatial_pin.continuation.path_following import there_and_back
 from spatial_pin.continuation.singular_points import zeros
 from spatial_pin.continuation.start import Start
 from spatial_pin.view.page.jog import Jog

@@ -115,8 +115,10 @@ def led(
     if max(by.values(), default=0.0) < FAR:
         return direct
     free = free_but(mechanism, still_entries(mechanism, (table[name] for name in held)), fixed)
-    if not set(named).isdisjoint(loops.others) and _fits(mechanism, goal, free, direct.angles):
-        return direct
+    if not set(named).isdisjoint(loops.others):  # it says how often each joint has turned
+        fitting = _closed(mechanism, goal, free, direct.angles)
+        if fitting is not None and _moved(mechanism, goal, fitting[0]) < FAR:
+            return direct
     there = _followed(mechanism, start.q, goal, free, first)
     if there is None:
         return direct._replace(lost=tuple(name for name, x in by.items() if x > math.pi))
@@ -124,12 +126,6 @@ def led(
     names = dict.fromkeys((*start.names, *loops.others))
     return Led(Guess(mechanism, q, {name: coordinate_value(mechanism, table[name], q)
                                     for name in names}), reference)
-
-
-def _fits(mechanism: Mechanism, q: Array, free: NDArray[np.bool_], angles: Array) -> bool:
-    """Whether loops close near q (nq,): it says how often each joint has turned."""
-    found = _closed(mechanism, q, free, angles)
-    return found is not None and _moved(mechanism, q, found[0]) < FAR
 
 
 def _followed(
@@ -163,14 +159,10 @@ def _closed(
         return None
     if found.error > TOLERANCES.closed:
         return None
-    return found.q, _angles(mechanism, found.q, angles)
-
-
-def _angles(mechanism: Mechanism, q: Array, angles: Array) -> Array:
     if not len(angles):
-        return angles
+        return found.q, angles
     with closer_of(mechanism) as closer:
-        return closer.examine(q, angles).angles
+        return found.q, closer.examine(found.q, angles).angles
 
 
 def _moved(mechanism: Mechanism, q: Array, other: Array) -> float:

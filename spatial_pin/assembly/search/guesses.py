@@ -60,7 +60,15 @@ class Guess:
     @cached_property
     def values(self) -> Mapping[str, float]:
         """What is named, by coordinate [rad, m]."""
-        return _all_values(self.mechanism, self.q) if self._values is None else self._values
+        if self._values is not None:
+            return self._values
+        entries = self.q.tolist()
+        plain, turning = _places(self.mechanism)
+        named = {name: entries[at] for name, at in plain}
+        for names, at, turns in turning:
+            components = rotation_components(*entries[turns : turns + 4])
+            named |= zip(names, entries[at:turns] + components, strict=True)
+        return named
 
 
 def read_guess(
@@ -116,17 +124,6 @@ def _as_given(mechanism: Mechanism, guess: Mapping[str, Any] | State | Array) ->
 def _all_names(mechanism: Mechanism) -> tuple[str, ...]:
     """Return the names of all coordinates, every time the same tuple."""
     return mechanism.coordinates
-
-
-def _all_values(mechanism: Mechanism, q: Array) -> dict[str, float]:
-    """Return all coordinates at q (nq,)."""
-    entries = q.tolist()
-    plain, turning = _places(mechanism)
-    named = {name: entries[at] for name, at in plain}
-    for names, at, turns in turning:
-        named |= zip(names, entries[at:turns] + rotation_components(*entries[turns : turns + 4]),
-                     strict=True)
-    return named
 
 
 @made_once
@@ -188,20 +185,17 @@ def further_starts(
     n, late = MAX_STARTS // 2 if open_ones.any() else 0, 3 * MAX_STARTS // 4 - 1
     phase = np.repeat([0, 1, 2], [n, late - n, MAX_STARTS - 1 - late])
     size = np.array([np.where(is_named, shake, reach) * sizes for shake in (0.0, 1.0, np.pi)])
-    first = _shakes(_draws(mechanism)[:AT_ONCE] * size[phase[:AT_ONCE]], groups)
-    return Further(phase, size, first, [name for name in named if table[name].unit == "m"])
-
-
-def _shakes(steps: Array, groups: Sequence[LoopGroup]) -> Shakes:
-    """Return steps (n, nv) from the guess for each group of loops by itself, if these are few."""
+    steps = _draws(mechanism)[:AT_ONCE] * size[phase[:AT_ONCE]]
     group = np.zeros(steps.shape[1], np.int64)
-    if len(groups) < 2:
-        return Shakes(steps[None], NEAR_GUESS, group)
+    by_group = steps[None]  # of each group of loops by itself, if these are few
     if len(groups) > MOST_GROUPS:
-        return Shakes(np.empty((0, *steps.shape)), NEAR_GUESS, group)
-    for k, own in enumerate(groups):
-        group[own.entries] = k
-    return Shakes(np.array([steps * own.entries for own in groups]), NEAR_GUESS, group)
+        by_group = np.empty((0, *steps.shape))
+    elif len(groups) > 1:
+        by_group = np.array([steps * own.entries for own in groups])
+        for k, own in enumerate(groups):
+            group[own.entries] = k
+    return Further(phase, size, Shakes(by_group, NEAR_GUESS, group),
+                   [name for name in named if table[name].unit == "m"])
 
 
 def starts_from(

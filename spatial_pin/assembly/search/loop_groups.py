@@ -48,19 +48,15 @@ def loop_groups(mechanism: Mechanism, held: tuple[int, ...]) -> tuple[LoopGroup,
         joined = group[column]
         if joined.size:
             group[np.isin(group, joined)] = joined.min()
-    return tuple(_group(mechanism, np.flatnonzero(group == k), entries) for k in np.unique(group))
-
-
-def _group(
-    mechanism: Mechanism, chosen: NDArray[np.intp], entries: NDArray[np.bool_]
-) -> LoopGroup:
-    known = _names(mechanism)
-    names = tuple(known[k] for k in chosen)
-    own: NDArray[np.bool_] = np.any(entries[chosen], axis=0)
-    constraints = constraints_of(mechanism)
-    angles = [k for k, x in enumerate(constraints.angles)
-              if constraints.labels[x.equation].closure in names]
-    return LoopGroup(names, own, _places(mechanism, own), angles)
+    known, constraints, found = _names(mechanism), constraints_of(mechanism), []
+    for number in np.unique(group):
+        chosen = np.flatnonzero(group == number)
+        names = tuple(known[k] for k in chosen)
+        own: NDArray[np.bool_] = np.any(entries[chosen], axis=0)
+        angles = [k for k, x in enumerate(constraints.angles)
+                  if constraints.labels[x.equation].closure in names]
+        found.append(LoopGroup(names, own, _places(mechanism, own), angles))
+    return tuple(found)
 
 
 def _places(mechanism: Mechanism, entries: NDArray[np.bool_]) -> list[int]:

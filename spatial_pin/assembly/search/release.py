@@ -1,14 +1,16 @@
-"""Letting go of drivers whose values the loops do not allow, with the least motion of them all.
+"""What the loops do not allow: drivers let go with the least motion, and joint limits kept.
 
-The motion is the sum of squares of how far each goes from where it should stand, angles in rad and
-slides relative to the characteristic length. Newton's method finds its minimum over the closed
-configurations with the second derivatives of the loops: that minimum is nearly always a dead centre
-of the drivers let go, where first derivatives vanish.
+The motion is the sum of squares of how far each driver goes from where it should stand, angles in
+rad and slides relative to the characteristic length. Newton's method finds its minimum over the
+closed configurations with the second derivatives of the loops: that minimum is nearly always a dead
+centre of the drivers let go, where first derivatives vanish. Within joint limits the loops are
+closed by bounded least squares.
 """
+
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 import pinocchio as pin
@@ -17,6 +19,8 @@ from numpy.typing import NDArray
 from spatial_pin.assembly.close import close, pinned_rows, scaled_row
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.coordinates import coordinate_bias, coordinate_value
+from spatial_pin.mechanism.joint_limits import beyond_limits
+from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import EPS, Array, decompose, rank
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -28,6 +32,9 @@ FLAT_CURVATURE = 1e-8
 # to 1e-11 leave its square root at a dead centre, 3e-6.
 STANDING_SPEED = 1e-4
 ASIDE = EPS ** (1.0 / 3.0)  # step of central differences, whose round-off is as large as the rest
+# Weight of the motion of drivers against open loops, where limits are looked for: it leaves loops
+# open by its square, 1e-6 of a characteristic length or radian, which closing them takes away.
+LEAST_MOTION = 1e-3
 
 
 def can_stand(
@@ -168,6 +175,7 @@ class _CoordinateGoal:
         if not self._bent and not self.pinned:
             return bend
         mechanism, n = self.evaluation.mechanism, self.evaluation.constraints.n_closure
+        d, found = len(tangents), np.zeros_like(bend)
         pinned = [mechanism.coordinate_table[name] for name in self.pinned]
 
         def along(t: Array) -> float:
@@ -178,7 +186,13 @@ class _CoordinateGoal:
                        for m, c in zip(multipliers[n:], pinned, strict=True))
             return float(bent - held)
 
-        return bend + _polar(along, tangents)
+        for i in range(d):
+            found[i, i] = along(tangents[i])
+        for i in range(d):  # the form's polar form
+            for j in range(i):
+                both = along(tangents[i] + tangents[j])
+                found[i, j] = found[j, i] = 0.5 * (both - found[i, i] - found[j, j])
+        return bend + found
 
     def _bending_of_loops(self, q: Array, tangents: Array, multipliers: Array) -> Array:
         """Return (d, d) less the second derivatives of the loops times their multipliers.
@@ -198,12 +212,74 @@ class _CoordinateGoal:
         return 0.5 * (found + found.T)
 
 
-def _polar(form: Callable[[Array], float], vectors: Array) -> Array:
-    """Return the matrix (d, d) of a quadratic form on vectors (d, n)."""
-    d = len(vectors)
-    matrix = np.diag([form(t) for t in vectors]) if d else np.zeros((0, 0))
-    for i in range(d):
-        for j in range(i):
-            both = form(vectors[i] + vectors[j])
-            matrix[i, j] = matrix[j, i] = 0.5 * (both - matrix[i, i] - matrix[j, j])
-    return matrix
+def violated_limit(
+    mechanism: Mechanism, q: Array, entries: NDArray[np.bool_] | None = None
+) -> str:
+    """Return which joint limit q breaks, of some velocities (nv,), as text; empty when none."""
+    for name, by in beyond_limits(mechanism, q).items():
+        c = mechanism.coordinate_table[name]
+        is_looked_at = entries is None or entries[c.v]
+        least = 1e-9 * max(mechanism.velocity_scale[c.v], abs(q[c.q]))
+        if is_looked_at and abs(by) > least:
+            return f"limit of {beyond_words(mechanism, q, name)}"
+    return ""
+
+
+def beyond_words(mechanism: Mechanism, q: Array, name: str) -> str:
+    """Return a coordinate, its value and its range."""
+    c, model = mechanism.coordinate_table[name], mechanism.model
+    low, high = float(model.lowerPositionLimit[c.q]), float(model.upperPositionLimit[c.q])
+    return f"{name}: {q[c.q]:.6g} {c.unit} is not in [{low:.6g}, {high:.6g}]"
+
+
+def within_limits(
+    evaluation: LoopEquations, q: Array, free: NDArray[np.bool_], let_go: Mapping[str, float]
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Close the loops within the joint limits by bounded least squares, nearly.
+
+    Args:
+        evaluation: of the mechanism.
+        q: where to start.
+        free: (nv,) the velocities that may move.
+        let_go: drivers that are to go as little as possible from these values.
+
+    Returns:
+        The configuration, and the velocities that no limit stops there (nv,).
+    """
+    from scipy.optimize import least_squares
+
+    mechanism, model = evaluation.mechanism, evaluation.model
+    n, scale = evaluation.constraints.n_closure, mechanism.velocity_scale
+    low, high = np.full(model.nv, -np.inf), np.full(model.nv, np.inf)
+    start = q.copy()
+    for c in mechanism.coordinate_table.values():
+        if c.q >= 0 and free[c.v]:
+            start[c.q] = np.clip(q[c.q], model.lowerPositionLimit[c.q],
+                                 model.upperPositionLimit[c.q])
+            low[c.v] = model.lowerPositionLimit[c.q] - start[c.q] - 1e-12
+            high[c.v] = model.upperPositionLimit[c.q] - start[c.q] + 1e-12
+    gone = [mechanism.driven_coordinate(name) for name in let_go]
+    pull = LEAST_MOTION * np.eye(model.nv)[[c.v for c in gone]][:, free] / scale[free]
+    wanted = np.array(list(let_go.values()), dtype=float)
+
+    def at(x: Array) -> Array:
+        step = np.zeros(model.nv)
+        step[free] = x
+        return pin.integrate(model, start, step)
+
+    def residual(x: Array) -> Array:
+        there = at(x)
+        evaluation.update(there)
+        gaps = (there[[c.q for c in gone]] - wanted) / scale[[c.v for c in gone]]
+        return np.concatenate([evaluation.residual, LEAST_MOTION * gaps])
+
+    def jacobian(x: Array) -> Array:  # exact for coordinates with limits, near zero for the rest
+        evaluation.update(at(x))
+        return np.vstack([evaluation.jacobian[:n, free] / scale[free], pull])
+
+    fit = least_squares(residual, np.zeros(int(free.sum())), jacobian,
+                        bounds=(low[free], high[free]), x_scale=scale[free],
+                        xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    loose = free.copy()
+    loose[free] = (fit.x > low[free] + 1e-9) & (fit.x < high[free] - 1e-9)
+    return at(fit.x), loose

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import islice
 
 from spatial_pin.assembly.search.closing import (
@@ -18,8 +17,13 @@ from spatial_pin.assembly.search.guesses import (
     starts_from,
 )
 from spatial_pin.assembly.search.loop_groups import LoopGroup
-from spatial_pin.assembly.search.release import can_move, can_stand, least_motion
-from spatial_pin.assembly.search.within_limits import violated_limit, within_limits
+from spatial_pin.assembly.search.release import (
+    can_move,
+    can_stand,
+    least_motion,
+    violated_limit,
+    within_limits,
+)
 from spatial_pin.kernel.closer import AT_ONCE, Examined, Reached
 from spatial_pin.numerics.linalg import Array
 
@@ -149,24 +153,17 @@ class Search:
             return
         starts = starts_from(self.mechanism, first, closing.held, closing.named, closing.further)
         for k in range(1, most):
-            if self.best is not None:
-                self._compare(list(islice(starts, min(MORE_STARTS, most - k))), k)
-                break
-            self.attempt(next(starts))
-            if self._done(k):
-                break
-
-    def _compare(self, starts: Sequence[Array], first: int) -> None:
-        """Try starts after one that has led to a closed configuration: mostly all of them count.
-
-        Args:
-            starts: configurations (nq,).
-            first: number of the first of them.
-        """
-        for k, found in enumerate(self.closing.reached(starts), start=first):
-            self.keep(found)
-            if self._done(k):
-                break
+            if self.best is None:
+                self.attempt(next(starts))
+                if self._done(k):
+                    break
+                continue
+            more = list(islice(starts, min(MORE_STARTS, most - k)))  # mostly all of them count
+            for number, found in enumerate(closing.reached(more), start=k):
+                self.keep(found)
+                if self._done(number):
+                    break
+            break
 
     def _worth_trying(self, q: Array) -> int:
         """Return how many starts the drivers that stand are worth, the first having failed at q.

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from spatial_pin.assembly.rank_loss import lost_rank, rank_loss
 from spatial_pin.assembly.state import State
+from spatial_pin.assembly.undetermined import lost_rank, rank_loss
 from spatial_pin.constraints.trees import is_large
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import kernel_of

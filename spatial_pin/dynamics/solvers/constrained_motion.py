@@ -10,8 +10,8 @@ from functools import cached_property
 
 import numpy as np
 
-from spatial_pin.assembly.rank_loss import Regular, lost_rank, rank_loss
 from spatial_pin.assembly.state import State, all_angles
+from spatial_pin.assembly.undetermined import Regular, lost_rank, rank_loss
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.trees import is_large
 from spatial_pin.dynamics.solvers.bodies import bodies_of

@@ -24,8 +24,16 @@ from spatial_pin.mechanism.coordinates import check_guess, joint_vector
 from spatial_pin.mechanism.inertia import remainder
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.mechanism_checks import check_mechanism
-from spatial_pin.mechanism.named_frames import Frame, add_frames, frames_by_name
-from spatial_pin.mechanism.parts import Closure, Driver, Passive, Spring, drivers_of_tree
+from spatial_pin.mechanism.parts import (
+    Closure,
+    Driver,
+    Frame,
+    Passive,
+    Spring,
+    add_frames,
+    drivers_of_tree,
+    frames_by_name,
+)
 
 UNIVERSE = "universe"  # what Pinocchio calls it
 WHERE = "from_model"
