@@ -246,6 +246,8 @@ def within_limits(
     Returns:
         The configuration, and the velocities that no limit stops there (nv,).
     """
+    if not np.any(free):
+        return q, free.copy()
     from scipy.optimize import least_squares
 
     mechanism, model = evaluation.mechanism, evaluation.model
