@@ -5,7 +5,6 @@ import mechanisms as known
 import numpy as np
 import pinocchio as pin
 import pytest
-from closure_oracle import Evaluation
 from hypothesis import given
 from hypothesis import strategies as st
 from masses import simple_pendulum
@@ -19,7 +18,7 @@ from spatial_pin.accuracy.extended import EPS, Extended
 from spatial_pin.accuracy.reference import Astray, ExactRows, SimulationReference, SweepReference
 from spatial_pin.accuracy.tasks import SHORTER, SimulationTask, task_of
 from spatial_pin.accuracy.tradeoff import pareto, with_reference
-from spatial_pin.constraints.compiled_equations import constraints_of
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.settings import MEASURED
 
 TURN = np.linspace(0.0, 2 * np.pi, 37)
@@ -33,7 +32,7 @@ def test_rows_of_every_kind_and_their_rates_are_those_of_the_solvers(name, tmp_p
     rng, nv, start = np.random.default_rng(1), mech.model.nv, sp.assemble(mech)
     step, v, a = (mech.velocity_scale * rng.normal(size=nv) for _ in range(3))
     q = pin.integrate(mech.model, start.q, 0.1 * step)
-    evaluation = Evaluation(constraints_of(mech))
+    evaluation = LoopEquations(mech)
     evaluation.angle_reference[:] = start.angles
     evaluation.update(q)
     n, jacobian = evaluation.constraints.n_closure, evaluation.jacobian / mech.velocity_scale

@@ -34,6 +34,7 @@ from variety import paired
 
 import spatial_pin as sp
 from spatial_pin.constraints.compiled_equations import Constraints
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.pairs import PAIRS
 
 
@@ -111,7 +112,7 @@ def at_relative(mechanism: sp.Mechanism, M: pin.SE3, rng: np.random.Generator) -
     return np.concatenate([pin.SE3ToXYZQUAT(a), pin.SE3ToXYZQUAT(b)])
 
 
-def settle(evaluation: Evaluation, q: np.ndarray) -> None:
+def settle(evaluation: LoopEquations, q: np.ndarray) -> None:
     """Make screw closures count their turns from q."""
     evaluation.update(q)
     evaluation.angle_reference[:] = evaluation.angles
@@ -141,7 +142,7 @@ def test_value_with_another_axis_is_that_of_turned_frames(tmp_path, kind):
     n2 = np.array([0.6, 0.0, 0.8]) if pair.uses_axis2 else n
     keys = {"axis": n} | ({"axis2": n2} if pair.uses_axis2 else {})
     mechanism, rng = tree_with(tmp_path, "floating", ("leaf", "right"), kind, 2, **keys)
-    evaluation = Evaluation(Constraints(mechanism))
+    evaluation = LoopEquations(mechanism)
     scale = 1 / mechanism.characteristic_length
     for _ in range(10):
         q = somewhere(mechanism, rng)
@@ -174,7 +175,7 @@ def test_value_with_another_axis_is_that_of_turned_frames(tmp_path, kind):
                          ids=["child of child", "two branches"])
 def test_jacobian_and_bias_are_derivatives(tmp_path, kind, joint, frames):
     mechanism, rng = tree_with(tmp_path, joint, frames, kind, 3)
-    evaluation = Evaluation(Constraints(mechanism))
+    evaluation = LoopEquations(mechanism)
     for _ in range(2):
         q = somewhere(mechanism, rng)
         v = rng.uniform(-1.0, 1.0, mechanism.model.nv)
@@ -185,7 +186,7 @@ def test_jacobian_and_bias_are_derivatives(tmp_path, kind, joint, frames):
 @every_type
 def test_every_jacobian_column_is_a_derivative(tmp_path, kind):
     mechanism, rng = tree_with(tmp_path, "universal", ("leaf", "right"), kind, 4)
-    evaluation = Evaluation(Constraints(mechanism))
+    evaluation = LoopEquations(mechanism)
     q = somewhere(mechanism, rng)
     settle(evaluation, q)
     expected = np.array([FIRST @ along(evaluation, q, e) / STEP
@@ -202,7 +203,7 @@ def test_coupling_rows(tmp_path):
                                                                     7.0)
             + coupling("three", "c.first", "b.angle", -2.0, 0.1))
     mechanism = load(tmp_path, "coupled", tree, toml)
-    evaluation = Evaluation(Constraints(mechanism))
+    evaluation = LoopEquations(mechanism)
     q = np.array([30.0, 1.0, 2.0, 3.0, 4.0])
     a, angle, slide, first, second = q
     L = mechanism.characteristic_length
@@ -222,7 +223,7 @@ def test_passive_row_is_the_spin_of_the_body(tmp_path):
     toml = (refine("ball", "spherical") + refine("ball2", "spherical")
             + '[passive.spin]\nbody = "b"\naxis = ["ball2", "tip"]\n')
     mechanism = load(tmp_path, "spinning", tree, toml)
-    evaluation = Evaluation(Constraints(mechanism))
+    evaluation = LoopEquations(mechanism)
     rng = np.random.default_rng(5)
     along_b = np.array([0.1, 0.2, -0.2]) / 0.3
     for _ in range(5):
@@ -248,7 +249,7 @@ def test_passive_row_is_the_spin_of_the_body(tmp_path):
 def test_rows_vanish_where_the_pair_holds_with_full_rank(tmp_path, kind):
     pin.seed(7)
     mechanism = two_bodies(tmp_path, kind)
-    evaluation = Evaluation(Constraints(mechanism))
+    evaluation = LoopEquations(mechanism)
     rng = np.random.default_rng(8)
     for _ in range(10):
         q = at_relative(mechanism, placed_in(kind, rng), rng)
@@ -264,7 +265,7 @@ def test_rows_do_not_vanish_where_the_pair_does_not_hold(tmp_path, kind):
     """Away from the closed placements along each direction that the pair forbids."""
     pin.seed(9)
     mechanism = two_bodies(tmp_path, kind)
-    evaluation = Evaluation(Constraints(mechanism))
+    evaluation = LoopEquations(mechanism)
     rng = np.random.default_rng(10)
     for _ in range(5):
         M = placed_in(kind, rng)
@@ -287,7 +288,7 @@ HALF_AND_THIRD_TURNS = [R for R in HALF_AND_THIRD_TURNS if np.linalg.det(R) > 0]
 @pytest.mark.parametrize("kind", ["weld", "fixed", "prismatic"])
 def test_only_the_right_orientation_passes_as_welded(tmp_path, kind):
     mechanism = two_bodies(tmp_path, kind)
-    evaluation = Evaluation(Constraints(mechanism))
+    evaluation = LoopEquations(mechanism)
     rng = np.random.default_rng(11)
     passing = [R for R in HALF_AND_THIRD_TURNS
                if np.abs(evaluate(evaluation, at_relative(
@@ -300,7 +301,7 @@ def test_only_the_right_orientation_passes_as_welded(tmp_path, kind):
 @pytest.mark.parametrize("kind", ["revolute", "cylindrical", "screw", "planar", "parallel"])
 def test_an_axis_the_wrong_way_round_is_a_mirror_image(tmp_path, kind):
     mechanism = two_bodies(tmp_path, kind)
-    evaluation = Evaluation(Constraints(mechanism))
+    evaluation = LoopEquations(mechanism)
     rng = np.random.default_rng(12)
     for R in HALF_AND_THIRD_TURNS:
         evaluation.update(at_relative(mechanism, pin.SE3(R, np.zeros(3)), rng))
@@ -323,7 +324,7 @@ def test_a_tree_joint_satisfies_the_closure_of_its_name(tmp_path, kind):
             + point("seat", "arm", **mount))
     mechanism = load(tmp_path, "twice", tree, refine("joint", kind, **keys) + closure(
         "same", kind, "seat", "body", **keys))
-    evaluation = Evaluation(Constraints(mechanism))
+    evaluation = LoopEquations(mechanism)
     for _ in range(10):
         q = somewhere(mechanism, rng)
         settle(evaluation, q)
@@ -335,7 +336,7 @@ def test_a_tree_joint_satisfies_the_closure_of_its_name(tmp_path, kind):
 
 def test_screw_angle_counts_turns(tmp_path):
     mechanism = two_bodies(tmp_path, "screw")
-    evaluation = Evaluation(Constraints(mechanism))
+    evaluation = LoopEquations(mechanism)
     rng = np.random.default_rng(15)
     for angle in np.arange(0.0, 25.0, 0.5):
         slide = LEAD * angle / (2 * np.pi)

@@ -7,7 +7,6 @@ import mechanisms as known
 import numpy as np
 import pinocchio as pin
 import pytest
-from closure_oracle import Evaluation
 from closure_trees import JOINTS, tree_with
 from ladders import G, heavy_four_bar, ladder, leaning, moving
 from loaded_library import library
@@ -17,7 +16,6 @@ from variety import each, few, first
 
 import spatial_pin as sp
 from spatial_pin.constraints import trees
-from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.dynamics.derivatives.spring_derivatives import slope
 from spatial_pin.dynamics.forces import joint_efforts
 from spatial_pin.dynamics.inverse import Actuation, balance, pressing
@@ -26,6 +24,7 @@ from spatial_pin.dynamics.solvers.accelerations import DOUBTFUL
 from spatial_pin.dynamics.solvers.equations_of_motion import Equations
 from spatial_pin.dynamics.solvers.independent_coordinates import Bounded
 from spatial_pin.dynamics.solvers.least_constraint import LeastConstraint
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.inertia import MassMatrix
 from spatial_pin.numerics.linalg import decompose, null_space
 from spatial_pin.numerics.sparse_spaces import SparseSpaces
@@ -83,7 +82,7 @@ def test_no_regularisation_is_seen(name):
     state = nearby(mech, rng)
     efforts = {d: 1.5 for d in mech.drivers}
     answer = sp.forward_dynamics(mech, state, efforts)
-    evaluation = Evaluation(constraints_of(mech))
+    evaluation = LoopEquations(mech)
     evaluation.update(state.q)
     rows = slice(0, evaluation.constraints.n_closure)
     gamma = evaluation.bias(state.q, state.v)[rows]

@@ -7,18 +7,17 @@ import numpy as np
 import pinocchio as pin
 import published_models as models
 import pytest
-from closure_oracle import Evaluation
 from folders import ROOT
 from variety import few
 
 import spatial_pin as sp
-from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.kernel_tree import KernelTree
 from spatial_pin.constraints.trees import Tree, tree_of
 from spatial_pin.dynamics.simulation.formulations import independent
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.kernel.integrating import RungeKutta
 from spatial_pin.kernel.kernel import kernel_of
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.kernel.rate_solver import rates_of
 from spatial_pin.mechanism.coordinates import with_values
 
@@ -117,7 +116,7 @@ def test_frames_of_an_evaluation_are_pinocchios(frame):
     mechanism = models.ladder(40)
     model, data = mechanism.model, mechanism.model.createData()
     q = np.random.default_rng(3).uniform(-1.0, 1.0, model.nq)
-    evaluation = Evaluation(constraints_of(mechanism))
+    evaluation = LoopEquations(mechanism)
     evaluation.update(q)
     at = mechanism.frame_id(frame)
     want = pin.computeFrameJacobian(model, data, q, at, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)

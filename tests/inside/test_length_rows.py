@@ -6,7 +6,6 @@ import mechanisms as known
 import numpy as np
 import pinocchio as pin
 import pytest
-from closure_oracle import Evaluation
 from closure_trees import (
     ENDS,
     FIRST,
@@ -26,8 +25,8 @@ from variety import paired
 import spatial_pin as sp
 from spatial_pin.accuracy.extended import Extended
 from spatial_pin.constraints import trees
-from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.dynamics.solvers.equations_of_motion import Equations
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.view.scene.film import film
 from spatial_pin.view.scene.meshcat_commands import scene
 
@@ -47,7 +46,7 @@ def squares(mechanism: sp.Mechanism, q: np.ndarray) -> np.ndarray:
 @every_place
 def test_the_row_is_the_difference_of_the_lengths_near_the_guess(tmp_path, ends):
     mechanism, rng = tree_between(tmp_path, "floating", ends, 1)
-    evaluation = Evaluation(constraints_of(mechanism))
+    evaluation = LoopEquations(mechanism)
     length = np.sqrt(squares(mechanism, mechanism.neutral)[1])
     for _ in range(10):
         q = somewhere(mechanism, rng)
@@ -60,7 +59,7 @@ def test_the_row_is_the_difference_of_the_lengths_near_the_guess(tmp_path, ends)
 @every_joint_and_place
 def test_jacobian_and_bias_are_derivatives(tmp_path, joint, place):
     mechanism, rng = tree_between(tmp_path, joint, WHERE[place], 3)
-    evaluation = Evaluation(constraints_of(mechanism))
+    evaluation = LoopEquations(mechanism)
     q, nv = somewhere(mechanism, rng), mechanism.model.nv
     v = rng.uniform(-1.0, 1.0, nv)
     size = check_derivatives(evaluation, q, v)
@@ -75,7 +74,7 @@ def test_equations_of_many_configurations_and_of_the_kernel_are_the_same(tmp_pat
     mechanism, _ = tree_between(tmp_path, joint, WHERE[place], 9)
     q = configurations(mechanism, 10)
     check_kernel(mechanism, q)
-    evaluation, kkt = Evaluation(constraints_of(mechanism)), Equations(mechanism).kkt
+    evaluation, kkt = LoopEquations(mechanism), Equations(mechanism).kkt
     evaluation.update(q[:, 0])
     none, dense = np.zeros(mechanism.model.nv), np.zeros_like(evaluation.jacobian)
     kkt.mass[:] = np.eye(len(none)).ravel()
@@ -91,7 +90,7 @@ def test_rates_in_extended_precision_are_the_same(tmp_path, ends):
     mechanism, rng = tree_between(tmp_path, "universal", ends, 5)
     nv = mechanism.model.nv
     q, v, a = somewhere(mechanism, rng), *rng.uniform(-1.0, 1.0, (2, nv))
-    evaluation = Evaluation(constraints_of(mechanism))
+    evaluation = LoopEquations(mechanism)
     evaluation.update(q)
     rates = [evaluation.residual.copy(), evaluation.jacobian @ (v / mechanism.velocity_scale)]
     second = evaluation.jacobian @ (a / mechanism.velocity_scale) + evaluation.bias(q, v)
@@ -103,7 +102,7 @@ def test_rates_in_extended_precision_are_the_same(tmp_path, ends):
 def test_a_twist_of_what_a_joint_carries_changes_the_row_as_its_coordinate_does(tmp_path):
     for ends in ENDS:
         mechanism, rng = tree_between(tmp_path, "revolute", ends, 6)
-        evaluation = Evaluation(constraints_of(mechanism))
+        evaluation = LoopEquations(mechanism)
         evaluation.update(somewhere(mechanism, rng))
         columns = np.array(evaluation.data.J).reshape(6, -1)
         for i in range(1, mechanism.model.njoints):

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from closure_oracle import Evaluation
 from mechanisms import between, closure, floating, load, point, refine
 
 import spatial_pin as sp
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.pairs import COUPLING, JOINT_TYPES, PAIRS, closure_types
 
 __all__ = ["CLOSURE_TYPES", "COUPLING", "JOINT_TYPES", "PAIRS"]  # what others take from here
@@ -90,18 +90,18 @@ def somewhere(mechanism: sp.Mechanism, rng: np.random.Generator) -> np.ndarray:
                          rng.uniform(-1.3, 1.3, mechanism.model.nv))
 
 
-def evaluate(evaluation: Evaluation, q: np.ndarray) -> np.ndarray:
+def evaluate(evaluation: LoopEquations, q: np.ndarray) -> np.ndarray:
     evaluation.update(q)
     return evaluation.residual.copy()
 
 
-def along(evaluation: Evaluation, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+def along(evaluation: LoopEquations, q: np.ndarray, v: np.ndarray) -> np.ndarray:
     """The closure rows at q + v t for t in PLACES."""
     return np.array([evaluate(evaluation, pin.integrate(evaluation.model, q, t * v))
                      for t in PLACES])
 
 
-def check_derivatives(evaluation: Evaluation, q: np.ndarray, v: np.ndarray) -> float:
+def check_derivatives(evaluation: LoopEquations, q: np.ndarray, v: np.ndarray) -> float:
     """Compare Jacobian and bias at q with differences along v; return the size of the rows."""
     rows = along(evaluation, q, v)
     evaluation.update(q)
