@@ -473,10 +473,14 @@ def gap_of(mechanism: Mechanism, q: Array, angles: Array) -> Gap:
 def all_angles(mechanism: Mechanism, angles: Array) -> Array:
     """Return the angles of the screws of the `whole` of a mechanism, whose own are given."""
     assert mechanism.whole is not None
-    own, every = (constraints_of(m) for m in (mechanism, mechanism.whole))
-    names = [[c.labels[x.equation].closure for x in c.angles] for c in (own, every)]
-    known = dict(zip(names[0], angles, strict=True))
-    return np.array([known.get(name, 0.0) for name in names[1]])
+    return carried_angles(mechanism, angles, mechanism.whole)
+
+
+def carried_angles(mechanism: Mechanism, angles: Array, other: Mechanism) -> Array:
+    """Return the angles of another mechanism with the same closures; zero where only it has one."""
+    own, its = (constraints_of(m).angles for m in (mechanism, other))
+    known = dict(zip((x.name for x in own), angles, strict=True))
+    return np.array([known.get(x.name, 0.0) for x in its])
 
 
 def made(

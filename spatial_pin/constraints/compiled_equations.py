@@ -77,13 +77,12 @@ class CountedAngle(NamedTuple):
 
     Attributes:
         equation: that it is of.
-        sine: number of the product; that of the cosine follows.
-        weight: of the angle in the equation, where it is a term of its own.
+        name: its closure, which equation of the closure's type, and which angle there: what it has
+            in every mechanism with that closure, whatever other equations are left out.
     """
 
     equation: int
-    sine: int
-    weight: float
+    name: tuple[str, int, int]
 
 
 class Constraints:
@@ -151,12 +150,12 @@ class Constraints:
         for weight, quantities in equation.terms:
             lengths = sum(isinstance(x, Displacement | Square) for x in quantities)
             power = equation.is_length - lengths
-            if weight:
+            if weight or quantities:
                 terms.append((size * weight * self.scale**power,
                               tuple(made.factor(x) for x in quantities)))
-        for k, (_, place) in enumerate(made.angles):
-            own = sum(w for w, factors in terms if factors == (Factor("angle", k),))
-            self.angles.append(CountedAngle(at, made.products[place], own))
+        row = self.labels[at].equation
+        row = row if closure.equations is None else closure.equations[row]
+        self.angles += [CountedAngle(at, (closure.name, row, k)) for k in range(len(made.angles))]
         names = (*closure.frames, *closure.between)
         for place, (one, two) in made.elsewhere:
             self.elsewhere.append(Elsewhere(at, made.products[place], (
@@ -214,16 +213,6 @@ class Constraints:
             own |= np.any(self.signs[list(equation.products)] != 0.0, axis=0)
             own[[c.v for c in equation.coordinates]] = True
         return found
-
-    def reference(self, q: Array, angles: Array) -> Array:
-        """Return (n_angles,) what angles are nearest to at q (nq,): where coordinates count turns.
-
-        Where they do not count them all, what they are near to anyway: `angles`.
-        """
-        if not any(turns.are_all for turns in self.turns):
-            return angles
-        return np.array([turns.row @ q + turns.offset if turns.are_all else angle
-                         for turns, angle in zip(self.turns, angles, strict=True)])
 
     def support(self, joint: int) -> Array:
         """(nv,) 1 for the freedoms that move the body of `joint`."""
@@ -286,10 +275,10 @@ def _angles_of(equation: ConstraintEquation) -> list[Angle]:
 
 
 def _is_plain(equation: ConstraintEquation) -> bool:
-    """Whether an equation is one scalar product, less a constant."""
+    """Whether an equation is one scalar product of the first two frames, less a constant."""
     (weight, factors), *rest = equation.terms
     return (weight == 1.0 and len(factors) == 1 and isinstance(factors[0], ScalarProduct)
-            and not any(factors for _, factors in rest))
+            and factors[0].frames == FIRST_TWO and not any(factors for _, factors in rest))
 
 
 def _constant(equation: ConstraintEquation) -> float:

@@ -55,6 +55,11 @@ class Equation(NamedTuple):
     elsewhere: tuple[int, ...] = ()
 
     @property
+    def sines_and_cosines(self) -> list[tuple[int, int]]:
+        """Numbers of the products that are sine and cosine of each of its angles."""
+        return [(self.products[k], self.products[k + 1]) for _, k in self.angles]
+
+    @property
     def form(self) -> tuple[object, ...]:
         """What equations that are evaluated together have in common."""
         return (len(self.products), len(self.coordinates), tuple(sine for _, sine in self.angles),

@@ -110,11 +110,3 @@ def matrix_of(blocks: list[Entries], starts: list[int], shape: tuple[int, int]) 
     found = csr_array((values, (rows, columns)), shape=shape)
     found.sort_indices()
     return found
-
-
-def multiply(matrix: Any, vectors: Array, out: Array) -> None:
-    """Write matrix @ vectors into `out`; `np.dot` costs half of `@` here."""
-    if isinstance(matrix, np.ndarray):
-        np.dot(matrix, vectors, out)
-    else:
-        out[:] = matrix @ vectors

@@ -7,7 +7,7 @@ import pinocchio as pin
 
 from spatial_pin.constraints.product_vectors import FrameOnBody, Term, VectorBlock, frames_of
 from spatial_pin.mechanism.coordinates import joint_values, with_values
-from spatial_pin.mechanism.equations import Angle, Cosine, Displacement, ScalarProduct
+from spatial_pin.mechanism.equations import Cosine, Displacement, ScalarProduct
 from spatial_pin.mechanism.mechanism import Mechanism, point_on_body
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
@@ -62,13 +62,6 @@ class Products:
         factor = 1.0 if isinstance(product, Displacement) else 2.0
         self._finish(constant * self.scale, factor, self._between(one, two))
         return len(self) - 1
-
-    def add_direction(self, angle: Angle, closure: Closure) -> tuple[int, int]:
-        """Add the products sine and cosine of an angle; return their numbers."""
-        of = angle.axes2[:, 0]
-        sine, cosine = (self.add(Cosine(u, of, angle.frames), closure)
-                        for u in (angle.axes1[:, 1], angle.axes1[:, 0]))
-        return sine, cosine
 
     def _add_dot(
         self, one: FrameOnBody, u: Array, two: FrameOnBody, w: Array, cosine: float

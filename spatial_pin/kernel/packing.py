@@ -114,11 +114,11 @@ def _packed(mechanism: Mechanism, idle: bool) -> Packed:
             constraints.n_closure, n_idle, constraints.n_angles,
             len(freedoms), starts[-1], sum(map(len, turned)), len(sums.numbers),
             len(sums.kinds), len(sums.functions)]
-    sines = [x.sine for x in constraints.angles]
+    directions = [x for e in constraints.equations for x in e.sines_and_cosines]
     return Packed(
         _joined(np.int64, head, tree.kind, tree.parent, tree.iq, tree.iv, vectors.body,
                 vectors.flag, *terms, supports, freedoms, kinds, [IDLE] * n_idle, product,
-                [(x, x + 1) for x in sines], sums.terms, sums.factors, sums.kinds, sums.places,
+                directions, sums.terms, sums.factors, sums.kinds, sums.places,
                 sums.function, sums.shapes, starts, *patterns,
                 np.cumsum([0, *map(len, turned)]), *turned),
         _joined(float, tree.rotation, tree.translation, tree.pitch, tree.mass, tree.com,

@@ -127,8 +127,9 @@ class Closure:
     @property
     def can_turn(self) -> bool:
         """Whether it means the same with its two frames exchanged, once all its equations hold."""
-        return (len(self.frames) == 2 and not self.between and not self.pair.uses_lead
-                and self.equations is None and self.type not in ("point_on_line", "point_on_plane"))
+        return (len(self.frames) == 2 and not self.between and not self.joints
+                and not self.pair.keys and not self.pair.uses_lead and self.equations is None
+                and self.type not in ("point_on_line", "point_on_plane"))
 
     def turned(self) -> Closure:
         """Return it with its two frames exchanged: directions of frame 2 in its equations."""

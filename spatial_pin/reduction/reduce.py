@@ -12,7 +12,7 @@ import numpy as np
 from spatial_pin._support.checks import checked
 from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.assemble import assembled
-from spatial_pin.assembly.state import State, of_mechanism
+from spatial_pin.assembly.state import State, carried_angles, of_mechanism
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
@@ -282,9 +282,7 @@ def carried_over(reduced: Mechanism, state: State) -> State:
         j = full.getJointId(own.names[i])
         q[own.idx_qs[i] :][: own.nqs[i]] = state.q[full.idx_qs[j] :][: full.nqs[j]]
     at = [state.mechanism.coordinate_table[name].v for name in reduced.coordinates]
-    full, own = (constraints_of(m) for m in (state.mechanism, reduced))
-    names = [full.labels[x.equation] for x in full.angles]
-    angles = np.array([state.angles[names.index(own.labels[x.equation])] for x in own.angles])
+    angles = carried_angles(state.mechanism, state.angles, reduced)
     with loops_of(reduced, angles) as evaluation:
         evaluation.update(q)
         return State(reduced, q, state.v[at], state.a[at], in_time=state.in_time,

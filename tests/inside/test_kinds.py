@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from closure_oracle import Evaluation
 from closure_trees import check_derivatives, pose, refinement
 from derivative_cases import check
 from folders import ROOT
@@ -22,7 +21,9 @@ import spatial_pin as sp
 from spatial_pin.accuracy.extended import Extended
 from spatial_pin.cli import main
 from spatial_pin.constraints.compiled_equations import Constraints, composed_rates
+from spatial_pin.constraints.pinocchio_views import joint_jacobian
 from spatial_pin.kernel import packing
+from spatial_pin.kernel.loop_equations import LoopEquations, loops_at
 from spatial_pin.mechanism.equations import (
     Angle,
     ConstraintEquation,
@@ -101,6 +102,13 @@ def cam(c: sp.Closure) -> tuple[ConstraintEquation, ...]:
     return (ConstraintEquation(((1.0, (Displacement(z),)), lobes), is_length=True),)
 
 
+def on_third(c: sp.Closure) -> tuple[ConstraintEquation, ...]:
+    """The origin of frame 3 lies in the plane of y and z of frame 1; frame 2 does not matter."""
+    return (ConstraintEquation(((1.0, (Displacement(np.array([1.0, 0.0, 0.0]), (0, 2)),)),),
+                               is_length=True),)
+
+
+BESIDE = Pair(5, on_third, uses_axis=False, n_frames=3)
 CAM = Pair(5, cam, keys=(Key("rise"),))
 GEARS = Pair(5, crossed_gears, uses_axis2=True, n_frames=3, keys=(Key("teeth", is_list=True),))
 SPLINE = Pair(3, on_spline, uses_axis=False, n_joints=1,
@@ -113,6 +121,7 @@ def new_kinds(monkeypatch):
     monkeypatch.setitem(PAIRS, "crossed_gears", GEARS)
     monkeypatch.setitem(PAIRS, "on_spline", SPLINE)
     monkeypatch.setitem(PAIRS, "cam", CAM)
+    monkeypatch.setitem(PAIRS, "beside", BESIDE)
 
 
 LINK = """<link name="{}"><inertial><origin xyz="0.1 0.02 0.03"/><mass value="{}"/>
@@ -202,7 +211,7 @@ def test_a_kind_is_one_entry_and_the_kernel_is_as_exact_as_pinocchio(tmp_path, k
     for _ in range(4):
         q = pin.integrate(mechanism.model, state.q, 0.2 * rng.normal(size=mechanism.model.nv))
         v = rng.normal(size=mechanism.model.nv)
-        check_derivatives(Evaluation(Constraints(mechanism)), q, v)
+        check_derivatives(LoopEquations(mechanism), q, v)
         assert_same_as_pinocchio(mechanism, q, v)
 
 
@@ -216,7 +225,7 @@ def test_an_equation_may_multiply_quantities(tmp_path, joint):
         "c", "cam", "at_a", "at_b", rise=0.4))
     for _ in range(5):
         q, v = asked_at(mechanism, rng)
-        check_derivatives(Evaluation(Constraints(mechanism)), q, v)
+        check_derivatives(LoopEquations(mechanism), q, v)
         assert_same_as_pinocchio(mechanism, q, v)
     (e,) = Constraints(mechanism).equations
     p = rng.normal(size=(4, 3))  # of its products, derivatives 0 to 3: the rule of Leibniz
@@ -231,6 +240,67 @@ def test_the_kinds_of_quantities_are_numbered_as_in_the_kernel():
                        *zip(("OF_PRODUCT", "COORDINATE", "ANGLE"), range(3), strict=True)):
         assert f" {name} = {code}" in text
     assert packing.QUANTITIES == ("product", "coordinate", "angle")
+
+
+def among_others(folder) -> sp.Mechanism:
+    """The gears on their arm, the second one beside a loop that another arm closes."""
+    tree = GEARED.replace("</robot>", "\n".join([
+        LINK.format("slider", 0.4), LINK.format("rod", 0.3), LINK.format("spindle", 0.2),
+        JOINT.format("slot", "prismatic", "ground", "slider", "0.7 0.1 0.2", "0.1 0.2 0", "1 0 0"),
+        JOINT.format("knee", "continuous", "slider", "rod", "0 0 0", "0 0 0", "0 0 1"),
+        JOINT.format("nut", "continuous", "ground", "spindle", "0 0 0", "0 0 0", "0 0 1"),
+        '<link name="tip"/>',
+        JOINT.format("end", "fixed", "rod", "tip", "-0.3 0 0", "0 0 0", "0 0 1"), "</robot>"]))
+    (folder / "among.urdf.xacro").write_text(tree)
+    others = '''
+[[closures]]
+name = "rest"
+type = "point_on_plane"
+frames = ["arm", "tip"]
+axis = [0, 1, 0]
+[[closures]]
+name = "third"
+type = "beside"
+frames = ["ground", "slider", "tip"]
+[[closures]]
+name = "thread"
+type = "coupling"
+joints = ["nut", "shoulder"]
+ratio = 1.5
+'''
+    path = folder / "among.toml"
+    path.write_text('name = "among"\ntree = "among.urdf.xacro"\n' + TEETH + others)
+    return sp.load(path)
+
+
+def test_equations_are_right_in_any_company(tmp_path):
+    """An angle's products are no neighbours here, and a plain equation acts on its third frame."""
+    mechanism, rng = among_others(tmp_path), np.random.default_rng(4)
+    q = pin.integrate(mechanism.model, mechanism.neutral, rng.normal(size=mechanism.model.nv))
+    v = rng.normal(size=mechanism.model.nv)
+    check_derivatives(LoopEquations(mechanism), q, v)
+    assert_same_as_pinocchio(mechanism, q, v)
+    first, second = (q[mechanism.coordinate(name).q] for name in ("pin_1", "pin_2"))
+    rows = loops_at(mechanism, q)
+    labels = [label.closure for label in rows.constraints.labels]
+    teeth = rows.residual[labels.index("teeth")]
+    assert teeth == pytest.approx(17 / 40 * first + second, abs=1e-13)
+    state = sp.State(mechanism, q, v)
+    judged = Extended(mechanism).rows(q[None].astype(np.longdouble), v[None].astype(np.longdouble),
+                                      0.0 * v[None].astype(np.longdouble), state.angles[None])
+    assert judged[0][0] == pytest.approx(rows.residual, abs=1e-14)
+    pulls = rows.row_wrenches()  # virtual work: what rows do is their wrenches on two bodies
+    columns = joint_jacobian(rows.data, mechanism.model.nv)
+    support, c = rows.constraints.supports, rows.constraints
+    work = np.zeros((c.n_closure, mechanism.model.nv))
+    ends = [(k, k, [mechanism.frame_on_joint(f)[0] for f in closure.frames[:2]])
+            for closure in mechanism.closures if closure.frames
+            for k in [labels.index(closure.name)]]
+    ends += [(x.equation, c.n_closure + k, x.joints) for k, x in enumerate(c.elsewhere)]
+    for row, wrench, (one, two) in ends:
+        work[row] += (pulls[wrench] @ columns) * (support[two] - support[one])
+    work[c.of_joints] += rows.joint_rows()
+    assert work * mechanism.velocity_scale == pytest.approx(rows.jacobian[: c.n_closure], abs=1e-13)
 
 
 def test_gears_on_crossed_axes_turn_by_their_teeth_over_many_turns(tmp_path):
