@@ -244,10 +244,10 @@ class Extended:
             return self._scale if row.is_length else Long(1)
         sizes = [Long(1) if self.mechanism.coordinate(name).unit == "rad" else self._scale
                  for name in closure.joints]
-        ratios = [abs(Long(number)) / sizes[x[0].joint] for number, x in row.terms
-                  if x and isinstance(x[0], JointCoordinate)]
+        largest = max((abs(Long(number)) / sizes[x[0].joint] for number, x in row.terms
+                       if len(x) == 1 and isinstance(x[0], JointCoordinate)), default=Long(0))
         # where a joint moves much more than others, they are judged by the one that moves less
-        return 1 / max(ratios) if max(ratios) * sizes[-1] > 100 else sizes[-1]
+        return 1 / largest if largest * sizes[-1] > 100 else sizes[-1]
 
     def spins(self, q: Array, v: Array, a: Array) -> Array:
         """Return (2, N, n) speed and acceleration of the resolved passive spins [rad/s, rad/s²]."""

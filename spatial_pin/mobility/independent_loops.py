@@ -55,7 +55,9 @@ def loop_of(evaluation: LoopEquations, closure: Closure, tolerance: float) -> Lo
     twists = [columns[:, mechanism.model.idx_vs[i] + k] * size
               for i in joints for k in range(mechanism.model.nvs[i])]
     wrenches = evaluation.row_wrenches()[rows] / size
-    own = null_space(wrenches / np.linalg.norm(wrenches, axis=1, keepdims=True))
+    lengths = np.linalg.norm(wrenches, axis=1, keepdims=True)
+    acting = lengths[:, 0] > 0.0  # others are of the closure's third frame and on
+    own = null_space(wrenches[acting] / lengths[acting])
     # an orthonormal basis of the Lie algebra that the twists, linear part first, generate
     algebra, dimension = row_space(np.vstack([*twists, own]) if twists else own, tolerance), -1
     while len(algebra) > dimension:  # it grows to dimension 6 at most

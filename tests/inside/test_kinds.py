@@ -301,6 +301,11 @@ def test_equations_are_right_in_any_company(tmp_path):
         work[row] += (pulls[wrench] @ columns) * (support[two] - support[one])
     work[c.of_joints] += rows.joint_rows()
     assert work * mechanism.velocity_scale == pytest.approx(rows.jacobian[: c.n_closure], abs=1e-13)
+    assert sp.mobility(mechanism).dof == 2
+    closed = sp.assemble(mechanism, {"arm": 0.3, "gear": 0.5})
+    assert closed.coordinate("pin_2").value == pytest.approx(-17 / 40 * 0.5, abs=1e-13)
+    check(mechanism, sp.solve_rates(mechanism, closed, {"arm": 0.7, "gear": -0.4}),
+          {"shoulder": 0.3, "pin_1": 0.2}, 3e-3, 1e-9)
 
 
 def test_gears_on_crossed_axes_turn_by_their_teeth_over_many_turns(tmp_path):
