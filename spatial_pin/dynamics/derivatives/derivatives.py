@@ -185,6 +185,20 @@ def _motion_needs(terms: Changes) -> tuple[Array, Array]:
     return by_q - outside.turning(bodies), by_v
 
 
+def changes_of_forces(terms: Changes, multipliers: Array) -> tuple[Array, Array]:
+    """Return q and v derivatives (nv, nv) of M a + b - f - J^T multipliers, these kept.
+
+    Args:
+        terms: a motion and what acts there.
+        multipliers: (n_closure,) of the closure equations.
+    """
+    by_q, by_v = _motion_needs(terms)
+    spring_by_q, spring_by_v = spring_slopes(terms.lines, terms.turns, len(terms.a))
+    pull = np.array([-x.per_length for x in terms.lines])
+    bent = terms.rows.bending(terms.rates, multipliers, pull)
+    return by_q - bent - spring_by_q, by_v - spring_by_v
+
+
 def _changes(
     equations: Equations, terms: Changes, chosen: NDArray[np.intp], multipliers: Array
 ) -> tuple[list[Array], list[Array]]:
@@ -206,15 +220,11 @@ def _changes(
             f"mechanism {equations.mechanism.name!r}: {equations.state}: beside others a motion of "
             f"{', '.join(names)} has no inertia, so accelerations have no "
             "derivatives there: give its links more mass", state=equations.state)
-    rows, rates, nv = terms.rows, terms.rates, len(terms.a)
-    force_by_q, force_by_v = _motion_needs(terms)
-    spring_by_q, spring_by_v = spring_slopes(terms.lines, terms.turns, nv)
+    nv = len(terms.a)
     borne = np.zeros(equations.n_closure)
     borne[chosen] = multipliers
-    pull = np.array([-x.per_length for x in terms.lines])
-    force_by_q -= rows.bending(rates, borne, pull) + spring_by_q
-    force_by_v -= spring_by_v
-    closed_by_q, closed_by_v = rows.accelerations(rates)
+    force_by_q, force_by_v = changes_of_forces(terms, borne)
+    closed_by_q, closed_by_v = terms.rows.changes(terms.rates, 2)
     work = np.vstack([-force_by_q.T, -force_by_v.T, np.eye(nv)])
     gamma = np.vstack([closed_by_q.T, closed_by_v.T, np.zeros((nv, equations.n_closure))])
     a_by, multipliers_by = equations.kkt.solve(work, gamma)

@@ -315,12 +315,12 @@ class RowDerivatives:
             b.append({i: 0.5 * x for i, x in ends.items()})
         self.products = ProductDerivatives(mechanism, whole, a, b)
 
-    def accelerations(self, rates: ProductRates) -> tuple[Array, Array]:
-        """Return the derivatives (n_closure, nv) of the rows' second rates, in q and in v."""
+    def changes(self, rates: ProductRates, order: int) -> tuple[Array, Array]:
+        """Return the derivatives (n_closure, nv) of the rows' rates of an order, in q and in v."""
         c = self.constraints
         out = np.zeros((2, c.n_closure, self.nv))
         for total, change in zip(out, (rates.by_q, rates.by_v), strict=True):
-            total[: c.n_products] = change[2][: c.n_products]
+            total[: c.n_products] = change[order][: c.n_products]
             still = np.zeros((self.nv, self.nv))
             moved = [still, still, still]
             moved[0 if change is rates.by_q else 1] = np.eye(self.nv)
@@ -328,7 +328,7 @@ class RowDerivatives:
                 inputs = group.inputs(
                     [x[:, None] for x in rates.values], [x[:, None] for x in rates.motion],
                     list(change), moved)
-                total[group.rows] = group.values(inputs)[0].change(2)
+                total[group.rows] = group.values(inputs)[0].change(order)
         return out[0], out[1]
 
     def joint_rows(self, rates: ProductRates) -> tuple[Array, Array]:
