@@ -20,7 +20,6 @@ from spatial_pin.assembly.holding import held_by
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.composite_joints import split_of
 from spatial_pin.dynamics.derivatives.derivatives import changes_of_forces
-from spatial_pin.dynamics.derivatives.reaction_derivatives import Changes
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.derivatives.spring_derivatives import Outside, Springs
 from spatial_pin.dynamics.forces import Law, joint_efforts
@@ -145,14 +144,11 @@ class SmallMotions:
         self.freedoms = svd.null_space
         self._inverse = (svd.vt[: svd.rank].T / svd.s[: svd.rank]) @ svd.u[:, : svd.rank].T
         whole = split_of(mechanism)
-        rows = RowDerivatives(mechanism, whole, loads.springs.forces)
-        rates = rows.products.rates(q, v, a)
-        self._rows, self._rates = rows, rates
-        terms = Changes(
-            self.state, whole, a, rows, rates, loads.springs.lines(rows, rates),
-            loads.springs.turns(q, v), Outside(mechanism, whole, loads.external), loads.effort)
+        self._rows = rows = RowDerivatives(mechanism, whole, loads.springs.forces, (q, v, a))
+        loads.springs.move(rows)
         self.by_q, self.by_v = changes_of_forces(
-            terms, svd.minimum_norm_transposed(scale * self.wanted)[:n])
+            rows, loads.springs, Outside(mechanism, whole, loads.external),
+            svd.minimum_norm_transposed(scale * self.wanted)[:n])
         self.size = self._size(np.abs(given) + np.abs(loads.effort))
 
     def _size(self, given: Array) -> float:
@@ -179,8 +175,8 @@ class SmallMotions:
         q, mass = motions.T, self.mass
         stiff, damp = self.by_q @ q, self.by_v @ q
         if self.loads.speeds:
-            by_q, by_v = self._rows.changes(self._rates, 2)
-            v = self._carried(self._rows.changes(self._rates, 1)[0] @ q, q, entries)
+            by_q, by_v = self._rows.changes(2)
+            v = self._carried(self._rows.changes(1)[0] @ q, q, entries)
             a = self._carried(by_q @ q + by_v @ v, q, entries)
             stiff = stiff + self.by_v @ v + mass @ a
             damp = damp + mass @ self._carried(by_v @ q, q, entries)
