@@ -118,6 +118,8 @@ def passed(room: Array, step: Array, active: Bounds) -> tuple[int, int] | None:
         step: the step.
         active: bounds that are kept anyway.
     """
+    if np.all(step <= room[1]) and np.all(-step <= room[0]):
+        return None
     first, share = None, 1.0
     for side, k in np.argwhere(np.stack([-step, step]) > np.maximum(room, 0.0)).tolist():
         part = max(float(room[side, k]), 0.0) / abs(float(step[k]))
@@ -128,7 +130,7 @@ def passed(room: Array, step: Array, active: Bounds) -> tuple[int, int] | None:
 
 def beyond(room: Array, allowed: Array | float, active: Bounds) -> Bounds:
     """Return the bounds that unknowns are beyond, but for what is allowed and for active ones."""
-    if np.all(room >= -SLACK):
+    if not room.size or room.min() >= -SLACK:
         return {}
     return {k: side for side, k in np.argwhere(
         room < np.minimum(allowed, 0.0) - SLACK).tolist() if k not in active}
@@ -155,6 +157,11 @@ class Iterate:
     def rows(self) -> Array:
         """Their derivatives (k, n)."""
         return self.problem.jacobian(self.x)
+
+    @cached_property
+    def room(self) -> Array:
+        """How far unknowns are from their bounds (2, n)."""
+        return self.problem.room(self.x)
 
     @cached_property
     def size(self) -> float:
@@ -375,7 +382,7 @@ class Descent:
             length = math.sqrt(step.dot(step))
             if length > TOLERANCES.damped_step:
                 step *= TOLERANCES.damped_step / length
-            first = passed(problem.room(here.x), step, active)
+            first = passed(here.room, step, active)
             if first is None:
                 return step, active
             active[first[0]] = first[1]
@@ -387,12 +394,13 @@ class Descent:
         problem, off = self._problem, 0.0 if self._is_bent else self._off * float(step @ step)
         while True:
             x = problem.at_bounds(problem.displaced(here.x, step), active)
-            there = problem.corrected(x, problem.free(active), off)
-            if there is None:
+            landed = problem.corrected(x, problem.free(active), off)
+            if landed is None:
                 return None
-            more = beyond(problem.room(there), problem.room(here.x), active)
+            there = Iterate(problem, landed)
+            more = beyond(there.room, here.room, active)
             if not more:
-                return Iterate(problem, there), active
+                return there, active
             active = active | more
 
     def _is_as_good(
