@@ -48,13 +48,16 @@ class LeastSquares(ABC):
 
     1. `displaced`, where the unknowns are no vector;
     2. `constraints`, `corrected` and `pulled`, where constraints hold;
-    3. `room` and `at_bounds`, where there are bounds.
+    3. `room` and `at_bounds`, where there are bounds;
+    4. `model`, where squares count for less than they are.
 
     Attributes:
         moves: (n,) which unknowns may move.
         tolerance: length of the residuals at which they are none.
         bends: whether Newton's steps may be made; they take a gradient for each freedom.
         gain: part of the sum that a step gains at least, while steps are Gauss's.
+        longest: step that is made at most.
+        cut: singular values, relative to the largest, below which Gauss's steps move nothing.
         most: steps that are made at most: Newton's are ten, towards what is far away some dozens.
     """
 
@@ -62,6 +65,8 @@ class LeastSquares(ABC):
     tolerance = 0.0
     bends = True
     gain = 0.0
+    longest = TOLERANCES.damped_step
+    cut = TOLERANCES.singular
     most = 200
 
     @abstractmethod
@@ -71,6 +76,10 @@ class LeastSquares(ABC):
     @abstractmethod
     def jacobian(self, x: Array) -> Array:
         """Return their derivatives (k, n)."""
+
+    def model(self, x: Array) -> tuple[Array, Array]:
+        """Return residuals and derivatives that tell the sum's, and nearly its second ones."""
+        return self.residual(x), self.jacobian(x)
 
     def displaced(self, x: Array, step: Array) -> Array:
         """Return what is a step (n,) away."""
@@ -154,9 +163,14 @@ class Iterate:
         return self.problem.residual(self.x)
 
     @cached_property
+    def model(self) -> tuple[Array, Array]:
+        """Residuals and derivatives (k, n) that steps are made by."""
+        return self.problem.model(self.x)
+
+    @property
     def rows(self) -> Array:
-        """Their derivatives (k, n)."""
-        return self.problem.jacobian(self.x)
+        """These derivatives."""
+        return self.model[1]
 
     @cached_property
     def room(self) -> Array:
@@ -191,7 +205,8 @@ class Iterate:
     def push(self, active: Bounds, k: int) -> float:
         """Return how far a free step goes beyond the bound that an unknown stands at."""
         tangents = self.tangents(self.problem.free({v: x for v, x in active.items() if v != k}))
-        step = -(self.residual @ self.rows @ tangents.T) @ tangents
+        residual, rows = self.model
+        step = -(residual @ rows @ tangents.T) @ tangents
         return float(step[k]) if active[k] else -float(step[k])
 
 
@@ -353,7 +368,7 @@ class Descent:
                 self._damping *= 0.1
                 if share < 0.1:
                     self._slow = 0
-                elif share > 0.5 and moved < 0.99 * TOLERANCES.damped_step:
+                elif share > 0.5 and moved < 0.99 * problem.longest:
                     self._slow += 1
                 here, active = there
                 if here.size <= problem.tolerance:
@@ -367,7 +382,7 @@ class Descent:
                 if onward is None:
                     return Minimum(here, active, True, False)
                 here, active = onward
-        return Minimum(here, active, False, moved > 0.5 * TOLERANCES.damped_step)
+        return Minimum(here, active, False, moved > 0.5 * problem.longest)
 
     def _step(self, here: Iterate, active: Bounds) -> tuple[Array, Bounds]:
         """Return a step (n,), and the bounds that it stops at."""
@@ -377,11 +392,11 @@ class Descent:
             if self._is_bent:
                 step = here.lagrangian(free).newton_step(self._damping)
             else:
-                tangents = here.tangents(free)
-                step = damped(here.rows @ tangents.T, -here.residual, self._damping) @ tangents
+                tangents, (residual, rows) = here.tangents(free), here.model
+                step = damped(rows @ tangents.T, -residual, self._damping, problem.cut) @ tangents
             length = math.sqrt(step.dot(step))
-            if length > TOLERANCES.damped_step:
-                step *= TOLERANCES.damped_step / length
+            if length > problem.longest:
+                step *= problem.longest / length
             first = passed(here.room, step, active)
             if first is None:
                 return step, active
@@ -412,7 +427,8 @@ class Descent:
             return True
         if there[1].keys() != active.keys():
             return size <= here.size * (1.0 + TOLERANCES.nothing)
-        if self._is_bent and moved < TOLERANCES.half_precision:  # sums tell no points apart
+        if moved < TOLERANCES.half_precision and (self._is_bent or not self._problem.bends):
+            # sums tell no points apart
             return size <= here.size * (1.0 + TOLERANCES.tight)
         return size <= self._problem.tolerance
 
@@ -461,9 +477,9 @@ class Descent:
         return None if best[0] is here else best
 
 
-def damped(a: Array, b: Array, damping: float) -> Array:
+def damped(a: Array, b: Array, damping: float, cut: float) -> Array:
     """Return x (n,) with a x = b as nearly as can be, of least norm; damped as Levenberg does."""
-    svd = decompose(a, TOLERANCES.singular)
+    svd = decompose(a, cut)
     if not svd.rank:
         return np.zeros(a.shape[1])
     s = svd.s[: svd.rank]
