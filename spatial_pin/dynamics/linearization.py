@@ -115,10 +115,11 @@ class Linearization:
         modes = [(abs(x) / (2.0 * np.pi), -x.real / abs(x) + 0.0) for x in found[found.imag > least]
                  if x.real <= least]
         real = np.sort(found[np.abs(found.imag) <= least].real)
-        decaying, zeros = real[real < -least].tolist(), np.count_nonzero(np.abs(real) <= least)
+        decaying: list[float] = real[real < -least].tolist()
+        zeros = int(np.count_nonzero(np.abs(real) <= least))
         for x in real[real > least]:
             if decaying:
-                decaying.remove(min(decaying, key=lambda y, x=x: abs(x + y)))
+                del decaying[int(np.argmin(np.abs(np.array(decaying) + x)))]
         free = n - decompose(self.stiffness / np.abs(self.stiffness).max(initial=1e-300),
                              NEUTRAL).rank
         del decaying[len(decaying) - max(0, 2 * free - zeros):]
