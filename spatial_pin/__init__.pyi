@@ -25,6 +25,10 @@ from .dynamics.equilibrium import (
     equilibria as equilibria,
     equilibrium as equilibrium,
 )
+from .dynamics.equilibrium_path import (
+    EquilibriumPath as EquilibriumPath,
+    equilibrium_path as equilibrium_path,
+)
 from .dynamics.forward import Dynamics as Dynamics, forward_dynamics as forward_dynamics
 from .dynamics.inverse import Efforts as Efforts, inverse_dynamics as inverse_dynamics
 from .dynamics.kinetostatics import Kinetostatics as Kinetostatics, kinetostatics as kinetostatics

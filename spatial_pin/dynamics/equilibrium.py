@@ -319,7 +319,7 @@ def _from_start(
             rng = np.random.default_rng([seed, k])
             step = FAR_START * rng.uniform(-1.0, 1.0, mechanism.model.nv)
             step[list(loads.entries)] = 0.0
-            there = _moved(loads, state, step, accuracy)
+            there = closed_beside(loads, state, step, accuracy)
             if there is None:
                 return None
             state = there
@@ -407,7 +407,7 @@ def _taken(
     scale, part = at.loads.mechanism.velocity_scale, 1.0
     slope = -float(at.wanted @ (scale * step))
     while part > SHORTEST:
-        there = _moved(at.loads, state, part * step, accuracy)
+        there = closed_beside(at.loads, state, part * step, accuracy)
         if there is not None:
             if not descends or part * np.abs(step).max() < NEARLY or slope <= 0.0:
                 return there
@@ -428,7 +428,7 @@ def _slope(loads: Loads, state: State, step: Array) -> float:
     return float(along @ (loads.mechanism.velocity_scale * force) @ (along @ step))
 
 
-def _moved(loads: Loads, state: State, step: Array, accuracy: Accuracy) -> State | None:
+def closed_beside(loads: Loads, state: State, step: Array, accuracy: Accuracy) -> State | None:
     """Return the closed state a step (nv,), scaled, away; None where loops do not close."""
     mechanism = loads.mechanism
     q = pin.integrate(mechanism.model, state.q, mechanism.velocity_scale * step)
