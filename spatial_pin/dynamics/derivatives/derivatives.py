@@ -162,21 +162,6 @@ def dynamics_derivatives(
         answer, rows, springs, outside, effort, a, lam, chosen))
 
 
-def _motion_needs(rows: RowDerivatives, outside: Outside) -> tuple[Array, Array]:
-    """Return q and v derivatives (nv, nv) of M a + b, less what is put on from outside."""
-    bodies, (q, v, a) = rows.products.bodies, rows.motion
-    by_q, by_v = np.zeros((2, bodies.nv, bodies.nv))
-    for p in bodies.parts:
-        model, unit = p.mass.model, p.mass.unit
-        pulls = pin.StdVec_Force([
-            force * (1.0 / unit) for force in outside.on_joints(p, rows.products.placements)])
-        found = pin.computeRNEADerivatives(model, p.data, q[p.q], v[p.v], a[p.v], pulls)
-        for total, x in zip((by_q, by_v), found[:2], strict=True):
-            total[np.ix_(p.v, p.v)] = unit * x
-        pin.computeJointJacobians(model, p.data, q[p.q])
-    return by_q - outside.turning(bodies), by_v
-
-
 def _changes(
     equations: Equations, rows: RowDerivatives, springs: Springs, outside: Outside,
     chosen: NDArray[np.intp], multipliers: Array,
@@ -199,8 +184,17 @@ def _changes(
             f"mechanism {equations.mechanism.name!r}: {equations.state}: beside others a motion of "
             f"{', '.join(names)} has no inertia, so accelerations have no "
             "derivatives there: give its links more mass", state=equations.state)
-    nv = rows.nv
-    force_by_q, force_by_v = _motion_needs(rows, outside)
+    nv, bodies, (q, v, a) = rows.nv, rows.products.bodies, rows.motion
+    force_by_q, force_by_v = np.zeros((2, nv, nv))
+    for p in bodies.parts:
+        model, unit = p.mass.model, p.mass.unit
+        pulls = pin.StdVec_Force([
+            force * (1.0 / unit) for force in outside.on_joints(p, rows.products.placements)])
+        found = pin.computeRNEADerivatives(model, p.data, q[p.q], v[p.v], a[p.v], pulls)
+        for total, x in zip((force_by_q, force_by_v), found[:2], strict=True):
+            total[np.ix_(p.v, p.v)] = unit * x
+        pin.computeJointJacobians(model, p.data, q[p.q])
+    force_by_q -= outside.turning(bodies)
     spring_by_q, spring_by_v = springs.by_motion()
     borne = np.zeros(equations.n_closure)
     borne[chosen] = multipliers
