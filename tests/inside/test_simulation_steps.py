@@ -13,8 +13,11 @@ from variety import few
 import spatial_pin as sp
 from spatial_pin import settings
 from spatial_pin.dynamics.simulation import problem
-from spatial_pin.dynamics.simulation.formulations import FORMULATIONS as INNER
-from spatial_pin.dynamics.simulation.formulations import Independent, independent
+from spatial_pin.dynamics.simulation.formulations import (
+    FORMULATIONS as INNER,
+    Independent,
+    independent,
+)
 from spatial_pin.dynamics.simulation.integrators import Differences
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.simulate import floats

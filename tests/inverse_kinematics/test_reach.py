@@ -9,8 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from folders import DATA
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from loaded_library import library
 from machines import arm, at
 from scipy.optimize import brute, minimize

@@ -162,6 +162,34 @@ def dynamics_derivatives(
         answer, rows, springs, outside, effort, a, lam, chosen))
 
 
+def changes_of_forces(
+    rows: RowDerivatives, springs: Springs, outside: Outside, multipliers: Array
+) -> tuple[Array, Array]:
+    """Return q and v derivatives (nv, nv) of M a + b - f - J^T multipliers, these kept.
+
+    Args:
+        rows: the closure equations at a motion.
+        springs: the springs there.
+        outside: wrenches at frames.
+        multipliers: (n_closure,) of the closure equations.
+    """
+    bodies, (q, v, a) = rows.products.bodies, rows.motion
+    by_q, by_v = np.zeros((2, bodies.nv, bodies.nv))
+    for p in bodies.parts:
+        model, unit = p.mass.model, p.mass.unit
+        pulls = pin.StdVec_Force([
+            force * (1.0 / unit) for force in outside.on_joints(p, rows.products.placements)])
+        found = pin.computeRNEADerivatives(model, p.data, q[p.q], v[p.v], a[p.v], pulls)
+        for total, x in zip((by_q, by_v), found[:2], strict=True):
+            total[np.ix_(p.v, p.v)] = unit * x
+        pin.computeJointJacobians(model, p.data, q[p.q])
+    spring_by_q, spring_by_v = springs.by_motion()
+    pull = np.array([-x.per_length for x in springs.lines])
+    by_q -= outside.turning(bodies)
+    by_q -= rows.bending(multipliers, pull) + spring_by_q
+    return by_q, by_v - spring_by_v
+
+
 def _changes(
     equations: Equations, rows: RowDerivatives, springs: Springs, outside: Outside,
     chosen: NDArray[np.intp], multipliers: Array,
@@ -184,24 +212,10 @@ def _changes(
             f"mechanism {equations.mechanism.name!r}: {equations.state}: beside others a motion of "
             f"{', '.join(names)} has no inertia, so accelerations have no "
             "derivatives there: give its links more mass", state=equations.state)
-    nv, bodies, (q, v, a) = rows.nv, rows.products.bodies, rows.motion
-    force_by_q, force_by_v = np.zeros((2, nv, nv))
-    for p in bodies.parts:
-        model, unit = p.mass.model, p.mass.unit
-        pulls = pin.StdVec_Force([
-            force * (1.0 / unit) for force in outside.on_joints(p, rows.products.placements)])
-        found = pin.computeRNEADerivatives(model, p.data, q[p.q], v[p.v], a[p.v], pulls)
-        for total, x in zip((force_by_q, force_by_v), found[:2], strict=True):
-            total[np.ix_(p.v, p.v)] = unit * x
-        pin.computeJointJacobians(model, p.data, q[p.q])
-    force_by_q -= outside.turning(bodies)
-    spring_by_q, spring_by_v = springs.by_motion()
-    borne = np.zeros(equations.n_closure)
+    nv, borne = rows.nv, np.zeros(equations.n_closure)
     borne[chosen] = multipliers
-    pull = np.array([-x.per_length for x in springs.lines])
-    force_by_q -= rows.bending(borne, pull) + spring_by_q
-    force_by_v -= spring_by_v
-    closed_by_q, closed_by_v = rows.accelerations()
+    force_by_q, force_by_v = changes_of_forces(rows, springs, outside, borne)
+    closed_by_q, closed_by_v = rows.changes(2)
     work = np.vstack([-force_by_q.T, -force_by_v.T, np.eye(nv)])
     gamma = np.vstack([closed_by_q.T, closed_by_v.T, np.zeros((nv, equations.n_closure))])
     a_by, multipliers_by = equations.kkt.solve(work, gamma)

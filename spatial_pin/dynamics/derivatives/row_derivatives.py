@@ -284,18 +284,18 @@ class RowDerivatives:
             b.append({i: 0.5 * x for i, x in ends.items()})
         self.products = ProductDerivatives(mechanism, whole, a, b, motion)
 
-    def accelerations(self) -> tuple[Array, Array]:
-        """Return the derivatives (n_closure, nv) of the rows' second rates, in q and in v."""
+    def changes(self, order: int) -> tuple[Array, Array]:
+        """Return the derivatives (n_closure, nv) of the rows' rates of an order, in q and in v."""
         c, products = self.constraints, self.products
         out = np.zeros((2, c.n_closure, self.nv))
         values, motion = ([x[:, None] for x in part] for part in (products.values, self.motion))
         for k, change in enumerate((products.by_q, products.by_v)):
-            out[k, : c.n_products] = change[2][: c.n_products]
+            out[k, : c.n_products] = change[order][: c.n_products]
             moved = [np.zeros((self.nv, self.nv))] * 3
             moved[k] = np.eye(self.nv)
             for group in c.composed:
                 inputs = group.inputs(values, motion, list(change), moved)
-                out[k, group.rows] = group.values(inputs)[0].change(2)
+                out[k, group.rows] = group.values(inputs)[0].change(order)
         return out[0], out[1]
 
     def joint_rows(self) -> tuple[Array, Array]:

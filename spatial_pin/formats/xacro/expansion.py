@@ -118,8 +118,8 @@ def traced(
         packages: likewise.
 
     Returns:
-        The text that `expand` returns, but for the decimals of numbers that depend on the
-        arguments, which tell their places on the tape.
+        The text that `expand` returns, with references to the tape in the places of numbers that
+        depend on the arguments.
     """
     tape = Tape(arguments)
     mappings = {name: xacro_text(value) for name, value in parameters.items()}
