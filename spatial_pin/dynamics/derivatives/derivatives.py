@@ -162,8 +162,17 @@ def dynamics_derivatives(
         answer, rows, springs, outside, effort, a, lam, chosen))
 
 
-def _motion_needs(rows: RowDerivatives, outside: Outside) -> tuple[Array, Array]:
-    """Return q and v derivatives (nv, nv) of M a + b, less what is put on from outside."""
+def changes_of_forces(
+    rows: RowDerivatives, springs: Springs, outside: Outside, multipliers: Array
+) -> tuple[Array, Array]:
+    """Return q and v derivatives (nv, nv) of M a + b - f - J^T multipliers, these kept.
+
+    Args:
+        rows: the closure equations at a motion.
+        springs: the springs there.
+        outside: wrenches at frames.
+        multipliers: (n_closure,) of the closure equations.
+    """
     bodies, (q, v, a) = rows.products.bodies, rows.motion
     by_q, by_v = np.zeros((2, bodies.nv, bodies.nv))
     for p in bodies.parts:
@@ -174,24 +183,11 @@ def _motion_needs(rows: RowDerivatives, outside: Outside) -> tuple[Array, Array]
         for total, x in zip((by_q, by_v), found[:2], strict=True):
             total[np.ix_(p.v, p.v)] = unit * x
         pin.computeJointJacobians(model, p.data, q[p.q])
-    return by_q - outside.turning(bodies), by_v
-
-
-def changes_of_forces(
-    rows: RowDerivatives, springs: Springs, outside: Outside, multipliers: Array
-) -> tuple[Array, Array]:
-    """Return q and v derivatives (nv, nv) of M a + b - f - J^T multipliers, these kept.
-
-    Args:
-        rows: the closure equations at a motion; springs: the springs there.
-        springs: see `rows`.
-        outside: wrenches at frames.
-        multipliers: (n_closure,) of the closure equations.
-    """
-    by_q, by_v = _motion_needs(rows, outside)
     spring_by_q, spring_by_v = springs.by_motion()
     pull = np.array([-x.per_length for x in springs.lines])
-    return by_q - rows.bending(multipliers, pull) - spring_by_q, by_v - spring_by_v
+    by_q -= outside.turning(bodies)
+    by_q -= rows.bending(multipliers, pull) + spring_by_q
+    return by_q, by_v - spring_by_v
 
 
 def _changes(

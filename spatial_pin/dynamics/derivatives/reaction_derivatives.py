@@ -104,10 +104,9 @@ class ReactionChanges:
         for i in range(1, self.mechanism.model.njoints):
             force = _moved(forces[i], self.placements[i, 3], self.placements_by_q[i, :, 3])
             found[pairs.names[i - 1]] = self._without_effort(pairs, i, force, columns, efforts)
-        for pair, wrench in zip(pairs.closed, closed, strict=True):
-            body = pair.bodies[1]
-            found[pair.name] = _moved(wrench, pair.point @ self.placements[body],
-                                      pair.point @ self.placements_by_q[body])
+        for (name, _, (_, body), point), wrench in zip(pairs.closed, closed, strict=True):
+            found[name] = _moved(wrench, point @ self.placements[body],
+                                 point @ self.placements_by_q[body])
         unique = self.answer.of_loops
         borne = {name: self._linear(x if unique[name].all() else np.full_like(x, np.nan))
                  for name, x in found.items()}
@@ -173,11 +172,11 @@ class ReactionChanges:
             return wrench
 
         found = []
-        for pair in pairs.closed:
-            wrench = borne(pair.rows, pair.rows)
+        for _, own, (first, second), _ in pairs.closed:
+            wrench = borne(own, own)
             found.append(wrench)
-            total[pair.bodies[0]] -= wrench
-            total[pair.bodies[1]] += wrench
+            total[first] -= wrench
+            total[second] += wrench
         for at, (row, _, (first, second)) in enumerate(pairs.elsewhere, start=c.n_closure):
             wrench = borne(slice(row, row + 1), slice(at, at + 1))
             total[first] -= wrench
