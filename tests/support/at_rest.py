@@ -116,9 +116,18 @@ def hung(tied: int = 6) -> sp.Mechanism:
 
 
 def with_springs(name: str, seed: int = 1) -> sp.Mechanism:
-    """A library mechanism with a spring and a damper about every joint of one freedom."""
+    """A library mechanism with a spring and a damper about every joint of one freedom.
+
+    The legs of the platform carry it about where it stands.
+    """
     mech, rng = library(name), np.random.default_rng(seed)
-    return mech.with_fields(springs=tuple(
-        sp.Spring(f"about_{c.name}", joint=c.name, stiffness=rng.uniform(0.5, 5.0),
-                  damping=rng.uniform(0.1, 1.0), free_angle=rng.uniform(-0.5, 0.5))
-        for c in mech.coordinate_table.values() if c.q >= 0))
+    home, springs = sp.assemble(mech), []
+    for c in mech.coordinate_table.values():
+        if c.q >= 0:
+            is_leg = name == "stewart" and c.name.startswith("slide")
+            middle, size = (home.q[c.q], 2000.0) if is_leg else (0.0, 1.0)
+            springs.append(sp.Spring(
+                f"about_{c.name}", joint=c.name, stiffness=size * rng.uniform(0.5, 5.0),
+                damping=rng.uniform(0.1, 1.0),
+                free_angle=middle + rng.uniform(-0.5, 0.5) / size**0.5))
+    return mech.with_fields(springs=tuple(springs))
