@@ -249,14 +249,18 @@ class Closing:
         q[[c.q for c in periodic(self.mechanism) if c.name in self.held]] = 0.0
         return min(max(ACCEPTED, coordinate_round_off(self.mechanism, q)), OPEN)
 
-    def least(self, q: Array, free: NDArray[np.bool_]) -> tuple[Array, float]:
+    def least(
+        self, q: Array, free: NDArray[np.bool_], limits: bool = False
+    ) -> tuple[Array, float]:
         """Return the closed configuration near q in which the drivers let go have gone the least.
 
-        Those that need not go at all stand exactly.
+        Those that need not go at all stand exactly. Where limits are kept, what is not free to
+        close the loops at first, since it stands at a limit, may leave it.
         """
         q = self.closed(q, free, self.pinned).q
+        free = self.free if limits else free
         q, error = least_motion(self.evaluation, q, free, self.let_go, self.tolerance,
-                                self.pinned)
+                                self.pinned, limits)
         kept = {name: self.let_go[name] for name in self.let_go
                 if name not in gone_from(self.mechanism, q, self.let_go)}
         if not kept:

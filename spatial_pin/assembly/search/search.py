@@ -220,7 +220,7 @@ class Search:
         violated = self._violated(found.q) if self.limits and not problem else ""
         if violated:
             q, loose_ones = within_limits(closing.evaluation, found.q, closing.free, closing.let_go)
-            bounded = closing.seen(closing.least(q, loose_ones)[0] if closing.let_go else
+            bounded = closing.seen(closing.least(q, loose_ones, True)[0] if closing.let_go else
                                    closing.closed(q, loose_ones, closing.pinned).q)
             if closing.judged(bounded)[1] or self._violated(bounded.q):
                 problem = violated
