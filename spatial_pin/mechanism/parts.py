@@ -58,8 +58,8 @@ class Closure:
         geometry: the pair's axes, length and lead.
         joints: names of joint coordinates in its equations.
         numbers: of its type, or (n,) of lists, by their keys in a mechanism file.
-        equations: which of the pair's equations are asked for, None for all; the others must
-            hold of themselves (planar loops).
+        equations: the equations of the pair that are used, None for all; the others must follow
+            from them (planar loops).
         source: where it is stated, if not as a closure of a mechanism file.
 
     Example:

@@ -46,7 +46,7 @@ class AssemblyModes(list[State]):
         starts: number of random starts; `closed` of them ended at a closed configuration.
         found: how many starts ended at each mode.
         missing: estimated number of modes that no start has found [Chao1984].
-        continua: sets of configurations beside the modes that can move with `held` held.
+        continua: other sets of configurations, which can move with `held` held.
         is_whole: whether nothing cut the search short (Ctrl-C).
 
     Example:

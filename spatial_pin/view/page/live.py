@@ -371,10 +371,11 @@ def live(
 
     Args:
         mechanism: the mechanism.
-        guess: where to begin: a State, or what `assemble` takes; default the file's guess.
-        drivers: what has a slider: drivers, or other coordinates that determine the motion; the
-            mechanism's drivers if not given.
-        outputs: what is told besides the drivers, as for `plot`: coordinates, `NAME.position`,
+        guess: the first configuration: a State, or a guess as for `assemble`; default the file's
+            guess.
+        drivers: drivers, or other coordinates that determine the motion, each with a slider;
+            default the mechanism's drivers.
+        outputs: other quantities that the page shows, as for `plot`: coordinates, `NAME.position`,
             `crank.effort` and `PAIR.reaction` at rest.
         title: heading; the mechanism's title if not given.
         look: what is shown besides the bodies; without arrows, and traces only with one driver; its
