@@ -21,7 +21,7 @@ from spatial_pin._support.checks import as_array, checked, finite_array, whole_n
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.search.whole_turns import turned_apart
 from spatial_pin.assembly.state import State
-from spatial_pin.dynamics.derivatives.small_motions import Loads, SmallMotions
+from spatial_pin.dynamics.derivatives.small_motions import AppliedLoads, SmallMotions
 from spatial_pin.dynamics.equilibrium import (
     NEUTRAL,
     Guess,
@@ -72,7 +72,7 @@ class EquilibriumPath(Motion):
     stable: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, bool))
 
 
-class PathPoint(NamedTuple):
+class LoadPoint(NamedTuple):
     """A pose at rest on the path.
 
     Attributes:
@@ -122,9 +122,9 @@ class LoadPath:
         self._span = span
         self.unit = span or 1.0  # factor that counts as much as a rad or a characteristic length
 
-    def loads(self, factor: float) -> Loads:
+    def loads(self, factor: float) -> AppliedLoads:
         """Return what acts at a load factor."""
-        return Loads(self.mechanism, self._hold, None,
+        return AppliedLoads(self.mechanism, self._hold, None,
                      {name: factor * x for name, x in self._efforts.items()},
                      {name: force * factor for name, force in self._external.items()}, self._laws)
 
@@ -134,7 +134,7 @@ class LoadPath:
         return self._effort + generalised(
             loops, external_wrenches(self.mechanism, loops, self._external))
 
-    def start(self, state: State, factor: float, along: Array) -> PathPoint:
+    def start(self, state: State, factor: float, along: Array) -> LoadPoint:
         """Return the point at a pose at rest; the tangent has a positive product with `along`."""
         at = SmallMotions(self.loads(factor), state)
         matrix = self._bordered(at, np.zeros(len(self._scale) + 1))[0]
@@ -144,7 +144,7 @@ class LoadPath:
             self.unit = min(self._span or np.inf, natural)
         return self.point(state, factor, along, 0)
 
-    def point(self, state: State, factor: float, along: Array, corrections: int) -> PathPoint:
+    def point(self, state: State, factor: float, along: Array, corrections: int) -> LoadPoint:
         """Return the point at a pose at rest, its tangent continued from `along` (nv + 1,)."""
         at = SmallMotions(self.loads(factor), state)
         matrix, freedoms = self._bordered(at, along)
@@ -154,7 +154,7 @@ class LoadPath:
         tangent = np.append(found[:-1] @ freedoms, found[-1])
         reduced = at.orthonormal()
         values, modes = np.linalg.eigh(0.5 * (reduced.stiffness + reduced.stiffness.T))
-        return PathPoint(state, factor, tangent / np.linalg.norm(tangent), values,
+        return LoadPoint(state, factor, tangent / np.linalg.norm(tangent), values,
                          NEUTRAL * float(reduced.sizes[1].max(initial=0.0)), modes.T @ freedoms,
                          corrections)
 
@@ -169,8 +169,8 @@ class LoadPath:
         return matrix, freedoms
 
     def corrected(
-        self, start: PathPoint, row: Array, target: float, along: Array
-    ) -> PathPoint | None:
+        self, start: LoadPoint, row: Array, target: float, along: Array
+    ) -> LoadPoint | None:
         """Return the pose at rest where a linear function of the way from a point has a value.
 
         Args:
@@ -190,7 +190,7 @@ class LoadPath:
                 return None
             way[:-1] += turned_apart(self.mechanism, state.q, there.q)
             way[-1] += step[-1]
-            state, factor = there, start.factor + self.unit * way[-1]
+            state, factor = there, start.factor + self.unit * float(way[-1])
             at = SmallMotions(self.loads(factor), state)
             matrix, freedoms = self._bordered(at, row)
             found = _solved(matrix, np.append(
@@ -205,7 +205,7 @@ class LoadPath:
 
     # ------------------------------------------------------------ what is met on the way
 
-    def steps(self, first: PathPoint, ends: tuple[float, float]) -> Iterator[PathPoint]:
+    def steps(self, first: LoadPoint, ends: tuple[float, float]) -> Iterator[LoadPoint]:
         """Yield the points of the path until the factor is the last one, and there exactly.
 
         Or until it is far from its range.
@@ -238,7 +238,7 @@ class LoadPath:
             elif there.corrections > SLOW:
                 length *= 0.6
 
-    def met(self, before: PathPoint, after: PathPoint, row: int) -> tuple[Event, PathPoint] | None:
+    def met(self, before: LoadPoint, after: LoadPoint, row: int) -> tuple[Event, LoadPoint] | None:
         """Return the limit or branch point between two points, and the pose there."""
         turns = before.tangent[-1] * after.tangent[-1] < 0.0
         if not turns and before.negatives == after.negatives:
@@ -248,11 +248,11 @@ class LoadPath:
             self.mechanism, before.state.q, after.state.q)
             + before.tangent[-1] * (after.factor - before.factor) / self.unit)
 
-        def at(part: float) -> PathPoint:
+        def at(part: float) -> LoadPoint:
             found = self.corrected(before, before.tangent, part * whole, before.tangent)
             return after if found is None else found
 
-        def value(point: PathPoint) -> float:
+        def value(point: LoadPoint) -> float:
             return float(point.tangent[-1] if turns else point.stiffnesses[which])
 
         part = sign_change(lambda x: value(at(x)) if x else value(before), 0.0, 1.0,
@@ -261,7 +261,7 @@ class LoadPath:
         kind = "limit point" if turns else "branch point"
         text = ("the load factor turns back" if turns else
                 "another path of poses at rest crosses: the mechanism buckles")
-        return Event(kind, there.factor, row, f"{text} at {there.factor:.9g}"), there
+        return Event(kind, float(there.factor), row, f"{text} at {there.factor:.9g}"), there
 
 
 def _solved(matrix: Array, rhs: Array) -> Array:
@@ -318,8 +318,9 @@ def equilibrium_path(
         >>> mech = sp.load("four_bar")
         >>> path = sp.equilibrium_path(mech, efforts={"crank": 1.0}, over="crank",
         ...                            values=np.linspace(-1.8, 1.8, 19))
-        >>> len(path), [event.kind for event in path.events]
-        (19, ['limit point', 'limit point'])
+        >>> event = path.events[0]  # the largest effort that it takes, and where
+        >>> event.kind, round(event.value, 4), event.row  # [N·m]
+        ('limit point', 1.3326, 7)
     """
     setting = accuracy_of(accuracy)
     lo, hi = finite_array(factors, (2,), "factors").tolist()
@@ -340,8 +341,8 @@ def equilibrium_path(
 
 
 def _along(
-    path: LoadPath, first: PathPoint, ends: tuple[float, float], branch: int
-) -> tuple[list[PathPoint], list[Event]]:
+    path: LoadPath, first: LoadPoint, ends: tuple[float, float], branch: int
+) -> tuple[list[LoadPoint], list[Event]]:
     points, events, crossed = [first], list[Event](), 0
     going = path.steps(first, ends)
     while (there := next(going, None)) is not None and len(points) < MOST_SAMPLES:
@@ -366,14 +367,14 @@ def _along(
 
 def _over(
     path: LoadPath, state: State, over: str, values: Array
-) -> tuple[list[PathPoint], list[Event]]:
+) -> tuple[list[LoadPoint], list[Event]]:
     """Return the poses at which a coordinate has values, and what was met between them."""
     mechanism = path.mechanism
     coordinate = mechanism.driven_coordinate(over)
     held = assembled(mechanism, {over: float(values[0])}, state)
     entry = velocity_entry(mechanism, over)
     hold = path.loads(0.0)
-    at, _ = settled(Loads(mechanism, [*[c.name for c in hold.held], coordinate.name],
+    at, _ = settled(AppliedLoads(mechanism, [*[c.name for c in hold.held], coordinate.name],
                           laws=hold.laws), held, True, accuracy_of(None))
     row = np.zeros(mechanism.model.nv + 1)
     row[entry] = 1.0
@@ -404,7 +405,7 @@ def _over(
 
 
 def _motion(
-    path: LoadPath, points: list[PathPoint], events: list[Event], over: str | None
+    path: LoadPath, points: list[LoadPoint], events: list[Event], over: str | None
 ) -> EquilibriumPath:
     """Return the motion through some poses."""
     from scipy.interpolate import CubicSpline  # on use: it takes a tenth of a second

@@ -164,7 +164,8 @@ def test_the_guides_stand_under_the_same_headings_on_every_list():
         "See it", "Move it", "Load it", "Size it", "Share it"]
     index = (DOCS / "index.md").read_text(encoding="utf-8")
     contents = under_headings(r"^:caption: (.+)$", r"^\w+$", index)
-    shown = under_headings(r"^\| \*\*(.+)\*\* \|", r"\]\((\w+)\.md\)", index.partition("[Gallery]")[0])
+    shown = under_headings(r"^\| \*\*(.+)\*\* \|", r"\]\((\w+)\.md\)",
+                           index.partition("[Gallery]")[0])
     assert listed_guides == shown
     assert listed_guides == [entry for entry in contents if entry[0].endswith(" it") and
                              entry[0] != "Behind it"]
