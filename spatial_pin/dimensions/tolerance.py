@@ -50,7 +50,7 @@ class Tolerance(Tabular):
         is_closed: (N,) which samples could be closed: `samples[output]` are those at
             `dimensions[name][is_closed]`.
         units: of the outputs, "1" for none.
-        is_whole: whether nothing cut it short (Ctrl-C).
+        is_whole: whether all samples were solved (no Ctrl-C).
 
     Example:
         >>> mech = sp.load("rssr")

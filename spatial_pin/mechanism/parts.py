@@ -25,7 +25,7 @@ class Coordinate(NamedTuple):
         unit: "rad" or "m".
         q: index in the configuration, -1 when it is not an entry of it (rotation vectors).
         v: index in the velocity.
-        place: which of the joint's coordinates it is.
+        place: its number among the coordinates of the joint, from 0.
 
     Example:
         >>> sp.load("rssr").coordinate("rocker_pin")

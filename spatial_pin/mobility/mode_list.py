@@ -16,7 +16,7 @@ class Continuum(NamedTuple):
 
     Attributes:
         state: one of them.
-        freedoms: how many freedoms it has, passive ones apart.
+        freedoms: its number of freedoms, without passive ones.
         coordinates: names of the coordinates that move.
         hold: drivers or coordinates that stop it if they are held too.
 

@@ -55,13 +55,13 @@ class Bound(NamedTuple):
 
 
 class Range(NamedTuple):
-    """How far a driver can go on its branch.
+    """The range of a driver on its branch.
 
     Attributes:
         driver: name of the driver or coordinate.
         lower, upper: the two ends.
         unit: "rad" or "m".
-        full_turn: whether it turns all the way round.
+        full_turn: whether it turns fully.
 
     Example:
         >>> span = sp.limits(sp.load("four_bar"), "crank")

@@ -42,7 +42,7 @@ class Contact(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PairClearance:
-    """How far two links stay apart.
+    """Least distance of two links over a motion.
 
     Attributes:
         links: their names.
