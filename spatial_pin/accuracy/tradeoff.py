@@ -49,7 +49,7 @@ FAILURES = (Astray, SpatialPinError, ValueError, ArithmeticError, np.linalg.LinA
 
 @dataclass(frozen=True)
 class Measured:
-    """One setting as measured.
+    """Time and errors of one accuracy setting.
 
     Attributes:
         accuracy: the setting.

@@ -34,7 +34,7 @@ class Difference(NamedTuple):
 
 
 class Verification(NamedTuple):
-    """What a comparison found; `str()` is a report.
+    """A comparison of the reduced and the full model; `str()` is a report.
 
     Attributes:
         differences: one for each output and driver.
