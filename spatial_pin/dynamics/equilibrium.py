@@ -500,8 +500,8 @@ def judged(at: SmallMotions) -> Verdict:
     symmetric = 0.5 * (stiffness + stiffness.T)
     has_potential = np.abs(stiffness - symmetric).max(initial=0.0) <= least
     values = np.linalg.eigvalsh(symmetric)
-    _, sizes, modes = np.linalg.svd(stiffness)
-    neutral = modes[sizes <= least] @ free
+    svd = decompose(stiffness, 0.0)
+    neutral = svd.vt[svd.s <= least] @ free
     stable: bool | None = bool(np.all(values > least))
     if not at.loads.speeds and has_potential:
         stable = False if np.any(values < -least) else True if stable else None
