@@ -428,10 +428,11 @@ def _newton_step(at: SmallMotions, descends: bool) -> Array:
     if not len(forces):
         return np.zeros(at.freedoms.shape[1])
     least = NEUTRAL * terms.max()
-    if at.loads.speeds:
+    symmetric = 0.5 * (reduced.stiffness + reduced.stiffness.T)
+    if at.loads.speeds and np.abs(reduced.stiffness - symmetric).max() > least:
         y = decompose(reduced.stiffness, NEUTRAL).minimum_norm(reduced.load)
     else:
-        values, modes = np.linalg.eigh(0.5 * (reduced.stiffness + reduced.stiffness.T))
+        values, modes = np.linalg.eigh(symmetric)
         pull = modes.T @ reduced.load
         idle = (np.abs(values) <= least) & (np.abs(pull) <= BALANCED * forces.max())
         divisor = np.maximum(np.abs(values), max(least, 1e-300))
@@ -535,12 +536,17 @@ def vibrations(
 
 
 def _downhill(at: SmallMotions, verdict: Verdict) -> Array | None:
-    """Return a step (nv,), scaled, off a pose that is not stable; None from one that is."""
-    if verdict.stable is not False or at.loads.speeds:
+    """Return a step (nv,), scaled, off a pose that is not stable; None where none leads down."""
+    if verdict.stable is not False:
         return None
     reduced = at.reduced(verdict.free * at.loads.mechanism.velocity_scale)
-    mode = np.linalg.eigh(0.5 * (reduced.stiffness + reduced.stiffness.T))[1][:, 0]
-    step = mode @ verdict.free
+    symmetric = 0.5 * (reduced.stiffness + reduced.stiffness.T)
+    least = NEUTRAL * reduced.sizes[1].max()
+    values, modes = np.linalg.eigh(symmetric)
+    if values[0] >= -least or (
+            at.loads.speeds and np.abs(reduced.stiffness - symmetric).max() > least):
+        return None  # it leaves by its speeds or by forces without a potential
+    step = modes[:, 0] @ verdict.free
     step = step / step[np.argmax(np.abs(step) > 0.5 * np.abs(step).max())]
     return NUDGE * step / np.abs(step).max()
 

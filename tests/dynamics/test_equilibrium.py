@@ -68,7 +68,7 @@ def test_the_middle_of_a_truss_is_unstable_and_its_energy_is_that_of_its_springs
     assert found.stiffness[0, 0] == pytest.approx(2000.0 * (1.0 - np.hypot(0.3, 0.1) / 0.3))
 
 
-@pytest.mark.parametrize("guess", [-0.7, -1.6])
+@pytest.mark.parametrize("guess", [-0.7, -1.6, -0.3, -2.5])
 def test_a_governor_stands_out_by_its_speed(guess):
     found = sp.equilibrium(governor(), {"arm": guess}, speeds={"shaft": 8.0})
     assert abs(found.state.coordinate("arm").value + 1.177534668264) < 1e-11
