@@ -120,7 +120,9 @@ class Equilibrium(Dynamics):
         lines += [f"idle: {freedom}" for freedom in self.passive]
         for name, row in zip(self.coordinates, self.stiffness, strict=True):
             lines.append(f"stiffness of {name}: " + ", ".join(f"{x:.9g}" for x in row))
-        lines += [f"effort that holds {name}: {x:.9g}" for name, x in self.efforts.items()]
+        unit_of = self._at.mechanism.driven_coordinate
+        lines += [f"effort that holds {name}: {x:.9g} {'N' if unit_of(name).unit == 'm' else 'N·m'}"
+                  for name, x in self.efforts.items()]
         return "\n".join([*lines, super().__str__()])
 
 

@@ -9,9 +9,16 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin._support.checks import as_array, checked, names_of, positive_number, whole_number
+from spatial_pin._support.checks import (
+    as_array,
+    checked,
+    is_finite,
+    names_of,
+    positive_number,
+    whole_number,
+)
 from spatial_pin._support.columns import XYZ, Quantity, Tabular, chosen
-from spatial_pin.assembly.state import State
+from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.dynamics.derivatives.small_motions import (
     AppliedLoads,
     ReducedEquations,
@@ -72,8 +79,9 @@ class Linearization(Tabular):
             reduced.mass, reduced.damping, reduced.stiffness)
         self.inputs, self.outputs = tuple(inputs), tuple(outputs)
         n = len(names)
-        self._b = np.array([*inputs.values()]).reshape(-1, n).T
-        self._c = np.array([np.concatenate(x) for x in outputs.values()]).reshape(-1, 2 * n)
+        self._b = np.array([*inputs.values()]).reshape(len(inputs), n).T
+        self._c = np.array([np.concatenate(x) for x in outputs.values()]).reshape(
+            len(outputs), 2 * n)
         self._loads, self._neutral = at.loads, neutral
         sizes = np.abs(reduced.mass).max(initial=0.0)
         if n and decompose(reduced.mass / (sizes or 1.0)).rank < n:
@@ -195,6 +203,8 @@ class Linearization(Tabular):
             array([[[0.7641]]])
         """
         omega = np.atleast_1d(as_array(omega, "omega"))
+        if not is_finite(omega):
+            raise ValueError("omega has a value that is NaN or infinite")
         n = len(self.coordinates)
         found = np.zeros((len(omega), len(self._c), self._b.shape[1]), complex)
         for out, w in zip(found, omega, strict=True):
@@ -262,8 +272,9 @@ class Linearization(Tabular):
         return chosen(table, outputs, "linearization")
 
     def __repr__(self) -> str:
-        return (f"Linearization({', '.join(self.coordinates)}: "
-                f"{', '.join(f'{x:.6g}' for x in self.frequencies)} Hz)")
+        modes = ", ".join(f"{x:.6g}" for x in self.frequencies)
+        return (f"Linearization({', '.join(self.coordinates)}: {modes} Hz)" if modes else
+                "Linearization()")
 
     def __str__(self) -> str:
         pairs = zip(self.frequencies, self.damping_ratios, strict=True)
@@ -319,6 +330,7 @@ def linearize(
         >>> found.frequency_response([1.0]).shape  # (frequencies, outputs, inputs)
         (1, 1, 1)
     """
+    state = of_mechanism(mechanism, state)
     at = _at_rest(mechanism, state, AppliedLoads(
         exact_numbers(state), hold, speeds, efforts, external, laws))
     wished = None if coordinates is None else names_of(coordinates, "coordinates")
@@ -375,6 +387,7 @@ def compliance(
         >>> found.shape, bool(np.allclose(found, found.T, rtol=0, atol=1e-12))
         ((6, 6), True)
     """
+    state = of_mechanism(mechanism, state)
     at = _at_rest(mechanism, state, AppliedLoads(
         exact_numbers(state), hold, None, efforts, external, laws))
     mechanism = at.loads.mechanism

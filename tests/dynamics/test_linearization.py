@@ -313,6 +313,36 @@ def test_a_state_that_moves_is_refused():
         sp.linearize(mech, state)
 
 
+def test_a_state_of_another_mechanism_is_refused():
+    state = sp.equilibrium(library("rssr")).state
+    for verb, more in ((sp.linearize, ()), (sp.compliance, ("coupler",))):
+        with pytest.raises(sp.SpatialPinError, match="the state belongs to mechanism 'rssr'"):
+            verb(library("four_bar"), state, *more)
+
+
+def test_springs_are_those_of_the_mechanism_that_is_given():
+    soft, stiff = oscillator(stiffness=50.0), oscillator(stiffness=200.0)
+    state = sp.equilibrium(soft).state
+    assert sp.linearize(stiff, state).stiffness[0, 0] == pytest.approx(200.0)
+    assert sp.compliance(stiff, state, "slide")[0, 0] == pytest.approx(1 / 200.0)
+    assert sp.equilibrium(stiff, state).stiffness[0, 0] == pytest.approx(200.0)
+
+
+def test_where_all_is_held_nothing_vibrates():
+    mech = library("four_bar")
+    found = sp.linearize(mech, sp.equilibrium(mech, {"crank": 1.0}, hold="crank").state,
+                         hold="crank")
+    assert found.frequencies.shape == (0,) and found.eigenvalues.shape == (0,)
+    assert [x.shape for x in found.state_space()] == [(0, 0), (0, 0), (0, 0), (0, 0)]
+    assert repr(found) == "Linearization()" and found.stable
+
+
+@pytest.mark.parametrize("omega", [np.nan, [1.0, np.inf], "a"])
+def test_frequencies_are_finite_numbers(omega):
+    with pytest.raises(ValueError, match="omega"):
+        rested(library("four_bar")).frequency_response(omega)
+
+
 def test_a_motion_without_inertia_is_refused():
     mech = oscillator(mass=0.0)
     with pytest.raises(sp.SingularError, match="slide has no inertia"):
