@@ -17,7 +17,7 @@ from spatial_pin._support.columns import Quantity, Tabular, chosen
 from spatial_pin._support.executors import in_order
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.close import closed
-from spatial_pin.assembly.holding import untied
+from spatial_pin.assembly.holding import free_bases, untied
 from spatial_pin.assembly.search.whole_turns import turned_apart
 from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.derivatives.small_motions import AppliedLoads, SmallMotions
@@ -612,8 +612,9 @@ def _falls(loads: AppliedLoads, gone: Array, step: Array) -> str:
     joints = {mechanism.coordinate(name).joint for name in moving}
     bases = [joint for joint in untied(mechanism) if joint in joints]
     if bases:
+        hold = '"base"' if set(bases) <= set(free_bases(mechanism)) else repr(bases)
         return (f"mechanism {mechanism.name!r}: {', '.join(bases)} floats freely, and nothing "
-                'holds the machine: it falls without end; hold it (hold="base"), or hang it on '
+                f"holds the machine: it falls without end; hold it (hold={hold}), or hang it on "
                 "springs")
     names = first_names(moving)
     drivers = [mechanism.drivers[name].joint for name in mechanism.drivers]

@@ -103,6 +103,7 @@ def test_a_free_base_is_held_by_an_option(run, tmp_path):
         '<robot name="body"><link name="hull"><inertial><mass value="2"/><inertia ixx="1" iyy="1" '
         'izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>')
     code, _, err = run("equilibrium", tmp_path / "body.urdf", "--free-flyer")
-    assert code == 1 and "hold it (--hold base), or hang it on springs" in err
-    code, out, _ = run("equilibrium", tmp_path / "body.urdf", "--free-flyer", "--hold", "base")
+    assert code == 1 and "hold it (--hold root_joint), or hang it on springs" in err
+    words = ("--free-flyer", "--hold", "root_joint")
+    code, out, _ = run("equilibrium", tmp_path / "body.urdf", *words)
     assert code == 0 and "stable at rest" in out

@@ -252,8 +252,19 @@ def test_no_pose_at_rest_at_all_is_an_error():
 
 
 def test_a_free_base_that_nothing_holds_falls():
-    with pytest.raises(sp.SpatialPinError, match=r'base floats freely.*hold="base"'):
+    with pytest.raises(sp.SpatialPinError, match=r"base floats freely.*hold=\['base'\]"):
         sp.equilibrium(hung(0))
+    model = model_of((0.0, 0.0, -9.81))
+    hull = model.addJoint(0, pin.JointModelFreeFlyer(), place(0, 0, 0), "hull")
+    arm = model.addJoint(hull, pin.JointModelRY(), place(0, 0, 0), "arm")
+    for joint in (hull, arm):
+        model.appendBodyToJoint(joint, pin.Inertia(2.0, np.array([0.1, 0.0, 0.0]), np.eye(3)),
+                                place(0, 0, 0))
+    walker = sp.Mechanism.from_model(model)
+    with pytest.raises(sp.SpatialPinError, match=r'hull floats freely.*hold="base"'):
+        sp.equilibrium(walker)
+    found = sp.equilibrium(walker, hold="base")
+    assert found.stable and found.coordinates == ("arm",)
 
 
 def test_what_falls_is_named_and_what_would_hold_it():
