@@ -19,9 +19,24 @@ from .dynamics.derivatives.derivatives import (
     dynamics_derivatives as dynamics_derivatives,
 )
 from .dynamics.derivatives.reaction_derivatives import Linear as Linear
+from .dynamics.equilibrium import (
+    Equilibria as Equilibria,
+    Equilibrium as Equilibrium,
+    equilibria as equilibria,
+    equilibrium as equilibrium,
+)
+from .dynamics.equilibrium_path import (
+    EquilibriumPath as EquilibriumPath,
+    equilibrium_path as equilibrium_path,
+)
 from .dynamics.forward import Dynamics as Dynamics, forward_dynamics as forward_dynamics
 from .dynamics.inverse import Efforts as Efforts, inverse_dynamics as inverse_dynamics
 from .dynamics.kinetostatics import Kinetostatics as Kinetostatics, kinetostatics as kinetostatics
+from .dynamics.linearization import (
+    Linearization as Linearization,
+    compliance as compliance,
+    linearize as linearize,
+)
 from .dynamics.simulation.result import Projection as Projection
 from .dynamics.simulation.simulate import Simulation as Simulation, simulate as simulate
 from .errors import (

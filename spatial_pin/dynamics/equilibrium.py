@@ -19,7 +19,7 @@ from spatial_pin.assembly.close import closed
 from spatial_pin.assembly.holding import untied
 from spatial_pin.assembly.search.whole_turns import turned_apart
 from spatial_pin.assembly.state import State
-from spatial_pin.dynamics.derivatives.small_motions import Loads, SmallMotions
+from spatial_pin.dynamics.derivatives.small_motions import AppliedLoads, SmallMotions
 from spatial_pin.dynamics.forces import Law
 from spatial_pin.dynamics.forward import Dynamics, Load
 from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
@@ -130,6 +130,11 @@ class Equilibria(list[Equilibrium]):
         counts: how many ended at each.
         missing: estimated number of poses that no start has led to [Chao1984].
         is_whole: whether nothing cut the search short (Ctrl-C).
+
+    Example:
+        >>> found = sp.equilibria(sp.load("four_bar"), starts=20)
+        >>> len(found), found.missing  # poses, and the estimate of others
+        (4, 0.0)
     """
 
     def __init__(
@@ -211,12 +216,12 @@ def equilibrium(
     Example:
         >>> mech = sp.load("four_bar")
         >>> found = sp.equilibrium(mech, {"crank": 2.0})
-        >>> abs(found.reduced.load[0]) < 1e-9, found.stable  # no force is left [N·m]
-        (True, True)
+        >>> found.stable, found.stiffness.round(4)  # of the crank [N·m/rad]
+        (True, array([[1.3087]]))
     """
     setting = accuracy_of(accuracy)
     state = assembled(mechanism, None, guess, accuracy=setting)
-    loads = Loads(exact_numbers(state), hold, speeds, efforts, external, laws)
+    loads = AppliedLoads(exact_numbers(state), hold, speeds, efforts, external, laws)
     at, verdict = settled(loads, state, stable, setting)
     return Equilibrium(at, None if coordinates is None else names_of(coordinates, "coordinates"),
                        verdict)
@@ -267,8 +272,8 @@ def equilibria(
 
     Example:
         >>> found = sp.equilibria(sp.load("four_bar"), starts=20)
-        >>> [one.stable for one in found]  # on both branches
-        [True, True, False, False]
+        >>> [one.stable for one in found]  # two on either branch, by energy
+        [True, False, True, False]
     """
     whole_number(starts, "starts")
     setting = accuracy_of(accuracy)
@@ -276,7 +281,7 @@ def equilibria(
     names = None if coordinates is None else tuple(names_of(coordinates, "coordinates"))
     hold = hold if hold is None or isinstance(hold, str) else tuple(hold)
     acting = (hold, speeds, efforts, external, laws)
-    Loads(exact_numbers(state), *acting)  # so that a wrong name is an error before anything starts
+    AppliedLoads(exact_numbers(state), *acting)  # a wrong name is an error before anything starts
     found: list[Equilibrium] = []
     counts: list[int] = []
     jobs = [(state, acting, names, setting, seed, k) for k in range(starts)]
@@ -313,13 +318,13 @@ def _from_start(
 ) -> Equilibrium | None:
     """Return where the k-th start leads: every second one down, the others to the nearest."""
     mechanism = state.mechanism
-    loads = Loads(mechanism, *acting)
+    loads = AppliedLoads(mechanism, *acting)
     try:
         if k:
             rng = np.random.default_rng([seed, k])
             step = FAR_START * rng.uniform(-1.0, 1.0, mechanism.model.nv)
             step[list(loads.entries)] = 0.0
-            there = _moved(loads, state, step, accuracy)
+            there = closed_beside(loads, state, step, accuracy)
             if there is None:
                 return None
             state = there
@@ -351,7 +356,7 @@ def exact_numbers(state: State) -> Mechanism:
 
 
 def settled(
-    loads: Loads, state: State, stable: bool | None, accuracy: Accuracy
+    loads: AppliedLoads, state: State, stable: bool | None, accuracy: Accuracy
 ) -> tuple[SmallMotions, Verdict]:
     """Return where a mechanism comes to rest from a state, and how that answers a push.
 
@@ -407,7 +412,7 @@ def _taken(
     scale, part = at.loads.mechanism.velocity_scale, 1.0
     slope = -float(at.wanted @ (scale * step))
     while part > SHORTEST:
-        there = _moved(at.loads, state, part * step, accuracy)
+        there = closed_beside(at.loads, state, part * step, accuracy)
         if there is not None:
             if not descends or part * np.abs(step).max() < NEARLY or slope <= 0.0:
                 return there
@@ -419,7 +424,7 @@ def _taken(
         f"rest from {state}: start from another guess")
 
 
-def _slope(loads: Loads, state: State, step: Array) -> float:
+def _slope(loads: AppliedLoads, state: State, step: Array) -> float:
     """Return the power of the forces at a state along a step (nv,), scaled."""
     with equations_of(loads.mechanism) as equations:
         equations.update(state, loads.external, loads.laws)
@@ -428,7 +433,9 @@ def _slope(loads: Loads, state: State, step: Array) -> float:
     return float(along @ (loads.mechanism.velocity_scale * force) @ (along @ step))
 
 
-def _moved(loads: Loads, state: State, step: Array, accuracy: Accuracy) -> State | None:
+def closed_beside(
+    loads: AppliedLoads, state: State, step: Array, accuracy: Accuracy
+) -> State | None:
     """Return the closed state a step (nv,), scaled, away; None where loops do not close."""
     mechanism = loads.mechanism
     q = pin.integrate(mechanism.model, state.q, mechanism.velocity_scale * step)
@@ -461,26 +468,32 @@ def judged(at: SmallMotions) -> Verdict:
     if not at.loads.speeds and has_potential:
         stable = False if np.any(values < -least) else True if stable else None
     else:
-        roots = roots_of(reduced.mass, reduced.damping, stiffness)
+        roots, _ = vibrations(reduced.mass, reduced.damping, stiffness)
         grows = roots.real > NEUTRAL * max(np.abs(roots).max(initial=0.0), 1e-300)
         stable = False if grows.any() else None if len(neutral) else True
     return Verdict(stable, free, neutral, idle, passive)
 
 
-def roots_of(mass: Array, damping: Array, stiffness: Array) -> NDArray[np.complex128]:
-    """Return the eigenvalues (2n,) [1/s] of M y'' + C y' + K y = 0; infinite ones without mass."""
-    from scipy.linalg import eigvals  # on use: it takes a tenth of a second
+def vibrations(
+    mass: Array, damping: Array, stiffness: Array
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """Return the eigenvalues (2n,) [1/s] of M y'' + C y' + K y = 0, and their forms (2n, n).
+
+    What has no mass has fewer.
+    """
+    from scipy.linalg import eig  # on use: it takes a tenth of a second
 
     n = len(mass)
     if not n:
-        return np.zeros(0, complex)
+        return np.zeros(0, complex), np.zeros((0, 0), complex)
     zero, one = np.zeros((n, n)), np.eye(n)
     stiff, heavy = (np.abs(x).max() or 1.0 for x in (stiffness, mass))
     pace = np.sqrt(stiff / heavy)  # time is counted in its inverse, so that all terms are alike
-    found: NDArray[np.complex128] = pace * eigvals(
+    roots, forms = eig(
         np.block([[zero, one], [-stiffness / stiff, -damping * (pace / stiff)]]),
         np.block([[one, zero], [zero, mass / heavy]]))
-    return found[np.isfinite(found)]
+    finite = np.isfinite(roots)
+    return pace * roots[finite], forms.T[finite, :n]
 
 
 def _downhill(at: SmallMotions, verdict: Verdict) -> Array | None:
@@ -544,7 +557,7 @@ def _moving(names: Sequence[str], entries: Sequence[int], motions: Array) -> lis
             if size > TOLERANCES.half_precision * np.abs(motions).max(initial=0.0)]
 
 
-def _falls(loads: Loads, gone: Array, step: Array) -> str:
+def _falls(loads: AppliedLoads, gone: Array, step: Array) -> str:
     """Say what falls without end, and what would hold it."""
     mechanism = loads.mechanism
     largest = np.abs(step).max(initial=0.0)

@@ -12,14 +12,18 @@ from numpy.typing import NDArray
 from spatial_pin._support.checks import as_array, checked, names_of, positive_number, whole_number
 from spatial_pin._support.columns import XYZ
 from spatial_pin.assembly.state import State
-from spatial_pin.dynamics.derivatives.small_motions import Loads, Reduced, SmallMotions
+from spatial_pin.dynamics.derivatives.small_motions import (
+    AppliedLoads,
+    ReducedEquations,
+    SmallMotions,
+)
 from spatial_pin.dynamics.equilibrium import (
     NEUTRAL,
     exact_numbers,
     independent_motions,
     judged,
-    roots_of,
     velocity_entry,
+    vibrations,
 )
 from spatial_pin.dynamics.forces import Law
 from spatial_pin.errors import SingularError, SpatialPinError
@@ -52,13 +56,13 @@ class Linearization:
         >>> mech = sp.load("four_bar")
         >>> found = sp.linearize(mech, sp.equilibrium(mech).state)
         >>> found.frequencies.round(3)  # [Hz]
-        array([1.187])
+        array([2.058])
         >>> found.stable
         True
     """
 
     def __init__(
-        self, at: SmallMotions, names: Sequence[str], reduced: Reduced,
+        self, at: SmallMotions, names: Sequence[str], reduced: ReducedEquations,
         inputs: Mapping[str, Array], outputs: Mapping[str, tuple[Array, Array]],
     ) -> None:
         self.state, self.coordinates = at.state, tuple(names)
@@ -78,8 +82,14 @@ class Linearization:
 
     @property
     def eigenvalues(self) -> NDArray[np.complex128]:
-        """(2n,) eigenvalues [1/s], by their size."""
-        found = roots_of(self.mass, self.damping, self.stiffness)
+        """(2n,) eigenvalues [1/s], by their size.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> sp.linearize(mech, sp.equilibrium(mech).state).eigenvalues.imag.round(2)  # [rad/s]
+            array([-12.93,  12.93])
+        """
+        found, _ = vibrations(self.mass, self.damping, self.stiffness)
         return found[np.lexsort((found.imag, found.real, np.abs(found).round(12)))]
 
     @property
@@ -100,7 +110,13 @@ class Linearization:
 
     @property
     def damping_ratios(self) -> Array:
-        """(n,) damping ratios, in the order of `frequencies`: 1 is critical; NaN at frequency 0."""
+        """(n,) damping ratios, in the order of `frequencies`: 1 is critical; NaN at frequency 0.
+
+        Example:
+            >>> mech = sp.load("four_bar")  # without dampers
+            >>> sp.linearize(mech, sp.equilibrium(mech).state).damping_ratios.round(9)
+            array([0.])
+        """
         return np.array([ratio for _, ratio in self._modes()])
 
     def _modes(self) -> list[tuple[float, float]]:
@@ -115,10 +131,11 @@ class Linearization:
         modes = [(abs(x) / (2.0 * np.pi), -x.real / abs(x) + 0.0) for x in found[found.imag > least]
                  if x.real <= least]
         real = np.sort(found[np.abs(found.imag) <= least].real)
-        decaying, zeros = real[real < -least].tolist(), np.count_nonzero(np.abs(real) <= least)
+        decaying: list[float] = real[real < -least].tolist()
+        zeros = int(np.count_nonzero(np.abs(real) <= least))
         for x in real[real > least]:
             if decaying:
-                decaying.remove(min(decaying, key=lambda y, x=x: abs(x + y)))
+                del decaying[int(np.argmin(np.abs(np.array(decaying) + x)))]
         free = n - decompose(self.stiffness / np.abs(self.stiffness).max(initial=1e-300),
                              NEUTRAL).rank
         del decaying[len(decaying) - max(0, 2 * free - zeros):]
@@ -133,6 +150,12 @@ class Linearization:
 
         x are the changes of `coordinates`, then their rates; u of the inputs, z of the outputs, as
         `scipy.signal.StateSpace` and `control.ss` take them.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> found = sp.linearize(mech, sp.equilibrium(mech).state)
+            >>> [x.shape for x in found.state_space()]  # A, B, C, D
+            [(2, 2), (2, 1), (1, 2), (1, 1)]
         """
         n = len(self.coordinates)
         inverse = np.linalg.inv(self.mass)
@@ -146,6 +169,15 @@ class Linearization:
 
         Args:
             omega: (len(omega),) angular frequencies [rad/s].
+
+        Raises:
+            ValueError: one is NaN or infinite.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> found = sp.linearize(mech, sp.equilibrium(mech).state)
+            >>> found.frequency_response([0.0]).real.round(4)  # rad per N·m at rest
+            array([[[0.7641]]])
         """
         omega = np.atleast_1d(as_array(omega, "omega"))
         n = len(self.coordinates)
@@ -166,6 +198,12 @@ class Linearization:
 
         Raises:
             ValueError: there is no such vibration, or its frequency is 0.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> found = sp.linearize(mech, sp.equilibrium(mech).state)
+            >>> len(found.shape(0, amplitude=0.05))  # samples of one period
+            61
         """
         frequencies = self.frequencies
         if not 0 <= whole_number(k, "k") < len(frequencies) or not frequencies[k] > 0.0:
@@ -175,10 +213,8 @@ class Linearization:
         mechanism = self._loads.mechanism
         entries = [mechanism.prescribed_coordinate(x) for x in self.coordinates]
         scale = mechanism.velocity_scale[[c.v for c in entries]]
-        roots = self.eigenvalues
-        root = roots[np.argmin(np.abs(np.abs(roots) - omega) - 1e-9 * omega * (roots.imag > 0.0))]
-        matrix = root**2 * self.mass + root * self.damping + self.stiffness
-        form = np.linalg.svd(matrix * scale)[2][-1].conj()
+        roots, forms = vibrations(self.mass, self.damping, self.stiffness)
+        form = forms[np.argmin(np.abs(np.abs(roots) - omega))] / scale
         form = form / form[np.argmax(np.abs(form))]
         size = AMPLITUDE if amplitude is None else positive_number(amplitude, "amplitude") / (
             scale[np.argmax(np.abs(form))])
@@ -251,7 +287,7 @@ def linearize(
         >>> found.frequency_response([1.0]).shape  # (frequencies, outputs, inputs)
         (1, 1, 1)
     """
-    at = _at_rest(mechanism, state, Loads(
+    at = _at_rest(mechanism, state, AppliedLoads(
         exact_numbers(state), hold, speeds, efforts, external, laws))
     chosen = None if coordinates is None else names_of(coordinates, "coordinates")
     names, entries, motions = independent_motions(at, judged(at).free, chosen)
@@ -306,7 +342,7 @@ def compliance(
         >>> found.shape, bool(np.allclose(found, found.T, rtol=0, atol=1e-12))
         ((6, 6), True)
     """
-    at = _at_rest(mechanism, state, Loads(
+    at = _at_rest(mechanism, state, AppliedLoads(
         exact_numbers(state), hold, None, efforts, external, laws))
     mechanism = at.loads.mechanism
     verdict = judged(at)
@@ -326,7 +362,7 @@ def compliance(
     return found
 
 
-def _at_rest(mechanism: Mechanism, state: State, loads: Loads) -> SmallMotions:
+def _at_rest(mechanism: Mechanism, state: State, loads: AppliedLoads) -> SmallMotions:
     """Return the equations about a state, which must stand, or move as the speeds say."""
     at = SmallMotions(loads, state)
     apart = np.abs((state.v - at.state.v) / loads.mechanism.velocity_scale)
@@ -338,7 +374,7 @@ def _at_rest(mechanism: Mechanism, state: State, loads: Loads) -> SmallMotions:
     return at
 
 
-def _refuse_motion(at: SmallMotions, names: Sequence[str], reduced: Reduced) -> None:
+def _refuse_motion(at: SmallMotions, names: Sequence[str], reduced: ReducedEquations) -> None:
     """Refuse a pose that is not at rest.
 
     Raises:

@@ -36,7 +36,7 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 NO_LOAD = TOLERANCES.nothing  # part of all forces that is none
 
 
-class Loads:
+class AppliedLoads:
     """What acts on a mechanism, what is held, and what turns at constant speed.
 
     Args:
@@ -88,7 +88,7 @@ class Loads:
         return pace
 
 
-class Reduced(NamedTuple):
+class ReducedEquations(NamedTuple):
     """Equations of small motions in n coordinates y.
 
     Attributes:
@@ -123,7 +123,7 @@ class SmallMotions:
         SingularError: the loops have lost rank there.
     """
 
-    def __init__(self, loads: Loads, state: State) -> None:
+    def __init__(self, loads: AppliedLoads, state: State) -> None:
         self.loads, mechanism = loads, loads.mechanism
         self._scale, q = mechanism.velocity_scale, state.q
         with equations_of(mechanism) as equations:
@@ -164,7 +164,7 @@ class SmallMotions:
         stiff = np.abs(scale[:, None] * self.by_q * scale).max(initial=0.0)
         return float(weight + rates * inertia + np.abs(scale * given).max(initial=0.0) + stiff)
 
-    def reduced(self, motions: Array, entries: Sequence[int] | None = None) -> Reduced:
+    def reduced(self, motions: Array, entries: Sequence[int] | None = None) -> ReducedEquations:
         """Return the equations in coordinates whose unit rates move the joints by `motions`.
 
         Args:
@@ -181,7 +181,7 @@ class SmallMotions:
             stiff = stiff + self.by_v @ v + mass @ a
             damp = damp + mass @ self._carried(by_v @ q, q, entries)
         sizes = np.abs(motions)
-        return Reduced(motions, motions @ mass @ q, motions @ damp, motions @ stiff,
+        return ReducedEquations(motions, motions @ mass @ q, motions @ damp, motions @ stiff,
                        -motions @ self.wanted,
                        (sizes @ (self.size / self._scale), sizes @ np.abs(self.by_q) @ sizes.T))
 
@@ -191,7 +191,7 @@ class SmallMotions:
         found: Array = -self._scale[:, None] * (self._inverse @ np.vstack([opened, rest]))
         return found if entries is None else found - q @ found[list(entries)]
 
-    def orthonormal(self) -> Reduced:
+    def orthonormal(self) -> ReducedEquations:
         """Return the equations in an orthonormal basis of all freedoms, scaled."""
         return self.reduced(self.freedoms * self._scale)
 
