@@ -203,7 +203,3 @@ class Problem:
         if self.forces.exist:
             total = total + self.forces.generalised(evaluation, q, v)
         return total
-
-    def work(self, y: Array) -> float:
-        """Return the work done, of unknowns."""
-        return float(y[-1]) if self.works else 0.0

@@ -461,7 +461,7 @@ def _masses(
         grown = f"accelerations are known to {error:.1e} of their size only"
     elif _have_grown(problem, start, a):  # not by forces
         at = int(np.abs(a / problem.scale).argmax())
-        c = {c.v: c for c in problem.mechanism.coordinate_table.values()}[at]
+        c = list(problem.mechanism.coordinate_table.values())[at]
         grown = (f"{c.name} is accelerated by {a[at]:.3g} {c.unit}/s² (at the start "
                  f"{start[at]:.3g}), though no effort or spring pulls")
     else:
@@ -494,8 +494,8 @@ def _forces(problem: Problem, start: Array, q: Array, a: Array, given: Array) ->
     if not (_have_grown(problem, start, a) and have_part):
         return ""
     at, pulled = int(np.abs(a / units).argmax()), int(np.abs(given * units).argmax())
-    by_v = {c.v: c for c in problem.mechanism.coordinate_table.values()}
-    moves, pulls = by_v[at], by_v[pulled]
+    table = list(problem.mechanism.coordinate_table.values())
+    moves, pulls = table[at], table[pulled]
     force = f"a force of {given[pulled]:.3g} {'N' if pulls.unit == 'm' else 'N·m'} at {pulls.name}"
     return (f"forces grow without bound: {moves.name} is accelerated by {a[at]:.3g} "
             f"{moves.unit}/s² (at the start {start[at]:.3g}), and efforts, springs and friction "
