@@ -86,7 +86,7 @@ class Springs:
     def _slopes(self, name: str, x: float, rate: float) -> tuple[float, float]:
         """Return the derivatives of a spring's law with respect to length and to rate."""
         if name not in self._given:
-            return self._of[name].stiffness, self._of[name].damping
+            return self._of[name].slopes(x, rate)
         if name in self.slopes:
             by_length, by_rate = self.slopes[name](x, rate)
             return float(by_length), float(by_rate)

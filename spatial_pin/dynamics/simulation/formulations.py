@@ -83,8 +83,8 @@ def forces_as_arrays(
     ints: list[Any] = [
         [n_free, len(prescribed), len(spins), len(lines), len(turns), problem.works, projects],
         prescribed, [carriers[joint] for joint in spins.joints], [j for j, _ in ends],
-        [x.energy is None for x in lines], [x.q for x in turns], [x.v for x in turns],
-        [x.energy is None for x in turns]]
+        [not x.is_linear for x in lines], [x.q for x in turns], [x.v for x in turns],
+        [not x.is_linear for x in turns]]
     reals: list[Any] = [
         [tolerance], resistance.damping, resistance.friction,
         resistance.slip_speed, problem.model.armature, problem.constant,
@@ -115,7 +115,7 @@ class ForceFunctions:
         """Return the functions, None where the kernel need not call one."""
         problem = self._problem
         springs: list[Line | JointSpring] = [*problem.forces.lines, *problem.forces.turns]
-        has_laws = not all(spring.energy for spring in springs)
+        has_laws = not all(spring.is_linear for spring in springs)
         return Callbacks(
             self._efforts if problem.law or problem.external else None,
             (lambda which, length, rate: float(springs[which].law(length, rate)))

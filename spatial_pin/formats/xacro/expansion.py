@@ -136,6 +136,8 @@ def _checked_parameters(expansion: Expansion, parameters: Mapping[str, float]) -
         if isinstance(value, str):
             continue
         try:
+            if np.ndim(value):  # NumPy 2.0 takes an array of one number for a number
+                raise TypeError
             number = float(value)
         except OverflowError:
             raise ValueError(
