@@ -53,7 +53,7 @@ LOSSES: dict[str, tuple[Scalar, Scalar, Scalar]] = {
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What measurements tell of a mechanism.
+    """Dimensions, offsets and base that fit measurements best, with their uncertainty.
 
     Attributes:
         mechanism: at the calibrated dimensions.
@@ -193,7 +193,7 @@ def calibrate(
     margin: float = 1.5,
     guess: Mapping[str, Any] | State | Array | None = None,
 ) -> Calibration:
-    """Find dimensions, offsets of encoders and the base, so that measurements are met best.
+    """Find the dimensions, encoder offsets and base that fit measurements best.
 
     The sum of the squares of the residuals is made as small as possible. A residual is the
     difference between model and measurement, in standard deviations. Except for their offsets,

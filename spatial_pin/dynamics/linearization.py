@@ -358,7 +358,7 @@ def compliance(
         raise SpatialPinError(
             f"mechanism {mechanism.name!r}: nothing drives {frame!r} back where "
             f"{', '.join(names)} move: hold one of them, or give it a spring")
-    found: Array = moved @ svd.minimum_norm(moved.T)
+    found: Array = moved @ np.array([svd.minimum_norm(row) for row in moved]).T
     return found
 
 

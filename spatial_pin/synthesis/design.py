@@ -129,7 +129,7 @@ def design(
     resume: str | Path | None = None,
     most: int = 10,
 ) -> Designs:
-    """Find dimensions with which a mechanism does what is asked of it.
+    """Find dimensions of a mechanism that meet goals.
 
     Dimensions and the configurations at the samples of every goal are fitted together: first with
     loops that may stay open, so that a start at which nothing closes is no obstacle, then with

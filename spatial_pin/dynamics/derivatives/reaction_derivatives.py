@@ -22,6 +22,7 @@ from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.derivatives.spring_derivatives import Outside, Springs
 from spatial_pin.dynamics.forward import Dynamics
 from spatial_pin.dynamics.reactions import Pairs
+from spatial_pin.errors import SpatialPinError
 from spatial_pin.numerics.linalg import Array
 
 
@@ -158,6 +159,10 @@ class ReactionChanges:
     def _add_given(self, on_bodies: Array) -> None:
         """Add the wrenches of springs between frames, and those from outside."""
         forces = self.springs.forces
+        if forces.bushings:
+            raise SpatialPinError(
+                f"mechanism {self.mechanism.name!r}: derivatives of reactions beside bushings are "
+                "not worked out; those of accelerations are")
         for line, pull in zip(forces.lines, self.springs.lines, strict=True):
             ends = [x @ self.placements[i] for i, x in zip(line.bodies, line.points, strict=True)]
             moved = [x @ self.placements_by_q[i]

@@ -344,6 +344,10 @@ class RowDerivatives:
                 ends[i] = ends.get(i, np.zeros(4)) + sense * point
             a.append(ends)
             b.append({i: 0.5 * x for i, x in ends.items()})
+        for bushing in forces.bushings:
+            more = bushing.products
+            a += more[0]
+            b += more[1]
         self.products = ProductDerivatives(mechanism, whole, a, b, motion)
 
     def changes(self, order: int) -> tuple[Array, Array]:
@@ -388,7 +392,7 @@ class RowDerivatives:
 
         Args:
             multipliers: (n_closure,) of the closure rows.
-            pulls: (n_lines,) of the springs, by half their squared lengths.
+            pulls: of the springs, by half their squared lengths, and by the products of bushings.
         """
         c, by_q = self.constraints, self.products.by_q[0]
         weights, along = np.zeros(len(by_q)), np.zeros((self.nv, self.nv))

@@ -77,7 +77,8 @@ def forces_as_arrays(
     prescribed = [c.v for c, _ in problem.drives]
     resistance, carriers = problem.forces.resistance, problem.packed.carriers
     frames, lines, turns = problem.packed.frames, problem.forces.lines, problem.forces.turns
-    springs = {s.name: (s.stiffness, s.damping, s.free) for s in problem.mechanism.springs}
+    springs = {s.name: (s.stiffness, s.damping, s.free) for s in problem.mechanism.springs
+               if not s.is_bushing}
     ends = [(carriers[j], x[:3]) for line in lines
             for j, x in zip(line.bodies, line.points, strict=True)]
     ints: list[Any] = [
@@ -117,7 +118,7 @@ class ForceFunctions:
         springs: list[Line | JointSpring] = [*problem.forces.lines, *problem.forces.turns]
         has_laws = not all(spring.is_linear for spring in springs)
         return Callbacks(
-            self._efforts if problem.law or problem.external else None,
+            self._efforts if problem.law or problem.external or problem.forces.bushings else None,
             (lambda which, length, rate: float(springs[which].law(length, rate)))
             if has_laws else None,
             self._drives if problem.drives else None, self._least)
