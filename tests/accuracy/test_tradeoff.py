@@ -258,8 +258,3 @@ def test_the_command_measures_simulations(run):
 def test_the_command_says_in_one_paragraph_what_is_wrong(words, code, message, run):
     found, _, err = run("tradeoff", *words)
     assert found == code and message in err and "Traceback" not in err
-
-
-def test_what_is_as_cheap_and_less_exact_is_no_part_of_the_front():
-    assert pareto([1.0, 1.0, 2.0, 2.0], [2.0, 3.0, 2.0, 1.0]) == [True, False, False, True]
-    assert pareto([1.0, 1.0], [2.0, 2.0]) == [True, True]

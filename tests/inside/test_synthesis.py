@@ -380,6 +380,6 @@ def test_the_top_of_three_points_of_a_parabola_is_its_own():
 @pytest.mark.parametrize("gap", [0.0, 0.3, 2.0, 6.0])
 def test_a_full_turn_misses_the_angle_that_is_left_of_it(gap):
     mechanism = sp.load("four_bar")
-    goal = sp.goals.full_turn()
+    goal = sp.goals.turns()
     found = goal.errors(np.array([1.0 - np.cos(0.5 * gap)]), mechanism)
     assert found[0] == pytest.approx(gap, abs=1e-7)
