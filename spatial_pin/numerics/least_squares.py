@@ -363,9 +363,11 @@ class Descent:
                 if not self._is_bent:
                     there = self._to_vertex(here, active, step, there)
                 share = there[0].size / here.size if here.size else 0.0
-                if 1.0 - share * share < problem.gain and self._damping < LEAST_DAMPING:
+                gained, predicted = 1.0 - share * share, self._predicted(here, step)
+                if 0.25 * predicted < gained < problem.gain:
                     return Minimum(*there, True, False)
-                self._damping *= 0.1
+                self._damping *= 2.0 if gained < 0.25 * predicted else (
+                    1.0 if gained < 0.75 * predicted else 0.25)
                 if share < 0.1:
                     self._slow = 0
                 elif share > 0.5 and moved < 0.99 * problem.longest:
@@ -374,7 +376,7 @@ class Descent:
                 if here.size <= problem.tolerance:
                     return Minimum(here, active, True, False)
             else:
-                self._damping = max(LEAST_DAMPING, 4.0 * self._damping)
+                self._damping = max(1e-6, 4.0 * self._damping) if self._damping else LEAST_DAMPING
                 self._slow += 1
                 is_last = self._damping > MOST_DAMPING or is_last
             if is_last:
@@ -387,20 +389,32 @@ class Descent:
     def _step(self, here: Iterate, active: Bounds) -> tuple[Array, Bounds]:
         """Return a step (n,), and the bounds that it stops at."""
         problem, active = self._problem, dict(active)
+        jump = np.zeros(len(problem.moves))
         while True:
             free = problem.free(active)
             if self._is_bent:
                 step = here.lagrangian(free).newton_step(self._damping)
             else:
                 tangents, (residual, rows) = here.tangents(free), here.model
-                step = damped(rows @ tangents.T, -residual, self._damping, problem.cut) @ tangents
+                step = damped(rows @ tangents.T, -(residual + rows @ jump), self._damping,
+                              problem.cut) @ tangents
             length = math.sqrt(step.dot(step))
             if length > problem.longest:
                 step *= problem.longest / length
             first = passed(here.room, step, active)
             if first is None:
-                return step, active
-            active[first[0]] = first[1]
+                return step + jump, active
+            k, side = first
+            active[k] = side
+            jump[k] = here.room[side, k] if side else -here.room[side, k]
+
+    def _predicted(self, here: Iterate, step: Array) -> float:
+        """Return the part of the sum that a step gains to first order; nothing of Newton's."""
+        if self._is_bent or not here.size:
+            return 0.0
+        residual, rows = here.model
+        left = residual + rows @ step
+        return float(residual @ residual - left @ left) / here.size**2
 
     def _landed(
         self, here: Iterate, step: Array, active: Bounds

@@ -1,9 +1,9 @@
 """One problem of dimensional synthesis, and its local solutions.
 
 From a start, dimensions and configurations are fitted together: first loosely, open loops being
-weighed against missed goals, then ever more closed, at last exactly, by SciPy's trust region. Goals
-that are to be met exactly, beside others that are met as well as can be, are kept by augmented
-Lagrangians [Hestenes1969; Powell1969].
+weighed against missed goals, then ever more closed, at last exactly. Goals that are to be met
+exactly, beside others that are met as well as can be, are kept by augmented Lagrangians
+[Hestenes1969; Powell1969].
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from spatial_pin.assembly.state import State
 from spatial_pin.dimensions.predictions import STEP
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.numerics.least_squares import Bounds, LeastSquares, minimised
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.synthesis.demand import Demand
@@ -32,9 +33,6 @@ LOOSE_GAIN = 1e-4  # of the cost in a step, at which the next weight is gone on 
 FIRST_PENALTY = 100.0  # weight² of exact goals beside others, which have about one
 MOST_PENALTIES = 12  # rounds of multipliers: each gains a factor of the penalty as a rule
 IDLE_PENALTIES = 3  # rounds that do not halve what is missed: it cannot be met
-FIRST_GAIN = 1e-6  # of the cost in a step, at which numbers close to bounds are put there
-NEAR_BOUND = 1e-3  # part of the width of the bounds: a trust region of interior points ends as far
-START_MARGIN = 1e-9  # likewise: SciPy wants starts inside of the bounds
 OPEN = "the loops do not close"
 
 OfNumbers = Callable[[Array], Array]
@@ -200,47 +198,50 @@ class LocalFit:
     def minimum(
         self, residual: OfNumbers, slopes: OfNumbers, x: Array, most: int, gain: float
     ) -> Array:
-        """Return where the sum of squares is least, by SciPy's trust region.
+        """Return where the sum of squares is least, within bounds."""
+        return minimised(BoundedNumbers(self.p, residual, slopes, most, gain), x, {}).at.x
 
-        That keeps off the bounds, and comes near them slowly: numbers that it ends close to one are
-        put there, and the others are fitted again.
-        """
-        p, every = self.p, np.ones(len(x), dtype=bool)
-        first = self._descended(residual, slopes, x, every, most, max(gain, FIRST_GAIN))
-        near = NEAR_BOUND * p.sizes
-        x = np.where(first - p.lower < near, p.lower,
-                     np.where(p.upper - first < near, p.upper, first))
-        free = (x != p.lower) & (x != p.upper)
-        if gain >= FIRST_GAIN or not np.isfinite(residual(x)).all():
-            return first
-        second = self._descended(residual, slopes, x, free, most, gain)
-        squares = [float(np.sum(residual(there) ** 2)) for there in (first, second)]
-        return second if squares[1] <= squares[0] else first
 
-    def _descended(
-        self, residual: OfNumbers, slopes: OfNumbers, x: Array, free: NDArray[np.bool_],
-        most: int, gain: float,
-    ) -> Array:
-        from scipy.optimize import least_squares  # takes a quarter of a second
+class BoundedNumbers(LeastSquares):
+    """Numbers of a problem, between their bounds, and residuals by functions of them."""
 
-        p, x = self.p, x.copy()
-        if not free.any():
-            return x
-        low, high, size = p.lower[free], p.upper[free], p.sizes[free]
+    bends, tolerance = False, TOLERANCES.last_digit
 
-        def whole(part: Array) -> Array:
-            there = x.copy()
-            there[free] = part
-            return there
+    def __init__(
+        self, problem: DesignSpace, residual: OfNumbers, slopes: OfNumbers, most: int, gain: float
+    ) -> None:
+        self._p, self._residual, self._slopes = problem, residual, slopes
+        self.most, self.gain, self.moves = most, gain, np.ones(len(problem.sizes), dtype=bool)
+        self._last: tuple[Array, Array] = np.empty(0), np.empty(0)
 
-        start = np.clip(x[free], low + START_MARGIN * size, high - START_MARGIN * size)
-        if not np.isfinite(residual(whole(start))).all():
-            return x  # loops that close at a bound open beside it
-        found = least_squares(
-            lambda part: residual(whole(part)), start, lambda part: slopes(whole(part))[:, free],
-            bounds=(low, high), x_scale=size, ftol=gain, xtol=TOLERANCES.round_off,
-            gtol=TOLERANCES.last_digit, max_nfev=most)
-        return whole(found.x)
+    def residual(self, x: Array) -> Array:
+        """See `LeastSquares`; infinite where loops do not close."""
+        if self._last[0] is not x:
+            self._last = x, self._residual(x)
+        return self._last[1]
+
+    def jacobian(self, x: Array) -> Array:
+        """See `LeastSquares`."""
+        return self._slopes(x) * self._p.sizes
+
+    def displaced(self, x: Array, step: Array) -> Array:
+        """See `LeastSquares`."""
+        return x + self._p.sizes * step
+
+    def corrected(self, x: Array, free: NDArray[np.bool_], off: float) -> Array | None:
+        """See `LeastSquares`: None where loops do not close."""
+        return x if np.isfinite(self.residual(x)).all() else None
+
+    def room(self, x: Array) -> Array:
+        """See `LeastSquares`."""
+        return np.stack([x - self._p.lower, self._p.upper - x]) / self._p.sizes
+
+    def at_bounds(self, x: Array, active: Bounds) -> Array:
+        """See `LeastSquares`."""
+        x = x.copy()
+        for k, side in active.items():
+            x[k] = (self._p.lower, self._p.upper)[side][k]
+        return x
 
 
 class _Exactly:
