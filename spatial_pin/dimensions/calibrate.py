@@ -330,7 +330,8 @@ class CalibrationProblem(LeastSquares):
         self._predictions, self._margin = predictions, margin
         self._loss = LOSSES[loss]
         n, k = len(predictions.sizes), len(bounds)
-        self.moves, self.gauge = np.ones(n, dtype=bool), np.empty((0, n))
+        self.moves = np.ones(n, dtype=bool)
+        self.gauge: Array = np.empty((0, n))
         self._ends = np.full((2, n), np.inf) * np.array([[-1.0], [1.0]])
         if k:
             self._ends[:, :k] = (np.array([*bounds.values()]).T - predictions.nominal
