@@ -35,19 +35,15 @@ from spatial_pin.numerics.least_squares import Bounds, LeastSquares, minimised
 from spatial_pin.numerics.linalg import Array, decompose, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-LEAST_CURVATURE = 1e-3  # of a loss, relative to its slope: beyond the margin it bends down
 Scalar = Callable[[Array], Array]
-# Of each loss what counts of a residual's square z over the margin's, its derivative, and the
-# curvature of half of it along the residual.
-LOSSES: dict[str, tuple[Scalar, Scalar, Scalar]] = {
-    "linear": (lambda z: z, np.ones_like, np.ones_like),
-    "soft_l1": (lambda z: 2.0 * z / (1.0 + np.sqrt(1.0 + z)), lambda z: (1.0 + z) ** -0.5,
-                lambda z: (1.0 + z) ** -1.5),
+# Of each loss what counts of a residual's square z over the margin's, and its derivative.
+LOSSES: dict[str, tuple[Scalar, Scalar]] = {
+    "linear": (lambda z: z, np.ones_like),
+    "soft_l1": (lambda z: 2.0 * z / (1.0 + np.sqrt(1.0 + z)), lambda z: 1.0 / np.sqrt(1.0 + z)),
     "huber": (lambda z: np.where(z < 1.0, z, 2.0 * np.sqrt(z) - 1.0),
-              lambda z: 1.0 / np.sqrt(np.maximum(z, 1.0)), lambda z: (z < 1.0).astype(float)),
-    "cauchy": (np.log1p, lambda z: 1.0 / (1.0 + z), lambda z: (1.0 - z) / (1.0 + z) ** 2),
-    "arctan": (np.arctan, lambda z: 1.0 / (1.0 + z * z),
-               lambda z: (1.0 - 3.0 * z * z) / (1.0 + z * z) ** 2),
+              lambda z: 1.0 / np.sqrt(np.maximum(z, 1.0))),
+    "cauchy": (np.log1p, lambda z: 1.0 / (1.0 + z)),
+    "arctan": (np.arctan, lambda z: 1.0 / (1.0 + z * z)),
 }
 
 
@@ -310,6 +306,9 @@ def _start(
 class CalibrationProblem(LeastSquares):
     """Errors of predictions that are to be small, as far as a loss lets them count.
 
+    Steps are those of least squares with the weights that the errors have now: a loss that counts
+    outliers less bends down there, and lies below them.
+
     Args:
         predictions: of what was measured.
         loss, margin: as for `calibrate`.
@@ -320,7 +319,7 @@ class CalibrationProblem(LeastSquares):
         best: (n,) where the search has come to.
     """
 
-    bends, longest, cut, most = False, np.inf, TOLERANCES.zero, 300  # with outliers some dozens
+    bends, longest, cut, most = False, 1.0, TOLERANCES.zero, 300  # with outliers some dozens
     gain = TOLERANCES.last_digit
 
     def __init__(
@@ -354,13 +353,11 @@ class CalibrationProblem(LeastSquares):
         return np.vstack([self._predictions.jacobian(x), self.gauge])
 
     def model(self, x: Array) -> tuple[Array, Array]:
-        """See `LeastSquares`: errors of which squares have the loss's slope and curvature."""
+        """See `LeastSquares`: errors by their weights, whose squares rise as the losses do."""
         errors, rows = self._predictions.errors(x), self.jacobian(x)
-        z = (errors / self._margin) ** 2
-        slope = self._loss[1](z)
-        roots = np.sqrt(np.maximum(self._loss[2](z), LEAST_CURVATURE * slope))
+        roots = np.sqrt(self.weights(errors))
         rows[: len(errors)] *= roots[:, None]
-        return np.append(slope / roots * errors, self.gauge @ x), rows
+        return np.append(roots * errors, self.gauge @ x), rows
 
     def corrected(self, x: Array, free: NDArray[np.bool_], off: float) -> Array | None:
         """See `LeastSquares`: None where loops do not close."""

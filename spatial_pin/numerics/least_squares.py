@@ -78,7 +78,10 @@ class LeastSquares(ABC):
         """Return their derivatives (k, n)."""
 
     def model(self, x: Array) -> tuple[Array, Array]:
-        """Return residuals and derivatives that tell the sum's, and nearly its second ones."""
+        """Return residuals and derivatives, (k,) and (k, n), that steps are made by.
+
+        Half the sum of their squares has the slope that the problem has, and bends as much or more.
+        """
         return self.residual(x), self.jacobian(x)
 
     def displaced(self, x: Array, step: Array) -> Array:

@@ -33,6 +33,9 @@ LOOSE_GAIN = 1e-4  # of the cost in a step, at which the next weight is gone on 
 FIRST_PENALTY = 100.0  # weight² of exact goals beside others, which have about one
 MOST_PENALTIES = 12  # rounds of multipliers: each gains a factor of the penalty as a rule
 IDLE_PENALTIES = 3  # rounds that do not halve what is missed: it cannot be met
+# Step at most, in widths of bounds, where there are demands: they are met with room to spare as
+# well as just met, and drivers that turn there may be stopped farther on.
+DEMANDED_STEP = 0.1
 OPEN = "the loops do not close"
 
 OfNumbers = Callable[[Array], Array]
@@ -212,6 +215,8 @@ class BoundedNumbers(LeastSquares):
     ) -> None:
         self._p, self._residual, self._slopes = problem, residual, slopes
         self.most, self.gain, self.moves = most, gain, np.ones(len(problem.sizes), dtype=bool)
+        if problem.demands:
+            self.longest = DEMANDED_STEP
         self._last: tuple[Array, Array] = np.empty(0), np.empty(0)
 
     def residual(self, x: Array) -> Array:
@@ -225,8 +230,11 @@ class BoundedNumbers(LeastSquares):
         return self._slopes(x) * self._p.sizes
 
     def displaced(self, x: Array, step: Array) -> Array:
-        """See `LeastSquares`."""
-        return x + self._p.sizes * step
+        """See `LeastSquares`; what cancels but for round-off is zero."""
+        moved = self._p.sizes * step
+        there: Array = x + moved
+        there[np.abs(there) <= TOLERANCES.last_digit * np.abs(moved)] = 0.0
+        return there
 
     def corrected(self, x: Array, free: NDArray[np.bool_], off: float) -> Array | None:
         """See `LeastSquares`: None where loops do not close."""
