@@ -23,9 +23,13 @@ from spatial_pin.numerics.linalg import Array, Triangular, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 SLOW_STEPS = 2  # that leave more than half, after which Newton's are made: Gauss's creep
-# First damping where a step did not help, relative to the largest singular value.
-LEAST_DAMPING = 1e-3
-MOST_DAMPING = 1e6  # with which nothing moves any more
+# Damping where the first step did not help, relative to the square of the largest singular value;
+# least where a later one did not; and that with which nothing moves any more.
+FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-6, 1e6
+HARDENING = 4.0  # of damping after a step that did not help
+# Gains of a step, of what it was to gain to first order [NocedalWright2006, 4.1]: with less than the
+# first it is damped more, with more than the second less.
+POOR_GAIN, GOOD_GAIN = 0.25, 0.75
 NO_LONGER = 1e-9  # of the unknowns: how far off a least sum may be
 # By how much of the square of a Gauss step constraints may be off on the way: such a step itself
 # misses by its square, and the last ones are so short that all digits are kept.
@@ -367,10 +371,10 @@ class Descent:
                     there = self._to_vertex(here, active, step, there)
                 share = there[0].size / here.size if here.size else 0.0
                 gained, predicted = 1.0 - share * share, self._predicted(here, step)
-                if 0.25 * predicted < gained < problem.gain:
+                if POOR_GAIN * predicted < gained < problem.gain:
                     return Minimum(*there, True, False)
-                self._damping *= 2.0 if gained < 0.25 * predicted else (
-                    1.0 if gained < 0.75 * predicted else 0.25)
+                self._damping *= 2.0 if gained < POOR_GAIN * predicted else (
+                    1.0 if gained < GOOD_GAIN * predicted else 0.25)
                 if share < 0.1:
                     self._slow = 0
                 elif share > 0.5 and moved < 0.99 * problem.longest:
@@ -379,7 +383,8 @@ class Descent:
                 if here.size <= problem.tolerance:
                     return Minimum(here, active, True, False)
             else:
-                self._damping = max(1e-6, 4.0 * self._damping) if self._damping else LEAST_DAMPING
+                self._damping = max(LEAST_DAMPING, HARDENING * self._damping) if (
+                    self._damping) else FIRST_DAMPING
                 self._slow += 1
                 is_last = self._damping > MOST_DAMPING or is_last
             if is_last:

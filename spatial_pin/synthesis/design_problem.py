@@ -187,7 +187,8 @@ class LocalFit:
 
         n_rows = 0
         n_rows = len(residual(x))
-        x = self.minimum(residual, slopes, x, LOOSE_EVALUATIONS, LOOSE_GAIN)
+        numbers = BoundedNumbers(p, residual, slopes, LOOSE_EVALUATIONS, LOOSE_GAIN)
+        x = minimised(numbers, x, {}).at.x
         self._near = at(x)
         return x
 
@@ -197,12 +198,6 @@ class LocalFit:
         flat = slopes.reshape(len(out), -1)
         out[:, :n], out[:, own] = flat[:, :n], flat[:, n:]
         return out
-
-    def minimum(
-        self, residual: OfNumbers, slopes: OfNumbers, x: Array, most: int, gain: float
-    ) -> Array:
-        """Return where the sum of squares is least, within bounds."""
-        return minimised(BoundedNumbers(self.p, residual, slopes, most, gain), x, {}).at.x
 
 
 class BoundedNumbers(LeastSquares):
@@ -369,7 +364,8 @@ class _Exactly:
                              tuple(samples), self.fit.evaluations)
 
     def _fitted(self, gain: float) -> tuple[list[GoalStates], Array]:
-        self.x = self.fit.minimum(self.residual, self.slopes, self.x, EXACT_EVALUATIONS, gain)
+        numbers = BoundedNumbers(self.p, self.residual, self.slopes, EXACT_EVALUATIONS, gain)
+        self.x = minimised(numbers, self.x, {}).at.x
         found = self._at(self.x)
         if found is None:
             raise SpatialPinError(self._why)
