@@ -27,8 +27,8 @@ SLOW_STEPS = 2  # that leave more than half, after which Newton's are made: Gaus
 # least where a later one did not; and that with which nothing moves any more.
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-6, 1e6
 HARDENING = 4.0  # of damping after a step that did not help
-# Gains of a step, of what it was to gain to first order [NocedalWright2006, 4.1]: with less than the
-# first it is damped more, with more than the second less.
+# Gains of a step, of what it was to gain to first order [NocedalWright2006, 4.1]: with less than
+# the first it is damped more, with more than the second less.
 POOR_GAIN, GOOD_GAIN = 0.25, 0.75
 NO_LONGER = 1e-9  # of the unknowns: how far off a least sum may be
 # By how much of the square of a Gauss step constraints may be off on the way: such a step itself
@@ -50,13 +50,14 @@ class LeastSquares(ABC):
 
     To make something least: a class with `residual` and `jacobian`, and with
 
-    1. `displaced`, where the unknowns are no vector;
+    1. `displaced`, `room` and `at_bounds`, where the unknowns are no vector;
     2. `constraints`, `corrected` and `pulled`, where constraints hold;
-    3. `room` and `at_bounds`, where there are bounds;
-    4. `model`, where squares count for less than they are.
+    3. `model`, where squares count for less than they are.
 
     Attributes:
         moves: (n,) which unknowns may move.
+        scale: (n,) of the unknowns of a vector; a step is relative to it.
+        ends: (2, n) bounds of a vector, the lower ones first.
         tolerance: length of the residuals at which they are none.
         bends: whether Newton's steps may be made; they take a gradient for each freedom.
         gain: part of the sum that a step gains at least, while steps are Gauss's.
@@ -66,6 +67,8 @@ class LeastSquares(ABC):
     """
 
     moves: NDArray[np.bool_]
+    scale: Array | float = 1.0
+    ends: Array | None = None
     tolerance = 0.0
     bends = True
     gain = 0.0
@@ -75,7 +78,7 @@ class LeastSquares(ABC):
 
     @abstractmethod
     def residual(self, x: Array) -> Array:
-        """Return the residuals (k,)."""
+        """Return the residuals (k,); infinite where there are none."""
 
     @abstractmethod
     def jacobian(self, x: Array) -> Array:
@@ -90,7 +93,10 @@ class LeastSquares(ABC):
 
     def displaced(self, x: Array, step: Array) -> Array:
         """Return what is a step (n,) away."""
-        return x + step
+        moved = self.scale * step
+        there: Array = x + moved
+        there[np.abs(there) <= TOLERANCES.last_digit * np.abs(moved)] = 0.0  # but for round-off
+        return there
 
     def constraints(self, x: Array) -> Array:
         """Return the derivatives (m, n) of the constraints."""
@@ -108,10 +114,15 @@ class LeastSquares(ABC):
 
     def room(self, x: Array) -> Array:
         """Return how far unknowns are from their bounds (2, n), the lower ones first."""
-        return np.full((2, len(self.moves)), np.inf)
+        if self.ends is None:
+            return np.full((2, len(self.moves)), np.inf)
+        return np.stack([x - self.ends[0], self.ends[1] - x]) / self.scale
 
     def at_bounds(self, x: Array, active: Bounds) -> Array:
         """Return x with unknowns at their active bounds."""
+        x = x.copy()
+        for k, side in active.items():
+            x[k] = self.ends[side, k] if self.ends is not None else x[k]
         return x
 
     def pulled(self, x: Array, multipliers: Array, forces: Array) -> Array:
@@ -356,7 +367,7 @@ class Descent:
     def run(self, here: Iterate, active: Bounds) -> Minimum:
         """Return where it ends; constraints may be off there by a little."""
         problem, moved = self._problem, 0.0
-        for _ in range(problem.most):
+        for _ in range(problem.most if here.size < np.inf else 0):
             # bounds that a free step, of some of them released, would not leave
             active = {k: side for k, side in active.items()
                       if here.push(active, k) >= -TOLERANCES.nothing * here.size}
@@ -437,7 +448,7 @@ class Descent:
             there = Iterate(problem, landed)
             more = beyond(there.room, here.room, active)
             if not more:
-                return there, active
+                return (there, active) if there.size < np.inf else None
             active = active | more
 
     def _is_as_good(

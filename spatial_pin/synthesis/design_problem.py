@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from spatial_pin.assembly.state import State
 from spatial_pin.dimensions.predictions import STEP
 from spatial_pin.errors import SpatialPinError
-from spatial_pin.numerics.least_squares import Bounds, LeastSquares, minimised
+from spatial_pin.numerics.least_squares import LeastSquares, minimised
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.synthesis.demand import Demand
@@ -208,43 +208,19 @@ class BoundedNumbers(LeastSquares):
     def __init__(
         self, problem: DesignSpace, residual: OfNumbers, slopes: OfNumbers, most: int, gain: float
     ) -> None:
-        self._p, self._residual, self._slopes = problem, residual, slopes
+        self._residual, self._slopes = residual, slopes
         self.most, self.gain, self.moves = most, gain, np.ones(len(problem.sizes), dtype=bool)
+        self.scale, self.ends = problem.sizes, np.stack([problem.lower, problem.upper])
         if problem.demands:
             self.longest = DEMANDED_STEP
-        self._last: tuple[Array, Array] = np.empty(0), np.empty(0)
 
     def residual(self, x: Array) -> Array:
         """See `LeastSquares`; infinite where loops do not close."""
-        if self._last[0] is not x:
-            self._last = x, self._residual(x)
-        return self._last[1]
+        return self._residual(x)
 
     def jacobian(self, x: Array) -> Array:
         """See `LeastSquares`."""
-        return self._slopes(x) * self._p.sizes
-
-    def displaced(self, x: Array, step: Array) -> Array:
-        """See `LeastSquares`; what cancels but for round-off is zero."""
-        moved = self._p.sizes * step
-        there: Array = x + moved
-        there[np.abs(there) <= TOLERANCES.last_digit * np.abs(moved)] = 0.0
-        return there
-
-    def corrected(self, x: Array, free: NDArray[np.bool_], off: float) -> Array | None:
-        """See `LeastSquares`: None where loops do not close."""
-        return x if np.isfinite(self.residual(x)).all() else None
-
-    def room(self, x: Array) -> Array:
-        """See `LeastSquares`."""
-        return np.stack([x - self._p.lower, self._p.upper - x]) / self._p.sizes
-
-    def at_bounds(self, x: Array, active: Bounds) -> Array:
-        """See `LeastSquares`."""
-        x = x.copy()
-        for k, side in active.items():
-            x[k] = (self._p.lower, self._p.upper)[side][k]
-        return x
+        return self._slopes(x) * self.scale
 
 
 class _Exactly:

@@ -13,22 +13,13 @@ class Valley(LeastSquares):
 
     def __init__(self, low, high, bends):
         self.moves, self.bends = np.ones(2, dtype=bool), bends
-        self._low, self._high = np.array(low), np.array(high)
+        self.ends = np.array([low, high])
 
     def residual(self, x):
         return np.array([10.0 * (x[1] - x[0] ** 2), 1.0 - x[0]])
 
     def jacobian(self, x):
         return np.array([[-20.0 * x[0], 10.0], [-1.0, 0.0]])
-
-    def room(self, x):
-        return np.stack([x - self._low, self._high - x])
-
-    def at_bounds(self, x, active):
-        x = x.copy()
-        for k, side in active.items():
-            x[k] = (self._low, self._high)[side][k]
-        return x
 
 
 @pytest.mark.parametrize("bends", [True, False])
