@@ -56,7 +56,7 @@ class LeastSquares(ABC):
 
     Attributes:
         moves: (n,) which unknowns may move.
-        scale: (n,) of the unknowns of a vector; a step is relative to it.
+        sizes: (n,) of the unknowns of a vector, which steps are relative to.
         ends: (2, n) bounds of a vector, the lower ones first.
         tolerance: length of the residuals at which they are none.
         bends: whether Newton's steps may be made; they take a gradient for each freedom.
@@ -67,7 +67,7 @@ class LeastSquares(ABC):
     """
 
     moves: NDArray[np.bool_]
-    scale: Array | float = 1.0
+    sizes: Array | float = 1.0
     ends: Array | None = None
     tolerance = 0.0
     bends = True
@@ -93,7 +93,7 @@ class LeastSquares(ABC):
 
     def displaced(self, x: Array, step: Array) -> Array:
         """Return what is a step (n,) away."""
-        moved = self.scale * step
+        moved = self.sizes * step
         there: Array = x + moved
         there[np.abs(there) <= TOLERANCES.last_digit * np.abs(moved)] = 0.0  # but for round-off
         return there
@@ -116,7 +116,7 @@ class LeastSquares(ABC):
         """Return how far unknowns are from their bounds (2, n), the lower ones first."""
         if self.ends is None:
             return np.full((2, len(self.moves)), np.inf)
-        return np.stack([x - self.ends[0], self.ends[1] - x]) / self.scale
+        return np.stack([x - self.ends[0], self.ends[1] - x]) / self.sizes
 
     def at_bounds(self, x: Array, active: Bounds) -> Array:
         """Return x with unknowns at their active bounds."""

@@ -210,7 +210,7 @@ class BoundedNumbers(LeastSquares):
     ) -> None:
         self._residual, self._slopes = residual, slopes
         self.most, self.gain, self.moves = most, gain, np.ones(len(problem.sizes), dtype=bool)
-        self.scale, self.ends = problem.sizes, np.stack([problem.lower, problem.upper])
+        self.sizes, self.ends = problem.sizes, np.stack([problem.lower, problem.upper])
         if problem.demands:
             self.longest = DEMANDED_STEP
 
@@ -220,7 +220,7 @@ class BoundedNumbers(LeastSquares):
 
     def jacobian(self, x: Array) -> Array:
         """See `LeastSquares`."""
-        return self._slopes(x) * self.scale
+        return self._slopes(x) * self.sizes
 
 
 class _Exactly:
