@@ -15,6 +15,7 @@ import pinocchio as pin
 from spatial_pin._support.checks import finite_number, mapping
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
+from spatial_pin.dynamics.bushings import Bushing
 from spatial_pin.errors import SpatialPinError, UnknownNameError, warn
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -37,6 +38,7 @@ class Line(NamedTuple):
     law: Law
     energy: Callable[[float], float] | None
     storing: Callable[[float], float] | None
+    is_linear: bool
 
 
 class JointSpring(NamedTuple):
@@ -48,6 +50,7 @@ class JointSpring(NamedTuple):
     law: Law
     energy: Callable[[float], float] | None
     storing: Callable[[float], float] | None
+    is_linear: bool
 
 
 class SpringState(NamedTuple):
@@ -90,30 +93,39 @@ class Forces:
         self.resistance = Resistance(mechanism, slip_speed)
         self.lines: list[Line] = []
         self.turns: list[JointSpring] = []
+        self.bushings: list[Bushing] = []
         for spring in mechanism.springs:
             self._add(spring, laws.get(spring.name))
 
     def _add(self, spring: Spring, law: Law | None) -> None:
         m = self.mechanism
+        if spring.is_bushing:
+            if law:
+                raise SpatialPinError(f"mechanism {m.name!r}: spring {spring.name!r} is a bushing, "
+                                      "whose force is no function of one length: it takes no law")
+            self.bushings.append(Bushing.of(m, spring))
+            return
+        is_linear = spring.is_linear and not law
         free, k, c = spring.free, spring.stiffness, spring.damping
-        energy = None if law else lambda x: 0.5 * k * (x - free) ** 2
-        storing = None if law else lambda x: k * (x - free)
-        law = law or (lambda x, rate: k * (x - free) + c * rate)
+        energy = None if law else spring.energy
+        storing = None if law else (lambda x: spring.force(x, 0.0))
+        law = law or ((lambda x, rate: k * (x - free) + c * rate) if is_linear else spring.force)
         if spring.joint:
             coordinate = m.driven_coordinate(spring.joint)
             self.turns.append(JointSpring(
-                spring.name, coordinate.q, coordinate.v, law, energy, storing))
+                spring.name, coordinate.q, coordinate.v, law, energy, storing, is_linear))
             return
         (i1, m1), (i2, m2) = (m.centred_frame(f) for f in spring.frames)
         support = constraints_of(m).support
         sign = support(i2) - support(i1)
         points = tuple(np.append(x.translation, 1.0) for x in (m1, m2))
-        self.lines.append(Line(spring.name, (i1, i2), points, sign, law, energy, storing))  # type: ignore[arg-type]
+        self.lines.append(Line(spring.name, (i1, i2), points, sign, law, energy, storing,  # type: ignore[arg-type]
+                               is_linear))
 
     @property
     def exist(self) -> bool:
         """Whether there is any spring, or any resistance."""
-        return bool(self.lines or self.turns or self.resistance)
+        return bool(self.lines or self.turns or self.bushings or self.resistance)
 
     def generalised(self, evaluation: LoopEquations, q: Array, v: Array) -> Array:
         """Return the generalised forces (nv,) of all, after `evaluation.update(q)`."""
@@ -121,7 +133,20 @@ class Forces:
         for line in self.lines:
             row, length, _ = self.row(evaluation, line)
             total -= line.law(length, float(row @ v)) * row
-        return total
+        return total + generalised(evaluation, self._on_bodies(evaluation, v))
+
+    def _on_bodies(self, evaluation: LoopEquations, v: Array) -> list[tuple[int, Array]]:
+        """Return (joint, wrench (6,) on its body about the world's origin) of bushings."""
+        found = []
+        for bushing in self.bushings:
+            twists = np.array([evaluation.body_jacobian(i) @ v for i in bushing.bodies])
+            wrench = bushing.wrench(evaluation.placements, twists)
+            found += [(bushing.bodies[0], -wrench), (bushing.bodies[1], wrench)]
+        return found
+
+    def of_bushings(self, evaluation: LoopEquations, v: Array) -> Array:
+        """Return the generalised forces (nv,) of bushings, after `evaluation.update(q)`."""
+        return generalised(evaluation, self._on_bodies(evaluation, v))
 
     def turning(self, q: Array, v: Array) -> Array:
         """Return the generalised forces (nv,) of springs about joints, and of resistance."""
@@ -143,8 +168,8 @@ class Forces:
         return found
 
     def wrenches(self, evaluation: LoopEquations, v: Array) -> list[tuple[int, Array]]:
-        """Return (joint, wrench (6,) on its body about the world origin) of line springs."""
-        found = []
+        """Return (joint, wrench (6,) on its body about the world origin) of springs on frames."""
+        found = self._on_bodies(evaluation, v)
         for line in self.lines:
             row, length, wrench = self.row(evaluation, line)
             force = line.law(length, float(row @ v))
@@ -165,7 +190,7 @@ class Forces:
 
     def energy(self, evaluation: LoopEquations, q: Array) -> float:
         """Return the energy stored in springs [J]; those with a law of their own store none."""
-        total = 0.0
+        total = sum(bushing.energy(evaluation.placements) for bushing in self.bushings)
         for line in self.lines:
             if line.energy:
                 total += line.energy(self.row(evaluation, line)[1])

@@ -305,6 +305,14 @@ def _closure(closure: Closure) -> dict[str, Any]:
 def _spring(spring: Spring) -> dict[str, Any]:
     table: dict[str, Any] = {"name": spring.name, "stiffness": spring.stiffness,
                              "damping": spring.damping}
+    if spring.is_bushing:
+        return {**{key: np.array(getattr(spring, key)).tolist()
+                   for key in ("stiffness", "damping", "preload") if np.any(getattr(spring, key))},
+                "name": spring.name, "frames": list(spring.frames)}
+    if spring.law:
+        del table["stiffness"]
+        table["law"] = {"points": [list(point) for point in spring.law]}
+    table |= {key: True for key in ("tension_only", "compression_only") if getattr(spring, key)}
     if spring.joint is not None:
         free = "free_length" if spring.free_length else "free_angle"
         return {**table, "joint": spring.joint, free: spring.free}

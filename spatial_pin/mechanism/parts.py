@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+from bisect import bisect_right
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -184,14 +187,25 @@ class Spring:
         name: the name in the mechanism file.
         frames: names of the two frames that it joins; or
         joint: the joint or coordinate whose value is the spring's length or angle.
-        stiffness: [N/m], of a coordinate that turns [N·m/rad].
-        damping: [N·s/m], of a coordinate that turns [N·m·s/rad].
+        stiffness: [N/m], of a coordinate that turns [N·m/rad]; or six numbers, or (6, 6), of a
+            bushing between two frames: forces [N], then moments [N·m], by the position [m] and the
+            rotation vector [rad] of frame 2 in the axes of frame 1; symmetric and not negative.
+        damping: [N·s/m], of a coordinate that turns [N·m·s/rad]; of a bushing likewise.
         free_length: between frames, or of a coordinate that slides, at no force [m].
         free_angle: of a coordinate that turns, at no torque [rad]; of one that slides it is taken
             as [m].
+        law: (elongation [m, rad], force [N, N·m]) of points of its characteristic, instead of a
+            stiffness: straight lines between them, the end ones going on. The elongation is what
+            its length or coordinate is above the free one; a positive force pulls back.
+        tension_only: it pulls only, as a cable: elsewhere it is slack, without damping.
+        compression_only: it pushes only, as a bump stop.
+        preload: (6,) of a bushing: the force and moment by which it pulls frame 2 back where the
+            two frames coincide [N, N·m].
 
     Raises:
-        ValueError: a number is NaN or infinite, or it has both frames and a joint, or neither.
+        ValueError: a number is NaN or infinite, or it has both frames and a joint, or neither; a
+            law has fewer than two points, points that do not rise, or a stiffness beside it; the
+            numbers of a bushing are not six or (6, 6), not symmetric, or negative.
 
     Example:
         >>> sp.Spring("return", joint="rocker_pin", stiffness=2.0, free_angle=1.2).free  # [rad]
@@ -201,16 +215,160 @@ class Spring:
     name: str
     frames: tuple[str, ...] = ()
     joint: str | None = None
-    stiffness: float = 0.0
-    damping: float = 0.0
+    stiffness: Any = 0.0
+    damping: Any = 0.0
     free_length: float = 0.0
     free_angle: float = 0.0
+    law: tuple[tuple[float, float], ...] = ()
+    tension_only: bool = False
+    compression_only: bool = False
+    preload: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if (len(self.frames), bool(self.joint)) not in ((2, False), (0, True)):
             raise ValueError(f"spring {self.name!r} needs either two frames or a joint")
+        if self.is_bushing:
+            self._check_bushing()
+            return
         for what in ("stiffness", "damping", "free_length", "free_angle"):
             finite_number(getattr(self, what), f"{what} of spring {self.name!r}")
+        if self.tension_only and self.compression_only:
+            raise ValueError(f"spring {self.name!r} is tension_only and compression_only")
+        if len(self.law):
+            points = np.asarray(self.law, float)
+            if points.shape != (len(points), 2) or len(points) < 2 or not (
+                    np.isfinite(points).all() and np.all(np.diff(points[:, 0]) > 0.0)):
+                raise ValueError(f"law of spring {self.name!r}: two and more points (elongation, "
+                                 "force) with rising elongations are needed")
+            if self.stiffness:
+                raise ValueError(f"spring {self.name!r} has a law and a stiffness: give one of "
+                                 "the two")
+            object.__setattr__(self, "law", tuple(map(tuple, points.tolist())))
+
+    @property
+    def is_bushing(self) -> bool:
+        """Whether it acts in all six directions between its frames.
+
+        Example:
+            >>> sp.Spring("mount", ("a", "b"), stiffness=[1e5, 1e5, 1e4, 50, 50, 5]).is_bushing
+            True
+        """
+        return bool(np.ndim(self.stiffness) or np.ndim(self.damping) or len(self.preload))
+
+    def _check_bushing(self) -> None:
+        """Refuse numbers that no bushing has; keep them as tuples."""
+        if not self.frames or self.law or self.tension_only or self.compression_only or self.free:
+            raise ValueError(f"spring {self.name!r}: a bushing joins two frames, and has no law, "
+                             "free length or side of its own")
+        for what in ("stiffness", "damping"):
+            given = np.array(getattr(self, what), float)
+            if given.shape == () and not given:
+                continue
+            matrix = np.diag(given) if given.shape == (6,) else given
+            if matrix.shape != (6, 6) or not np.isfinite(matrix).all():
+                raise ValueError(f"{what} of spring {self.name!r}: six finite numbers, or 6 x 6 "
+                                 "of them, are needed for a bushing")
+            size = float(np.abs(matrix).max())
+            if np.abs(matrix - matrix.T).max() > 1e-9 * size or (
+                    np.linalg.eigvalsh(matrix)[0] < -1e-9 * size):
+                raise ValueError(f"{what} of spring {self.name!r} must be symmetric and not "
+                                 "negative, so that it stores energy")
+            kept = tuple(given.tolist()) if given.ndim == 1 else tuple(map(tuple, given.tolist()))
+            object.__setattr__(self, what, kept)
+        preload = finite_array(self.preload, (6,), f"preload of spring {self.name!r}") if len(
+            self.preload) else ()
+        object.__setattr__(self, "preload", tuple(map(float, preload)))
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether its force is the stiffness times the elongation, and damping times the rate.
+
+        Example:
+            >>> sp.Spring("cable", ("a", "b"), stiffness=10.0, tension_only=True).is_linear
+            False
+        """
+        return not (self.law or self.tension_only or self.compression_only or self.is_bushing)
+
+    def force(self, length: float, rate: float) -> float:
+        """Return its force at a length or coordinate, positive pulling together or back.
+
+        Args:
+            length: between frames, or the coordinate [m or rad].
+            rate: of that, per second.
+
+        Raises:
+            TypeError: they are no numbers.
+
+        Example:
+            >>> stop = sp.Spring("stop", joint="slide", stiffness=100.0, compression_only=True)
+            >>> stop.force(-0.1, 0.0), stop.force(0.1, 0.0)  # [N]
+            (-10.0, 0.0)
+        """
+        elastic = self._along(length - self.free)[0]
+        return 0.0 if self._is_slack(elastic) else self._kept(elastic + self.damping * rate)
+
+    def slopes(self, length: float, rate: float) -> tuple[float, float]:
+        """Return the derivatives of `force` with respect to length and rate.
+
+        Args:
+            length: between frames, or the coordinate [m or rad].
+            rate: of that, per second.
+
+        Raises:
+            TypeError: they are no numbers.
+
+        Example:
+            >>> gas = sp.Spring("gas", joint="slide", law=((0.0, 0.0), (0.1, 5.0)))
+            >>> gas.slopes(0.05, 0.0)  # [N/m], [N·s/m]
+            (50.0, 0.0)
+        """
+        elastic, stiffness = self._along(length - self.free)
+        total = elastic + self.damping * rate
+        acts = not self._is_slack(elastic) and self._kept(total) == total
+        return (stiffness, self.damping) if acts else (0.0, 0.0)
+
+    def energy(self, length: float) -> float:
+        """Return the energy that it stores at a length or coordinate [J].
+
+        Args:
+            length: between frames, or the coordinate [m or rad].
+
+        Raises:
+            TypeError: it is no number.
+
+        Example:
+            >>> sp.Spring("return", joint="slide", stiffness=100.0).energy(0.1)  # [J]
+            0.5
+        """
+        end = length - self.free
+        low, high = sorted((0.0, end))
+        knots = [low, *(x for x, _ in self.law if low < x < high), high]
+        total = 0.0
+        for a, b in pairwise(knots):
+            first, last = self._along(a)[0], self._along(b)[0]
+            if first * last < 0.0:  # a piece of each side of where the force is none
+                middle = a + (b - a) * first / (first - last)
+                total += 0.5 * (self._kept(first) * (middle - a) + self._kept(last) * (b - middle))
+            else:
+                total += 0.5 * (self._kept(first) + self._kept(last)) * (b - a)
+        return total if end > 0.0 else -total
+
+    def _along(self, elongation: float) -> tuple[float, float]:
+        """Return the elastic force, and its slope."""
+        if not self.law:
+            return self.stiffness * elongation, self.stiffness
+        k = min(max(bisect_right(self.law, (elongation, math.inf)), 1), len(self.law) - 1)
+        (a, at_a), (b, at_b) = self.law[k - 1 : k + 1]
+        slope = (at_b - at_a) / (b - a)
+        return at_a + slope * (elongation - a), slope
+
+    def _is_slack(self, elastic: float) -> bool:
+        return (self.tension_only and elastic <= 0.0) or (self.compression_only and elastic >= 0.0)
+
+    def _kept(self, force: float) -> float:
+        """Return the part of a force that it can bear."""
+        return max(force, 0.0) if self.tension_only else (
+            min(force, 0.0) if self.compression_only else force)
 
     @property
     def free(self) -> float:

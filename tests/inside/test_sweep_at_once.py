@@ -7,8 +7,7 @@ from loaded_library import library
 from variety import each
 
 import spatial_pin as sp
-from spatial_pin.continuation import at_once
-from spatial_pin.continuation import path_following as following
+from spatial_pin.continuation import at_once, path_following as following
 from spatial_pin.motion import sweep as sweeping
 
 FIELDS = ("q", "v", "a", "closure_error", "angles", "driver", "driver_speed", "time")

@@ -95,8 +95,14 @@ def external_forces(mechanism: Mechanism, given: Any, times: Array) -> External 
         mechanism.frame_id(name)
         if isinstance(force, pin.Force):
             forces[name] = force
-        else:
-            tables[name] = _rows(name, force, times)
+            continue
+        rows = tables[name] = as_array(force, f"external force at {name!r}")
+        if rows.shape != (len(times), 6):
+            raise ValueError(
+                f"external force at {name!r} has shape {rows.shape}; give a pin.Force, or a row of "
+                f"force and moment for each of the {len(times)} times: ({len(times)}, 6)")
+        if not is_finite(rows):
+            raise ValueError(f"external force at {name!r} is NaN or infinite")
     if not tables:
         return External(lambda t, state: forces, is_steady=True) if forces else None
 
@@ -106,17 +112,6 @@ def external_forces(mechanism: Mechanism, given: Any, times: Array) -> External 
             for name, rows in tables.items()}
 
     return External(law, longest_step=float(np.diff(times).min(initial=np.inf)))
-
-
-def _rows(name: str, force: Any, times: Array) -> Array:
-    rows = as_array(force, f"external force at {name!r}")
-    if rows.shape != (len(times), 6):
-        raise ValueError(
-            f"external force at {name!r} has shape {rows.shape}; give a pin.Force, or a row of "
-            f"force and moment for each of the {len(times)} times: ({len(times)}, 6)")
-    if not is_finite(rows):
-        raise ValueError(f"external force at {name!r} is NaN or infinite")
-    return rows
 
 
 class Problem:
@@ -158,7 +153,7 @@ class Problem:
         self.is_steady = self.law is None and not laws and not self.drives and (
             external is None or external.is_steady)
         self.is_damped = bool(self.forces.resistance
-                              or any(spring.damping for spring in mechanism.springs))
+                              or any(np.any(spring.damping) for spring in mechanism.springs))
         self.works = bool(self.law or external or self.constant.any() or self.forces.exist
                           or self.drives)
 
@@ -192,11 +187,15 @@ class Problem:
 
     def efforts(self, t: float, q: Array, v: Array, evaluation: LoopEquations) -> Array:
         """Return the efforts (nv,) at joints, with forces from outside [N·m, N]."""
+        held = (self.constant + self.forces.of_bushings(evaluation, v) if self.forces.bushings
+                else self.constant)
         if not (self.law or self.external):
-            return self.constant
+            return held
         state = State(self.mechanism, q, v, closure_error=evaluation.closure_error,
                       angles=evaluation.angles)
-        total = joint_efforts(self.mechanism, self.law(t, state)) if self.law else self.constant
+        total = held
+        if self.law:
+            total = total - self.constant + joint_efforts(self.mechanism, self.law(t, state))
         if self.external:
             total = total + generalised(evaluation, external_wrenches(
                 self.mechanism, evaluation, self.external.law(t, state)))
@@ -207,11 +206,9 @@ class Problem:
         total = self.efforts(t, q, v, evaluation)
         if self.forces.exist:
             total = total + self.forces.generalised(evaluation, q, v)
+            if self.forces.bushings:  # which are among the efforts
+                total = total - self.forces.of_bushings(evaluation, v)
         return total
-
-    def unknowns(self, u: Array, work: float) -> Array:
-        """Return the unknowns: coordinates 0, their rates u, and the work if any is done."""
-        return np.concatenate([np.zeros(len(u)), u, [work] * self.works])
 
     def work(self, y: Array) -> float:
         """Return the work done, of unknowns."""
