@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from spatial_pin._support.checks import names_of
 from spatial_pin._support.lazy import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -172,3 +175,13 @@ def divided(
     moving = [c for c in driven if c not in held.coordinates
               and not (c.v in held.entries and (c.q >= 0 or isinstance(c, VelocityEntry)))]
     return [*moving, *held.coordinates], held.entries
+
+
+def free_but(
+    mechanism: Mechanism, still: Iterable[int], held: Iterable[str]
+) -> NDArray[np.bool_]:
+    """Return (nv,) which velocities are left where entries and coordinates are held."""
+    free = np.ones(mechanism.model.nv, dtype=bool)
+    free[list(still)] = False
+    free[[mechanism.coordinate_table[name].v for name in held]] = False
+    return free

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
@@ -10,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.constraints.workspaces import acquired
+from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import Kernel, check
 from spatial_pin.kernel.library import INT, POINTER, REAL, address
 from spatial_pin.mechanism.equations import Cosine
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.linalg import NOT_FINITE, Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 AGREEING = {"z": 1, "xyz": 3}  # axes that must point the same way, by `Pair.aligned`
@@ -224,15 +226,22 @@ class Closer:
             pinned: values of the pinned coordinates, in the order of their names.
             cut: size of the equations, by the largest, below which they move nothing.
             first: (nv,) velocities that may move before that, to a residual of `LOOSE`.
+
+        Raises:
+            SingularError: positions have grown beyond all numbers.
         """
         self._q[:] = q
         self._let_move(free, first)
-        self._take(reference, pinned)
+        if len(self._reference):
+            self._reference[:] = reference
+        if len(self._order):
+            self._pinned[:] = np.array(list(pinned))[self._order]
         self._library.closer_close(
             self.handle, self._at_q, None if first is None else self._at_first, self._at_free,
             *self._at, self._at_turns, max(tolerance, LOOSE), tolerance, iterations, cut,
             *self._facts[::2])
-        return Closed(self._q.copy(), self.facts.item(0), self._is_mirrored(self._mirrored))
+        return Closed(self._q.copy(), _finite(self.facts.item(0)),
+                      self._is_mirrored(self._mirrored))
 
     def reach(
         self, q: Sequence[Array], asked: ClosureSettings, value: Array,
@@ -249,41 +258,40 @@ class Closer:
             shaken: close from the further starts too where a single one closes, nothing is at
                 fault, and it is not near: those that lead to what is closed, but no nearer, are
                 left out.
+
+        Raises:
+            SingularError: positions have grown beyond all numbers.
         """
+        self.set_task(q, asked, value, reference, pinned, shaken)
+        check(self._library.closer_reach(self.handle, self.at_task))
+        return self.reached()
+
+    def reached(self) -> list[Reached]:
+        """Return where C has closed the loops to; raises as `reach`."""
+        mirrors = self._mirrors.tolist() if self.knows_mirrors else self._all_may_be
+        seen = self._examined(mirrors[0]) if self.facts.item(0) < np.inf else None
+        return [Reached(
+            self._starts[k].copy(), _finite(self._errors.item(k)), mirrors[k] != 0,
+            self._distances.item(k), None if k else seen) for k in range(self._task.m)]
+
+    def set_task(
+        self, q: Sequence[Array], asked: ClosureSettings, value: Array,
+        reference: Array | float = 0.0, pinned: Iterable[float] = (), shaken: bool = False,
+    ) -> None:
+        """Set what C is to close, as `reach` says it."""
         task = self._task
         if asked is not self._asked:
             self._ask(asked)
         for row, start in enumerate(q):
             self._starts[row] = start
-        self._take(reference, pinned)
+        if len(self._reference):
+            self._reference[:] = reference
+        if len(self._order):
+            self._pinned[:] = np.array(list(pinned))[self._order]
         self._value[:] = value
         task.m = len(q)
         shakes = asked.shakes
         task.n_shakes = len(shakes.steps) if shaken and shakes and self.knows_mirrors else 0
-        check(self._library.closer_reach(self.handle, self.at_task))
-        mirrors = self._mirrors.tolist() if self.knows_mirrors else self._all_may_be
-        seen = self._examined(mirrors[0]) if self.facts.item(0) < np.inf else None
-        return [Reached(
-            self._starts[k].copy(), self._errors.item(k), mirrors[k] != 0,
-            self._distances.item(k), None if k else seen) for k in range(task.m)]
-
-    def begin_at(
-        self, q: Array, place: int, value: float, angles: Array | None, asked: ClosureSettings
-    ) -> None:
-        """Let C close the loops from q (nq,), an entry of which has another value.
-
-        It is also what is named and held, and shaken if need be.
-        """
-        if asked is not self._asked:
-            self._ask(asked)
-        self._value[:] = q
-        self._value[place] = value
-        self._starts[0] = self._value
-        if len(self._reference):
-            is_known = angles is not None and len(angles) == len(self._reference)
-            self._reference[:] = angles if is_known else 0.0
-        self._task.m = 1
-        self._task.n_shakes = len(asked.shakes.steps) if asked.shakes else 0
 
     def _ask(self, asked: ClosureSettings) -> None:
         """Set what does not depend on values."""
@@ -318,12 +326,6 @@ class Closer:
         if first is not None:
             self._first[:] = first
 
-    def _take(self, reference: Array | float, pinned: Iterable[float]) -> None:
-        if len(self._reference):
-            self._reference[:] = reference
-        if len(self._order):
-            self._pinned[:] = np.array(list(pinned))[self._order]
-
     def examine(self, q: Array, reference: Array | float) -> Examined:
         """Return what q (nq,) is like; turns (n_angles,) are those that angles count from [rad]."""
         self._q[:], self._reference[:] = q, reference
@@ -355,6 +357,13 @@ class Closer:
 def closer_of(mechanism: Mechanism, pinned: Iterable[str] = ()) -> acquired[Closer]:
     """Acquire a closer of a mechanism with some coordinates pinned, in its initial state."""
     return acquired(mechanism, Closer, tuple(pinned))
+
+
+def _finite(error: float) -> float:
+    """Return a closure error that is a number."""
+    if not math.isfinite(error):
+        raise SingularError(NOT_FINITE)
+    return error
 
 
 def _rotations(mechanism: Mechanism) -> Iterator[tuple[int, int]]:
