@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin._support.checks import checked, mapping
-from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.close import closed
 from spatial_pin.assembly.holding import free_but, still_entries
 from spatial_pin.assembly.redundant_equations import allowed_from, gap_allowed, rounded
@@ -23,8 +22,8 @@ from spatial_pin.assembly.search.search import Search
 from spatial_pin.assembly.search.whole_turns import turned_apart
 from spatial_pin.assembly.state import NO_ANGLES, State, made
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.constraints.workspaces import Workspaces
 from spatial_pin.errors import AssemblyError, SingularError, warn
+from spatial_pin.kernel.closer import Examined
 from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.mechanism.coordinates import (
     coordinate_value,
@@ -142,12 +141,10 @@ def assembled(
     """Do as `assemble`, for verbs whose results tell of joint limits themselves."""
     needed(mechanism)
     accuracy = accuracy_of(accuracy)
-    held = held_values(mechanism, drivers)
-    with Workspaces() as workspaces:
-        gap = gap_allowed(mechanism, accuracy) if gap is None else gap
-        problem = pose(
-            mechanism, held, guess, accuracy.tolerance, gap, workspaces, free, release)
-        return solved(problem, limits, release, together=free == ())
+    gap = gap_allowed(mechanism, accuracy) if gap is None else gap
+    problem = pose(mechanism, held_values(mechanism, drivers), guess, accuracy.tolerance, gap, free,
+                   release)
+    return solved(problem, limits, release, together=free == ())
 
 
 def held_values(
@@ -170,7 +167,7 @@ def held_values(
 
 def pose(
     mechanism: Mechanism, held: Mapping[str, float], guess: Any, tolerance: float, gap: float,
-    workspaces: Workspaces, free: Iterable[str] = (), release: bool = True,
+    free: Iterable[str] = (), release: bool = True,
 ) -> AssemblyProblem:
     """Return what an assembly is to close, and from where.
 
@@ -180,7 +177,6 @@ def pose(
         guess: as for `assemble`.
         tolerance: closure residual to reach.
         gap: largest closure error of redundant equations.
-        workspaces: what is acquired to close the loops.
         free: drivers that do not stand.
         release: whether drivers without a value may go.
     """
@@ -200,8 +196,7 @@ def pose(
         start, angles, lost = led(
             mechanism, held, start, guess.angles if isinstance(guess, State) else None, standing,
             start.names if isinstance(guess, Mapping) else ())
-    problem = AssemblyProblem(
-        mechanism, held, standing, start, tolerance, gap, angles, workspaces)
+    problem = AssemblyProblem(mechanism, held, standing, start, tolerance, gap, angles)
     problem.stand, problem.lost = stand, lost
     return problem
 
@@ -219,25 +214,36 @@ def solved(
             drivers move freely each group is to move the least by itself.
     """
     mechanism, stand = problem.mechanism, problem.stand
-    search = Search(problem, limits)
-    search.run(release=release, together=together)
-    if search.best is None and problem.standing and release:
-        before, search = search, Search(problem.released(), limits)
-        search.run(problem.unreleased, before=before)
-    if search.best is None:
-        raise failure(search)
-    q, seen = search.best[1], search.examined()
+    found = None
+    if not limits and (together or len(problem.free_set.groups) < 2):
+        found = problem.closed_at_once()
+    q, seen = found or _searched(problem, limits, release)
     if problem.lost:
         warn(f"mechanism {mechanism.name!r}: turns of {', '.join(problem.lost)} may be lost: "
              "couplings or screws count them, but not the loops between, which cannot be followed "
              "there from the guess (sweep there, or name what they count in the guess)")
-    gone = gone_from(mechanism, q, stand) if stand else {}
-    names = {d.joint: d.name for d in mechanism.drivers.values()} if gone else {}
+    released = gone_from(mechanism, q, stand) if stand else {}
+    if released:
+        names = {d.joint: d.name for d in mechanism.drivers.values()}
+        released = {names[c]: x for c, x in released.items()}
     state = made(mechanism, q, None, None, closure_error=seen.error, angles=seen.angles,
-                 released={names[c]: x for c, x in gone.items()}, lost_turns=problem.lost)
+                 released=released, lost_turns=problem.lost)
     if mechanism.whole is not None:
         tell(state)
     return state
+
+
+def _searched(problem: AssemblyProblem, limits: bool, release: bool) -> tuple[Array, Examined]:
+    """Return the closed configuration that a search finds, and what it is like."""
+    with problem.workspaces:
+        search = Search(problem, limits)
+        search.run(release=release)
+        if search.best is None and problem.standing and release:
+            before, search = search, Search(problem.released(), limits)
+            search.run(problem.unreleased, before=before)
+        if search.best is None:
+            raise failure(search)
+        return search.best[1], search.examined()
 
 
 def tell(state: State) -> None:
@@ -284,11 +290,18 @@ def _standing(
 
     With `taken_along` drivers that the guess leaves out stand where its other joints take them.
     """
-    standing = _standing_names(mechanism, tuple(held), (free,) if isinstance(free, str) else (
-        *free,))
+    drivers, loose = driver_coordinates(mechanism).values(), list[str]()
+    for name in (free,) if isinstance(free, str) else free:
+        coordinate = mechanism.prescribed_coordinate(name)
+        if coordinate not in drivers:
+            raise ValueError(f"free: {name!r} is no driver of mechanism {mechanism.name!r}; only "
+                             f"drivers stand: {', '.join(mechanism.drivers) or 'there is none'}")
+        if coordinate.name in held:
+            raise ValueError(f"free: {name!r} is given a value too")
+        loose.append(coordinate.name)
+    standing = [c.name for c in drivers if c.name not in held and c.name not in loose]
     if not standing:
         return {}
-    drivers = driver_coordinates(mechanism).values()
     values = {c.name: coordinate_value(mechanism, c, start.q) for c in drivers}
     if taken_along and not {*standing}.issubset(start.names):
         spoken = {*joint_values(mechanism, mechanism.guess), *start.names}
@@ -296,24 +309,6 @@ def _standing(
         if spoken - set(values) and not set(silent).isdisjoint(standing):
             values |= _at_home(mechanism, guess, start, values, silent)
     return {name: values[name] for name in standing}
-
-
-@made_once
-def _standing_names(
-    mechanism: Mechanism, held: tuple[str, ...], free: tuple[str, ...]
-) -> list[str]:
-    """Return the coordinates of drivers that stand; raises as `standing_drivers`."""
-    drivers = driver_coordinates(mechanism).values()
-    loose = set()
-    for name in free:
-        coordinate = mechanism.prescribed_coordinate(name)
-        if coordinate not in drivers:
-            raise ValueError(f"free: {name!r} is no driver of mechanism {mechanism.name!r}; only "
-                             f"drivers stand: {', '.join(mechanism.drivers) or 'there is none'}")
-        if coordinate.name in held:
-            raise ValueError(f"free: {name!r} is given a value too")
-        loose.add(coordinate.name)
-    return [c.name for c in drivers if c.name not in held and c.name not in loose]
 
 
 def _at_home(
@@ -325,10 +320,10 @@ def _at_home(
     Else where the loops take them, as the guess may name the platform and leave out the legs.
     """
     accuracy, angles = accuracy_of(None), np.zeros(constraints_of(mechanism).n_angles)
-    with Workspaces() as workspaces:
-        search = Search(AssemblyProblem(
-            mechanism, {}, drivers, start, accuracy.tolerance, accuracy.gap, angles, workspaces),
-            False)
+    problem = AssemblyProblem(
+        mechanism, {}, drivers, start, accuracy.tolerance, accuracy.gap, angles)
+    with problem.workspaces:
+        search = Search(problem, False)
         search.attempt(start.q)
     if search.best is not None:
         return {}

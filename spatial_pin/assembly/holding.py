@@ -85,7 +85,7 @@ def untied(mechanism: Mechanism) -> tuple[str, ...]:
 
 def still_entries(mechanism: Mechanism, driven: Iterable[Coordinate]) -> tuple[int, ...]:
     """Return the velocity entries of the free bases that nobody drives."""
-    moved = {c.joint for c in driven}
+    moved = [c.joint for c in driven]
     return tuple(v for joint in free_bases(mechanism) if joint not in moved
                  for v in velocity_entries(mechanism, joint))
 

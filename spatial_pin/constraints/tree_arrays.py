@@ -24,7 +24,12 @@ class TreeArrays:
         rotation, translation = self.frames.copy(), np.zeros((n, 3))
         lever, inertia = np.zeros((n, 3)), np.zeros((n, 3, 3))
         for i in range(1, n):
-            self._add(model, i)
+            joint = model.joints[i]
+            joint = joint.extract() if hasattr(joint, "extract") else joint
+            self.kind[i], axis, self.pitch[i] = joint_kind(joint)
+            self.parent[i], self.iq[i], self.iv[i] = model.parents[i], joint.idx_q, joint.idx_v
+            if axis is not None:
+                self.frames[i] = turned_to_z(axis)
             placement, body = model.jointPlacements[i], model.inertias[i]
             rotation[i], translation[i] = placement.rotation, placement.translation
             self.mass[i], lever[i], inertia[i] = body.mass, body.lever, body.inertia
@@ -33,14 +38,6 @@ class TreeArrays:
         self.translation = (above @ translation[..., None])[..., 0]
         self.com = (own.mT @ lever[..., None])[..., 0]
         self.inertia = own.mT @ inertia @ own
-
-    def _add(self, model: pin.Model, i: int) -> None:
-        joint = model.joints[i]
-        joint = joint.extract() if hasattr(joint, "extract") else joint
-        self.kind[i], axis, self.pitch[i] = joint_kind(joint)
-        self.parent[i], self.iq[i], self.iv[i] = model.parents[i], joint.idx_q, joint.idx_v
-        if axis is not None:
-            self.frames[i] = turned_to_z(axis)
 
 
 def joint_kind(joint: Any) -> tuple[int, Array | None, float]:

@@ -55,8 +55,8 @@ class Workspaces:  # with Workspaces() as workspaces
 
     def __exit__(self, *error: Any) -> None:
         """Release them to their pools."""
-        for each in self._acquired:
-            each.__exit__(*error)
+        while self._acquired:
+            self._acquired.pop().__exit__(*error)
 
     def acquire(self, workspace: acquired[Workspace]) -> Workspace:
         """Acquire one more."""

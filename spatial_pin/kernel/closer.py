@@ -211,7 +211,7 @@ class Closer:
         self._asked: ClosureSettings | None = None  # what the arrays of the task are set to
 
     def close(
-        self, q: Array, free: NDArray[np.bool_], reference: Array, tolerance: float,
+        self, q: Array, free: NDArray[np.bool_], reference: Array | float, tolerance: float,
         iterations: int, pinned: Iterable[float], cut: float,
         first: NDArray[np.bool_] | None = None,
     ) -> Closed:
@@ -230,8 +230,9 @@ class Closer:
         Raises:
             SingularError: positions have grown beyond all numbers.
         """
-        self._q[:] = q
-        self._let_move(free, first)
+        self._q[:], self._free[:], self._asked = q, free, None
+        if first is not None:
+            self._first[:] = first
         if len(self._reference):
             self._reference[:] = reference
         if len(self._order):
@@ -240,8 +241,10 @@ class Closer:
             self.handle, self._at_q, None if first is None else self._at_first, self._at_free,
             *self._at, self._at_turns, max(tolerance, LOOSE), tolerance, iterations, cut,
             *self._facts[::2])
-        return Closed(self._q.copy(), _finite(self.facts.item(0)),
-                      self._is_mirrored(self._mirrored))
+        error = self.facts.item(0)
+        if not math.isfinite(error):
+            raise SingularError(NOT_FINITE)
+        return Closed(self._q.copy(), error, not self.knows_mirrors or self._mirrored.item(0) != 0)
 
     def reach(
         self, q: Sequence[Array], asked: ClosureSettings, value: Array,
@@ -270,9 +273,11 @@ class Closer:
         """Return where C has closed the loops to; raises as `reach`."""
         mirrors = self._mirrors.tolist() if self.knows_mirrors else self._all_may_be
         seen = self._examined(mirrors[0]) if self.facts.item(0) < np.inf else None
-        return [Reached(
-            self._starts[k].copy(), _finite(self._errors.item(k)), mirrors[k] != 0,
-            self._distances.item(k), None if k else seen) for k in range(self._task.m)]
+        errors = self._errors[: self._task.m].tolist()
+        if not all(map(math.isfinite, errors)):
+            raise SingularError(NOT_FINITE)
+        return [Reached(self._starts[k].copy(), error, mirrors[k] != 0, self._distances.item(k),
+                        None if k else seen) for k, error in enumerate(errors)]
 
     def set_task(
         self, q: Sequence[Array], asked: ClosureSettings, value: Array,
@@ -296,7 +301,9 @@ class Closer:
     def _ask(self, asked: ClosureSettings) -> None:
         """Set what does not depend on values."""
         task = self._task
-        self._let_move(asked.free, asked.first)
+        self._free[:] = asked.free
+        if asked.first is not None:
+            self._first[:] = asked.first
         self._said[:] = asked.said
         self._limits = asked.lower, asked.upper  # the model's own, where it keeps them
         self._meant.lower, self._meant.upper = map(address, self._limits)
@@ -317,28 +324,20 @@ class Closer:
         self._meant.lower, self._meant.upper = map(address, self._limits)
         self._library.closer_judge(
             self.handle, self._at_q, self._at_turns, *self._reached)
-        return Reached(self._q.copy(), self._errors.item(0), self._is_mirrored(self._mirrors),
+        return Reached(self._q.copy(), self._errors.item(0),
+                       not self.knows_mirrors or self._mirrors.item(0) != 0,
                        self._distances.item(0))
-
-    def _let_move(self, free: NDArray[np.bool_], first: NDArray[np.bool_] | None) -> None:
-        self._asked = None
-        self._free[:] = free
-        if first is not None:
-            self._first[:] = first
 
     def examine(self, q: Array, reference: Array | float) -> Examined:
         """Return what q (nq,) is like; turns (n_angles,) are those that angles count from [rad]."""
         self._q[:], self._reference[:] = q, reference
         check(self._library.closer_examine(self.handle, self._at_q, self._at_turns, *self._facts))
-        return self._examined(self._is_mirrored(self._mirrored))
+        return self._examined(not self.knows_mirrors or self._mirrored.item(0) != 0)
 
     def _examined(self, mirrored: float) -> Examined:
         error, least, left_out = self.facts.tolist()
         angles = self._angles.copy() if self.kernel.n_angles else self._angles
         return Examined(error, angles, mirrored != 0, least, left_out)
-
-    def _is_mirrored(self, mirrored: NDArray[np.int64]) -> bool:
-        return not self.knows_mirrors or mirrored.item(0) != 0
 
     def descend(
         self, q: Array, free: NDArray[np.bool_], tolerance: float, iterations: int
@@ -348,7 +347,7 @@ class Closer:
         By products alone; the angles of screws count from zero.
         """
         q, errors = np.array(q, order="C"), np.empty(len(q))
-        self._let_move(free, None)
+        self._free[:], self._asked = free, None
         self._library.closer_descend(self.handle, len(q), address(q), self._at_free, tolerance,
                                      iterations, address(errors))
         return q, errors
@@ -357,13 +356,6 @@ class Closer:
 def closer_of(mechanism: Mechanism, pinned: Iterable[str] = ()) -> acquired[Closer]:
     """Acquire a closer of a mechanism with some coordinates pinned, in its initial state."""
     return acquired(mechanism, Closer, tuple(pinned))
-
-
-def _finite(error: float) -> float:
-    """Return a closure error that is a number."""
-    if not math.isfinite(error):
-        raise SingularError(NOT_FINITE)
-    return error
 
 
 def _rotations(mechanism: Mechanism) -> Iterator[tuple[int, int]]:

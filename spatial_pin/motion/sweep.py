@@ -210,8 +210,7 @@ def _followed(
     with Workspaces() as workspaces:
         if not isinstance(guess, State) or held in ((), (BASE,)):
             first = held_values(mechanism, {**given, **first}) if given else first
-            problem = pose(mechanism, first, guess, tolerance, gap_allowed(mechanism, accuracy),
-                           workspaces)
+            problem = pose(mechanism, first, guess, tolerance, gap_allowed(mechanism, accuracy))
             begun = None if ways is not None or not problem.is_for_kernel() else (
                 PathTracker.from_guess(problem, names, held, accuracy, workspaces,
                                        values[: chunk_of(mechanism)], n))

@@ -30,6 +30,7 @@ from spatial_pin.assembly.state import all_angles
 from spatial_pin.constraints.workspaces import Workspaces
 from spatial_pin.kernel.closer import (
     LOOSE,
+    MOST_GROUPS,
     NAMED,
     Closed,
     ClosureSettings,
@@ -145,26 +146,29 @@ class AssemblyProblem:
         tolerance: closure residual to reach.
         gap: closure error that redundant equations of rounded files may keep.
         reference: (n_angles,) that screws count turns from [rad].
-        workspaces: what is acquired.
         let_go: drivers that go as little as possible from these values.
         still: velocity entries that stand besides; default those of the free bases.
+        workspaces: those of a problem that this one is part of.
 
     Attributes:
         lost: see `State.lost_turns`.
         stand: where drivers should stand that were given no value, by coordinate.
         known: what `reached` would return of the goal and further starts, if that is known.
+        workspaces: what is acquired.
     """
 
-    known: Iterable[Reached] | None = None
+    known: list[Reached] | None = None
     lost: tuple[str, ...] = ()
     stand: Mapping[str, float] = NOTHING
 
     def __init__(
         self, mechanism: Mechanism, held: Mapping[str, float], standing: Mapping[str, float],
-        guess: Guess, tolerance: float, gap: float, reference: Array, workspaces: Workspaces,
+        guess: Guess, tolerance: float, gap: float, reference: Array,
         let_go: Mapping[str, float] = NOTHING, still: tuple[int, ...] | None = None,
+        workspaces: Workspaces | None = None,
     ) -> None:
-        self.mechanism, self.reference, self._workspaces = mechanism, reference, workspaces
+        self.mechanism, self.reference = mechanism, reference
+        self.workspaces = workspaces or Workspaces()
         self.given, self.standing = held, standing
         self.held, self.let_go = {**held, **standing}, let_go
         self.tolerance, self.gap = tolerance, gap
@@ -189,8 +193,8 @@ class AssemblyProblem:
                             for some in (self.standing, self.let_go))
         part = AssemblyProblem(
             part_of(self.mechanism, group.closures), self.given, standing, self._guess,
-            self.tolerance, self.gap, self.reference[group.angles], self._workspaces, let_go,
-            tuple(sorted(still)))
+            self.tolerance, self.gap, self.reference[group.angles], let_go,
+            tuple(sorted(still)), self.workspaces)
         part._cut = self._cut
         return part
 
@@ -200,7 +204,7 @@ class AssemblyProblem:
         goal = Guess(mechanism, with_values(mechanism, guess.q, self.standing),
                      {**self.standing, **guess.values})
         return AssemblyProblem(mechanism, self.given, {}, goal, self.tolerance, self.gap,
-                               self.reference, self._workspaces, self.stand)
+                               self.reference, self.stand, workspaces=self.workspaces)
 
     @property
     def unreleased(self) -> Array:
@@ -213,7 +217,7 @@ class AssemblyProblem:
         standing = {name: coordinate_value(self.mechanism, table[name], q) for name in self.let_go}
         return AssemblyProblem(
             self.mechanism, self.given, standing, self._guess, self.tolerance, self.gap,
-            self.reference, self._workspaces, still=self.free_set.still)
+            self.reference, still=self.free_set.still, workspaces=self.workspaces)
 
     def elsewhere(self, q: Array) -> AssemblyProblem:
         """Return the same with nothing held: it begins at q (nq,), and nearest to it is best."""
@@ -221,19 +225,20 @@ class AssemblyProblem:
         return AssemblyProblem(
             self.mechanism, {}, {}, Guess(self.mechanism, with_values(self.mechanism, q, named),
                                           named),
-            self.tolerance, self.gap, self.reference, self._workspaces, still=self.free_set.still)
+            self.tolerance, self.gap, self.reference, still=self.free_set.still,
+            workspaces=self.workspaces)
 
     @cached_property
     def evaluation(self) -> LoopEquations:
         """The equations of the mechanism."""
-        return self._workspaces.acquire(loops_of(self.mechanism, self.reference))
+        return self.workspaces.acquire(loops_of(self.mechanism, self.reference))
 
     @cached_property
     def whole(self) -> LoopEquations | None:
         """Those of the mechanism with all equations, where the file's numbers are rounded."""
         if self.mechanism.whole is None:
             return None
-        return self._workspaces.acquire(
+        return self.workspaces.acquire(
             loops_of(self.mechanism.whole, all_angles(self.mechanism, self.reference)))
 
     @cached_property
@@ -285,6 +290,26 @@ class AssemblyProblem:
     def settings(self) -> ClosureSettings:
         """How the kernel closes the loops."""
         return closure_settings(self.mechanism, self.free_set, self.tolerance)
+
+    def closed_at_once(self) -> tuple[Array, Examined] | None:
+        """Return where the kernel leads from the guess, all loops at once, and what that is like.
+
+        None where it leaves something to judge: what it has found is `known` then.
+        """
+        if not self.is_for_kernel():
+            return None
+        with closer_of(self.mechanism) as closer:
+            found = self.known = closer.reach(
+                [self.goal], self.settings, self.goal, self.reference, shaken=True)
+            best = found[0]
+            for place in found:
+                if place.error <= ACCEPTED and not place.may_be_mirrored:
+                    best = place if is_nearer(place.distance, best.distance) else best
+                elif place is best or place.error <= self.widest_gap:
+                    return None
+            if len(self.free_set.groups) > MOST_GROUPS and best.distance > NEAR_GUESS:
+                return None  # each group of loops may have a nearer place
+            return best.q, best.examined or closer.examine(best.q, self.reference)
 
     def reached(self, starts: Sequence[Array], shaken: bool = False) -> Iterable[Reached]:
         """Return where starts (nq,) lead, first while what is named is held too.
@@ -388,6 +413,11 @@ class AssemblyProblem:
         q = q.copy()
         q[[c.q for c in periodic(self.mechanism) if c.name in self.held]] = 0.0
         return min(max(ACCEPTED, coordinate_round_off(self.mechanism, q)), OPEN)
+
+
+def is_nearer(distance: float, best: float) -> bool:
+    """Whether a place is nearer than the best one, by more than closing leaves in doubt."""
+    return distance < best * (1.0 - 1e-6) - 1e-9
 
 
 def gone_from(mechanism: Mechanism, q: Array, said: Mapping[str, float]) -> dict[str, float]:

@@ -5,9 +5,14 @@ from __future__ import annotations
 from itertools import islice
 
 from spatial_pin._support.lazy import cached_property
-from spatial_pin.assembly.search.assembly_problem import ACCEPTED, AssemblyProblem, gone_from
+from spatial_pin.assembly.search.assembly_problem import (
+    ACCEPTED,
+    AssemblyProblem,
+    gone_from,
+    is_nearer,
+)
 from spatial_pin.assembly.search.guesses import MAX_STARTS, NEAR_GUESS, starts_from
-from spatial_pin.assembly.search.loop_groups import LoopGroup
+from spatial_pin.assembly.search.loop_groups import LoopGroup, places_of
 from spatial_pin.assembly.search.release import (
     can_move,
     can_stand,
@@ -15,7 +20,7 @@ from spatial_pin.assembly.search.release import (
     violated_limit,
     within_limits,
 )
-from spatial_pin.kernel.closer import AT_ONCE, MOST_GROUPS, Examined, Reached
+from spatial_pin.kernel.closer import AT_ONCE, Examined, Reached
 from spatial_pin.numerics.linalg import Array
 
 # Starts of drivers that stand, where they need go a little only for the loops to close: a place
@@ -32,16 +37,10 @@ ROUNDS = 3
 OUT_OF_REACH = 0.05
 
 
-def is_nearer(distance: float, best: float) -> bool:
-    """Whether a place is nearer than the best one, by more than closing leaves in doubt."""
-    return distance < best * (1.0 - 1e-6) - 1e-9
-
-
 class Search:
     """Attempts from several starts, and the best of what they found.
 
-    The kernel is asked first, for all loops at once. Where that leaves something to judge, groups
-    of loops that share nothing that may move are searched one by one.
+    Groups of loops that share nothing that may move are searched one by one.
 
     Args:
         problem: what is to be closed.
@@ -69,8 +68,7 @@ class Search:
                 for group in (groups if len(groups) > 1 else ())]
 
     def run(
-        self, q: Array | None = None, release: bool = False, before: Search | None = None,
-        together: bool = False,
+        self, q: Array | None = None, release: bool = False, before: Search | None = None
     ) -> None:
         """Try starts until one is surely the nearest, or all have failed.
 
@@ -78,14 +76,11 @@ class Search:
             q: (nq,) the first one, where what is held has its values; default: the guess.
             release: whether to give up where the drivers that stand cannot.
             before: the search in which drivers stood that may go now: what it has closed stays.
-            together: whether all groups of loops may be closed in one call.
         """
         if before is not None and before.parts:
             q = self._beside(before, q)
-        if len(self.problem.free_set.groups) < 2:
+        if not self.parts:
             self._run(self.problem.goal if q is None else q, release)
-            return
-        if together and not self.limits and self._closed_together():
             return
         for group, part in self.parts:
             if before is not None and before.has_closed(group):
@@ -93,25 +88,6 @@ class Search:
             else:
                 part.run(q, release)
         self._join()
-
-    def _closed_together(self) -> bool:
-        """Close all groups of loops in one call; False where each may close better by itself."""
-        problem = self.problem
-        if not problem.is_for_kernel():
-            return False
-        first, *others = problem.reached([problem.goal], shaken=True)
-        if not problem.is_sound(first):
-            return False
-        best = first
-        for place in others:
-            if problem.is_sound(place):
-                best = place if is_nearer(place.distance, best.distance) else best
-            elif place.error <= problem.widest_gap:
-                return False
-        if len(problem.free_set.groups) > MOST_GROUPS and best.distance > NEAR_GUESS:
-            return False
-        self.best, self._known = (best.distance, best.q), best.examined
-        return True
 
     def _beside(self, before: Search, q: Array | None) -> Array:
         """Return a start (nq,) for where drivers may go that stood in the search before.
@@ -128,7 +104,8 @@ class Search:
                 alone.run(q)
                 if alone.best is None:
                     return q
-                q[group.places] = alone.best[1][group.places]
+                own = places_of(self.mechanism, group)
+                q[own] = alone.best[1][own]
             before = Search(self.problem.standing_at(q), self.limits)
             before.run(q)
             q = before.put_together(q)
@@ -145,7 +122,8 @@ class Search:
         q = q.copy()
         for group, part in self.parts:
             if part.best is not None:
-                q[group.places] = part.best[1][group.places]
+                own = places_of(self.mechanism, group)
+                q[own] = part.best[1][own]
         return q
 
     def _join(self) -> None:
@@ -157,7 +135,8 @@ class Search:
             self.keep(self.problem.seen(q))
         elif len(misses) == len(failed):
             error, there, fault, group, self.worst = max(misses, key=lambda x: x[0])
-            q[group.places] = there[group.places]
+            own = places_of(self.mechanism, group)
+            q[own] = there[own]
             self.nearest_miss = error, q, fault
 
     def _run(self, first: Array, release: bool) -> None:
