@@ -14,7 +14,7 @@ from spatial_pin.assembly.close import closed
 from spatial_pin.assembly.holding import free_but, still_entries
 from spatial_pin.assembly.redundant_equations import allowed_from, gap_allowed, rounded
 from spatial_pin.assembly.search.assembly_problem import ACCEPTED, AssemblyProblem, gone_from
-from spatial_pin.assembly.search.counted_turns import counts_turns, led
+from spatial_pin.assembly.search.counted_turns import led
 from spatial_pin.assembly.search.guesses import Guess, read_guess
 from spatial_pin.assembly.search.refusals import failure
 from spatial_pin.assembly.search.release import beyond_words
@@ -192,7 +192,7 @@ def pose(
         start, table = read_guess(mechanism, beginning), mechanism.coordinate_table
         standing = {name: coordinate_value(mechanism, table[name], start.q) for name in stand}
     angles, lost = NO_ANGLES, tuple[str, ...]()
-    if counts_turns(mechanism):
+    if constraints_of(mechanism).counts_turns:
         start, angles, lost = led(
             mechanism, held, start, guess.angles if isinstance(guess, State) else None, standing,
             start.names if isinstance(guess, Mapping) else ())

@@ -109,13 +109,8 @@ def as_written(names: Iterable[str]) -> tuple[str, ...]:
 
 def is_base(mechanism: Mechanism, name: str) -> bool:
     """Whether a name stands for the free bases: a joint that is called "base" may be meant."""
-    return name == BASE or (name == str(BASE) and name not in _joint_names(mechanism) and (
+    return name == BASE or (name == str(BASE) and name not in list(mechanism.model.names)[1:] and (
         name not in mechanism.coordinate_table) and name not in mechanism.drivers)
-
-
-@made_once
-def _joint_names(mechanism: Mechanism) -> frozenset[str]:
-    return frozenset(list(mechanism.model.names)[1:])
 
 
 def held_by(mechanism: Mechanism, hold: Hold, driven: Iterable[Coordinate] = ()) -> Held:
@@ -141,7 +136,7 @@ def _held_by(
 ) -> Held:
     entries: list[int] = []
     single: list[Coordinate] = []
-    joints = _joint_names(mechanism)
+    joints = list(mechanism.model.names)[1:]
     for name in names:
         joint, _, part = name.rpartition(".")
         known = name in mechanism.coordinate_table or name in mechanism.drivers

@@ -97,6 +97,7 @@ class Constraints:
         elsewhere: products that act on other bodies than the closure's first two.
         angles: what counts turns, in the order of its angles; `n_angles` of them.
         turns: what counts the turns of each of them.
+        counts_turns: whether they, or couplings, count turns of joints.
         of_joints: (k,) equations that coordinates of joints occur in as such.
         idle_axes: joint and unit axis in its frame (3,) of each resolved passive freedom.
         terms: of the vectors A, B and X of each product, see `Term`.
@@ -123,6 +124,7 @@ class Constraints:
         self.elsewhere: list[Elsewhere] = []
         self.angles: list[CountedAngle] = []
         self.turns = [turns_of(mechanism, c, x) for _, c, e in rows for x in _angles_of(e)]
+        self.counts_turns = bool(self.turns) or any(c.joints for c in mechanism.closures)
         equations = [self._equation(at, closure, equation, products)
                      for at, (_, closure, equation) in enumerate(rows)]
         self.passive_at = len(products.constants)

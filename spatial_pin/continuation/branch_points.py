@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from spatial_pin.assembly.close import close
 from spatial_pin.continuation.path_tracker import PathPoint, PathTracker, Stopped
-from spatial_pin.continuation.pseudo_arclength import Arrival
+from spatial_pin.continuation.pseudo_arclength import CROSSINGS, Arrival
 from spatial_pin.continuation.singular_points import zeros
 from spatial_pin.continuation.solution_curve import (
     CurvePoint,
@@ -203,7 +203,7 @@ def passage(tracker: PathTracker, arrival: Arrival) -> Passage | None:
         tracker: stands before the branch point.
         arrival: why it stopped, and at which driver value.
     """
-    if arrival.kind not in ("branch point", "singular"):
+    if arrival.kind not in CROSSINGS:
         return None
     before, size = tracker.here, tracker.mechanism.velocity_scale
     sense = 1.0 if arrival.value >= before.s else -1.0

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.continuation.branch_points import passage
 from spatial_pin.continuation.path_tracker import STRETCH, PathPoint, PathTracker, Stopped
-from spatial_pin.continuation.pseudo_arclength import Arrival
+from spatial_pin.continuation.pseudo_arclength import CROSSINGS, Arrival
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.paths import PathSamples
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -192,8 +192,10 @@ def _pass_branch_point(
     Raises:
         Stopped: it is no branch point, or one that is not to be passed.
     """
-    found = passage(tracker, stopped.arrival) if crossed is not None else None
-    if found is None or crossed is None:
+    if crossed is None or stopped.arrival.kind not in CROSSINGS:
+        raise stopped
+    found = passage(tracker, stopped.arrival)
+    if found is None:
         raise stopped
     k = stopped.sample
     while k > 0 and found.holds(float(values[k - 1])):

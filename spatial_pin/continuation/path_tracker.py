@@ -89,10 +89,10 @@ class PathPoint(NamedTuple):
         return State(mechanism, self.q, closure_error=self.error, angles=self.angles)
 
 
-class PathTracker:
-    """A point on a branch of closed configurations, with what is prescribed along it.
+class Branch:
+    """A branch of closed configurations: what is prescribed along it, and its equations.
 
-    What it works with it acquires when it first needs it.
+    What evaluates and follows it is acquired when it is first needed.
 
     Attributes:
         driven: the prescribed coordinates, the driver first.
@@ -116,9 +116,148 @@ class PathTracker:
         self.mechanism, self.driven, self.accuracy = mechanism, driven, accuracy
         self.still = still_entries(mechanism, driven) if still is None else tuple(still)
         self._law, self._begin, self._workspaces = law, begin, workspaces
-        self._path: Path | None = None
-        self._here: PathPoint | None = None
         self._samples: PathSamples | None = None  # those that the kernel began with
+
+    @cached_property
+    def state(self) -> State:
+        """Where the branch begins."""
+        assert self._samples is not None
+        return PathPoint.of(self._samples, 0, 0.0).state(self.mechanism)
+
+    @cached_property
+    def kernel(self) -> Kernel:
+        """The kernel of the mechanism."""
+        return self._workspaces.acquire(kernel_of(self.mechanism))
+
+    @cached_property
+    def evaluation(self) -> LoopEquations:
+        """Its closure equations."""
+        return self._workspaces.acquire(loops_of(self.mechanism))
+
+    @cached_property
+    def leading(self) -> OneDriver:
+        """What leads along the branch."""
+        mechanism, driven, q = self.mechanism, self.driven, self.state.q
+        if self._law is None:
+            return OneDriver(mechanism, driven, q)
+        return DriversLaw(mechanism, driven, q, self._law, self._begin)
+
+    @cached_property
+    def moving_drivers(self) -> set[str]:
+        """The drivers that move though they are not driven, as nothing lets them stand."""
+        return _moving_drivers(self.mechanism, self.driven, self.still)
+
+    @property
+    def has_arc_length(self) -> bool:
+        """Whether the branch can be followed by pseudo-arclength.
+
+        Components of balls and floating joints are no entries of q that a curve could lead by.
+        """
+        return all(c.q >= 0 for c in self.driven)
+
+    def room_for(self, n: int) -> PathSamples:
+        """Return room for n samples."""
+        k = self.kernel
+        return PathSamples.empty(n, k.nq, k.nv, k.n_angles)
+
+    def system_at(self, q: Array, angles: Array) -> SquareSystem:
+        """Return the square system at a configuration.
+
+        Raises:
+            SingularError: the driver does not determine the motion there.
+        """
+        self.evaluation.angle_reference[:] = angles
+        return SquareSystem(self.evaluation, self.driven, q, self.still)
+
+    def checked_system(self, state: State) -> SquareSystem:
+        """Return the square system at a state.
+
+        Raises:
+            SingularError: the driver does not determine the motion there, or loops lose rank.
+        """
+        system = self.system_at(state.q, state.angles)
+        system.check_regular(state.q)
+        if system.pivot < TOLERANCES.singular:
+            raise SingularError(f"mechanism {self.mechanism.name!r}: singular configuration at "
+                                f"the start, {state}", state=state)
+        return system
+
+    def point_at(self, q: Array, s: float, angles: Array, system: SquareSystem) -> PathPoint:
+        """Return the point at a closed configuration.
+
+        Args:
+            q: (nq,) the configuration.
+            s: the leading value.
+            angles: (n_angles,) of screw closures.
+            system: its equations are chosen again only if they are dependent there.
+
+        Raises:
+            SingularError: what is driven does not determine the motion there.
+        """
+        self.evaluation.angle_reference[:] = angles
+        self.evaluation.update(q)
+        system.factor()
+        if not system.pivot:
+            system.select(q)
+        return self._solved(system, q, s)
+
+    def _solved(self, system: SquareSystem, q: Array, s: float) -> PathPoint:
+        t = system.driver_rates() @ self.leading.rates(s)
+        c = system.acceleration(q, t, self.leading.bends(s))
+        evaluation = system.evaluation
+        error = float(np.abs(evaluation.residual).max(initial=0.0))
+        return PathPoint(s, q, t, c, error, evaluation.angles.copy())
+
+    def pace(self, point: PathPoint) -> float:
+        """Return how fast joints move at a point, by the leading value."""
+        return float(np.linalg.norm(point.t / self.mechanism.velocity_scale))
+
+    def distance(self, point: PathPoint, value: float) -> float:
+        """Return how far joints move from a point to a leading value at the rates there."""
+        return abs(value - point.s) * self.pace(point)
+
+    def _path_from(self, q: Array, angles: Array, s: float) -> Path | None:
+        """Return the path that the kernel follows from q; None where it cannot, or may not.
+
+        Args:
+            q: (nq,) closed configuration.
+            angles: (n_angles,) of screw closures.
+            s: the parameter there, where a law leads.
+        """
+        path = self._regular_path(q, angles, s)
+        if path is not None:
+            return path
+        try:  # where passive freedoms are left
+            system = self.system_at(q, angles)
+            system.check_regular(q)
+        except SingularError:
+            return None
+        return self._kernel_path(system.equations, system.passive, q, angles, s)
+
+    def _regular_path(self, q: Array, angles: Array, s: float) -> Path | None:
+        """Return the path where as many equations are independent as there are unknowns."""
+        k = self.kernel
+        wanted = k.nv - k.n_passive - len(self.driven) - len(self.still)
+        if not 0 <= wanted <= k.n_closure:
+            return None
+        return self._kernel_path(None, None, q, angles, s)
+
+    def _kernel_path(
+        self, chosen: NDArray[np.integer[Any]] | None, fill: Array | None, q: Array,
+        angles: Array, s: float,
+    ) -> Path | None:
+        driven = prescribed_places(self.kernel.nv, self.driven, self.still)
+        path = Path(self.kernel, chosen, driven, fill, self.accuracy)
+        if self._law is not None:
+            self.leading.prescribe(path, s, self.still)
+        return path if path.start(q, angles) else None
+
+
+class PathTracker(Branch):
+    """A point on a branch, which moves to given values of what leads; see `Branch`."""
+
+    _path: Path | None = None  # of the kernel, where it is at the point or ahead of it
+    _here: PathPoint | None = None  # the point, unless the path is there
 
     @classmethod
     def at(
@@ -197,7 +336,7 @@ class PathTracker:
         tracker.moving_drivers = moving
         closer = workspaces.acquire(closer_of(mechanism))
         k = tracker.kernel = closer.kernel
-        tracker._path = path = path_of(k, places, accuracy)
+        tracker._path = path = path_of(closer, places, accuracy)
         if path is not None and closer.knows_mirrors:
             samples = tracker._samples = PathSamples.empty(n, k.nq, k.nv, k.n_angles)
             closer.set_task([problem.goal], problem.settings, problem.goal, problem.reference,
@@ -217,48 +356,6 @@ class PathTracker:
         self._path = self._path_from(state.q, state.angles, self._begin)
         if self._path is None:
             self._here = self._solved(self.checked_system(state), state.q, self.leading.begin)
-
-    @cached_property
-    def state(self) -> State:
-        """Where the branch begins."""
-        assert self._samples is not None
-        return PathPoint.of(self._samples, 0, 0.0).state(self.mechanism)
-
-    @cached_property
-    def kernel(self) -> Kernel:
-        """The kernel of the mechanism."""
-        return self._workspaces.acquire(kernel_of(self.mechanism))
-
-    @cached_property
-    def evaluation(self) -> LoopEquations:
-        """Its closure equations."""
-        return self._workspaces.acquire(loops_of(self.mechanism))
-
-    @cached_property
-    def leading(self) -> OneDriver:
-        """What leads along the branch."""
-        mechanism, driven, q = self.mechanism, self.driven, self.state.q
-        if self._law is None:
-            return OneDriver(mechanism, driven, q)
-        return DriversLaw(mechanism, driven, q, self._law, self._begin)
-
-    @cached_property
-    def moving_drivers(self) -> set[str]:
-        """The drivers that move though they are not driven, as nothing lets them stand."""
-        return _moving_drivers(self.mechanism, self.driven, self.still)
-
-    def room_for(self, n: int) -> PathSamples:
-        """Return room for n samples."""
-        k = self.kernel
-        return PathSamples.empty(n, k.nq, k.nv, k.n_angles)
-
-    @property
-    def has_arc_length(self) -> bool:
-        """Whether the branch can be followed by pseudo-arclength.
-
-        Components of balls and floating joints are no entries of q that a curve could lead by.
-        """
-        return all(c.q >= 0 for c in self.driven)
 
     def by(self, law: Any) -> PathTracker:
         """Return a tracker at the same point, the same coordinates going by another law."""
@@ -287,28 +384,6 @@ class PathTracker:
         """Return the square system at the current point; raises as `system_at`."""
         return self.system_at(self.here.q, self.here.angles)
 
-    def system_at(self, q: Array, angles: Array) -> SquareSystem:
-        """Return the square system at a configuration.
-
-        Raises:
-            SingularError: the driver does not determine the motion there.
-        """
-        self.evaluation.angle_reference[:] = angles
-        return SquareSystem(self.evaluation, self.driven, q, self.still)
-
-    def checked_system(self, state: State) -> SquareSystem:
-        """Return the square system at a state.
-
-        Raises:
-            SingularError: the driver does not determine the motion there, or loops lose rank.
-        """
-        system = self.system_at(state.q, state.angles)
-        system.check_regular(state.q)
-        if system.pivot < TOLERANCES.singular:
-            raise SingularError(f"mechanism {self.mechanism.name!r}: singular configuration at "
-                                f"the start, {state}", state=state)
-        return system
-
     def curve(
         self, system: SquareSystem, tolerance: float, pace: float | None = None
     ) -> SolutionCurve:
@@ -327,77 +402,7 @@ class PathTracker:
         pace = max(self.pace(self.here) if pace is None else pace, 1.0 / span)
         return SolutionCurve(system, tolerance, WithParameter(system, leading, 1.0 / pace))
 
-    def point_at(self, q: Array, s: float, angles: Array, system: SquareSystem) -> PathPoint:
-        """Return the point at a closed configuration.
-
-        Args:
-            q: (nq,) the configuration.
-            s: the leading value.
-            angles: (n_angles,) of screw closures.
-            system: its equations are chosen again only if they are dependent there.
-
-        Raises:
-            SingularError: what is driven does not determine the motion there.
-        """
-        self.evaluation.angle_reference[:] = angles
-        self.evaluation.update(q)
-        system.factor()
-        if not system.pivot:
-            system.select(q)
-        return self._solved(system, q, s)
-
-    def _solved(self, system: SquareSystem, q: Array, s: float) -> PathPoint:
-        t = system.driver_rates() @ self.leading.rates(s)
-        c = system.acceleration(q, t, self.leading.bends(s))
-        evaluation = system.evaluation
-        error = float(np.abs(evaluation.residual).max(initial=0.0))
-        return PathPoint(s, q, t, c, error, evaluation.angles.copy())
-
-    def pace(self, point: PathPoint) -> float:
-        """Return how fast joints move at a point, by the leading value."""
-        return float(np.linalg.norm(point.t / self.mechanism.velocity_scale))
-
-    def distance(self, point: PathPoint, value: float) -> float:
-        """Return how far joints move from a point to a leading value at the rates there."""
-        return abs(value - point.s) * self.pace(point)
-
     # ------------------------------------------------------------ how it moves
-
-    def _path_from(self, q: Array, angles: Array, s: float) -> Path | None:
-        """Return the path that the kernel follows from q; None where it cannot, or may not.
-
-        Args:
-            q: (nq,) closed configuration.
-            angles: (n_angles,) of screw closures.
-            s: the parameter there, where a law leads.
-        """
-        path = self._regular_path(q, angles, s)
-        if path is not None:
-            return path
-        try:  # where passive freedoms are left
-            system = self.system_at(q, angles)
-            system.check_regular(q)
-        except SingularError:
-            return None
-        return self._kernel_path(system.equations, system.passive, q, angles, s)
-
-    def _regular_path(self, q: Array, angles: Array, s: float) -> Path | None:
-        """Return the path where as many equations are independent as there are unknowns."""
-        k = self.kernel
-        wanted = k.nv - k.n_passive - len(self.driven) - len(self.still)
-        if not 0 <= wanted <= k.n_closure:
-            return None
-        return self._kernel_path(None, None, q, angles, s)
-
-    def _kernel_path(
-        self, chosen: NDArray[np.integer[Any]] | None, fill: Array | None, q: Array,
-        angles: Array, s: float,
-    ) -> Path | None:
-        driven = prescribed_places(self.kernel.nv, self.driven, self.still)
-        path = Path(self.kernel, chosen, driven, fill, self.accuracy)
-        if self._law is not None:
-            self.leading.prescribe(path, s, self.still)
-        return path if path.start(q, angles) else None
 
     def _moving_path(self) -> Path | None:
         """Return the kernel's path from the current point; None where it cannot start here."""

@@ -312,12 +312,8 @@ class SolutionCurve:
         self.evaluation.update(self.unknowns.configuration(x))
         jacobian, n = self.evaluation.jacobian, self.evaluation.constraints.n_closure
         parts = [jacobian[self.selected], jacobian[n:], self.unknowns.drive, self.system.passive]
-        return self.unknowns.completed(np.vstack(parts), self._driven, x)
-
-    @property
-    def _driven(self) -> int:
-        """The first equation of what is driven."""
-        return len(self.selected) + self.evaluation.constraints.n_passive
+        first = len(self.selected) + self.evaluation.constraints.n_passive
+        return self.unknowns.completed(np.vstack(parts), first, x)
 
     def settle(self, x: Array, along: Array) -> CurvePoint | None:
         """Return the point at x whose tangent is nearest to `along`; None where branches cross."""
@@ -366,7 +362,8 @@ class SolutionCurve:
                 return x
             rhs = np.zeros(len(rows) + 1)
             rhs[: len(self.selected)] = -residual[self.selected]
-            rhs[self._driven : self._driven + len(gaps)] = -gaps
+            first = len(self.selected) + self.evaluation.constraints.n_passive
+            rhs[first : first + len(gaps)] = -gaps
             step = decompose(np.vstack([rows, normal])).minimum_norm(rhs)
             if not np.abs(step).max() < 0.1:
                 return None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -168,6 +168,7 @@ class Closer:
         handle: of the C structure.
         facts: (3,) of what was examined last: see `Examined`.
         at_task: where C reads what is to be reached.
+        paths: those that begin where it closes the loops, by what is prescribed.
         knows_mirrors: whether it knows the axes of all closures that make them parallel: not of
             those of which only some equations are kept.
     """
@@ -183,7 +184,7 @@ class Closer:
         check(self._library.closer_create(
             kernel.handle, address(rotations), rotations.shape[1], address(pins), len(pins),
             ctypes.byref(handle)))
-        self.handle = handle
+        self.handle, self.paths = handle, dict[tuple[int, ...], Any]()
         self._q, self._pinned = np.empty(kernel.nq), np.empty(len(pins))
         self._first, self._free = np.empty((2, kernel.nv), np.int64)
         self._reference, self._angles = np.empty((2, kernel.n_angles))

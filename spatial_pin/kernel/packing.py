@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from spatial_pin._support.lazy import made_anew, made_once
 from spatial_pin.constraints.compiled_equations import Constraints, constraints_of
 from spatial_pin.constraints.composed_equations import Equation, Factor
-from spatial_pin.constraints.composite_joints import split_of
-from spatial_pin.constraints.tree_arrays import TreeArrays
+from spatial_pin.constraints.composite_joints import TreeArrays, split_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 

@@ -202,17 +202,17 @@ class Path:
             self._handle, begin, shape[0], shape[-1] - 1, address(breaks), address(coefficients)))
 
 
-def path_of(kernel: Kernel, driven: list[int], accuracy: Accuracy) -> Path | None:
-    """Return a path of a kernel that chooses its equations by itself; the last one is kept.
+def path_of(closer: Closer, driven: list[int], accuracy: Accuracy) -> Path | None:
+    """Return a path in a closer's kernel that chooses its equations; the last one is kept.
 
     None where there are other numbers of equations than of unknowns.
     """
-    key = Path, *driven
-    path: Path | None = kernel.kept.get(key)
+    kernel, key = closer.kernel, tuple(driven)
+    path: Path | None = closer.paths.get(key)
     if path is None or path.accuracy is not accuracy:
         if not 0 <= kernel.nv - kernel.n_passive - len(driven) <= kernel.n_closure:
             return None
-        path = kernel.kept[key] = Path(kernel, None, driven, None, accuracy)
+        path = closer.paths[key] = Path(kernel, None, driven, None, accuracy)
     return path
 
 

@@ -36,12 +36,6 @@ MOST_STEPS = 2000  # a hundred turns
 
 
 @made_once
-def counts_turns(mechanism: Mechanism) -> bool:
-    """Whether a coupling or a screw counts turns of joints."""
-    return bool(constraints_of(mechanism).turns) or any(c.joints for c in mechanism.closures)
-
-
-@made_once
 def uncounted(
     mechanism: Mechanism, held: tuple[str, ...]
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
