@@ -20,8 +20,8 @@ class Integrator(NamedTuple):
        name: "scipy.integrate:Radau", or one of your own.
     2. One of the kernel (Runge and Kutta's) is an entry of `METHODS` in
        `kernel/integrators/integrating.c`; these have the same order here.
-    3. "automatic" begins as DOP853; `dynamics.simulation.integrators.successor` decides when Radau
-       goes on, and when DOP853 again.
+    3. "automatic" begins as DOP853; `succeed` in `dynamics.simulation.integrators` decides when
+       Radau goes on, and when DOP853 again.
 
     Attributes:
         solver: module and class, "module:class"; or "kernel"; or "" of the automatic one.

@@ -14,8 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 import spatial_pin as sp
-from benchmark import cube, falling, ladder
-from benchmark import with_spatial_pin_forces as ours
+from benchmark import cube, falling, ladder, with_spatial_pin_forces as ours
 from benchmark.case import Case
 from benchmark.rssr import Array
 

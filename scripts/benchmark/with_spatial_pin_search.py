@@ -8,8 +8,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from published_designs import PROBLEMS
-from published_designs import Problem as DesignProblem
+from published_designs import PROBLEMS, Problem as DesignProblem
 
 import spatial_pin as sp
 from benchmark import counted, rssr

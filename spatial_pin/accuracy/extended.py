@@ -28,8 +28,7 @@ from spatial_pin.mechanism.equations import (
     Quantity,
     Square,
 )
-from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.mechanism.mechanism import point_on_body as point_on
+from spatial_pin.mechanism.mechanism import Mechanism, point_on_body as point_on
 from spatial_pin.mechanism.pairs import PAIRS
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array

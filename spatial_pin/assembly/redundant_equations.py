@@ -72,7 +72,9 @@ DIRECTIONS = 6  # of that motion, each taken both ways
 LONGER_WAY = 4  # such motions in a row, over which it is seen how long equations are independent
 PROBES, STEPS_TO_POSE = 4, 3  # other poses tried, and steps to each
 STEP_TO_POSE = 0.1  # length of a step [rad, characteristic lengths]
-GAPS_TRIED = (1e-3, 1e-2)  # of files of three digits, and of two
+# Of files of three digits, and of two; then others, as a gap far above the rounding may hide what
+# the loops hold.
+GAPS_TRIED = (1e-3, 1e-2, 2e-4, 5e-4, 2e-3, 5e-3)
 FEW_CHOICES = 300  # of equations, that are all looked at: in a fraction of a second
 # Weight of equations that are kept if they can, those of screws and couplings: no other is as well
 # conditioned as to outweigh it.

@@ -14,8 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin._support.output_files import plain_text
-from spatial_pin.dimensions.measurements import ENCODER
-from spatial_pin.dimensions.measurements import UNITS as MEASURED_UNITS
+from spatial_pin.dimensions.measurements import ENCODER, UNITS as MEASURED_UNITS
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.inverse_kinematics import targets
 from spatial_pin.inverse_kinematics.named_targets import is_angle, is_coordinate, is_part

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from spatial_pin._support.checks import checked, names_of, positive_number
 from spatial_pin._support.output_files import named_path, write_csv, write_text
@@ -30,17 +31,23 @@ from spatial_pin.errors import SpatialPinError, unless_cut
 from spatial_pin.mechanism.coordinates import needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.follow import follow
+from spatial_pin.numerics.least_squares import Bounds, LeastSquares, minimised
 from spatial_pin.numerics.linalg import Array, decompose, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-EVALUATIONS = 300  # at most: ten are usual, some dozens with many outliers
-# Part of a residual's square over the margin's that counts, by loss: its derivative.
-WEIGHTS: dict[str, Callable[[Array], Array]] = {
-    "linear": np.ones_like,
-    "soft_l1": lambda z: 1.0 / np.sqrt(1.0 + z),
-    "huber": lambda z: 1.0 / np.sqrt(np.maximum(z, 1.0)),
-    "cauchy": lambda z: 1.0 / (1.0 + z),
-    "arctan": lambda z: 1.0 / (1.0 + z * z),
+LEAST_CURVATURE = 1e-3  # of a loss, relative to its slope: beyond the margin it bends down
+Scalar = Callable[[Array], Array]
+# Of each loss what counts of a residual's square z over the margin's, its derivative, and the
+# curvature of half of it along the residual.
+LOSSES: dict[str, tuple[Scalar, Scalar, Scalar]] = {
+    "linear": (lambda z: z, np.ones_like, np.ones_like),
+    "soft_l1": (lambda z: 2.0 * z / (1.0 + np.sqrt(1.0 + z)), lambda z: (1.0 + z) ** -0.5,
+                lambda z: (1.0 + z) ** -1.5),
+    "huber": (lambda z: np.where(z < 1.0, z, 2.0 * np.sqrt(z) - 1.0),
+              lambda z: 1.0 / np.sqrt(np.maximum(z, 1.0)), lambda z: (z < 1.0).astype(float)),
+    "cauchy": (np.log1p, lambda z: 1.0 / (1.0 + z), lambda z: (1.0 - z) / (1.0 + z) ** 2),
+    "arctan": (np.arctan, lambda z: 1.0 / (1.0 + z * z),
+               lambda z: (1.0 - 3.0 * z * z) / (1.0 + z * z) ** 2),
 }
 
 
@@ -236,8 +243,8 @@ def calibrate(
     """
     needed(mechanism)
     bounds = bounds_of(mechanism, dimensions, around=True)
-    if loss not in WEIGHTS:
-        raise ValueError(f"loss is {loss!r}; it is one of {', '.join(WEIGHTS)}")
+    if loss not in LOSSES:
+        raise ValueError(f"loss is {loss!r}; it is one of {', '.join(LOSSES)}")
     if loss != "linear" and sigma is None:
         raise ValueError(f"loss {loss!r} needs sigma: it is what outliers are told by")
     if not isinstance(base, bool | pin.SE3):
@@ -264,8 +271,8 @@ def calibrate(
                            if q.kind in ("position", "rotation")])
     predictions = Predictions(FittedState(start[0].mechanism, start, place), unknowns, drivers,
                               quantities)
-    fit = CalibrationFit(predictions, loss, margin)
-    return unless_cut(fit.result(bounds, quantities, sigma is None))
+    fit = CalibrationFit(predictions, CalibrationProblem(predictions, loss, margin, bounds))
+    return unless_cut(fit.result(quantities, sigma is None))
 
 
 def _start(
@@ -300,27 +307,90 @@ def _start(
 
 
 
+class CalibrationProblem(LeastSquares):
+    """Errors of predictions that are to be small, as far as a loss lets them count.
+
+    Args:
+        predictions: of what was measured.
+        loss, margin: as for `calibrate`.
+        bounds: of dimensions, which come first among the unknowns.
+
+    Attributes:
+        gauge: (k, n) rows that are zero times the unknowns.
+        best: (n,) where the search has come to.
+    """
+
+    bends, longest, cut, most = False, np.inf, TOLERANCES.zero, 300  # with outliers some dozens
+    gain = TOLERANCES.last_digit
+
+    def __init__(
+        self, predictions: Predictions, loss: str, margin: float,
+        bounds: Mapping[str, tuple[float, float]],
+    ) -> None:
+        self._predictions, self._margin = predictions, margin
+        self._loss = LOSSES[loss]
+        n, k = len(predictions.sizes), len(bounds)
+        self.moves, self.gauge = np.ones(n, dtype=bool), np.empty((0, n))
+        self._ends = np.full((2, n), np.inf) * np.array([[-1.0], [1.0]])
+        if k:
+            self._ends[:, :k] = (np.array([*bounds.values()]).T - predictions.nominal
+                                 ) / predictions.sizes[:k]
+        self.best: Array | None = None
+
+    def weights(self, errors: Array) -> Array:
+        """Return what errors count (m,)."""
+        return self._loss[1]((errors / self._margin) ** 2)
+
+    def residual(self, x: Array) -> Array:
+        """See `LeastSquares`: signed roots of the losses."""
+        errors = self._predictions.errors(x)
+        counts = self._loss[0]((errors / self._margin) ** 2)
+        return np.append(np.copysign(self._margin * np.sqrt(counts), errors), self.gauge @ x)
+
+    def jacobian(self, x: Array) -> Array:
+        """See `LeastSquares`, of errors."""
+        self.best = x.copy()
+        return np.vstack([self._predictions.jacobian(x), self.gauge])
+
+    def model(self, x: Array) -> tuple[Array, Array]:
+        """See `LeastSquares`: errors of which squares have the loss's slope and curvature."""
+        errors, rows = self._predictions.errors(x), self.jacobian(x)
+        z = (errors / self._margin) ** 2
+        slope = self._loss[1](z)
+        roots = np.sqrt(np.maximum(self._loss[2](z), LEAST_CURVATURE * slope))
+        rows[: len(errors)] *= roots[:, None]
+        return np.append(slope / roots * errors, self.gauge @ x), rows
+
+    def corrected(self, x: Array, free: NDArray[np.bool_], off: float) -> Array | None:
+        """See `LeastSquares`: None where loops do not close."""
+        return x if np.isfinite(self._predictions.errors(x)).all() else None
+
+    def room(self, x: Array) -> Array:
+        """See `LeastSquares`."""
+        return np.abs(self._ends - x)
+
+    def at_bounds(self, x: Array, active: Bounds) -> Array:
+        """See `LeastSquares`."""
+        return np.where([k in active for k in range(len(x))],
+                        self._ends[[active.get(k, 0) for k in range(len(x))], range(len(x))], x)
 
 
 class CalibrationFit:
-    """Finds the unknowns by SciPy's trust region."""
+    """Finds the unknowns."""
 
-    def __init__(self, predictions: Predictions, loss: str, margin: float) -> None:
-        self._predictions, self._loss, self._margin = predictions, loss, margin
-        self._best: Array | None = None  # where the trust region stands
-        self._is_whole = True
+    def __init__(self, predictions: Predictions, problem: CalibrationProblem) -> None:
+        self._predictions, self._problem, self._is_whole = predictions, problem, True
 
     def result(
-        self, bounds: Mapping[str, tuple[float, float]], quantities: list[list[MeasuredQuantity]],
-        scattered: bool,
+        self, quantities: list[list[MeasuredQuantity]], scattered: bool
     ) -> Calibration:
         """Return what is found."""
         p, names = self._predictions, self._predictions.unknowns.names
         encoders, n = p.unknowns.encoders, len(names)
         before = p.errors(np.zeros(len(p.sizes)))
-        x = self._solved(bounds)
+        x = self._solved()
         errors, here = p.errors(x), p.at(x)
-        weights = WEIGHTS[self._loss]((errors / self._margin) ** 2)
+        weights = self._problem.weights(errors)
         spread = _Spread(np.sqrt(weights)[:, None] * p.slopes(x), p.whole)
         factor = 1.0
         if scattered:
@@ -341,53 +411,34 @@ class CalibrationFit:
             tuple(unit for *_, unit in told), weights,
             tuple(spread.words(names, p.sizes)), here.base, tuple(states), self._is_whole)
 
-    def _solved(self, bounds: Mapping[str, tuple[float, float]]) -> Array:
+    def _solved(self) -> Array:
         """Return the values x (n,) of the unknowns.
 
         Combinations that the data do not determine stay where they begin: rows that say so join the
         others. Where a nominal mechanism is more special than the true one, and leaves more
         undetermined, it is gone on from there.
         """
-        p = self._predictions
+        p, problem = self._predictions, self._problem
         x: Array = np.zeros(len(p.sizes))
         try:
             spread = _Spread(p.jacobian(x), p.whole)
             while True:
-                x = self._descended(x, spread.gauge(), bounds)
+                problem.gauge = spread.gauge()
+                at, _, has_ended, _ = minimised(problem, x, {})
+                if not has_ended:
+                    raise SpatialPinError(
+                        "calibrate: the search has not ended after "
+                        f"{problem.most} steps; look for fewer unknowns, or bound them")
+                x = at.x
                 after = _Spread(p.jacobian(x), p.whole)
                 if after.rank <= spread.rank:
                     return x
                 spread = after
         except KeyboardInterrupt:
-            if self._best is None:
+            if problem.best is None:
                 raise
             self._is_whole = False
-            return self._best
-
-    def _descended(
-        self, start: Array, gauge: Array, bounds: Mapping[str, tuple[float, float]]
-    ) -> Array:
-        """Return where the sum of squares is least, `gauge` (k, n) times x being zero."""
-        from scipy.optimize import least_squares  # takes a quarter of a second
-
-        p = self._predictions
-        n, k = len(p.sizes), len(bounds)
-        ends = np.full((2, n), np.inf) * np.array([[-1.0], [1.0]])
-        if k:
-            ends[:, :k] = (np.array([*bounds.values()]).T - p.nominal) / p.sizes[:k]
-
-        def slopes(x: Array) -> Array:
-            self._best = x.copy()  # they are asked for where a step was taken
-            return np.vstack([p.jacobian(x), gauge])
-
-        found = least_squares(
-            lambda x: np.concatenate([p.errors(x), gauge @ x]), start, slopes, bounds=ends,
-            loss=self._loss, f_scale=self._margin, ftol=TOLERANCES.last_digit,
-            xtol=TOLERANCES.zero, gtol=None, max_nfev=EVALUATIONS)
-        if found.status <= 0:
-            raise SpatialPinError("calibrate: the search has not ended after "
-                                  f"{EVALUATIONS} steps; look for fewer unknowns, or bound them")
-        return found.x
+            return problem.best
 
     def _values(self, x: Array) -> dict[str, float]:
         p = self._predictions

@@ -147,7 +147,7 @@ def copied(mechanism: Mechanism, **changed: Any) -> Mechanism:
 def _traced(mechanism: Mechanism, names: tuple[str, ...]) -> TracedTree | None:
     try:
         return TracedTree(mechanism, names)
-    except (_Untraced, SpatialPinError, ValueError):  # a number's text was part of another's
+    except (_Untraced, SpatialPinError, ValueError):  # a reference within a longer word
         return None
 
 
@@ -296,12 +296,13 @@ class TracedTree:
     def _words(self, element: ET.Element, key: str, at: list[int] | None = None) -> _Words:
         known = self._places if at is None else at
         words = element.get(key, "0 0 0" if key in ("xyz", "rpy") else "0").split()
-        found = [self._tape.read(word) for word in words]
-        places = []
-        for number in found:
+        values, places = [], []
+        for word in words:
+            number = self._tape.read(word)
+            values.append(float(word if number is None else number))
             places.append(-1 if number is None else len(known))
             known += [] if number is None else [number.place]
-        return _Words(np.array([float(word) for word in words]), np.array(places, dtype=np.intp))
+        return _Words(np.array(values), np.array(places, dtype=np.intp))
 
     def _check(self) -> None:
         """Refuse a model that was not made of the text alone, as where a reader turns joints."""

@@ -13,9 +13,15 @@ from spatial_pin.dynamics.simulation.result import Simulation, driver_names
 from spatial_pin.errors import UnknownNameError
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Motion, Output
-from spatial_pin.motion.outputs import abscissas, component, component_of, is_force, named
-from spatial_pin.motion.outputs import output as output_of_motion
-from spatial_pin.motion.outputs import quantities as quantities_of_motion
+from spatial_pin.motion.outputs import (
+    abscissas,
+    component,
+    component_of,
+    is_force,
+    named,
+    output as output_of_motion,
+    quantities as quantities_of_motion,
+)
 from spatial_pin.motion.summary import EFFORTS
 from spatial_pin.numerics.linalg import Array
 

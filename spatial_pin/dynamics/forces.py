@@ -37,6 +37,7 @@ class Line(NamedTuple):
     law: Law
     energy: Callable[[float], float] | None
     storing: Callable[[float], float] | None
+    is_linear: bool
 
 
 class JointSpring(NamedTuple):
@@ -48,6 +49,7 @@ class JointSpring(NamedTuple):
     law: Law
     energy: Callable[[float], float] | None
     storing: Callable[[float], float] | None
+    is_linear: bool
 
 
 class SpringState(NamedTuple):
@@ -95,20 +97,22 @@ class Forces:
 
     def _add(self, spring: Spring, law: Law | None) -> None:
         m = self.mechanism
+        is_linear = spring.is_linear and not law
         free, k, c = spring.free, spring.stiffness, spring.damping
-        energy = None if law else lambda x: 0.5 * k * (x - free) ** 2
-        storing = None if law else lambda x: k * (x - free)
-        law = law or (lambda x, rate: k * (x - free) + c * rate)
+        energy = None if law else spring.energy
+        storing = None if law else (lambda x: spring.force(x, 0.0))
+        law = law or ((lambda x, rate: k * (x - free) + c * rate) if is_linear else spring.force)
         if spring.joint:
             coordinate = m.driven_coordinate(spring.joint)
             self.turns.append(JointSpring(
-                spring.name, coordinate.q, coordinate.v, law, energy, storing))
+                spring.name, coordinate.q, coordinate.v, law, energy, storing, is_linear))
             return
         (i1, m1), (i2, m2) = (m.centred_frame(f) for f in spring.frames)
         support = constraints_of(m).support
         sign = support(i2) - support(i1)
         points = tuple(np.append(x.translation, 1.0) for x in (m1, m2))
-        self.lines.append(Line(spring.name, (i1, i2), points, sign, law, energy, storing))  # type: ignore[arg-type]
+        self.lines.append(Line(spring.name, (i1, i2), points, sign, law, energy, storing,  # type: ignore[arg-type]
+                               is_linear))
 
     @property
     def exist(self) -> bool:

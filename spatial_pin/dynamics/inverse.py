@@ -294,7 +294,16 @@ def _too_few(equations: Equations, actuation: Actuation, freedoms: Array, pull: 
     others = decompose(freedoms[:, entries].T).null_space @ freedoms  # no base moves
     remedies = []
     if len(others):
-        moving, chosen = ", ".join(equations.moving(others)), _to_actuate(equations, others)
+        drivers = {c.v: name for name, c in driver_coordinates(mechanism).items() if c.q >= 0}
+        driven, n = np.array([*drivers], int), len(others)
+        first = driven[common_rows(others.T[driven][None], np.zeros((0, n)), n)]  # drivers first
+        left = others.T @ decompose(others.T[first].reshape(-1, n)).null_space.T
+        own = np.array([c.v for c in mechanism.coordinate_table.values() if c.q >= 0], int)
+        rest = own[independent_rows(left[own])]  # then where motors can act
+        if len(rest) < left.shape[1]:
+            rest = independent_rows(left)
+        chosen = [*(drivers[v] for v in first.tolist()), *(mechanism.coordinates[v] for v in rest)]
+        moving = ", ".join(equations.moving(others))
         given = [name for name in actuation.names if mechanism.coordinate(name).q >= 0]
         remedies.append(
             f"actuate {len(others)} more of {moving}, such as actuated={[*given, *chosen]}"
@@ -326,21 +335,6 @@ def _to_be_held(mechanism: Mechanism, joint: str) -> str:
             f"sp.closures.weld(({ground!r}, state.placement({link!r})), {link!r})")
 
 
-def _to_actuate(equations: Equations, freedoms: Array) -> list[str]:
-    """Return what tells freedoms (k, nv) apart: drivers first, then where motors can act."""
-    mechanism = equations.mechanism
-    drivers = {c.v: name for name, c in driver_coordinates(mechanism).items() if c.q >= 0}
-    table = mechanism.coordinate_table.values()
-    driven, n = np.array([*drivers], int), len(freedoms)
-    first = driven[common_rows(freedoms.T[driven][None], np.zeros((0, n)), n)]
-    left = freedoms.T @ decompose(freedoms.T[first].reshape(-1, n)).null_space.T
-    own = np.array([c.v for c in table if c.q >= 0], int)
-    rest = own[independent_rows(left[own])]
-    if len(rest) < left.shape[1]:
-        rest = independent_rows(left)
-    return [*(drivers[v] for v in first.tolist()), *(mechanism.coordinates[v] for v in rest)]
-
-
 def _bear_motors(equations: Equations, names: Iterable[str]) -> bool:
     return all(equations.mechanism.coordinate(name).q >= 0 for name in names)
 
@@ -364,27 +358,20 @@ def _left_free(
                                        for _, motions in idle_of)])
         a = _spun(equations, free, at.a) if len(free) else a
         loaded = _loaded(equations, spare, idle[:0], a)
-    if loaded:
-        raise SpatialPinError(
-            f"mechanism {equations.mechanism.name!r}: a freedom without actuator carries load: "
-            f"weight, a spring, a force or inertia works on {', '.join(loaded)}; "
-            f"{_relief(equations, loaded)}"
-        )
-    return a
-
-
-def _relief(equations: Equations, loaded: list[str]) -> str:
-    """Say what can be done about coordinates that carry load."""
+    if not loaded:
+        return a
     mechanism, bases = equations.mechanism, _floating(equations.mechanism, loaded)
-    ways = [_to_be_held(mechanism, joint) for joint in bases]
+    remedies = [_to_be_held(mechanism, joint) for joint in bases]
     others = [name for name in loaded if mechanism.coordinate(name).joint not in bases]
     if others and _bear_motors(equations, others):
-        ways.append(f"actuate one of {', '.join(others)}" if bases else "actuate one of them")
+        remedies.append(f"actuate one of {', '.join(others)}" if bases else "actuate one of them")
     elif others:
-        ways.append(f"{NO_MOTOR}: let masses and forces act on the line through the ends of a "
-                    "rod, or make one of its balls a universal joint; a simulation tells how it "
-                    "turns else")
-    return "; ".join(ways)
+        remedies.append(
+            f"{NO_MOTOR}: let masses and forces act on the line through the ends of a rod, or make "
+            "one of its balls a universal joint; a simulation tells how it turns else")
+    raise SpatialPinError(
+        f"mechanism {mechanism.name!r}: a freedom without actuator carries load: weight, a spring, "
+        f"a force or inertia works on {', '.join(loaded)}; {'; '.join(remedies)}")
 
 
 def _idle_rotations(equations: Equations, found: list[tuple[str, Array]]) -> Array:

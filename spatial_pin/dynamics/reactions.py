@@ -32,15 +32,6 @@ BESIDE = ("* without the force of {couplings}, which {pairs} bear{s} too: a coup
 UNMOVED = 1e-8  # reaction to a unit self-stress that is none
 
 
-class ClosedPair(NamedTuple):
-    """A closure between two bodies: its rows, and its second frame's origin on body 2."""
-
-    name: str
-    rows: slice
-    bodies: tuple[int, int]
-    point: Array
-
-
 class Poses(NamedTuple):
     """What reactions are worked out from, at one or many configurations.
 
@@ -60,7 +51,8 @@ class Pairs:
     """The pairs of a mechanism, tree joints and closures, as places where forces pass.
 
     Attributes:
-        closed: the closures between bodies.
+        closed: the closures between bodies: name, rows, bodies, and the second frame's origin on
+            the second one (4,).
         elsewhere: forces of closures on other bodies than their first two.
         coupled: the joints that bear the force of a coupling.
         names: of all pairs, the tree's first.
@@ -69,19 +61,19 @@ class Pairs:
     def __init__(self, mechanism: Mechanism) -> None:
         self.model = model = mechanism.model
         self.length, self.centre = mechanism.characteristic_length, mechanism.centre
-        self.closed: list[ClosedPair] = []
+        self.closed: list[tuple[str, slice, tuple[int, int], Array]] = []
         at = 0
         for closure in mechanism.closures:
             rows = slice(at, at + closure.n_rows)
             if closure.frames:
                 at = rows.stop
                 (first, _), (second, x) = map(mechanism.centred_frame, closure.frames[:2])
-                self.closed.append(ClosedPair(
+                self.closed.append((
                     closure.name, rows, (first, second), np.append(x.translation, 1.0)))
         constraints = constraints_of(mechanism)
         self.elsewhere, self._of_joints = constraints.elsewhere, constraints.of_joints
         self.coupled = sorted(set().union(*beside_couplings(mechanism).values()))
-        self.names = [*list(model.names)[1:], *(pair.name for pair in self.closed)]
+        self.names = [*list(model.names)[1:], *(pair[0] for pair in self.closed)]
         self._levels = _levels(list(model.parents))
         self.grounded = [int(i) for i in model.children[0]]
         coordinates = list(mechanism.coordinate_table.values())
@@ -90,10 +82,10 @@ class Pairs:
     def on_bodies(self, rows: Array, multipliers: Array) -> Array:
         """Return the wrenches (..., njoints, 6) of the closures on all bodies, world origin."""
         total = np.zeros((*multipliers.shape[:-1], self.model.njoints, 6))
-        for pair in self.closed:
-            wrench = _borne(rows, multipliers, pair.rows)
-            total[..., pair.bodies[0], :] -= wrench
-            total[..., pair.bodies[1], :] += wrench
+        for _, own, (first, second), _ in self.closed:
+            wrench = _borne(rows, multipliers, own)
+            total[..., first, :] -= wrench
+            total[..., second, :] += wrench
         for at, (row, _, (first, second)) in enumerate(self.elsewhere, start=multipliers.shape[-1]):
             wrench = multipliers[..., row, None] * rows[..., at, :]
             total[..., first, :] -= wrench
@@ -143,9 +135,9 @@ class Pairs:
         found = {self.model.names[i]: self._without_effort(i, at_joints[..., i, :], poses.columns,
                                                            effort)
                  for i in range(1, self.model.njoints)}
-        for pair in self.closed:
-            g = poses.placements[..., pair.bodies[1], :, :]
-            found[pair.name] = _moved(_borne(poses.rows, multipliers, pair.rows), pair.point @ g)
+        for name, rows, (_, body), point in self.closed:
+            found[name] = _moved(_borne(poses.rows, multipliers, rows),
+                                 point @ poses.placements[..., body, :, :])
         ground = on_bodies[..., 0, :] - forces[..., self.grounded, :].sum(axis=-2)
         return found, _moved(ground, -self.centre)
 
@@ -191,8 +183,8 @@ class Pairs:
                            poses.placements[:, 3])
         joints = [self._without_effort(i, at_joints[:, i], poses.columns, efforts)
                   for i in range(1, self.model.njoints)]
-        closed = [_moved(_borne(poses.rows, self_stresses, pair.rows),
-                         pair.point @ poses.placements[pair.bodies[1]]) for pair in self.closed]
+        closed = [_moved(_borne(poses.rows, self_stresses, rows), point @ poses.placements[body])
+                  for _, rows, (_, body), point in self.closed]
         largest = [np.abs(w * unit).max(axis=0, initial=0.0) / scale for w in [*joints, *closed]]
         return {name: size < unmoved for name, size in zip(self.names, largest, strict=True)}
 

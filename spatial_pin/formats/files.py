@@ -18,6 +18,7 @@ from spatial_pin.errors import MechanismFileError, Mistakes, suggestion, warn
 from spatial_pin.formats.checked_tables import TomlTable
 from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.file_access import (
+    Trust,
     check_file,
     is_file,
     library_folder,
@@ -301,7 +302,7 @@ def _load_toml(request: Request) -> Mechanism:
                   if not complete or key not in (*LISTS, "drivers", "passive", "guess")}
         content, left_out = merged(top.content, stated)
     if mistakes:
-        MechanismSpec(top, mistakes)
+        MechanismSpec(top, mistakes, Trust.of(path, request.packages, request.trusted))
         mistakes.tell()
     return _made(content, file, tree.urdf, request, (*tree.notices, *left_out))
 

@@ -14,7 +14,7 @@ import numpy as np
 from spatial_pin.errors import MechanismFileError, Mistakes
 from spatial_pin.formats.checked_tables import BELONGS, BETWEEN, TOP, TomlTable, belongs
 from spatial_pin.formats.faults import Faults
-from spatial_pin.formats.file_access import Trust
+from spatial_pin.formats.file_access import Trust, read_text
 from spatial_pin.formats.graph.urdf import without_loops
 from spatial_pin.formats.importers import Request
 from spatial_pin.formats.urdf.urdf_model import (
@@ -57,7 +57,7 @@ class MechanismSpec:
         is_whole: by key, whether all under it could be read.
     """
 
-    def __init__(self, top: TomlTable, mistakes: Mistakes) -> None:
+    def __init__(self, top: TomlTable, mistakes: Mistakes, trust: Trust) -> None:
         self._mistakes = mistakes
         self.is_whole: dict[str, bool] = {}
         for key in ("name", "tree"):
@@ -73,7 +73,7 @@ class MechanismSpec:
             "closures": self._array(top, "closures", _closure),
             "drivers": self._tables(top, "drivers",
                                     lambda key, table: Driver(key, table.text("joint"))),
-            "springs": self._array(top, "springs", _spring),
+            "springs": self._array(top, "springs", partial(_spring, trust)),
             "passives": tuple(self._tables(
                 top, "passive", lambda key, table: Passive(
                     key, table.text("body"), table.two_names("axis"))).values()),
@@ -151,7 +151,8 @@ def mechanism_of(
 ) -> Mechanism:
     """Return the mechanism of the expanded URDF of `file` and the table of the file asked for."""
     mistakes = Mistakes(top.where)
-    spec = MechanismSpec(top, mistakes)
+    trust = Trust.of(file, request.packages, request.trusted)
+    spec = MechanismSpec(top, mistakes, trust)
     if not spec.is_whole["joints"]:
         mistakes.tell()  # what the tree is, is not known
     with mistakes.each():
@@ -161,8 +162,7 @@ def mechanism_of(
             for notice in cut.notices:
                 faults.note(notice)
             urdf, top = cut.urdf, TomlTable(cut.content, top.where)
-            spec = MechanismSpec(top, mistakes)
-        trust = Trust.of(file, request.packages, request.trusted)
+            spec = MechanismSpec(top, mistakes, trust)
         tree, mimics = tree_of(urdf, file, spec.refinements, faults, trust, spec.order, top.where)
         if spec.gravity is not None:
             tree["model"].gravity.linear = spec.gravity
@@ -300,15 +300,56 @@ def _geometry(table: TomlTable, pair: Pair) -> PairGeometry:
     return closure_geometry(pair, axis, axis2, length=length, lead=lead)
 
 
-def _spring(table: TomlTable) -> Spring:
+def _law(table: TomlTable, trust: Trust) -> tuple[tuple[float, float], ...]:
+    """Return the points of a spring's characteristic: written out, or of a file of two columns."""
+    if "law" not in table:
+        return ()
+    if "stiffness" in table:
+        table.fail("law", "or stiffness: a spring has one of the two")
+    inner = table.table("law")
+    if ("points" in inner) == ("table" in inner):
+        table.fail("law", 'is {points = [[0.0, 0.0], [0.01, 40.0]]} or {table = "gas.csv"}')
+    if "table" in inner:
+        file = trust.checked(trust.home / inner.text("table"))
+        rows = [line.replace(";", ",").split(",") for line in read_text(file).splitlines()
+                if line.strip() and not line.lstrip().startswith("#")]
+        values: Any = [[_as_number(x) for x in row] for row in rows]
+        if values and None in values[0]:
+            del values[0]  # a heading
+    else:
+        values = inner.get("points")
+    try:
+        points = np.array(values, float)
+    except (TypeError, ValueError):
+        points = np.empty(0)
+    if points.ndim != 2 or points.shape[1:] != (2,) or len(points) < 2 or not (
+            np.isfinite(points).all() and np.all(np.diff(points[:, 0]) > 0.0)):
+        table.fail("law", "needs two points or more of two numbers, elongation and force, with "
+                          "rising elongations")
+    inner.close()
+    return tuple((float(x), float(force)) for x, force in points)
+
+
+def _as_number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+def _spring(trust: Trust, table: TomlTable) -> Spring:
     name = table.text("name")
     if ("joint" in table) == ("frames" in table):
         table.end("frames", "or joint: a spring needs exactly one of the two")
     about_joint = "joint" in table
     if about_joint and "free_length" in table and "free_angle" in table:
         table.fail("free_length", "or free_angle: a spring has one of the two")
+    law = _law(table, trust)
+    one_sided = {key: table.flag(key) for key in ("tension_only", "compression_only")}
+    if all(one_sided.values()):
+        table.fail("tension_only", "or compression_only: a spring has one of the two")
     return Spring(
-        name,
+        name, law=law, **one_sided,
         frames=() if about_joint else table.two_names("frames"),
         joint=table.text("joint") if about_joint else None,
         stiffness=table.number("stiffness", 0.0, least=0.0),

@@ -305,6 +305,10 @@ def _closure(closure: Closure) -> dict[str, Any]:
 def _spring(spring: Spring) -> dict[str, Any]:
     table: dict[str, Any] = {"name": spring.name, "stiffness": spring.stiffness,
                              "damping": spring.damping}
+    if spring.law:
+        del table["stiffness"]
+        table["law"] = {"points": [list(point) for point in spring.law]}
+    table |= {key: True for key in ("tension_only", "compression_only") if getattr(spring, key)}
     if spring.joint is not None:
         free = "free_length" if spring.free_length else "free_angle"
         return {**table, "joint": spring.joint, free: spring.free}

@@ -17,13 +17,14 @@ from spatial_pin.assembly.search.whole_turns import periodic
 from spatial_pin.assembly.state import State
 from spatial_pin.errors import ReachError
 from spatial_pin.inverse_kinematics.named_targets import read_targets
-from spatial_pin.inverse_kinematics.solving import ReachResult, Solver
+from spatial_pin.inverse_kinematics.solving import Level, ReachResult, Solver
 from spatial_pin.inverse_kinematics.targets import CoordinateValue
 from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.mechanism.coordinates import coordinate_value, needed
 from spatial_pin.mechanism.joint_limits import JointLimit, joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.angles import whole_turns
+from spatial_pin.numerics.least_squares import passed
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -140,7 +141,7 @@ def _starts(state: State, solver: Solver, count: int) -> Iterable[Array]:
     rng = np.random.default_rng(0)
     for _ in range(count):
         shaken = rng.uniform(-START_SPREAD, START_SPREAD, len(solver.scale))
-        way = solver.scale * solver.stops.moves * shaken
+        way = solver.scale * solver.moves * shaken
         yield pin.integrate(state.mechanism.model, state.q, way)
 
 
@@ -188,14 +189,14 @@ def _solved(start: State, solver: Solver, q: Array) -> Iterable[ReachResult]:
 def _far_starts(state: State, solver: Solver, starts: int) -> Iterable[Array]:
     """Yield configurations along a walk with loops closed, thrown back by joint limits."""
     rng = np.random.default_rng(0)
-    q, moves = solver.within(state.q)[0], solver.stops.moves
-    freedom = len(solver.motions(q, moves, [], idle=False))
+    q, loops = solver.within(state.q)[0], Level(solver, [], [])
+    freedom = len(solver.motions(q))
     strides = round(LEG * freedom**0.5 / TOLERANCES.damped_step)
     for _ in range(round(FAR_STARTS * starts * freedom)):
-        way: Array = rng.standard_normal(len(moves))
+        way: Array = rng.standard_normal(len(solver.scale))
         for _ in range(strides):
             way = _stride(solver, q, way)
-            there = solver.kept(solver.stops.moved(q, way, {}), moves, [])
+            there = loops.corrected(solver.displaced(q, way), solver.moves, 0.0)
             if there is None:
                 break
             q = there
@@ -204,15 +205,16 @@ def _far_starts(state: State, solver: Solver, starts: int) -> Iterable[Array]:
 
 def _stride(solver: Solver, q: Array, way: Array) -> Array:
     """Return the step (nv,) along a way, mirrored at the joint limits that it would pass."""
-    motions = solver.motions(q, solver.stops.moves, [], idle=False)
+    motions, room = solver.motions(q), solver.room(q)
     way = way @ motions.T @ motions
     for _ in range(len(way)):
         way = way * (TOLERANCES.damped_step / max(float(np.linalg.norm(way)), TOLERANCES.zero))
-        limit = solver.stops.passed(q, way, {})
-        if limit is None:
+        first = passed(room, way, {})
+        if first is None:
             return way
-        wall = motions[:, limit.v] @ motions
-        way = way - 2.0 * way[limit.v] / wall[limit.v] * wall
+        v = first[0]
+        wall = motions[:, v] @ motions
+        way = way - 2.0 * way[v] / wall[v] * wall
     return np.zeros_like(way)  # in a corner
 
 
@@ -238,7 +240,7 @@ def _short(start: State, solver: Solver, found: ReachResult, state: State) -> Re
         f"mechanism {mechanism.name!r}: the targets cannot be reached from there: {worst!r} stays "
         f"off by {' and '.join(gap)}; {'; '.join(stops)}",
         state=state, distances=lengths, residuals=residuals, stops=stops, reasons=reasons,
-        limits=tuple(limit.name for limit in found.limits))
+        limits=tuple(limit.name for limit in solver.limits_of(found.active)))
 
 
 def _stops(start: State, solver: Solver, found: ReachResult) -> Iterable[tuple[str, str]]:
@@ -252,12 +254,12 @@ def _stops(start: State, solver: Solver, found: ReachResult) -> Iterable[tuple[s
         yield ("joint limit", f"it started beyond the {_words(found.beyond)}, and does not "
                    "come within from there: start from another state, or with limits=False")
         return
-    if found.limits:
-        yield ("joint limit", "it is stopped by the " + _words(found.limits))
+    if found.active:
+        yield ("joint limit", "it is stopped by the " + _words(solver.limits_of(found.active)))
         return
     asked = len(found.exact)
     slopes = [solver.slopes(q) for q in (
-        found.q, *(solver.closed(x, solver.stops.moves) for x in _starts(start, solver, 1)))]
+        found.q, *(solver.closed(x, solver.moves) for x in _starts(start, solver, 1)))]
     least = TOLERANCES.half_precision * max(s.max(initial=0.0) for s in slopes)
     rank, *others = (int(np.count_nonzero(s > max(least, TOLERANCES.zero))) for s in slopes)
     freedom = max(rank, *others)  # where it is not stretched out

@@ -246,7 +246,7 @@ def _chains(
         asked = read_targets(mechanism, targets_at(tables, 0))
         held = held_by(mechanism, hold)
         solver = Solver(evaluation, asked, [], held.entries, exact_for(mechanism))
-        motions = solver.motions(state.q, solver.stops.moves, [], idle=False)
+        motions = solver.motions(state.q)
         chains = []
         for table in tables:
             rows = np.zeros((1, len(motions)))

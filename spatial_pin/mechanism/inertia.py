@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
@@ -154,7 +155,10 @@ class MassMatrix:
             for i, inertia in enumerate(model.inertias):
                 self.model.inertias[i] = _times(inertia, 1.0 / self.unit)
             self.model.armature = model.armature / self.unit
-        self._data = self.model.createData()
+
+    @cached_property
+    def _data(self) -> pin.Data:  # which has 6 nv³ numbers: made where masses are wanted
+        return self.model.createData()
 
     def __call__(self, q: Array) -> Array:
         """Return the mass matrix (nv, nv) at a configuration q (nq,), overwritten by the next."""

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+from bisect import bisect_right
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -189,9 +192,15 @@ class Spring:
         free_length: between frames, or of a coordinate that slides, at no force [m].
         free_angle: of a coordinate that turns, at no torque [rad]; of one that slides it is taken
             as [m].
+        law: (elongation [m, rad], force [N, N·m]) of points of its characteristic, instead of a
+            stiffness: straight lines between them, the end ones going on. The elongation is what
+            its length or coordinate is above the free one; a positive force pulls back.
+        tension_only: it pulls only, as a cable: elsewhere it is slack, without damping.
+        compression_only: it pushes only, as a bump stop.
 
     Raises:
-        ValueError: a number is NaN or infinite, or it has both frames and a joint, or neither.
+        ValueError: a number is NaN or infinite, or it has both frames and a joint, or neither; or
+            a law has fewer than two points, points that do not rise, or a stiffness beside it.
 
     Example:
         >>> sp.Spring("return", joint="rocker_pin", stiffness=2.0, free_angle=1.2).free  # [rad]
@@ -205,12 +214,118 @@ class Spring:
     damping: float = 0.0
     free_length: float = 0.0
     free_angle: float = 0.0
+    law: tuple[tuple[float, float], ...] = ()
+    tension_only: bool = False
+    compression_only: bool = False
 
     def __post_init__(self) -> None:
         if (len(self.frames), bool(self.joint)) not in ((2, False), (0, True)):
             raise ValueError(f"spring {self.name!r} needs either two frames or a joint")
         for what in ("stiffness", "damping", "free_length", "free_angle"):
             finite_number(getattr(self, what), f"{what} of spring {self.name!r}")
+        if self.tension_only and self.compression_only:
+            raise ValueError(f"spring {self.name!r} is tension_only and compression_only")
+        if len(self.law):
+            points = np.asarray(self.law, float)
+            if points.shape != (len(points), 2) or len(points) < 2 or not (
+                    np.isfinite(points).all() and np.all(np.diff(points[:, 0]) > 0.0)):
+                raise ValueError(f"law of spring {self.name!r}: two and more points (elongation, "
+                                 "force) with rising elongations are needed")
+            if self.stiffness:
+                raise ValueError(f"spring {self.name!r} has a law and a stiffness: give one of "
+                                 "the two")
+            object.__setattr__(self, "law", tuple(map(tuple, points.tolist())))
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether its force is the stiffness times the elongation, and damping times the rate.
+
+        Example:
+            >>> sp.Spring("cable", ("a", "b"), stiffness=10.0, tension_only=True).is_linear
+            False
+        """
+        return not (self.law or self.tension_only or self.compression_only)
+
+    def force(self, length: float, rate: float) -> float:
+        """Return its force at a length or coordinate, positive pulling together or back.
+
+        Args:
+            length: between frames, or the coordinate [m or rad].
+            rate: of that, per second.
+
+        Raises:
+            TypeError: they are no numbers.
+
+        Example:
+            >>> stop = sp.Spring("stop", joint="slide", stiffness=100.0, compression_only=True)
+            >>> stop.force(-0.1, 0.0), stop.force(0.1, 0.0)  # [N]
+            (-10.0, 0.0)
+        """
+        elastic = self._along(length - self.free)[0]
+        return 0.0 if self._is_slack(elastic) else self._kept(elastic + self.damping * rate)
+
+    def slopes(self, length: float, rate: float) -> tuple[float, float]:
+        """Return the derivatives of `force` with respect to length and rate.
+
+        Args:
+            length: between frames, or the coordinate [m or rad].
+            rate: of that, per second.
+
+        Raises:
+            TypeError: they are no numbers.
+
+        Example:
+            >>> gas = sp.Spring("gas", joint="slide", law=((0.0, 0.0), (0.1, 5.0)))
+            >>> gas.slopes(0.05, 0.0)  # [N/m], [N·s/m]
+            (50.0, 0.0)
+        """
+        elastic, stiffness = self._along(length - self.free)
+        total = elastic + self.damping * rate
+        acts = not self._is_slack(elastic) and self._kept(total) == total
+        return (stiffness, self.damping) if acts else (0.0, 0.0)
+
+    def energy(self, length: float) -> float:
+        """Return the energy that it stores at a length or coordinate [J].
+
+        Args:
+            length: between frames, or the coordinate [m or rad].
+
+        Raises:
+            TypeError: it is no number.
+
+        Example:
+            >>> sp.Spring("return", joint="slide", stiffness=100.0).energy(0.1)  # [J]
+            0.5
+        """
+        end = length - self.free
+        low, high = sorted((0.0, end))
+        knots = [low, *(x for x, _ in self.law if low < x < high), high]
+        total = 0.0
+        for a, b in pairwise(knots):
+            first, last = self._along(a)[0], self._along(b)[0]
+            if first * last < 0.0:  # a piece of each side of where the force is none
+                middle = a + (b - a) * first / (first - last)
+                total += 0.5 * (self._kept(first) * (middle - a) + self._kept(last) * (b - middle))
+            else:
+                total += 0.5 * (self._kept(first) + self._kept(last)) * (b - a)
+        return total if end > 0.0 else -total
+
+    def _along(self, elongation: float) -> tuple[float, float]:
+        """Return the elastic force, and its slope."""
+        if not self.law:
+            return self.stiffness * elongation, self.stiffness
+        k = min(max(bisect_right(self.law, (elongation, math.inf)), 1), len(self.law) - 1)
+        (a, at_a), (b, at_b) = self.law[k - 1 : k + 1]
+        slope = (at_b - at_a) / (b - a)
+        return at_a + slope * (elongation - a), slope
+
+    def _is_slack(self, elastic: float) -> bool:
+        return (self.tension_only and elastic <= 0.0) or (self.compression_only and elastic >= 0.0)
+
+    def _kept(self, force: float) -> float:
+        """Return the part of a force that it can bear."""
+        return max(force, 0.0) if self.tension_only else (
+            min(force, 0.0) if self.compression_only else force)
 
     @property
     def free(self) -> float:

@@ -134,7 +134,9 @@ def _spring_text(mechanism: Mechanism, spring: Spring) -> str:
     per, length = ("N·m/rad", "rad") if turns else ("N/m", "m")
     damping = f", {spring.damping:g} {per.replace('/', '·s/')}" if spring.damping else ""
     where = spring.joint or " - ".join(spring.frames)
-    return f"{where}: {spring.stiffness:g} {per}{damping}, free at {spring.free:g} {length}"
+    force = f"law of {len(spring.law)} points" if spring.law else f"{spring.stiffness:g} {per}"
+    side = ", pulls only" * spring.tension_only + ", pushes only" * spring.compression_only
+    return f"{where}: {force}{damping}{side}, free at {spring.free:g} {length}"
 
 
 def assembly_summary(state: State) -> str:

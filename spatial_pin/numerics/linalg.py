@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.errors import SingularError
 from spatial_pin.numerics import dense
-from spatial_pin.numerics.tolerances import EPS as EPS
-from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.numerics.tolerances import EPS as EPS, TOLERANCES
 
 Array = NDArray[np.floating[Any]]  # the float64 arrays of the library
 

@@ -8,8 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from closed_forms import rssr
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 from ladders import BARS, DOWN, LENGTHS, G, heavy_four_bar, ladder, leaning, moving
 from loaded_library import library
 from masses import (

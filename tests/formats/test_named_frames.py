@@ -5,8 +5,7 @@ import pickle
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from mechanisms import content_of, from_text
 
 import spatial_pin as sp

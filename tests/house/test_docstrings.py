@@ -135,7 +135,7 @@ FUNCTIONS = {name: thing for name, thing in NAMES.items() if inspect.isfunction(
 RAISE_NOTHING = {  # that a caller could mend
     "BeyondLimit.text", "Calibration.as_dict", "Clearance.as_dict", "Design.as_dict",
     "Designs.as_dict", "Dynamics.why_not_unique", "JointLimit.room", "Kinetostatics.marks",
-    "Kinetostatics.why_not_unique", "Motion.frame_unit",
+    "Kinetostatics.why_not_unique", "Linearization.state_space", "Motion.frame_unit",
     "Motion.rate_unit", "Output.parts", "Tradeoff.as_dict", "Tradeoff.known_error", "Viewer.stop",
     "Viewer.wait", "Viewer.wait_until_fetched", "list_mechanisms"}
 

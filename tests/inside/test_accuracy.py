@@ -5,8 +5,7 @@ import mechanisms as known
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from masses import simple_pendulum
 from published_cases import CASES
 from scipy.integrate import solve_ivp

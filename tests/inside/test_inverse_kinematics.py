@@ -11,11 +11,10 @@ from machines import arm, at
 import spatial_pin as sp
 from spatial_pin import targets
 from spatial_pin.inverse_kinematics import reach
-from spatial_pin.inverse_kinematics.constrained import Lagrangian, Stationary
-from spatial_pin.inverse_kinematics.descending import Descent
 from spatial_pin.inverse_kinematics.named_targets import read_targets
-from spatial_pin.inverse_kinematics.solving import Solver
+from spatial_pin.inverse_kinematics.solving import Level, Solver, Stationary
 from spatial_pin.kernel.loop_equations import loops_of
+from spatial_pin.numerics.least_squares import Descent, Iterate, Lagrangian
 
 
 def test_an_answer_from_afar_comes_without_whole_turns(tmp_path, monkeypatch):
@@ -36,7 +35,7 @@ def test_forces_pull_as_the_derivatives_say(tmp_path):
     with loops_of(mechanism) as evaluation:
         base = Solver(evaluation, [], [], [], 1e-12)
         wanted = [targets.Position(name="link3", point=np.array([2.0, 2.5, 0.0]), weight=1.0)]
-        least = Lagrangian(base, [], wanted, state.q, base.stops.moves)
+        least = Lagrangian(Iterate(Level(base, [], wanted), state.q), base.moves)
         sizes, ways = least.curved()
         bent = Stationary(name="", sum=least, sizes=sizes, ways=ways)
         assert len(sizes)
@@ -82,7 +81,7 @@ def test_a_dead_centre_is_reached_in_few_steps(monkeypatch):
     end = sp.limits(mechanism, "rocker_pin").upper
     start = sp.assemble(mechanism)
     steps, own = [], Descent._step
-    monkeypatch.setattr(Descent, "_step", lambda self, place: steps.append(1) or own(self, place))
+    monkeypatch.setattr(Descent, "_step", lambda *a: steps.append(1) or own(*a))
     for short in (0.0, 1e-9, 1e-5):
         steps.clear()
         state = sp.reach(mechanism, {"rocker_pin": end.value - short}, start)

@@ -8,8 +8,7 @@ import coal
 import numpy as np
 import pytest
 from carriers import arm, ball, solid
-from hypothesis import example, given
-from hypothesis import strategies as st
+from hypothesis import example, given, strategies as st
 from loaded_library import library
 from scipy.spatial.transform import Rotation
 

@@ -13,8 +13,7 @@ from loaded_library import library
 from variety import few
 
 import spatial_pin as sp
-from spatial_pin.dimensions import homotopy
-from spatial_pin.dimensions import tolerance as module
+from spatial_pin.dimensions import homotopy, tolerance as module
 from spatial_pin.dimensions.varied_samples import DriverMotion, VariedSamples
 
 SAMPLES, COMPARED = 240, 5

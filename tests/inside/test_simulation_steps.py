@@ -13,11 +13,14 @@ from variety import few
 import spatial_pin as sp
 from spatial_pin import settings
 from spatial_pin.dynamics.simulation import problem
-from spatial_pin.dynamics.simulation.formulations import FORMULATIONS as INNER
-from spatial_pin.dynamics.simulation.formulations import Independent, independent
-from spatial_pin.dynamics.simulation.free_fall import floats
+from spatial_pin.dynamics.simulation.formulations import (
+    FORMULATIONS as INNER,
+    Independent,
+    independent,
+)
 from spatial_pin.dynamics.simulation.integrators import Differences
 from spatial_pin.dynamics.simulation.problem import Problem
+from spatial_pin.dynamics.simulation.simulate import floats
 from spatial_pin.kernel.loop_equations import loops_of
 
 
@@ -140,19 +143,19 @@ def test_a_step_without_samples_is_taken_again_shorter(monkeypatch, integrator):
     mechanism, state = thrown("delta", 0)
     whole = sp.simulate(mechanism, state, 1.0, times=TIMES, accuracy=sp.Accuracy(
         integrator=integrator))
-    from spatial_pin.dynamics.simulation import run
-    from spatial_pin.dynamics.simulation.coordinate_partitioning import Lost
+    from spatial_pin.dynamics.simulation import record, run
+    from spatial_pin.dynamics.simulation.formulations import Lost
 
-    original, refused = run.Run._take, []
+    original, refused = record.Record.take, []
 
-    def refuse_first(self, system, solver, before):
+    def refuse_first(self, step, longest, before):
         if len(refused) < 3:
-            refused.append(solver.t - solver.t_old)
+            refused.append(step.last - step.first)
             raise Lost
-        return original(self, system, solver, before)
+        return original(self, step, longest, before)
 
-    monkeypatch.setattr(run.Run, "_leap", lambda self, system, solver: None)
-    monkeypatch.setattr(run.Run, "_take", refuse_first)
+    monkeypatch.setattr(run.Run, "_leap", lambda self: None)
+    monkeypatch.setattr(record.Record, "take", refuse_first)
     again = sp.simulate(mechanism, state, 1.0, times=TIMES, accuracy=sp.Accuracy(
         integrator=integrator))
     assert len(again.time) == len(TIMES)

@@ -14,9 +14,7 @@ from variety import few, first
 import spatial_pin as sp
 from spatial_pin.dimensions.bounds import bounds_of
 from spatial_pin.dimensions.dimension_batch import DimensionFamily
-from spatial_pin.synthesis import curve_atlas as atlas
-from spatial_pin.synthesis import demand
-from spatial_pin.synthesis import global_search as search
+from spatial_pin.synthesis import curve_atlas as atlas, demand, global_search as search
 from spatial_pin.synthesis.curve_atlas import CurveDatabase
 from spatial_pin.synthesis.demand import Candidate, smooth_peak
 from spatial_pin.synthesis.design import refuse_off_plane

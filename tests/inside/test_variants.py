@@ -269,10 +269,10 @@ def test_a_mechanism_without_a_xacro_file_is_loaded(tmp_path):
     0.0, -0.0, 1.0, -1.0, 0.1, 2.0 / 3.0, 1.0 - 2.0**-53, 1.0 + 2.0**-52, 2.0 - 2.0**-52, 5e-324,
     2.2250738585072014e-308, -1.7976931348623157e308, 9.999999999999999e22,
 ])
-def test_the_text_of_a_number_is_read_as_itself(value):
+def test_the_reference_to_a_number_is_read_as_that_number(value):
     tape = Tape({"other": 1.0, "it": value})
     text = tape.text(1)
-    assert float(text) == value and math.copysign(1.0, float(text)) == math.copysign(1.0, value)
+    assert text.startswith("-") == (math.copysign(1.0, value) < 0.0)
     number = tape.read(f" {text} ")
     assert tape.is_whole and number is not None and float.__eq__(number, value)
     (found,), _ = tape.at(np.array([[1.0], [7.25]]), [number.place])
@@ -280,15 +280,9 @@ def test_the_text_of_a_number_is_read_as_itself(value):
     assert depends([text]) and depends({"a": number}) and not depends(["0.5", 1.0, None])
 
 
-def test_texts_of_random_numbers():
-    rng = np.random.default_rng(0)
-    for value in (rng.normal(size=2000) * 10.0 ** rng.uniform(-30, 30, 2000)).tolist():
-        assert float(Tape({"x": value}).text(0)) == value
-
-
 def test_a_text_of_another_tape_is_not_taken_for_one_of_its_own():
     tape = Tape({"x": 0.5})
-    tape.read(Tape({"x": 0.25}).text(0))
+    tape.read(Tape({"x": 0.5, "y": 0.25}).text(1))
     assert not tape.is_whole
 
 

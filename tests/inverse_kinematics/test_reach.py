@@ -9,8 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from folders import DATA
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from loaded_library import library
 from machines import arm, at
 from scipy.optimize import brute, minimize
@@ -473,6 +472,7 @@ def test_least_motion_goes_along_limits(tmp_path):
     assert not state.beyond_limits
 
 
+@pytest.mark.filterwarnings("ignore:Values in x were outside bounds")  # SciPy's own, up to 1.13
 @pytest.mark.parametrize(("wanted", "weight"), [((0.3, 2.0), 1.0), ((-1.5, 1.0), 0.3)])
 def test_sums_of_weighted_residuals_are_least_within_limits(tmp_path, wanted, weight):
     mechanism = arm(tmp_path, limits=[(-3, 3), (-0.2, 0.9), (-0.5, 1.2)])

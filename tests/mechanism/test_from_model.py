@@ -10,8 +10,7 @@ import pinocchio as pin
 import pytest
 from closure_trees import CLOSURE_TYPES
 from folders import DATA
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from mechanisms import from_text
 from sameness import near, same_closures, same_inertias, same_mechanisms, same_models
 from variety import each

@@ -25,6 +25,7 @@ from mechanisms import (
     RSCR_N0,
     RSCR_P0,
     RSSP,
+    B as SHAFT_ANGLE,
     bare_four_bar,
     closure,
     driver,
@@ -43,7 +44,6 @@ from mechanisms import (
     swash_plate,
     turning,
 )
-from mechanisms import B as SHAFT_ANGLE
 from variety import each, paired
 
 import spatial_pin as sp

@@ -11,8 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from closed_forms import Rates
-from hypothesis import HealthCheck, assume, example, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, assume, example, given, settings, strategies as st
 from loaded_library import library
 from mechanisms import KNOWN, closure, driver, floating, guess, load, point, refine, turning
 from mpmath import mpf

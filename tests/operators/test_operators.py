@@ -12,8 +12,7 @@ import mpmath as mp
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from spatial_pin import operators as op
 

@@ -9,9 +9,19 @@ import mechanisms as known
 import numpy as np
 import pytest
 from loaded_library import library
-from mechanisms import between, closure, coupling, driver, floating, guess, load, point, refine
-from mechanisms import sliding as slide
-from mechanisms import turning as hinge
+from mechanisms import (
+    between,
+    closure,
+    coupling,
+    driver,
+    floating,
+    guess,
+    load,
+    point,
+    refine,
+    sliding as slide,
+    turning as hinge,
+)
 from sameness import sizes
 from variety import paired
 

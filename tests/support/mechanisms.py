@@ -21,8 +21,7 @@ import numpy as np
 import pinocchio as pin
 from closed_forms import Pose, rotation, vector
 from loaded_library import library
-from mpmath import acos, asin, atan2, cos, findroot, mpf, sin, sqrt, tan
-from mpmath import pi as mp_pi
+from mpmath import acos, asin, atan2, cos, findroot, mpf, pi as mp_pi, sin, sqrt, tan
 
 import spatial_pin as sp
 

@@ -17,8 +17,7 @@ from typing import NamedTuple
 import numpy as np
 import synthesis_forms as forms
 from folders import DATA
-from mpmath import cos, log, mp, mpc, mpf, radians, sin, sqrt
-from mpmath import matrix as mp_matrix
+from mpmath import cos, log, matrix as mp_matrix, mp, mpc, mpf, radians, sin, sqrt
 from scipy.optimize import minimize_scalar
 
 DIGITS = 40

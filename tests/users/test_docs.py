@@ -134,8 +134,8 @@ def test_pages_of_robots_say_what_their_files_have(page, monkeypatch):
     assert "mobility of" in told and told == now
 
 
-LISTED = (DOCS / "guides.md").read_text(encoding="utf-8").partition("maxdepth")[2]
-GUIDES = [DOCS / f"{name}.md" for name in re.findall(r"^\w+$", LISTED, re.MULTILINE)]
+LISTED = (DOCS / "guides.md").read_text(encoding="utf-8").partition("\n## ")[2]
+GUIDES = [DOCS / name for name in re.findall(r"\]\((\w+\.md)\)", LISTED)]
 STARTS = [DOCS / "modelling.md", DOCS / "quick_start.md"]  # before the guides
 
 
@@ -149,6 +149,32 @@ def test_every_verb_has_a_guide_with_a_picture():
     wrong = [verb for verb in verbs
              if not any(re.search(rf"\bsp\.{verb}\b", text) for text in told.values())]
     assert not wrong, listed(wrong)
+
+
+def under_headings(pattern, entry, text):
+    """Return (heading, entries) of the parts of a page that begin with a heading."""
+    parts = re.split(pattern, text, flags=re.MULTILINE)[1:]
+    return [(heading, re.findall(entry, part, re.MULTILINE))
+            for heading, part in zip(parts[::2], parts[1::2], strict=True)]
+
+
+def test_the_guides_stand_under_the_same_headings_on_every_list():
+    listed_guides = under_headings(r"^## (.+)$", r"\]\((\w+)\.md\)", f"\n## {LISTED}")
+    assert [heading for heading, _ in listed_guides] == [
+        "See it", "Move it", "Load it", "Size it", "Share it"]
+    index = (DOCS / "index.md").read_text(encoding="utf-8")
+    contents = under_headings(r"^:caption: (.+)$", r"^\w+$", index)
+    shown = under_headings(r"^\| \*\*(.+)\*\* \|", r"\]\((\w+)\.md\)",
+                           index.partition("[Gallery]")[0])
+    assert listed_guides == shown
+    assert listed_guides == [entry for entry in contents if entry[0].endswith(" it") and
+                             entry[0] != "Behind it"]
+
+
+def test_every_guide_begins_with_its_question():
+    for path in GUIDES:
+        first = path.read_text(encoding="utf-8").split("\n\n")[1]
+        assert first.startswith("**") and first.split("**")[1].endswith("?"), path.name
 
 
 def test_how_every_picture_is_made_is_known():

@@ -344,14 +344,18 @@ class AssemblyProblem:
                        pinned=pinned, cut=self._cut).q
         return closed(self.mechanism, q, free, self.reference, tolerance, pinned=pinned)
 
-    def least(self, q: Array, free: NDArray[np.bool_]) -> tuple[Array, float]:
+    def least(
+        self, q: Array, free: NDArray[np.bool_], limits: bool = False
+    ) -> tuple[Array, float]:
         """Return the closed configuration near q in which the drivers let go have gone the least.
 
-        Those that need not go at all stand exactly.
+        Those that need not go at all stand exactly. Where limits are kept, what is not free to
+        close the loops at first, since it stands at a limit, may leave it.
         """
         q = self.closed(q, free, self.pinned).q
+        free = self.free_set.free if limits else free
         q, error = least_motion(self.evaluation, q, free, self.let_go, self.tolerance,
-                                self.pinned)
+                                self.pinned, limits)
         gone = gone_from(self.mechanism, q, self.let_go)
         kept = {name: x for name, x in self.let_go.items() if name not in gone}
         if not kept:

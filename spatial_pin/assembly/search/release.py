@@ -1,16 +1,15 @@
 """What the loops do not allow: drivers let go with the least motion, and joint limits kept.
 
 The motion is the sum of squares of how far each driver goes from where it should stand, angles in
-rad and slides relative to the characteristic length. Newton's method finds its minimum over the
-closed configurations with the second derivatives of the loops: that minimum is nearly always a dead
-centre of the drivers let go, where first derivatives vanish. Within joint limits the loops are
-closed by bounded least squares.
+rad and slides relative to the characteristic length. Its minimum over the closed configurations is
+nearly always a dead centre of the drivers let go, where first derivatives vanish: second ones lead
+there. Within joint limits the loops are closed as the sum of squares of what is open.
 """
-
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -18,20 +17,16 @@ from numpy.typing import NDArray
 
 from spatial_pin.assembly.close import close, pinned_rows, scaled_row
 from spatial_pin.kernel.loop_equations import LoopEquations
-from spatial_pin.mechanism.coordinates import coordinate_bias, coordinate_value
-from spatial_pin.mechanism.joint_limits import beyond_limits
+from spatial_pin.mechanism.coordinates import coordinate_value
+from spatial_pin.mechanism.joint_limits import beyond_limits, joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.numerics.linalg import EPS, Array, decompose, rank
+from spatial_pin.numerics.least_squares import Bounds, LeastSquares, beyond, minimised
+from spatial_pin.numerics.linalg import Array, decompose, rank
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-NEWTON_STEPS = 60  # a minimum takes five to ten, a start far from it as many for its way
-# Curvature of the motion, of its largest or of 1, below which it is round-off: it has second
-# derivatives by central differences, which are known to the two thirds power of epsilon, 4e-11.
-FLAT_CURVATURE = 1e-8
 # Speed of drivers relative to that of all joints at which they stand at a dead centre: loops closed
 # to 1e-11 leave its square root at a dead centre, 3e-6.
 STANDING_SPEED = 1e-4
-ASIDE = EPS ** (1.0 / 3.0)  # step of central differences, whose round-off is as large as the rest
 # Weight of the motion of drivers against open loops, where limits are looked for: it leaves loops
 # open by its square, 1e-6 of a characteristic length or radian, which closing them takes away.
 LEAST_MOTION = 1e-3
@@ -79,9 +74,105 @@ def can_move(
     return bool(decompose(moved).s.min(initial=1.0) > STANDING_SPEED)
 
 
+class _Joints(LeastSquares):
+    """Joints that move within limits, and values that coordinates are to be near to.
+
+    Args:
+        evaluation: the loops.
+        free: (nv,) the velocities that may move.
+        wanted: values by coordinate [rad, m].
+        limits: whether joint limits are kept.
+    """
+
+    def __init__(
+        self, evaluation: LoopEquations, free: NDArray[np.bool_], wanted: Mapping[str, float],
+        limits: bool,
+    ) -> None:
+        self.evaluation, self.wanted, self.mechanism = evaluation, wanted, evaluation.mechanism
+        self.moves, self.tolerance = free, TOLERANCES.round_off
+        self._limits = [x for x in joint_limits(self.mechanism) if limits and free[x.v]]
+
+    def stand(self, q: Array) -> None:
+        """Evaluate the loops at q (nq,), if they do not stand there."""
+        if self.evaluation.q is not q:
+            self.evaluation.update(q)
+
+    def residual(self, x: Array) -> Array:
+        """See `LeastSquares`: how far coordinates are from where they should be."""
+        table, scale = self.mechanism.coordinate_table, self.mechanism.velocity_scale
+        return np.array([(coordinate_value(self.mechanism, table[name], x) - value)
+                         / scale[table[name].v] for name, value in self.wanted.items()])
+
+    def jacobian(self, x: Array) -> Array:
+        """See `LeastSquares`."""
+        self.stand(x)
+        return _rows(self.evaluation, self.wanted)
+
+    def displaced(self, x: Array, step: Array) -> Array:
+        """See `LeastSquares`."""
+        found: Array = pin.integrate(
+            self.mechanism.model, x, self.mechanism.velocity_scale * step)
+        return found
+
+    def room(self, x: Array) -> Array:
+        """See `LeastSquares`."""
+        found = np.full((2, len(self.moves)), np.inf)
+        for limit in self._limits:
+            found[int(limit.side > 0), limit.v] = limit.room(x) / limit.size
+        return found
+
+    def at_bounds(self, x: Array, active: Bounds) -> Array:
+        """See `LeastSquares`."""
+        x = x.copy()
+        for limit in self._limits:
+            if active.get(limit.v) == int(limit.side > 0):
+                x[limit.q] = limit.value
+        return x
+
+
+class _Released(_Joints):
+    """The same while loops are closed.
+
+    Args:
+        joints: evaluation, free, wanted and limits, of `_Joints`; loops are closed where it stands.
+        tolerance: to which loops are closed.
+        pinned: coordinates that are held, of those that are no entries of the configuration.
+    """
+
+    def __init__(self, *joints: Any, tolerance: float, pinned: Mapping[str, float]) -> None:
+        super().__init__(*joints)
+        self._closed_to, self._pinned = tolerance, pinned
+        self._open = max(self.evaluation.closure_error, 1e3 * tolerance)
+
+    def constraints(self, x: Array) -> Array:
+        """See `LeastSquares`."""
+        self.stand(x)
+        return pinned_rows(self.evaluation, np.ones(len(self.moves), dtype=bool), self._pinned)[0]
+
+    def corrected(self, x: Array, free: NDArray[np.bool_], off: float) -> Array | None:
+        """See `LeastSquares`."""
+        there, error = close(self.evaluation, x, free, self._closed_to, pinned=self._pinned)
+        return there if error <= self._open else None
+
+
+class _OpenLoops(_Joints):
+    """The same where loops are open: they are to be closed, above all."""
+
+    def residual(self, x: Array) -> Array:
+        """See `LeastSquares`."""
+        self.stand(x)
+        return np.concatenate([self.evaluation.residual, LEAST_MOTION * super().residual(x)])
+
+    def jacobian(self, x: Array) -> Array:
+        """See `LeastSquares`."""
+        rows = LEAST_MOTION * super().jacobian(x)
+        return np.vstack([
+            self.evaluation.jacobian[: self.evaluation.constraints.n_closure], rows])
+
+
 def least_motion(
     evaluation: LoopEquations, q: Array, free: NDArray[np.bool_], wanted: Mapping[str, float],
-    tolerance: float, pinned: Mapping[str, float],
+    tolerance: float, pinned: Mapping[str, float], limits: bool = False,
 ) -> tuple[Array, float]:
     """Move a closed configuration until coordinates are as near to wanted values as loops allow.
 
@@ -92,124 +183,16 @@ def least_motion(
         wanted: values by coordinate [rad, m].
         tolerance: to which loops are closed.
         pinned: as for `can_stand`.
+        limits: whether joint limits are kept, within which it is.
 
     Returns:
         The configuration and its closure error.
     """
-    goal = _CoordinateGoal(evaluation, free, wanted, pinned)
     evaluation.update(q)
-    error, motion = evaluation.closure_error, goal.motion(q)
-    slope, step = goal.newton(q)
-    for _ in range(NEWTON_STEPS):
-        if slope <= TOLERANCES.closed:
-            break
-        for _ in range(30):
-            there, open_by = close(evaluation, pin.integrate(evaluation.model, q, step), free,
-                                   tolerance, pinned=pinned)
-            less = goal.motion(there)
-            if open_by <= max(error, 1e3 * tolerance) and less <= motion * (1.0 + 8.0 * EPS):
-                break
-            step = 0.5 * step
-        else:
-            break
-        flatter, ahead = goal.newton(there)
-        if not (less < motion * (1.0 - 1e-9) or flatter < 0.5 * slope):
-            break
-        q, error, motion, slope, step = there, open_by, less, flatter, ahead
-    evaluation.update(q)
-    return q, evaluation.closure_error
-
-
-class _CoordinateGoal:
-    """How far coordinates are from wanted values, and its derivatives on closed configurations."""
-
-    def __init__(
-        self, evaluation: LoopEquations, free: NDArray[np.bool_], wanted: Mapping[str, float],
-        pinned: Mapping[str, float],
-    ) -> None:
-        table = evaluation.mechanism.coordinate_table
-        self.evaluation, self.free, self.wanted, self.pinned = evaluation, free, wanted, pinned
-        self.scale = evaluation.mechanism.velocity_scale
-        self._sizes = np.array([self.scale[table[name].v] for name in wanted])
-        self._bent = [(k, table[name]) for k, name in enumerate(wanted) if table[name].q < 0]
-
-    def _gaps(self, q: Array) -> Array:
-        """Return (k,) how far each coordinate is from where it should be, scaled."""
-        mechanism = self.evaluation.mechanism
-        gaps = [coordinate_value(mechanism, mechanism.coordinate_table[name], q) - value
-                for name, value in self.wanted.items()]
-        return np.array(gaps) / self._sizes
-
-    def motion(self, q: Array) -> float:
-        """Return the sum of squares of the gaps."""
-        gaps = self._gaps(q)
-        return float(gaps @ gaps)
-
-    def newton(self, q: Array) -> tuple[float, Array]:
-        """Return the slope of half the motion along closed configurations, and Newton's step (nv,).
-
-        With multipliers m, J^T m = D^T gaps, D the derivative of the coordinates, the second
-        derivative along a tangent t is (D t)^2 + gaps bias_D(t) - m bias(t).
-        """
-        self.evaluation.update(q)
-        gaps, rows = self._gaps(q), _rows(self.evaluation, self.wanted)[:, self.free]
-        closed = pinned_rows(self.evaluation, self.free, self.pinned)[0]
-        svd = decompose(closed)
-        multipliers = svd.minimum_norm_transposed(gaps @ rows) if len(closed) else np.empty(0)
-        moved = svd.null_space @ rows.T
-        slopes = moved @ gaps
-        tangents = np.zeros((len(moved), len(self.free)))
-        tangents[:, self.free] = svd.null_space
-        curvature = moved @ moved.T + self._bending(q, tangents, gaps, multipliers)
-        values, vectors = np.linalg.eigh(curvature)
-        along = vectors.T @ slopes
-        flat = np.abs(values) <= FLAT_CURVATURE * max(1.0, float(np.abs(values).max(initial=0.0)))
-        sizes = np.where(flat, 1.0, np.abs(values))  # downhill at saddles too
-        step = -(along / sizes) @ vectors.T @ tangents
-        step *= min(1.0, TOLERANCES.damped_step / max(float(np.abs(step).max(initial=0.0)), 1e-300))
-        return float(np.abs(slopes).max(initial=0.0)), step * self.scale
-
-    def _bending(self, q: Array, tangents: Array, gaps: Array, multipliers: Array) -> Array:
-        """Return (d, d) what second derivatives of loops and coordinates add along tangents."""
-        bend = self._bending_of_loops(q, tangents, multipliers)
-        if not self._bent and not self.pinned:
-            return bend
-        mechanism, n = self.evaluation.mechanism, self.evaluation.constraints.n_closure
-        d, found = len(tangents), np.zeros_like(bend)
-        pinned = [mechanism.coordinate_table[name] for name in self.pinned]
-
-        def along(t: Array) -> float:
-            v = self.scale * t
-            bent = sum(gaps[k] * coordinate_bias(mechanism, c, q, v) / self.scale[c.v]
-                       for k, c in self._bent)
-            held = sum(m * coordinate_bias(mechanism, c, q, v) / self.scale[c.v]
-                       for m, c in zip(multipliers[n:], pinned, strict=True))
-            return float(bent - held)
-
-        for i in range(d):
-            found[i, i] = along(tangents[i])
-        for i in range(d):  # the form's polar form
-            for j in range(i):
-                both = along(tangents[i] + tangents[j])
-                found[i, j] = found[j, i] = 0.5 * (both - found[i, i] - found[j, j])
-        return bend + found
-
-    def _bending_of_loops(self, q: Array, tangents: Array, multipliers: Array) -> Array:
-        """Return (d, d) less the second derivatives of the loops times their multipliers.
-
-        Differences of the multipliers' forces: the slope that they lead to is exact all the same.
-        """
-        evaluation, n = self.evaluation, self.evaluation.constraints.n_closure
-        found = np.zeros((len(tangents), len(tangents)))
-        if not n:
-            return found
-        for row, t in zip(found, self.scale * tangents, strict=True):
-            for sense in (1.0, -1.0):
-                evaluation.update(pin.integrate(evaluation.model, q, (sense * ASIDE) * t))
-                force = multipliers[:n] @ evaluation.jacobian[:n]
-                row -= sense / (2.0 * ASIDE) * (tangents @ force)
-        evaluation.update(q)
-        return 0.5 * (found + found.T)
+    problem = _Released(evaluation, free, wanted, limits, tolerance=tolerance, pinned=pinned)
+    found = minimised(problem, q, {}).at.x
+    evaluation.update(found)
+    return found, evaluation.closure_error
 
 
 def violated_limit(
@@ -246,42 +229,7 @@ def within_limits(
     Returns:
         The configuration, and the velocities that no limit stops there (nv,).
     """
-    if not np.any(free):
-        return q, free.copy()
-    from scipy.optimize import least_squares
-
-    mechanism, model = evaluation.mechanism, evaluation.model
-    n, scale = evaluation.constraints.n_closure, mechanism.velocity_scale
-    low, high = np.full(model.nv, -np.inf), np.full(model.nv, np.inf)
-    start = q.copy()
-    for c in mechanism.coordinate_table.values():
-        if c.q >= 0 and free[c.v]:
-            start[c.q] = np.clip(q[c.q], model.lowerPositionLimit[c.q],
-                                 model.upperPositionLimit[c.q])
-            low[c.v] = model.lowerPositionLimit[c.q] - start[c.q] - 1e-12
-            high[c.v] = model.upperPositionLimit[c.q] - start[c.q] + 1e-12
-    gone = [mechanism.driven_coordinate(name) for name in let_go]
-    pull = LEAST_MOTION * np.eye(model.nv)[[c.v for c in gone]][:, free] / scale[free]
-    wanted = np.array(list(let_go.values()), dtype=float)
-
-    def at(x: Array) -> Array:
-        step = np.zeros(model.nv)
-        step[free] = x
-        return pin.integrate(model, start, step)
-
-    def residual(x: Array) -> Array:
-        there = at(x)
-        evaluation.update(there)
-        gaps = (there[[c.q for c in gone]] - wanted) / scale[[c.v for c in gone]]
-        return np.concatenate([evaluation.residual, LEAST_MOTION * gaps])
-
-    def jacobian(x: Array) -> Array:  # exact for coordinates with limits, near zero for the rest
-        evaluation.update(at(x))
-        return np.vstack([evaluation.jacobian[:n, free] / scale[free], pull])
-
-    fit = least_squares(residual, np.zeros(int(free.sum())), jacobian,
-                        bounds=(low[free], high[free]), x_scale=scale[free],
-                        xtol=1e-15, ftol=1e-15, gtol=1e-15)
-    loose = free.copy()
-    loose[free] = (fit.x > low[free] + 1e-9) & (fit.x < high[free] - 1e-9)
-    return at(fit.x), loose
+    problem = _OpenLoops(evaluation, free, let_go, True)
+    start = problem.at_bounds(q, beyond(problem.room(q), 0.0, {}))
+    at, active, *_ = minimised(problem, start, {})
+    return at.x, problem.free(active)

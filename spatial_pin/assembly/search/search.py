@@ -217,7 +217,7 @@ class Search:
         violated = self._violated(found.q) if self.limits and not fault else ""
         if violated:
             q, loose_ones = within_limits(problem.evaluation, found.q, free, problem.let_go)
-            bounded = problem.seen(problem.least(q, loose_ones)[0] if problem.let_go else
+            bounded = problem.seen(problem.least(q, loose_ones, True)[0] if problem.let_go else
                                    problem.closed(q, loose_ones, problem.pinned).q)
             if problem.judged(bounded)[1] or self._violated(bounded.q):
                 fault = violated

@@ -20,14 +20,9 @@ from numpy.typing import NDArray
 from spatial_pin._support.checks import checked
 from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.constraints.composite_joints import split_of
-from spatial_pin.dynamics.derivatives.reaction_derivatives import Changes, Linear, ReactionChanges
+from spatial_pin.dynamics.derivatives.reaction_derivatives import Linear, ReactionChanges
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
-from spatial_pin.dynamics.derivatives.spring_derivatives import (
-    Outside,
-    Slopes,
-    Springs,
-    spring_slopes,
-)
+from spatial_pin.dynamics.derivatives.spring_derivatives import Outside, Slopes, Springs
 from spatial_pin.dynamics.forces import Law, joint_efforts
 from spatial_pin.dynamics.forward import forward_dynamics
 from spatial_pin.dynamics.solvers.equations_of_motion import Equations, equations_of
@@ -150,12 +145,9 @@ def dynamics_derivatives(
     answer = forward_dynamics(mechanism, state, efforts, external=external, laws=laws,
                               slip_speed=slip_speed)
     whole = split_of(mechanism)
-    rows = RowDerivatives(mechanism, whole, springs.forces)
-    rates = rows.products.rates(state.q, state.v, answer.a)
-    moving = Changes(
-        state, whole, answer.a, rows, rates, springs.lines(rows, rates),
-        springs.turns(state.q, state.v), Outside(mechanism, whole, external),
-        joint_efforts(mechanism, efforts))
+    rows = RowDerivatives(mechanism, whole, springs.forces, (state.q, state.v, answer.a))
+    springs.move(rows)
+    outside, effort = Outside(mechanism, whole, external), joint_efforts(mechanism, efforts)
     jacobian = closure_jacobian(mechanism, state.q)
     borne = jacobian.T @ answer.multipliers
     with equations_of(mechanism) as equations:
@@ -164,29 +156,43 @@ def dynamics_derivatives(
         chosen = equations.kkt.rows
         at_rest = np.zeros((1, equations.n_closure))
         multipliers = equations.kkt.solve(-borne[None], at_rest)[1][0, chosen]
-        by = _changes(equations, moving, chosen, multipliers)
+        by = _changes(equations, rows, springs, outside, chosen, multipliers)
     a, lam = Linear(answer.a, *by[0]), Linear(multipliers, *(x[chosen] for x in by[1]))
-    return Derivatives(a, chosen, lam, ReactionChanges(answer, moving, a, lam, chosen))
+    return Derivatives(a, chosen, lam, ReactionChanges(
+        answer, rows, springs, outside, effort, a, lam, chosen))
 
 
-def _motion_needs(terms: Changes) -> tuple[Array, Array]:
-    """Return q and v derivatives (nv, nv) of M a + b, less what is put on from outside."""
-    state, bodies, outside = terms.state, terms.rows.products.bodies, terms.outside
+def changes_of_forces(
+    rows: RowDerivatives, springs: Springs, outside: Outside, multipliers: Array
+) -> tuple[Array, Array]:
+    """Return q and v derivatives (nv, nv) of M a + b - f - J^T multipliers, these kept.
+
+    Args:
+        rows: the closure equations at a motion.
+        springs: the springs there.
+        outside: wrenches at frames.
+        multipliers: (n_closure,) of the closure equations.
+    """
+    bodies, (q, v, a) = rows.products.bodies, rows.motion
     by_q, by_v = np.zeros((2, bodies.nv, bodies.nv))
     for p in bodies.parts:
         model, unit = p.mass.model, p.mass.unit
         pulls = pin.StdVec_Force([
-            force * (1.0 / unit) for force in outside.on_joints(p, terms.rates.placements)])
-        found = pin.computeRNEADerivatives(
-            model, p.data, state.q[p.q], state.v[p.v], terms.a[p.v], pulls)
+            force * (1.0 / unit) for force in outside.on_joints(p, rows.products.placements)])
+        found = pin.computeRNEADerivatives(model, p.data, q[p.q], v[p.v], a[p.v], pulls)
         for total, x in zip((by_q, by_v), found[:2], strict=True):
             total[np.ix_(p.v, p.v)] = unit * x
-        pin.computeJointJacobians(model, p.data, state.q[p.q])
-    return by_q - outside.turning(bodies), by_v
+        pin.computeJointJacobians(model, p.data, q[p.q])
+    spring_by_q, spring_by_v = springs.by_motion()
+    pull = np.array([-x.per_length for x in springs.lines])
+    by_q -= outside.turning(bodies)
+    by_q -= rows.bending(multipliers, pull) + spring_by_q
+    return by_q, by_v - spring_by_v
 
 
 def _changes(
-    equations: Equations, terms: Changes, chosen: NDArray[np.intp], multipliers: Array
+    equations: Equations, rows: RowDerivatives, springs: Springs, outside: Outside,
+    chosen: NDArray[np.intp], multipliers: Array,
 ) -> tuple[list[Array], list[Array]]:
     """Return derivatives with respect to q, v, efforts: of accelerations, and of multipliers.
 
@@ -206,15 +212,10 @@ def _changes(
             f"mechanism {equations.mechanism.name!r}: {equations.state}: beside others a motion of "
             f"{', '.join(names)} has no inertia, so accelerations have no "
             "derivatives there: give its links more mass", state=equations.state)
-    rows, rates, nv = terms.rows, terms.rates, len(terms.a)
-    force_by_q, force_by_v = _motion_needs(terms)
-    spring_by_q, spring_by_v = spring_slopes(terms.lines, terms.turns, nv)
-    borne = np.zeros(equations.n_closure)
+    nv, borne = rows.nv, np.zeros(equations.n_closure)
     borne[chosen] = multipliers
-    pull = np.array([-x.per_length for x in terms.lines])
-    force_by_q -= rows.bending(rates, borne, pull) + spring_by_q
-    force_by_v -= spring_by_v
-    closed_by_q, closed_by_v = rows.accelerations(rates)
+    force_by_q, force_by_v = changes_of_forces(rows, springs, outside, borne)
+    closed_by_q, closed_by_v = rows.changes(2)
     work = np.vstack([-force_by_q.T, -force_by_v.T, np.eye(nv)])
     gamma = np.vstack([closed_by_q.T, closed_by_v.T, np.zeros((nv, equations.n_closure))])
     a_by, multipliers_by = equations.kkt.solve(work, gamma)

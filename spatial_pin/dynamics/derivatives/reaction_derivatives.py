@@ -19,12 +19,10 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin._support.brief import brief
-from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import combined_wrenches
-from spatial_pin.constraints.composite_joints import SplitModel
 from spatial_pin.constraints.pinocchio_views import acceleration_derivatives
-from spatial_pin.dynamics.derivatives.row_derivatives import ProductRates, RowDerivatives
-from spatial_pin.dynamics.derivatives.spring_derivatives import Outside, Pull
+from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
+from spatial_pin.dynamics.derivatives.spring_derivatives import Outside, Springs
 from spatial_pin.dynamics.forward import Dynamics
 from spatial_pin.dynamics.reactions import Pairs
 from spatial_pin.numerics.linalg import Array
@@ -54,30 +52,6 @@ class Linear(NamedTuple):
         return brief(self)
 
 
-class Changes(NamedTuple):
-    """A motion, what acts there, and how rows and springs change.
-
-    Attributes:
-        state: configuration and velocity.
-        whole: the tree with single joints.
-        a: (nv,) accelerations.
-        rows, rates: closure equations and spring lengths.
-        lines, turns: the springs.
-        outside: wrenches on frames.
-        effort: (nv,) efforts at joints.
-    """
-
-    state: State
-    whole: SplitModel
-    a: Array
-    rows: RowDerivatives
-    rates: ProductRates
-    lines: list[Pull]
-    turns: list[Pull]
-    outside: Outside
-    effort: Array
-
-
 class ReactionChanges:
     """The reactions of a mechanism and their derivatives.
 
@@ -86,51 +60,53 @@ class ReactionChanges:
 
     Args:
         answer: of the forward dynamics.
-        changes: how its terms change.
+        rows: closure equations and spring lengths at the motion.
+        springs: their forces there.
+        outside: wrenches on frames.
+        effort: (nv,) efforts at joints.
         a, multipliers: accelerations, and multipliers of the rows `chosen`.
         chosen: the independent rows.
     """
 
     def __init__(
-        self, answer: Dynamics, changes: Changes, a: Linear, multipliers: Linear,
-        chosen: NDArray[np.intp],
+        self, answer: Dynamics, rows: RowDerivatives, springs: Springs, outside: Outside,
+        effort: Array, a: Linear, multipliers: Linear, chosen: NDArray[np.intp],
     ) -> None:
-        self.answer, self.changes, self.chosen = answer, changes, chosen
-        self.mechanism = answer.state.mechanism
-        self.nv = len(a.value)
+        self.answer, self.rows, self.springs, self.outside = answer, rows, springs, outside
+        self.mechanism, self.effort = answer.state.mechanism, effort
+        self.nv, self.placements = rows.nv, rows.products.placements
         self.by_q = slice(1, 1 + self.nv)
         self.by_v = slice(1 + self.nv, 1 + 2 * self.nv)
         self.a = np.column_stack([a.value, a.by_q, a.by_v, a.by_effort])
-        self.multipliers = np.zeros((changes.rows.constraints.n_closure, 1 + 3 * self.nv))
+        self.multipliers = np.zeros((rows.constraints.n_closure, 1 + 3 * self.nv))
         self.multipliers[chosen] = np.column_stack([
             multipliers.value, multipliers.by_q, multipliers.by_v, multipliers.by_effort])
 
     @cached_property
     def placements_by_q(self) -> Array:
         """(njoints, nv, 4, 3) of the placements."""
-        rates, products = self.changes.rates, self.changes.rows.products
-        found = np.zeros((len(rates.placements), self.nv, 4, 3))
-        for body, placement in enumerate(rates.placements):
+        products = self.rows.products
+        found = np.zeros((len(self.placements), self.nv, 4, 3))
+        for body, placement in enumerate(self.placements):
             at = products.columns([body])
             whole = np.column_stack([placement, [0.0, 0.0, 0.0, 1.0]])
-            found[body, at] = whole @ rates.twists[at, :3].swapaxes(1, 2)
+            found[body, at] = whole @ products.twists[at, :3].swapaxes(1, 2)
         return found
 
     def all(self) -> tuple[dict[str, Linear], Linear]:
         """Return the reactions by pair and the wrench on the fixed link."""
-        pairs, rates = Pairs(self.mechanism), self.changes.rates
+        pairs = Pairs(self.mechanism)
         closed, on_bodies = self._of_closures(pairs)
         self._add_given(on_bodies)
         forces = pairs.carried(self._needed() - on_bodies)
         efforts, columns = self._efforts(), self._columns()
         found = {}
         for i in range(1, self.mechanism.model.njoints):
-            force = self._moved(forces[i], rates.placements[i, 3], self.placements_by_q[i, :, 3])
+            force = _moved(forces[i], self.placements[i, 3], self.placements_by_q[i, :, 3])
             found[pairs.names[i - 1]] = self._without_effort(pairs, i, force, columns, efforts)
-        for pair, wrench in zip(pairs.closed, closed, strict=True):
-            body = pair.bodies[1]
-            found[pair.name] = self._moved(wrench, pair.point @ rates.placements[body],
-                                           pair.point @ self.placements_by_q[body])
+        for (name, _, (_, body), point), wrench in zip(pairs.closed, closed, strict=True):
+            found[name] = _moved(wrench, point @ self.placements[body],
+                                 point @ self.placements_by_q[body])
         unique = self.answer.of_loops
         borne = {name: self._linear(x if unique[name].all() else np.full_like(x, np.nan))
                  for name, x in found.items()}
@@ -148,8 +124,8 @@ class ReactionChanges:
 
     def _needed(self) -> Array:
         """Return (njoints, 6, ...) the wrenches W of the bodies, at the world's origin."""
-        changes, bodies = self.changes, self.changes.rows.products.bodies
-        bodies.move(changes.state.q, changes.state.v, changes.a)
+        bodies = self.rows.products.bodies
+        bodies.move(*self.rows.motion)
         total = self._new(len(bodies.joints), 6)
         for i in range(1, len(total)):
             part, joint = bodies.at(i)
@@ -175,52 +151,46 @@ class ReactionChanges:
 
     def _of_closures(self, pairs: Pairs) -> tuple[list[Array], Array]:
         """Return the wrenches of the closures on their second bodies, and those on all bodies."""
-        rows, by_q = self._row_wrenches()
-        total = self._new(self.mechanism.model.njoints, 6)
-
-        def borne(own: slice, at: slice) -> Array:
-            wrench: Array = np.tensordot(rows[at], self.multipliers[own], (0, 0))
-            wrench[:, self.by_q] += np.tensordot(self.multipliers[own, 0], by_q[at], 1)
-            return wrench
-
-        found = []
-        for pair in pairs.closed:
-            wrench = borne(pair.rows, pair.rows)
-            found.append(wrench)
-            total[pair.bodies[0]] -= wrench
-            total[pair.bodies[1]] += wrench
-        n_closure = len(self.multipliers)
-        for at, (row, _, (first, second)) in enumerate(pairs.elsewhere, start=n_closure):
-            wrench = borne(slice(row, row + 1), slice(at, at + 1))
-            total[first] -= wrench
-            total[second] += wrench
-        return found, total
-
-    def _row_wrenches(self) -> tuple[Array, Array]:
-        """Return the wrenches (n_wrenches, 6) of the rows and their q derivatives (..., nv)."""
-        c, rates = self.changes.rows.constraints, self.changes.rates
-        n, nv = len(c.constants), self.nv
-        b, x = (c.c_abx @ rates.placements.reshape(-1, 3))[n:].reshape(2, n, 3)
+        c, products, nv = self.rows.constraints, self.rows.products, self.nv
+        n = len(c.constants)
+        b, x = (c.c_abx @ self.placements.reshape(-1, 3))[n:].reshape(2, n, 3)
         changed = np.moveaxis(self.placements_by_q, 0, -3).reshape(nv, -1, 3)
         db, dx = np.stack([(c.c_abx @ g)[n:] for g in changed], axis=1).reshape(2, n, nv, 3)
         wrenches = np.hstack([b * c.factors, np.cross(x, b)])
         by_q = np.concatenate([
             db * c.factors[:, :, None],
             np.cross(dx, b[:, None]) + np.cross(x[:, None], db)], axis=-1).swapaxes(1, 2)
-        found, changed = combined_wrenches(
-            c, [rates.values[0][:n, None, None], rates.by_q[0][:n, None]],
-            [rates.motion[0][:, None, None], np.eye(nv)[:, None]], [wrenches[:, :, None], by_q])
-        return found[:, :, 0], changed
+        rows, rows_by_q = combined_wrenches(
+            c, [products.values[0][:n, None, None], products.by_q[0][:n, None]],
+            [self.rows.motion[0][:, None, None], np.eye(nv)[:, None]],
+            [wrenches[:, :, None], by_q])
+        total = self._new(self.mechanism.model.njoints, 6)
+
+        def borne(own: slice, at: slice) -> Array:
+            wrench: Array = np.tensordot(rows[at, :, 0], self.multipliers[own], (0, 0))
+            wrench[:, self.by_q] += np.tensordot(self.multipliers[own, 0], rows_by_q[at], 1)
+            return wrench
+
+        found = []
+        for _, own, (first, second), _ in pairs.closed:
+            wrench = borne(own, own)
+            found.append(wrench)
+            total[first] -= wrench
+            total[second] += wrench
+        for at, (row, _, (first, second)) in enumerate(pairs.elsewhere, start=c.n_closure):
+            wrench = borne(slice(row, row + 1), slice(at, at + 1))
+            total[first] -= wrench
+            total[second] += wrench
+        return found, total
 
     def _add_given(self, on_bodies: Array) -> None:
         """Add the wrenches of springs between frames, and those from outside."""
-        rates = self.changes.rates
-        lines = self.changes.rows.forces.lines
-        for line, pull in zip(lines, self.changes.lines, strict=True):
-            ends = [x @ rates.placements[i] for i, x in zip(line.bodies, line.points, strict=True)]
+        forces = self.springs.forces
+        for line, pull in zip(forces.lines, self.springs.lines, strict=True):
+            ends = [x @ self.placements[i] for i, x in zip(line.bodies, line.points, strict=True)]
             moved = [x @ self.placements_by_q[i]
                      for i, x in zip(line.bodies, line.points, strict=True)]  # (nv, 3)
-            _, n = self.changes.rows.forces.along(*ends)
+            _, n = forces.along(*ends)
             turned = pull.per_length * (moved[1] - moved[0] - np.outer(pull.row, n))
             along = np.concatenate([n, np.cross(ends[1], n)])
             bent = np.hstack([
@@ -231,9 +201,9 @@ class ReactionChanges:
             wrench[:, self.by_v] = np.outer(along, pull.by_v)
             on_bodies[line.bodies[0]] += wrench
             on_bodies[line.bodies[1]] -= wrench
-        for joint, placement, force in self.changes.outside.given:  # points move with their frames
+        for joint, placement, force in self.outside.given:  # points move with their frames
             at = np.append(placement.translation, 1.0)
-            point, move = at @ rates.placements[joint], at @ self.placements_by_q[joint]
+            point, move = at @ self.placements[joint], at @ self.placements_by_q[joint]
             on_bodies[joint, :3, 0] += force.linear
             on_bodies[joint, 3:, 0] += force.angular + np.cross(point, force.linear)
             on_bodies[joint, 3:, self.by_q] += np.cross(move, force.linear).T
@@ -243,15 +213,15 @@ class ReactionChanges:
     def _efforts(self) -> Array:
         """Return (nv, ...) efforts at joints, springs, rotors and couplings there."""
         total = self._new(self.nv)
-        total[:, 0] = self.changes.effort
+        total[:, 0] = self.effort
         total[:, 1 + 2 * self.nv :] = np.eye(self.nv)
         total -= self.mechanism.model.armature[:, None] * self.a
-        for pull in self.changes.turns:
+        for pull in self.springs.turns:
             total[:, 0] -= pull.force * pull.row
             total[:, self.by_q] -= np.outer(pull.row, pull.by_q)
             total[:, self.by_v] -= np.outer(pull.row, pull.by_v)
-        rows, changes = self.changes.rows.joint_rows(self.changes.rates)
-        borne = self.multipliers[self.changes.rows.constraints.of_joints]
+        rows, changes = self.rows.joint_rows()
+        borne = self.multipliers[self.rows.constraints.of_joints]
         total += rows.T @ borne
         total[:, self.by_q] += np.tensordot(borne[:, 0], changes, 1)
         return total
@@ -261,8 +231,7 @@ class ReactionChanges:
 
         The latter of what each coordinate's axis is fixed in.
         """
-        model, products = self.changes.whole.model, self.changes.rows.products
-        columns = products.bodies.places()[1]
+        model, columns = self.rows.whole.model, self.rows.products.bodies.places()[1]
         turned = np.zeros((self.nv, 3, self.nv))
         for i in range(1, model.njoints):
             own = slice(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])
@@ -282,33 +251,35 @@ class ReactionChanges:
             if len(chosen):
                 axes = columns[0][part, chosen]
                 spun = np.cross(columns[1][chosen], axes.T[:, :, None], axis=1)
-                force[part] -= self._along(axes, spun, efforts[chosen])
+                force[part] -= _along(axes, spun, efforts[chosen])
         return force
 
-    def _along(self, axes: Array, spun: Array, values: Array) -> Array:
-        """Return (3, ...) the shortest x with axes^T x = values.
 
-        With x = A y and A^T A y = t, dx = dA y + A (A^T A)^-1 (dt - dA^T x - A^T dA y).
+def _along(axes: Array, spun: Array, values: Array) -> Array:
+    """Return (3, ...) the shortest x with axes^T x = values.
 
-        Args:
-            axes: (3, k) A.
-            spun: (k, 3, nv) derivatives of its columns with respect to q.
-            values: (k, ...) t.
-        """
-        inverse = np.linalg.inv(axes.T @ axes)
-        y = inverse @ values
-        x = axes @ y
-        bent = np.tensordot(y[:, 0], spun, 1)
-        x[:, self.by_q] += bent - axes @ inverse @ (
-            np.einsum("i,kij->kj", x[:, 0], spun) + axes.T @ bent)
-        return x
+    With x = A y and A^T A y = t, dx = dA y + A (A^T A)^-1 (dt - dA^T x - A^T dA y).
 
-    def _moved(self, wrench: Array, point: Array, by_q: Array) -> Array:
-        """Return a wrench (6, ...) about a point (3,) that moves by `by_q` (nv, 3)."""
-        moved = wrench.copy()
-        moved[3:] -= np.cross(point, wrench[:3], axisb=0, axisc=0)
-        moved[3:, self.by_q] -= np.cross(by_q, wrench[:3, 0]).T
-        return moved
+    Args:
+        axes: (3, k) A.
+        spun: (k, 3, nv) derivatives of its columns with respect to q.
+        values: (k, ...) t.
+    """
+    inverse = np.linalg.inv(axes.T @ axes)
+    y = inverse @ values
+    x = axes @ y
+    bent = np.tensordot(y[:, 0], spun, 1)
+    x[:, 1 : 1 + spun.shape[2]] += bent - axes @ inverse @ (
+        np.einsum("i,kij->kj", x[:, 0], spun) + axes.T @ bent)
+    return x
+
+
+def _moved(wrench: Array, point: Array, by_q: Array) -> Array:
+    """Return a wrench (6, ...) about a point (3,) that moves by `by_q` (nv, 3)."""
+    moved = wrench.copy()
+    moved[3:] -= np.cross(point, wrench[:3], axisb=0, axisc=0)
+    moved[3:, 1 : 1 + len(by_q)] -= np.cross(by_q, wrench[:3, 0]).T
+    return moved
 
 
 def _dual(v: Array) -> Array:

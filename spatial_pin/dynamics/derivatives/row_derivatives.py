@@ -20,7 +20,6 @@ and by the products of dA with dB; D_m is the sum of M C over the bodies that m 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -41,45 +40,12 @@ from spatial_pin.numerics.linalg import Array
 
 Product = Callable[[int, int], Array]
 Coefficients = dict[int, Array]  # of a vector: (4,) by joint
-Levels = list[tuple[Array, Array]]  # A and B, and their first and second rates
-
-
-class Block(NamedTuple):
-    """Products of vectors of the same bodies.
-
-    Attributes:
-        rows: (k,) their numbers.
-        joints: of the bodies.
-        columns: (c,) velocity entries that move these.
-        a, b: (k, 4 len(joints)) coefficients.
-    """
-
-    rows: NDArray[np.intp]
-    joints: tuple[int, ...]
-    columns: NDArray[np.intp]
-    a: Array
-    b: Array
-
-
-class ProductRates(NamedTuple):
-    """Products of vectors with their rates at a motion, and how these change with q and v.
-
-    Attributes:
-        values: (n,) of the products and of their first and second rates.
-        by_q, by_v: (n, nv) derivatives of each of the three.
-        vectors: by block A and B (k, 3), and their q derivatives (c, k, 3).
-        placements: (njoints, 4, 3) columns of the rotation, then the position, of each joint.
-        twists: (nv, 4, 4) world twists of the coordinates.
-        motion: q (nq,), v and a (nv,).
-    """
-
-    values: Array
-    by_q: Array
-    by_v: Array
-    vectors: list[tuple[Array, Array, Array, Array]]
-    placements: Array
-    twists: Array
-    motion: tuple[Array, Array, Array]
+Motion = tuple[Array, Array, Array]  # q (nq,), v and a (nv,)
+# Products of vectors of the same bodies: their numbers (k,), the bodies, the velocity entries (c,)
+# that move these, coefficients (2, k, 4 bodies) of A and B; A and B (k, 3), and their q derivatives
+# (c, k, 3).
+Block = tuple[NDArray[np.intp], tuple[int, ...], NDArray[np.intp], Array,
+              tuple[Array, Array], tuple[Array, Array]]
 
 
 class BodiesOfTree:
@@ -155,28 +121,38 @@ class BodiesOfTree:
 
 
 class ProductDerivatives:
-    """Products A . B of vectors linear in the placements, and what they do when q and v change.
+    """Products A . B of vectors linear in the placements, at a motion, and how they change.
 
     Args:
         mechanism: the mechanism.
         whole: its model with single joints.
         a, b: of each product, its vectors.
+        motion: q (nq,), v and a (nv,).
+
+    Attributes:
+        bodies: those of the tree, at the motion.
+        values: (3, n) of the products and of their first and second rates.
+        by_q, by_v: (3, n, nv) derivatives of each of the three.
+        placements: (njoints, 4, 3) columns of the rotation, then the position, of each joint.
+        twists: (nv, 4, 4) world twists of the coordinates.
     """
 
     def __init__(
         self, mechanism: Mechanism, whole: SplitModel, a: Sequence[Coefficients],
-        b: Sequence[Coefficients],
+        b: Sequence[Coefficients], motion: Motion,
     ) -> None:
         self.model, self.joints = whole
-        self.nv, self.n = mechanism.model.nv, len(a)
+        self.nv, n = mechanism.model.nv, len(a)
         self.bodies = BodiesOfTree(whole)
+        self.bodies.move(*motion)
+        self.values, (self.by_q, self.by_v) = np.zeros((3, n)), np.zeros((2, 3, n, self.nv))
         rows_of: dict[tuple[int, ...], list[int]] = {}
         for row, vectors in enumerate(zip(a, b, strict=True)):
             rows_of.setdefault(tuple(sorted(set().union(*vectors))), []).append(row)
-        self.blocks = [
-            Block(np.array(rows), bodies, self.columns(bodies),
-                  *(_stacked([x[r] for r in rows], bodies) for x in (a, b)))
-            for bodies, rows in rows_of.items()]
+        self._blocks = [self._block(np.array(rows), bodies, a, b)
+                        for bodies, rows in rows_of.items()]
+        self.placements, columns = self.bodies.places()
+        self.twists = _matrix(columns.T).swapaxes(1, 2)
 
     def columns(self, bodies: Sequence[int]) -> NDArray[np.intp]:
         """Return the velocity entries that move some bodies, ascending."""
@@ -185,103 +161,84 @@ class ProductDerivatives:
         return np.array([v for j in sorted(before - {0})
                          for v in range(model.idx_vs[j], model.idx_vs[j] + model.nvs[j])], np.intp)
 
-    def rates(self, q: Array, v: Array, acceleration: Array) -> ProductRates:
-        """Return the products' rates at a motion."""
-        self.bodies.move(q, v, acceleration)
-        values, vectors = np.zeros((3, self.n)), []
-        of_q, of_v = np.zeros((2, 3, self.n, self.nv))
-        for block in self.blocks:
-            levels, by_q, by_v = self._of_block(block)
-            values[:, block.rows] = _leibniz(_products(levels))
-            at = np.s_[:, block.rows[:, None], block.columns]
-            of_q[at], of_v[at] = (_leibniz(_change(levels, x)) for x in (by_q, by_v))
-            vectors.append((*levels[0], *by_q[0]))
-        placements, columns = self.bodies.places()
-        return ProductRates(values, of_q, of_v, vectors, placements,
-                            _matrix(columns.T).swapaxes(1, 2), (q, v, acceleration))
-
-    def _of_block(self, block: Block) -> tuple[Levels, Levels, Levels]:
-        """Return A and B with their rates, and what these change by with q and with v."""
-        width, nv = 4 * len(block.joints), len(block.columns)
-        g, by_q, by_v = np.zeros((3, width, 3)), *np.zeros((2, 3, nv, width, 3))
-        for k, body in enumerate(block.joints):
+    def _block(
+        self, rows: NDArray[np.intp], bodies: tuple[int, ...], a: Sequence[Coefficients],
+        b: Sequence[Coefficients],
+    ) -> Block:
+        """Work out the products of vectors of the same bodies."""
+        columns, width = self.columns(bodies), 4 * len(bodies)
+        both = np.zeros((2, len(rows), len(bodies), 4))
+        for stacked, vectors in zip(both, (a, b), strict=True):
+            for at, row in zip(stacked, rows, strict=True):
+                for body, x in vectors[row].items():
+                    at[bodies.index(body)] = x
+        coefficients = both.reshape(2, len(rows), width)
+        g, by_q, by_v = np.zeros((3, width, 3)), *np.zeros((2, 3, len(columns), width, 3))
+        for k, body in enumerate(bodies):
             own = slice(4 * k, 4 * k + 4)
             if body:
-                at, g[:, own], *changes = self.bodies.body(body, block.columns)
-                by_q[:, at, own], by_v[:, at, own] = changes
+                moved, g[:, own], *changes = self.bodies.body(body, columns)
+                by_q[:, moved, own], by_v[:, moved, own] = changes
             else:
                 g[0, 4 * k : 4 * k + 3] = np.eye(3)
-        found = [[(block.a @ x, block.b @ x) for x in levels] for levels in (g, by_q, by_v)]
-        return found[0], found[1], found[2]
+        levels, of_q, of_v = ([(coefficients[0] @ x, coefficients[1] @ x) for x in part]
+                              for part in (g, by_q, by_v))
+        self.values[:, rows] = _leibniz(
+            lambda k, m: np.vecdot(levels[k][0], levels[m][1]))
+        for total, changed in ((self.by_q, of_q), (self.by_v, of_v)):
+            total[:, rows[:, None], columns] = _leibniz(
+                lambda k, m, changed=changed: (  # type: ignore[misc]
+                    np.vecdot(changed[k][0], levels[m][1])
+                    + np.vecdot(levels[k][0], changed[m][1])).T)
+        return rows, bodies, columns, coefficients, levels[0], of_q[0]
 
-    def first_slopes(self, rates: ProductRates, row: int) -> Array:
+    def first_slopes(self, row: int) -> Array:
         """Return the q derivatives (c, 3) of the first vector of a product."""
-        by_block = zip(self.blocks, rates.vectors, strict=True)
-        found: Array = next(da[:, block.rows == row, :] for block, (_, _, da, _) in by_block
-                            if row in block.rows)
+        found: Array = next(slopes[0][:, rows == row] for rows, *_, slopes in self._blocks
+                            if row in rows)
         return found[:, 0]
 
-    def bending(self, rates: ProductRates, weights: Array) -> Array:
-        """Return q derivatives (nv, nv) of the q derivatives of the weighted sum of products.
-
-        Args:
-            rates: at the configuration.
-            weights: (n,) of the products.
-        """
+    def bending(self, weights: Array) -> Array:
+        """Return q derivatives (nv, nv) of the q derivatives of the products' sum by weights."""
         total, carried = np.zeros((self.nv, self.nv)), np.zeros((self.model.njoints, 4, 4))
-        for block, (a, b, da, db) in zip(self.blocks, rates.vectors, strict=True):
-            weight = weights[block.rows, None]
+        for rows, bodies, columns, coefficients, (a, b), (da, db) in self._blocks:
+            weight = weights[rows, None]
             both = (da * weight).reshape(len(da), -1) @ db.reshape(len(db), -1).T
-            total[np.ix_(block.columns, block.columns)] += both + both.T
-            slopes = block.a.T @ (weight * b) + block.b.T @ (weight * a)
-            for body, slope in zip(block.joints, slopes.reshape(-1, 4, 3), strict=True):
-                placed = rates.placements[body].T @ slope
+            total[np.ix_(columns, columns)] += both + both.T
+            slopes = coefficients[0].T @ (weight * b) + coefficients[1].T @ (weight * a)
+            for body, slope in zip(bodies, slopes.reshape(-1, 4, 3), strict=True):
+                placed = self.placements[body].T @ slope
                 carried[self.joints[body], :3, :3] += placed
                 carried[self.joints[body], 3, :3] += slope[3]
         for joint in range(self.model.njoints - 1, 0, -1):
             carried[self.model.parents[joint]] += carried[joint]
-        return total + self._turned(rates.twists, carried)
+        joint_of = np.repeat(np.arange(self.model.njoints), self.model.nvs)
+        moved = (self.twists @ carried[joint_of]).swapaxes(1, 2)
+        by_turning: Array = self.twists.reshape(-1, 16) @ moved.reshape(-1, 16).T
+        is_before = self._are_before(joint_of)
+        same = joint_of[:, None] == joint_of
+        total += np.where(is_before | same, by_turning, 0.0).T
+        return total + np.where(is_before, by_turning, 0.0)
 
-    def _turned(self, twists: Array, carried: Array) -> Array:
-        """Return what the weighted sum changes by as joints move with those before them."""
-        model = self.model
-        joint_of = np.repeat(np.arange(model.njoints), model.nvs)
-        moved = (twists @ carried[joint_of]).swapaxes(1, 2)
-        found: Array = twists.reshape(-1, 16) @ moved.reshape(-1, 16).T
-        is_before = np.zeros((self.nv, self.nv), dtype=bool)
+    def _are_before(self, joint_of: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Return (nv, nv) whether a velocity entry is of a joint that carries that of another.
+
+        Args:
+            joint_of: (nv,) the joint of every entry.
+        """
+        model, found = self.model, np.zeros((self.nv, self.nv), dtype=bool)
         for joint in range(1, model.njoints):
             own = slice(model.idx_vs[joint], model.idx_vs[joint] + model.nvs[joint])
             parent = model.parents[joint]
             if parent:
-                is_before[:, own] = is_before[:, [model.idx_vs[parent]]]
-                is_before[joint_of == parent, own] = True
-        same = joint_of[:, None] == joint_of
-        return np.where(is_before | same, found, 0.0).T + np.where(is_before, found, 0.0)
-
-
-def _stacked(vectors: list[Coefficients], bodies: Sequence[int]) -> Array:
-    """Return the coefficients (k, 4 len(bodies)) of vectors."""
-    found = np.zeros((len(vectors), len(bodies), 4))
-    for row, vector in zip(found, vectors, strict=True):
-        for body, x in vector.items():
-            row[bodies.index(body)] = x
-    return found.reshape(len(vectors), -1)
+                found[:, own] = found[:, [model.idx_vs[parent]]]
+                found[joint_of == parent, own] = True
+        return found
 
 
 def _matrix(twist: Array) -> Array:
     """Return the transposed 4 x 4 matrices of twists (..., 6)."""
     return (twist @ TWIST_MATRIX).reshape(*twist.shape[:-1], 4, 4)
-
-
-def _products(levels: Levels) -> Product:
-    """Return the product (k,) of the k-th rate of A with the m-th of B, as a function."""
-    return lambda k, m: np.vecdot(levels[k][0], levels[m][1])
-
-
-def _change(levels: Levels, changed: Levels) -> Product:
-    """Return the change (k, c) of the k-th rate of A times the m-th of B, as a function."""
-    return lambda k, m: (np.vecdot(changed[k][0], levels[m][1])
-                         + np.vecdot(levels[k][0], changed[m][1])).T
 
 
 def _leibniz(product: Product) -> Array:
@@ -291,7 +248,7 @@ def _leibniz(product: Product) -> Array:
 
 
 class RowDerivatives:
-    """Closure rows and springs between frames, with their derivatives.
+    """Closure rows and springs between frames at a motion, with their derivatives.
 
     Products are those of closure equations, then from `closed` on half the squared spring lengths.
 
@@ -299,39 +256,49 @@ class RowDerivatives:
         mechanism: the mechanism.
         whole: its model with single joints.
         forces: its springs.
+        motion: q (nq,), v and a (nv,).
     """
 
-    def __init__(self, mechanism: Mechanism, whole: SplitModel, forces: Forces) -> None:
+    def __init__(
+        self, mechanism: Mechanism, whole: SplitModel, forces: Forces, motion: Motion
+    ) -> None:
         self.constraints = c = constraints_of(mechanism)
-        self.nv, self.closed, self.forces = mechanism.model.nv, c.passive_at, forces
+        self.whole, self.motion, self.nv = whole, motion, mechanism.model.nv
+        self.closed, self.forces = c.passive_at, forces
         n = len(c.constants)
-        found = _vectors(c.c_abx)
-        a, b = found[: self.closed], found[n : n + self.closed]
+        vectors: list[Coefficients] = [{} for _ in range(c.c_abx.shape[0])]
+        if isinstance(c.c_abx, np.ndarray):
+            rows, columns = np.nonzero(c.c_abx)
+            entries = zip(rows.tolist(), columns.tolist(), c.c_abx[rows, columns], strict=True)
+        else:
+            sparse = c.c_abx.tocoo()
+            entries = zip(sparse.row.tolist(), sparse.col.tolist(), sparse.data, strict=True)
+        for row, column, x in entries:
+            vectors[row].setdefault(column // 4, np.zeros(4))[column % 4] += x
+        a, b = vectors[: self.closed], vectors[n : n + self.closed]
         for line in forces.lines:
             ends: Coefficients = {}
             for sense, i, point in zip((-1.0, 1.0), line.bodies, line.points, strict=True):
                 ends[i] = ends.get(i, np.zeros(4)) + sense * point
             a.append(ends)
             b.append({i: 0.5 * x for i, x in ends.items()})
-        self.products = ProductDerivatives(mechanism, whole, a, b)
+        self.products = ProductDerivatives(mechanism, whole, a, b, motion)
 
-    def accelerations(self, rates: ProductRates) -> tuple[Array, Array]:
-        """Return the derivatives (n_closure, nv) of the rows' second rates, in q and in v."""
-        c = self.constraints
+    def changes(self, order: int) -> tuple[Array, Array]:
+        """Return the derivatives (n_closure, nv) of the rows' rates of an order, in q and in v."""
+        c, products = self.constraints, self.products
         out = np.zeros((2, c.n_closure, self.nv))
-        for total, change in zip(out, (rates.by_q, rates.by_v), strict=True):
-            total[: c.n_products] = change[2][: c.n_products]
-            still = np.zeros((self.nv, self.nv))
-            moved = [still, still, still]
-            moved[0 if change is rates.by_q else 1] = np.eye(self.nv)
+        values, motion = ([x[:, None] for x in part] for part in (products.values, self.motion))
+        for k, change in enumerate((products.by_q, products.by_v)):
+            out[k, : c.n_products] = change[order][: c.n_products]
+            moved = [np.zeros((self.nv, self.nv))] * 3
+            moved[k] = np.eye(self.nv)
             for group in c.composed:
-                inputs = group.inputs(
-                    [x[:, None] for x in rates.values], [x[:, None] for x in rates.motion],
-                    list(change), moved)
-                total[group.rows] = group.values(inputs)[0].change(2)
+                inputs = group.inputs(values, motion, list(change), moved)
+                out[k, group.rows] = group.values(inputs)[0].change(order)
         return out[0], out[1]
 
-    def joint_rows(self, rates: ProductRates) -> tuple[Array, Array]:
+    def joint_rows(self) -> tuple[Array, Array]:
         """Return the derivatives (k, nv) of equations by joint coordinates as such.
 
         And how they change with q (k, nv, nv).
@@ -339,52 +306,37 @@ class RowDerivatives:
         c = self.constraints
         rows, changes = np.zeros((c.n_closure, self.nv)), np.zeros((c.n_closure, self.nv, self.nv))
         for group in c.composed:
-            slopes = self._slopes(group, rates)[len(group.products) :]
+            slopes = self._slopes(group)[len(group.products) :]
             for v, (by, change) in zip(group.coordinates[1], slopes, strict=True):
                 np.add.at(rows, (group.rows, v), by)
                 np.add.at(changes, (group.rows, v), change)
         return rows[c.of_joints], changes[c.of_joints]
 
-    def _slopes(self, group: Composed, rates: ProductRates) -> list[tuple[Array, Array]]:
+    def _slopes(self, group: Composed) -> list[tuple[Array, Array]]:
         """Return derivatives (m,) by products and coordinates, and how they change (m, nv)."""
-        products = [rates.values[0][:, None, None], rates.by_q[0][:, None]]
-        coordinates = [rates.motion[0][:, None, None], np.eye(self.nv)[:, None]]
+        products = [self.products.values[0][:, None, None], self.products.by_q[0][:, None]]
+        coordinates = [self.motion[0][:, None, None], np.eye(self.nv)[:, None]]
         m = len(group.rows)
         return [(np.broadcast_to(x.values[0], (m, 1, 1))[:, 0, 0],
                  np.broadcast_to(x.values[1], (m, 1, self.nv))[:, 0])
                 for x in group.slopes(products, coordinates)]
 
-    def bending(self, rates: ProductRates, multipliers: Array, pulls: Array) -> Array:
+    def bending(self, multipliers: Array, pulls: Array) -> Array:
         """Return q derivatives (nv, nv) of the joint forces of rows and springs, kept as strong.
 
         Args:
-            rates: at the configuration.
             multipliers: (n_closure,) of the closure rows.
             pulls: (n_lines,) of the springs, by half their squared lengths.
         """
-        c = self.constraints
-        weights, along = np.zeros(self.products.n), np.zeros((self.nv, self.nv))
+        c, by_q = self.constraints, self.products.by_q[0]
+        weights, along = np.zeros(len(by_q)), np.zeros((self.nv, self.nv))
         weights[c.plain], weights[self.closed :] = multipliers[c.plain], pulls
         for group in c.composed:
-            own, slopes = multipliers[group.rows], self._slopes(group, rates)
+            own, slopes = multipliers[group.rows], self._slopes(group)
             for at, (by, change) in zip(group.products, slopes, strict=False):
                 np.add.at(weights, at, own * by)
-                along += (own[:, None] * rates.by_q[0][at]).T @ change
+                along += (own[:, None] * by_q[at]).T @ change
             n = len(group.products)
             for v, (_, change) in zip(group.coordinates[1], slopes[n:], strict=True):
                 np.add.at(along, v, own[:, None] * change)
-        return along + self.products.bending(rates, weights)
-
-
-def _vectors(matrix: Any) -> list[Coefficients]:
-    """Return the rows (4 njoints) of a matrix, dense or sparse, by joint."""
-    found: list[Coefficients] = [{} for _ in range(matrix.shape[0])]
-    if isinstance(matrix, np.ndarray):
-        rows, columns = np.nonzero(matrix)
-        values = matrix[rows, columns]
-    else:
-        entries = matrix.tocoo()
-        rows, columns, values = entries.row, entries.col, entries.data
-    for row, column, x in zip(rows.tolist(), columns.tolist(), values.tolist(), strict=True):
-        found[row].setdefault(column // 4, np.zeros(4))[column % 4] += x
-    return found
+        return along + self.products.bending(weights)

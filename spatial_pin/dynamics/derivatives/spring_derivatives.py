@@ -18,7 +18,6 @@ from spatial_pin.constraints.pinocchio_views import own_jacobian
 from spatial_pin.constraints.trees import Subtree
 from spatial_pin.dynamics.derivatives.row_derivatives import (
     BodiesOfTree,
-    ProductRates,
     RowDerivatives,
 )
 from spatial_pin.dynamics.forces import Forces, Law, Line
@@ -63,7 +62,12 @@ class Springs:
 
     Attributes:
         forces: the springs.
+        lines: those between frames, in the order of `forces.lines`, at a motion.
+        turns: those about joints, in the order of `forces.turns`, then what resists.
     """
+
+    lines: list[Pull]
+    turns: list[Pull]
 
     def __init__(
         self, mechanism: Mechanism, laws: Mapping[str, Law] | None = None,
@@ -82,7 +86,7 @@ class Springs:
     def _slopes(self, name: str, x: float, rate: float) -> tuple[float, float]:
         """Return the derivatives of a spring's law with respect to length and to rate."""
         if name not in self._given:
-            return self._of[name].stiffness, self._of[name].damping
+            return self._of[name].slopes(x, rate)
         if name in self.slopes:
             by_length, by_rate = self.slopes[name](x, rate)
             return float(by_length), float(by_rate)
@@ -94,34 +98,43 @@ class Springs:
                                 ONE_SIDED), by_rate
         return slope(lambda y: law(y, rate), x, REACH * (abs(x) or unit)), by_rate
 
-    def lines(self, rows: RowDerivatives, rates: ProductRates) -> list[Pull]:
-        """Return the springs between frames, in the order of `forces.lines`.
+    def move(self, rows: RowDerivatives) -> None:
+        """Work out the forces at the motion of the rows.
 
         Raises:
             SpatialPinError: a spring has no length, and its force no direction.
         """
-        found = []
-        for k, line in enumerate(self.forces.lines):
-            at, places = rows.closed + k, rates.placements
-            length, _ = self.forces.along(*(x @ places[i] for i, x in zip(
+        self.lines, self.turns = [], []
+        products, (q, v, _) = rows.products, rows.motion
+        for at, line in enumerate(self.forces.lines, start=rows.closed):
+            length, _ = self.forces.along(*(x @ products.placements[i] for i, x in zip(
                 line.bodies, line.points, strict=True)))
             if not length:
-                found.append(self._at_a_point(line, rows, rates, at))
+                self.lines.append(self._at_a_point(line, rows, at))
                 continue
-            row, rate = rates.by_q[0][at] / length, float(rates.values[1][at]) / length
+            row, rate = products.by_q[0][at] / length, float(products.values[1][at]) / length
             by_length, by_rate = self._slopes(line.name, length, rate)
-            by_q = by_length * row + by_rate * (rates.by_q[1][at] - rate * row) / length
+            by_q = by_length * row + by_rate * (products.by_q[1][at] - rate * row) / length
             force = line.law(length, rate)
-            found.append(Pull(force, force / length, row, by_q, by_rate * row))
-        return found
+            self.lines.append(Pull(force, force / length, row, by_q, by_rate * row))
+        unit = np.eye(rows.nv)
+        for turn in self.forces.turns:
+            x, rate = float(q[turn.q]), float(v[turn.v])
+            by_length, by_rate = self._slopes(turn.name, x, rate)
+            row = unit[turn.v]
+            self.turns.append(Pull(turn.law(x, rate), 0.0, row, by_length * row, by_rate * row))
+        resistance = self.forces.resistance
+        forces, slopes = resistance.forces(v), resistance.slopes(v)
+        self.turns += [Pull(-forces[k], 0.0, unit[k], 0.0 * unit[k], slopes[k] * unit[k])
+                       for k in resistance.at]
 
-    def _at_a_point(self, line: Line, rows: RowDerivatives, rates: ProductRates, at: int) -> Pull:
+    def _at_a_point(self, line: Line, rows: RowDerivatives, at: int) -> Pull:
         """Return a spring whose frames coincide: its force is stiffness times what parts them.
 
         Where nothing can part them, any stiffness will do. Its length is row `at`.
         """
-        parting = rows.products.first_slopes(rates, at)
-        none, pace = np.zeros(rows.nv), float(np.sqrt(max(rates.values[2][at], 0.0)))
+        parting = rows.products.first_slopes(at)
+        none, pace = np.zeros(rows.nv), float(np.sqrt(max(rows.products.values[2][at], 0.0)))
         if np.abs(parting).max(initial=0.0) <= self._length * TOLERANCES.tight:
             return Pull(0.0, 0.0, none, none, none)
         forces = [line.law(0.0, rate) for rate in (0.0, pace, -pace)]
@@ -134,42 +147,20 @@ class Springs:
                 "start where its frames are apart, or give it a joint instead of frames")
         return Pull(0.0, stiffness, none, none, none)
 
-    def turns(self, q: Array, v: Array) -> list[Pull]:
-        """Return the springs about joints, in the order of `forces.turns`, then what resists."""
-        found = []
-        for turn in self.forces.turns:
-            x, rate = float(q[turn.q]), float(v[turn.v])
-            by_length, by_rate = self._slopes(turn.name, x, rate)
-            row = np.zeros(len(v))
-            row[turn.v] = 1.0
-            found.append(Pull(turn.law(x, rate), 0.0, row, by_length * row, by_rate * row))
-        resistance = self.forces.resistance
-        forces, slopes = resistance.forces(v), resistance.slopes(v)
-        for k in resistance.at:
-            row = np.zeros(len(v))
-            row[k] = 1.0
-            found.append(Pull(-forces[k], 0.0, row, 0.0 * row, slopes[k] * row))
-        return found
+    def by_motion(self) -> tuple[Array, Array]:
+        """Return the derivatives (nv, nv) of the springs' joint forces with respect to q and v.
 
-
-def spring_slopes(lines: list[Pull], turns: list[Pull], nv: int) -> tuple[Array, Array]:
-    """Return the derivatives (nv, nv) of the springs' joint forces with respect to q and v.
-
-    Those along lines that bend, at the same force by half the squared length, are left out: see
-    `RowDerivatives.bending`.
-
-    Args:
-        lines: springs between frames.
-        turns: springs about joints.
-        nv: how many velocities there are.
-    """
-    by_q, by_v = np.zeros((2, nv, nv))
-    for pull in lines:
-        by_q += np.outer(pull.row, pull.per_length * pull.row)
-    for pull in (*lines, *turns):
-        by_q -= np.outer(pull.row, pull.by_q)
-        by_v -= np.outer(pull.row, pull.by_v)
-    return by_q, by_v
+        Those along lines that bend, at the same force by half the squared length, are left out: see
+        `RowDerivatives.bending`.
+        """
+        nv = self.forces.mechanism.model.nv
+        by_q, by_v = np.zeros((2, nv, nv))
+        for pull in self.lines:
+            by_q += np.outer(pull.row, pull.per_length * pull.row)
+        for pull in (*self.lines, *self.turns):
+            by_q -= np.outer(pull.row, pull.by_q)
+            by_v -= np.outer(pull.row, pull.by_v)
+        return by_q, by_v
 
 
 def slope(f: Callable[[float], float], x: float, step: float) -> float:
@@ -220,7 +211,10 @@ class Outside:
         for joint, placement, force in self._moving:
             at = int(self.whole.joint[joint])
             if at in total:
-                total[at] += _carried(placement, placements[joint, :3], force)
+                back = placements[joint, :3]
+                linear = back @ force.linear
+                total[at] += pin.Force(linear, back @ force.angular
+                                       + np.cross(placement.translation, linear))
         return pin.StdVec_Force([pin.Force.Zero(), *total.values()])
 
     def turning(self, bodies: BodiesOfTree) -> Array:
@@ -235,9 +229,3 @@ class Outside:
             change = np.vstack([local[0], local[1] + lever @ local[0]]) @ columns[3:]
             total[np.ix_(part.v, part.v)] += columns.T @ change
         return total
-
-
-def _carried(placement: pin.SE3, back: Array, force: pin.Force) -> pin.Force:
-    """Return a force at a frame, world axes, in the axes of its joint."""
-    linear = back @ force.linear
-    return pin.Force(linear, back @ force.angular + np.cross(placement.translation, linear))

@@ -1,28 +1,50 @@
-"""Which joint coordinates determine the motion of a closed mechanism best [Wehage1982]."""
+"""Which joint coordinates determine the motion of a closed mechanism best [Wehage1982].
+
+And which bodies spin freely about a line of their own: their spin is known without integrating it.
+A body that is symmetric about the line through its two ball joints (u, fixed in the body) keeps
+the angular velocity about it, and the rest of the mechanism does not feel how it is turned about
+it [Routh1905; Goldstein2002, 5.7]. With sigma that angular velocity, d = R u the line, R the body's
+rotation relative to the one before it, all seen from there, and w(s) the relative angular velocity
+per unit of the coordinate s at which the body has no spin,
+
+    R' = [w s' + sigma d] R,      omega = R^T w s' + sigma u  in the body's own axes.
+
+d and w are functions of s alone.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
+from spatial_pin.assembly.close import close
+from spatial_pin.assembly.passive_freedoms import driven_groups, passive_freedoms
 from spatial_pin.assembly.state import State
 from spatial_pin.assembly.undetermined import lost_rank, rank_loss
 from spatial_pin.constraints.trees import is_large
+from spatial_pin.dynamics.forces import Line
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import kernel_of
-from spatial_pin.kernel.loop_equations import loops_of
+from spatial_pin.kernel.loop_equations import LoopEquations, loops_at, loops_of
 from spatial_pin.kernel.rate_solver import rates_of
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.numerics.linalg import Array, decompose, independent_rows, weighty_rows
+from spatial_pin.mechanism.resistance import resists
+from spatial_pin.numerics.linalg import (
+    Array,
+    decompose,
+    independent_rows,
+    null_space,
+    weighty_rows,
+)
+from spatial_pin.numerics.tolerances import TOLERANCES
 
 NONE = 1e-13  # derivative of an equation that is round-off: others are of order one
 PLAIN = 0.1  # speed of a plain coordinate, relative to the fastest component's, that will do
-
-
-class Lost(Exception):
-    """The loops cannot be closed at the coordinates asked for, or not surely on the branch."""
+FREE_SPIN = 1e-9  # closure equations, per unit of spin, that do not hold it
+SPIN_TRIALS = 3  # other configurations at which the spin must be free too
 
 
 class Freedoms:
@@ -123,3 +145,108 @@ class Freedoms:
                 f"at {state}", state=state)
         self._spaces[key] = svd.null_space
         return self._spaces[key]
+
+
+class Spins:
+    """Bodies that spin freely about lines of their own.
+
+    Args:
+        model: of the mechanism.
+        lines: by the ball joint that carries a body, the unit vector (3,) of its line in the body's
+            axes; the line passes the joint's centre.
+
+    Attributes:
+        joints: the ball joints.
+        axes: (k, 3) unit vectors of the lines.
+        rows: (k, nv) the joint velocities that are the spins.
+    """
+
+    def __init__(self, model: pin.Model, lines: Mapping[int, Array]) -> None:
+        self._model, self.joints = model, list(lines)
+        self.axes = np.array(list(lines.values())).reshape(-1, 3)
+        self.rows = np.zeros((len(lines), model.nv))
+        for row, joint, axis in zip(self.rows, self.joints, self.axes, strict=True):
+            row[model.idx_vs[joint]:][:3] = axis
+
+    def __len__(self) -> int:
+        return len(self.joints)
+
+    def rates(self, q: Array, v: Array) -> list[float]:
+        """Return sigma of every body [rad/s], at q (nq,) and v (nv,)."""
+        if not self.joints:
+            return []
+        data = self._model.createData()
+        pin.forwardKinematics(self._model, data, q, v)
+        return [float(axis @ data.v[joint].angular)
+                for joint, axis in zip(self.joints, self.axes, strict=True)]
+
+    def quaternions(self, q: Array) -> list[Array]:
+        """Return the quaternion (4,) of every body, at q (nq,)."""
+        return [q[self._model.idx_qs[joint]:][:4] for joint in self.joints]
+
+
+def free_spins(mechanism: Mechanism, state: State, springs: Sequence[Line]) -> Spins:
+    """Return the bodies that spin freely, symmetric about their lines.
+
+    Each is carried by a ball joint that does not resist, carries none itself, and no spring holds
+    it beside its line.
+    """
+    model, scale = mechanism.model, mechanism.velocity_scale
+    lines: dict[int, Array] = {}
+    if "spherical" not in mechanism.pairs:
+        return Spins(model, lines)
+    evaluation = loops_at(mechanism, state.q, state.angles)
+    freedoms = null_space(evaluation.jacobian[: evaluation.constraints.n_closure])
+    if len(freedoms) < 2:
+        return Spins(model, lines)
+    groups = driven_groups(mechanism)
+    for name, velocities in passive_freedoms(evaluation, freedoms * scale):
+        joint = mechanism.joint_id(name)
+        is_one_body = groups.count(groups[joint]) == 1
+        if len(velocities) == 1 and mechanism.pair_of(name) == "spherical" and is_one_body:
+            own = velocities[0, model.idx_vs[joint]:][:3]
+            size = float(np.linalg.norm(own))
+            fastest = float(np.abs(velocities[0] / scale).max())
+            if size > FREE_SPIN * fastest:  # else others turn
+                lines[joint] = own / size
+    lines = {joint: axis for joint, axis in lines.items()
+             if _is_symmetric(mechanism, joint, axis, springs)}
+    spins = Spins(model, lines)
+    return spins if _are_free_nearby(evaluation, state.q, spins) else Spins(model, {})
+
+
+def _is_symmetric(
+    mechanism: Mechanism, joint: int, axis: Array, springs: Sequence[Line]
+) -> bool:
+    """Whether neither inertia nor forces depend on how a body is turned about its line."""
+    inertia, tolerance = mechanism.model.inertias[joint], TOLERANCES.tight
+
+    def off_line(point: Array) -> float:
+        return float(np.linalg.norm(point - (point @ axis) * axis))
+
+    near = tolerance * mechanism.characteristic_length
+    if resists(mechanism, joint):
+        return False
+    if joint in list(mechanism.model.parents) or off_line(inertia.lever) > near:
+        return False
+    moments = inertia.inertia
+    along = float(axis @ moments @ axis)
+    across = 0.5 * (float(np.trace(moments)) - along)
+    round_one = across * np.eye(3) + (along - across) * np.outer(axis, axis)
+    if np.abs(moments - round_one).max() > tolerance * max(np.abs(moments).max(), 1e-300):
+        return False
+    return all(off_line(point[:3]) <= near for spring in springs
+               for body, point in zip(spring.bodies, spring.points, strict=True) if body == joint)
+
+
+def _are_free_nearby(evaluation: LoopEquations, q: Array, spins: Spins) -> bool:
+    """Whether the spins are free at other closed configurations too."""
+    model, n = evaluation.model, evaluation.constraints.n_closure
+    rng, free = np.random.default_rng(7), np.ones(model.nv, dtype=bool)
+    for _ in range(SPIN_TRIALS if len(spins) else 0):
+        step = evaluation.mechanism.velocity_scale * rng.uniform(-0.1, 0.1, model.nv)
+        _, error = close(evaluation, pin.integrate(model, q, step), free, 1e-13)
+        held = np.abs(evaluation.jacobian[:n] @ spins.rows.T).max(initial=0.0)
+        if error > 1e-11 or held > FREE_SPIN:
+            return False
+    return True

@@ -1,11 +1,21 @@
-"""What a simulation looks for in its steps: limits of joints, and where it is to stop."""
+"""What a simulation looks for in its steps: limits of joints, and where it stops.
+
+It stops where it is asked to, and where the inertia of its motion vanishes: links without inertia
+would have to be infinitely fast. At the dead centre of a crank and a rod without inertia the slider
+that they carry cannot go on, and nothing but it has momentum. Near such a configuration the inertia
+of the motion, per square of the fastest speed, falls to zero in proportion to the time that is
+left, and so do the steps of an integrator. Bodies are counted with a size of their inertias of one:
+light ones are slow to turn, but turn.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from functools import cached_property
+from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin._support.checks import finite_number
@@ -14,17 +24,26 @@ from spatial_pin.dynamics.forces import joint_efforts
 from spatial_pin.dynamics.simulation.formulations import Independent
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.mechanism.inertia import KineticEnergy, inertia_as_given
 from spatial_pin.mechanism.joint_limits import SLACK, JointLimit, joint_limits
+from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.joint_limit_events import NOISE, Passing, first_passing, passed_at_start
 from spatial_pin.motion.motion import Event
 from spatial_pin.motion.rated_limits import RatedLimit, effort_limits, velocity_limits
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.roots import sign_change
+from spatial_pin.numerics.tolerances import TOLERANCES
 
 StopFunction = Callable[[float, State], float]
 NEAR_LIMIT = 0.5  # of a limit, from which on it is looked for between the ends of a step too
 BETWEEN = (0.25, 0.5, 0.75)  # parts of a step
 AT_LIMITS = ("report", "stop", "ignore")
+SINGULAR = "singular"  # kind of the event where inertia vanishes
+NEGLIGIBLE = 1e-6  # inertia of a motion relative to that of its bodies: a step is a millionth then
+SMALL = 1e-2  # the same relative to the largest before, where a motion cannot be followed
+SHORTENED = 1e-4  # step relative to the longest so far, from which on the inertia is looked at
+DECREASED = 0.8  # inertia relative to that at the last look, from which on it is looked at again
+CLOSE_BY = 3.0  # way to where it vanishes, in ways that the last looks are apart
 
 
 class IntegrationStep:
@@ -102,26 +121,23 @@ class RatedLimits:
         if not limits:
             return []
         found = []
-        before, after = self._excesses(step, step.first), self._excesses(step, step.last)
-        for k, limit in enumerate(limits):
-            t = self._passing(lambda t, k=k: float(self._excesses(step, t)[k]),  # type: ignore[misc]
-                              (step.first, step.last), float(before[k]), float(after[k]))
-            if t is not None:
-                found.append((t, limit))
-        return sorted(found, key=lambda pair: pair[0])
+        first, last = step.first, step.last
+        between = [first + part * (last - first) for part in BETWEEN]
+        ends = zip(self._excesses(step, first), self._excesses(step, last), strict=True)
+        for k, (limit, (before, after)) in enumerate(zip(limits, ends, strict=True)):
+            if before > 0.0:
+                continue
 
-    def _passing(
-        self, excess: Callable[[float], float], span: tuple[float, float], before: float,
-        after: float,
-    ) -> float | None:
-        """Return when an excess first becomes positive in a span of time, if it does."""
-        if before > 0.0:
-            return None
-        first, last = span
-        if not after > 0.0 and max(before, after) > -NEAR_LIMIT:
-            inside = ((t, excess(t)) for t in (first + part * (last - first) for part in BETWEEN))
-            last, after = next(((t, x) for t, x in inside if x > 0.0), (last, after))
-        return sign_change(excess, first, last, before, after) if after > 0.0 else None
+            def excess(t: float, k: int = k) -> float:
+                return float(self._excesses(step, t)[k])
+
+            end = last
+            if not after > 0.0 and max(before, after) > -NEAR_LIMIT:
+                inside = ((t, excess(t)) for t in between)
+                end, after = next(((t, x) for t, x in inside if x > 0.0), (last, after))
+            if after > 0.0:
+                found.append((sign_change(excess, first, end, float(before), float(after)), limit))
+        return sorted(found, key=lambda pair: pair[0])
 
     def _excesses(self, step: IntegrationStep, t: float) -> Array:
         """Return how far all are beyond their limits, relative to these."""
@@ -136,28 +152,100 @@ class RatedLimits:
         return np.array([float(limit.excess(x)) / limit.value for limit, x in pairs])
 
 
-class StepEvents(NamedTuple):
-    """What a step has met.
-
-    Attributes:
-        passed: joint limits, with the times.
-        stop: when the simulation ends, if it does in this step.
-        text: why.
-        rated: effort and velocity limits, with the times.
-        kind: of the event that says so.
-    """
-
-    passed: list[tuple[float, JointLimit]]
-    stop: float | None = None
-    text: str = ""
-    rated: Sequence[tuple[float, RatedLimit]] = ()
-    kind: str = "stopped"
-
-
 def _stop_value(stop_when: StopFunction, t: float, state: State) -> float:
     value: Any = stop_when(t, state)
     return finite_number(value.item() if np.size(value) == 1 and isinstance(value, np.ndarray)
                          else value, f"what stop_when returns at {t:.6g} s")
+
+
+class VanishingInertia:
+    """Looks whether a motion comes to where it has no inertia.
+
+    Args:
+        mechanism: what moves.
+    """
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self._mechanism, self._scale = mechanism, mechanism.velocity_scale
+        self._looks: list[tuple[float, float]] = []  # times and inertias, three at most
+
+    @cached_property
+    def _energy(self) -> KineticEnergy | None:
+        """Kinetic energies with inertias of size one; None if every motion has inertia."""
+        model, length = self._mechanism.model.copy(), self._mechanism.characteristic_length
+        has_none = False
+        for joint in range(1, model.njoints):
+            body = model.inertias[joint]
+            size = body.mass * length**2 + float(np.trace(body.inertia))
+            least = min(body.mass * length**2, float(np.linalg.eigvalsh(body.inertia)[0]))
+            has_none |= not least > TOLERANCES.nothing * size
+            if size > 0.0:
+                model.inertias[joint] = inertia_as_given(
+                    body.mass / size, body.lever, body.inertia / size)
+        model.armature = (model.armature > 0.0) / self._scale**2
+        return KineticEnergy(model) if has_none else None
+
+    def inertia(self, q: Array, v: Array) -> float:
+        """Return the inertia of the motion v (nv,) at q (nq,), infinite if it cannot vanish."""
+        square = float(np.square(v / self._scale).sum())
+        if self._energy is None or not square > 0.0:
+            return np.inf
+        return self._energy(q, v) / square
+
+    def is_ahead(self, t: float, q: Array, v: Array, shortened: float) -> bool:
+        """Whether it vanishes just ahead of a step that ends at q (nq,) and v (nv,).
+
+        Args:
+            t: end of the step [s].
+            q: configuration.
+            v: velocity.
+            shortened: the step relative to the longest so far.
+        """
+        found = self.inertia(q, v) if shortened < SHORTENED else np.inf
+        if not found < NEGLIGIBLE or (self._looks and found > self._looks[-1][1]):
+            self._looks.clear()
+            return False
+        if not self._looks or found < DECREASED * self._looks[-1][1]:
+            self._looks = [*self._looks[-2:], (t, found)]
+        return _has_zero_ahead(self._looks)
+
+    def was_ahead(self, times: Array, q: Array, v: Array) -> bool:
+        """Whether it vanishes just behind the last of N samples (N, nq) and (N, nv).
+
+        Of a motion that cannot be followed, with steps of whatever length.
+        """
+        found = [self.inertia(*row) for row in zip(q, v, strict=True)]
+        most = max((x for x in found if np.isfinite(x)), default=0.0)
+        return bool(found and found[-1] < SMALL * most
+                    and _has_zero_ahead([*zip(times.tolist(), found, strict=True)][-3:]))
+
+    def words(self, t: float, q: Array, v: Array) -> str:
+        """Return a sentence for the event of a motion that ends at a time [s]."""
+        model, length = self._mechanism.model, self._mechanism.characteristic_length
+        data = model.createData()
+        pin.forwardKinematics(model, data, q, v)
+        pace = [float(np.linalg.norm(x.vector * np.repeat([1.0 / length, 1.0], 3)))
+                for x in data.v]
+        joint = int(np.argmax(pace))
+        link = next((f.name for f in model.frames if f.type == pin.FrameType.BODY
+                     and f.parentJoint == joint), model.names[joint])
+        return (f"dead centre of what has no inertia at {t:.12g} s: the link {link!r} would have "
+                "to become infinitely fast")
+
+
+def _has_zero_ahead(looks: Sequence[tuple[float, float]]) -> bool:
+    """Whether a parabola through three times and values that fall has a zero soon.
+
+    One of a motion that comes near such a place and passes it has none.
+    """
+    if len(looks) < 3:
+        return False
+    times, values = np.array(looks).T
+    if not values[0] > values[1] > values[2]:
+        return False
+    along, left = (times - times[2]) / (times[2] - times[0]), values / values[0]
+    zeros = np.roots(np.linalg.solve(np.vander(along, 3), left))
+    return bool(np.any((zeros.imag == 0.0) & (zeros.real > 0.0) & (zeros.real < CLOSE_BY)))
 
 
 class Watch:
@@ -175,6 +263,7 @@ class Watch:
             entries of q and v, side (1 above, -1 below, 0 of the velocity), value from which on a
             coordinate is beyond, and room and how fast it closes where the last step ended.
         always: whether every step is to be looked at.
+        inertia: of the motion.
 
     Raises:
         SpatialPinError: it is to stop at joint limits but starts beyond one.
@@ -207,19 +296,37 @@ class Watch:
             "limit_q": q, "limit_v": v, "limit_side": side,
             "limit_value": columns[:, 3].copy(), "limit_before": columns[:, 4:].copy()}
         self.always = bool(stop_when or (self.rated and self.rated.efforts_are_looked_at))
+        self.inertia = VanishingInertia(problem.mechanism)
         self._last = 0.0 if stop_when is None else _stop_value(stop_when, 0.0, state)
 
-    def look(self, step: IntegrationStep, times: Array) -> StepEvents:
-        """Return what a step has met, which has samples at times (N,)."""
+    def look(self, step: IntegrationStep, times: Array, shortened: float) -> tuple[
+            list[tuple[float, JointLimit]], list[tuple[float, RatedLimit]], Event | None]:
+        """Return what a step has met.
+
+        Args:
+            step: the step.
+            times: (N,) of its samples.
+            shortened: its length relative to the longest so far.
+
+        Returns:
+            The joint limits passed, with the times; velocity and effort limits alike; and the event
+            that ends the simulation, None if nothing does.
+        """
         passed = self._passed(step)
         rated = self.rated.passed(step) if self.rated else []
-        stop = self._crossed(step, times)
-        text = "" if stop is None else f"stopped at {stop:.12g} s"
+        stop, text, kind = self._crossed(step, times), "", "stopped"
         if passed and self.on_joint_limit == "stop" and (stop is None or passed[0][0] <= stop):
             stop, limit = passed[0]
-            text = f"stopped at {stop:.12g} s by the {limit.words}"
-        return StepEvents([p for p in passed if stop is None or p[0] <= stop], stop, text,
-                     [p for p in rated if stop is None or p[0] <= stop])
+            text = f" by the {limit.words}"
+        if stop is None:
+            at = (step.last, *step.place(step.last))
+            if not self.inertia.is_ahead(*at, shortened):
+                return passed, rated, None
+            stop, kind, text = step.last, SINGULAR, self.inertia.words(*at)
+        else:
+            text = f"stopped at {stop:.12g} s{text}"
+        return ([p for p in passed if p[0] <= stop], [p for p in rated if p[0] <= stop],
+                Event(kind, stop, 0, text))
 
     def _passed(self, step: IntegrationStep) -> list[tuple[float, JointLimit]]:
         """Return the joint limits passed in a step, in the order of the times."""

@@ -23,8 +23,7 @@ import numpy as np
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.dynamics.forces import JointSpring, Line
-from spatial_pin.dynamics.simulation.coordinate_partitioning import Lost
-from spatial_pin.dynamics.simulation.free_rotation import Spins, spinning_bodies
+from spatial_pin.dynamics.simulation.coordinate_partitioning import Spins, free_spins
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.result import Energies, Projection
 from spatial_pin.dynamics.solvers.accelerations import no_inertia
@@ -59,6 +58,10 @@ LOOSE = 10.0  # the same relative to the tolerance of a step, at loose ones
 WIDE = 1e-2  # the same at any tolerance: from there Newton's method finds the same branch
 
 
+class Lost(Exception):
+    """The loops cannot be closed at the coordinates asked for, or not surely on the branch."""
+
+
 def forces_as_arrays(
     problem: Problem, n_free: int, spins: Spins, projects: bool, tolerance: float
 ) -> tuple[Ints, Array]:
@@ -71,21 +74,21 @@ def forces_as_arrays(
         projects: whether all joint coordinates are unknowns.
         tolerance: closure residual to reach.
     """
-    prescribed, bodies = [c.v for c, _ in problem.drives], spins.bodies
+    prescribed = [c.v for c, _ in problem.drives]
     resistance, carriers = problem.forces.resistance, problem.packed.carriers
     frames, lines, turns = problem.packed.frames, problem.forces.lines, problem.forces.turns
     springs = {s.name: (s.stiffness, s.damping, s.free) for s in problem.mechanism.springs}
     ends = [(carriers[j], x[:3]) for line in lines
             for j, x in zip(line.bodies, line.points, strict=True)]
     ints: list[Any] = [
-        [n_free, len(prescribed), len(bodies), len(lines), len(turns), problem.works, projects],
-        prescribed, [carriers[body.joint] for body in bodies], [j for j, _ in ends],
-        [x.energy is None for x in lines], [x.q for x in turns], [x.v for x in turns],
-        [x.energy is None for x in turns]]
+        [n_free, len(prescribed), len(spins), len(lines), len(turns), problem.works, projects],
+        prescribed, [carriers[joint] for joint in spins.joints], [j for j, _ in ends],
+        [not x.is_linear for x in lines], [x.q for x in turns], [x.v for x in turns],
+        [not x.is_linear for x in turns]]
     reals: list[Any] = [
         [tolerance], resistance.damping, resistance.friction,
         resistance.slip_speed, problem.model.armature, problem.constant,
-        [body.axis for body in bodies], [frames[j].T @ x for j, x in ends],
+        spins.axes, [frames[j].T @ x for j, x in ends],
         [springs[x.name] for x in lines], [springs[x.name] for x in turns]]
     return (np.concatenate([np.asarray(x, np.int64).ravel() for x in ints]),
             np.concatenate([np.asarray(x, float).ravel() for x in reals]))
@@ -112,7 +115,7 @@ class ForceFunctions:
         """Return the functions, None where the kernel need not call one."""
         problem = self._problem
         springs: list[Line | JointSpring] = [*problem.forces.lines, *problem.forces.turns]
-        has_laws = not all(spring.energy for spring in springs)
+        has_laws = not all(spring.is_linear for spring in springs)
         return Callbacks(
             self._efforts if problem.law or problem.external else None,
             (lambda which, length, rate: float(springs[which].law(length, rate)))
@@ -182,7 +185,7 @@ class Independent:
         self, problem: Problem, state: State, free: Sequence[int], spins: Spins | None = None
     ) -> None:
         self.problem, self.free, self.n = problem, list(free), len(free)
-        self.spins = spins or Spins(problem, [])
+        self.spins = spins or Spins(problem.model, {})
         mechanism = problem.mechanism
         rows = problem.freedoms.equations(state)
         self._is_whole = len(rows) == constraints_of(mechanism).n_closure
@@ -223,9 +226,9 @@ class Independent:
 
     def unknowns(self, v: Array, work: float) -> Array:
         """Return y where the coordinates are 0, at joint velocities v (nv,)."""
-        y, n = self.problem.unknowns(v[self.free] / self._scale, work), 2 * len(self.free)
-        turns = [self._functions.reference.q[body.q] for body in self.spins.bodies]
-        return np.concatenate([y[:n], *turns, y[n:]])
+        return np.concatenate([
+            np.zeros(len(self.free)), v[self.free] / self._scale,
+            *self.spins.quaternions(self._functions.reference.q), [work] * self.problem.works])
 
     def renewed(self, t: float, y: Array, state: State) -> Array | None:
         """Change to the best coordinates at y, where the mechanism is at a state.
@@ -313,16 +316,6 @@ class Independent:
         """Whether the same coordinates, taken anew, would be no better."""
         return self._is_linear and (self._is_whole or self.projects)
 
-    @property
-    def evaluations(self) -> int:
-        """How often it was evaluated."""
-        return self.kernel.evaluations
-
-    @property
-    def pivot(self) -> float:
-        """Smallest over largest pivot of the equations at the present place."""
-        return self.kernel.pivot
-
 
 class Projected(Independent):
     """The right-hand side for the unknowns y: coordinates x of all joints, rates u, work done.
@@ -390,7 +383,9 @@ def independent(problem: Problem, state: State, given_up: GivenUp = frozenset())
     """
     free = problem.freedoms.best(state, [c.v for c, _ in problem.drives])
     if not problem.drives:
-        spins = Spins(problem, spinning_bodies(problem, state) if len(free) > 1 else [])
+        spins = Spins(problem.model, {})
+        if len(free) > 1 and not problem.external:  # forces from outside may turn bodies
+            spins = free_spins(problem.mechanism, state, problem.forces.lines)
         if len(free) - len(spins) == 1:
             for v in problem.freedoms.plain(state, spins.rows):
                 if (Independent, (v,)) not in given_up:

@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable
 from importlib import import_module
 from inspect import signature
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -42,21 +42,10 @@ NOWHERE = 1e-2  # of the longest step: farther than all allowed steps would lead
 STANDING = 200  # such steps in a row that lead nowhere: stiff motions soon take longer ones
 
 
-class Units(NamedTuple):
-    """What counts as one.
-
-    Attributes:
-        time: the natural time T [s].
-        unknowns: (n,) of every unknown: 1 of coordinates and quaternions, 1/T of rates, and an
-            energy of work.
-    """
-
-    time: float
-    unknowns: Array
-
-
-def natural_units(system: Independent, t: float, y: Array, left: float) -> Units:
-    """Return the natural units of a motion that stands at the unknowns y.
+def natural_units(
+    system: Independent, t: float, y: Array, left: float
+) -> tuple[float, Array]:
+    """Return the natural time T [s] and units (n,) of the unknowns of a motion that is at y.
 
     A mechanism that moves a million times faster moves on the same curve. Its error control should
     see the same numbers, so rates are counted per natural time T, and work by the energy of its
@@ -73,6 +62,10 @@ def natural_units(system: Independent, t: float, y: Array, left: float) -> Units
         t: when [s].
         y: (n,) unknowns.
         left: how long it goes on [s].
+
+    Returns:
+        T, and what counts as one of every unknown: 1 of coordinates and quaternions, 1/T of rates,
+        and an energy of work.
 
     Raises:
         SpatialPinError: it changes faster than floating-point times resolve.
@@ -93,7 +86,7 @@ def natural_units(system: Independent, t: float, y: Array, left: float) -> Units
     units[n : 2 * n] = rate
     if problem.works:
         units[-1] = system.heaviest(t, y) * rate * rate or 1.0
-    return Units(1.0 / rate, units)
+    return 1.0 / rate, units
 
 
 class Differences:
@@ -125,83 +118,64 @@ class Differences:
 
 
 def first_step(
-    fun: Function, t0: float, y0: Array, span: float, order: int, tolerance: float, units: Units
+    fun: Function, t0: float, y0: Array, span: float, order: int, tolerance: float,
+    units: tuple[float, Array],
 ) -> float:
     """Return a first step [s], the same whatever the unit of time [HairerNorsettWanner1993, II.4].
 
     SciPy's own begins with a microsecond where a motion starts from rest, be it an age.
     """
-    f0, size = fun(t0, y0), tolerance * (units.unknowns + np.abs(y0))
+    unit, of_unknowns = units
+    f0, size = fun(t0, y0), tolerance * (of_unknowns + np.abs(y0))
 
     def norm(x: Array) -> float:
         return float(np.linalg.norm(x / size)) / math.sqrt(len(x))
 
-    d0, d1 = norm(y0), units.time * norm(f0)
+    d0, d1 = norm(y0), unit * norm(f0)
     trial = 0.01 * d0 / d1 if d0 >= 1e-5 <= d1 < math.inf else 1e-6
-    trial = min(trial, span / units.time)
-    f1 = fun(t0 + trial * units.time, y0 + trial * units.time * f0)
-    d2 = units.time * norm(f1 - f0) / trial
+    trial = min(trial, span / unit)
+    f1 = fun(t0 + trial * unit, y0 + trial * unit * f0)
+    d2 = unit * norm(f1 - f0) / trial
     fastest = max(d1, d2)
     step = max(1e-6, 1e-3 * trial) if fastest <= 1e-15 else (0.01 / fastest) ** (1.0 / (order + 1))
     if not math.isfinite(d2):
         step = 0.01 * trial
-    return min(units.time * min(100.0 * trial, step), span)
+    return min(unit * min(100.0 * trial, step), span)
 
 
 def integrator(
-    name: str, fun: Function, t0: float, y0: Array, t_end: float, accuracy: Accuracy, units: Units,
-    longest: float = math.inf, first: float = math.inf,
+    name: str, fun: Function, t0: float, y0: Array, t_end: float, accuracy: Accuracy,
+    units: tuple[float, Array], longest: float = math.inf, first: float = math.inf,
 ) -> Any:
-    """Return an integrator, see the module's docstring."""
+    """Return an integrator, see the module's docstring.
+
+    Raises:
+        ValueError: it takes fixed steps, and the accuracy gives none.
+    """
     own, tolerance = INTEGRATORS[name], max(accuracy.time_tolerance, FINEST)
+    absolute = tolerance * units[1]
     longest = min(longest, accuracy.step or math.inf)
     span = t_end - t0
     if not own.is_fixed and own.order:
         first = min(first_step(
             fun, t0, y0, min(span, longest), own.order, tolerance, units), first)
     if own.solver == KERNEL:
-        step = float(_count(name, span, longest)) if own.is_fixed else first
-        return RungeKutta(name, fun, t0, y0, t_end, step, longest, tolerance,
-                          tolerance * units.unknowns)
+        if own.is_fixed:
+            if not math.isfinite(longest):
+                raise ValueError(f"integrator {name!r} needs a step: Accuracy(step=...)")
+            first = float(max(1, int(np.ceil(span / longest * (1 - 1e-12)))))  # how many there are
+        return RungeKutta(name, fun, t0, y0, t_end, first, longest, tolerance, absolute)
     module, _, kind = own.solver.partition(":")
     made = getattr(import_module(module), kind)  # on use: SciPy's take half a second
-    more: dict[str, Any] = {"max_step": longest, "rtol": tolerance,
-                            "atol": tolerance * units.unknowns}
+    more: dict[str, Any] = {"max_step": longest, "rtol": tolerance, "atol": absolute}
     if "jac" in signature(made).parameters:  # of implicit ones
-        more["jac"] = Differences(fun, units.unknowns)
+        more["jac"] = Differences(fun, units[1])
     if own.order or math.isfinite(first):
         more["first_step"] = first
     if own.order:
         return made(fun, t0, y0, t_end, **more)
     # LSODA does not see NaN, but shortens its step for HUGE
     return made(lambda t, y: np.nan_to_num(fun(t, y), nan=HUGE), t0, y0, t_end, **more)
-
-
-def _count(name: str, span: float, step: float) -> int:
-    """Return how many fixed steps there are in a span of time.
-
-    Raises:
-        ValueError: the accuracy gives no step.
-    """
-    if not math.isfinite(step):
-        raise ValueError(f"integrator {name!r} needs a step: Accuracy(step=...)")
-    return max(1, int(np.ceil(span / step * (1 - 1e-12))))
-
-
-def successor(solver: Any, units: Array, easy: int) -> tuple[str, int]:
-    """Return the method that is to go on in the place of "automatic", and new easy steps.
-
-    Args:
-        solver: the one that has taken a step.
-        units: (n,) of the unknowns.
-        easy: steps in a row of an implicit method that could have been an explicit one's.
-    """
-    if isinstance(solver, RungeKutta):
-        return (IMPLICIT if solver.creeps else EXPLICIT), 0
-    rates = np.linalg.eigvals(solver.J * units / units[:, None])
-    is_easy = (solver.t - solver.t_old) * float(np.abs(rates).max(initial=0.0)) < SLOW
-    easy = easy + 1 if is_easy else 0
-    return (EXPLICIT, 0) if easy >= LONG else (IMPLICIT, easy)
 
 
 class Stepping:
@@ -246,10 +220,21 @@ class Stepping:
         return self._made(method, system, t, y, longest, first)
 
     def succeed(self, system: Independent, t: float, y: Array, solver: Any) -> Any:
-        """Return the integrator to go on with: another one if stiffness has changed."""
+        """Return the integrator to go on with: another one where stiffness has changed.
+
+        An implicit one goes on until an explicit one could have taken its last steps.
+        """
         if self._chosen != AUTOMATIC:
             return solver
-        method, self._easy = successor(solver, self._units.unknowns, self._easy)
+        if isinstance(solver, RungeKutta):
+            method, self._easy = (IMPLICIT if solver.creeps else EXPLICIT), 0
+        else:
+            units = self._units[1]
+            rates = np.linalg.eigvals(solver.J * units / units[:, None])
+            fastest = float(np.abs(rates).max(initial=0.0))
+            is_easy = (solver.t - solver.t_old) * fastest < SLOW
+            self._easy = self._easy + 1 if is_easy else 0
+            method = EXPLICIT if self._easy >= LONG else IMPLICIT
         if method == self._method:
             return solver
         return self._made(method, system, t, y, solver.max_step)

@@ -95,8 +95,14 @@ def external_forces(mechanism: Mechanism, given: Any, times: Array) -> External 
         mechanism.frame_id(name)
         if isinstance(force, pin.Force):
             forces[name] = force
-        else:
-            tables[name] = _rows(name, force, times)
+            continue
+        rows = tables[name] = as_array(force, f"external force at {name!r}")
+        if rows.shape != (len(times), 6):
+            raise ValueError(
+                f"external force at {name!r} has shape {rows.shape}; give a pin.Force, or a row of "
+                f"force and moment for each of the {len(times)} times: ({len(times)}, 6)")
+        if not is_finite(rows):
+            raise ValueError(f"external force at {name!r} is NaN or infinite")
     if not tables:
         return External(lambda t, state: forces, is_steady=True) if forces else None
 
@@ -106,17 +112,6 @@ def external_forces(mechanism: Mechanism, given: Any, times: Array) -> External 
             for name, rows in tables.items()}
 
     return External(law, longest_step=float(np.diff(times).min(initial=np.inf)))
-
-
-def _rows(name: str, force: Any, times: Array) -> Array:
-    rows = as_array(force, f"external force at {name!r}")
-    if rows.shape != (len(times), 6):
-        raise ValueError(
-            f"external force at {name!r} has shape {rows.shape}; give a pin.Force, or a row of "
-            f"force and moment for each of the {len(times)} times: ({len(times)}, 6)")
-    if not is_finite(rows):
-        raise ValueError(f"external force at {name!r} is NaN or infinite")
-    return rows
 
 
 class Problem:
@@ -208,10 +203,6 @@ class Problem:
         if self.forces.exist:
             total = total + self.forces.generalised(evaluation, q, v)
         return total
-
-    def unknowns(self, u: Array, work: float) -> Array:
-        """Return the unknowns: coordinates 0, their rates u, and the work if any is done."""
-        return np.concatenate([np.zeros(len(u)), u, [work] * self.works])
 
     def work(self, y: Array) -> float:
         """Return the work done, of unknowns."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from spatial_pin.constraints.compiled_equations import constraints_of
-from spatial_pin.dynamics.simulation.events import IntegrationStep, StepEvents, Watch
+from spatial_pin.dynamics.simulation.events import IntegrationStep, Watch
 from spatial_pin.dynamics.simulation.formulations import Independent
 from spatial_pin.dynamics.simulation.problem import Problem
 from spatial_pin.dynamics.simulation.result import (
@@ -40,10 +40,15 @@ class Record:
         room: where all samples stand.
         events: in the order of their times.
         steps: how many steps have been taken.
+        start: energies at the start.
+        balance: of the energies since then.
     """
 
+    start = Energies(0.0, 0.0, 0.0)
+
     def __init__(self, problem: Problem, times: Array, watch: Watch) -> None:
-        self._problem, self.times, self.filled = problem, np.ascontiguousarray(times), 0
+        self._problem, self._watch, self.filled = problem, watch, 0
+        self.times = np.ascontiguousarray(times)
         n, nq, nv = len(times) + 1, problem.model.nq, problem.model.nv  # one more where it stops
         n_angles = constraints_of(problem.mechanism).n_angles
         self._at = np.append(times, np.nan)
@@ -54,6 +59,10 @@ class Record:
         self.events += watch.rated.at_start if watch.rated else []
         self.steps = 0
         self._coordinates: list[str] = []
+
+    def begin(self, start: Energies, accuracy: Accuracy) -> None:
+        """Let the energies at the start be those that are there now."""
+        self.start, self.balance = start, Balance(self._problem, accuracy, start)
 
     def until(self, end: float) -> Array:
         """Return the times of samples that are not yet there, up to `end`."""
@@ -68,37 +77,42 @@ class Record:
             into[self.filled : self.filled + len(times)] = part
         self.filled += len(times)
 
-    def take(self, step: IntegrationStep, found: StepEvents, before: Array) -> None:
-        """Keep the samples and events of a step.
+    def take(self, step: IntegrationStep, longest: float, before: Array) -> bool:
+        """Keep the samples of a step and the events that it meets; whether it is to be the last.
 
         Args:
             step: the step.
-            found: what it has met.
+            longest: step so far [s].
             before: (n,) unknowns where it begins.
 
         Raises:
             Lost: the loops cannot be closed at a sample; nothing is kept.
         """
-        system, after = step.system, step.end
-        times = self.until(step.last if found.stop is None else found.stop)
-        last = self._at[self.filled - 1] if self.filled else -np.inf
-        if found.stop is not None and found.stop > max([last, *times]):
-            times = np.union1d(times, [found.stop])
+        self.steps += 1
+        system, after, length = step.system, step.end, step.last - step.first
+        times = self.until(step.last)
+        passed, rated, stop = self._watch.look(step, times, length / max(longest, length))
+        if stop is not None:
+            times = self.until(stop.value)
+            last = self._at[self.filled - 1] if self.filled else -np.inf
+            if stop.value > max([last, *times]):
+                times = np.union1d(times, [stop.value])
         unknowns = step.unknowns(times) if times.size else np.empty((0, len(after)))
         first = self.filled
         self.evaluate(system, times, unknowns)
         for value, at in system.crossings(before, after):
             earlier = (unknowns[:, 0] - at) * after[1] < 0.0
             self.note_crossing(value, first + int(np.count_nonzero(earlier)))
-        for t, limit in found.passed:
+        for t, limit in passed:
             row = first + int(np.count_nonzero(times < t))
             self._passed.append(Passing(limit, t, row, f"at {t:.12g} s"))
             self.events.append(self._passed[-1].event)
-        for t, rated in found.rated:
+        for t, over in rated:
             row = first + int(np.count_nonzero(times < t))
-            self.events.append(Event(rated.kind, t, row, f"{rated.words} passed at {t:.12g} s"))
-        if found.stop is not None:
-            self.events.append(Event(found.kind, found.stop, self.filled, found.text))
+            self.events.append(Event(over.kind, t, row, f"{over.words} passed at {t:.12g} s"))
+        if stop is not None:
+            self.events.append(stop._replace(row=self.filled))
+        return stop is not None
 
     def note_coordinates(self, free: list[int]) -> None:
         """Record the independent coordinates used from here on, given their velocity entries."""
@@ -116,13 +130,11 @@ class Record:
         return self._at[: self.filled], SimulationSamples(*(x[: self.filled] for x in self.room))
 
     def motion(
-        self, start: Energies, evaluations: int, projection: Projection | None,
-        integrators: list[str],
+        self, evaluations: int, projection: Projection | None, integrators: list[str]
     ) -> Simulation:
         """Return the samples so far.
 
         Args:
-            start: energies at the start.
             evaluations: how often the equations of motion were evaluated.
             projection: what projecting took.
             integrators: names of those that have taken the steps.
@@ -134,12 +146,26 @@ class Record:
             mechanism=problem.mechanism, driver=None, driver_name="", time=times, q=q, v=v, a=a,
             closure_error=error, driver_speed=np.empty(0), events=self.events,
             angles=angles, energy=energy, work=work,
-            energy_drift=energy_drift(problem.least_exchange, kinetic, energy, work, start),
+            energy_drift=energy_drift(problem.least_exchange, kinetic, energy, work, self.start),
             efforts=ByDriver(problem.mechanism, dict(zip(names, efforts.T.copy(), strict=True))),
             coordinates=list(dict.fromkeys(self._coordinates)), evaluations=evaluations,
             steps=self.steps, by_drivers=problem.by_drivers, joint_limits=self._passed,
             projection=projection, integrators=integrators,
         )
+
+    def refuse_samples(self) -> None:
+        """Refuse samples whose energy balance is wrong; they are dropped.
+
+        Raises:
+            EnergyError: there are some.
+        """
+        times, samples = self.all()
+        for k, (t, row) in enumerate(zip(times.tolist(), samples.numbers.tolist(), strict=True)):
+            try:
+                self.balance.refuse_to_lose(t, Energies(*row[1:]))
+            except EnergyError:
+                self.filled = k
+                raise
 
 
 class Balance:
@@ -177,20 +203,6 @@ class Balance:
             f"{now.total - now.work:.6g} J, the work done taken off, where "
             f"{self._start.total:.6g} J were at the start: energy came from nowhere or was lost; "
             f"{self._remedy}")
-
-    def refuse_samples(self, record: Record) -> None:
-        """Refuse samples whose energy balance is wrong; they are dropped.
-
-        Raises:
-            EnergyError: there are some.
-        """
-        times, samples = record.all()
-        for k, (t, row) in enumerate(zip(times.tolist(), samples.numbers.tolist(), strict=True)):
-            try:
-                self.refuse_to_lose(t, Energies(*row[1:]))
-            except EnergyError:
-                record.filled = k
-                raise
 
     def _keeps(self, now: Energies) -> bool:
         rest = now.total - now.kinetic

@@ -272,7 +272,7 @@ class LeastExchange:
         stretching = 0.0
         for spring in mechanism.springs:
             unit = scale[mechanism.coordinate(spring.joint).v] if spring.joint else size
-            stretching += spring.stiffness * (abs(spring.free) + unit) ** 2
+            stretching += spring.slopes(spring.free + unit, 0.0)[0] * (abs(spring.free) + unit) ** 2
         self._pulling = EPS * (stretching + float(np.abs(efforts) @ scale))
 
     def __call__(self, *energies: float) -> float:

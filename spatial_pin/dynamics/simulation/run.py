@@ -1,24 +1,44 @@
-"""A simulation under way: step after step, in independent coordinates and then in others."""
+"""A simulation under way: one machine, which goes from state to state until it ends.
+
+    stepping -> stepping    an integrator leads on in the equations of motion in use: many steps in
+                            the kernel, or one that is looked at here
+             -> repeating   the step leads nowhere, or loops cannot be closed within it: the same
+                            again, at most half as long
+             -> choosing    the coordinates end, or the integrator has failed: the equations of
+                            motion in others, or in the same ones counted from there
+             -> ended       at the last sample, or at an event: a joint limit, a zero of
+                            `stop_when`, a dead centre of links without inertia
+
+An error ends it from any state: SingularError where no equations of motion are left to choose,
+StepLimitError, EnergyError. `why_it_ends` says of the first one cause, with the number that shows
+it and a remedy.
+"""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from contextlib import suppress
+from enum import Enum
 from typing import Any
 
 import numpy as np
 
 from spatial_pin.assembly.state import State
-from spatial_pin.dynamics.simulation.coordinate_partitioning import Lost
-from spatial_pin.dynamics.simulation.equations_in_use import EquationsInUse
-from spatial_pin.dynamics.simulation.events import IntegrationStep, Watch
-from spatial_pin.dynamics.simulation.formulations import Formulate, Independent, Projected
+from spatial_pin.dynamics.simulation.events import SINGULAR, IntegrationStep, Watch
+from spatial_pin.dynamics.simulation.formulations import (
+    FORMULATIONS,
+    GivenUp,
+    Independent,
+    Lost,
+    Projected,
+)
 from spatial_pin.dynamics.simulation.integrators import Stepping
 from spatial_pin.dynamics.simulation.problem import Problem
-from spatial_pin.dynamics.simulation.record import Balance, Record
-from spatial_pin.dynamics.simulation.result import Energies, Simulation
-from spatial_pin.dynamics.simulation.vanishing_inertia import SINGULAR, VanishingInertia
-from spatial_pin.errors import EnergyError, SpatialPinError
+from spatial_pin.dynamics.simulation.record import Record
+from spatial_pin.dynamics.simulation.result import Projection, Simulation
+from spatial_pin.dynamics.solvers.independent_coordinates import IndependentCoordinates
+from spatial_pin.errors import EnergyError, SingularError, SpatialPinError
 from spatial_pin.kernel.dynamics import (
     AT_END,
     AT_FAILURE,
@@ -29,13 +49,25 @@ from spatial_pin.kernel.dynamics import (
 )
 from spatial_pin.kernel.integrating import RungeKutta
 from spatial_pin.kernel.library import address
+from spatial_pin.kernel.loop_equations import LoopEquations, loops_at
 from spatial_pin.motion.motion import Event
-from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.linalg import Array, decompose, independent_rows
 from spatial_pin.settings import INTEGRATORS, Accuracy
 
 ROUTINE = (AT_END, MANY, NEW_COORDINATES, AT_FAILURE)  # pauses at which all samples are made
 LITTLE = 1e-3  # of the residual that a step may leave, below which the step may be longer
 SHORTEST = 1e-13  # step, relative to the time, that is not shortened any more
+FALLEN = 1e-3  # of what it was at the start: a singular value is on its way to zero
+
+
+class Then(Enum):
+    """What follows a step."""
+
+    STEP = "the next one"
+    REPEAT = "the same one, shorter"
+    CHOOSE = "steps in other coordinates, or in the same ones counted from there"
+    GIVE_UP = "the same, without what has failed there"
+    END = "nothing"
 
 
 class Run:
@@ -43,102 +75,95 @@ class Run:
 
     Args:
         problem: mechanism, forces and prescribed drivers.
-        accuracy: integrator, tolerance or step.
-        formulate: makes the equations of motion for a state, of no kind that was given up.
+        accuracy: formulation, integrator, its tolerance or step.
+        state: where it starts.
         times: (N,) of the samples.
         watch: the events to look for.
 
     Attributes:
         t: time reached [s].
         y: unknowns there.
-        start: energies at the start.
         record: the samples so far.
-        balance: of their energies, once they have begun.
     """
 
+    _system: Independent  # in use
+
     def __init__(
-        self, problem: Problem, accuracy: Accuracy, formulate: Formulate, times: Array,
-        watch: Watch,
+        self, problem: Problem, accuracy: Accuracy, state: State, times: Array, watch: Watch
     ) -> None:
         self._problem, self._accuracy, self._watch = problem, accuracy, watch
-        self.start = Energies(0.0, 0.0, 0.0)
         self.t, self._end = 0.0, float(times[-1])
         self.y: Array = np.empty(0)
-        self.record = Record(problem, times, watch)
+        self.record = record = Record(problem, times, watch)
         self._stepping = Stepping(problem, accuracy, self._end)
-        self._in_use = EquationsInUse(problem, accuracy, formulate, self.record, self._stepping)
-        self._inertia = VanishingInertia(problem.mechanism)
-        self._evaluations, self._has_failed, self._is_short = 0, False, False
-        record, limits = self.record, {k: address(x) for k, x in watch.bounds.items()}
+        self._in_use = EquationsInUse(problem, accuracy, state, record, self._stepping)
+        self._solver: Any = None
+        self._is_short = False
         self._kernel_run = RunStruct(
             address(record.times), len(record.times), 0, *map(address, record.room),
             allowed=float(accuracy.most_steps), looks=watch.always,
-            n_limits=len(watch.bounds["limit_q"]), between=problem.between, **limits)
+            n_limits=len(watch.bounds["limit_q"]), between=problem.between,
+            **{name: address(x) for name, x in watch.bounds.items()})
 
-    def follow(self, state: State) -> Iterator[float]:
-        """Integrate until the end, in one set of coordinates after the other; yields the time."""
-        system = self._in_use.begin(0.0, state)
-        self.y = system.unknowns(state.v, 0.0)
-        self.start = system.energies(0.0, self.y)
-        self.balance = Balance(self._problem, self._accuracy, self.start)
-        start = self.record.until(0.0)
-        self.record.evaluate(system, start, self.y[None][: len(start)])
+    def follow(self) -> Iterator[float]:
+        """Go from state to state until the end; yields the time where steps have led on."""
+        self._begin()
+        then = Then.STEP
+        while self.t < self._end and then is not Then.END:
+            if then in (Then.CHOOSE, Then.GIVE_UP):
+                self._system, self.y = self._in_use.change(self.t, self.y, then is Then.GIVE_UP)
+                self._solver = self._stepping.begin(self._system, self.t, self.y)
+            then = self._step()
+            if then not in (Then.REPEAT, Then.GIVE_UP):
+                yield self.t
+
+    def _begin(self) -> None:
+        """Choose the first equations of motion, and record the start."""
+        record, system = self.record, self._in_use.begin(0.0, self._in_use.first)
+        self._system = system
+        self.y = system.unknowns(self._in_use.first.v, 0.0)
+        record.begin(system.energies(0.0, self.y), self._accuracy)
+        start = record.until(0.0)
+        record.evaluate(system, start, self.y[None][: len(start)])
         if not len(self.y):  # no freedom and no work: the drivers' laws alone determine the motion
-            rest = self.record.until(self._end)
-            self.record.evaluate(system, rest, np.empty((len(rest), 0)))
+            rest = record.until(self._end)
+            record.evaluate(system, rest, np.empty((len(rest), 0)))
             self.t = self._end
-        while self.t < self._end:
-            before = system.evaluations
-            try:
-                for stopped in self._steps(system):
-                    yield self.t
-                    if stopped:
-                        return
-            finally:
-                self._evaluations += system.evaluations - before
-            if self.t < self._end:
-                system, self.y = self._in_use.begin_again(
-                    system, self.t, self.y, self._has_failed)
+        elif self.t < self._end:
+            self._solver = self._stepping.begin(system, self.t, self.y)
 
-    def _steps(self, system: Independent) -> Iterator[bool]:
-        """Take steps until the end, a failure or other coordinates; yields whether to stop."""
-        solver = self._stepping.begin(system, self.t, self.y)
-        self._has_failed = False
-        while solver.status == "running":
-            why = self._leap(system, solver)
-            if why is None:
-                solver.step()
-            if (solver.status == "failed" or why == AT_FAILURE
-                    or not solver.t > solver.t_old):  # LSODA goes on for ever
-                self._has_failed = True
-                break
-            if why in ROUTINE:
-                yield False
-                self._stepping.refuse_to_go_on_for_ever(self.t, self.record.steps, solver)
-                if why == NEW_COORDINATES:
-                    break
-                continue
-            stops = self._keep(system, solver, why)
-            if stops is None:
-                solver = self._repeated(system, solver, why)
-                continue
-            yield stops
+    def _step(self) -> Then:
+        """Take a step, or many in the kernel; what is to follow."""
+        solver, why = self._solver, self._leap()
+        if why is None:
+            solver.step()
+        if (solver.status == "failed" or why == AT_FAILURE
+                or not solver.t > solver.t_old):  # LSODA goes on for ever
+            return Then.GIVE_UP
+        if why in ROUTINE:
             self._stepping.refuse_to_go_on_for_ever(self.t, self.record.steps, solver)
-            if solver.status == "running":
-                if system.needs_new_coordinates(self.t, solver.y):
-                    break
-                solver = self._stepping.succeed(system, self.t, self.y, solver)
+            return Then.CHOOSE if why == NEW_COORDINATES else Then.STEP
+        before = self.y if why is None else solver.y_old
+        if why == NO_SAMPLES or (stops := self._keep(before)) is None:
+            self._repeat(before)
+            return Then.REPEAT
+        if stops:
+            return Then.END
+        self._stepping.refuse_to_go_on_for_ever(self.t, self.record.steps, solver)
+        return self._next()
 
-    def _leap(self, system: Independent, solver: Any) -> int | None:
+    def _leap(self) -> int | None:
         """Take many steps and their samples in the kernel; why it paused, None if it cannot.
 
-        Unless the reason is in ROUTINE, the caller still has to handle the last step: its events
+        Unless the reason is in ROUTINE, the last step still has to be looked at: for its events
         and its samples.
         """
+        system, solver, record, run = (
+            self._system, self._solver, self.record, self._kernel_run)
         if not isinstance(solver, RungeKutta) or system.projects:
             return None
-        record, run, before = self.record, self._kernel_run, solver.steps
-        run.row, run.n_crossed, run.patience = record.filled, 0, system.patience
+        before, run.row, run.n_crossed, run.patience = (
+            solver.steps, record.filled, 0, system.patience)
         run.most = self._stepping.most(record.steps)
         run.largest_pivot, run.largest_step = self._stepping.largest
         try:
@@ -155,8 +180,8 @@ class Run:
             self.t, self.y = solver.t, solver.y
         return why
 
-    def _keep(self, system: Independent, solver: Any, why: int | None) -> bool | None:
-        """Keep the last step, which the kernel left for this reason, with its samples and events.
+    def _keep(self, before: Array) -> bool | None:
+        """Keep the last step, which began at unknowns (n,), with its samples and events.
 
         Returns:
             Whether it is to be the last; None where it leads nowhere, or closed loops do not lie
@@ -165,8 +190,7 @@ class Run:
         Raises:
             SingularError: steps only creep on.
         """
-        if why == NO_SAMPLES:
-            return None
+        system, solver, stepping = self._system, self._solver, self._stepping
         if isinstance(system, Projected):
             opened = system.settle(solver)
             if opened > 1.0:
@@ -174,69 +198,62 @@ class Run:
                 return None
             if self._is_short and opened < LITTLE:
                 solver.max_step = min(2.0 * solver.max_step, self._accuracy.step or np.inf)
-            self.balance.refuse_to_lose(solver.t, system.energies(solver.t, solver.y))
-        if self._stepping.creeps(system.pivot, solver.t - solver.t_old):
+            self.record.balance.refuse_to_lose(solver.t, system.energies(solver.t, solver.y))
+        if stepping.creeps(system.kernel.pivot, solver.t - solver.t_old):
             raise self._in_use.singular(self.t, system.state(solver.t, solver.y))
-        self._stepping.note(system, solver)
+        stepping.note(system, solver)
         try:
-            stops = self._take(system, solver, self._before(solver, why))
+            stops = self.record.take(
+                IntegrationStep(system, solver), float(stepping.largest[1]), before)
         except Lost:
             return None
         self.t, self.y = solver.t, solver.y
         return stops
 
-    def _before(self, solver: Any, why: int | None) -> Array:
-        """Return the unknowns (n,) where the last step began."""
-        before: Array = self.y if why is None else solver.y_old
-        return before
-
-    def _repeated(self, system: Independent, solver: Any, why: int | None) -> Any:
-        """Return an integrator that repeats the last step, at most half as long.
+    def _repeat(self, before: Array) -> None:
+        """Let an integrator repeat the last step, from unknowns (n,), at most half as long.
 
         Raises:
             SingularError: even the shortest steps open the loops.
             SpatialPinError: the step is fixed.
         """
-        self.t, self.y = float(solver.t_old), self._before(solver, why)
+        system = self._system
+        self.t, self.y = float(self._solver.t_old), before
         self._watch.forget()
-        step = solver.t - self.t
+        step = self._solver.t - self.t
         if INTEGRATORS[self._accuracy.integrator].is_fixed:
             raise SpatialPinError(
                 f"mechanism {self._problem.mechanism.name!r}: a step of {step:.3g} s at "
                 f"{self.t:.9g} s opens the loops too far to be closed surely: take shorter ones")
         if step < SHORTEST * (self.t + step):
             raise self._in_use.singular(self.t, system.state(self.t, self.y))
-        return self._stepping.begin(system, self.t, self.y, 0.5 * step, not system.projects)
+        self._solver = self._stepping.begin(
+            system, self.t, self.y, 0.5 * step, not system.projects)
 
-    def _take(self, system: Independent, solver: Any, before: Array) -> bool:
-        """Keep samples and events of the last step; return whether it is to be the last."""
-        self.record.steps += 1
-        step = IntegrationStep(system, solver)
-        found = self._watch.look(step, self.record.until(step.last))
-        if found.stop is None:
-            length = step.last - step.first
-            shortened = length / max(self._stepping.largest[1], length)
-            at = (step.last, *step.place(step.last))
-            if self._inertia.is_ahead(*at, shortened):
-                found = found._replace(
-                    stop=step.last, text=self._inertia.words(*at), kind=SINGULAR)
-        self.record.take(step, found, before)
-        return found.stop is not None
+    def _next(self) -> Then:
+        """Return what follows a step that was kept; another integrator may go on."""
+        system, solver = self._system, self._solver
+        if solver.status == "running":
+            if system.needs_new_coordinates(self.t, solver.y):
+                return Then.CHOOSE
+            self._solver = self._stepping.succeed(system, self.t, self.y, solver)
+        return Then.STEP
 
     def end_without_inertia(self) -> bool:
         """End a motion that cannot be followed, if that is for want of inertia; whether it is.
 
         It has the samples until then whose energy is right: a fixed step may leap over the place.
         """
-        if not self.record.filled:
+        record, inertia = self.record, self._watch.inertia
+        if not record.filled:
             return False
         with suppress(EnergyError):
-            self.balance.refuse_samples(self.record)
-        times, samples = self.record.all()
-        if not self._inertia.was_ahead(times, samples.q, samples.v):
+            record.refuse_samples()
+        times, samples = record.all()
+        if not inertia.was_ahead(times, samples.q, samples.v):
             return False
-        words = self._inertia.words(times[-1], samples.q[-1], samples.v[-1])
-        self.record.events.append(Event(SINGULAR, float(times[-1]), len(times), words))
+        words = inertia.words(times[-1], samples.q[-1], samples.v[-1])
+        record.events.append(Event(SINGULAR, float(times[-1]), len(times), words))
         return True
 
     def why(self) -> str:
@@ -245,5 +262,241 @@ class Run:
 
     def motion(self) -> Simulation:
         """Return the samples so far."""
-        return self.record.motion(
-            self.start, self._evaluations, self._in_use.projection(), self._stepping.used)
+        in_use = self._in_use
+        return self.record.motion(in_use.evaluations, in_use.projection, self._stepping.used)
+
+
+class EquationsInUse:
+    """Chooses equations of motion: one formulation and its coordinates after the other.
+
+    Args:
+        problem: what acts.
+        accuracy: formulation and tolerances.
+        first: where the simulation starts.
+        record: where the coordinates are noted.
+        stepping: the lengths of the steps.
+
+    Attributes:
+        first: as given.
+    """
+
+    def __init__(
+        self, problem: Problem, accuracy: Accuracy, first: State, record: Record,
+        stepping: Stepping,
+    ) -> None:
+        self._problem, self._accuracy, self.first = problem, accuracy, first
+        self._record, self._stepping = record, stepping
+        self._system: Independent | None = None
+        self._projections: list[Projection] = []  # of the equations of motion used before
+        self._evaluations = 0  # of these
+        self._begun_at, self._failed_at = 0.0, -1.0
+        self._given_up: set[tuple[type, tuple[int, ...]]] = set()  # at the time of the failure
+        self._began = time.perf_counter()
+
+    def begin(self, t: float, state: State, given_up: GivenUp = frozenset()) -> Independent:
+        """Return equations of motion that begin at a state.
+
+        Raises:
+            SingularError: there are none.
+        """
+        formulate = FORMULATIONS[self._accuracy.formulation]
+        system = formulate(self._problem, state, given_up)
+        if self._system is not None:
+            self._evaluations += self._system.kernel.evaluations
+        if isinstance(self._system, Projected):
+            self._projections.append(self._system.projection)
+        self._system = system
+        if (type(system), tuple(system.free)) in given_up:
+            raise self.singular(t, state)
+        self._note_begun(system, t)
+        return system
+
+    def change(self, t: float, y: Array, failed: bool) -> tuple[Independent, Array]:
+        """Choose other independent coordinates, or begin anew; return them and the unknowns there.
+
+        Raises:
+            SingularError: none can be followed.
+        """
+        system = self._system
+        assert system is not None
+        state = system.state(t, y)
+        renewed = None if failed else system.renewed(t, y, state)
+        if renewed is not None:
+            self._note_begun(system, t)
+            return system, renewed
+        if failed:  # what has failed at the present time is given up
+            if not self._stepping.is_short(t - self._failed_at):
+                self._failed_at = t
+                self._given_up.clear()
+            if system.is_fresh_the_same or self._stepping.is_short(t - self._begun_at):
+                self._given_up.add((type(system), tuple(system.free)))
+        try:
+            fresh = self.begin(t, state, self._given_up if failed else frozenset())
+        except SingularError as error:
+            if self._stepping.is_short(t):  # what is said of a start
+                raise
+            raise self.singular(t, state) from error
+        return fresh, fresh.unknowns(state.v, float(y[-1]) if self._problem.works else 0.0)
+
+    def _note_begun(self, system: Independent, t: float) -> None:
+        self._record.note_coordinates(system.free)
+        self._begun_at = t
+
+    def singular(self, t: float, state: State) -> SingularError:
+        """Return the error of a motion that cannot be followed beyond a time [s]."""
+        cause = why_it_ends(self._problem, self._accuracy, self.first, t, state)
+        return SingularError(
+            f"mechanism {self._problem.mechanism.name!r}: the motion cannot be followed beyond "
+            f"{t:.9g} s: {cause}; it is at {state}", state=state)
+
+    def why(self, t: float, y: Array) -> str:
+        """Return why the motion cannot be followed beyond unknowns y at a time [s]."""
+        try:
+            state = self._system.state(t, y) if self._system else self.first
+        except Lost:
+            return "the loops cannot be closed there as on the way to it"
+        return why_it_ends(self._problem, self._accuracy, self.first, t, state)
+
+    @property
+    def evaluations(self) -> int:
+        """How often equations of motion were evaluated."""
+        return self._evaluations + (self._system.kernel.evaluations if self._system else 0)
+
+    @property
+    def projection(self) -> Projection | None:
+        """What projecting has taken, if anything was projected."""
+        if not isinstance(self._system, Projected):
+            return None
+        parts = [*self._projections, self._system.projection]
+        seconds = sum(part.seconds for part in parts)
+        return Projection(
+            sum(part.steps for part in parts), sum(part.corrections for part in parts),
+            max(part.opened for part in parts), seconds,
+            seconds / (time.perf_counter() - self._began))
+
+
+def why_it_ends(problem: Problem, accuracy: Accuracy, first: State, t: float, last: State) -> str:
+    """Return the cause, in words.
+
+    The loops are looked at first, then the forces, then the masses: each makes what comes after
+    it look bad too.
+
+    Args:
+        problem: what acts.
+        accuracy: that was asked for.
+        first: where the simulation began, at time 0.
+        t: when it ends [s].
+        last: the last good state.
+    """
+    lost = _lost_rank(problem, first, last)
+    if lost:
+        return lost
+    with np.errstate(all="ignore"):
+        start, _, _ = _accelerations(problem, 0.0, first)
+        a, error, given = _accelerations(problem, t, last)
+        found = (_forces(problem, start, last.q, a, given)
+                 or _masses(problem, accuracy, start, a, error))
+    return found or (
+        f"steps however short miss the time_tolerance of {accuracy.time_tolerance:.1e}, though "
+        "loops, masses and the size of forces are well there: a force law that jumps or is "
+        "not smooth does that; make it smooth, or take Accuracy(integrator='RK4', step=...)")
+
+
+def _accelerations(problem: Problem, t: float, state: State) -> tuple[Array, float, Array]:
+    """Return the accelerations (nv,) of least constraint, which hold for any masses.
+
+    With their round-off, relative to the largest of them, and the joint forces (nv,) given.
+    """
+    evaluation, loops, rows = _rows(problem, state)
+    picked = independent_rows(rows)
+    motions = IndependentCoordinates(rows[picked], problem.scale, evaluation.closure_error)
+    q, v = state.q, state.v
+    bias = np.array([*evaluation.bias(q, v)[: len(loops)],
+                     *(-law(t)[2] / problem.scale[c.v] for c, law in problem.drives)])
+    given = problem.given(t, q, v, evaluation)
+    found = problem.least_constraint.solve(
+        q, v, motions.carried(bias[picked], v), motions.columns, given)
+    return found.a, 1.0 if found.lost else found.error, given
+
+
+def _rows(problem: Problem, state: State) -> tuple[LoopEquations, Array, Array]:
+    """Return an evaluation at a state, the loops' rows, and those with the prescribed ones."""
+    evaluation = loops_at(problem.mechanism, state.q, state.angles)
+    loops = evaluation.jacobian[: evaluation.constraints.n_closure].copy()
+    drives = np.eye(problem.model.nv)[[c.v for c, _ in problem.drives]]
+    return evaluation, loops, np.vstack([loops, drives])
+
+
+def _lost_rank(problem: Problem, first: State, last: State) -> str:
+    before, now = (_rows(problem, state)[1:] for state in (first, last))
+    fallen = []
+    for rows, there, part in zip(before, now, (FALLEN, FALLEN**0.5), strict=True):
+        # at a limit position of a coordinate, a singular value falls as the root of what is left
+        rank = len(independent_rows(rows))
+        least = _least(rows, rank), _least(there, rank)
+        fallen.append(least[1] < part * least[0])
+        numbers = (f"the smallest singular value has fallen from {least[0]:.1e} to "
+                   f"{least[1]:.1e} of the largest")
+        if fallen == [True]:
+            return (f"just ahead the loops lose rank ({numbers}), and forces do not determine how "
+                    "it goes on there; end before it, or start so that it is not met; "
+                    "sp.mobility tells about it")
+    if not fallen[1]:
+        return ""
+    names = ", ".join(c.name for c, _ in problem.drives)
+    return (f"just ahead is a limit position of the prescribed {names}: with it held the loops "
+            f"lose rank ({numbers}); end before it, or prescribe another coordinate")
+
+
+def _least(rows: Array, rank: int) -> float:
+    """Return the smallest of as many singular values as there are independent rows, 1 if none."""
+    s = decompose(rows).s
+    return float(s[rank - 1] / s[0]) if rank else 1.0
+
+
+def _masses(
+    problem: Problem, accuracy: Accuracy, start: Array, a: Array, error: float
+) -> str:
+    if error > accuracy.time_tolerance:
+        grown = f"accelerations are known to {error:.1e} of their size only"
+    elif _have_grown(problem, start, a):  # not by forces
+        at = int(np.abs(a / problem.scale).argmax())
+        c = {c.v: c for c in problem.mechanism.coordinate_table.values()}[at]
+        grown = (f"{c.name} is accelerated by {a[at]:.3g} {c.unit}/s² (at the start "
+                 f"{start[at]:.3g}), though no effort or spring pulls")
+    else:
+        return ""
+    model = problem.model
+    moved = sorted((body.mass, joint) for joint, body in enumerate(model.inertias)
+                   if joint and body.mass > 0.0)
+    words = [f"{mass:.3g} kg (moved by joint {model.names[joint]!r})" for mass, joint in moved]
+    light, heavy = (words[0], words[-1]) if words else ("no mass", "no mass")
+    if light == heavy:
+        return (f"links have no inertia: {grown}; the only body with a mass has {light}; give the "
+                "links that it moves some")
+    return (f"masses differ too much: {grown}; the lightest body has {light}, the heaviest "
+            f"{heavy}; make the masses more alike, or the light ones zero")
+
+
+def _have_grown(problem: Problem, start: Array, a: Array) -> bool:
+    """Whether accelerations are far beyond those at the start."""
+    before, now = (np.abs(x / problem.scale).max(initial=0.0) for x in (start, a))
+    return bool(FALLEN * now > before)
+
+
+def _forces(problem: Problem, start: Array, q: Array, a: Array, given: Array) -> str:
+    units = problem.scale
+    if not np.isfinite(a).all():
+        return ("the accelerations there are no finite numbers: look at the force laws and at how "
+                "fast it moves")
+    needed = problem.bodies.matrix(q) @ a * units
+    have_part = np.abs(given * units).max(initial=0.0) > FALLEN * np.abs(needed).max(initial=0.0)
+    if not (_have_grown(problem, start, a) and have_part):
+        return ""
+    at, pulled = int(np.abs(a / units).argmax()), int(np.abs(given * units).argmax())
+    by_v = {c.v: c for c in problem.mechanism.coordinate_table.values()}
+    moves, pulls = by_v[at], by_v[pulled]
+    force = f"a force of {given[pulled]:.3g} {'N' if pulls.unit == 'm' else 'N·m'} at {pulls.name}"
+    return (f"forces grow without bound: {moves.name} is accelerated by {a[at]:.3g} "
+            f"{moves.unit}/s² (at the start {start[at]:.3g}), and efforts, springs and friction "
+            f"make {force}; bound the force law there, or end before with stop_when=")

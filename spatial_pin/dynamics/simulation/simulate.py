@@ -1,8 +1,16 @@
-"""Motion in time under forces, the loops closed exactly in every evaluation."""
+"""Motion in time under forces, the loops closed exactly in every evaluation.
+
+A mechanism that nothing holds is seen from a point that falls with its centre of mass. Seen from
+there it has no weight, and is the same mechanism wherever it is and however fast it flies
+[Goldstein2002, 1.2]: joint coordinates are integrated near the origin, where they have all their
+digits. With r(t) = c + u t + g t²/2 the motion of the centre of mass, the energy is greater by
+m u²/2 - m g c (Koenig), and that for all time.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,12 +19,11 @@ from numpy.typing import ArrayLike
 
 from spatial_pin._support.checks import as_array, checked, positive_number
 from spatial_pin._support.progress import progress_bar
+from spatial_pin.assembly.close import close
 from spatial_pin.assembly.state import State, moving_in_time
 from spatial_pin.dynamics.forces import Law, warn_of_no_inertia
-from spatial_pin.dynamics.simulation.coordinate_partitioning import Lost
 from spatial_pin.dynamics.simulation.events import AT_LIMITS, Watch
-from spatial_pin.dynamics.simulation.formulations import FORMULATIONS
-from spatial_pin.dynamics.simulation.free_fall import FreeFall, floats
+from spatial_pin.dynamics.simulation.formulations import Lost
 from spatial_pin.dynamics.simulation.problem import (
     EffortLaw,
     Problem,
@@ -24,7 +31,14 @@ from spatial_pin.dynamics.simulation.problem import (
     external_forces,
 )
 from spatial_pin.dynamics.simulation.record import LOST_SHARE
-from spatial_pin.dynamics.simulation.result import Projection, Simulation, driver_names
+from spatial_pin.dynamics.simulation.result import (
+    Energies,
+    LeastExchange,
+    Projection,
+    Simulation,
+    driver_names,
+    energy_drift,
+)
 from spatial_pin.dynamics.simulation.run import Run
 from spatial_pin.errors import (
     EnergyError,
@@ -33,7 +47,9 @@ from spatial_pin.errors import (
     SpatialPinError,
     StepLimitError,
 )
+from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.mechanism.coordinates import finite_array
+from spatial_pin.mechanism.inertia import KineticEnergy
 from spatial_pin.mechanism.laws import DriverLaw
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.resistance import SlipSpeed
@@ -45,6 +61,162 @@ __all__ = ["Projection", "Simulation", "simulate"]
 
 DURATIONS = 1e-100, 1e100  # whose squares, divided by a tolerance, are finite [s]
 INTERVALS = 1000  # between the samples of a simulation whose times are not given
+
+
+def floats(problem: Problem) -> bool:
+    """Whether nothing holds or pulls a mechanism but gravity, so that it may be seen from anywhere.
+
+    Efforts given as a function are not known before, and may pull at it.
+    """
+    mechanism, model = problem.mechanism, problem.model
+    if "floating" not in mechanism.pairs:
+        return False
+    roots = _roots(mechanism)
+    if any(mechanism.pairs[i - 1] != "floating" for i in roots):
+        return False
+    frames = [f for c in mechanism.closures for f in (*c.frames, *c.between)]
+    frames += [f for spring in mechanism.springs for f in spring.frames]
+    if any(mechanism.frame_on_joint(f)[0] == 0 for f in frames):
+        return False
+    own = np.concatenate([model.idx_vs[i] + np.arange(6) for i in roots])
+    resistance = problem.forces.resistance
+    held = [problem.constant[own], model.armature[own]]
+    held += [resistance.damping[own], resistance.friction[own]] if resistance else []
+    joints = {mechanism.model.names[i] for i in roots}
+    driven = any(c.joint in joints for c, _ in problem.drives)
+    return not (driven or problem.law or problem.external or any(np.any(x) for x in held)
+                or not sum(body.mass for body in model.inertias) > 0.0)
+
+
+def _roots(mechanism: Mechanism) -> list[int]:
+    return [i for i, parent in enumerate(mechanism.model.parents) if i and not parent]
+
+
+class FreeFall:
+    """The motion of the centre of mass, and a mechanism as it is seen from there.
+
+    Args:
+        state: where it begins.
+        tolerance: closure residual to begin with there: far from the origin digits are lost.
+
+    Attributes:
+        mechanism: the same mechanism, weightless.
+        state: the same state, seen from the centre of mass.
+    """
+
+    def __init__(self, state: State, tolerance: float) -> None:
+        self._whole, model = state.mechanism, state.mechanism.centred_model
+        self._data = model.createData()
+        centre = pin.centerOfMass(model, self._data, state.q, state.v)
+        self._start, self._speed = centre.copy(), self._data.vcom[0].copy()
+        self._gravity = model.gravity.linear.copy()
+        mass = float(self._data.mass[0])
+        self._energy = mass * float(0.5 * self._speed @ self._speed - self._gravity @ self._start)
+        self._kinetic = KineticEnergy(model)(state.q, state.v)
+        weightless = self._whole.model.copy()
+        weightless.gravity = pin.Motion.Zero()
+        self.mechanism = state.mechanism.with_fields(model=weightless)
+        q, v, _ = self._seen(0.0, state.q, state.v, state.a, -1.0)
+        with loops_of(self.mechanism, state.angles) as evaluation:
+            evaluation.update(q)
+            if evaluation.closure_error > tolerance:
+                q, _ = close(evaluation, q, np.ones(model.nv, dtype=bool), tolerance)
+            self.state = State(self.mechanism, q, v, closure_error=evaluation.closure_error,
+                               angles=evaluation.angles)
+
+    def _seen(
+        self, t: float, q: Array, v: Array, a: Array, sense: float
+    ) -> tuple[Array, Array, Array]:
+        """Return q, v, a with the motion of the centre of mass added (1) or taken away (-1)."""
+        model, (q, v, a) = self._whole.model, (x.copy() for x in (q, v, a))
+        speed = sense * (self._speed + self._gravity * t)
+        away = sense * (self._start + (self._speed + 0.5 * self._gravity * t) * t)
+        for i in _roots(self._whole):
+            base, k, j = model.jointPlacements[i].rotation, model.idx_qs[i], model.idx_vs[i]
+            turned = base @ pin.Quaternion(q[k + 3 : k + 7]).toRotationMatrix()
+            u = turned.T @ speed
+            q[k : k + 3] += base.T @ away
+            v[j : j + 3] += u
+            a[j : j + 3] += sense * (turned.T @ self._gravity) - np.cross(v[j + 3 : j + 6], u)
+        return q, v, a
+
+    def back(self, t: float, state: State) -> State:
+        """Return a state at a time as it is seen from the world."""
+        q, v, a = self._seen(t, state.q, state.v, state.a, 1.0)
+        return State(self._whole, q, v, a, closure_error=state.closure_error, angles=state.angles)
+
+    def watched(self, function: Callable[[float, State], Any] | None) -> Any:
+        """Return a function of time and State for the States that are seen from here."""
+        return None if function is None else lambda t, state: function(t, self.back(t, state))
+
+    def motion(self, seen: Simulation, start: Energies, efforts: Array) -> Simulation:
+        """Return a motion as it is seen from the world.
+
+        Args:
+            seen: the motion.
+            start: the energies that it started with.
+            efforts: (nv,) that act [N·m, N].
+        """
+        assert seen.time is not None
+        rows = [self._seen(*row, 1.0) for row in zip(
+            seen.time.tolist(), seen.q, seen.v, seen.a, strict=True)]
+        q, v, a = (np.array(x) for x in zip(*rows, strict=True)) if rows else (
+            seen.q, seen.v, seen.a)
+        energy = seen.energy + self._energy
+        start = Energies(self._kinetic, start.total + self._energy, start.work)
+        kinetic = np.array(list(map(KineticEnergy(self._whole.model), q, v)))
+        return replace(
+            seen, mechanism=self._whole, q=q, v=v, a=a, energy=energy,
+            energy_drift=energy_drift(
+                LeastExchange(self._whole, efforts), kinetic, energy, seen.work, start))
+
+
+def _check_accuracy(accuracy: Accuracy, duration: float) -> None:
+    if accuracy.formulation == "projected" and not INTEGRATORS[accuracy.integrator].is_one_step:
+        known = [name for name, x in INTEGRATORS.items() if x.is_one_step]
+        raise ValueError(f"integrator {accuracy.integrator!r} cannot be corrected after a step; "
+                         f"for the projected formulation there are {', '.join(known)}")
+    most = max(accuracy.most_steps, Accuracy.most_steps)
+    if accuracy.step is not None and duration > most * accuracy.step:
+        with np.errstate(over="ignore"):
+            number = np.float64(duration) / accuracy.step
+        raise ValueError(
+            f"step is {accuracy.step:.3g} s: {duration:.6g} s would take {number:.2g} steps of it, "
+            f"where {most} are allowed; take a longer step, a shorter duration, or "
+            "Accuracy(most_steps=...)")
+
+
+def _times(duration: float, times: Any) -> Array:
+    duration = positive_number(duration, "duration")
+    if not DURATIONS[0] <= duration <= DURATIONS[1]:
+        raise ValueError(f"duration is {duration:.3g} s; from {DURATIONS[0]:g} s to "
+                         f"{DURATIONS[1]:g} s can be simulated")
+    if times is None:
+        return np.linspace(0.0, duration, INTERVALS + 1)
+    array = np.atleast_1d(as_array(times, "times"))
+    array = finite_array(array, (array.size,), "times")
+    if not array.size or array[0] < 0.0 or np.any(np.diff(array) <= 0.0) or array[-1] > duration:
+        raise ValueError("times must rise from 0 at least to the duration at most")
+    if 0.0 < array[-1] < DURATIONS[0]:
+        raise ValueError(f"times end at {array[-1]:.3g} s; {DURATIONS[0]:g} s is the least but 0")
+    return array
+
+
+def _check_start(problem: Problem, state: State) -> None:
+    """Refuse a state that does not start as the laws of its prescribed drivers do."""
+    name, drivers = problem.mechanism.name, driver_names(problem.mechanism)
+    for c, law in problem.drives:
+        value, rate, _ = law(0.0)
+        scale, driver = problem.scale[c.v], drivers.get(c.name, c.name)
+        at, pace = (0.0 if abs(x) < 1e-12 * scale else x for x in (state.q[c.q], state.v[c.v]))
+        if abs(value - state.q[c.q]) > 1e-9 * scale:
+            raise SpatialPinError(
+                f"mechanism {name!r}: the law of {driver} starts at {value:.9g} {c.unit}, the "
+                f"state is at {at:.9g}: assemble it there")
+        if abs(rate - state.v[c.v]) > 1e-9 * scale * (1.0 + abs(rate)):
+            raise SpatialPinError(
+                f"mechanism {name!r}: the law of {driver} starts with {rate:.9g} {c.unit}/s, the "
+                f"state moves with {pace:.9g}: solve its rates")
 
 
 @checked
@@ -141,19 +313,19 @@ def simulate(
         state, stop_when = fall.state, fall.watched(stop_when)
         problem = Problem(fall.mechanism, efforts, drives, laws, accuracy.tolerance, slip_speed)
     watch = Watch(problem, state, stop_when, on_joint_limit)
-    run = Run(problem, accuracy, FORMULATIONS[accuracy.formulation], times, watch)
+    run = Run(problem, accuracy, state, times, watch)
 
     def motion() -> Simulation:
         return run.motion() if fall is None else fall.motion(
-            run.motion(), run.start, problem.constant)
+            run.motion(), run.record.start, problem.constant)
 
     bar = progress_bar(float(times[-1]), f"{mechanism.name}: seconds", progress)
     try:
-        for t in run.follow(state):
+        for t in run.follow():
             bar.update(t - bar.n)
         moved = motion()
         if moved.energy_drift > LOST_SHARE:
-            run.balance.refuse_samples(run.record)
+            run.record.refuse_samples()
         moved = within_gap(moved, accuracy, "stop")
     except (Lost, SingularError, StepLimitError) as error:
         if not run.end_without_inertia():
@@ -182,51 +354,3 @@ def _ended(
     if fall is not None and isinstance(error, SingularError) and error.state is not None:
         error.state = fall.back(run.t, error.state)
     return error
-
-
-def _check_accuracy(accuracy: Accuracy, duration: float) -> None:
-    if accuracy.formulation == "projected" and not INTEGRATORS[accuracy.integrator].is_one_step:
-        known = [name for name, x in INTEGRATORS.items() if x.is_one_step]
-        raise ValueError(f"integrator {accuracy.integrator!r} cannot be corrected after a step; "
-                         f"for the projected formulation there are {', '.join(known)}")
-    most = max(accuracy.most_steps, Accuracy.most_steps)
-    if accuracy.step is not None and duration > most * accuracy.step:
-        with np.errstate(over="ignore"):
-            number = np.float64(duration) / accuracy.step
-        raise ValueError(
-            f"step is {accuracy.step:.3g} s: {duration:.6g} s would take {number:.2g} steps of it, "
-            f"where {most} are allowed; take a longer step, a shorter duration, or "
-            "Accuracy(most_steps=...)")
-
-
-def _times(duration: float, times: Any) -> Array:
-    duration = positive_number(duration, "duration")
-    if not DURATIONS[0] <= duration <= DURATIONS[1]:
-        raise ValueError(f"duration is {duration:.3g} s; from {DURATIONS[0]:g} s to "
-                         f"{DURATIONS[1]:g} s can be simulated")
-    if times is None:
-        return np.linspace(0.0, duration, INTERVALS + 1)
-    array = np.atleast_1d(as_array(times, "times"))
-    array = finite_array(array, (array.size,), "times")
-    if not array.size or array[0] < 0.0 or np.any(np.diff(array) <= 0.0) or array[-1] > duration:
-        raise ValueError("times must rise from 0 at least to the duration at most")
-    if 0.0 < array[-1] < DURATIONS[0]:
-        raise ValueError(f"times end at {array[-1]:.3g} s; {DURATIONS[0]:g} s is the least but 0")
-    return array
-
-
-def _check_start(problem: Problem, state: State) -> None:
-    """Refuse a state that does not start as the laws of its prescribed drivers do."""
-    name, drivers = problem.mechanism.name, driver_names(problem.mechanism)
-    for c, law in problem.drives:
-        value, rate, _ = law(0.0)
-        scale, driver = problem.scale[c.v], drivers.get(c.name, c.name)
-        at, pace = (0.0 if abs(x) < 1e-12 * scale else x for x in (state.q[c.q], state.v[c.v]))
-        if abs(value - state.q[c.q]) > 1e-9 * scale:
-            raise SpatialPinError(
-                f"mechanism {name!r}: the law of {driver} starts at {value:.9g} {c.unit}, the "
-                f"state is at {at:.9g}: assemble it there")
-        if abs(rate - state.v[c.v]) > 1e-9 * scale * (1.0 + abs(rate)):
-            raise SpatialPinError(
-                f"mechanism {name!r}: the law of {driver} starts with {rate:.9g} {c.unit}/s, the "
-                f"state moves with {pace:.9g}: solve its rates")

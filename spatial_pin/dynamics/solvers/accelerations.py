@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.assembly.state import State
-from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.kernel_tree import KernelTree
 from spatial_pin.constraints.trees import is_in_kernel
 from spatial_pin.dynamics.solvers.bodies import both_halves
@@ -49,22 +48,18 @@ class Limbs:
 
     Args:
         mechanism: the mechanism.
+        is_core: (njoints,) joints that loops are built on, and those that carry them.
 
     Attributes:
-        exist: whether there are such joints.
         a: (nv,) accelerations that were found last.
         error: their estimated round-off, relative to the largest.
         kkt: of the core, None of an open tree.
     """
 
-    def __init__(self, mechanism: Mechanism) -> None:
+    def __init__(self, mechanism: Mechanism, is_core: NDArray[np.bool_]) -> None:
         self._mechanism, model = mechanism, mechanism.model
-        tied, is_core = constraints_of(mechanism).tied, np.zeros(model.njoints, bool)
-        for joint, (first, n) in enumerate(zip(model.idx_vs, model.nvs, strict=True)):
-            is_core[joint] = joint > 0 and tied[first : first + n].any()
         self._tree = KernelTree(model, mechanism.velocity_scale, is_core)
         self._open = np.flatnonzero(~self._tree.is_core)
-        self.exist = bool(len(self._open))
         self.a, self._needed, self._force = np.zeros((3, model.nv))
         self._scale, self.error = mechanism.velocity_scale, 0.0
         self._rounding = EPS * np.random.default_rng(0).choice([-1.0, 1.0], model.nv)
@@ -158,8 +153,8 @@ class MotionEquations(Loops):
             SingularError: a freedom has no inertia, or the loops have lost rank.
         """
         self.undetermined = ()
-        if self.limbs.exist and self._by_limbs(given):
-            limbs = self.limbs
+        limbs = self.limbs
+        if limbs and self._is_solved_by(limbs, given):
             closures = limbs.kkt.closures.copy() if limbs.kkt else np.zeros(self.model.nv)
             return Solution(limbs.a.copy(), closures, limbs.error)
         state, kkt = self.state, self.kkt
@@ -215,17 +210,21 @@ class MotionEquations(Loops):
         return Solution(a + change, closures, float(sizes[0].max() / max(sizes[1].max(), 1e-300)))
 
     @cached_property
-    def limbs(self) -> Limbs:
-        """What no loop is built on."""
-        return Limbs(self.mechanism)
+    def limbs(self) -> Limbs | None:
+        """What no loop is built on, if there is anything."""
+        model, tied = self.model, self.constraints.tied
+        is_core = np.array([tied[first : first + n].any() for first, n in zip(
+            model.idx_vs, model.nvs, strict=True)])
+        for joint in range(model.njoints - 1, 0, -1):
+            is_core[model.parents[joint]] |= is_core[joint]
+        return None if is_core[1:].all() else Limbs(self.mechanism, is_core)
 
-    def _by_limbs(self, given: Array) -> bool:
+    def _is_solved_by(self, limbs: Limbs, given: Array) -> bool:
         """Solve by `Limbs`; False where that is not accurate enough.
 
         Raises:
             SingularError: the loops have lost rank.
         """
-        limbs = self.limbs
         if not limbs.solve(self.state, self.angle_reference, given):
             return False
         if limbs.kkt is not None:

@@ -119,7 +119,16 @@ class Loops:
         and where it is uncertain which equations are independent.
         """
         if self._spaces is None and self.is_sparse:
-            self._spaces = self._sparse_spaces()
+            self._stand_without_masses()
+            kkt, n = self.kkt, self.n_closure
+
+            def nearest(motions: Array) -> Array:
+                found, _ = kkt.solve(motions / self.scale, np.zeros((len(motions), n)))
+                return found / self.scale
+
+            if kkt.pivot > TOLERANCES.rank:
+                sparse = SparseSpaces(*kkt.entries, (n, len(self.scale)), kkt.rank, nearest)
+                self._spaces = sparse if sparse.is_sure else None
         if self._spaces is None:
             svd = full_decomposition(self.scaled)
             self._spaces = svd if self._rank is None else svd._replace(rank=self._rank)
@@ -143,20 +152,6 @@ class Loops:
             found[:, tied] = svd._replace(rank=rank).null_space
             self._tied_freedoms = found, rank
         return self._tied_freedoms
-
-    def _sparse_spaces(self) -> SparseSpaces | None:
-        """Return the subspaces, None where it is uncertain which equations are independent."""
-        self._stand_without_masses()
-        kkt, shape = self.kkt, (self.n_closure, len(self.scale))
-        if not kkt.pivot > TOLERANCES.rank:
-            return None
-
-        def nearest(motions: Array) -> Array:
-            found, _ = kkt.solve(motions / self.scale, np.zeros((len(motions), self.n_closure)))
-            return found / self.scale
-
-        found = SparseSpaces(*kkt.entries, shape, kkt.rank, nearest)
-        return found if found.is_sure else None
 
     @property
     def has_redundant(self) -> bool:

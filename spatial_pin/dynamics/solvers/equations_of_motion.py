@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
@@ -31,7 +32,6 @@ class Equations(MotionEquations):
     """The equations of motion with the forces that act, and the reactions that they cause.
 
     Attributes:
-        pairs: the pairs of the mechanism.
         given: (nv,) generalised forces of springs, resistance and external wrenches.
         turning: (nv,) those of springs about joints, and of resistance.
         wrenches: (joint, (6,)) external wrenches and springs on bodies, at the world origin.
@@ -40,7 +40,6 @@ class Equations(MotionEquations):
     def __init__(self, mechanism: Mechanism, large: bool | None = None) -> None:
         refuse_negative_inertias(mechanism)
         super().__init__(mechanism, large)
-        self.pairs = Pairs(mechanism)
         self._laws: tuple[dict[str, Law], SlipSpeed | None] = {}, None
         self.springs = Forces(mechanism)
 
@@ -86,6 +85,11 @@ class Equations(MotionEquations):
         return self.bodies.needed(self.state.q, self.state.v, a)
 
     # ------------------------------------------------------------ reactions
+
+    @cached_property
+    def pairs(self) -> Pairs:
+        """The pairs of the mechanism."""
+        return Pairs(self.mechanism)
 
     def poses(self) -> Poses:
         """Return views on where the bodies are, overwritten at the next State."""

@@ -213,6 +213,11 @@ def add_springs(document: MjcfDocument) -> None:
     """Add a straight tendon for every spring between two frames."""
     mech = document.mechanism
     for spring in mech.springs:
+        if not spring.is_linear:
+            raise SpatialPinError(
+                f"mechanism {mech.name!r}: spring {spring.name!r} has a law, or pulls or pushes "
+                "only; springs of MuJoCo have a stiffness alone: leave it out of the mechanism, or "
+                "write a force of your own beside the model")
         if not spring.frames:
             continue
         tendon = ET.SubElement(document.part("tendon"), "spatial", {

@@ -12,8 +12,12 @@ import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError, suggestion
 from spatial_pin.formats.graph.joint_graph import WORLD
-from spatial_pin.formats.urdf.elements import finite_numbers, numbers_text, origin
-from spatial_pin.formats.urdf.elements import inertial as inertial_element
+from spatial_pin.formats.urdf.elements import (
+    finite_numbers,
+    inertial as inertial_element,
+    numbers_text,
+    origin,
+)
 from spatial_pin.numerics.linalg import Array
 
 MODEL = "__model__"  # a model's own frame

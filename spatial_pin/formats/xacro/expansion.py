@@ -118,8 +118,8 @@ def traced(
         packages: likewise.
 
     Returns:
-        The text that `expand` returns, but for the decimals of numbers that depend on the
-        arguments, which tell their places on the tape.
+        The text that `expand` returns, with references to the tape in the places of numbers that
+        depend on the arguments.
     """
     tape = Tape(arguments)
     mappings = {name: xacro_text(value) for name, value in parameters.items()}
@@ -136,6 +136,8 @@ def _checked_parameters(expansion: Expansion, parameters: Mapping[str, float]) -
         if isinstance(value, str):
             continue
         try:
+            if np.ndim(value):  # NumPy 2.0 takes an array of one number for a number
+                raise TypeError
             number = float(value)
         except OverflowError:
             raise ValueError(

@@ -7,9 +7,9 @@ decides by such a number (an `if`, a `max`), the decision is written too; the ta
 arguments that lead to the same decisions. What it cannot follow, such as rounded texts, ends it:
 `is_whole`.
 
-On its way a number often becomes text. Its text has 25 decimals: 17 of its own, which alone give
-the number back, then a mark and its place on the tape, too small to change what any reader makes
-of it.
+On its way a number often becomes text. The text of a traced number is no number but a reference:
+its place on the tape between two characters of Unicode's private use, behind its sign. What reads
+the expanded text asks the tape for the number.
 """
 
 from __future__ import annotations
@@ -25,9 +25,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_TEXT = re.compile(r"\d\.(?:\d{17}|(?=\d{8}e-400))7(\d{7})e[+-]\d+")
+_REFERENCE = re.compile("\ue000(\\d+)\ue001")
 _BETWEEN_WORDS = re.compile(r"""([\s"'<>]+)""")  # of a file
-_MOST = 10**7  # places that a text can name
 
 
 def _distance(*x: Any) -> Any:
@@ -86,7 +85,7 @@ class Tape:
         """Return a number that a function has given, of arguments some of which are traced."""
         self._operations.append((function, arguments))
         self._values.append(value)
-        if not math.isfinite(value) or len(self._values) > _MOST:
+        if not math.isfinite(value):
             self.give_up()
         return self.number(len(self._values) - 1)
 
@@ -115,24 +114,21 @@ class Tape:
         return value
 
     def text(self, place: int) -> str:
-        """Return the text of a number."""
-        value = self._values[place]
-        if value == 0.0:
-            return f"{math.copysign(0.0, value):.0f}.7{place:07d}e-400"  # which is read as zero
-        mantissa, exponent = f"{value:.17e}".split("e")
-        return f"{mantissa}7{place:07d}e{exponent}"
+        """Return the reference to a number, and its sign."""
+        sign = "-" if math.copysign(1.0, self._values[place]) < 0.0 else ""
+        return f"{sign}\ue000{place}\ue001"
 
     def read(self, text: Any) -> Traced | None:
-        """Return the traced number that a text is; None if it is none."""
+        """Return the traced number that a text refers to; None if it is no reference."""
         word = text.strip() if isinstance(text, str) else ""
-        found = _TEXT.fullmatch(word.lstrip("+-"))
+        found = _REFERENCE.fullmatch(word.lstrip("+-"))
         if found is None or len(word) - len(found[0]) > 1:
             return None
         size = self._size(found)
         return -size if word[0] == "-" else size
 
     def named(self, text: str) -> tuple[str, dict[str, Traced]]:
-        """Return an expression with names in place of traced numbers written into it."""
+        """Return an expression with names in place of references to traced numbers."""
         names: dict[str, Traced] = {}
 
         def name(found: re.Match[str]) -> str:
@@ -140,7 +136,7 @@ class Tape:
             names[key] = self._size(found)
             return key
 
-        return _TEXT.sub(name, text), names
+        return _REFERENCE.sub(name, text), names
 
     def pieces(self, text: str) -> tuple[list[str], list[int]] | None:
         """Take the traced numbers out of the text of a file.
@@ -162,9 +158,9 @@ class Tape:
         return ["".join(words) for words in between], places
 
     def _size(self, found: re.Match[str]) -> Traced:
-        """Return the number of a text without its sign."""
+        """Return the size of the number that is referred to: its sign stands before it."""
         place = int(found[1])
-        if place >= len(self._values) or abs(self._values[place]) != float(found[0]):
+        if place >= len(self._values):
             self.give_up()
             return self.number(0)
         number = self.number(place)
@@ -218,11 +214,11 @@ def _worked_out(operation: Operation | None, values: list[Any]) -> Any:
 
 
 def depends(value: Any) -> bool:
-    """Whether a value is or holds a traced number or the text of one."""
+    """Whether a value is or holds a traced number or a reference to one."""
     stack = [value]
     while stack:
         item = stack.pop()
-        if isinstance(item, Traced) or (isinstance(item, str) and _TEXT.search(item)):
+        if isinstance(item, Traced) or (isinstance(item, str) and _REFERENCE.search(item)):
             return True
         if isinstance(item, dict):
             stack += [*dict.keys(item), *dict.values(item)]

@@ -7,7 +7,10 @@
  * K: a `Held` tells how far they are, and what brings them there. */
 #include "correcting.h"
 
+#define WEAK 0.1           /* smallest over largest pivot, below which residuals are to be smaller */
 #define PATH_CORRECTIONS 6 /* four square a tenth down to round-off, two for singular places */
+
+Real residual_part(Real pivot_ratio) { return smaller_of(1.0, pivot_ratio / WEAK); }
 
 Real chosen_residual(const Kernel *k)
 {

@@ -45,6 +45,10 @@ int correct(Kernel *k, Real *q, Correction *correction);
  * becomes joint displacements. Returns its scaled size. `held` may be NULL. */
 Real solve_correction(Kernel *k, const Held *held);
 
+/* The part of a residual to ask for where the smallest pivot is that of the largest: a residual
+ * leaves the more open in configurations and rates, the worse the equations are conditioned. */
+Real residual_part(Real pivot_ratio);
+
 /* Largest absolute residual of the chosen equations; NaN if one is. */
 Real chosen_residual(const Kernel *k);
 

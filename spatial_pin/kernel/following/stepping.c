@@ -12,16 +12,12 @@
 #define TURNED 0.5       /* least cosine between the directions of the path at the ends of a step */
 #define NEARER 0.75      /* part of the way to where the determinant vanishes that a step may go */
 #define LOOK 1e-3        /* part of a first step over which the determinant's fall is judged */
-#define WEAK 0.1         /* smallest over largest pivot: below, a residual leaves the more open in
-                            configurations and rates, and is asked to be smaller by as much;
-                            factors of another point are off where the equations are weakest */
 #define RESELECT_ORDERS 1.0  /* binary orders by which the determinant falls, */
 #define RESELECT_PIVOT 0.5   /* and the ratio of pivots, before redundant equations are chosen anew:
                                accelerations lose digits with its square */
 #define OPENED 2.0       /* times a residual that no choice makes smaller: one like it is no news */
-#define FAR_AHEAD 8.0    /* distances of its points that Hermite's polynomial tells ahead: their
-                            round-off grows by 20 r^5 */
-#define TELLING_BEND 1e3 /* the same of a third derivative by the difference of two second ones */
+#define TELLING_BEND 1e3 /* distances of two points that a third derivative by the difference of
+                            second ones tells ahead */
 #define NEAR_BY 0.03     /* way from the point before within which it need not be the last one: of
                             that way, (0.03)^6 / 720 is round-off */
 #define SAFE 0.7         /* part of the way at which errors, of fourth order, are a quarter of those
@@ -90,12 +86,13 @@ int has_redundant(const Kernel *k) { return k->n_chosen < k->n_closure; }
 static void predict(Path *path, Real target)
 {
     const Point *here = path->here, *before = path->has_before ? path->before : NULL;
-    const Real h = target - here->s, apart = before ? fabs(here->s - before->s) : 0.0;
+    const Real h = target - here->s;
     const Int order = path->accuracy.order;
     const int is_closed = path->accuracy.corrections < 0, is_determined = !path->k->n_fill;
-    if (order == 3 && is_closed && is_determined && fabs(h) < FAR_AHEAD * apart)
+    if (order == 3 && is_closed && is_determined && before && hermite_reaches(before, here, h))
         predict_hermite(path->k, before, here, h, path->next->q);
-    else if (order == 3 && !is_closed && fabs(h) < TELLING_BEND * apart)
+    else if (order == 3 && !is_closed && before &&
+             fabs(h) < TELLING_BEND * fabs(here->s - before->s))
         predict_taylor(path->k, here, before, h, order, path->next->q);
     else
         predict_taylor(path->k, here, NULL, h, order < 2 ? order : 2, path->next->q);
@@ -159,7 +156,7 @@ static int close_prediction(Path *path, Real way)
     Kernel *k = path->k;
     const PathAccuracy *wanted = &path->accuracy;
     const Real least = round_off_of(k, path->here->q);
-    const Real part = smaller_of(1.0, k->pivot_ratio / WEAK);
+    const Real part = residual_part(k->pivot_ratio); /* 1, or factors near by are off as well */
     Correction c = {.enough = larger_of(part * wanted->enough, 0.1 * least),
                     .tolerance = larger_of(part * wanted->tolerance, 0.3 * least),
                     .left = larger_of(wanted->left, least), .fixed = wanted->corrections,

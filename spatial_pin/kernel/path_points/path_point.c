@@ -3,6 +3,9 @@
 
 #include "path_point.h"
 
+#define FAR_AHEAD 8.0 /* distances of two points that Hermite's polynomial tells ahead: their
+                         round-off grows by 20 r^5 */
+
 static Int axis_numbers(const Kernel *k)
 {
     return k->n_idle * (Int)(sizeof(IdleAxis) / sizeof(Real));
@@ -108,4 +111,9 @@ void predict_hermite(const Kernel *k, const Point *before, const Point *at, Real
         q[i] = at->q[i] + x * (f + 0.5 * x * g) + cube * (A + x * (B + x * C));
     }
     tree_normalize(k, q);
+}
+
+int hermite_reaches(const Point *before, const Point *at, Real h)
+{
+    return fabs(h) < FAR_AHEAD * fabs(at->s - before->s);
 }

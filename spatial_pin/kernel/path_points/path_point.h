@@ -39,4 +39,7 @@ void predict_taylor(const Kernel *k, const Point *at, const Point *before, Real 
  * r^3 (1 + r)^3 times the sixth derivative, over 720, with r = h by the distance of the points. */
 void predict_hermite(const Kernel *k, const Point *before, const Point *at, Real h, Real *q);
 
+/* Whether a step h is so short that round-off of the two points does not show in that. */
+int hermite_reaches(const Point *before, const Point *at, Real h);
+
 #endif

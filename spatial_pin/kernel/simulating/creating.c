@@ -126,7 +126,7 @@ static int make_room(Dynamics *d)
         {&d->before, n}, {&d->halfway, n}, {&d->off, n}, {&d->force, 3 * nj}, {&d->moment, 3 * nj},
         {&d->twist, 6 * nj * d->n_free}, {&d->mass, d->n_free * d->n_free + 1},
         {&d->freedoms, d->n_free * nv}, {&d->change, n},
-        {&d->laws, 3 * d->n_drives},
+        {&d->laws, 3 * d->n_drives}, {&d->tree_room, 7 * nv},
     };
     for (size_t i = 0; i < sizeof fields / sizeof *fields; i++)
         *fields[i].to = kernel_reals(k, fields[i].count);
@@ -161,6 +161,11 @@ EXPORT int dynamics_create(Kernel *k, const Int *ints, Int n_ints, const Real *r
         d->resists = d->resists || d->damping[i] != 0.0 || d->friction[i] != 0.0;
     if (!make_room(d))
         return NO_MEMORY;
+    if (!k->n_equations && !d->n_drives && !d->n_spins) {
+        const Int *no_core = kernel_ints(k, k->n_joints);
+        if (!no_core || tree_create(k, no_core, &d->tree) != DONE)
+            return NO_MEMORY;
+    }
     *out = d;
     return DONE;
 }

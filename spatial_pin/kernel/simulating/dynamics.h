@@ -8,6 +8,7 @@
 #ifndef SPATIAL_PIN_DYNAMICS_H
 #define SPATIAL_PIN_DYNAMICS_H
 
+#include "articulated.h"
 #include "relative.h"
 #include "path_point.h"
 
@@ -116,6 +117,8 @@ typedef struct Dynamics {
     Real *step, *solved; /* (nv) by scale */
     Real *force, *moment; /* (n_joints, 3) that bodies need, see forces.h */
     Real *twist, *mass, *unit; /* see masses.c */
+    Tree *tree;       /* of an open tree, else NULL: see masses.c */
+    Real *tree_room;  /* (7 nv) */
     Real *laws;         /* (n_drives, 3) what is prescribed */
     Real *freedoms;     /* (nv, n_free) orthonormal motions, see partitioning.c */
     Int *order;  /* (n_held) of rows in the inverse's factors */

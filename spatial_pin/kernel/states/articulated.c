@@ -13,12 +13,12 @@
 #include <math.h>
 #include <string.h>
 
-#include "kernel.h"
+#include "articulated.h"
 
 /* Of the inertia about all axes, what a freedom must have to be told from round-off. */
 #define LEAST_INERTIA TOLERANCE_ZERO
 
-typedef struct {
+struct Tree {
     Kernel *k;
     Int *is_core;     /* (n_joints) whether loops are built on it */
     Real *armature;   /* (nv) */
@@ -33,7 +33,7 @@ typedef struct {
     Real *own;        /* (nv) its inertia, */
     Real *missing;    /* (nv) and its force that is not borne */
     Real *velocity;   /* (6) of the bodies */
-} Tree;
+};
 
 static int make_room(Tree *s)
 {

@@ -1,0 +1,576 @@
+"""Poses at rest: where springs, weights and forces balance, and whether a mechanism stays there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from spatial_pin._support.brief import first_names
+from spatial_pin._support.checks import checked, names_of, whole_number
+from spatial_pin._support.executors import in_order
+from spatial_pin.assembly.assemble import assembled
+from spatial_pin.assembly.close import closed
+from spatial_pin.assembly.holding import untied
+from spatial_pin.assembly.search.whole_turns import turned_apart
+from spatial_pin.assembly.state import State
+from spatial_pin.dynamics.derivatives.small_motions import AppliedLoads, SmallMotions
+from spatial_pin.dynamics.forces import Law
+from spatial_pin.dynamics.forward import Dynamics, Load
+from spatial_pin.dynamics.solvers.equations_of_motion import equations_of
+from spatial_pin.errors import Interrupted, SpatialPinError
+from spatial_pin.kernel.loop_equations import loops_of
+from spatial_pin.mechanism.coordinates import coordinate_value
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mobility.idle_freedoms import PassiveFreedom
+from spatial_pin.mobility.mode_list import missing_by
+from spatial_pin.numerics.linalg import Array, common_rows, decompose
+from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.settings import Accuracy, accuracy_of
+
+STEPS = 500  # of one search: some twenty suffice, or something falls without end
+LONGEST = 0.3  # step [rad, characteristic lengths]: below the distance of two equilibria, as a rule
+OVERSHOT = 0.5  # part of the slope at the start of a step, against which its end may rise
+SHORTEST = 2.0**-30  # part of a step from which on it is not halved any more
+EXACT = 1e-13  # step [rad, characteristic lengths] that changes nothing any more
+NEARLY = 1e-7  # step from which on only round-off keeps the next from being shorter
+FAR = 100.0  # rad, characteristic lengths: what has gone so far falls without end
+NEUTRAL = 1e-8  # of the terms of the stiffness: stiffness that is none, half of the digits
+BALANCED = 1e-9  # of the terms of a load: what is balanced
+NUDGE = 0.05  # rad, characteristic lengths: off a pose at rest that is not stable
+SAME_POSE = 1e-6  # difference of coordinates of one equilibrium, from two starts
+FAR_START = np.pi  # rad, characteristic lengths: how far starts are from the guess, at most
+STARTS = 60
+Guess = Mapping[str, Any] | State | Array | None
+
+
+class Equilibrium(Dynamics):
+    """A pose at rest, the forces there, and how stiff it is.
+
+    Attributes:
+        state: the State; it moves and is accelerated where coordinates have a constant speed.
+        coordinates: names of the independent coordinates, which `stiffness` is in.
+        stiffness: (n, n) force on each per small motion of each [N/m, N·m/rad], loops closed.
+        stable: whether the mechanism returns after a small push. False where some motion leads
+            away; None where none does, but some lead to further poses at rest.
+        neutral: coordinates that move in motions without stiffness.
+        passive: idle rotations of links about their own axes: they are no part of the verdict.
+        efforts: by held coordinate or driver, the effort that holds it [N·m, N].
+        energy: potential energy of weights and springs [J]; springs with a law store none.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> found = sp.equilibrium(mech)  # where it hangs
+        >>> found.stable, found.coordinates, found.stiffness.shape
+        (True, ('crank',), (1, 1))
+        >>> held = sp.equilibrium(mech, {"crank": 1.0}, hold="crank")
+        >>> sorted(held.efforts)  # [N·m]
+        ['crank']
+    """
+
+    def __init__(
+        self, at: SmallMotions, coordinates: Sequence[str] | None, verdict: Verdict
+    ) -> None:
+        loads, mechanism = at.loads, at.loads.mechanism
+        names, entries, motions = independent_motions(at, verdict.free, coordinates)
+        self.coordinates, self.idle = tuple(names), verdict.idle
+        self.reduced = at.reduced(motions, entries)
+        self.stiffness = self.reduced.stiffness
+        self.stable, self.passive = verdict.stable, verdict.passive
+        self.neutral = tuple(_moving(names, entries, verdict.neutral * mechanism.velocity_scale))
+        with loops_of(mechanism, at.state.angles) as loops:
+            loops.update(at.state.q)
+            held = loads.rows(loops)
+            n = loops.constraints.n_closure
+            self.energy = float(loads.springs.forces.energy(loops, at.state.q)) + float(
+                pin.computePotentialEnergy(
+                    mechanism.model, mechanism.model.createData(), at.state.q))
+        freedoms, held = decompose(held[:n]).null_space, held[n:]
+        pull, scale = decompose(freedoms @ held.T), mechanism.velocity_scale
+        effort = held.T @ pull.minimum_norm(freedoms @ (scale * at.wanted)) / scale
+        self._pressing = pull.null_space @ held / scale
+        drivers = {d.joint: d.name for d in mechanism.drivers.values()}
+        self.efforts: dict[str, float] = {
+            drivers.get(c.name, c.name): float(effort[c.v]) for c in loads.held}
+        super().__init__(
+            at.state, Load(loads.external, loads.laws), at.state.a.copy(),
+            at.wanted - effort, loads.effort + effort)
+
+    @cached_property
+    def unique(self) -> dict[str, NDArray[np.bool_]]:
+        """Which components of each pair's reaction are unique, as in `Dynamics.unique`."""
+        with self._equations() as equations:
+            return equations.unique(self._pressing)
+
+    def __repr__(self) -> str:
+        return f"Equilibrium({self._at!r}, stable={self.stable})"
+
+    def __str__(self) -> str:
+        kind = {True: "stable", False: "unstable", None: "neutral"}[self.stable]
+        lines = [f"{kind} at rest: {self._at}", f"potential energy {self.energy:.9g} J"]
+        if self.neutral:
+            lines.append(f"no stiffness in {', '.join(self.neutral)}")
+        lines += [f"idle: {freedom}" for freedom in self.passive]
+        for name, row in zip(self.coordinates, self.stiffness, strict=True):
+            lines.append(f"stiffness of {name}: " + ", ".join(f"{x:.9g}" for x in row))
+        lines += [f"effort that holds {name}: {x:.9g}" for name, x in self.efforts.items()]
+        return "\n".join([*lines, super().__str__()])
+
+
+class Equilibria(list[Equilibrium]):
+    """The distinct poses at rest that were found, by energy.
+
+    Attributes:
+        starts: number of starts; `reached` of them ended at a pose at rest.
+        counts: how many ended at each.
+        missing: estimated number of poses that no start has led to [Chao1984].
+        is_whole: whether nothing cut the search short (Ctrl-C).
+
+    Example:
+        >>> found = sp.equilibria(sp.load("four_bar"), starts=20)
+        >>> len(found), found.missing  # poses, and the estimate of others
+        (4, 0.0)
+    """
+
+    def __init__(
+        self, found: Iterable[Equilibrium] = (), *, starts: int = 0, counts: Sequence[int] = (),
+        is_whole: bool = True,
+    ) -> None:
+        super().__init__(found)
+        self.starts, self.counts, self.is_whole = starts, tuple(counts), is_whole
+        self.reached, self.missing = sum(counts), missing_by(counts)
+
+    def __str__(self) -> str:
+        lines = [f"{len(self)} poses at rest from {self.starts} starts, {self.reached} of which "
+                 f"reached one{'' if self.is_whole else '; cut short'}"]
+        lines += [f"  {k}: {found!r}, energy {found.energy:.9g} J, reached {n} times"
+                  for k, (found, n) in enumerate(zip(self, self.counts, strict=True), start=1)]
+        return "\n".join([*lines, f"about {self.missing:.0f} more must be expected"])
+
+
+class Verdict(NamedTuple):
+    """How a pose at rest answers a small push.
+
+    Attributes:
+        stable: True, False or None, see `Equilibrium`.
+        free: (n, nv) motions, scaled, without idle rotations.
+        neutral: (m, nv) those among them without stiffness.
+        idle: (k, nv) idle rotations.
+        passive: the same, as `mobility` names them.
+    """
+
+    stable: bool | None
+    free: Array
+    neutral: Array
+    idle: Array
+    passive: tuple[PassiveFreedom, ...]
+
+
+@checked
+def equilibrium(
+    mechanism: Mechanism,
+    guess: Guess = None,
+    *,
+    hold: str | Iterable[str] | None = None,
+    speeds: Mapping[str, float] | None = None,
+    efforts: Mapping[str, float] | None = None,
+    external: Mapping[str, pin.Force] | None = None,
+    laws: Mapping[str, Law] | None = None,
+    coordinates: Iterable[str] | None = None,
+    stable: bool | None = True,
+    accuracy: Accuracy | None = None,
+) -> Equilibrium:
+    """Find a pose at rest under weights, springs and forces, loops closed.
+
+    From the guess the potential energy is descended, by Newton steps with the exact stiffness, so
+    that a stable pose is found. Nothing is held unless `hold` says so: drivers move.
+
+    Args:
+        mechanism: the mechanism.
+        guess: where the search starts, as for `assemble`; what is held has its value there.
+        hold: names of joints, coordinates or drivers that stand still; "base" for a free base.
+        speeds: by driver or coordinate, a constant speed [rad/s, m/s]: the mechanism is at rest
+            relative to what turns so.
+        efforts: by driver, joint or coordinate, constant [N·m, N].
+        external: by link, frame or joint, the force on it at its origin, world axes, constant.
+        laws: by spring, force as a function of (length, rate), see `forward_dynamics`.
+        coordinates: the independent coordinates of the result; default the drivers that move,
+            where they suffice, else those that move best.
+        stable: None takes the nearest pose at rest, be it stable or not.
+        accuracy: of closing; default "engineering".
+
+    Returns:
+        The Equilibrium.
+
+    Raises:
+        SpatialPinError: nothing supports a freedom; names it, and what would hold it.
+        AssemblyError: the guess cannot be closed.
+        SingularError: the search came to a configuration where the loops lose rank.
+        UnknownNameError: a name does not exist.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> found = sp.equilibrium(mech, {"crank": 2.0})
+        >>> found.stable, found.stiffness.round(4)  # of the crank [N·m/rad]
+        (True, array([[1.3087]]))
+    """
+    setting = accuracy_of(accuracy)
+    state = assembled(mechanism, None, guess, accuracy=setting)
+    loads = AppliedLoads(exact_numbers(state), hold, speeds, efforts, external, laws)
+    at, verdict = settled(loads, state, stable, setting)
+    return Equilibrium(at, None if coordinates is None else names_of(coordinates, "coordinates"),
+                       verdict)
+
+
+@checked
+def equilibria(
+    mechanism: Mechanism,
+    guess: Guess = None,
+    *,
+    hold: str | Iterable[str] | None = None,
+    speeds: Mapping[str, float] | None = None,
+    efforts: Mapping[str, float] | None = None,
+    external: Mapping[str, pin.Force] | None = None,
+    laws: Mapping[str, Law] | None = None,
+    coordinates: Iterable[str] | None = None,
+    starts: int = STARTS,
+    seed: int = 0,
+    executor: Executor | None = None,
+    accuracy: Accuracy | None = None,
+) -> Equilibria:
+    """Find all distinct poses at rest, stable and unstable ones, on all branches.
+
+    Args:
+        mechanism: the mechanism.
+        guess: the first start; what is held has its value there.
+        hold: as for `equilibrium`, as are speeds, efforts, external, laws, coordinates and
+            accuracy.
+        speeds: see `hold`.
+        efforts: see `hold`.
+        external: see `hold`.
+        laws: see `hold`.
+        coordinates: see `hold`.
+        starts: number of starts, random but for the first.
+        seed: of the random numbers.
+        executor: whose workers take the starts, such as a ProcessPoolExecutor; the answer is the
+            same.
+        accuracy: see `hold`.
+
+    Returns:
+        The Equilibria, by energy, with the estimated number of missing ones.
+
+    Raises:
+        SpatialPinError: no start has led to a pose at rest.
+        AssemblyError: the guess cannot be closed.
+        UnknownNameError: a name does not exist.
+        Interrupted: after Ctrl-C; `.result` holds what was found.
+
+    Example:
+        >>> found = sp.equilibria(sp.load("four_bar"), starts=20)
+        >>> [one.stable for one in found]  # two on either branch, by energy
+        [True, False, True, False]
+    """
+    whole_number(starts, "starts")
+    setting = accuracy_of(accuracy)
+    state = assembled(mechanism, None, guess, accuracy=setting)
+    names = None if coordinates is None else tuple(names_of(coordinates, "coordinates"))
+    hold = hold if hold is None or isinstance(hold, str) else tuple(hold)
+    acting = (hold, speeds, efforts, external, laws)
+    AppliedLoads(exact_numbers(state), *acting)  # a wrong name is an error before anything starts
+    found: list[Equilibrium] = []
+    counts: list[int] = []
+    jobs = [(state, acting, names, setting, seed, k) for k in range(starts)]
+    try:
+        for one in in_order(executor, _from_start, jobs):
+            if one is None:
+                continue
+            same = [k for k, other in enumerate(found) if _are_one(one, other)]
+            if same:
+                counts[same[0]] += 1
+            else:
+                found.append(one)
+                counts.append(1)
+    except KeyboardInterrupt:
+        raise Interrupted(None, _sorted(found, counts, starts, False)) from None
+    if not found:
+        equilibrium(mechanism, state, hold=hold, speeds=speeds, efforts=efforts,
+                    external=external, laws=laws, accuracy=setting)  # which says why
+    return _sorted(found, counts, starts, True)
+
+
+def _sorted(
+    found: Sequence[Equilibrium], counts: Sequence[int], starts: int, is_whole: bool
+) -> Equilibria:
+    order = sorted(range(len(found)), key=lambda k: (
+        round(found[k].energy, 9), *np.round(found[k].state.q, 6).tolist()))
+    return Equilibria([found[k] for k in order], starts=starts,
+                      counts=[counts[k] for k in order], is_whole=is_whole)
+
+
+def _from_start(
+    state: State, acting: tuple[Any, ...], names: Sequence[str] | None, accuracy: Accuracy,
+    seed: int, k: int,
+) -> Equilibrium | None:
+    """Return where the k-th start leads: every second one down, the others to the nearest."""
+    mechanism = state.mechanism
+    loads = AppliedLoads(mechanism, *acting)
+    try:
+        if k:
+            rng = np.random.default_rng([seed, k])
+            step = FAR_START * rng.uniform(-1.0, 1.0, mechanism.model.nv)
+            step[list(loads.entries)] = 0.0
+            there = closed_beside(loads, state, step, accuracy)
+            if there is None:
+                return None
+            state = there
+        at, verdict = settled(loads, state, None if k % 2 else True, accuracy)
+        return Equilibrium(at, names, verdict)
+    except SpatialPinError:  # it falls without end from there, or meets a singular configuration
+        return None
+
+
+def _are_one(one: Equilibrium, other: Equilibrium) -> bool:
+    """Whether two poses are the same, idle rotations apart."""
+    apart = np.abs(turned_apart(one.state.mechanism, one.state.q, other.state.q))
+    idle = np.abs(one.idle).max(axis=0, initial=0.0) > 0.0
+    return bool(np.max(apart[~idle], initial=0.0) < SAME_POSE)
+
+
+def exact_numbers(state: State) -> Mechanism:
+    """Return the mechanism of a state; refuse one whose file's numbers are rounded."""
+    mechanism = state.mechanism
+    if mechanism.whole is not None:
+        raise SpatialPinError(
+            f"mechanism {mechanism.name!r}: its file's numbers are rounded (state.gap is "
+            f"{float(state.gap):.1e}), and stiffness is worked out for exact ones only: write more "
+            "digits into the file")
+    return mechanism
+
+
+# ---------------------------------------------------------------- the search
+
+
+def settled(
+    loads: AppliedLoads, state: State, stable: bool | None, accuracy: Accuracy
+) -> tuple[SmallMotions, Verdict]:
+    """Return where a mechanism comes to rest from a state, and how that answers a push.
+
+    Raises:
+        SpatialPinError: something falls without end.
+        SingularError: the loops lose rank on the way.
+    """
+    gone = np.zeros(loads.mechanism.model.nv)
+    last = np.inf
+    for _ in range(STEPS):
+        at = SmallMotions(loads, state)
+        step = _newton_step(at, bool(stable))
+        length = float(np.abs(step).max(initial=0.0))
+        if length <= EXACT or (last <= NEARLY and length >= 0.5 * last):
+            verdict = judged(at)
+            nudge = _downhill(at, verdict) if stable else None
+            if nudge is None:
+                return at, verdict
+            step, length = nudge, NUDGE
+        there = _taken(at, state, step, bool(stable) and not loads.speeds, accuracy)
+        gone += turned_apart(loads.mechanism, state.q, there.q)
+        state, last = there, length
+        if np.abs(gone).max(initial=0.0) > FAR:
+            break
+    raise SpatialPinError(_falls(loads, gone, step))
+
+
+def _newton_step(at: SmallMotions, descends: bool) -> Array:
+    """Return a step (nv,), scaled, to where the forces balance; downhill if that is wanted."""
+    reduced = at.orthonormal()
+    forces, terms = reduced.sizes
+    if not len(forces):
+        return np.zeros(at.freedoms.shape[1])
+    least = NEUTRAL * terms.max()
+    if at.loads.speeds:
+        y = decompose(reduced.stiffness, NEUTRAL).minimum_norm(reduced.load)
+    else:
+        values, modes = np.linalg.eigh(0.5 * (reduced.stiffness + reduced.stiffness.T))
+        pull = modes.T @ reduced.load
+        idle = (np.abs(values) <= least) & (np.abs(pull) <= BALANCED * forces.max())
+        divisor = np.maximum(np.abs(values), max(least, 1e-300))
+        if not descends:
+            divisor = divisor * np.where(values < -least, -1.0, 1.0)
+        y = modes @ np.where(idle, 0.0, pull / divisor)
+    step: Array = y @ at.freedoms
+    return step * min(1.0, LONGEST / max(float(np.abs(step).max()), 1e-300))
+
+
+def _taken(
+    at: SmallMotions, state: State, step: Array, descends: bool, accuracy: Accuracy
+) -> State:
+    """Return the state that a step leads to, halved until loops close and nothing rises."""
+    scale, part = at.loads.mechanism.velocity_scale, 1.0
+    slope = -float(at.wanted @ (scale * step))
+    while part > SHORTEST:
+        there = closed_beside(at.loads, state, part * step, accuracy)
+        if there is not None:
+            if not descends or part * np.abs(step).max() < NEARLY or slope <= 0.0:
+                return there
+            if _slope(at.loads, there, step) >= -OVERSHOT * slope:
+                return there
+        part *= 0.5
+    raise SpatialPinError(
+        f"mechanism {at.loads.mechanism.name!r}: the loops cannot follow the search for a pose at "
+        f"rest from {state}: start from another guess")
+
+
+def _slope(loads: AppliedLoads, state: State, step: Array) -> float:
+    """Return the power of the forces at a state along a step (nv,), scaled."""
+    with equations_of(loads.mechanism) as equations:
+        equations.update(state, loads.external, loads.laws)
+        along = decompose(loads.rows(equations.evaluation)).null_space
+        force = equations.given + loads.effort - equations.motion_forces(np.zeros(len(step)))
+    return float(along @ (loads.mechanism.velocity_scale * force) @ (along @ step))
+
+
+def closed_beside(
+    loads: AppliedLoads, state: State, step: Array, accuracy: Accuracy
+) -> State | None:
+    """Return the closed state a step (nv,), scaled, away; None where loops do not close."""
+    mechanism = loads.mechanism
+    q = pin.integrate(mechanism.model, state.q, mechanism.velocity_scale * step)
+    free = np.ones(len(step), dtype=bool)
+    free[list(loads.entries)] = False
+    pinned = {c.name: coordinate_value(mechanism, c, state.q) for c in loads.components}
+    found = closed(mechanism, q, free, state.angles, accuracy.tolerance, pinned=pinned)
+    if not found.error <= max(accuracy.tolerance, TOLERANCES.closed):
+        return None
+    with loops_of(mechanism, state.angles) as loops:
+        loops.update(found.q, with_jacobian=False)
+        return State(mechanism, found.q, closure_error=found.error, angles=loops.angles.copy())
+
+
+# ---------------------------------------------------------------- the verdict
+
+
+def judged(at: SmallMotions) -> Verdict:
+    """Return how a pose at rest answers a small push."""
+    passive, idle = at.idle()
+    free, scale = at.without(idle), at.loads.mechanism.velocity_scale
+    reduced = at.reduced(free * scale)
+    stiffness = reduced.stiffness
+    least = NEUTRAL * reduced.sizes[1].max(initial=0.0)
+    symmetric = 0.5 * (stiffness + stiffness.T)
+    has_potential = np.abs(stiffness - symmetric).max(initial=0.0) <= least
+    values, modes = np.linalg.eigh(symmetric)
+    neutral = modes.T[np.abs(values) <= least] @ free
+    stable: bool | None = bool(np.all(values > least))
+    if not at.loads.speeds and has_potential:
+        stable = False if np.any(values < -least) else True if stable else None
+    else:
+        roots, _ = vibrations(reduced.mass, reduced.damping, stiffness)
+        grows = roots.real > NEUTRAL * max(np.abs(roots).max(initial=0.0), 1e-300)
+        stable = False if grows.any() else None if len(neutral) else True
+    return Verdict(stable, free, neutral, idle, passive)
+
+
+def vibrations(
+    mass: Array, damping: Array, stiffness: Array
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """Return the eigenvalues (2n,) [1/s] of M y'' + C y' + K y = 0, and their forms (2n, n).
+
+    What has no mass has fewer.
+    """
+    from scipy.linalg import eig  # on use: it takes a tenth of a second
+
+    n = len(mass)
+    if not n:
+        return np.zeros(0, complex), np.zeros((0, 0), complex)
+    zero, one = np.zeros((n, n)), np.eye(n)
+    stiff, heavy = (np.abs(x).max() or 1.0 for x in (stiffness, mass))
+    pace = np.sqrt(stiff / heavy)  # time is counted in its inverse, so that all terms are alike
+    roots, forms = eig(
+        np.block([[zero, one], [-stiffness / stiff, -damping * (pace / stiff)]]),
+        np.block([[one, zero], [zero, mass / heavy]]))
+    finite = np.isfinite(roots)
+    return pace * roots[finite], forms.T[finite, :n]
+
+
+def _downhill(at: SmallMotions, verdict: Verdict) -> Array | None:
+    """Return a step (nv,), scaled, off a pose that is not stable; None from one that is."""
+    if verdict.stable is not False or at.loads.speeds:
+        return None
+    reduced = at.reduced(verdict.free * at.loads.mechanism.velocity_scale)
+    mode = np.linalg.eigh(0.5 * (reduced.stiffness + reduced.stiffness.T))[1][:, 0]
+    step = mode @ verdict.free
+    step = step / step[np.argmax(np.abs(step) > 0.5 * np.abs(step).max())]
+    return NUDGE * step / np.abs(step).max()
+
+
+def independent_motions(
+    at: SmallMotions, free: Array, chosen: Sequence[str] | None
+) -> tuple[list[str], list[int], Array]:
+    """Return coordinates that determine all motions, and what each moves.
+
+    Args:
+        at: the pose.
+        free: (n, nv) its motions, scaled.
+        chosen: the coordinates, if they are chosen; else drivers where they suffice.
+
+    Returns:
+        Their names and velocity entries, and (n, nv) joint velocities per unit rate of each.
+
+    Raises:
+        SpatialPinError: those chosen are not as many as there are freedoms, or not independent.
+    """
+    mechanism, n = at.loads.mechanism, len(free)
+    none, scaled = np.zeros((0, n)), free * mechanism.velocity_scale
+    if chosen is not None:
+        entries = [velocity_entry(mechanism, name) for name in chosen]
+        if len(entries) != n or decompose(free[:, entries], TOLERANCES.near_singular).rank < n:
+            raise SpatialPinError(
+                f"mechanism {mechanism.name!r}: coordinates: {len(entries)} are given, but {n} "
+                f"that are independent are needed: {', '.join(chosen)}")
+        return list(chosen), entries, np.linalg.solve(scaled[:, entries], scaled)
+    drivers = {mechanism.driven_coordinate(name).v: name for name in mechanism.drivers}
+    drivers = {v: name for v, name in drivers.items() if v not in at.loads.entries}
+    plain = {c.v: c.name for c in mechanism.coordinate_table.values() if c.q >= 0}
+    for names in (drivers, plain, dict(enumerate(mechanism.coordinates))):
+        entries = list(names)
+        if decompose(free[:, entries], TOLERANCES.near_singular).rank == n:
+            entries = [entries[k] for k in sorted(common_rows(free.T[entries][None], none, n))]
+            return ([names[v] for v in entries], entries,
+                    np.linalg.solve(scaled[:, entries], scaled))
+    raise AssertionError("all velocities determine all motions")
+
+
+def velocity_entry(mechanism: Mechanism, name: str) -> int:
+    """Return the place in the velocity vector of a driver, a coordinate, or one of a ball's."""
+    names = list(mechanism.coordinates)
+    return names.index(name) if name in names else mechanism.driven_coordinate(name).v
+
+
+def _moving(names: Sequence[str], entries: Sequence[int], motions: Array) -> list[str]:
+    """Return which of the coordinates move in motions (m, nv)."""
+    sizes = np.abs(motions[:, list(entries)]).max(axis=0, initial=0.0)
+    return [name for name, size in zip(names, sizes, strict=True)
+            if size > TOLERANCES.half_precision * np.abs(motions).max(initial=0.0)]
+
+
+def _falls(loads: AppliedLoads, gone: Array, step: Array) -> str:
+    """Say what falls without end, and what would hold it."""
+    mechanism = loads.mechanism
+    largest = np.abs(step).max(initial=0.0)
+    moving = [name for name, x, y in zip(mechanism.coordinates, step, gone, strict=True)
+              if abs(x) > 0.1 * largest and abs(y) > 0.1 * np.abs(gone).max()]
+    joints = {mechanism.coordinate(name).joint for name in moving}
+    bases = [joint for joint in untied(mechanism) if joint in joints]
+    if bases:
+        return (f"mechanism {mechanism.name!r}: {', '.join(bases)} floats freely, and nothing "
+                'holds the machine: it falls without end; hold it (hold="base"), or hang it on '
+                "springs")
+    names = first_names(moving)
+    first = moving[0] if moving else ""
+    return (f"mechanism {mechanism.name!r}: there is no pose at rest from this guess on: {names} "
+            f"{'moves' if len(moving) == 1 else 'move'} without end, and nothing supports it; "
+            f"hold it (hold=[{first!r}]), or give it a spring or an effort")

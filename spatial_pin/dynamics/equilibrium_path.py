@@ -1,0 +1,441 @@
+"""Poses at rest as a load grows: the load-displacement curve, through its limit points.
+
+The path of poses q at load factors x is followed by its pseudo-arclength [AllgowerGeorg2003, 4]:
+a step along the tangent, then Newton steps that bring the forces into balance at a constant
+distance along it. At limit points (snap-through) the load factor turns back, at branch points
+(buckling) a second path crosses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
+
+from spatial_pin._support.checks import as_array, checked, finite_array, whole_number
+from spatial_pin.assembly.assemble import assembled
+from spatial_pin.assembly.search.whole_turns import turned_apart
+from spatial_pin.assembly.state import State
+from spatial_pin.dynamics.derivatives.small_motions import AppliedLoads, SmallMotions
+from spatial_pin.dynamics.equilibrium import (
+    NEUTRAL,
+    Guess,
+    closed_beside,
+    exact_numbers,
+    settled,
+    velocity_entry,
+)
+from spatial_pin.dynamics.forces import Law, external_wrenches, generalised, joint_efforts
+from spatial_pin.errors import LimitError, SingularError, SpatialPinError
+from spatial_pin.kernel.loop_equations import loops_at
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.motion.joint_limit_events import joint_limits_passed
+from spatial_pin.motion.motion import Event, Motion
+from spatial_pin.numerics.linalg import Array, decompose
+from spatial_pin.numerics.roots import sign_change
+from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.settings import Accuracy, accuracy_of
+
+FIRST_STEP, LARGEST_STEP, SMALLEST_STEP = 0.02, 0.1, 1e-7  # rad, characteristic lengths, factors
+MOST_SAMPLES = 5000
+FARTHEST = 11.0  # ranges of the load factor from its end: what goes so far does not come back
+CORRECTIONS = 12  # Newton steps; more than that, and a shorter step of the path is cheaper
+QUICK, SLOW = 4, 7  # corrections, up to which the next step is longer, and above which shorter
+BENT = 0.95  # cosine between tangents, below which a step is halved
+EXACT, NEARLY = 1e-13, 1e-9  # correction that ends a search, and that may end it
+
+
+@dataclass(eq=False, repr=False)
+class EquilibriumPath(Motion):
+    """Poses at rest along a path, one sample per pose.
+
+    Attributes:
+        load_factor: (N,) factor of the loads that grow.
+        stable: (N,) whether no motion leads away from the pose.
+
+    `v` are the changes of the joints per unit of the driven coordinate, or of the path's length
+    where a load is followed; `a` are those of `v`, interpolated.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> path = sp.equilibrium_path(mech, efforts={"crank": 1.0}, factors=(0.0, 0.1))
+        >>> path.load_factor[[0, -1]].tolist(), bool(path.stable.all())
+        ([0.0, 0.1], True)
+    """
+
+    load_factor: Array = field(default_factory=lambda: np.empty(0))
+    stable: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, bool))
+
+
+class LoadPoint(NamedTuple):
+    """A pose at rest on the path.
+
+    Attributes:
+        state, factor: the pose and the load factor.
+        tangent: (nv + 1,) unit tangent of scaled velocities and the scaled factor.
+        stiffnesses: eigenvalues of the stiffness, ascending.
+        least: stiffness that is none.
+        modes: (k, nv) scaled motions of these eigenvalues.
+        corrections: how many Newton steps it took.
+    """
+
+    state: State
+    factor: float
+    tangent: Array
+    stiffnesses: Array
+    least: float
+    modes: Array
+    corrections: int
+
+    @property
+    def negatives(self) -> int:
+        """Number of negative stiffnesses."""
+        return int(np.count_nonzero(self.stiffnesses < -self.least))
+
+
+class LoadPath:
+    """The path of poses at rest of a mechanism whose loads grow.
+
+    Args:
+        mechanism: the mechanism.
+        acting: hold, laws, that stay.
+        efforts, external: the loads that grow, at factor 1.
+        accuracy: of closing.
+        span: of the load factor.
+    """
+
+    def __init__(
+        self, mechanism: Mechanism, acting: tuple[Any, Any],
+        efforts: Mapping[str, float] | None, external: Mapping[str, pin.Force] | None,
+        accuracy: Accuracy, span: float,
+    ) -> None:
+        self.mechanism, self._accuracy = mechanism, accuracy
+        self._hold, self._laws = acting
+        self._efforts, self._external = dict(efforts or {}), dict(external or {})
+        self._scale = mechanism.velocity_scale
+        self._effort = joint_efforts(mechanism, efforts)
+        self._span = span
+        self.unit = span or 1.0  # factor that counts as much as a rad or a characteristic length
+
+    def loads(self, factor: float) -> AppliedLoads:
+        """Return what acts at a load factor."""
+        return AppliedLoads(self.mechanism, self._hold, None,
+                     {name: factor * x for name, x in self._efforts.items()},
+                     {name: force * factor for name, force in self._external.items()}, self._laws)
+
+    def _growing(self, q: Array) -> Array:
+        """Return the joint forces (nv,) of the loads at factor 1."""
+        loops = loops_at(self.mechanism, q)
+        return self._effort + generalised(
+            loops, external_wrenches(self.mechanism, loops, self._external))
+
+    def start(self, state: State, factor: float, along: Array) -> LoadPoint:
+        """Return the point at a pose at rest; the tangent has a positive product with `along`."""
+        at = SmallMotions(self.loads(factor), state)
+        matrix = self._bordered(at, np.zeros(len(self._scale) + 1))[0]
+        pull = np.abs(matrix[:-1, -1]).max(initial=0.0)
+        if pull > TOLERANCES.nothing:
+            natural = self.unit * float(np.abs(matrix[:-1, :-1]).max() / pull)
+            self.unit = min(self._span or np.inf, natural)
+        return self.point(state, factor, along, 0)
+
+    def point(self, state: State, factor: float, along: Array, corrections: int) -> LoadPoint:
+        """Return the point at a pose at rest, its tangent continued from `along` (nv + 1,)."""
+        at = SmallMotions(self.loads(factor), state)
+        matrix, freedoms = self._bordered(at, along)
+        rhs = np.zeros(len(matrix))
+        rhs[-1] = 1.0
+        found = _solved(matrix, rhs)
+        tangent = np.append(found[:-1] @ freedoms, found[-1])
+        reduced = at.orthonormal()
+        values, modes = np.linalg.eigh(0.5 * (reduced.stiffness + reduced.stiffness.T))
+        return LoadPoint(state, factor, tangent / np.linalg.norm(tangent), values,
+                         NEUTRAL * float(reduced.sizes[1].max(initial=0.0)), modes.T @ freedoms,
+                         corrections)
+
+    def _bordered(self, at: SmallMotions, row: Array) -> tuple[Array, Array]:
+        """Return the matrix of the balance of forces with a last row, and the freedoms (k, nv)."""
+        reduced, freedoms, k = at.orthonormal(), at.freedoms, len(at.freedoms)
+        size = at.size or 1.0
+        matrix = np.zeros((k + 1, k + 1))
+        matrix[:k, :k] = reduced.stiffness / size
+        matrix[:k, k] = -self.unit * (freedoms @ (self._scale * self._growing(at.state.q))) / size
+        matrix[k, :k], matrix[k, k] = freedoms @ row[:-1], row[-1]
+        return matrix, freedoms
+
+    def corrected(
+        self, start: LoadPoint, row: Array, target: float, along: Array
+    ) -> LoadPoint | None:
+        """Return the pose at rest where a linear function of the way from a point has a value.
+
+        Args:
+            start: the point.
+            row: (nv + 1,) the function of scaled joint motions and the scaled factor.
+            target: its value.
+            along: (nv + 1,) the way of the first step.
+
+        Returns:
+            None where the loops do not close, or forces do not balance near the start.
+        """
+        state, factor, step = start.state, start.factor, along * target / float(row @ along)
+        way, length = np.zeros(len(row)), np.inf
+        for k in range(CORRECTIONS):
+            there = closed_beside(self.loads(0.0), state, step[:-1], self._accuracy)
+            if there is None:
+                return None
+            way[:-1] += turned_apart(self.mechanism, state.q, there.q)
+            way[-1] += step[-1]
+            state, factor = there, start.factor + self.unit * float(way[-1])
+            at = SmallMotions(self.loads(factor), state)
+            matrix, freedoms = self._bordered(at, row)
+            found = _solved(matrix, np.append(
+                at.orthonormal().load / (at.size or 1.0), target - float(row @ way)))
+            step = np.append(found[:-1] @ freedoms, found[-1])
+            before, length = length, float(np.abs(step).max())
+            if length <= EXACT or (before <= NEARLY and length >= 0.5 * before):
+                return self.point(state, factor, row if np.any(row[:-1]) else along, k + 1)
+            if length > 2.0 * LARGEST_STEP:
+                return None
+        return None
+
+    # ------------------------------------------------------------ what is met on the way
+
+    def steps(self, first: LoadPoint, ends: tuple[float, float]) -> Iterator[LoadPoint]:
+        """Yield the points of the path until the factor is the last one, and there exactly.
+
+        Or until it is far from its range.
+
+        Raises:
+            SingularError: the path cannot be followed further.
+        """
+        point, length = first, FIRST_STEP
+        while True:
+            there = self.corrected(point, point.tangent, length, point.tangent)
+            if there is None or there.tangent @ point.tangent < BENT:
+                length *= 0.5
+                if length < SMALLEST_STEP:
+                    raise SingularError(
+                        f"mechanism {self.mechanism.name!r}: the poses at rest cannot be followed "
+                        f"beyond load factor {point.factor:.6g}, {point.state}", state=point.state)
+                continue
+            if (there.factor - ends[1]) * (ends[0] - ends[1]) <= 0.0:
+                row = np.append(np.zeros(len(point.tangent) - 1), 1.0)
+                last = self.corrected(
+                    point, row, (ends[1] - point.factor) / self.unit, there.tangent)
+                yield there if last is None else last._replace(factor=ends[1])
+                return
+            yield there
+            point = there
+            if abs(there.factor - ends[1]) > FARTHEST * abs(ends[0] - ends[1]):
+                return
+            if there.corrections <= QUICK:
+                length = min(1.5 * length, LARGEST_STEP)
+            elif there.corrections > SLOW:
+                length *= 0.6
+
+    def met(self, before: LoadPoint, after: LoadPoint, row: int) -> tuple[Event, LoadPoint] | None:
+        """Return the limit or branch point between two points, and the pose there."""
+        turns = before.tangent[-1] * after.tangent[-1] < 0.0
+        if not turns and before.negatives == after.negatives:
+            return None
+        which = min(before.negatives, after.negatives)
+        whole = float(before.tangent[:-1] @ turned_apart(
+            self.mechanism, before.state.q, after.state.q)
+            + before.tangent[-1] * (after.factor - before.factor) / self.unit)
+
+        def at(part: float) -> LoadPoint:
+            found = self.corrected(before, before.tangent, part * whole, before.tangent)
+            return after if found is None else found
+
+        def value(point: LoadPoint) -> float:
+            return float(point.tangent[-1] if turns else point.stiffnesses[which])
+
+        part = sign_change(lambda x: value(at(x)) if x else value(before), 0.0, 1.0,
+                           value(before), value(after))
+        there = at(part) if 0.0 < part < 1.0 else after if part else before
+        kind = "limit point" if turns else "branch point"
+        text = ("the load factor turns back" if turns else
+                "another path of poses at rest crosses: the mechanism buckles")
+        return Event(kind, float(there.factor), row, f"{text} at {there.factor:.9g}"), there
+
+
+def _solved(matrix: Array, rhs: Array) -> Array:
+    """Return the least solution: idle rotations have no stiffness, and stay."""
+    return decompose(matrix, NEUTRAL).minimum_norm(rhs)
+
+
+@checked
+def equilibrium_path(
+    mechanism: Mechanism,
+    guess: Guess = None,
+    *,
+    efforts: Mapping[str, float] | None = None,
+    external: Mapping[str, pin.Force] | None = None,
+    factors: ArrayLike = (0.0, 1.0),
+    over: str | None = None,
+    values: ArrayLike | None = None,
+    branch: int = 0,
+    hold: str | Iterable[str] | None = None,
+    laws: Mapping[str, Law] | None = None,
+    accuracy: Accuracy | None = None,
+) -> EquilibriumPath:
+    """Follow the poses at rest as a load grows, through snap-through, snap-back and buckling.
+
+    The path begins at the pose at rest to which the guess leads at the first factor, and ends at
+    the last factor; on the way it may turn back any number of times. With `over` a coordinate goes
+    through values, and the load factor is what holds it there (displacement control).
+
+    Args:
+        mechanism: the mechanism.
+        guess: where the search for the first pose starts, as for `equilibrium`.
+        efforts: by driver, joint or coordinate, the efforts that grow, at factor 1 [N·m, N].
+        external: by link, frame or joint, the forces that grow, at factor 1, world axes.
+        factors: (2,) the first load factor, and the last.
+        over: a coordinate that goes through `values` instead.
+        values: (N,) its values [rad, m].
+        branch: number of the branch point, from 1, at which the path that crosses is taken;
+            negative for its other direction. 0 goes straight on.
+        hold: names of joints, coordinates or drivers that stand still; "base" for a free base.
+        laws: of springs, as for `equilibrium`.
+        accuracy: of closing; default "engineering".
+
+    Returns:
+        The EquilibriumPath, a Motion with load factors and stability. Events are of kind "limit
+        point", "branch point" and "joint limit"; their value is the load factor.
+
+    Raises:
+        SpatialPinError: there is no pose at rest to begin with, or the loads move nothing.
+        LimitError: the coordinate cannot reach a value.
+        SingularError: the path cannot be followed further.
+        UnknownNameError: a name does not exist.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> path = sp.equilibrium_path(mech, efforts={"crank": 1.0}, over="crank",
+        ...                            values=np.linspace(-1.8, 1.8, 19))
+        >>> event = path.events[0]  # the largest effort that it takes, and where
+        >>> event.kind, round(event.value, 4), event.row  # [N·m]
+        ('limit point', 1.3326, 7)
+    """
+    setting = accuracy_of(accuracy)
+    lo, hi = finite_array(factors, (2,), "factors").tolist()
+    whole_number(branch, "branch")
+    state = assembled(mechanism, None, guess, accuracy=setting)
+    path = LoadPath(exact_numbers(state), (hold, laws), efforts, external, setting,
+                    abs(hi - lo) if over is None else 0.0)
+    mechanism = path.mechanism
+    if over is None:
+        at, _ = settled(path.loads(lo), state, True, setting)
+        along = np.append(np.zeros(mechanism.model.nv), np.sign(hi - lo) or 1.0)
+        points, events = _along(path, path.start(at.state, lo, along), (lo, hi), branch)
+    else:
+        if values is None:
+            raise SpatialPinError(f"over={over!r} needs values=, those that it goes through")
+        points, events = _over(path, state, over, as_array(values, "values"))
+    return _motion(path, points, events, over)
+
+
+def _along(
+    path: LoadPath, first: LoadPoint, ends: tuple[float, float], branch: int
+) -> tuple[list[LoadPoint], list[Event]]:
+    points, events, crossed = [first], list[Event](), 0
+    going = path.steps(first, ends)
+    while (there := next(going, None)) is not None and len(points) < MOST_SAMPLES:
+        met = path.met(points[-1], there, len(points))
+        if met is not None:
+            events.append(met[0])
+            crossed += met[0].kind == "branch point"
+            if crossed == abs(branch) and met[0].kind == "branch point":
+                at = met[1]
+                mode = at.modes[int(np.argmin(np.abs(at.stiffnesses)))]
+                mode = np.append(mode / np.linalg.norm(mode), 0.0)
+                mode *= np.sign(branch) * np.sign(mode[np.argmax(np.abs(mode))])
+                there = at._replace(tangent=mode)
+                going = path.steps(there, ends)
+        points.append(there)
+    if points[-1].factor != ends[1]:
+        events.append(Event("stopped", points[-1].factor, len(points),
+                            f"the load factor does not come to {ends[1]:.6g}: after "
+                            f"{len(points)} poses it is {points[-1].factor:.6g}"))
+    return points, events
+
+
+def _over(
+    path: LoadPath, state: State, over: str, values: Array
+) -> tuple[list[LoadPoint], list[Event]]:
+    """Return the poses at which a coordinate has values, and what was met between them."""
+    mechanism = path.mechanism
+    coordinate = mechanism.driven_coordinate(over)
+    held = assembled(mechanism, {over: float(values[0])}, state)
+    entry = velocity_entry(mechanism, over)
+    hold = path.loads(0.0)
+    at, _ = settled(AppliedLoads(mechanism, [*[c.name for c in hold.held], coordinate.name],
+                          laws=hold.laws), held, True, accuracy_of(None))
+    row = np.zeros(mechanism.model.nv + 1)
+    row[entry] = 1.0
+    first = path.start(at.state, 0.0, row)
+    start = path.corrected(first, row, 0.0, first.tangent + row)
+    points, events = [first if start is None else start], list[Event]()
+    size = mechanism.velocity_scale[coordinate.v]
+    for value in values[1:].tolist():
+        point, parts = points[-1], 1.0
+        while abs(value - float(point.state.q[coordinate.q])) > TOLERANCES.tight * size:
+            way = (value - float(point.state.q[coordinate.q])) / size
+            step = parts * np.sign(way) * min(abs(way), LARGEST_STEP)
+            there = path.corrected(point, row, step, point.tangent / point.tangent[entry])
+            if there is None:
+                parts *= 0.5
+                if parts < SMALLEST_STEP:
+                    raise LimitError(
+                        f"mechanism {mechanism.name!r}: {over} = {value:.6g} cannot be reached at "
+                        f"rest: from {point.state} on nothing balances",
+                        limit=float(point.state.q[coordinate.q]),
+                        motion=_motion(path, points, events, over))
+                continue
+            met = path.met(point, there, len(points))
+            events += [met[0]] if met is not None else []
+            point, parts = there, min(2.0 * parts, 1.0)
+        points.append(point)
+    return points, events
+
+
+def _motion(
+    path: LoadPath, points: list[LoadPoint], events: list[Event], over: str | None
+) -> EquilibriumPath:
+    """Return the motion through some poses."""
+    from scipy.interpolate import CubicSpline  # on use: it takes a tenth of a second
+
+    mechanism = path.mechanism
+    q = np.array([x.state.q for x in points])
+    tangents = np.array([x.tangent[:-1] for x in points]) * mechanism.velocity_scale
+    if over is None:
+        ways = [np.linalg.norm(turned_apart(mechanism, x.state.q, y.state.q))
+                for x, y in pairwise(points)]
+        place = np.append(0.0, np.cumsum(np.maximum(ways, 1e-12)))
+        driver, name, per = None, "", "sample"
+    else:
+        coordinate = mechanism.driven_coordinate(over)
+        driver = place = q[:, coordinate.q]
+        name, per = over, coordinate.unit
+        tangents = tangents / tangents[:, [coordinate.v]]
+    rising = len(place) > 1 and (np.all(np.diff(place) > 0.0) or np.all(np.diff(place) < 0.0))
+    sense = 1.0 if not rising or place[-1] > place[0] else -1.0
+    a = np.array(CubicSpline(sense * place, sense * tangents)(sense * place, 1)) if rising else (
+        np.zeros_like(tangents))
+    factor = np.array([x.factor for x in points])
+    found = EquilibriumPath(
+        mechanism, driver, name, None, q, tangents, a,
+        np.array([x.state.closure_error for x in points]), np.ones(len(points)), events,
+        np.array([x.state.angles for x in points]), per, (),
+        factor, np.array([x.negatives == 0 for x in points]))
+    passed = [p.event for p in joint_limits_passed(found)]
+    rows = np.arange(len(points), dtype=float)
+    found.events = sorted([*events, *(
+        e._replace(value=float(np.interp(e.value if over is None else e.row, rows, factor)))
+        for e in passed)], key=lambda e: e.row)
+    return found

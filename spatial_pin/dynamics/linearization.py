@@ -1,0 +1,405 @@
+"""Small motions about a pose at rest: vibrations, transfer functions, compliance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from spatial_pin._support.checks import as_array, checked, names_of, positive_number, whole_number
+from spatial_pin._support.columns import XYZ
+from spatial_pin.assembly.state import State
+from spatial_pin.dynamics.derivatives.small_motions import (
+    AppliedLoads,
+    ReducedEquations,
+    SmallMotions,
+)
+from spatial_pin.dynamics.equilibrium import (
+    NEUTRAL,
+    exact_numbers,
+    independent_motions,
+    judged,
+    velocity_entry,
+    vibrations,
+)
+from spatial_pin.dynamics.forces import Law
+from spatial_pin.errors import SingularError, SpatialPinError
+from spatial_pin.kernel.loop_equations import loops_at
+from spatial_pin.mechanism.coordinates import coordinate_value
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.motion.follow import follow
+from spatial_pin.motion.motion import Motion
+from spatial_pin.numerics.linalg import Array, decompose
+from spatial_pin.numerics.tolerances import TOLERANCES
+
+AT_REST = 1e-6  # of the terms of a force, above which a pose is not at rest
+AMPLITUDE = 0.1  # of a shape: its largest coordinate [rad, characteristic lengths]
+SAMPLES = 61  # of the period of a shape
+
+
+class Linearization:
+    """The linear equations of small motions: M y'' + C y' + K y = B u.
+
+    y are small changes of `coordinates`, u of `inputs`.
+
+    Attributes:
+        state: the pose at rest.
+        coordinates: names of the n independent coordinates.
+        mass, damping, stiffness: (n, n) M, C (gyroscopic terms included) and K (of weights,
+            preloaded springs and moving axes too).
+        inputs, outputs: names.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> found = sp.linearize(mech, sp.equilibrium(mech).state)
+        >>> found.frequencies.round(3)  # [Hz]
+        array([2.058])
+        >>> found.stable
+        True
+    """
+
+    def __init__(
+        self, at: SmallMotions, names: Sequence[str], reduced: ReducedEquations,
+        inputs: Mapping[str, Array], outputs: Mapping[str, tuple[Array, Array]],
+    ) -> None:
+        self.state, self.coordinates = at.state, tuple(names)
+        self.mass, self.damping, self.stiffness = (
+            reduced.mass, reduced.damping, reduced.stiffness)
+        self.inputs, self.outputs = tuple(inputs), tuple(outputs)
+        n = len(names)
+        self._b = np.array([*inputs.values()]).reshape(-1, n).T
+        self._c = np.array([np.concatenate(x) for x in outputs.values()]).reshape(-1, 2 * n)
+        self._loads, self._motions = at.loads, reduced.motions
+        sizes = np.abs(reduced.mass).max(initial=0.0)
+        if n and decompose(reduced.mass / (sizes or 1.0)).rank < n:
+            raise SingularError(
+                f"mechanism {at.loads.mechanism.name!r}: {at.state}: a motion of "
+                f"{', '.join(names)} has no inertia, so that it does not vibrate: give its links "
+                "mass, or hold it", state=at.state)
+
+    @property
+    def eigenvalues(self) -> NDArray[np.complex128]:
+        """(2n,) eigenvalues [1/s], by their size.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> sp.linearize(mech, sp.equilibrium(mech).state).eigenvalues.imag.round(2)  # [rad/s]
+            array([-12.93,  12.93])
+        """
+        found, _ = vibrations(self.mass, self.damping, self.stiffness)
+        return found[np.lexsort((found.imag, found.real, np.abs(found).round(12)))]
+
+    @property
+    def stable(self) -> bool:
+        """Whether no eigenvalue has a positive real part, or is zero."""
+        found = self.eigenvalues
+        least = NEUTRAL * np.abs(found).max(initial=0.0)
+        return bool(np.all(found.real <= least) and np.all(np.abs(found) > least))
+
+    @property
+    def frequencies(self) -> Array:
+        """(n,) frequencies |λ|/2π of the vibrations [Hz], ascending.
+
+        A pair of real eigenvalues of one sign has √(λ₁ λ₂) in place of |λ|; a motion that grows,
+        or that nothing drives back, has frequency 0.
+        """
+        return np.array([frequency for frequency, _ in self._modes()])
+
+    @property
+    def damping_ratios(self) -> Array:
+        """(n,) damping ratios, in the order of `frequencies`: 1 is critical; NaN at frequency 0.
+
+        Example:
+            >>> mech = sp.load("four_bar")  # without dampers
+            >>> sp.linearize(mech, sp.equilibrium(mech).state).damping_ratios.round(9)
+            array([0.])
+        """
+        return np.array([ratio for _, ratio in self._modes()])
+
+    def _modes(self) -> list[tuple[float, float]]:
+        """Return (frequency, damping ratio) of each motion.
+
+        A free motion takes a decaying eigenvalue along, if not a second zero, one that grows
+        the decaying one of about its size; what then decays is paired, the fastest with the
+        slowest.
+        """
+        found, n = self.eigenvalues, len(self.coordinates)
+        least = NEUTRAL * np.abs(found).max(initial=0.0)
+        modes = [(abs(x) / (2.0 * np.pi), -x.real / abs(x) + 0.0) for x in found[found.imag > least]
+                 if x.real <= least]
+        real = np.sort(found[np.abs(found.imag) <= least].real)
+        decaying: list[float] = real[real < -least].tolist()
+        zeros = int(np.count_nonzero(np.abs(real) <= least))
+        for x in real[real > least]:
+            if decaying:
+                del decaying[int(np.argmin(np.abs(np.array(decaying) + x)))]
+        free = n - decompose(self.stiffness / np.abs(self.stiffness).max(initial=1e-300),
+                             NEUTRAL).rank
+        del decaying[len(decaying) - max(0, 2 * free - zeros):]
+        while len(decaying) > 1:
+            product, total = decaying[0] * decaying[-1], decaying.pop(0) + decaying.pop()
+            modes.append((np.sqrt(product) / (2.0 * np.pi), -0.5 * total / np.sqrt(product)))
+        modes += [(0.0, np.nan)] * (n - len(modes))
+        return sorted(modes, key=lambda mode: mode[0])
+
+    def state_space(self) -> tuple[Array, Array, Array, Array]:
+        """Return A (2n, 2n), B (2n, m), C (k, 2n), D (k, m) of x' = A x + B u, z = C x + D u.
+
+        x are the changes of `coordinates`, then their rates; u of the inputs, z of the outputs, as
+        `scipy.signal.StateSpace` and `control.ss` take them.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> found = sp.linearize(mech, sp.equilibrium(mech).state)
+            >>> [x.shape for x in found.state_space()]  # A, B, C, D
+            [(2, 2), (2, 1), (1, 2), (1, 1)]
+        """
+        n = len(self.coordinates)
+        inverse = np.linalg.inv(self.mass)
+        a = np.block([[np.zeros((n, n)), np.eye(n)],
+                      [-inverse @ self.stiffness, -inverse @ self.damping]])
+        b = np.vstack([np.zeros_like(self._b), inverse @ self._b])
+        return a, b, self._c.copy(), np.zeros((len(self._c), b.shape[1]))
+
+    def frequency_response(self, omega: Any) -> NDArray[np.complex128]:
+        """Return the complex amplitudes (len(omega), outputs, inputs) per unit of each input.
+
+        Args:
+            omega: (len(omega),) angular frequencies [rad/s].
+
+        Raises:
+            ValueError: one is NaN or infinite.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> found = sp.linearize(mech, sp.equilibrium(mech).state)
+            >>> found.frequency_response([0.0]).real.round(4)  # rad per N·m at rest
+            array([[[0.7641]]])
+        """
+        omega = np.atleast_1d(as_array(omega, "omega"))
+        n = len(self.coordinates)
+        found = np.zeros((len(omega), len(self._c), self._b.shape[1]), complex)
+        for out, w in zip(found, omega, strict=True):
+            y = np.linalg.solve(
+                self.stiffness - w * w * self.mass + 1j * w * self.damping, self._b)
+            out[:] = self._c[:, :n] @ y + self._c[:, n:] @ (1j * w * y)
+        return found
+
+    def shape(self, k: int, amplitude: float | None = None) -> Motion:
+        """Return one period of a vibration, loops closed, for `sp.show`.
+
+        Args:
+            k: its number in `frequencies`.
+            amplitude: of the coordinate that moves most [rad, m]; default 0.1 rad, or a tenth of
+                the characteristic length.
+
+        Raises:
+            ValueError: there is no such vibration, or its frequency is 0.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> found = sp.linearize(mech, sp.equilibrium(mech).state)
+            >>> len(found.shape(0, amplitude=0.05))  # samples of one period
+            61
+        """
+        frequencies = self.frequencies
+        if not 0 <= whole_number(k, "k") < len(frequencies) or not frequencies[k] > 0.0:
+            raise ValueError(f"there is no vibration {k}: those with a frequency are "
+                             f"{np.flatnonzero(frequencies > 0.0).tolist()}")
+        omega = 2.0 * np.pi * frequencies[k]
+        mechanism = self._loads.mechanism
+        entries = [mechanism.prescribed_coordinate(x) for x in self.coordinates]
+        scale = mechanism.velocity_scale[[c.v for c in entries]]
+        roots, forms = vibrations(self.mass, self.damping, self.stiffness)
+        form = forms[np.argmin(np.abs(np.abs(roots) - omega))] / scale
+        form = form / form[np.argmax(np.abs(form))]
+        size = AMPLITUDE if amplitude is None else positive_number(amplitude, "amplitude") / (
+            scale[np.argmax(np.abs(form))])
+        times = np.linspace(0.0, 1.0 / frequencies[k], SAMPLES)
+        waves = (size * scale[:, None] * form[:, None]) * np.exp(1j * omega * times)
+        at = self.state
+        values: dict[str, Any] = {
+            name: coordinate_value(mechanism, c, at.q) + wave.real
+            for name, c, wave in zip(self.coordinates, entries, waves, strict=True)}
+        for c in self._loads.held:
+            values[c.name] = coordinate_value(mechanism, c, at.q) + (
+                self._loads.speeds.get(c, 0.0) * times)
+        return follow(mechanism, values, times, guess=at)
+
+    def __repr__(self) -> str:
+        return (f"Linearization({', '.join(self.coordinates)}: "
+                f"{', '.join(f'{x:.6g}' for x in self.frequencies)} Hz)")
+
+    def __str__(self) -> str:
+        pairs = zip(self.frequencies, self.damping_ratios, strict=True)
+        lines = [f"small motions about {self.state} in {', '.join(self.coordinates)}"]
+        for k, (frequency, ratio) in enumerate(pairs):
+            lines.append(f"  {k}: {frequency:.9g} Hz, damping ratio {ratio:.6g}" if frequency else
+                         f"  {k}: no vibration")
+        return "\n".join(lines)
+
+
+@checked
+def linearize(
+    mechanism: Mechanism,
+    state: State,
+    *,
+    hold: str | Iterable[str] | None = None,
+    speeds: Mapping[str, float] | None = None,
+    inputs: Iterable[str] | None = None,
+    outputs: Iterable[str] | None = None,
+    efforts: Mapping[str, float] | None = None,
+    external: Mapping[str, pin.Force] | None = None,
+    laws: Mapping[str, Law] | None = None,
+    coordinates: Iterable[str] | None = None,
+) -> Linearization:
+    """Linearize the motion about a pose at rest, loops closed.
+
+    Args:
+        mechanism: the mechanism.
+        state: the pose at rest, from `equilibrium`, with the same `hold`, `speeds` and forces.
+        hold: names of joints, coordinates or drivers that stand still; "base" for a free base.
+        speeds: by driver or coordinate, a constant speed [rad/s, m/s].
+        inputs: drivers, joints or coordinates whose efforts are inputs; default the drivers that
+            move.
+        outputs: coordinates, "NAME.rate" for their rates, "FRAME.position.x" for a coordinate of
+            a frame's origin; default `coordinates`.
+        efforts: by driver, joint or coordinate, constant [N·m, N].
+        external: by link, frame or joint, the force on it at its origin, world axes, constant.
+        laws: of springs, as for `equilibrium`.
+        coordinates: the independent coordinates; default as for `equilibrium`.
+
+    Returns:
+        The Linearization.
+
+    Raises:
+        SpatialPinError: the mechanism is not at rest there; says how it would be accelerated.
+        SingularError: the loops lose rank there, or a motion has no inertia.
+        UnknownNameError: a name does not exist.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> found = sp.linearize(mech, sp.equilibrium(mech).state, outputs=["crank"])
+        >>> a, b, c, d = found.state_space()
+        >>> found.frequency_response([1.0]).shape  # (frequencies, outputs, inputs)
+        (1, 1, 1)
+    """
+    at = _at_rest(mechanism, state, AppliedLoads(
+        exact_numbers(state), hold, speeds, efforts, external, laws))
+    chosen = None if coordinates is None else names_of(coordinates, "coordinates")
+    names, entries, motions = independent_motions(at, judged(at).free, chosen)
+    reduced = at.reduced(motions, entries)
+    _refuse_motion(at, names, reduced)
+    mechanism = at.loads.mechanism
+    moved = [name for name in mechanism.drivers
+             if mechanism.driven_coordinate(name).v not in at.loads.entries]
+    given = moved if inputs is None else names_of(inputs, "inputs")
+    wanted = names if outputs is None else names_of(outputs, "outputs")
+    return Linearization(
+        at, names, reduced,
+        {name: motions[:, velocity_entry(mechanism, name)] for name in given},
+        {name: _output(at, motions, name) for name in wanted})
+
+
+@checked
+def compliance(
+    mechanism: Mechanism,
+    state: State,
+    frame: str,
+    *,
+    hold: str | Iterable[str] | None = None,
+    efforts: Mapping[str, float] | None = None,
+    external: Mapping[str, pin.Force] | None = None,
+    laws: Mapping[str, Law] | None = None,
+) -> Array:
+    """Return how much a frame gives way to a small force and moment, loops closed.
+
+    Args:
+        mechanism: the mechanism.
+        state: the pose at rest, from `equilibrium`, with the same `hold` and forces.
+        frame: link, frame or joint; what is joined to it gives way by its springs and weights.
+        hold: names of joints, coordinates or drivers that stand still; "base" for a free base.
+        efforts: as for `equilibrium`, as are external and laws.
+        external: see `efforts`.
+        laws: see `efforts`.
+
+    Returns:
+        (6, 6) translation [m], then rotation [rad], of the frame per force [N], then moment
+        [N·m], at its origin, world axes. Symmetric where all loads have a potential.
+
+    Raises:
+        SpatialPinError: the mechanism is not at rest there, or nothing drives back a motion of the
+            frame.
+        SingularError: the loops lose rank there.
+        UnknownNameError: a name does not exist.
+
+    Example:
+        >>> mech = sp.load("four_bar")
+        >>> found = sp.compliance(mech, sp.equilibrium(mech).state, "coupler")
+        >>> found.shape, bool(np.allclose(found, found.T, rtol=0, atol=1e-12))
+        ((6, 6), True)
+    """
+    at = _at_rest(mechanism, state, AppliedLoads(
+        exact_numbers(state), hold, None, efforts, external, laws))
+    mechanism = at.loads.mechanism
+    verdict = judged(at)
+    motions = verdict.free * mechanism.velocity_scale
+    reduced = at.reduced(motions)
+    _refuse_motion(at, mechanism.coordinates, reduced)
+    moved = loops_at(mechanism, at.state.q).frame_jacobian(mechanism.frame_id(frame)) @ motions.T
+    svd = decompose(reduced.stiffness, NEUTRAL)
+    loose = svd.null_space @ moved.T
+    if np.abs(loose).max(initial=0.0) > TOLERANCES.half_precision * np.abs(moved).max():
+        names = [mechanism.coordinates[v] for v in np.flatnonzero(
+            np.abs(svd.null_space @ verdict.free).max(axis=0) > TOLERANCES.half_precision)]
+        raise SpatialPinError(
+            f"mechanism {mechanism.name!r}: nothing drives {frame!r} back where "
+            f"{', '.join(names)} move: hold one of them, or give it a spring")
+    found: Array = moved @ svd.minimum_norm(moved.T)
+    return found
+
+
+def _at_rest(mechanism: Mechanism, state: State, loads: AppliedLoads) -> SmallMotions:
+    """Return the equations about a state, which must stand, or move as the speeds say."""
+    at = SmallMotions(loads, state)
+    apart = np.abs((state.v - at.state.v) / loads.mechanism.velocity_scale)
+    if state.v.any() and apart.max() > AT_REST * np.abs(state.v).max():
+        name = loads.mechanism.coordinates[int(np.argmax(apart))]
+        raise SpatialPinError(
+            f"mechanism {mechanism.name!r}: the state moves ({name!r}): give the speeds that are "
+            "constant as speeds=, or a state at rest")
+    return at
+
+
+def _refuse_motion(at: SmallMotions, names: Sequence[str], reduced: ReducedEquations) -> None:
+    """Refuse a pose that is not at rest.
+
+    Raises:
+        SpatialPinError: says how it would be accelerated.
+    """
+    if np.all(np.abs(reduced.load) <= AT_REST * reduced.sizes[0]):
+        return
+    mechanism = at.loads.mechanism
+    a = decompose(reduced.mass).minimum_norm(reduced.load) @ reduced.motions
+    k = int(np.argmax(np.abs(a / mechanism.velocity_scale)))
+    raise SpatialPinError(
+        f"mechanism {mechanism.name!r}: it is not at rest at {at.state}: "
+        f"{mechanism.coordinates[k]} would be accelerated by {a[k]:.6g} "
+        f"{mechanism.coordinate(mechanism.coordinates[k]).unit}/s²; `equilibrium` finds the pose "
+        "at rest under the same forces")
+
+
+def _output(at: SmallMotions, motions: Array, name: str) -> tuple[Array, Array]:
+    """Return the change (n,) of an output by coordinates, and by their rates."""
+    mechanism, none = at.loads.mechanism, np.zeros(len(motions))
+    frame, _, axis = name.rpartition(".position.")
+    if frame and axis in XYZ:
+        moved = loops_at(mechanism, at.state.q).frame_jacobian(mechanism.frame_id(frame))
+        return motions @ moved[XYZ.index(axis)], none
+    of, dot, kind = name.rpartition(".")
+    if dot and kind == "rate" and name not in mechanism.coordinate_table:
+        return none, motions[:, velocity_entry(mechanism, of)]
+    return motions[:, velocity_entry(mechanism, name)], none
