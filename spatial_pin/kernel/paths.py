@@ -117,7 +117,8 @@ class Path:
         self.n_driven, self._chooses, self.accuracy = len(driven), chosen is None, accuracy
         rows = None if chosen is None else np.ascontiguousarray(chosen, np.int64)
         n = kernel.nv - kernel.n_passive - len(driven) if rows is None else len(rows)
-        self._n_chosen, self._driven = n, (INT * len(driven))(*driven)
+        self._driven = (INT * len(driven))(*driven)
+        self._task = PathTask(n, ctypes.addressof(self._driven), len(driven))
         fill = None if fill is None else np.ascontiguousarray(fill, float)
         check(self._library.system_set(
             kernel.handle, None if rows is None else address(rows), n,
@@ -158,9 +159,10 @@ class Path:
             How many samples were reached; less than 0 where closing leaves something to choose, or
             where loops are not regular: the closer tells then what it has reached, if it is -1.
         """
-        values, rows = numbers(values, (len(samples.q),)), PathRows(*map(address, samples))
-        task = PathTask(self._n_chosen, ctypes.addressof(self._driven), self.n_driven, widest_gap,
-                        address(values), len(values), rows)
+        values, task = numbers(values, (len(samples.q),)), self._task
+        rows = task.rows
+        rows.q, rows.t, rows.c, rows.error, rows.angles = map(address, samples)
+        task.open, task.value, task.n = widest_gap, address(values), len(values)
         return self._library.path_from_guess(
             self._handle, closer.handle, closer.at_task, ctypes.byref(task))
 

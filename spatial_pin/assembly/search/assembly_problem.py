@@ -154,7 +154,6 @@ class AssemblyProblem:
         lost: see `State.lost_turns`.
         stand: where drivers should stand that were given no value, by coordinate.
         known: what `reached` would return of the goal and further starts, if that is known.
-        workspaces: what is acquired.
     """
 
     known: list[Reached] | None = None
@@ -168,7 +167,8 @@ class AssemblyProblem:
         workspaces: Workspaces | None = None,
     ) -> None:
         self.mechanism, self.reference = mechanism, reference
-        self.workspaces = workspaces or Workspaces()
+        if workspaces is not None:
+            self.workspaces = workspaces
         self.given, self.standing = held, standing
         self.held, self.let_go = {**held, **standing}, let_go
         self.tolerance, self.gap = tolerance, gap
@@ -227,6 +227,11 @@ class AssemblyProblem:
                                           named),
             self.tolerance, self.gap, self.reference, still=self.free_set.still,
             workspaces=self.workspaces)
+
+    @cached_property
+    def workspaces(self) -> Workspaces:
+        """What is acquired."""
+        return Workspaces()
 
     @cached_property
     def evaluation(self) -> LoopEquations:
