@@ -209,7 +209,7 @@ class Closer:
             facts=self._facts[0], angle=self._facts[1])
         self.at_task, self._meant = ctypes.byref(self._task), self._task.meant
         self._reached = ctypes.byref(self._meant), *found
-        self._asked: ClosureSettings | None = None  # what the arrays of the task are set to
+        self._settings: ClosureSettings | None = None  # what the task is set to
 
     def close(
         self, q: Array, free: NDArray[np.bool_], reference: Array | float, tolerance: float,
@@ -231,7 +231,7 @@ class Closer:
         Raises:
             SingularError: positions have grown beyond all numbers.
         """
-        self._q[:], self._free[:], self._asked = q, free, None
+        self._q[:], self._free[:], self._settings = q, free, None
         if first is not None:
             self._first[:] = first
         if len(self._reference):
@@ -248,14 +248,14 @@ class Closer:
         return Closed(self._q.copy(), error, not self.knows_mirrors or self._mirrored.item(0) != 0)
 
     def reach(
-        self, q: Sequence[Array], asked: ClosureSettings, value: Array,
+        self, q: Sequence[Array], settings: ClosureSettings, value: Array,
         reference: Array | float = 0.0, pinned: Iterable[float] = (), shaken: bool = False,
     ) -> list[Reached]:
         """Close from each of some q (nq,), `AT_ONCE` at most, by itself, as `close` does.
 
         Args:
             q: where to start.
-            asked: how.
+            settings: how.
             value: (nq,) of what is named or held, see `Meant`.
             reference: see `close`.
             pinned: see `close`.
@@ -266,7 +266,7 @@ class Closer:
         Raises:
             SingularError: positions have grown beyond all numbers.
         """
-        self.set_task(q, asked, value, reference, pinned, shaken)
+        self.set_task(q, settings, value, reference, pinned, shaken)
         check(self._library.closer_reach(self.handle, self.at_task))
         return self.reached()
 
@@ -281,13 +281,24 @@ class Closer:
                         None if k else seen) for k, error in enumerate(errors)]
 
     def set_task(
-        self, q: Sequence[Array], asked: ClosureSettings, value: Array,
+        self, q: Sequence[Array], settings: ClosureSettings, value: Array,
         reference: Array | float = 0.0, pinned: Iterable[float] = (), shaken: bool = False,
     ) -> None:
         """Set what C is to close, as `reach` says it."""
-        task = self._task
-        if asked is not self._asked:
-            self._ask(asked)
+        task, shakes = self._task, settings.shakes
+        if settings is not self._settings:  # else only values have changed
+            self._free[:], self._said[:] = settings.free, settings.said
+            if settings.first is not None:
+                self._first[:] = settings.first
+            self._limits = settings.lower, settings.upper  # the model's own, where it keeps them
+            self._meant.lower, self._meant.upper = map(address, self._limits)
+            task.first = None if settings.first is None else self._at_first
+            task.tolerance, task.loose = settings.tolerance, max(settings.tolerance, LOOSE)
+            task.iterations, task.cut, task.near = settings.iterations, settings.cut, np.inf
+            if shakes is not None:
+                task.near, task.shakes = shakes.near, shakes.at
+                task.shaken, task.group = shakes.at_shaken, shakes.at_group
+            self._settings = settings
         for row, start in enumerate(q):
             self._starts[row] = start
         if len(self._reference):
@@ -296,31 +307,12 @@ class Closer:
             self._pinned[:] = np.array(list(pinned))[self._order]
         self._value[:] = value
         task.m = len(q)
-        shakes = asked.shakes
         task.n_shakes = len(shakes.steps) if shaken and shakes and self.knows_mirrors else 0
-
-    def _ask(self, asked: ClosureSettings) -> None:
-        """Set what does not depend on values."""
-        task = self._task
-        self._free[:] = asked.free
-        if asked.first is not None:
-            self._first[:] = asked.first
-        self._said[:] = asked.said
-        self._limits = asked.lower, asked.upper  # the model's own, where it keeps them
-        self._meant.lower, self._meant.upper = map(address, self._limits)
-        task.tolerance, task.iterations, task.cut = asked.tolerance, asked.iterations, asked.cut
-        task.loose = max(asked.tolerance, LOOSE)
-        task.first = None if asked.first is None else self._at_first
-        task.near = np.inf
-        if asked.shakes is not None:
-            task.near, task.shakes = asked.shakes.near, asked.shakes.at
-            task.shaken, task.group = asked.shakes.at_shaken, asked.shakes.at_group
-        self._asked = asked
 
     def judge(self, q: Array, reference: Array | float, meant: Meant) -> Reached:
         """Return what q (nq,) is, whole turns taken off its angles."""
         self._q[:], self._reference[:] = q, reference
-        self._value[:], self._said[:], self._asked = meant.value, meant.said, None
+        self._value[:], self._said[:], self._settings = meant.value, meant.said, None
         self._limits = meant.lower, meant.upper
         self._meant.lower, self._meant.upper = map(address, self._limits)
         self._library.closer_judge(
@@ -348,7 +340,7 @@ class Closer:
         By products alone; the angles of screws count from zero.
         """
         q, errors = np.array(q, order="C"), np.empty(len(q))
-        self._free[:], self._asked = free, None
+        self._free[:], self._settings = free, None
         self._library.closer_descend(self.handle, len(q), address(q), self._at_free, tolerance,
                                      iterations, address(errors))
         return q, errors
