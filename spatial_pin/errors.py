@@ -41,7 +41,7 @@ def _again(kind: type[SpatialPinError], args: tuple[Any, ...]) -> SpatialPinErro
 
 
 class SpatialPinWarning(UserWarning):
-    """An answer that is right, but perhaps not to the question that was meant.
+    """A warning: the answer is correct, but may not be the answer to your question.
 
     Example:
         >>> import warnings
@@ -63,7 +63,7 @@ class MechanismFileError(SpatialPinError):
     """A mechanism file cannot be used; the message names file, key and remedy.
 
     Attributes:
-        mistakes: a sentence for every mistake that was found in it, the first one first.
+        mistakes: a sentence for every mistake in the file, in order.
 
     Example:
         >>> try:
@@ -129,7 +129,7 @@ class UnknownNameError(SpatialPinError, LookupError):
     """A link, frame, joint, coordinate or driver of that name does not exist.
 
     Attributes:
-        name: the name asked for.
+        name: the unknown name.
         valid: the names that exist.
 
     Example:
@@ -176,9 +176,9 @@ class LimitError(SpatialPinError):
     """The driver cannot reach a value.
 
     Attributes:
-        limit: the driver value of the limit position, or the one towards which a joint runs away
-            without end [rad or m].
-        motion: what was reached before it.
+        limit: the driver value of the limit position, or the value at which a joint goes to
+            infinity [rad or m].
+        motion: the samples before it.
 
     Example:
         >>> try:
@@ -199,15 +199,15 @@ class ReachError(SpatialPinError):
 
     Attributes:
         state: the nearest configuration that was found; its loops are closed.
-        distances: how far off each target is there, by name [lengths relative to the
-            characteristic length, rad].
+        distances: distance to each target, by name [lengths relative to the characteristic length,
+            rad].
         residuals: the same with its components: from where each target should be to where it is.
-        stops: what stops it there, in words.
-        reasons: for each of these "joint limit", "dead centre", "singular direction" (what moves
-            there does not move the targets the way of the residuals), "too few freedoms", "nothing
-            moves", "steps" (they ran out) or "nearest found".
-        limits: names of the coordinates whose joint limits hold it back.
-        motion: what was reached before it along a path of targets; else None.
+        stops: the reasons in words.
+        reasons: for each of these "joint limit", "dead centre", "singular direction" (no motion of
+            the joints moves the targets along the residuals), "too few freedoms", "nothing moves",
+            "steps" (the limit of steps) or "nearest found".
+        limits: names of the coordinates whose joint limits stop the motion.
+        motion: the samples before it along a path of targets; else None.
 
     Example:
         >>> try:
@@ -230,15 +230,14 @@ class ReachError(SpatialPinError):
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C while something was found, with what was found: `except KeyboardInterrupt` catches it.
+    """Ctrl-C, with the unfinished result; `except KeyboardInterrupt` catches it.
 
-    Every verb that takes long raises it; a plain KeyboardInterrupt where nothing was found yet.
+    Every long verb raises it. Before there is any result, it is a plain KeyboardInterrupt.
 
     Attributes:
-        motion: as far as it was followed, or gone through, until then; of a simulation a
-            Simulation. None where there is none, as in a search.
-        result: what the verb would have returned, as far as it was found until then; of verbs that
-            return a motion this motion. Its `is_whole`, where it has one, is False.
+        motion: the samples until then, a Motion or Simulation; None in a search.
+        result: the verb's result until then, with `is_whole` False if it has this attribute. For
+            verbs that return a motion it is this motion.
 
     Example:
         >>> try:
@@ -290,7 +289,7 @@ class SingularError(SpatialPinError):
 
     Attributes:
         state: the configuration, when there is one.
-        motion: what was reached before it, when a sweep came upon it.
+        motion: the samples before it, if it was raised by a sweep.
 
     Example:
         >>> mech = sp.load("slider_crank")
@@ -311,10 +310,10 @@ class SingularError(SpatialPinError):
 
 
 class EnergyError(SpatialPinError):
-    """A simulation would go on with energy that came from nowhere.
+    """The energy of a simulation grows without work.
 
     Attributes:
-        motion: what was reached before it.
+        motion: the samples before it.
 
     Example:
         >>> mech = sp.load("four_bar")
@@ -332,10 +331,10 @@ class EnergyError(SpatialPinError):
 
 
 class StepLimitError(SpatialPinError):
-    """A simulation has taken as many steps as it may.
+    """A simulation reached its largest number of steps.
 
     Attributes:
-        motion: what was reached before it.
+        motion: the samples before it.
 
     Example:
         >>> mech = sp.load("four_bar")
@@ -357,7 +356,7 @@ class ContinuumError(SingularError):
 
     Attributes:
         state: one of the configurations that can move.
-        freedoms: how many freedoms it has there, passive ones apart.
+        freedoms: its number of freedoms there, without passive ones.
         coordinates: names of the coordinates that move.
         hold: drivers or coordinates that stop it if they are held too.
 
@@ -380,7 +379,7 @@ class ContinuumError(SingularError):
 
 
 class ClosureTypeError(SpatialPinError):
-    """A closure has no form of the kind that was asked for.
+    """The closure has no counterpart in the requested form.
 
     Example:
         >>> try:

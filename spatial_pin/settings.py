@@ -90,12 +90,12 @@ class Accuracy:
             simulation ends; a motion of a hundred thousand turns takes about a million. One
             without damping that would take ten times as many is given up early.
 
-    Where a tolerance of 1e-8 or more is asked for (and order 3), samples of a sweep that are near
-    to each other are interpolated between points of the path that are closed to round-off: their
-    positions and rates are off by about that part, at a fraction of the cost. The looser the
-    tolerance the fewer the points: thirty a turn at 1e-4, a hundred at 1e-6. From 1e-11 on
-    DOP853 tells the accelerations of a simulation's samples, too, and most samples of one freedom
-    are interpolated in the same way; not where functions of yours act, as these may jump.
+    With a tolerance of 1e-8 or more (and order 3), close samples of a sweep are interpolated
+    between points of the path that are closed to round-off. Errors of their positions and rates are
+    of the size of the tolerance, at a fraction of the cost. A larger tolerance needs fewer points:
+    thirty per turn at 1e-4, a hundred at 1e-6. From 1e-11 on, DOP853 also gives the accelerations
+    of a simulation's samples, and most samples of one freedom are interpolated in the same way.
+    This is not done if functions of yours act, because these may jump.
 
     Example:
         >>> mech = sp.load("four_bar")

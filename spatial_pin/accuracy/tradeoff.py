@@ -49,7 +49,7 @@ FAILURES = (Astray, SpatialPinError, ValueError, ArithmeticError, np.linalg.LinA
 
 @dataclass(frozen=True)
 class Measured:
-    """One setting as measured.
+    """Time and errors of one accuracy setting.
 
     Attributes:
         accuracy: the setting.
@@ -107,17 +107,17 @@ class Measured:
 
 @dataclass(frozen=True)
 class Tradeoff:
-    """What settings cost and lose on one task; `str()` is the table.
+    """Time and errors of accuracy settings on one task; `str()` is the table.
 
     Errors are absolute in rad, and in m relative to the characteristic length; `error` is the
     largest of that of positions, and those of velocities and accelerations by the largest one.
 
     Attributes:
         mechanism: its name.
-        task: what was done.
+        task: the task, in words.
         kind: "sweep" or "simulate".
         rows: one for each setting, the fastest first, those that failed last.
-        reference: what errors were measured against.
+        reference: the reference of the errors, in words.
         reference_error: the error of that [-], like `Measured.error`.
         is_whole: whether nothing cut it short (Ctrl-C).
 
@@ -292,7 +292,7 @@ def tradeoff(
     budget: float = BUDGET,
     progress: bool = False,
 ) -> Tradeoff:
-    """Measure what accuracy settings cost and lose on a mechanism and a task.
+    """Measure time and errors of accuracy settings on a mechanism and a task.
 
     The settings take turns in changing order, and each does the whole task, so that noise affects
     all alike and shows as a spread. Its motion is compared with a reference that does not depend on
@@ -307,7 +307,7 @@ def tradeoff(
             (duration, state, efforts, ...; default state the assembled guess at rest); a swept
             Motion; "sweep" for the default motion of the first driver (the default); "simulate" for
             a few seconds under gravity.
-        settings: what to try; default a grid of all kinds.
+        settings: the Accuracy settings to try; default a grid of all kinds.
         repeats: how often each setting is timed.
         budget: time after which no run is repeated any more [s]; after twice that time settings
             that have not run yet are not tried.

@@ -60,30 +60,30 @@ def assemble(
 ) -> State:
     """Close the loops of a mechanism.
 
-    Drivers that are given a value have it exactly. The others stand where the guess has them; a
-    driver that the guess does not name stands at neutral. (Where the guess names other joints
-    only, and the loops do not close with the drivers at neutral, the loops take them along; with
+    A driver with a value has it exactly. A driver without a value keeps its value from the guess,
+    or its neutral value if the guess does not name it. (If the guess names other joints only, and
+    the loops do not close with the drivers at neutral, the loops move these drivers; with
     `release=False` they do not.)
 
-    The guess decides the branch. The coordinates that it names are held first, while the rest is
-    solved; then they are released too. Of the branches in reach the one nearest to the named values
-    is returned. A free base (a floating joint that alone carries a whole machine) stays where the
+    The guess decides the branch. First its named coordinates are held and the rest is solved; then
+    all are solved together. If several branches are close, the one nearest to the named values is
+    returned. A free base (a floating joint that alone carries a whole machine) stays where the
     guess has it.
 
-    If the loops cannot close that way, the drivers without a value are released and move as little
-    as possible: the sum of the squares of their moves is the least on the branch (angles in rad,
-    slides in characteristic lengths). `State.released` names each and how far it went. This usually
-    ends at a dead centre of these drivers, from which they could not move on. Therefore, if no
+    If the loops cannot close with these values, the drivers without a value are released and move
+    as little as possible: the sum of the squares of their moves is the least on the branch (angles
+    in rad, slides in characteristic lengths). `State.released` names each driver and its move. This
+    usually ends at a dead centre of these drivers, where they could not move on. Therefore, if no
     driver has a value at all, the guess as a whole is closed instead.
 
     Args:
         mechanism: the mechanism.
         drivers: values of drivers or coordinates to hold exactly [rad, m].
-        guess: values by joint or coordinate as in the mechanism file [rad, m], a State, or q
-            (nq,); default the file's guess, and neutral where nothing is said. Whole turns are
-            taken off angles so large that their round-off would open the loops. Where couplings or
-            screws count turns that other loops do not, these are followed from the guess to what is
-            set further off than a quarter of a turn.
+        guess: values by joint or coordinate as in the mechanism file [rad, m], a State, or q (nq,);
+            default the file's guess; neutral for all others. Whole turns are taken off angles so
+            large that their round-off would open the loops. Where couplings or screws count turns
+            that other loops do not, these are followed from the guess to what is set further off
+            than a quarter of a turn.
         limits: keep the joint limits of the URDF.
         release: let drivers without a value move if the loops cannot close otherwise; False raises
             instead.

@@ -93,14 +93,14 @@ class RelativeMotion(NamedTuple):
 
 
 class Gap(float):
-    """How far equations of a closed configuration are from holding: the largest of them.
+    """The largest error of the equations of a closed configuration.
 
-    A number, 0 where all hold; else the file's numbers are rounded, and redundant equations of its
-    loops hold to so much only. Angles are in rad, lengths relative to
-    the characteristic length.
+    It is 0 if all equations hold. Otherwise the numbers of the file are rounded, and this is the
+    error of the redundant equations of its loops. Angles are in rad, lengths relative to the
+    characteristic length.
 
     Attributes:
-        closures: the largest of each closure that has such equations.
+        closures: the largest error of each closure that has such equations.
 
     Example:
         >>> state = sp.assemble(sp.load("rssr"), {"crank": 1.0})

@@ -210,6 +210,7 @@ REMEDIES = (
     Remedy(f"(?:, such as )?{PRESCRIBED}; each may have a (.drivers.name.) in the file too",
            r" by a \3 of each in the file"),
     Remedy(r"hold=(\[.*?\])", _each("--hold"), "--hold"),
+    Remedy(r'hold="base"', "--hold base", "--hold"),
     Remedy(r"; hold=(\[.*?\]) stops the joints with springs", ""),
     Remedy(r"; nothing holds the free base, which .*? does by default", ""),
     Remedy(r"\bactuated=(\[.*?\])", _each("--actuated")),

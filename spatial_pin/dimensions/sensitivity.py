@@ -106,7 +106,7 @@ def sensitivity(
     output: str,
     parameters: Iterable[str] | None = None,
 ) -> Sensitivity:
-    """Differentiate an output with respect to dimensions, the drivers' motion being the same.
+    """Differentiate an output with respect to dimensions; the drivers keep their motion.
 
     In a motion, each sample counts as a state by itself: values and derivatives are (N,) or (N, 3),
     errors (N,). All drivers are held.
@@ -121,8 +121,8 @@ def sensitivity(
         parameters: names of dimensions; default all.
 
     Returns:
-        The derivatives with an estimate of their error. A warning names dimensions asked for that
-        change nothing in the file.
+        The derivatives with an estimate of their error. A warning names dimensions that change
+        nothing in the file.
 
     Raises:
         UnknownNameError: no such dimension or output.

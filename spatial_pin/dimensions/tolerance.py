@@ -50,7 +50,7 @@ class Tolerance(Tabular):
         is_closed: (N,) which samples could be closed: `samples[output]` are those at
             `dimensions[name][is_closed]`.
         units: of the outputs, "1" for none.
-        is_whole: whether nothing cut it short (Ctrl-C).
+        is_whole: whether all samples were solved (no Ctrl-C).
 
     Example:
         >>> mech = sp.load("rssr")
@@ -167,8 +167,8 @@ def tolerance(
         mechanism: a mechanism with a xacro tree.
         outputs: names as for `sensitivity`.
         deviations: standard deviation by dimension [m, rad].
-        guess: where it stands: a closed State, whose driver values, speeds and accelerations are
-            kept, or what `assemble` takes; default the file's guess.
+        guess: a closed State, whose driver values, speeds and accelerations are kept, or a guess as
+            for `assemble`; default the file's guess.
         samples: number of Monte Carlo samples, 0 for none, ten millions at most.
         executor: where to solve them (any `concurrent.futures` executor, a Dask client's too);
             default in this process.

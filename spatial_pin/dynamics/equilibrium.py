@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.brief import first_names
 from spatial_pin._support.checks import checked, names_of, whole_number
+from spatial_pin._support.columns import Quantity, Tabular, chosen
 from spatial_pin._support.executors import in_order
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.close import closed
@@ -44,8 +45,9 @@ NEUTRAL = 1e-8  # of the terms of the stiffness: stiffness that is none, half of
 BALANCED = 1e-9  # of the terms of a load: what is balanced
 NUDGE = 0.05  # rad, characteristic lengths: off a pose at rest that is not stable
 SAME_POSE = 1e-6  # difference of coordinates of one equilibrium, from two starts
-FAR_START = np.pi  # rad, characteristic lengths: how far starts are from the guess, at most
+FAR_STARTS = (np.pi, 1.0, 0.3)  # rad, characteristic lengths: how far starts are from the guess
 STARTS = 60
+KINDS = {True: "stable", False: "unstable", None: "neutral"}
 Guess = Mapping[str, Any] | State | Array | None
 
 
@@ -111,8 +113,8 @@ class Equilibrium(Dynamics):
         return f"Equilibrium({self._at!r}, stable={self.stable})"
 
     def __str__(self) -> str:
-        kind = {True: "stable", False: "unstable", None: "neutral"}[self.stable]
-        lines = [f"{kind} at rest: {self._at}", f"potential energy {self.energy:.9g} J"]
+        lines = [f"{KINDS[self.stable]} at rest: {self._at}",
+                 f"potential energy {self.energy:.9g} J"]
         if self.neutral:
             lines.append(f"no stiffness in {', '.join(self.neutral)}")
         lines += [f"idle: {freedom}" for freedom in self.passive]
@@ -122,8 +124,10 @@ class Equilibrium(Dynamics):
         return "\n".join([*lines, super().__str__()])
 
 
-class Equilibria(list[Equilibrium]):
+class Equilibria(Tabular, list[Equilibrium]):
     """The distinct poses at rest that were found, by energy.
+
+    As a table (`columns`, `to_csv`, `to_dataframe`, ...) it has a row for each.
 
     Attributes:
         starts: number of starts; `reached` of them ended at a pose at rest.
@@ -144,6 +148,33 @@ class Equilibria(list[Equilibrium]):
         super().__init__(found)
         self.starts, self.counts, self.is_whole = starts, tuple(counts), is_whole
         self.reached, self.missing = sum(counts), missing_by(counts)
+
+    def quantities(self, outputs: str | Iterable[str] | None = None) -> dict[str, Quantity]:
+        """Return quantities by name: coordinates, energy, kind, and how many starts reached it.
+
+        Args:
+            outputs: names of what is wanted; default all.
+
+        Raises:
+            UnknownNameError: there is none of a name.
+
+        Example:
+            >>> found = sp.equilibria(sp.load("four_bar"), starts=20)
+            >>> found.columns(["energy", "kind"])["kind"].tolist()
+            ['stable', 'unstable', 'stable', 'unstable']
+        """
+        table = {c.name: Quantity(np.array([float(one.state.q[c.q]) for one in self]), c.unit)
+                 for c in self[0].state.mechanism.coordinate_table.values() if c.q >= 0
+                 } if self else {}
+        table["energy"] = Quantity(np.array([one.energy for one in self]), "J")
+        table["kind"] = Quantity(np.array([KINDS[one.stable] for one in self], dtype=str), "")
+        table["reached"] = Quantity(np.array(self.counts, dtype=int), "")
+        return chosen(table, outputs, "equilibria")
+
+    def __repr__(self) -> str:
+        kinds = [KINDS[one.stable] for one in self]
+        return (f"Equilibria({', '.join(f'{kinds.count(x)} {x}' for x in dict.fromkeys(kinds))} "
+                f"of {self.starts} starts{'' if self.is_whole else '; cut short'})")
 
     def __str__(self) -> str:
         lines = [f"{len(self)} poses at rest from {self.starts} starts, {self.reached} of which "
@@ -269,16 +300,21 @@ def equilibria(
         AssemblyError: the guess cannot be closed.
         UnknownNameError: a name does not exist.
         Interrupted: after Ctrl-C; `.result` holds what was found.
+        ValueError: starts is no whole number of at least 1.
 
     Example:
         >>> found = sp.equilibria(sp.load("four_bar"), starts=20)
         >>> [one.stable for one in found]  # two on either branch, by energy
         [True, False, True, False]
     """
-    whole_number(starts, "starts")
+    starts = whole_number(starts, "starts")
+    if starts < 1:
+        raise ValueError(f"starts is {starts}; it is at least 1")
     setting = accuracy_of(accuracy)
     state = assembled(mechanism, None, guess, accuracy=setting)
     names = None if coordinates is None else tuple(names_of(coordinates, "coordinates"))
+    for name in names or ():
+        velocity_entry(mechanism, name)
     hold = hold if hold is None or isinstance(hold, str) else tuple(hold)
     acting = (hold, speeds, efforts, external, laws)
     AppliedLoads(exact_numbers(state), *acting)  # a wrong name is an error before anything starts
@@ -322,16 +358,17 @@ def _from_start(
     try:
         if k:
             rng = np.random.default_rng([seed, k])
-            step = FAR_START * rng.uniform(-1.0, 1.0, mechanism.model.nv)
+            step = FAR_STARTS[k // 2 % len(FAR_STARTS)] * rng.uniform(
+                -1.0, 1.0, mechanism.model.nv)
             step[list(loads.entries)] = 0.0
             there = closed_beside(loads, state, step, accuracy)
             if there is None:
                 return None
             state = there
         at, verdict = settled(loads, state, None if k % 2 else True, accuracy)
-        return Equilibrium(at, names, verdict)
     except SpatialPinError:  # it falls without end from there, or meets a singular configuration
         return None
+    return Equilibrium(at, names, verdict)
 
 
 def _are_one(one: Equilibrium, other: Equilibrium) -> bool:
@@ -462,8 +499,9 @@ def judged(at: SmallMotions) -> Verdict:
     least = NEUTRAL * reduced.sizes[1].max(initial=0.0)
     symmetric = 0.5 * (stiffness + stiffness.T)
     has_potential = np.abs(stiffness - symmetric).max(initial=0.0) <= least
-    values, modes = np.linalg.eigh(symmetric)
-    neutral = modes.T[np.abs(values) <= least] @ free
+    values = np.linalg.eigvalsh(symmetric)
+    svd = decompose(stiffness, 0.0)
+    neutral = svd.vt[svd.s <= least] @ free
     stable: bool | None = bool(np.all(values > least))
     if not at.loads.speeds and has_potential:
         stable = False if np.any(values < -least) else True if stable else None
@@ -570,7 +608,8 @@ def _falls(loads: AppliedLoads, gone: Array, step: Array) -> str:
                 'holds the machine: it falls without end; hold it (hold="base"), or hang it on '
                 "springs")
     names = first_names(moving)
-    first = moving[0] if moving else ""
+    drivers = [mechanism.drivers[name].joint for name in mechanism.drivers]
+    first = [name for name in moving if name in drivers] or moving[:1]
     return (f"mechanism {mechanism.name!r}: there is no pose at rest from this guess on: {names} "
             f"{'moves' if len(moving) == 1 else 'move'} without end, and nothing supports it; "
-            f"hold it (hold=[{first!r}]), or give it a spring or an effort")
+            f"hold it (hold={first!r}), or give it a spring or an effort")

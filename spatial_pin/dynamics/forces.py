@@ -15,6 +15,7 @@ import pinocchio as pin
 from spatial_pin._support.checks import finite_number, mapping
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.constraints.pinocchio_views import joint_jacobian
+from spatial_pin.dynamics.bushings import Bushing
 from spatial_pin.errors import SpatialPinError, UnknownNameError, warn
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -92,11 +93,18 @@ class Forces:
         self.resistance = Resistance(mechanism, slip_speed)
         self.lines: list[Line] = []
         self.turns: list[JointSpring] = []
+        self.bushings: list[Bushing] = []
         for spring in mechanism.springs:
             self._add(spring, laws.get(spring.name))
 
     def _add(self, spring: Spring, law: Law | None) -> None:
         m = self.mechanism
+        if spring.is_bushing:
+            if law:
+                raise SpatialPinError(f"mechanism {m.name!r}: spring {spring.name!r} is a bushing, "
+                                      "whose force is no function of one length: it takes no law")
+            self.bushings.append(Bushing.of(m, spring))
+            return
         is_linear = spring.is_linear and not law
         free, k, c = spring.free, spring.stiffness, spring.damping
         energy = None if law else spring.energy
@@ -117,7 +125,7 @@ class Forces:
     @property
     def exist(self) -> bool:
         """Whether there is any spring, or any resistance."""
-        return bool(self.lines or self.turns or self.resistance)
+        return bool(self.lines or self.turns or self.bushings or self.resistance)
 
     def generalised(self, evaluation: LoopEquations, q: Array, v: Array) -> Array:
         """Return the generalised forces (nv,) of all, after `evaluation.update(q)`."""
@@ -125,7 +133,20 @@ class Forces:
         for line in self.lines:
             row, length, _ = self.row(evaluation, line)
             total -= line.law(length, float(row @ v)) * row
-        return total
+        return total + generalised(evaluation, self._on_bodies(evaluation, v))
+
+    def _on_bodies(self, evaluation: LoopEquations, v: Array) -> list[tuple[int, Array]]:
+        """Return (joint, wrench (6,) on its body about the world's origin) of bushings."""
+        found = []
+        for bushing in self.bushings:
+            twists = np.array([evaluation.body_jacobian(i) @ v for i in bushing.bodies])
+            wrench = bushing.wrench(evaluation.placements, twists)
+            found += [(bushing.bodies[0], -wrench), (bushing.bodies[1], wrench)]
+        return found
+
+    def of_bushings(self, evaluation: LoopEquations, v: Array) -> Array:
+        """Return the generalised forces (nv,) of bushings, after `evaluation.update(q)`."""
+        return generalised(evaluation, self._on_bodies(evaluation, v))
 
     def turning(self, q: Array, v: Array) -> Array:
         """Return the generalised forces (nv,) of springs about joints, and of resistance."""
@@ -147,8 +168,8 @@ class Forces:
         return found
 
     def wrenches(self, evaluation: LoopEquations, v: Array) -> list[tuple[int, Array]]:
-        """Return (joint, wrench (6,) on its body about the world origin) of line springs."""
-        found = []
+        """Return (joint, wrench (6,) on its body about the world origin) of springs on frames."""
+        found = self._on_bodies(evaluation, v)
         for line in self.lines:
             row, length, wrench = self.row(evaluation, line)
             force = line.law(length, float(row @ v))
@@ -169,7 +190,7 @@ class Forces:
 
     def energy(self, evaluation: LoopEquations, q: Array) -> float:
         """Return the energy stored in springs [J]; those with a law of their own store none."""
-        total = 0.0
+        total = sum(bushing.energy(evaluation.placements) for bushing in self.bushings)
         for line in self.lines:
             if line.energy:
                 total += line.energy(self.row(evaluation, line)[1])

@@ -10,7 +10,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin._support.checks import as_array, checked, names_of, positive_number, whole_number
-from spatial_pin._support.columns import XYZ
+from spatial_pin._support.columns import XYZ, Quantity, Tabular, chosen
 from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.derivatives.small_motions import (
     AppliedLoads,
@@ -37,13 +37,15 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 
 AT_REST = 1e-6  # of the terms of a force, above which a pose is not at rest
 AMPLITUDE = 0.1  # of a shape: its largest coordinate [rad, characteristic lengths]
+ROUND_OFF = 1e-14  # of the largest eigenvalue: a decay that is none
 SAMPLES = 61  # of the period of a shape
 
 
-class Linearization:
+class Linearization(Tabular):
     """The linear equations of small motions: M y'' + C y' + K y = B u.
 
-    y are small changes of `coordinates`, u of `inputs`.
+    y are small changes of `coordinates`, u of `inputs`. As a table (`columns`, `to_csv`,
+    `to_dataframe`, ...) it has a row for each vibration.
 
     Attributes:
         state: the pose at rest.
@@ -63,7 +65,7 @@ class Linearization:
 
     def __init__(
         self, at: SmallMotions, names: Sequence[str], reduced: ReducedEquations,
-        inputs: Mapping[str, Array], outputs: Mapping[str, tuple[Array, Array]],
+        inputs: Mapping[str, Array], outputs: Mapping[str, tuple[Array, Array]], neutral: int,
     ) -> None:
         self.state, self.coordinates = at.state, tuple(names)
         self.mass, self.damping, self.stiffness = (
@@ -72,7 +74,7 @@ class Linearization:
         n = len(names)
         self._b = np.array([*inputs.values()]).reshape(-1, n).T
         self._c = np.array([np.concatenate(x) for x in outputs.values()]).reshape(-1, 2 * n)
-        self._loads, self._motions = at.loads, reduced.motions
+        self._loads, self._neutral = at.loads, neutral
         sizes = np.abs(reduced.mass).max(initial=0.0)
         if n and decompose(reduced.mass / (sizes or 1.0)).rank < n:
             raise SingularError(
@@ -89,8 +91,16 @@ class Linearization:
             >>> sp.linearize(mech, sp.equilibrium(mech).state).eigenvalues.imag.round(2)  # [rad/s]
             array([-12.93,  12.93])
         """
-        found, _ = vibrations(self.mass, self.damping, self.stiffness)
-        return found[np.lexsort((found.imag, found.real, np.abs(found).round(12)))]
+        return self._roots()[0]
+
+    def _roots(self) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Return the eigenvalues by their size, those of neutral motions zero, and their forms."""
+        roots, forms = vibrations(self.mass, self.damping, self.stiffness)
+        order = np.lexsort((roots.imag, roots.real, np.abs(roots).round(12)))
+        roots, forms = roots[order], forms[order]
+        slow = np.abs(roots) <= np.sqrt(NEUTRAL) * np.abs(roots).max(initial=0.0)
+        slow[2 * self._neutral:] = False
+        return np.where(slow, 0.0, roots), forms
 
     @property
     def stable(self) -> bool:
@@ -106,7 +116,7 @@ class Linearization:
         A pair of real eigenvalues of one sign has √(λ₁ λ₂) in place of |λ|; a motion that grows,
         or that nothing drives back, has frequency 0.
         """
-        return np.array([frequency for frequency, _ in self._modes()])
+        return np.array([frequency for frequency, _, _ in self._modes()])
 
     @property
     def damping_ratios(self) -> Array:
@@ -117,32 +127,37 @@ class Linearization:
             >>> sp.linearize(mech, sp.equilibrium(mech).state).damping_ratios.round(9)
             array([0.])
         """
-        return np.array([ratio for _, ratio in self._modes()])
+        return np.array([ratio for _, ratio, _ in self._modes()])
 
-    def _modes(self) -> list[tuple[float, float]]:
-        """Return (frequency, damping ratio) of each motion.
+    def _modes(self) -> list[tuple[float, float, NDArray[np.complex128]]]:
+        """Return (frequency, damping ratio, form) of each motion.
 
         A free motion takes a decaying eigenvalue along, if not a second zero, one that grows
         the decaying one of about its size; what then decays is paired, the fastest with the
         slowest.
         """
-        found, n = self.eigenvalues, len(self.coordinates)
-        least = NEUTRAL * np.abs(found).max(initial=0.0)
-        modes = [(abs(x) / (2.0 * np.pi), -x.real / abs(x) + 0.0) for x in found[found.imag > least]
-                 if x.real <= least]
-        real = np.sort(found[np.abs(found.imag) <= least].real)
-        decaying: list[float] = real[real < -least].tolist()
-        zeros = int(np.count_nonzero(np.abs(real) <= least))
-        for x in real[real > least]:
+        (roots, forms), n = self._roots(), len(self.coordinates)
+        least = NEUTRAL * np.abs(roots).max(initial=0.0)
+        none = ROUND_OFF * np.abs(roots).max(initial=0.0)
+        modes = [(float(abs(x)) / (2.0 * np.pi),
+                  float(-x.real / abs(x)) if abs(x.real) > none else 0.0, form)
+                 for x, form in zip(roots, forms, strict=True)
+                 if x.imag > least and x.real <= least]
+        real = np.flatnonzero(np.abs(roots.imag) <= least)
+        real = real[np.argsort(roots.real[real])]
+        x = roots.real[real]
+        decaying = real[x < -least].tolist()
+        for growing in x[x > least]:
             if decaying:
-                del decaying[int(np.argmin(np.abs(np.array(decaying) + x)))]
-        free = n - decompose(self.stiffness / np.abs(self.stiffness).max(initial=1e-300),
-                             NEUTRAL).rank
-        del decaying[len(decaying) - max(0, 2 * free - zeros):]
+                del decaying[int(np.argmin(np.abs(roots.real[decaying] + growing)))]
+        zeros = int(np.count_nonzero(np.abs(x) <= least))
+        del decaying[len(decaying) - max(0, 2 * self._neutral - zeros):]
         while len(decaying) > 1:
-            product, total = decaying[0] * decaying[-1], decaying.pop(0) + decaying.pop()
-            modes.append((np.sqrt(product) / (2.0 * np.pi), -0.5 * total / np.sqrt(product)))
-        modes += [(0.0, np.nan)] * (n - len(modes))
+            fast, slow = decaying.pop(0), decaying.pop()
+            size = np.sqrt(roots.real[fast] * roots.real[slow])
+            modes.append((float(size) / (2.0 * np.pi), float(
+                -0.5 * (roots.real[fast] + roots.real[slow]) / size), forms[slow]))
+        modes += [(0.0, np.nan, np.zeros(n, complex))] * (n - len(modes))
         return sorted(modes, key=lambda mode: mode[0])
 
     def state_space(self) -> tuple[Array, Array, Array, Array]:
@@ -213,8 +228,7 @@ class Linearization:
         mechanism = self._loads.mechanism
         entries = [mechanism.prescribed_coordinate(x) for x in self.coordinates]
         scale = mechanism.velocity_scale[[c.v for c in entries]]
-        roots, forms = vibrations(self.mass, self.damping, self.stiffness)
-        form = forms[np.argmin(np.abs(np.abs(roots) - omega))] / scale
+        form = self._modes()[k][2] / scale
         form = form / form[np.argmax(np.abs(form))]
         size = AMPLITUDE if amplitude is None else positive_number(amplitude, "amplitude") / (
             scale[np.argmax(np.abs(form))])
@@ -228,6 +242,24 @@ class Linearization:
             values[c.name] = coordinate_value(mechanism, c, at.q) + (
                 self._loads.speeds.get(c, 0.0) * times)
         return follow(mechanism, values, times, guess=at)
+
+    def quantities(self, outputs: str | Iterable[str] | None = None) -> dict[str, Quantity]:
+        """Return quantities by name: frequencies and damping ratios.
+
+        Args:
+            outputs: names of what is wanted; default all.
+
+        Raises:
+            UnknownNameError: there is none of a name.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> list(sp.linearize(mech, sp.equilibrium(mech).state).columns())
+            ['frequency [Hz]', 'damping ratio [-]']
+        """
+        table = {"frequency": Quantity(self.frequencies, "Hz"),
+                 "damping ratio": Quantity(self.damping_ratios, "-")}
+        return chosen(table, outputs, "linearization")
 
     def __repr__(self) -> str:
         return (f"Linearization({', '.join(self.coordinates)}: "
@@ -289,8 +321,9 @@ def linearize(
     """
     at = _at_rest(mechanism, state, AppliedLoads(
         exact_numbers(state), hold, speeds, efforts, external, laws))
-    chosen = None if coordinates is None else names_of(coordinates, "coordinates")
-    names, entries, motions = independent_motions(at, judged(at).free, chosen)
+    wished = None if coordinates is None else names_of(coordinates, "coordinates")
+    verdict = judged(at)
+    names, entries, motions = independent_motions(at, verdict.free, wished)
     reduced = at.reduced(motions, entries)
     _refuse_motion(at, names, reduced)
     mechanism = at.loads.mechanism
@@ -301,7 +334,7 @@ def linearize(
     return Linearization(
         at, names, reduced,
         {name: motions[:, velocity_entry(mechanism, name)] for name in given},
-        {name: _output(at, motions, name) for name in wanted})
+        {name: _output(at, motions, name) for name in wanted}, len(verdict.neutral))
 
 
 @checked
@@ -352,13 +385,14 @@ def compliance(
     moved = loops_at(mechanism, at.state.q).frame_jacobian(mechanism.frame_id(frame)) @ motions.T
     svd = decompose(reduced.stiffness, NEUTRAL)
     loose = svd.null_space @ moved.T
-    if np.abs(loose).max(initial=0.0) > TOLERANCES.half_precision * np.abs(moved).max():
+    if np.abs(loose).max(initial=0.0) > TOLERANCES.half_precision * np.abs(
+            moved).max(initial=0.0):
         names = [mechanism.coordinates[v] for v in np.flatnonzero(
             np.abs(svd.null_space @ verdict.free).max(axis=0) > TOLERANCES.half_precision)]
         raise SpatialPinError(
             f"mechanism {mechanism.name!r}: nothing drives {frame!r} back where "
             f"{', '.join(names)} move: hold one of them, or give it a spring")
-    found: Array = moved @ svd.minimum_norm(moved.T)
+    found: Array = moved @ np.array([svd.minimum_norm(row) for row in moved]).T
     return found
 
 

@@ -25,7 +25,7 @@ BELONGS = {  # where in a file each key has its place
         BETWEEN, "equations", "axis", "axis2", "lead", "source"),
     "in [drivers.NAME]": ("joint",),
     "in [[springs]]": ("name", "frames", "joint", "stiffness", "damping", "free_length",
-                       "free_angle", "law", "tension_only", "compression_only"),
+                       "free_angle", "law", "tension_only", "compression_only", "preload"),
     "in [passive.NAME]": ("body", "axis"),
     "in [frames.NAME]": ("link", "xyz", "rpy"),
 }

@@ -47,6 +47,8 @@ from spatial_pin.mechanism.parts import (
     drivers_of_tree,
 )
 
+BUSHING = ("stiffness", "damping", "preload")  # keys of six numbers, or of 6 x 6
+
 
 class MechanismSpec:
     """What a mechanism file says, read key by key; mistakes are collected.
@@ -337,6 +339,26 @@ def _as_number(text: str) -> float | None:
         return None
 
 
+def _bushing(name: str, table: TomlTable) -> Spring:
+    """Return a spring of six components between two frames."""
+    given = {key: table.get(key) for key in BUSHING if key in table}
+    if "joint" in table:
+        table.fail("joint", "is not for a bushing, which joins two frames: give frames")
+    frames = table.two_names("frames")
+    for key, value in given.items():
+        try:
+            array = np.array(value, float)
+        except (TypeError, ValueError):
+            array = np.empty(0)
+        if array.shape not in ((), (6,), (6, 6)[: 2 if key != "preload" else 1]) or (
+                array.shape == () and array):
+            table.fail(key, "needs six numbers" + (", or six lists of six" * (key != "preload")))
+    try:
+        return Spring(name, frames, **given)
+    except ValueError as error:
+        table.fail("stiffness", f"of a bushing: {error}")
+
+
 def _spring(trust: Trust, table: TomlTable) -> Spring:
     name = table.text("name")
     if ("joint" in table) == ("frames" in table):
@@ -344,12 +366,14 @@ def _spring(trust: Trust, table: TomlTable) -> Spring:
     about_joint = "joint" in table
     if about_joint and "free_length" in table and "free_angle" in table:
         table.fail("free_length", "or free_angle: a spring has one of the two")
+    if any(isinstance(table.content.get(key), list) for key in BUSHING):
+        return _bushing(name, table)
     law = _law(table, trust)
-    one_sided = {key: table.flag(key) for key in ("tension_only", "compression_only")}
-    if all(one_sided.values()):
+    pulls, pushes = (table.flag(key) for key in ("tension_only", "compression_only"))
+    if pulls and pushes:
         table.fail("tension_only", "or compression_only: a spring has one of the two")
     return Spring(
-        name, law=law, **one_sided,
+        name, law=law, tension_only=pulls, compression_only=pushes,
         frames=() if about_joint else table.two_names("frames"),
         joint=table.text("joint") if about_joint else None,
         stiffness=table.number("stiffness", 0.0, least=0.0),

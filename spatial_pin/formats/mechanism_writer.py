@@ -305,6 +305,10 @@ def _closure(closure: Closure) -> dict[str, Any]:
 def _spring(spring: Spring) -> dict[str, Any]:
     table: dict[str, Any] = {"name": spring.name, "stiffness": spring.stiffness,
                              "damping": spring.damping}
+    if spring.is_bushing:
+        return {**{key: np.array(getattr(spring, key)).tolist()
+                   for key in ("stiffness", "damping", "preload") if np.any(getattr(spring, key))},
+                "name": spring.name, "frames": list(spring.frames)}
     if spring.law:
         del table["stiffness"]
         table["law"] = {"points": [list(point) for point in spring.law]}

@@ -47,7 +47,7 @@ def reach(
     starts: int = 10,
     state: Mapping[str, Any] | State | Array | None = None,
 ) -> State:
-    """Return a configuration in which frames, coordinates, distances are where they should be.
+    """Return a configuration in which frames, coordinates and distances meet targets.
 
     This is inverse kinematics with closed loops: drivers and all else that is free are unknown. Of
     the configurations near the start that meet the targets, it is the one that moves least: the

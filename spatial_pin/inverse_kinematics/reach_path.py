@@ -142,7 +142,7 @@ def reach_path(
     progress: bool = False,
     state: Mapping[str, Any] | State | Array | None = None,
 ) -> Motion:
-    """Return the motion in which frames and coordinates go along tables of targets.
+    """Return the motion in which frames and coordinates follow tables of targets.
 
     The first targets are reached from a state as `reach` does, beyond joint limits only if the
     state meets them there already; from there one branch is followed,

@@ -51,7 +51,7 @@ def __dir__() -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class Target(ABC):
-    """Something that should have a value.
+    """A target of `reach` or a measured quantity: a frame, distance or coordinate, and its value.
 
     Attributes:
         name: frame or coordinate; filled in from the key that the target stands under.

@@ -1,7 +1,7 @@
 """Closures made in code: a constructor for every type, for `Mechanism.from_model`.
 
 Each takes the two frames that it joins, by name or as (link or joint, `pin.SE3` on it), and a name
-for reports; without one it is called by its type. What the words mean stands with the closures of
+for reports; without one, the name is the type. The arguments are explained with the closures of
 mechanism files: `axis` is the pair's axis in frame 1 and in frame 2, unit vectors (3,), default z.
 
 Example:

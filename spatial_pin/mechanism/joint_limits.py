@@ -22,7 +22,7 @@ class JointLimit(NamedTuple):
     Attributes:
         name: of the coordinate.
         unit: "rad" or "m".
-        q, v: where it stands in configuration and velocity.
+        q, v: its indices in configuration and velocity.
         value: the limit [rad or m].
         side: +1 for an upper limit, -1 for a lower one.
         size: 1 rad, or the characteristic length [m].

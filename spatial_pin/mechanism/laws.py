@@ -1,7 +1,7 @@
 """Laws of drivers: the value, rate and acceleration of a prescribed coordinate over time.
 
 A law is a function of the time t [s] that returns (value, rate, acceleration) of the coordinate
-[rad or m, per s, per s²]. The usual ones stand here; any function will do.
+[rad or m, per s, per s²]. These are the usual ones; any such function is a law.
 
 Example:
     >>> dir(sp.laws)

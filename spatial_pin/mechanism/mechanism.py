@@ -43,9 +43,9 @@ class Mechanism:
     Made by `spatial_pin.load`. `model` is a plain `pin.Model`: use it with any Pinocchio call.
 
     Attributes:
-        name, title, source: what the file says of it.
+        name, title, source: as in the file.
         model: the open tree.
-        visual_model, collision_model: its geometry; meshes are read when it is first asked for.
+        visual_model, collision_model: its geometry; meshes are read at the first use.
         pairs: pair name of every joint, in the order of `model.joints[1:]`.
         closures: the loop closures, in the file's order.
         drivers: the prescribed coordinates, by name.
@@ -63,7 +63,7 @@ class Mechanism:
         free_flyer: whether `load` put a floating joint below its root link.
         gap: largest closure error that redundant equations may keep where the numbers of its file
             are rounded [-]; 0: the numbers are exact; None: that of the accuracy.
-        model_of_file, without: which model of its file it is, and what was left out, see `load`.
+        model_of_file, without: the model of its file, and the omitted elements, see `load`.
         whole: the mechanism as its file has it, where this one is without equations that the
             file's rounded numbers contradict, see `assembly.redundant_equations`; else None.
         kept: which equations of the `whole` it has.

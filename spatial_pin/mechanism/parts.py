@@ -28,7 +28,7 @@ class Coordinate(NamedTuple):
         unit: "rad" or "m".
         q: index in the configuration, -1 when it is not an entry of it (rotation vectors).
         v: index in the velocity.
-        place: which of the joint's coordinates it is.
+        place: its number among the coordinates of the joint, from 0.
 
     Example:
         >>> sp.load("rssr").coordinate("rocker_pin")
@@ -61,8 +61,8 @@ class Closure:
         geometry: the pair's axes, length and lead.
         joints: names of joint coordinates in its equations.
         numbers: of its type, or (n,) of lists, by their keys in a mechanism file.
-        equations: which of the pair's equations are asked for, None for all; the others must
-            hold of themselves (planar loops).
+        equations: the equations of the pair that are used, None for all; the others must follow
+            from them (planar loops).
         source: where it is stated, if not as a closure of a mechanism file.
 
     Example:
@@ -187,8 +187,10 @@ class Spring:
         name: the name in the mechanism file.
         frames: names of the two frames that it joins; or
         joint: the joint or coordinate whose value is the spring's length or angle.
-        stiffness: [N/m], of a coordinate that turns [N·m/rad].
-        damping: [N·s/m], of a coordinate that turns [N·m·s/rad].
+        stiffness: [N/m], of a coordinate that turns [N·m/rad]; or six numbers, or (6, 6), of a
+            bushing between two frames: forces [N], then moments [N·m], by the position [m] and the
+            rotation vector [rad] of frame 2 in the axes of frame 1; symmetric and not negative.
+        damping: [N·s/m], of a coordinate that turns [N·m·s/rad]; of a bushing likewise.
         free_length: between frames, or of a coordinate that slides, at no force [m].
         free_angle: of a coordinate that turns, at no torque [rad]; of one that slides it is taken
             as [m].
@@ -197,10 +199,13 @@ class Spring:
             its length or coordinate is above the free one; a positive force pulls back.
         tension_only: it pulls only, as a cable: elsewhere it is slack, without damping.
         compression_only: it pushes only, as a bump stop.
+        preload: (6,) of a bushing: the force and moment by which it pulls frame 2 back where the
+            two frames coincide [N, N·m].
 
     Raises:
-        ValueError: a number is NaN or infinite, or it has both frames and a joint, or neither; or
-            a law has fewer than two points, points that do not rise, or a stiffness beside it.
+        ValueError: a number is NaN or infinite, or it has both frames and a joint, or neither; a
+            law has fewer than two points, points that do not rise, or a stiffness beside it; the
+            numbers of a bushing are not six or (6, 6), not symmetric, or negative.
 
     Example:
         >>> sp.Spring("return", joint="rocker_pin", stiffness=2.0, free_angle=1.2).free  # [rad]
@@ -210,17 +215,21 @@ class Spring:
     name: str
     frames: tuple[str, ...] = ()
     joint: str | None = None
-    stiffness: float = 0.0
-    damping: float = 0.0
+    stiffness: Any = 0.0
+    damping: Any = 0.0
     free_length: float = 0.0
     free_angle: float = 0.0
     law: tuple[tuple[float, float], ...] = ()
     tension_only: bool = False
     compression_only: bool = False
+    preload: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if (len(self.frames), bool(self.joint)) not in ((2, False), (0, True)):
             raise ValueError(f"spring {self.name!r} needs either two frames or a joint")
+        if self.is_bushing:
+            self._check_bushing()
+            return
         for what in ("stiffness", "damping", "free_length", "free_angle"):
             finite_number(getattr(self, what), f"{what} of spring {self.name!r}")
         if self.tension_only and self.compression_only:
@@ -237,6 +246,40 @@ class Spring:
             object.__setattr__(self, "law", tuple(map(tuple, points.tolist())))
 
     @property
+    def is_bushing(self) -> bool:
+        """Whether it acts in all six directions between its frames.
+
+        Example:
+            >>> sp.Spring("mount", ("a", "b"), stiffness=[1e5, 1e5, 1e4, 50, 50, 5]).is_bushing
+            True
+        """
+        return bool(np.ndim(self.stiffness) or np.ndim(self.damping) or len(self.preload))
+
+    def _check_bushing(self) -> None:
+        """Refuse numbers that no bushing has; keep them as tuples."""
+        if not self.frames or self.law or self.tension_only or self.compression_only or self.free:
+            raise ValueError(f"spring {self.name!r}: a bushing joins two frames, and has no law, "
+                             "free length or side of its own")
+        for what in ("stiffness", "damping"):
+            given = np.array(getattr(self, what), float)
+            if given.shape == () and not given:
+                continue
+            matrix = np.diag(given) if given.shape == (6,) else given
+            if matrix.shape != (6, 6) or not np.isfinite(matrix).all():
+                raise ValueError(f"{what} of spring {self.name!r}: six finite numbers, or 6 x 6 "
+                                 "of them, are needed for a bushing")
+            size = float(np.abs(matrix).max())
+            if np.abs(matrix - matrix.T).max() > 1e-9 * size or (
+                    np.linalg.eigvalsh(matrix)[0] < -1e-9 * size):
+                raise ValueError(f"{what} of spring {self.name!r} must be symmetric and not "
+                                 "negative, so that it stores energy")
+            kept = tuple(given.tolist()) if given.ndim == 1 else tuple(map(tuple, given.tolist()))
+            object.__setattr__(self, what, kept)
+        preload = finite_array(self.preload, (6,), f"preload of spring {self.name!r}") if len(
+            self.preload) else ()
+        object.__setattr__(self, "preload", tuple(map(float, preload)))
+
+    @property
     def is_linear(self) -> bool:
         """Whether its force is the stiffness times the elongation, and damping times the rate.
 
@@ -244,7 +287,7 @@ class Spring:
             >>> sp.Spring("cable", ("a", "b"), stiffness=10.0, tension_only=True).is_linear
             False
         """
-        return not (self.law or self.tension_only or self.compression_only)
+        return not (self.law or self.tension_only or self.compression_only or self.is_bushing)
 
     def force(self, length: float, rate: float) -> float:
         """Return its force at a length or coordinate, positive pulling together or back.

@@ -219,22 +219,22 @@ def assembly_modes(
     """Find the closed configurations of a mechanism at given driver values, from random starts.
 
     Configurations that differ only by passive freedoms, whole turns, rods turned about their own
-    lines, or the two readings of a universal joint are one mode. Starts go on until `patience` of
-    them in a row have found nothing new and the rarest mode has been found twenty times, or until
-    `most_starts`; `AssemblyModes.missing` estimates how many have not been found.
+    lines, or the two readings of a universal joint are one mode. The search ends when the last
+    `patience` starts found nothing new and the rarest mode was found twenty times, or after
+    `most_starts` starts. `AssemblyModes.missing` estimates the number of modes that were not found.
     Nothing proves that a finite number of starts has found all: raise `patience` for rare modes. A
-    screw joint of the tree, and an angle of a coupling whose ratio is no whole number, is looked
-    at near its zero, for each of its turns may be a mode of its own.
+    screw joint of the tree, and an angle of a coupling whose ratio is no whole number, is looked at
+    near its zero, for each of its turns may be a mode of its own.
 
     Args:
         mechanism: the mechanism.
-        drivers: values of drivers or coordinates to hold [rad, m]; drivers that are not named
-            stand at the guess, if the loops can be closed there.
-        free: drivers that are not to stand at the guess.
+        drivers: values of drivers or coordinates to hold [rad, m]; other drivers keep their values
+            from the guess, if the loops close with them.
+        free: drivers that do not keep their values from the guess.
         copies: list all configurations of a mode that differ in coordinates, not one of them.
-        limits: leave out modes of which no copy keeps the joint limits.
-        patience: go on until so many starts in a row have found nothing new.
-        most_starts: stop after so many starts in any case.
+        limits: list only modes that keep the joint limits in one of their copies.
+        patience: number of starts in a row without a new mode after which the search may end.
+        most_starts: number of starts after which the search ends in any case.
         seed: of the random starts; the same seed gives the same list.
         accuracy: tolerance to reach; default "engineering".
         progress: show a bar on stderr after a second, if that is a terminal.

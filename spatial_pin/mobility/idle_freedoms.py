@@ -42,7 +42,7 @@ class PassiveFreedom(NamedTuple):
         kind: "spin", "slide", or "screw" where it advances as it turns.
         axis: (3,) unit vector along its axis at the configuration, world axes.
         point: (3,) a point of that axis in the world [m].
-        text: the same in words, naming the pairs on the axis.
+        text: the freedom in words, with the pairs on the axis.
 
     Example:
         >>> found = sp.mobility(sp.load("rssr")).passive[0]

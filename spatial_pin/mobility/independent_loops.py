@@ -29,9 +29,9 @@ class Loop(NamedTuple):
 
     Attributes:
         closure: the closure that closes it.
-        joints: the joints of the tree on its way.
+        joints: the joints of the tree that it passes.
         order: dimension of the motions its pairs generate (lambda in the mobility formula).
-        kind: what these motions are.
+        kind: name of these motions, such as "planar".
 
     Example:
         >>> loop = sp.mobility(sp.load("four_bar")).loop_list[0]

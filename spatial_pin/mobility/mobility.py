@@ -44,7 +44,7 @@ class Mobility:
         grubler: freedoms by the formula with the lambda of each loop as recognised: 3 of plane and
             spherical loops.
         loops: number of independent loops.
-        loop_list: what each of them is.
+        loop_list: the independent loops.
         rank: rank of the closure Jacobian.
         instantaneous: coordinates minus rank.
         dof: finite freedom, the largest local dimension of the closed configurations there,

@@ -16,7 +16,7 @@ class Continuum(NamedTuple):
 
     Attributes:
         state: one of them.
-        freedoms: how many freedoms it has, passive ones apart.
+        freedoms: its number of freedoms, without passive ones.
         coordinates: names of the coordinates that move.
         hold: drivers or coordinates that stop it if they are held too.
 
@@ -46,7 +46,7 @@ class AssemblyModes(list[State]):
         starts: number of random starts; `closed` of them ended at a closed configuration.
         found: how many starts ended at each mode.
         missing: estimated number of modes that no start has found [Chao1984].
-        continua: sets of configurations beside the modes that can move with `held` held.
+        continua: other sets of configurations, which can move with `held` held.
         is_whole: whether nothing cut the search short (Ctrl-C).
 
     Example:

@@ -57,13 +57,13 @@ def follow(
 
     Args:
         mechanism: the mechanism.
-        values: (N,) values by driver, or coordinate of a joint [rad or m]; one number stands
-            still. All other drivers stand where the guess has them.
+        values: (N,) values by driver, or coordinate of a joint [rad or m]; one number stands still.
+            All other drivers keep their values from the guess.
         times: (N,) rising [s]. Without them the motion has no time: its rates are those per
             sample, and its forces statics.
         rates: (N,) speeds by driver at the samples [rad/s or m/s]; they need times.
         guess: where to assemble, as for `assemble`.
-        hold: names of what stands still besides, as for `sweep`.
+        hold: names of other joints that stand still, as for `sweep`.
         on_limit: "raise", or "stop" to end the motion before what cannot be reached, with an
             event.
         on_crossing: where branches cross (a change point): "straight" to follow the one that goes

@@ -37,10 +37,10 @@ class Passing(NamedTuple):
     """A joint limit passed outwards.
 
     Attributes:
-        limit: which one.
+        limit: the joint limit.
         value: where [s], or the driver's value there [rad or m], or the number of the sample.
         row: number of samples of the motion before it.
-        where: the same in words; empty where the motion begins beyond the limit.
+        where: the value in words; empty where the motion begins beyond the limit.
 
     Example:
         >>> mech = sp.load("excavator")

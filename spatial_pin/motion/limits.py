@@ -60,13 +60,13 @@ class Bound(NamedTuple):
 
 
 class Range(NamedTuple):
-    """How far a driver can go on its branch.
+    """The range of a driver on its branch.
 
     Attributes:
         driver: name of the driver or coordinate.
         lower, upper: the two ends.
         unit: "rad" or "m".
-        full_turn: whether it turns all the way round.
+        full_turn: whether it turns fully.
 
     Example:
         >>> span = sp.limits(sp.load("four_bar"), "crank")
@@ -100,10 +100,10 @@ def limits(
     joints: bool = False,
     hold: Hold = BASE,
 ) -> Range:
-    """Find how far a driver can go either way on the branch of a guess.
+    """Find the range of a driver on the branch of a guess.
 
-    Dead centres are located by arc length, where the driver turns back, to about 1e-14. Where a
-    joint runs away without end, the driver's value is extrapolated, to 1e-11 at least.
+    Dead centres are located by arc length, where the driver turns back, to about 1e-14. If a joint
+    goes to infinity, the driver's value is extrapolated, to 1e-11 at least.
 
     Args:
         mechanism: the mechanism; other drivers stay where the guess has them.
@@ -111,7 +111,7 @@ def limits(
         guess: where to start, as for `assemble`.
         joints: end the range where a joint, the driver's own among them, reaches a limit of the
             URDF: the bound is then of kind "upper limit of" or "lower limit of" that joint.
-        hold: names of what stands still besides, as for `sweep`.
+        hold: names of other joints that stand still, as for `sweep`.
 
     Returns:
         The Range [rad or m]; its bounds are infinite where nothing stops the driver.

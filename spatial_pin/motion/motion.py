@@ -26,7 +26,7 @@ from spatial_pin.numerics.linalg import Array
 
 
 class Event(NamedTuple):
-    """Something met on the way.
+    """A limit, a singular configuration or another event of a motion.
 
     Attributes:
         kind: "limit", "near limit" (digits are lost), "singular" (of a simulation: its end, where
@@ -39,7 +39,7 @@ class Event(NamedTuple):
         value: driver value of it [rad or m]; in a simulation the time of "stopped", "gap",
             "singular" and of limits of the URDF [s].
         row: number of samples of the motion before it.
-        text: the same as a sentence.
+        text: the event as a sentence.
 
     Example:
         >>> mech = sp.load("four_bar", r2=0.25)
@@ -85,11 +85,11 @@ class FrameMotion(NamedTuple):
 
 
 class Output(NamedTuple):
-    """A quantity of a motion, ready to plot.
+    """A quantity of a motion with its label and unit.
 
     Attributes:
         values: (N,) or (N, 3); of a reaction (N, 6), force then moment.
-        label: what it is.
+        label: name for a plot or table.
         unit: its SI unit, "1" when it has none; of a reaction "N, N·m".
 
     Example:
@@ -150,11 +150,11 @@ class Motion(Tabular):
         driver_speed: (N,) [rad/s or m/s]; 1 where the driver has no speed.
         events: limits, singular configurations and the like that were met, in their order.
         angles: (N, n) relative angle of every screw closure [rad], counting turns.
-        per: unit of what v and a are derivatives with respect to: "s"; "rad" or "m" of the driver
-            where it has no speed; "length" of the arc of a traced curve [rad, characteristic
-            lengths]; "sample" where several drivers go along tables without times. Where it is
-            not "s", forces are those at rest.
-        held: what was held by name as the driver was swept, see `sweep`.
+        per: unit of the variable of the derivatives v and a: "s"; "rad" or "m" of the driver where
+            it has no speed; "length" of the arc of a traced curve [rad, characteristic lengths];
+            "sample" where several drivers go along tables without times. Where it is not "s",
+            forces are those at rest.
+        held: names of joints that were held in the sweep, see `sweep`.
 
     Raises:
         ValueError: a value of the driver, of time, q, v or a is NaN or infinite.

@@ -55,7 +55,7 @@ class BeyondLimit(NamedTuple):
     """A velocity or effort that is beyond its limit in some samples of a motion.
 
     Attributes:
-        limit: which one.
+        limit: the exceeded limit.
         samples: (n,) numbers of the samples of the motion that are beyond it, rising.
         worst: number of the sample that is farthest beyond.
         most: the velocity or effort there [rad/s, m/s, N·m or N].

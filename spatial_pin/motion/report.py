@@ -132,8 +132,10 @@ def _closure_text(closure: Any) -> str:
 def _spring_text(mechanism: Mechanism, spring: Spring) -> str:
     turns = spring.joint is not None and mechanism.driven_coordinate(spring.joint).unit == "rad"
     per, length = ("N·m/rad", "rad") if turns else ("N/m", "m")
-    damping = f", {spring.damping:g} {per.replace('/', '·s/')}" if spring.damping else ""
     where = spring.joint or " - ".join(spring.frames)
+    if spring.is_bushing:
+        return f"{where}: bushing, in all six directions"
+    damping = f", {spring.damping:g} {per.replace('/', '·s/')}" if spring.damping else ""
     force = f"law of {len(spring.law)} points" if spring.law else f"{spring.stiffness:g} {per}"
     side = ", pulls only" * spring.tension_only + ", pushes only" * spring.compression_only
     return f"{where}: {force}{damping}{side}, free at {spring.free:g} {length}"

@@ -75,8 +75,8 @@ def sweep(
     """Follow one branch of a mechanism through a list of driver values.
 
     The first value is assembled. The rest are followed with a Taylor predictor and a Newton
-    corrector; steps are halved where the branch bends, so that it is never left unnoticed.
-    Drivers that are not named stand still where the guess has them.
+    corrector; steps are halved where the branch bends, so that it is never left unnoticed. All
+    other drivers keep their values from the guess.
 
     Args:
         mechanism: the mechanism.

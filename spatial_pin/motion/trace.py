@@ -54,7 +54,7 @@ def trace(
         guess: where to start, as for `assemble`.
         step: arc length from sample to sample [rad, characteristic lengths].
         most_rows: number of samples at which to stop in any case.
-        hold: names of what stands still besides, as for `sweep`.
+        hold: names of other joints that stand still, as for `sweep`.
 
     Returns:
         A Motion whose rates are with respect to the arc length. Its events are limit positions, and

@@ -49,9 +49,9 @@ class Decomposition(NamedTuple):
         return self.u[:, :r] @ ((self.vt[:r] @ b) / self.s[:r])
 
     def minimum_norm(self, b: Array) -> Array:
-        """Return the least-squares solution of least norm for the right-hand side `b` (m,)."""
+        """Return the least-squares solutions of least norm for `b` (m,), or its columns (m, k)."""
         r = self.rank
-        return self.vt[:r].T @ ((self.u[:, :r].T @ b) / self.s[:r])
+        return self.vt[:r].T @ ((self.u[:, :r].T @ b).T / self.s[:r]).T
 
 
 def decompose(a: Array, tolerance: float = TOLERANCES.rank) -> Decomposition:

@@ -42,7 +42,7 @@ class Contact(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PairClearance:
-    """How far two links stay apart.
+    """Least distance of two links over a motion.
 
     Attributes:
         links: their names.
@@ -76,7 +76,7 @@ class PairClearance:
 
 @dataclass(frozen=True, eq=False)
 class Clearance:
-    """How far the links of a mechanism stay apart over a motion.
+    """Least distances of the links of a mechanism over a motion.
 
     Attributes:
         motion: the motion.
@@ -84,8 +84,8 @@ class Clearance:
         joined: names of links that were not looked at, being joined to each other.
         tolerance: distance at which links count as touching [m].
         events: where links begin ("touch") and cease ("part") to touch, in the motion's order.
-        is_whole: whether nothing cut it short (Ctrl-C). Else the motion ends with the last sample
-            that was looked at, and what was not searched is told by the samples alone.
+        is_whole: whether the search is complete (no Ctrl-C). Otherwise the motion ends with the
+            last sample searched, and unsearched pairs have the least distance of their samples.
 
     Example:
         >>> mech = sp.load("four_bar")
@@ -199,7 +199,7 @@ def clearance(
     tolerance: float = 0.0,
     progress: bool = False,
 ) -> Clearance:
-    """Return how far links that are not joined stay apart over a motion, and where they touch.
+    """Return the least distances of links that are not joined over a motion, and where they touch.
 
     The shape of a link is its collision geometry; without any, its visual geometry. A mesh counts
     as the convex hulls of its connected parts. Links are joined by a joint or a closure between

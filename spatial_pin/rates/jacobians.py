@@ -71,9 +71,10 @@ def jacobian(
 ) -> Array:
     """Return the closed-loop Jacobian (6, n) of a link, frame or joint.
 
-    Column k is the frame's twist at its origin, world axes, linear above angular, per unit speed
-    of driver k [m/s and rad/s per rad/s or m/s]. A joint of several freedoms has a column for each
-    entry of its velocity, as Pinocchio has it. What does not move the frame need not be determined.
+    Column k is the frame's twist at its origin, world axes, linear above angular, per unit speed of
+    driver k [m/s and rad/s per rad/s or m/s]. A joint of several freedoms has a column for each
+    entry of its velocity, as Pinocchio has it. Parts that do not move the frame may be
+    undetermined.
 
     Args:
         mechanism: the mechanism.
@@ -82,8 +83,9 @@ def jacobian(
         drivers: the drivers, joints or coordinates that move it, in the order of the columns; the
             rest follows. By default `mechanism.drivers`; in an open tree that names none, all
             joints but free bases. Where there are more drivers than freedoms some must be chosen.
-        hold: what stands still, as for `solve_rates`; it has no column. A free base that is not
-            held has six more, the last: per unit of its velocity, as Pinocchio has it.
+        hold: names of joints that stand still, as for `solve_rates`; they have no column. A free
+            base that is not held has six more, the last: per unit of its velocity, as Pinocchio has
+            it.
 
     Returns:
         The matrix (6, n).

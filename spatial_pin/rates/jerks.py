@@ -144,7 +144,7 @@ def solve_jerks(
         mechanism: the mechanism.
         state: from `solve_rates`; its v and a are taken as they are.
         jerks: third derivative of each driver or coordinate [rad/s³, m/s³]; default zero.
-        hold: what stands still, as for `solve_rates`.
+        hold: names of joints that stand still, as for `solve_rates`.
 
     Returns:
         The Jerks, for any coordinate, frame or centre of mass.

@@ -60,20 +60,21 @@ def transmission(
 ) -> Transmission:
     """Return speed ratio, mechanical advantage and transmission angle of an output.
 
-    The transmission angle is the one between the velocity that the output's own joint gives to
-    the point `at` of its link, and the velocities that the rest of the mechanism would allow that
-    point with all drivers locked and the output's joint opened. Forces at the point are normal to
-    the latter, so that its sine is their working part: the angle between coupler and rocker of a
-    four-bar, the complement of the pressure angle of a slider-crank or cam [Hain1967, ch. 2]. Where
-    the point does not move (Hooke's joint), angular velocities take its place.
+    The transmission angle is the angle between two velocities of the point `at` of the output link:
+    the velocity that the output can have there, and the velocity that the coupler could have if the
+    output were disconnected and all drivers were locked. Forces at the point are normal to the
+    second, so the sine of the angle is their working part. It is the angle between coupler and
+    rocker of a four-bar, and the complement of the pressure angle of a slider-crank or cam
+    [Hain1967, ch. 2]. If the point does not move (Hooke's joint), angular velocities are used
+    instead.
 
     Args:
         mechanism: the mechanism.
         state: a closed configuration.
         output: coordinate of a one-freedom joint of the tree.
-        driver: what moves it, a driver or coordinate; the only driver if not given.
+        driver: the driver or coordinate that moves it; the only driver if not given.
         at: closure or joint that moves the output link; needed where there are several.
-        hold: what stands still besides the other drivers, as for `solve_rates`.
+        hold: names of joints that stand still besides the other drivers, as for `solve_rates`.
 
     Returns:
         The Transmission: ratio, mechanical advantage, angle [rad].

@@ -10,11 +10,11 @@ from spatial_pin.reduction.building import ReducedModel
 
 
 class Difference(NamedTuple):
-    """How far an output of the reduced model is from that of the full one, at worst.
+    """Largest difference of an output between the reduced and the full model.
 
     Attributes:
         output: coordinate, frame, or LINK.com.
-        driver: what was swept; or "forward dynamics".
+        driver: the swept driver, or "forward dynamics".
         position: [rad], or [m] by the characteristic length.
         rate: of velocities [-], relative to the largest, or to 1 rad/s or characteristic length
             per s.
@@ -34,14 +34,14 @@ class Difference(NamedTuple):
 
 
 class Verification(NamedTuple):
-    """What a comparison found; `str()` is a report.
+    """A comparison of the reduced and the full model; `str()` is a report.
 
     Attributes:
         differences: one for each output and driver.
         rows: number of samples compared.
         full_seconds, reduced_seconds: how long the sweeps took [s].
-        remarks: where the two did not end alike, or not where they were asked to.
-        compared: over which values of which driver, in words.
+        remarks: differences between the ends of the two motions, and values that were not reached.
+        compared: driver and range of the comparison, in words.
 
     Example:
         >>> found = sp.reduce(sp.load("rssr"), "rocker_pin").verify()
@@ -73,7 +73,7 @@ class Verification(NamedTuple):
 
 
 class Omission(NamedTuple):
-    """Something that a reduced mechanism does without.
+    """A part that a reduced mechanism does not have.
 
     Attributes:
         what: "geometry", "inertia", "spring", "joint", "branch", "loop", "link", "leg",

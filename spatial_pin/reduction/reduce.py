@@ -34,11 +34,11 @@ STARTS = 256  # assembled configurations that are remembered: 0.2 MB for a hundr
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Reduced(Mechanism):
-    """A mechanism that yields some outputs of another one, and no more; `str()` is a report.
+    """The smallest mechanism with some outputs of another one; `str()` is a report.
 
     Attributes:
-        full: the mechanism it stands for.
-        outputs: what was asked for.
+        full: the full mechanism.
+        outputs: names of its outputs.
         welds: coordinates of the full mechanism that are locked, with their values [rad, m].
         dynamics: whether what has mass was kept.
         left_out: what it does without, and why.
@@ -179,13 +179,13 @@ def reduce(
     lump: bool = False,
     guess: Mapping[str, Any] | State | Array | None = None,
 ) -> Reduced:
-    """Return the smallest model that yields the outputs asked for.
+    """Return the smallest model with the same outputs.
 
-    What is left out: geometry; loops and branches that no output depends on; links with two pairs
-    that are no more than equations between their neighbours (a rod with two balls is one distance;
-    a leg with a slide that is asked for or driven is a distance of variable length); redundant
-    equations (of plane loops); and, unless `dynamics`, inertias and springs. Drivers stay. A loop
-    that is left out no longer limits the drivers; `Reduced.verify` tells where that matters.
+    These parts are removed: geometry; loops and branches that no output depends on; links with two
+    pairs that are no more than equations between their neighbours (a rod with two balls is one
+    distance; a leg with a slide that is asked for or driven is a distance of variable length);
+    redundant equations (of plane loops); and, unless `dynamics`, inertias and springs. Drivers
+    stay. A removed loop no longer limits the drivers; `Reduced.verify` shows if this matters.
 
     Args:
         mechanism: the mechanism.

@@ -30,7 +30,7 @@ MOST_NAMED = 4  # driver values of borders in a sentence
 
 
 class Defect(NamedTuple):
-    """Why a mechanism that meets its samples may not do so in motion.
+    """A reason why a design that meets its samples may fail in motion.
 
     Attributes:
         kind: "circuit": the loops would have to be opened between samples; "branch": the driver

@@ -1,9 +1,9 @@
-"""What to ask of a mechanism in `design`: each a function that returns a goal.
+"""Goals of `design`: each function returns a goal.
 
-With a weight a goal is met as well as can be: the sum of weight² residual² is least, lengths
-relative to the characteristic length, angles in rad; what is demanded at most relative to that.
-With `weight=None` it is met exactly. Paths, poses and functions have a weight of 1 if nothing is
-said, what is asked of the mechanism as a whole has none.
+A goal with a weight is met as well as possible: the sum of weight² residual² is minimised, with
+lengths relative to the characteristic length, angles in rad, and other quantities relative to their
+bound. A goal with `weight=None` is met exactly. By default paths, poses and functions have the
+weight 1, and goals for the whole mechanism have no weight.
 
 Example:
     >>> goals = [sp.goals.turns("crank"), sp.goals.swing("rocker_pin", 1.0)]  # [rad]

@@ -31,7 +31,7 @@ Slopes = tuple[Array, Array, Array]  # residual (m, r), derivatives (m, r, nv) a
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Goal(ABC):
-    """Something that a mechanism should do.
+    """A goal of `design`.
 
     Attributes:
         weight: None: it is to be met exactly; else how much it counts [-]: it is met as well as

@@ -69,7 +69,7 @@ class GoalError(NamedTuple):
 
 
 class Met(NamedTuple):
-    """A goal of precision and where a design is at its samples.
+    """A goal of precision, and the values of a design at its samples.
 
     Attributes:
         goal: what was asked.
@@ -102,7 +102,7 @@ class Met(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """Dimensions, and how well a mechanism with them does what was asked.
+    """One design: dimensions, and the errors of its goals.
 
     Attributes:
         mechanism: with these dimensions; `mechanism.save(folder)` writes it.

@@ -68,12 +68,12 @@ def screenshot(
     """Write a picture of a state, or of one sample of a motion; needs Chromium or Chrome.
 
     Args:
-        motion_or_state: what to show; of what `spatial_pin.design` found as in `export_html`.
+        motion_or_state: a motion or a state; a design as in `export_html`.
         path: PNG file to write.
         row: number of the sample, negative from its end.
         size: width and height [pixels].
         title: heading; the mechanism's title if not given.
-        look: what is shown besides the bodies.
+        look: extras of the picture besides the bodies.
 
     Returns:
         The path written.
@@ -182,16 +182,16 @@ def movie(
 ) -> Path:
     """Write a motion as a film; needs Chromium or Chrome, and for .mp4 the extra `movie`.
 
-    It lasts as long as the page of `export_html` plays, which is the motion's own time where that
-    can be watched and says so where it is not.
+    It lasts as long as the page of `export_html` plays: the motion's own time, unless that is too
+    fast or too slow to watch. The picture then says so.
 
     Args:
-        motion: what to show; of what `spatial_pin.design` found as in `export_html`.
-        path: file to write; its suffix says how: .gif, which repeats for ever, or .mp4.
+        motion: the motion; a design as in `export_html`.
+        path: file to write, .gif (which repeats for ever) or .mp4.
         fps: frames a second, for a .gif at most 50.
         size: width and height [pixels]; odd ones are made even in an .mp4.
         title: heading; the mechanism's title if not given.
-        look: what is drawn besides the links, as in `export_html`.
+        look: extras of the picture, as in `export_html`.
         progress: whether to show a progress bar on stderr once it has taken a second.
 
     Returns:

@@ -59,13 +59,13 @@ def workspace(
     executor: Executor | None = None,
     progress: bool = False,
 ) -> Workspace:
-    """Return where a frame gets to over a grid of drivers or poses, and how well it is moved.
+    """Return the points that a frame reaches over a grid of drivers or poses, and its dexterity.
 
-    The mechanism is assembled, follows its branch to the nearest point of the grid, and from
-    there the lines of the grid, along all coordinates in turn, until no more is reached. Where the
-    branch ends on a line (limit position, branch point, joint limit) the place is located as by
-    `sweep`; where the determinant of the closed-loop Jacobian changes its sign between two
-    points, to 1e-9 of their distance. Ctrl-C ends it with what was found until then.
+    The mechanism is assembled, follows its branch to the nearest point of the grid, and from there
+    the lines of the grid, along all coordinates in turn, until no more is reached. Where the branch
+    ends on a line (limit position, branch point, joint limit) the place is located as by `sweep`;
+    where the determinant of the closed-loop Jacobian changes its sign between two points, to 1e-9
+    of their distance. Ctrl-C ends the search, see `Interrupted`.
 
     In a grid of poses each point is a pose of the frame: the drivers follow, as in `reach_path`.
     Parts of the pose that are not given keep the guess's value, if they can be chosen
@@ -74,13 +74,13 @@ def workspace(
     Args:
         mechanism: the mechanism.
         frame: link, frame or joint.
-        ranges: (least, largest) by driver, or coordinate of a joint [rad or m]; other drivers stand
-            where the guess has them. Or of the frame's pose: "x", "y", "z" [m] of its origin in the
-            world, "turn_x", "turn_y", "turn_z" [rad], Cardan angles about its own axes, one after
-            the other, from the orientation that the guess has; below a right angle.
+        ranges: (least, largest) by driver, or coordinate of a joint [rad or m]; other drivers keep
+            their values from the guess. Or of the frame's pose: "x", "y", "z" [m] of its origin in
+            the world, "turn_x", "turn_y", "turn_z" [rad], Cardan angles about its own axes, one
+            after the other, from the orientation that the guess has; below a right angle.
         points: how many values each has, or by name; default some 10 000 in all, and 41 at most.
         guess: where to assemble, as for `assemble`: it decides the branch.
-        hold: names of what else stands still where the guess has it, as for `sweep`.
+        hold: names of other joints that keep their values from the guess, as for `sweep`.
         task: whether dexterity is of the frame's "position" or its "pose"; default the one which
             has a direction for each driver, position first. Of a grid of poses, whether its
             orientation is kept ("pose") or free.

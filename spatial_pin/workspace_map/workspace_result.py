@@ -40,7 +40,7 @@ class Curve:
     Attributes:
         drivers: (m, k) values of the grid's coordinates at its points [rad or m].
         points: (m, 3) of the frame [m].
-        why: (m - 1,) what each piece is, as `Borders.why` has it.
+        why: (m - 1,) the reason of each piece, as in `Borders.why`.
         is_closed: whether its last point is its first; coordinates may be whole turns apart there.
         tolerance: how far the curve bends away from the straight pieces, at most [rad,
             characteristic lengths]; its points are on it to 1e-10.
@@ -74,12 +74,12 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class Borders:
-    """Places on the lines of a grid: where the branch ends, or a determinant vanishes.
+    """Points on the lines of a grid where the branch ends, or a determinant vanishes.
 
     Attributes:
         drivers: (m, k) values of the grid's coordinates [rad or m].
         points: (m, 3) of the frame [m]; NaN where the branch could not be followed up to there.
-        why: what each is, in words.
+        why: the reason at each point, in words.
 
     Example:
         >>> mech = sp.load("delta")
@@ -102,7 +102,7 @@ class Borders:
 
 @dataclass(frozen=True, eq=False)
 class Workspace(Tabular):
-    """Where a frame gets to over a grid of drivers or of its own poses, on one branch.
+    """The points that a frame reaches over a grid of drivers or of its own poses, on one branch.
 
     The N points of the grid are in rows, the last coordinate fastest.
 
@@ -112,7 +112,7 @@ class Workspace(Tabular):
         names: the k coordinates that span the grid: drivers, or parts of the frame's pose.
         shape: how many values each has.
         drivers: (N, k) their values [rad or m].
-        reached: (N,) whether the branch gets there.
+        reached: (N,) whether the branch reaches the point.
         points: (N, 3) of the frame in the world [m]; NaN where it is not reached.
         rotations: (N, 3, 3) of the frame, likewise.
         dexterity: (N,) least singular value of the closed-loop Jacobian in natural units (radians,
@@ -125,14 +125,14 @@ class Workspace(Tabular):
         boundary: where the branch ends on lines of the grid.
         singular: where a determinant vanishes on lines of the grid: of the frame's motions by the
             drivers', or, where the grid is one of poses, of the drivers' by the frame's.
-        aspects: (N,) numbers from 0 of the parts of the grid that hang together without passing a
-            singular place; -1 where it is not reached. A position of the frame that two of them
-            hold is reached in different ways: working modes.
-        sheets: the same grid on other branches, where they were asked for: other assembly modes.
-        task: "position" or "pose", what the Jacobian is of.
-        directions: in how many directions the frame moves.
+        aspects: (N,) numbers from 0 of the parts of the grid that are connected without a singular
+            point in between; -1 where it is not reached. A position of the frame in two aspects is
+            reached in two working modes.
+        sheets: the same grid on other branches (other assembly modes), with `sheets=True`.
+        task: "position" or "pose": the rows of the Jacobian.
+        directions: number of directions in which the frame moves.
         n_drivers: by how many drivers; a determinant there is only if these are as many.
-        is_whole: whether all was looked at, and nothing cut it short (Ctrl-C).
+        is_whole: whether the search is complete (no Ctrl-C).
 
     Example:
         >>> mech = sp.load("delta")

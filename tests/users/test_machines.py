@@ -529,6 +529,52 @@ def test_the_cylinders_of_an_excavator_do_the_work_of_the_dig(run):
     assert (power + soil)[2:-2] == pytest.approx(gained, abs=5e-4 * abs(power).max())
 
 
+# ---------------------------------------------------------------- poses at rest
+
+
+def test_the_springs_of_a_lamp_balance_its_masses(run):
+    made = run("anglepoise_lamp")
+    model = made["drawn"].model
+    moment = {name: model.inertias[model.getJointId(name)].mass * model.inertias[
+        model.getJointId(name)].lever[0] for name in ("shoulder", "rod_pin", "elbow")}
+    carried = sum(model.inertias[model.getJointId(name)].mass for name in ("plate_pin", "elbow"))
+    lower = 9.81 * (moment["shoulder"] + moment["rod_pin"] + 0.34 * carried)
+    assert made["wanted"]["lower"] == pytest.approx(lower / (0.06 * 0.10), rel=1e-11)
+    upper = 9.81 * moment["elbow"]
+    assert made["wanted"]["upper"] == pytest.approx(upper / (0.06 * 0.10), rel=1e-11)
+    assert made["found"].stable is None and max(made["worst"].values()) < 1e-12
+    assert made["held"].efforts["upper"] == pytest.approx(0.1 * upper, rel=1e-9)
+
+
+def test_a_switch_snaps_as_the_energy_of_its_spring_says(run):
+    made = run("bistable_toggle")
+    rod, stiffness, slack = 0.030, 4000.0, 0.028
+    height = np.sqrt(rod**2 - slack**2)
+    found = [pose.state.coordinate("button").value for pose in made["poses"]]
+    assert found == pytest.approx([height, 0.0, -height], abs=1e-12)
+    assert [pose.stable for pose in made["poses"]] == [True, False, True]
+    assert [pose.stiffness[0, 0] for pose in made["poses"]] == pytest.approx(
+        [stiffness * (height / slack)**2, stiffness * (slack / rod - 1.0),
+         stiffness * (height / slack)**2], rel=1e-9)
+    assert made["poses"][1].energy == pytest.approx(0.5 * stiffness * (rod - slack)**2, rel=1e-9)
+    x = np.sqrt(rod**2 - made["way"]**2)
+    assert made["force"] == pytest.approx(stiffness * (x - slack) * made["way"] / x, abs=1e-11)
+
+
+def test_a_delta_robot_is_as_soft_as_its_jacobian_says(run):
+    made = run("delta_modes")
+    rigid, rest = made["rigid"], made["rest"]
+    assert np.abs(rest.state.placement("platform").translation - made["home"].placement(
+        "platform").translation).max() < 1e-10
+    slopes = sp.jacobian(rigid, made["home"], "platform")[:3]
+    free = sp.equilibrium(rigid, made["home"], stable=None, efforts=sp.inverse_dynamics(
+        rigid, made["home"]).efforts)  # what the weights are stiff with, without gears
+    stiff = made["GEAR"] * np.eye(3) + free.stiffness
+    soft = 1e6 * np.diag(slopes @ np.linalg.solve(stiff, slopes.T))
+    assert made["give"][:3] == pytest.approx(soft, rel=1e-9)
+    assert made["small"].frequencies[0] == pytest.approx(made["small"].frequencies[1], rel=1e-9)
+
+
 # ---------------------------------------------------------------- the page about them
 
 PAGE = EXAMPLES.parent / "docs" / "examples.md"

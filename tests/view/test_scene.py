@@ -406,3 +406,11 @@ def test_page_fits_its_window_until_the_user_moves_the_camera_and_hides_the_cont
     browser.wait_until("alarms.innerText.startsWith('closure ball_b open by ')")
     browser.evaluate("location.hash = 't=0'")
     browser.wait_until("alarms.innerText === ''")
+
+
+def test_a_rod_reaches_from_its_start_to_its_end():
+    from spatial_pin.view.scene.shapes import rod
+
+    solid = rod(0.1, 1.0, 3.0)
+    assert solid.geometry.height == 2.0
+    assert (solid.placement @ [0.0, 0.0, 0.0, 1.0])[:3] == pytest.approx([0.0, 0.0, 2.0])

@@ -4,6 +4,7 @@ To add a command: what it does, and its options in the `COMMANDS` of the module 
 """
 
 from spatial_pin.cli.commands import (
+    at_rest,
     mechanisms,
     motions,
     positions,
@@ -18,6 +19,7 @@ GROUPS: dict[str, dict[str, Command]] = {
     "configurations": positions.COMMANDS,
     "motions": motions.COMMANDS,
     "rates and forces": rates_and_forces.COMMANDS,
+    "poses at rest": at_rest.COMMANDS,
     "for the eye": motions.PAGES,
     "dimensions": studies.COMMANDS,
     "searches": searching.COMMANDS,

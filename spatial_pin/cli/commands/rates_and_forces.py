@@ -181,7 +181,7 @@ def statics(options: argparse.Namespace) -> None:
     actuated = options.actuated or None
     for name in options.actuated:
         mechanism.driven_coordinate(name)
-    external = _external_forces(options, mechanism)
+    external = external_forces(options, mechanism)
     motion = motion_over(options, mechanism)
     if motion is None:
         _print_efforts(options, mechanism, sp.inverse_dynamics(
@@ -197,7 +197,7 @@ def statics(options: argparse.Namespace) -> None:
     print_result(options, found, content, table)
 
 
-def _external_forces(
+def external_forces(
     options: argparse.Namespace, mechanism: sp.Mechanism
 ) -> dict[str, pin.Force]:
     """Return the loads by link or frame."""

@@ -184,9 +184,8 @@ def changes_of_forces(
             total[np.ix_(p.v, p.v)] = unit * x
         pin.computeJointJacobians(model, p.data, q[p.q])
     spring_by_q, spring_by_v = springs.by_motion()
-    pull = np.array([-x.per_length for x in springs.lines])
     by_q -= outside.turning(bodies)
-    by_q -= rows.bending(multipliers, pull) + spring_by_q
+    by_q -= rows.bending(multipliers, springs.pulls) + spring_by_q
     return by_q, by_v - spring_by_v
 
 

@@ -8,6 +8,7 @@ function of its length and rate.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from itertools import count
 from typing import NamedTuple
 
 import numpy as np
@@ -68,6 +69,7 @@ class Springs:
 
     lines: list[Pull]
     turns: list[Pull]
+    bushings: list[tuple[Array, Array, Array]]
 
     def __init__(
         self, mechanism: Mechanism, laws: Mapping[str, Law] | None = None,
@@ -117,6 +119,10 @@ class Springs:
             by_q = by_length * row + by_rate * (products.by_q[1][at] - rate * row) / length
             force = line.law(length, rate)
             self.lines.append(Pull(force, force / length, row, by_q, by_rate * row))
+        first = rows.closed + len(self.forces.lines)
+        self.bushings = [
+            bushing.pull(products.values[:2, at : at + 12], products.by_q[:2, at : at + 12])
+            for at, bushing in zip(count(first, 12), self.forces.bushings, strict=False)]
         unit = np.eye(rows.nv)
         for turn in self.forces.turns:
             x, rate = float(q[turn.q]), float(v[turn.v])
@@ -147,6 +153,12 @@ class Springs:
                 "start where its frames are apart, or give it a joint instead of frames")
         return Pull(0.0, stiffness, none, none, none)
 
+    @property
+    def pulls(self) -> Array:
+        """Forces of the springs by half their squared lengths, and of bushings by products."""
+        return np.concatenate([[-x.per_length for x in self.lines],
+                               *(pull for pull, _, _ in self.bushings)])
+
     def by_motion(self) -> tuple[Array, Array]:
         """Return the derivatives (nv, nv) of the springs' joint forces with respect to q and v.
 
@@ -160,6 +172,9 @@ class Springs:
         for pull in (*self.lines, *self.turns):
             by_q -= np.outer(pull.row, pull.by_q)
             by_v -= np.outer(pull.row, pull.by_v)
+        for _, bent, damped in self.bushings:
+            by_q += bent
+            by_v += damped
         return by_q, by_v
 
 

@@ -153,7 +153,7 @@ class Problem:
         self.is_steady = self.law is None and not laws and not self.drives and (
             external is None or external.is_steady)
         self.is_damped = bool(self.forces.resistance
-                              or any(spring.damping for spring in mechanism.springs))
+                              or any(np.any(spring.damping) for spring in mechanism.springs))
         self.works = bool(self.law or external or self.constant.any() or self.forces.exist
                           or self.drives)
 
@@ -187,11 +187,15 @@ class Problem:
 
     def efforts(self, t: float, q: Array, v: Array, evaluation: LoopEquations) -> Array:
         """Return the efforts (nv,) at joints, with forces from outside [N·m, N]."""
+        held = (self.constant + self.forces.of_bushings(evaluation, v) if self.forces.bushings
+                else self.constant)
         if not (self.law or self.external):
-            return self.constant
+            return held
         state = State(self.mechanism, q, v, closure_error=evaluation.closure_error,
                       angles=evaluation.angles)
-        total = joint_efforts(self.mechanism, self.law(t, state)) if self.law else self.constant
+        total = held
+        if self.law:
+            total = total - self.constant + joint_efforts(self.mechanism, self.law(t, state))
         if self.external:
             total = total + generalised(evaluation, external_wrenches(
                 self.mechanism, evaluation, self.external.law(t, state)))
@@ -202,8 +206,6 @@ class Problem:
         total = self.efforts(t, q, v, evaluation)
         if self.forces.exist:
             total = total + self.forces.generalised(evaluation, q, v)
+            if self.forces.bushings:  # which are among the efforts
+                total = total - self.forces.of_bushings(evaluation, v)
         return total
-
-    def work(self, y: Array) -> float:
-        """Return the work done, of unknowns."""
-        return float(y[-1]) if self.works else 0.0

@@ -272,6 +272,9 @@ class LeastExchange:
         stretching = 0.0
         for spring in mechanism.springs:
             unit = scale[mechanism.coordinate(spring.joint).v] if spring.joint else size
+            if spring.is_bushing:
+                stretching += float(np.max(spring.stiffness)) * max(size, 1.0) ** 2
+                continue
             stretching += spring.slopes(spring.free + unit, 0.0)[0] * (abs(spring.free) + unit) ** 2
         self._pulling = EPS * (stretching + float(np.abs(efforts) @ scale))
 

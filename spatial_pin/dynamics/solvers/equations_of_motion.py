@@ -65,7 +65,7 @@ class Equations(MotionEquations):
         self.given, self.wrenches = self.turning, []
         if external:
             self.wrenches += external_wrenches(self.mechanism, self.evaluation, external)
-        if springs.lines:
+        if springs.lines or springs.bushings:
             self.wrenches += springs.wrenches(self.evaluation, state.v)
         if self.wrenches:
             self.given = self.turning + generalised(self.evaluation, self.wrenches)

@@ -184,11 +184,12 @@ def export_html(
     of the address opens meshcat's own.
 
     Args:
-        motion_or_state: what to show; of what `spatial_pin.design` found, the best, with what was
-            asked of it (`Look.design`).
+        motion_or_state: a motion or a state; of Designs the best one is shown, with its goals
+            (`Look.design`).
         path: file to write.
         title: heading; the mechanism's title if not given.
-        look: what is shown besides the bodies: signs of the pairs, paths, arrows, curves, ...
+        look: extras of the picture besides the bodies: signs of the pairs, paths, arrows, curves,
+            ...
 
     Returns:
         The path written.

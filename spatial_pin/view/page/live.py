@@ -362,24 +362,24 @@ def live(
 ) -> Viewer:
     """Move a mechanism by hand: a page with a slider for every driver.
 
-    The mechanism follows its branch and never leaves it; where branches cross it goes straight on.
-    Where a driver cannot go on (a limit, a singular configuration, a joint limit of any joint) the
-    slider stops and the page says so; a switch lets joints pass their limits. A link that is
-    dragged follows the pointer as far as the drivers can take it. The page needs this process:
-    `live(mechanism).wait()` keeps it until Ctrl-C. The server answers only this machine, and only
-    the page itself.
+    The mechanism stays on its branch. At a branch point it goes straight on. If a driver cannot go
+    on (a limit, a singular configuration, a joint limit of any joint), the slider stops and the
+    page says so. A switch lets joints pass their limits. A dragged link follows the pointer as far
+    as the drivers allow. The page needs this process: `live(mechanism).wait()` keeps it until
+    Ctrl-C. The server answers only this machine, and only the page itself.
 
     Args:
         mechanism: the mechanism.
-        guess: where to begin: a State, or what `assemble` takes; default the file's guess.
-        drivers: what has a slider: drivers, or other coordinates that determine the motion; the
-            mechanism's drivers if not given.
-        outputs: what is told besides the drivers, as for `plot`: coordinates, `NAME.position`,
+        guess: the first configuration: a State, or a guess as for `assemble`; default the file's
+            guess.
+        drivers: drivers, or other coordinates that determine the motion, each with a slider;
+            default the mechanism's drivers.
+        outputs: other quantities that the page shows, as for `plot`: coordinates, `NAME.position`,
             `crank.effort` and `PAIR.reaction` at rest.
         title: heading; the mechanism's title if not given.
-        look: what is shown besides the bodies; without arrows, and traces only with one driver; its
-            curves grow while the mechanism is moved.
-        limits: whether joint limits are in the way at first.
+        look: extras of the picture besides the bodies; without arrows, and traces only with one
+            driver; its curves grow while the mechanism is moved.
+        limits: whether joint limits are kept at first.
         port: on the loopback interface, 0 for any that is free.
         open_browser: whether to open a browser; if none can be, a warning gives the address.
         state: another word for `guess`.

@@ -43,17 +43,17 @@ def report(
 
     It holds the 3-D view, the outputs over the driver with their speed ratios and accelerations,
     the ranges of all coordinates, limits met, freedoms, dimensions, structure and accuracy. The
-    report of a state has its coordinates instead of curves. The report of a design has what was
-    asked of it, and how well it does that.
+    report of a state has its coordinates instead of curves. The report of a design has its goals
+    and their errors.
 
     Args:
-        motion_or_state: what to report; of what `spatial_pin.design` found as in `export_html`.
+        motion_or_state: a motion or a state; a design as in `export_html`.
         path: file to write.
         outputs: names of outputs to draw, as `motion.output` takes them, or forces as the `output`
             of what `kinetostatics` finds; those of `default_outputs` if not given. Not used for a
             state.
         title: heading; the mechanism's title if not given.
-        look: what is drawn besides the links, as in `export_html`.
+        look: extras of the picture, as in `export_html`.
 
     Returns:
         The path written; in a notebook it shows the page.

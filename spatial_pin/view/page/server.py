@@ -284,15 +284,15 @@ def show(
     look: Look | None = None,
     open_browser: bool = True,
 ) -> Viewer:
-    """Show a motion, a state, or a design with what was asked of it, in the browser.
+    """Show a motion, a state, or a design with its goals in the browser.
 
     Serves the page of `export_html` on a free port of the loopback interface and returns when the
-    browser has it; it then plays on its own. No process is started except the browser. A script
-    that ends takes the address away: `show(motion).wait()` keeps it until Ctrl-C.
+    browser has it; it then plays on its own. No process is started except the browser. The page
+    ends with the script: `show(motion).wait()` keeps it until Ctrl-C.
 
     Args:
-        motion_or_state: what to show; of what `spatial_pin.design` found as in `export_html`.
-        look: what is shown besides the bodies.
+        motion_or_state: a motion or a state; a design as in `export_html`.
+        look: extras of the picture besides the bodies.
         open_browser: whether to open a browser; if none can be, a warning gives the address.
 
     Returns:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Look:
-    """What a picture shows besides the bodies; open closures and springs are always shown.
+    """Extras of a picture besides the bodies; open closures and springs are always shown.
 
     Attributes:
         skeleton: whether links are drawn as sticks from pair to pair; None: those that bring no
@@ -42,14 +42,12 @@ class Look:
         ghosts: other states of the same mechanism, or motions of any, drawn half transparent. A
             motion goes with the one that is shown: at the same times, else at the same driver
             values, else from beginning to end; its outputs are dashed curves.
-        clearance: what `spatial_pin.clearance` found over the motion that is shown: links are red
-            where they touch, and a line joins the nearest points of those that come nearest.
-        beside: whether ghosts stand side by side with the first, as solid as it is, instead.
-        workspace: what `spatial_pin.workspace` found: points that the frame gets to, coloured by
-            dexterity, and where the branch ends.
-        design: one of what `spatial_pin.design` found, whose mechanism is shown: the points and
-            placements that were asked for, and the paths of their frames; a report has the
-            values too that were asked of coordinates.
+        clearance: a Clearance of the shown motion: links are red where they touch, and a line joins
+            the nearest points of the nearest links.
+        beside: whether ghosts are solid and side by side with the first, not half transparent.
+        workspace: a Workspace: reached points, coloured by dexterity, and the ends of the branch.
+        design: a Design, whose mechanism is shown: the points and placements of its goals, and the
+            paths of their frames; a report also has the values of coordinates in its goals.
 
     Example:
         >>> mech = sp.load("four_bar")

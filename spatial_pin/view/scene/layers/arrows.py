@@ -62,7 +62,7 @@ class Vectors(NamedTuple):
         name: of the point.
         point: where it starts, world, shape (N, 3) [m].
         vector: world axes, shape (N, 3) [unit].
-        quantity: what it is, "velocity"; those of one quantity share a scale.
+        quantity: its name, such as "velocity"; arrows of one quantity share a scale.
         unit: its SI unit.
 
     Example:

@@ -1,0 +1,235 @@
+"""Commands of poses at rest: equilibrium, linearize, compliance."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import numpy as np
+
+import spatial_pin as sp
+from spatial_pin.cli.commands.rates_and_forces import ROWS, UNITS, external_forces
+from spatial_pin.cli.mechanism_arguments import (
+    as_far_as_found,
+    check_held,
+    fitting,
+    in_units,
+    loaded,
+    state_at,
+    unique,
+    workers,
+)
+from spatial_pin.cli.options import (
+    CONFIGURATION,
+    WORKERS,
+    Command,
+    count,
+    data_options,
+    from_zero,
+    numbers,
+    option,
+    setting,
+)
+from spatial_pin.cli.printing import grid, print_result
+from spatial_pin.motion.summary import EFFORTS
+from spatial_pin.units import KINDS
+
+FORCES = {"m": "N", "rad": "N·m"}  # that move what is in these units
+
+
+def _acting(options: argparse.Namespace, mechanism: sp.Mechanism) -> dict[str, Any]:
+    """Return what is held, what turns, and what acts."""
+    check_held(options, mechanism)
+    efforts = unique(options, options.efforts)
+    for name, x in efforts.items():
+        unit = EFFORTS[mechanism.driven_coordinate(name).unit]
+        in_units({f"the effort of {name}": x}, *KINDS[unit])
+    found: dict[str, Any] = {"hold": options.hold or None, "efforts": efforts or None,
+                             "external": external_forces(options, mechanism) or None}
+    if "constant" in options:
+        found["speeds"] = fitting(
+            options, mechanism, unique(options, options.constant), "speed") or None
+    return found
+
+
+def equilibrium(options: argparse.Namespace) -> None:
+    """Where it comes to rest under weights, springs and loads, and whether it stays."""
+    mechanism = loaded(options)
+    acting = _acting(options, mechanism)
+    guess = state_at(options, mechanism)
+    if not options.all:
+        found = sp.equilibrium(mechanism, guess, **acting,
+                               stable=None if options.nearest else True)
+        quantities = _quantities(found)
+        units = [unit for _, _, unit in quantities]
+        rows = [[name, f"{x:.9g}", unit] for name, x, unit in quantities]
+        lines = [f"{mechanism.name}: {str(found).partition(' at rest')[0]} at rest, closed to "
+                 f"{found.state.closure_error:.1e}", grid(rows),
+                 *(f"  idle: {freedom}" for freedom in found.passive)]
+        if found.neutral:
+            lines.append(f"  no stiffness in {', '.join(found.neutral)}")
+        print_result(options, "\n".join(lines), _content(found), {
+            "quantity": [name for name, _, _ in quantities],
+            "value": [x for _, x, _ in quantities], "unit": units})
+        return
+    with workers(options.workers) as executor:
+        poses = as_far_as_found(lambda: sp.equilibria(
+            mechanism, guess, **acting, starts=options.starts, seed=options.seed,
+            executor=executor))
+    table = {name: x.tolist() for name, x in poses.columns().items()}
+    content = {"mechanism": mechanism.name, "starts": poses.starts, "reached": poses.reached,
+               "missing": poses.missing, "is_whole": poses.is_whole,
+               "poses": [_content(one) | {"reached": n}
+                         for one, n in zip(poses, poses.counts, strict=True)]}
+    lines = [f"{mechanism.name}: {len(poses)} poses at rest from {poses.starts} starts, "
+             f"{poses.reached} of which reached one; about {poses.missing:.0f} more must be "
+             "expected"]
+    for kind, energy, reached, pose in zip(*(table[x] for x in ("kind", "energy [J]", "reached")),
+                                           poses, strict=True):
+        lines.append(f"{kind}, {energy:.9g} J, reached {reached} times")
+        lines.append(grid([[name, f"{x:.9g}", unit] for name, x, unit in _coordinates(pose)]))
+    print_result(options, "\n".join(lines), content, table, is_whole=poses.is_whole)
+
+
+def _coordinates(found: sp.Equilibrium) -> list[tuple[str, float, str]]:
+    state = found.state
+    return [(name, float(state.coordinate(name).value), c.unit)
+            for name, c in state.mechanism.coordinate_table.items()]
+
+
+def _quantities(found: sp.Equilibrium) -> list[tuple[str, float, str]]:
+    """Return names, values and units of what a pose at rest has: a number a row."""
+    mechanism, names = found.state.mechanism, found.coordinates
+    rows = [*_coordinates(found), ("potential energy", found.energy, "J")]
+    rows += [(f"stiffness of {name}" + (f" by {other}" if other != name else ""), float(x),
+              f"{FORCES[_unit(mechanism, name)]}/{_unit(mechanism, other)}")
+             for name, row in zip(names, found.stiffness, strict=True)
+             for other, x in zip(names, row, strict=True)]
+    rows += [(f"{name} effort", x, FORCES[mechanism.driven_coordinate(name).unit])
+             for name, x in found.efforts.items()]
+    return rows
+
+
+def _unit(mechanism: sp.Mechanism, name: str) -> str:
+    """Return the unit of a coordinate or driver, or of a component of a ball or base."""
+    if name in mechanism.coordinate_table or name in mechanism.drivers:
+        return mechanism.driven_coordinate(name).unit
+    return "m" if name.rpartition(".")[2] in ("x", "y", "z") and mechanism.model.joints[
+        mechanism.model.getJointId(name.rpartition(".")[0])].nv > 3 else "rad"
+
+
+def _content(found: sp.Equilibrium) -> dict[str, Any]:
+    """Return a pose at rest as JSON has it."""
+    mechanism = found.state.mechanism
+    return {
+        "mechanism": mechanism.name, "stable": found.stable,
+        "coordinates": {name: x for name, x, _ in _coordinates(found)},
+        "units": {name: unit for name, _, unit in _coordinates(found)},
+        "energy": found.energy, "independent": list(found.coordinates),
+        "stiffness": found.stiffness.tolist(), "neutral": list(found.neutral),
+        "passive": [str(freedom) for freedom in found.passive], "efforts": found.efforts,
+        "reactions": {name: [*force.linear.tolist(), *force.angular.tolist()]
+                      for name, force in found.reactions.items()},
+        "unique": {name: each.tolist() for name, each in found.unique.items()},
+        "on_ground": [*found.on_ground.linear.tolist(), *found.on_ground.angular.tolist()],
+        "closure_error": found.state.closure_error}
+
+
+def linearize(options: argparse.Namespace) -> None:
+    """How it rings about the pose at rest: frequencies, damping, shapes."""
+    mechanism = loaded(options)
+    acting = _acting(options, mechanism)
+    state = sp.equilibrium(mechanism, state_at(options, mechanism), **acting,
+                           stable=None if options.nearest else True).state
+    found = sp.linearize(mechanism, state, **acting, inputs=options.inputs or None,
+                         outputs=options.outputs or None)
+    a, b, c, d = found.state_space()
+    content = {
+        "mechanism": mechanism.name, "coordinates": list(found.coordinates),
+        "at": {name: state.coordinate(name).value for name in mechanism.coordinate_table},
+        "frequencies": found.frequencies, "damping_ratios": found.damping_ratios,
+        "eigenvalues": [[x.real, x.imag] for x in found.eigenvalues.tolist()],
+        "stable": found.stable, "mass": found.mass, "damping": found.damping,
+        "stiffness": found.stiffness, "inputs": list(found.inputs),
+        "outputs": list(found.outputs), "a": a, "b": b, "c": c, "d": d,
+        "closure_error": state.closure_error}
+    pairs = enumerate(zip(found.frequencies, found.damping_ratios, strict=True))
+    rows = [[str(k), f"{f:.9g}" if f else "none", f"{ratio:.6g}" if f else ""]
+            for k, (f, ratio) in pairs]
+    lines = [f"{mechanism.name}: small motions about {state}",
+             grid(rows, ("", "frequency [Hz]", "damping ratio"))]
+    files = []
+    if options.html:
+        files.append(sp.export_html(found.shape(options.shape), options.html))
+    print_result(options, "\n".join(lines), content,
+                 {name: x.tolist() for name, x in found.columns().items()}, files)
+
+
+def compliance(options: argparse.Namespace) -> None:
+    """How much a frame at rest gives way to a small force and moment."""
+    mechanism = loaded(options)
+    mechanism.frame_id(options.frame)
+    acting = _acting(options, mechanism)
+    state = sp.equilibrium(mechanism, state_at(options, mechanism), **acting).state
+    found = sp.compliance(mechanism, state, options.frame, **acting)
+    heads = [f"{'f' if row[0] == 'v' else 'm'}{row[1]}" for row in ROWS]
+    names = [f"{'d' if row[0] == 'v' else 'r'}{row[1]}" for row in ROWS]
+    units = [UNITS[row[0]] for row in ROWS]
+    small = 1e-12 * np.abs(found).max(initial=0.0)
+    lines = [f"{mechanism.name}: how {options.frame} moves at its origin per force [N] and moment "
+             "[N·m], world axes, loops closed",
+             grid([[name, unit, *(f"{x if abs(x) > small else 0.0:.4g}" for x in row)]
+                   for name, unit, row in zip(names, units, found, strict=True)],
+                  ("", "of", *heads))]
+    print_result(options, "\n".join(lines), {
+        "mechanism": mechanism.name, "frame": options.frame, "rows": names, "by": heads,
+        "matrix": found.tolist(),
+        "coordinates": {name: state.coordinate(name).value for name in mechanism.coordinate_table},
+        "closure_error": state.closure_error},
+        {"component": names, "of": units,
+         **{f"{head} [{FORCES[unit]}]": found[:, k].tolist()
+            for k, (head, unit) in enumerate(zip(heads, units, strict=True))}})
+
+
+LOADS = (
+    option("--hold", action="append", default=[], metavar="NAME",
+           help='a joint, coordinate or driver that stands still; "base": a free base (nothing)'),
+    option("--effort", dest="efforts", action="append", default=[], type=setting,
+           metavar="JOINT=VALUE", help="a constant torque [N·m] or force [N] in it"),
+    option("--load", dest="loads", action="append", default=[], type=numbers,
+           metavar="NAME=FX,FY,FZ[,MX,MY,MZ]",
+           help="a force [N], and moment [N·m], on a link or frame at its origin, world axes"),
+)
+TURNING = (
+    option("--speed", dest="constant", action="append", default=[], type=setting,
+           metavar="NAME=VALUE",
+           help="what turns at a constant speed, as shaft=240rpm: rest is relative to it"),
+    option("--nearest", action="store_true",
+           help="the pose at rest nearest to the guess, be it stable or not"),
+)
+COMMANDS = {
+    "equilibrium": Command(equilibrium, (
+        *CONFIGURATION, *LOADS, *TURNING,
+        option("--all", action="store_true", help="all poses at rest, stable and unstable ones"),
+        option("--starts", type=count, default=60, help="number of starts of --all (60)"),
+        option("--seed", type=from_zero, default=0, help="of the random starts (0)"),
+        *WORKERS,
+        *data_options("the pose, stiffness and reactions", "the pose and its stiffness"),
+    )),
+    "linearize": Command(linearize, (
+        *CONFIGURATION, *LOADS, *TURNING,
+        option("--input", dest="inputs", action="append", default=[], metavar="NAME",
+               help="whose effort is an input of the state space (the drivers)"),
+        option("--output", dest="outputs", action="append", default=[], metavar="NAME",
+               help="an output of it, as rocker_pin, rocker_pin.rate or FRAME.position.x"),
+        option("--shape", type=from_zero, default=0, metavar="K",
+               help="the vibration that --html plays, by its number (0)"),
+        option("--html", metavar="F", help="write a page that plays a vibration"),
+        *data_options("frequencies, matrices and state space", "frequencies and damping ratios"),
+    )),
+    "compliance": Command(compliance, (
+        option("frame", metavar="FRAME", help="link, frame or joint that gives way"),
+        *CONFIGURATION, *LOADS,
+        *data_options("the matrix", "the matrix"),
+    )),
+}
