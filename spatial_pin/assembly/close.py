@@ -2,30 +2,26 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
-from typing import TypeVar
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.errors import SingularError
-from spatial_pin.kernel.closer import Closed, Reached, closer_of
+from spatial_pin.kernel.closer import Closed, closer_of
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.coordinates import coordinate_gradient
 from spatial_pin.mechanism.joint_limits import JointLimit
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
-from spatial_pin.numerics.linalg import NOT_FINITE, Array
+from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 # Damped steps at most: of random starts of `delta` 57 % close in 60, 75 % in 120, so that another
 # start is worth more than so many further steps.
 DAMPED_STEPS = 60
 NOTHING: Mapping[str, float] = MappingProxyType({})
-Found = TypeVar("Found", Closed, Reached)
 
 
 def close(
@@ -70,14 +66,7 @@ def closed(
 ) -> Closed:
     """Do as `close` without an evaluation; `angle_reference` are those that it would have."""
     with closer_of(mechanism, pinned) as closer:
-        return finite(closer.close(q, free, reference, tolerance, iterations, pinned.values(), cut))
-
-
-def finite(found: Found) -> Found:
-    """Return where closing has led; raises as `close`."""
-    if not math.isfinite(found.error):
-        raise SingularError(NOT_FINITE)
-    return found
+        return closer.close(q, free, reference, tolerance, iterations, pinned.values(), cut)
 
 
 class LimitedJoints:
