@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 from weakref import WeakSet
 
@@ -12,20 +11,19 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.checks import checked, mapping
 from spatial_pin.assembly.close import closed
-from spatial_pin.assembly.holding import still_entries
+from spatial_pin.assembly.holding import free_but, still_entries
 from spatial_pin.assembly.redundant_equations import allowed_from, gap_allowed, rounded
-from spatial_pin.assembly.search.closing import ACCEPTED, AcquiredEquations, Closing, gone_from
-from spatial_pin.assembly.search.closure_settings import free_but
+from spatial_pin.assembly.search.assembly_problem import ACCEPTED, AssemblyProblem, gone_from
 from spatial_pin.assembly.search.counted_turns import led
 from spatial_pin.assembly.search.guesses import Guess, read_guess
 from spatial_pin.assembly.search.refusals import failure
 from spatial_pin.assembly.search.release import beyond_words
 from spatial_pin.assembly.search.search import Search
-from spatial_pin.assembly.search.straight import straight
 from spatial_pin.assembly.search.whole_turns import turned_apart
 from spatial_pin.assembly.state import NO_ANGLES, State, made
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.errors import AssemblyError, SingularError, warn
+from spatial_pin.kernel.closer import Examined
 from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.mechanism.coordinates import (
     coordinate_value,
@@ -142,53 +140,110 @@ def assembled(
 ) -> State:
     """Do as `assemble`, for verbs whose results tell of joint limits themselves."""
     needed(mechanism)
-    accuracy = _with_gap(mechanism, accuracy_of(accuracy), gap)
-    if accuracy.gap and isinstance(guess, State) and guess.mechanism.whole is mechanism:
-        mechanism = guess.mechanism  # it goes on with the equations that were chosen for it
-        accuracy = replace(accuracy, gap=allowed_from(guess, accuracy.gap))
-    elif (exact := rounded(mechanism, accuracy.gap)) is not None:
-        mechanism = exact
+    accuracy = accuracy_of(accuracy)
+    gap = gap_allowed(mechanism, accuracy) if gap is None else gap
+    problem = pose(mechanism, held_values(mechanism, drivers), guess, accuracy.tolerance, gap, free,
+                   release)
+    return solved(problem, limits, release, together=free == ())
+
+
+def held_values(
+    mechanism: Mechanism, drivers: Mapping[str, float] | None
+) -> dict[str, float]:
+    """Return values by coordinate that are given by driver, joint or coordinate [rad, m].
+
+    Raises:
+        UnknownNameError: a name does not exist.
+        ValueError: a value is NaN or infinite, or a coordinate is given two.
+    """
     held: dict[str, float] = {}
     for name, value in mapping(drivers, "drivers").items():
         coordinate = mechanism.prescribed_coordinate(name).name
         if coordinate in held:
             raise ValueError(f"{coordinate!r} is given two values")
         held[coordinate] = finite_number(value, f"driver {name!r}")
+    return held
+
+
+def pose(
+    mechanism: Mechanism, held: Mapping[str, float], guess: Any, tolerance: float, gap: float,
+    free: Iterable[str] = (), release: bool = True,
+) -> AssemblyProblem:
+    """Return what an assembly is to close, and from where.
+
+    Args:
+        mechanism: the mechanism.
+        held: values of coordinates that are given one [rad, m].
+        guess: as for `assemble`.
+        tolerance: closure residual to reach.
+        gap: largest closure error of redundant equations.
+        free: drivers that do not stand.
+        release: whether drivers without a value may go.
+    """
+    if gap and isinstance(guess, State) and guess.mechanism.whole is mechanism:
+        mechanism = guess.mechanism  # it goes on with the equations that were chosen for it
+        gap = allowed_from(guess, gap)
+    elif (exact := rounded(mechanism, gap)) is not None:
+        mechanism = exact
     start = read_guess(mechanism, guess)
+    stand = standing = _standing(mechanism, held, guess, start, free, taken_along=release)
     beginning = mechanism.start(held) if guess is None else None
-    if not limits and beginning is None and free == () and not isinstance(guess, Mapping):
-        angles = guess.angles if isinstance(guess, State) else NO_ANGLES
-        found = straight(mechanism, held, start, release, accuracy, angles)
-        if found is not None:
-            return found
-    said = _standing(mechanism, held, guess, start, free, taken_along=release)
     if beginning is not None:
-        start = read_guess(mechanism, beginning)
-    standing = said if beginning is None else {
-        name: coordinate_value(mechanism, mechanism.coordinate_table[name], start.q)
-        for name in said}
-    start, angles, lost = led(
-        mechanism, held, start, guess.angles if isinstance(guess, State) else None, standing,
-        start.names if isinstance(guess, Mapping) else ())
-    with AcquiredEquations(mechanism, angles) as equations:
-        search = Search(Closing(equations, held, standing, start, accuracy), limits)
-        search.run(release=release)
-        if search.best is None and standing and release:
-            goal = Guess(mechanism, with_values(mechanism, start.q, standing),
-                         {**standing, **start.values})
-            before = search
-            search = Search(Closing(equations, held, {}, goal, accuracy, said), limits)
-            search.run(with_values(mechanism, start.q, held), before=before)
-        state = _result(search, said, lost)
+        start, table = read_guess(mechanism, beginning), mechanism.coordinate_table
+        standing = {name: coordinate_value(mechanism, table[name], start.q) for name in stand}
+    angles, lost = NO_ANGLES, tuple[str, ...]()
+    if constraints_of(mechanism).counts_turns:
+        start, angles, lost = led(
+            mechanism, held, start, guess.angles if isinstance(guess, State) else None, standing,
+            start.names if isinstance(guess, Mapping) else ())
+    problem = AssemblyProblem(mechanism, held, standing, start, tolerance, gap, angles)
+    problem.stand, problem.lost = stand, lost
+    return problem
+
+
+def solved(
+    problem: AssemblyProblem, limits: bool = False, release: bool = True, together: bool = True
+) -> State:
+    """Return the closed State of what an assembly is to close; raises as `assemble`.
+
+    Args:
+        problem: which `pose` returned.
+        limits: keep joint limits.
+        release: let drivers without a value move if the loops cannot close otherwise.
+        together: close all groups of loops in one call, if that leaves nothing to judge. Where
+            drivers move freely each group is to move the least by itself.
+    """
+    mechanism, stand = problem.mechanism, problem.stand
+    found = None
+    if not limits and (together or len(problem.free_set.groups) < 2):
+        found = problem.closed_at_once()
+    q, seen = found or _searched(problem, limits, release)
+    if problem.lost:
+        warn(f"mechanism {mechanism.name!r}: turns of {', '.join(problem.lost)} may be lost: "
+             "couplings or screws count them, but not the loops between, which cannot be followed "
+             "there from the guess (sweep there, or name what they count in the guess)")
+    released = gone_from(mechanism, q, stand) if stand else {}
+    if released:
+        names = {d.joint: d.name for d in mechanism.drivers.values()}
+        released = {names[c]: x for c, x in released.items()}
+    state = made(mechanism, q, None, None, closure_error=seen.error, angles=seen.angles,
+                 released=released, lost_turns=problem.lost)
     if mechanism.whole is not None:
         tell(state)
     return state
 
 
-def _with_gap(mechanism: Mechanism, accuracy: Accuracy, gap: float | None) -> Accuracy:
-    """Return the accuracy with the gap that is given, else with that of the mechanism, if any."""
-    gap = gap_allowed(mechanism, accuracy) if gap is None else gap
-    return accuracy if gap == accuracy.gap else replace(accuracy, gap=gap)
+def _searched(problem: AssemblyProblem, limits: bool, release: bool) -> tuple[Array, Examined]:
+    """Return the closed configuration that a search finds, and what it is like."""
+    with problem.workspaces:
+        search = Search(problem, limits)
+        search.run(release=release)
+        if search.best is None and problem.standing and release:
+            before, search = search, Search(problem.released(), limits)
+            search.run(problem.unreleased, before=before)
+        if search.best is None:
+            raise failure(search)
+        return search.best[1], search.examined()
 
 
 def tell(state: State) -> None:
@@ -235,8 +290,7 @@ def _standing(
 
     With `taken_along` drivers that the guess leaves out stand where its other joints take them.
     """
-    drivers = driver_coordinates(mechanism).values()
-    loose = set()
+    drivers, loose = driver_coordinates(mechanism).values(), list[str]()
     for name in (free,) if isinstance(free, str) else free:
         coordinate = mechanism.prescribed_coordinate(name)
         if coordinate not in drivers:
@@ -244,15 +298,16 @@ def _standing(
                              f"drivers stand: {', '.join(mechanism.drivers) or 'there is none'}")
         if coordinate.name in held:
             raise ValueError(f"free: {name!r} is given a value too")
-        loose.add(coordinate.name)
+        loose.append(coordinate.name)
     standing = [c.name for c in drivers if c.name not in held and c.name not in loose]
     if not standing:
         return {}
     values = {c.name: coordinate_value(mechanism, c, start.q) for c in drivers}
-    spoken = set(joint_values(mechanism, mechanism.guess)) | set(start.names)
-    silent = [name for name in values if name not in spoken]
-    if taken_along and spoken - set(values) and not set(silent).isdisjoint(standing):
-        values |= _at_home(mechanism, guess, start, values, silent)
+    if taken_along and not {*standing}.issubset(start.names):
+        spoken = {*joint_values(mechanism, mechanism.guess), *start.names}
+        silent = [name for name in values if name not in spoken]
+        if spoken - set(values) and not set(silent).isdisjoint(standing):
+            values |= _at_home(mechanism, guess, start, values, silent)
     return {name: values[name] for name in standing}
 
 
@@ -264,9 +319,11 @@ def _at_home(
 
     Else where the loops take them, as the guess may name the platform and leave out the legs.
     """
-    with AcquiredEquations(mechanism) as equations:
-        search = Search(Closing(
-            equations, {}, drivers, start, accuracy_of(None)), False)
+    accuracy, angles = accuracy_of(None), np.zeros(constraints_of(mechanism).n_angles)
+    problem = AssemblyProblem(
+        mechanism, {}, drivers, start, accuracy.tolerance, accuracy.gap, angles)
+    with problem.workspaces:
+        search = Search(problem, False)
         search.attempt(start.q)
     if search.best is not None:
         return {}
@@ -275,30 +332,6 @@ def _at_home(
     except AssemblyError:
         return {}
     return {name: home.coordinate(name).value for name in silent}
-
-
-def _result(search: Search, said: Mapping[str, float], lost: tuple[str, ...]) -> State:
-    """Return the best closed State of a search.
-
-    Args:
-        search: which has been run.
-        said: where the drivers should stand that were given no value.
-        lost: see `State.lost_turns`.
-
-    Raises:
-        AssemblyError: it has found none; keeps the best attempt.
-    """
-    if search.best is None:
-        raise failure(search)
-    mechanism, q, seen = search.mechanism, search.best[1], search.examined()
-    if lost:
-        warn(f"mechanism {mechanism.name!r}: turns of {', '.join(lost)} may be lost: "
-             "couplings or screws count them, but not the loops between, which cannot be followed "
-             "there from the guess (sweep there, or name what they count in the guess)")
-    gone = gone_from(mechanism, q, said) if said else {}
-    names = {d.joint: d.name for d in mechanism.drivers.values()} if gone else {}
-    return made(mechanism, q, None, None, closure_error=seen.error, angles=seen.angles,
-                released={names[c]: x for c, x in gone.items()}, lost_turns=lost)
 
 
 def branch_changed(guess: State, found: State, held: Iterable[str]) -> str:

@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
-from typing import TypeVar
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.errors import SingularError
-from spatial_pin.kernel.closer import Closed, Reached, closer_of
+from spatial_pin.kernel.closer import Closed, closer_of
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.coordinates import coordinate_gradient
+from spatial_pin.mechanism.joint_limits import JointLimit
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
-from spatial_pin.numerics.linalg import NOT_FINITE, Array
+from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 # Damped steps at most: of random starts of `delta` 57 % close in 60, 75 % in 120, so that another
 # start is worth more than so many further steps.
 DAMPED_STEPS = 60
 NOTHING: Mapping[str, float] = MappingProxyType({})
-Found = TypeVar("Found", Closed, Reached)
 
 
 def close(
@@ -68,14 +66,58 @@ def closed(
 ) -> Closed:
     """Do as `close` without an evaluation; `angle_reference` are those that it would have."""
     with closer_of(mechanism, pinned) as closer:
-        return finite(closer.close(q, free, reference, tolerance, iterations, pinned.values(), cut))
+        return closer.close(q, free, reference, tolerance, iterations, pinned.values(), cut)
 
 
-def finite(found: Found) -> Found:
-    """Return where closing has led; raises as `close`."""
-    if not math.isfinite(found.error):
-        raise SingularError(NOT_FINITE)
-    return found
+class LimitedJoints:
+    """Joints that move within limits, and the loops that they close; steps are scaled.
+
+    Attributes:
+        evaluation: the closure equations.
+        mechanism: theirs.
+        moves: (nv,) which velocities may move.
+        scale: (nv,) velocity of a unit of each unknown.
+        limits: joint limits to keep, by place in the velocity and side, 1 the upper one.
+    """
+
+    def __init__(
+        self, evaluation: LoopEquations, moves: NDArray[np.bool_], limits: Iterable[JointLimit]
+    ) -> None:
+        self.evaluation, self.mechanism, self.moves = evaluation, evaluation.mechanism, moves
+        self.scale = self.mechanism.velocity_scale
+        self.limits = {(x.v, int(x.side > 0)): x for x in limits if moves[x.v]}
+        own = self.limits.values()
+        self._at = np.array([x.q for x in own], dtype=np.intp)
+        self._entries = np.array([*self.limits], dtype=np.intp).reshape(-1, 2)
+        self._sides = np.array([x.side / x.size for x in own])
+        self._ends = np.array([x.side * x.value / x.size for x in own])
+
+    def stand(self, q: Array) -> None:
+        """Evaluate the equations at q (nq,), if they do not stand there."""
+        if self.evaluation.q is not q:
+            self.evaluation.update(q)
+
+    def displaced(self, x: Array, step: Array) -> Array:
+        """Return the configuration (nq,) a step (nv,) away, its loops open."""
+        found: Array = pin.integrate(self.evaluation.model, x, self.scale * step)
+        return found
+
+    def room(self, x: Array) -> Array:
+        """Return how far coordinates are from their limits (2, nv), the lower ones first."""
+        found = np.full((2, len(self.scale)), np.inf)
+        found[self._entries[:, 1], self._entries[:, 0]] = self._ends - self._sides * x[self._at]
+        return found
+
+    def at_bounds(self, x: Array, active: Mapping[int, int]) -> Array:
+        """Return x (nq,) with joints at the limits that are active."""
+        x = x.copy()
+        for limit in self.limits_of(active):
+            x[limit.q] = limit.value
+        return x
+
+    def limits_of(self, active: Mapping[int, int]) -> tuple[JointLimit, ...]:
+        """Return the limits that are active."""
+        return tuple(self.limits[x] for x in active.items())
 
 
 def pinned_rows(

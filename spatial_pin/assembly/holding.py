@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from spatial_pin._support.checks import names_of
 from spatial_pin._support.lazy import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -82,7 +85,7 @@ def untied(mechanism: Mechanism) -> tuple[str, ...]:
 
 def still_entries(mechanism: Mechanism, driven: Iterable[Coordinate]) -> tuple[int, ...]:
     """Return the velocity entries of the free bases that nobody drives."""
-    moved = {c.joint for c in driven}
+    moved = [c.joint for c in driven]
     return tuple(v for joint in free_bases(mechanism) if joint not in moved
                  for v in velocity_entries(mechanism, joint))
 
@@ -106,13 +109,8 @@ def as_written(names: Iterable[str]) -> tuple[str, ...]:
 
 def is_base(mechanism: Mechanism, name: str) -> bool:
     """Whether a name stands for the free bases: a joint that is called "base" may be meant."""
-    return name == BASE or (name == str(BASE) and name not in _joint_names(mechanism) and (
+    return name == BASE or (name == str(BASE) and name not in list(mechanism.model.names)[1:] and (
         name not in mechanism.coordinate_table) and name not in mechanism.drivers)
-
-
-@made_once
-def _joint_names(mechanism: Mechanism) -> frozenset[str]:
-    return frozenset(list(mechanism.model.names)[1:])
 
 
 def held_by(mechanism: Mechanism, hold: Hold, driven: Iterable[Coordinate] = ()) -> Held:
@@ -138,7 +136,7 @@ def _held_by(
 ) -> Held:
     entries: list[int] = []
     single: list[Coordinate] = []
-    joints = _joint_names(mechanism)
+    joints = list(mechanism.model.names)[1:]
     for name in names:
         joint, _, part = name.rpartition(".")
         known = name in mechanism.coordinate_table or name in mechanism.drivers
@@ -172,3 +170,13 @@ def divided(
     moving = [c for c in driven if c not in held.coordinates
               and not (c.v in held.entries and (c.q >= 0 or isinstance(c, VelocityEntry)))]
     return [*moving, *held.coordinates], held.entries
+
+
+def free_but(
+    mechanism: Mechanism, still: Iterable[int], held: Iterable[str]
+) -> NDArray[np.bool_]:
+    """Return (nv,) which velocities are left where entries and coordinates are held."""
+    free = np.ones(mechanism.model.nv, dtype=bool)
+    free[list(still)] = False
+    free[[mechanism.coordinate_table[name].v for name in held]] = False
+    return free

@@ -29,7 +29,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import made_once
-from spatial_pin.assembly.close import close
+from spatial_pin.assembly.close import DAMPED_STEPS, close
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
 from spatial_pin.kernel.closer import closer_of
@@ -113,34 +113,35 @@ def rounded(mechanism: Mechanism, gap: float) -> Mechanism | None:
     """
     if mechanism.whole is not None or not gap or not mechanism.closures:
         return None
+    if _is_exact(mechanism):
+        return None
     with loops_of(mechanism) as evaluation:
-        kept = None if _is_exact(evaluation) else _kept(evaluation, gap)
+        kept = _kept(evaluation, gap)
     return None if kept is None else mechanism.with_equations(kept)
 
 
-def _is_exact(evaluation: LoopEquations) -> bool:
+def _is_exact(mechanism: Mechanism) -> bool:
     """Whether equations are clearly independent, or follow from others, at a pose near the guess.
 
     Not at the guess itself: loops that fit as drawn fit there however rounded their numbers are.
     """
-    mechanism, free = evaluation.mechanism, np.ones(evaluation.model.nv, dtype=bool)
-    if not evaluation.constraints.n_closure or not len(free):
-        return True
-    rng = np.random.default_rng(20113)
-    start, _ = close(evaluation, _guess(mechanism), free, CLOSED)
+    free, scale = np.ones(mechanism.model.nv, dtype=bool), mechanism.velocity_scale
+    rng, how = np.random.default_rng(20113), (
+        free, 0.0, CLOSED, DAMPED_STEPS, (), TOLERANCES.rank)
     with closer_of(mechanism) as closer:
+        if not closer.kernel.n_closure or not len(free):
+            return True
+        start = closer.close(_guess(mechanism), *how).q
         for _ in range(PROBES):
-            q, ahead, error = start, rng.uniform(-1.0, 1.0, len(free)), 0.0
+            q, ahead = start, rng.uniform(-1.0, 1.0, len(free))
             for _ in range(STEPS_TO_POSE):  # the first finds a direction that the loops leave free
-                step = STEP_TO_POSE * mechanism.velocity_scale * ahead / np.abs(ahead).max()
-                there, error = close(
-                    evaluation, pin.integrate(mechanism.model, q, step), free, CLOSED)
-                q, ahead = there, pin.difference(mechanism.model, q, there) / (
-                    mechanism.velocity_scale)
-                if error > CLOSED or np.abs(ahead).max() < TOLERANCES.half_precision:
+                step = STEP_TO_POSE * scale * ahead / np.abs(ahead).max()
+                there = closer.close(pin.integrate(mechanism.model, q, step), *how)
+                q, ahead = there.q, pin.difference(mechanism.model, q, there.q) / scale
+                if there.error > CLOSED or np.abs(ahead).max() < TOLERANCES.half_precision:
                     break
             else:
-                seen = closer.examine(q, evaluation.angle_reference)
+                seen = closer.examine(q, 0.0)
                 if seen.least > INDEPENDENT and seen.left_out < TOLERANCES.tight:
                     return True
     return False

@@ -143,7 +143,7 @@ class SquareSystem:
     def _rates(self, q: Array) -> Iterator[RateSolver]:
         """Acquire what solves for rates at q (nq,) with the equations chosen here."""
         with kernel_of(self.evaluation.mechanism) as kernel:
-            at = prescribed_places(kernel, self.driven, self.still)
+            at = prescribed_places(kernel.nv, self.driven, self.still)
             rates = rates_of(kernel, tuple(at), len(self.driven))
             rates.place(q, self.evaluation.angle_reference, self.chosen)
             yield rates

@@ -25,10 +25,8 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import made_once
 from spatial_pin.constraints.composed_equations import Composed, Equation, Factor
-from spatial_pin.constraints.product_vectors import matrix_of
-from spatial_pin.constraints.products import Products
 from spatial_pin.constraints.turns import turns_of
-from spatial_pin.mechanism.coordinates import needed
+from spatial_pin.constraints.vector_products import Products, matrix_of
 from spatial_pin.mechanism.equations import (
     FIRST_TWO,
     Angle,
@@ -97,8 +95,9 @@ class Constraints:
         plain: closure equations that are one product each; their numbers are its own.
         composed: those that are more, alike ones together.
         elsewhere: products that act on other bodies than the closure's first two.
-        angles: what counts turns, in the order of its angles.
+        angles: what counts turns, in the order of its angles; `n_angles` of them.
         turns: what counts the turns of each of them.
+        counts_turns: whether they, or couplings, count turns of joints.
         of_joints: (k,) equations that coordinates of joints occur in as such.
         idle_axes: joint and unit axis in its frame (3,) of each resolved passive freedom.
         terms: of the vectors A, B and X of each product, see `Term`.
@@ -120,30 +119,40 @@ class Constraints:
         for _, closure, equation in rows[: self.n_products]:
             product = _first_product(equation)
             assert product is not None
-            products.add(product, closure, -_constant(equation) if _is_plain(equation) else 0.0)
+            constant = _plain_constant(equation)
+            products.add(product, closure, 0.0 if constant is None else -constant)
         self.elsewhere: list[Elsewhere] = []
         self.angles: list[CountedAngle] = []
         self.turns = [turns_of(mechanism, c, x) for _, c, e in rows for x in _angles_of(e)]
+        self.counts_turns = bool(self.turns) or any(c.joints for c in mechanism.closures)
         equations = [self._equation(at, closure, equation, products)
                      for at, (_, closure, equation) in enumerate(rows)]
-        self.passive_at = len(products)
+        self.passive_at = len(products.constants)
         for passive in mechanism.passives:
             products.add_rotation(passive.body, passive.axis)
         self.n_passive = len(self.idle_axes)
-        equations += [Equation((at,)) for at in range(self.passive_at, len(products))]
+        equations += [Equation((at,)) for at in range(self.passive_at, len(products.constants))]
         self.equations = tuple(equations)
         closed = self.equations[: self.n_closure]
         self.plain = np.array([at for at, e in enumerate(closed) if not e.terms], np.intp)
         self.of_joints = np.array([at for at, e in enumerate(closed) if e.coordinates], np.intp)
         self.composed = Composed.of(closed)
-        self.n_wrenches = self.n_closure + len(self.elsewhere)
-        self._lay_out(products)
+        self.n_wrenches, self.n_angles = self.n_closure + len(self.elsewhere), len(self.angles)
+        model, r = mechanism.model, len(products.constants)
+        self.terms = products.a, products.b, products.x
+        self.c_abx = matrix_of(self.terms, model.njoints)
+        self.constants = np.array(products.constants)
+        self.factors = np.array(products.factors).reshape(-1, 1)
+        self.signs = np.array(products.signs).reshape(r, model.nv) * mechanism.velocity_scale
+        self.idle_bias = np.zeros((self.n_passive, 6 * model.njoints))
+        for bias, (joint, axis) in zip(self.idle_bias, self.idle_axes, strict=True):
+            bias[6 * joint + 3 : 6 * joint + 6] = axis
 
     def _equation(
         self, at: int, closure: Closure, equation: ConstraintEquation, products: Products
     ) -> Equation:
         """Return equation number `at`; products besides its first one are added."""
-        if _is_plain(equation):
+        if _plain_constant(equation) is not None:
             return Equation((at,))
         made = _Composing(self.mechanism, closure, products, at, len(self.angles))
         size, terms = self._size(closure, equation), []
@@ -180,25 +189,6 @@ class Constraints:
         if largest * sizes[-1] <= LARGE_RATIO:
             return sizes[-1]
         return float(2.0 ** round(-math.log2(largest)))
-
-    def _lay_out(self, products: Products) -> None:
-        """Make the arrays that products are evaluated by."""
-        model, r = self.mechanism.model, len(products)
-        self.terms = products.a.terms, products.b.terms, products.x.terms
-        a, b, x = (block.entries() for block in (products.a, products.b, products.x))
-        self.c_abx = matrix_of([a, b, x], [0, r, 2 * r], (3 * r, 4 * model.njoints))
-        self.constants = np.array(products.constants)
-        self.factors = np.array(products.factors).reshape(-1, 1)
-        self.signs = np.array(products.signs).reshape(r, model.nv)
-        self.signs *= self.mechanism.velocity_scale
-        self.idle_bias = np.zeros((self.n_passive, 6 * model.njoints))
-        for bias, (joint, axis) in zip(self.idle_bias, self.idle_axes, strict=True):
-            bias[6 * joint + 3 : 6 * joint + 6] = axis
-
-    @property
-    def n_angles(self) -> int:
-        """Number of angles that count turns."""
-        return len(self.angles)
 
     @cached_property
     def tied(self) -> NDArray[np.bool_]:
@@ -274,26 +264,20 @@ def _angles_of(equation: ConstraintEquation) -> list[Angle]:
     return [x for x in bare if isinstance(x, Angle)]
 
 
-def _is_plain(equation: ConstraintEquation) -> bool:
-    """Whether an equation is one scalar product of the first two frames, less a constant."""
+def _plain_constant(equation: ConstraintEquation) -> float | None:
+    """Return the constant of an equation that else is one scalar product of the first two frames.
+
+    None where it is more than that.
+    """
     (weight, factors), *rest = equation.terms
-    return (weight == 1.0 and len(factors) == 1 and isinstance(factors[0], ScalarProduct)
-            and factors[0].frames == FIRST_TWO and not any(factors for _, factors in rest))
-
-
-def _constant(equation: ConstraintEquation) -> float:
-    """Return the sum of its terms without quantities."""
-    return sum(weight for weight, factors in equation.terms if not factors)
-
-
-def constraints_of(mechanism: Mechanism) -> Constraints:
-    """Return the compiled constraints of a mechanism, made once."""
-    needed(mechanism)
-    return _compiled(mechanism)
+    is_plain = (weight == 1.0 and len(factors) == 1 and isinstance(factors[0], ScalarProduct)
+                and factors[0].frames == FIRST_TWO and not any(factors for _, factors in rest))
+    return sum(weight for weight, _ in rest) if is_plain else None
 
 
 @made_once
-def _compiled(mechanism: Mechanism) -> Constraints:
+def constraints_of(mechanism: Mechanism) -> Constraints:
+    """Return the compiled constraints of a mechanism, made once."""
     return Constraints(mechanism)
 
 

@@ -1,5 +1,8 @@
 """A model whose joints all have a constant motion subspace: the same motion, more bodies.
 
+It is also what the kernel is made of: its arrays have the frames of joints turned so that z is the
+axis.
+
 Pinocchio's derivative algorithms are right for such joints only: in 4.1 they leave out the change
 of the subspace of universal joints and of composites of slides and turns. Splitting these into
 their single joints keeps q, v and a as they are.
@@ -7,7 +10,7 @@ their single joints keeps q, v and a as they are.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -15,8 +18,11 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import made_once
 from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.numerics.linalg import Array
 
 COMPOSITE = ("JointModelUniversal", "JointModelComposite")
+TURN, SLIDE, SCREW, BALL, FREE = 1, 2, 3, 4, 5  # as JointKind of core/kernel.h
+AXIAL = {"R": TURN, "P": SLIDE, "H": SCREW}  # by the first letter of Pinocchio's names
 
 
 class SplitModel(NamedTuple):
@@ -64,3 +70,59 @@ def _parts(joint: pin.JointModel) -> list[tuple[pin.JointModel, pin.SE3]]:
         placed = zip(joint.joints, joint.jointPlacements, strict=True)
         return [(part.extract(), placement) for part, placement in placed]
     return [(joint, pin.SE3.Identity())]
+
+
+class TreeArrays:
+    """Joints of a split model with their axes along z, as `kernel.h` has them."""
+
+    def __init__(self, model: pin.Model) -> None:
+        n = model.njoints
+        self.kind, self.parent, self.iq, self.iv = np.zeros((4, n), np.int64)
+        self.pitch, self.mass = np.zeros((2, n))
+        self.frames = np.tile(np.eye(3), (n, 1, 1))
+        rotation, translation = self.frames.copy(), np.zeros((n, 3))
+        lever, inertia = np.zeros((n, 3)), np.zeros((n, 3, 3))
+        for i in range(1, n):
+            joint = model.joints[i]
+            joint = joint.extract() if hasattr(joint, "extract") else joint
+            self.kind[i], axis, self.pitch[i] = joint_kind(joint)
+            self.parent[i], self.iq[i], self.iv[i] = model.parents[i], joint.idx_q, joint.idx_v
+            if axis is not None:
+                self.frames[i] = turned_to_z(axis)
+            placement, body = model.jointPlacements[i], model.inertias[i]
+            rotation[i], translation[i] = placement.rotation, placement.translation
+            self.mass[i], lever[i], inertia[i] = body.mass, body.lever, body.inertia
+        own, above = self.frames, self.frames[self.parent].mT
+        self.rotation = (above @ rotation @ own).mT  # stored by columns
+        self.translation = (above @ translation[..., None])[..., 0]
+        self.com = (own.mT @ lever[..., None])[..., 0]
+        self.inertia = own.mT @ inertia @ own
+
+
+def joint_kind(joint: Any) -> tuple[int, Array | None, float]:
+    """Return kind, axis (3,) if it has one, and slide per radian of a joint of the split model."""
+    if isinstance(joint, pin.JointModelSpherical):
+        return BALL, None, 0.0
+    if isinstance(joint, pin.JointModelFreeFlyer):
+        return FREE, None, 0.0
+    name = joint.shortname()
+    letter = name.removeprefix("JointModel")[0]
+    if letter not in AXIAL:
+        raise NotImplementedError(f"the kernel has no joint {name}")
+    axis = np.array(joint.axis) if hasattr(joint, "axis") else np.eye(3)["XYZ".index(name[-1])]
+    pitch = {"R": 0.0, "P": 1.0}.get(letter)
+    return AXIAL[letter], axis, float(joint.pitch) if pitch is None else pitch
+
+
+def turned_to_z(axis: Array) -> Array:
+    """Return a rotation (3, 3) whose third column is a unit axis (3,); exact along the axes."""
+    along = np.flatnonzero(axis)
+    if len(along) == 1:
+        k, frame = along[0], np.zeros((3, 3))
+        sign = np.sign(axis[k])
+        frame[k, 2], frame[(k + 1) % 3, 0], frame[(k + 2) % 3, 1] = sign, 1.0, sign
+        return frame
+    across = np.eye(3)[np.argmin(np.abs(axis))]
+    across = across - (across @ axis) * axis
+    across /= np.linalg.norm(across)
+    return np.column_stack([across, np.cross(axis, across), axis])

@@ -14,9 +14,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.constraints.composite_joints import split
+from spatial_pin.constraints.composite_joints import TreeArrays, split
 from spatial_pin.constraints.pinocchio_views import inertias
-from spatial_pin.constraints.tree_arrays import TreeArrays
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.library import CODES, SINGULAR, address, library
 from spatial_pin.numerics.linalg import Array

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin._support.lazy import made_once
-from spatial_pin.constraints.product_vectors import frames_of
+from spatial_pin.constraints.vector_products import FrameOnBody
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 
@@ -54,7 +54,7 @@ def _axis_pairs(mechanism: Mechanism) -> list[_AxisPair]:
         geometry, first = closure.geometry, 2 if closure.pair.aligned == "z" else 0
         one, two = (
             (frame.joint, (frame.placement.rotation @ axes)[:, first:])
-            for frame, axes in zip(frames_of(mechanism, closure.frames),
+            for frame, axes in zip((FrameOnBody.of(mechanism, name) for name in closure.frames),
                                    (geometry.axes1, geometry.axes2), strict=True))
         found.append(_AxisPair(closure.name, (one, two)))
     return found

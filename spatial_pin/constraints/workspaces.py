@@ -43,6 +43,32 @@ class acquired(Generic[Workspace]):  # with acquired(...) as workspace
             self._idle.append(self._acquired)
 
 
+class Workspaces:  # with Workspaces() as workspaces
+    """Workspaces acquired one after the other, and released together."""
+
+    def __init__(self) -> None:
+        self._acquired: list[acquired[Any]] = []
+
+    def __enter__(self) -> Workspaces:
+        """Return this."""
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        """Release them to their pools."""
+        while self._acquired:
+            self._acquired.pop().__exit__(*error)
+
+    def acquire(self, workspace: acquired[Workspace]) -> Workspace:
+        """Acquire one more."""
+        found = workspace.__enter__()
+        self._acquired.append(workspace)
+        return found
+
+    def release_last(self) -> None:
+        """Release the one that was acquired last."""
+        self._acquired.pop().__exit__(None)
+
+
 @made_once
 def _pool(mechanism: Mechanism, *kind: Hashable) -> list[Any]:
     """Return the workspaces of a kind that nobody uses."""

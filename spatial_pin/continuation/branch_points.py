@@ -16,11 +16,16 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.assembly.close import close
-from spatial_pin.continuation.cursor import Cursor, PathPoint, Stopped
-from spatial_pin.continuation.driving import OneDriver, nearest
-from spatial_pin.continuation.pseudo_arclength import Arrival
+from spatial_pin.continuation.path_tracker import PathPoint, PathTracker, Stopped
+from spatial_pin.continuation.pseudo_arclength import CROSSINGS, Arrival
 from spatial_pin.continuation.singular_points import zeros
-from spatial_pin.continuation.solution_curve import CurvePoint, SolutionCurve, matrices
+from spatial_pin.continuation.solution_curve import (
+    CurvePoint,
+    OneDriver,
+    SolutionCurve,
+    matrices,
+    nearest,
+)
 from spatial_pin.errors import SingularError
 from spatial_pin.numerics.linalg import Array
 
@@ -102,7 +107,7 @@ class Passage(NamedTuple):
     What the drivers do is not interpolated: between pieces of a law their accelerations bend.
 
     Attributes:
-        cursor: the point that came to it.
+        tracker: the point that came to it.
         smooth: what leads along the polynomials: a law that bends between its pieces is followed
             by a smooth one, and what is between the two is added by derivatives.
         branch_points: leading values of the branch point, and of others that are as near.
@@ -113,7 +118,7 @@ class Passage(NamedTuple):
         outside: the places at the ends.
     """
 
-    cursor: Cursor
+    tracker: PathTracker
     smooth: OneDriver
     branch_points: list[float]
     ends: tuple[float, float]
@@ -138,7 +143,7 @@ class Passage(NamedTuple):
         if not self.holds(value):
             return self.outside[int(abs(value - self.ends[1]) < abs(value - self.ends[0]))]
         q, first, second = self.by_drivers(value)
-        evaluation, angles = self.cursor.start.evaluation, self.angles(value)
+        evaluation, angles = self.tracker.evaluation, self.angles(value)
         evaluation.angle_reference[:] = angles
         evaluation.update(q)
         error = float(np.abs(evaluation.residual).max(initial=0.0))
@@ -151,20 +156,20 @@ class Passage(NamedTuple):
             (nq,) configuration; joint rates (nv, k) per rate of each driver that moves; joint
             accelerations (nv, k, k) per product of two.
         """
-        start = self.cursor.start
-        s, k = nearest(self.smooth, start.leading, value), start.leading.n_moving
+        tracker = self.tracker
+        s, k = nearest(self.smooth, tracker.leading, value), tracker.leading.n_moving
         first, second = self.first(s).reshape(-1, k), self.second(s).reshape(-1, k, k)
-        q: Array = pin.normalize(start.mechanism.model, self.q(s))
-        off = (start.leading.values(value) - self.smooth.values(s))[:k]
+        q: Array = pin.normalize(tracker.mechanism.model, self.q(s))
+        off = (tracker.leading.values(value) - self.smooth.values(s))[:k]
         if off.any():
-            q = pin.integrate(start.mechanism.model, q, (first + 0.5 * second @ off) @ off)
+            q = pin.integrate(tracker.mechanism.model, q, (first + 0.5 * second @ off) @ off)
             first = first + second @ off
-        start.leading.put(q, value)
+        tracker.leading.put(q, value)
         return q, first, second
 
     def rates(self, value: float, first: Array, second: Array) -> tuple[Array, Array]:
         """Return derivatives (nv,) of the configuration with respect to the leading value."""
-        leading, k = self.cursor.start.leading, first.shape[1]
+        leading, k = self.tracker.leading, first.shape[1]
         rates, bends = leading.rates(value)[:k], leading.bends(value)[:k]
         return first @ rates, first @ bends + second @ rates @ rates
 
@@ -173,7 +178,7 @@ class Passage(NamedTuple):
 
         Near a branch point the residual alone is no measure of the error.
         """
-        mechanism, place = self.cursor.start.mechanism, self.place(value)
+        mechanism, place = self.tracker.mechanism, self.place(value)
         other = pin.normalize(mechanism.model, fewer(value))
         off = pin.difference(mechanism.model, other, place.q) / mechanism.velocity_scale
         return bool(place.error < CLOSED and np.abs(off).max() < KNOWN)
@@ -188,49 +193,49 @@ class Passage(NamedTuple):
         return matrices(curve, places)
 
 
-def passage(cursor: Cursor, arrival: Arrival) -> Passage | None:
+def passage(tracker: PathTracker, arrival: Arrival) -> Passage | None:
     """Return the branch about a branch point where it has stopped, going straight on.
 
     None where it has stopped for another reason, or none goes straight on; the point then stands
     where it stood.
 
     Args:
-        cursor: stands before the branch point.
+        tracker: stands before the branch point.
         arrival: why it stopped, and at which driver value.
     """
-    if arrival.kind not in ("branch point", "singular"):
+    if arrival.kind not in CROSSINGS:
         return None
-    before, size = cursor.here, cursor.start.mechanism.velocity_scale
+    before, size = tracker.here, tracker.mechanism.velocity_scale
     sense = 1.0 if arrival.value >= before.s else -1.0
     clear, value = before, arrival.value  # where the equations are solvable, and about where not
     for k, reach in enumerate(REACHES.tolist()):
         if k:
-            cursor.stand(clear)
+            tracker.move_to(clear)
         try:
             for _ in range(APPROACHES):
-                pace = float(np.abs(cursor.here.t / size).max())
-                cursor.reach(value - sense * reach / pace)
+                pace = float(np.abs(tracker.here.t / size).max())
+                tracker.reach(value - sense * reach / pace)
             if k == 0:
-                clear = cursor.here
-            found = _passage(cursor, sense, reach * _arc(cursor.here.t / size))
+                clear = tracker.here
+            found = _passage(tracker, sense, reach * _arc(tracker.here.t / size))
         except (Stopped, SingularError):
             continue
-        if found is not None and found.smooth is not cursor.start.leading:
+        if found is not None and found.smooth is not tracker.leading:
             value = found.branch_points[0]
-            found = _with_bends(found, cursor)
+            found = _with_bends(found, tracker)
         if found is not None:
             return found
-    cursor.stand(before)
+    tracker.move_to(before)
     return None
 
 
-def _passage(cursor: Cursor, sense: float, reach: float) -> Passage | None:
-    """Return the passage that begins where the cursor stands, as far as the arc length `reach`."""
-    here, own = cursor.here, cursor
-    apart = sense * reach / cursor.pace(here)
-    law = cursor.start.leading.smooth(here.s, here.s - NODES * apart, here.s + (NODES + 2) * apart)
+def _passage(tracker: PathTracker, sense: float, reach: float) -> Passage | None:
+    """Return the passage that begins where the tracker stands, as far as the arc length `reach`."""
+    here, own = tracker.here, tracker
+    apart = sense * reach / tracker.pace(here)
+    law = tracker.leading.smooth(here.s, here.s - NODES * apart, here.s + (NODES + 2) * apart)
     if law is not None:  # a smooth one as far as nodes
-        own = cursor.by(cursor.start.by(law, here.s))
+        own = tracker.by(law)
     curve = own.curve(own.system(), ROUND_OFF)
     unknowns = curve.unknowns
     near = curve.settle(unknowns.of(here.q, here.s), sense * unknowns.along(here.t))
@@ -244,33 +249,35 @@ def _passage(cursor: Cursor, sense: float, reach: float) -> Passage | None:
     return _joined(own, curve, *sides)
 
 
-def _with_bends(smoothed: Passage, cursor: Cursor) -> Passage | None:
-    """Return the passage of a cursor whose law one has smoothed; None if by too much."""
-    leading, smooth, (low, high) = cursor.start.leading, smoothed.smooth, smoothed.ends
-    found = smoothed._replace(cursor=cursor)
+def _with_bends(smoothed: Passage, tracker: PathTracker) -> Passage | None:
+    """Return the passage of a tracker whose law one has smoothed; None if by too much."""
+    leading, smooth, (low, high) = tracker.leading, smoothed.smooth, smoothed.ends
+    found = smoothed._replace(tracker=tracker)
     for x in (0.5 * (low + high) + 0.5 * (high - low) * BETWEEN).tolist():
         off = smooth.values(nearest(smooth, leading, x)) - leading.values(x)
         if np.abs(off[: leading.n_moving]).max() > SMOOTHED or found.place(x).error > CLOSED:
             return None
     q = found.by_drivers(high)[0]
-    system = cursor.start.system(q, found.angles(high))
+    system = tracker.system_at(q, found.angles(high))
     free = np.ones(len(system.scale), dtype=bool)
     free[[*system.drive_at, *system.still]] = False
     q = close(system.evaluation, q, free, ROUND_OFF)[0]
-    behind = cursor.place(q, high, system.evaluation.angles.copy(), system)
+    behind = tracker.point_at(q, high, system.evaluation.angles.copy(), system)
     return found._replace(
         branch_points=[nearest(leading, smooth, x) for x in smoothed.branch_points],
-        outside=(cursor.here, behind))
+        outside=(tracker.here, behind))
 
 
-def _nodes(cursor: Cursor, curve: SolutionCurve, point: CurvePoint, reach: float) -> list[Node]:
+def _nodes(
+    tracker: PathTracker, curve: SolutionCurve, point: CurvePoint, reach: float
+) -> list[Node]:
     """Return nodes from a point on, away from the branch point, the nearest to it first.
 
     Raises:
         SingularError: the rates are not determined at one of them.
     """
     nodes: list[Node] = []
-    system, k = curve.system, cursor.start.leading.n_moving
+    system, k = curve.system, tracker.leading.n_moving
     rest = np.zeros(len(system.driven))
     for length in reach * np.arange(NODES):
         x = curve.ahead(point, length)
@@ -280,7 +287,7 @@ def _nodes(cursor: Cursor, curve: SolutionCurve, point: CurvePoint, reach: float
         # further away from the branch point the first node's equations do better still
         if not nodes:
             system.select(q)
-        place = cursor.place(q, curve.value(x), curve.evaluation.angles.copy(), system)
+        place = tracker.point_at(q, curve.value(x), curve.evaluation.angles.copy(), system)
         first = system.driver_rates()[:, :k]
         second = np.empty((len(first), k, k))
         for i in range(k):
@@ -294,7 +301,7 @@ def _nodes(cursor: Cursor, curve: SolutionCurve, point: CurvePoint, reach: float
 
 
 def _joined(
-    cursor: Cursor, curve: SolutionCurve, near: list[Node], far: list[Node]
+    tracker: PathTracker, curve: SolutionCurve, near: list[Node], far: list[Node]
 ) -> Passage | None:
     """Return the passage between two sides; None if it is not accurate, or no branch crosses."""
     places, firsts, seconds = zip(*near, *far, strict=True)
@@ -303,7 +310,7 @@ def _joined(
         [x.q for x in places], firsts, seconds, [x.angles for x in places]))
     outside = near[0][0], far[0][0]
     ends = outside[0].s, outside[1].s
-    found = Passage(cursor, cursor.start.leading, [], ends, q, first, second, angles, outside)
+    found = Passage(tracker, tracker.leading, [], ends, q, first, second, angles, outside)
     kept = np.delete(np.arange(2 * NODES), [NODES - 1, -1])
     fewer = _polynomial(values[kept], np.array([places[k].q for k in kept]))
     between = 0.5 * (ends[0] + ends[1]) + 0.5 * (ends[1] - ends[0]) * BETWEEN

@@ -2,24 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.continuation.branch_points import passage
-from spatial_pin.continuation.cursor import STRETCH, Cursor, PathPoint, Stopped
-from spatial_pin.continuation.pseudo_arclength import Arrival
-from spatial_pin.continuation.start import Start
+from spatial_pin.continuation.path_tracker import STRETCH, PathPoint, PathTracker, Stopped
+from spatial_pin.continuation.pseudo_arclength import CROSSINGS, Arrival
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.paths import PathSamples
+from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 
 # Values are sorted first if following them as given is more than so many times longer: random ones
 # are; one or two reversals are not, and are followed as given.
 SORTED_FROM = 3.0
 CHUNK = 200_000  # joint coordinates followed at a time: a tenth of a second
+
+
+class Followed(NamedTuple):
+    """What was followed.
+
+    Attributes:
+        samples: of which `done` are done.
+        done: how many.
+        stop: what ended it before the last; None if nothing did.
+        crossed: branch points passed, each with the number of the sample behind it.
+        undriven: the same of configurations in which the drivers alone do not determine a motion
+            that targets do.
+        is_cut: whether Ctrl-C ended it.
+        released: sentences on what is held, but not where the guess has it.
+    """
+
+    samples: PathSamples
+    done: int
+    stop: Arrival | None = None
+    crossed: Sequence[tuple[float, int]] = ()
+    undriven: Sequence[tuple[float, int]] = ()
+    is_cut: bool = False
+    released: Sequence[str] = ()
 
 
 def there_and_back(values: Array) -> list[NDArray[np.intp]] | None:
@@ -30,7 +53,7 @@ def there_and_back(values: Array) -> list[NDArray[np.intp]] | None:
     Args:
         values: (N,) driver values.
     """
-    if len(values) < 3:
+    if len(values) < 3 or (values[1:] >= values[:-1]).all():
         return None
     with np.errstate(over="ignore"):
         way = np.abs(values[1:] - values[:-1]).sum()
@@ -44,77 +67,89 @@ def there_and_back(values: Array) -> list[NDArray[np.intp]] | None:
     return [part for part in (up, down) if part.size]
 
 
-def followed_in_order(start: Start, values: Array, bar: Any) -> PathSamples | None:
+def followed_both_ways(
+    tracker: PathTracker, values: Array, ways: list[NDArray[np.intp]], bar: Any
+) -> Followed | None:
     """Return the samples, followed in the order of their values from the first on, both ways.
 
-    None where the values as given are no detour, or where the branch ends or crosses another: which
-    samples come before that depends on the order asked for.
+    None where the branch ends or crosses another, the tracker at the start again: which samples
+    come before that depends on the order asked for.
+
+    Args:
+        tracker: at the first value.
+        values: (n,) of the driver.
+        ways: see `there_and_back`.
+        bar: of the progress.
     """
-    ways = there_and_back(values)
-    if ways is None:
-        return None
-    samples = start.samples(len(values))
-    for way in ways:
-        own = start.samples(len(way))
+    samples = tracker.room_for(len(values))
+    for k, order in enumerate(ways):
+        own = tracker.room_for(len(order))
+        if k:
+            tracker.start()
         try:
-            for _ in follow(start, values[way], own, None):
+            for _ in _follow(tracker, values[order], own, None):
                 pass
         except (Stopped, SpatialPinError):
             bar.reset()
+            tracker.start()
             return None
-        bar.update(len(way))
+        bar.update(len(order))
         for whole, part in zip(samples, own, strict=True):
-            whole[way] = part
-    return samples
+            whole[order] = part
+    return Followed(samples, len(values))
 
 
-def followed_as_far(
-    start: Start, values: Array, samples: PathSamples, crossed: list[tuple[float, int]] | None,
-    bar: Any, begun: int = 0,
-) -> tuple[int, Arrival | None, bool]:
-    """Write the samples of a branch as far as it goes, as `follow` does, from number `begun` on.
+def followed(
+    tracker: PathTracker, values: Array, samples: PathSamples, passes: bool, bar: Any,
+    begun: int = 0,
+) -> Followed:
+    """Write the samples of a branch at values of what leads, as far as it goes.
 
-    Returns:
-        How many are done, what ended it before the last, if anything did, and whether Ctrl-C did.
+    Args:
+        tracker: at the first value; or behind the samples that the kernel has begun with.
+        values: (n,) of what leads.
+        samples: room for them.
+        passes: whether to go straight on where branches cross.
+        bar: of the progress.
+        begun: how many samples the kernel has begun with.
 
     Raises:
         SingularError: the driver does not determine the motion at the start.
         KeyboardInterrupt: before anything was followed.
     """
-    done = begun
+    done, crossed = begun, list[tuple[float, int]]()
     try:
-        for done in follow(start, values, samples, crossed, begun):
+        for done in _follow(tracker, values, samples, crossed if passes else None, begun):
             bar.update(done - bar.n)
     except Stopped as caught:
-        return caught.sample, caught.arrival, False
+        return Followed(samples, caught.sample, caught.arrival, crossed)
     except KeyboardInterrupt:
         if not done:
             raise
-        return done, None, True
-    return len(values), None, False
+        return Followed(samples, done, None, crossed, is_cut=True)
+    return Followed(samples, len(values), None, crossed)
 
 
-def follow(
-    start: Start, values: Array, samples: PathSamples, crossed: list[tuple[float, int]] | None,
-    begun: int = 0,
+def _follow(
+    tracker: PathTracker, values: Array, samples: PathSamples,
+    crossed: list[tuple[float, int]] | None, begun: int = 0,
 ) -> Iterator[int]:
-    """Write the samples of a branch at driver values; yields the number of those done.
+    """Write the samples of a branch; yields the number of those done.
 
     Branch points that are passed are added to `crossed`, if that is a list, as (value, sample).
-    It goes on after the last of those that the kernel has `begun` with.
 
     Raises:
         Stopped: a value cannot be reached; says which, and where the branch ended.
-        SingularError: the driver does not determine the motion at the start.
+        SingularError: the driver does not determine the motion there.
     """
-    cursor, k = Cursor(start), begun
-    if k:
-        cursor.stand(PathPoint.of(samples, k - 1, float(values[k - 1])))
-    chunk = max(CHUNK // max(start.kernel.nv, 1), 1)
+    k, chunk = 0, chunk_of(tracker.mechanism)
     while k < len(values):
-        last = cursor.here if k else None
-        part = samples if len(values) <= chunk and not k else samples.between(k, k + chunk)
-        done = cursor.follow(values[k : k + chunk], part)
+        last = tracker.here if k else None
+        if begun:
+            done, begun = begun, 0
+        else:
+            part = samples if len(values) <= chunk and not k else samples.between(k, k + chunk)
+            done = tracker.follow(values[k : k + chunk], part)
         k += done
         if done:
             yield k
@@ -122,27 +157,32 @@ def follow(
             continue
         if done:
             last = PathPoint.of(samples, k - 1, float(values[k - 1]))
-        if last is not None and cursor.way(last, cursor.here.s) < STRETCH:
-            cursor.stand(last)  # clear of what lies ahead, and not too far to go again
+        if last is not None and tracker.distance(last, tracker.here.s) < STRETCH:
+            tracker.move_to(last)  # clear of what lies ahead, and not too far to go again
         try:
-            cursor.reach(float(values[k]))
+            tracker.reach(float(values[k]))
         except Stopped as stopped:
             stopped.sample = k
-            k = _pass_branch_point(cursor, values, samples, stopped, crossed)
+            k = _pass_branch_point(tracker, values, samples, stopped, crossed)
         else:
-            _put(samples, k, cursor.here)
+            _put(samples, k, tracker.here)
             k += 1
         yield k
 
 
-def _put(samples: PathSamples, k: int, place: PathPoint) -> None:
-    """Write a place into sample k."""
-    samples.q[k], samples.t[k], samples.c[k] = place.q, place.t, place.c
-    samples.error[k], samples.angles[k] = place.error, place.angles
+def chunk_of(mechanism: Mechanism) -> int:
+    """Return how many samples are followed at a time."""
+    return max(CHUNK // max(mechanism.model.nv, 1), 1)
+
+
+def _put(samples: PathSamples, k: int, point: PathPoint) -> None:
+    """Write a point into sample k."""
+    samples.q[k], samples.t[k], samples.c[k] = point.q, point.t, point.c
+    samples.error[k], samples.angles[k] = point.error, point.angles
 
 
 def _pass_branch_point(
-    cursor: Cursor, values: Array, samples: PathSamples, stopped: Stopped,
+    tracker: PathTracker, values: Array, samples: PathSamples, stopped: Stopped,
     crossed: list[tuple[float, int]] | None,
 ) -> int:
     """Go straight on at a branch point before a sample; return the first one behind its passage.
@@ -152,8 +192,10 @@ def _pass_branch_point(
     Raises:
         Stopped: it is no branch point, or one that is not to be passed.
     """
-    found = passage(cursor, stopped.arrival) if crossed is not None else None
-    if found is None or crossed is None:
+    if crossed is None or stopped.arrival.kind not in CROSSINGS:
+        raise stopped
+    found = passage(tracker, stopped.arrival)
+    if found is None:
         raise stopped
     k = stopped.sample
     while k > 0 and found.holds(float(values[k - 1])):
@@ -162,11 +204,11 @@ def _pass_branch_point(
     for at in range(k, len(values)):
         value = float(values[at])
         crossed += [(x, at) for x in found.passed(float(values[max(at - 1, 0)]), value)]
-        cursor.stand(found.place(value))
+        tracker.move_to(found.place(value))
         if not found.holds(value):
-            if at == stopped.sample and not abs(value - cursor.here.s) < abs(
+            if at == stopped.sample and not abs(value - tracker.here.s) < abs(
                     value - stopped.arrival.value):  # no nearer than before
                 raise stopped
             return at
-        _put(samples, at, cursor.here)
+        _put(samples, at, tracker.here)
     return len(values)

@@ -36,6 +36,8 @@ NEAR_BRANCH_POINT = 1e-3
 # the tangent is off by a hundredth.
 NEAREST_BRANCH_POINT = 10.0
 
+CROSSINGS = ("branch point", "singular")  # kinds of arrivals where branches may cross
+
 
 class Arrival(NamedTuple):
     """Where following a path ended.

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from spatial_pin._support.checks import checked, names_of, positive_number
 from spatial_pin._support.output_files import named_path, write_csv, write_text
@@ -31,23 +30,19 @@ from spatial_pin.errors import SpatialPinError, unless_cut
 from spatial_pin.mechanism.coordinates import needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.follow import follow
-from spatial_pin.numerics.least_squares import Bounds, LeastSquares, minimised
+from spatial_pin.numerics.least_squares import LeastSquares, minimised
 from spatial_pin.numerics.linalg import Array, decompose, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-LEAST_CURVATURE = 1e-3  # of a loss, relative to its slope: beyond the margin it bends down
 Scalar = Callable[[Array], Array]
-# Of each loss what counts of a residual's square z over the margin's, its derivative, and the
-# curvature of half of it along the residual.
-LOSSES: dict[str, tuple[Scalar, Scalar, Scalar]] = {
-    "linear": (lambda z: z, np.ones_like, np.ones_like),
-    "soft_l1": (lambda z: 2.0 * z / (1.0 + np.sqrt(1.0 + z)), lambda z: (1.0 + z) ** -0.5,
-                lambda z: (1.0 + z) ** -1.5),
+# Of each loss what counts of a residual's square z over the margin's, and its derivative.
+LOSSES: dict[str, tuple[Scalar, Scalar]] = {
+    "linear": (lambda z: z, np.ones_like),
+    "soft_l1": (lambda z: 2.0 * z / (1.0 + np.sqrt(1.0 + z)), lambda z: 1.0 / np.sqrt(1.0 + z)),
     "huber": (lambda z: np.where(z < 1.0, z, 2.0 * np.sqrt(z) - 1.0),
-              lambda z: 1.0 / np.sqrt(np.maximum(z, 1.0)), lambda z: (z < 1.0).astype(float)),
-    "cauchy": (np.log1p, lambda z: 1.0 / (1.0 + z), lambda z: (1.0 - z) / (1.0 + z) ** 2),
-    "arctan": (np.arctan, lambda z: 1.0 / (1.0 + z * z),
-               lambda z: (1.0 - 3.0 * z * z) / (1.0 + z * z) ** 2),
+              lambda z: 1.0 / np.sqrt(np.maximum(z, 1.0))),
+    "cauchy": (np.log1p, lambda z: 1.0 / (1.0 + z)),
+    "arctan": (np.arctan, lambda z: 1.0 / (1.0 + z * z)),
 }
 
 
@@ -271,7 +266,7 @@ def calibrate(
                            if q.kind in ("position", "rotation")])
     predictions = Predictions(FittedState(start[0].mechanism, start, place), unknowns, drivers,
                               quantities)
-    fit = CalibrationFit(predictions, CalibrationProblem(predictions, loss, margin, bounds))
+    fit = CalibrationFit(predictions, loss, margin, bounds)
     return unless_cut(fit.result(quantities, sigma is None))
 
 
@@ -307,20 +302,19 @@ def _start(
 
 
 
-class CalibrationProblem(LeastSquares):
+class CalibrationFit(LeastSquares):
     """Errors of predictions that are to be small, as far as a loss lets them count.
+
+    Steps are those of least squares with the weights that the errors have now: a loss that counts
+    outliers less bends down there, and lies below them.
 
     Args:
         predictions: of what was measured.
         loss, margin: as for `calibrate`.
         bounds: of dimensions, which come first among the unknowns.
-
-    Attributes:
-        gauge: (k, n) rows that are zero times the unknowns.
-        best: (n,) where the search has come to.
     """
 
-    bends, longest, cut, most = False, np.inf, TOLERANCES.zero, 300  # with outliers some dozens
+    bends, longest, cut, most = False, 1.0, TOLERANCES.zero, 300  # with outliers some dozens
     gain = TOLERANCES.last_digit
 
     def __init__(
@@ -330,14 +324,16 @@ class CalibrationProblem(LeastSquares):
         self._predictions, self._margin = predictions, margin
         self._loss = LOSSES[loss]
         n, k = len(predictions.sizes), len(bounds)
-        self.moves, self.gauge = np.ones(n, dtype=bool), np.empty((0, n))
-        self._ends = np.full((2, n), np.inf) * np.array([[-1.0], [1.0]])
+        self.moves = np.ones(n, dtype=bool)
+        self._gauge: Array = np.empty((0, n))  # rows that are zero times the unknowns
+        self.ends = np.full((2, n), np.inf) * np.array([[-1.0], [1.0]])
         if k:
-            self._ends[:, :k] = (np.array([*bounds.values()]).T - predictions.nominal
+            self.ends[:, :k] = (np.array([*bounds.values()]).T - predictions.nominal
                                  ) / predictions.sizes[:k]
-        self.best: Array | None = None
+        self._best: Array | None = None  # where the search has come to
+        self._is_whole = True
 
-    def weights(self, errors: Array) -> Array:
+    def _weights(self, errors: Array) -> Array:
         """Return what errors count (m,)."""
         return self._loss[1]((errors / self._margin) ** 2)
 
@@ -345,41 +341,19 @@ class CalibrationProblem(LeastSquares):
         """See `LeastSquares`: signed roots of the losses."""
         errors = self._predictions.errors(x)
         counts = self._loss[0]((errors / self._margin) ** 2)
-        return np.append(np.copysign(self._margin * np.sqrt(counts), errors), self.gauge @ x)
+        return np.append(np.copysign(self._margin * np.sqrt(counts), errors), self._gauge @ x)
 
     def jacobian(self, x: Array) -> Array:
         """See `LeastSquares`, of errors."""
-        self.best = x.copy()
-        return np.vstack([self._predictions.jacobian(x), self.gauge])
+        self._best = x.copy()
+        return np.vstack([self._predictions.jacobian(x), self._gauge])
 
     def model(self, x: Array) -> tuple[Array, Array]:
-        """See `LeastSquares`: errors of which squares have the loss's slope and curvature."""
+        """See `LeastSquares`: errors by their weights, whose squares rise as the losses do."""
         errors, rows = self._predictions.errors(x), self.jacobian(x)
-        z = (errors / self._margin) ** 2
-        slope = self._loss[1](z)
-        roots = np.sqrt(np.maximum(self._loss[2](z), LEAST_CURVATURE * slope))
+        roots = np.sqrt(self._weights(errors))
         rows[: len(errors)] *= roots[:, None]
-        return np.append(slope / roots * errors, self.gauge @ x), rows
-
-    def corrected(self, x: Array, free: NDArray[np.bool_], off: float) -> Array | None:
-        """See `LeastSquares`: None where loops do not close."""
-        return x if np.isfinite(self._predictions.errors(x)).all() else None
-
-    def room(self, x: Array) -> Array:
-        """See `LeastSquares`."""
-        return np.abs(self._ends - x)
-
-    def at_bounds(self, x: Array, active: Bounds) -> Array:
-        """See `LeastSquares`."""
-        return np.where([k in active for k in range(len(x))],
-                        self._ends[[active.get(k, 0) for k in range(len(x))], range(len(x))], x)
-
-
-class CalibrationFit:
-    """Finds the unknowns."""
-
-    def __init__(self, predictions: Predictions, problem: CalibrationProblem) -> None:
-        self._predictions, self._problem, self._is_whole = predictions, problem, True
+        return np.append(roots * errors, self._gauge @ x), rows
 
     def result(
         self, quantities: list[list[MeasuredQuantity]], scattered: bool
@@ -390,7 +364,7 @@ class CalibrationFit:
         before = p.errors(np.zeros(len(p.sizes)))
         x = self._solved()
         errors, here = p.errors(x), p.at(x)
-        weights = self._problem.weights(errors)
+        weights = self._weights(errors)
         spread = _Spread(np.sqrt(weights)[:, None] * p.slopes(x), p.whole)
         factor = 1.0
         if scattered:
@@ -418,27 +392,27 @@ class CalibrationFit:
         others. Where a nominal mechanism is more special than the true one, and leaves more
         undetermined, it is gone on from there.
         """
-        p, problem = self._predictions, self._problem
+        p = self._predictions
         x: Array = np.zeros(len(p.sizes))
         try:
             spread = _Spread(p.jacobian(x), p.whole)
             while True:
-                problem.gauge = spread.gauge()
-                at, _, has_ended, _ = minimised(problem, x, {})
+                self._gauge = spread.gauge()
+                at, _, has_ended, _ = minimised(self, x, {})
                 if not has_ended:
                     raise SpatialPinError(
                         "calibrate: the search has not ended after "
-                        f"{problem.most} steps; look for fewer unknowns, or bound them")
+                        f"{self.most} steps; look for fewer unknowns, or bound them")
                 x = at.x
                 after = _Spread(p.jacobian(x), p.whole)
                 if after.rank <= spread.rank:
                     return x
                 spread = after
         except KeyboardInterrupt:
-            if problem.best is None:
+            if self._best is None:
                 raise
             self._is_whole = False
-            return problem.best
+            return self._best
 
     def _values(self, x: Array) -> dict[str, float]:
         p = self._predictions

@@ -49,13 +49,14 @@ class DimensionNumbers:
     """
 
     def __init__(self, mechanism: Mechanism, tree: TracedTree, points: Iterable[str]) -> None:
-        self._mechanism, self._points, self._packed = mechanism, list(points), packed(mechanism)
+        self._mechanism, self._points = mechanism, list(points)
+        self._packed = packed(mechanism, True)
         self._frames = [mechanism.frame_id(name.removesuffix(".com")) for name in self._points]
         self.joints = [int(mechanism.model.frames[i].parentJoint) for i in self._frames]
         # powers of the characteristic length that numbers go with: doubling it changes no digit
         other = copied(mechanism)
         other.__dict__["characteristic_length"] = 2.0 * mechanism.characteristic_length
-        one, two = self._packed.reals, packed(other).reals
+        one, two = self._packed.reals, packed(other, True).reals
         changed, self._powers = one != two, np.zeros(len(one))
         self._powers[changed] = np.log2(two[changed] / one[changed])
         own, n = tree.own(), len(self._packed.reals)
@@ -312,17 +313,17 @@ class DimensionFamily:
                 there = varied(mechanism, dict(zip(self.names, one.tolist(), strict=True)))
                 there.__dict__["extent"] = mechanism.extent
                 there.__dict__["characteristic_length"] = mechanism.characteristic_length
-                own = packed(there).reals
-                holds[k] = len(own) == len(packed(mechanism).reals)
+                own = packed(there, True).reals
+                holds[k] = len(own) == len(packed(mechanism, True).reals)
             except SpatialPinError:
                 holds[k] = False
             if not holds[k]:
-                there, own = mechanism, packed(mechanism).reals
+                there, own = mechanism, packed(mechanism, True).reals
             reals.append(own)
             frames.append([PlacementBatch.of(x.placement) for x in there.centred_model.frames])
         placed = {i: PlacementBatch(*(np.concatenate(x) for x in zip(*several, strict=True)))
                   for i, several in enumerate(zip(*frames, strict=True))}
-        base = packed(mechanism).reals
+        base = packed(mechanism, True).reals
         return DimensionBatch(holds, Numbers(base, np.arange(len(base)), np.array(reals)), placed)
 
     def bodies(

@@ -213,7 +213,7 @@ class Predictions:
         try:
             here = self.at(x)
         except SpatialPinError:
-            return np.full(len(self.sigmas), np.inf)  # SciPy's trust region shrinks then
+            return np.full(len(self.sigmas), np.inf)  # a step there is not made
         parts = []
         for state, quantities in zip(here.states, self._quantities, strict=True):
             with loops_of(here.mechanism, state.angles) as evaluation:

@@ -51,8 +51,7 @@ class Pairs:
     """The pairs of a mechanism, tree joints and closures, as places where forces pass.
 
     Attributes:
-        closed: the closures between bodies: name, rows, bodies, and the second frame's origin on
-            the second one (4,).
+        closed: closures between bodies: name, rows, bodies, second frame's origin (4,) on its body.
         elsewhere: forces of closures on other bodies than their first two.
         coupled: the joints that bear the force of a coupling.
         names: of all pairs, the tree's first.

@@ -16,6 +16,7 @@ from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.held_start import starting_state
 from spatial_pin.assembly.holding import BASE, Hold, free_bases, held_by, is_base
 from spatial_pin.assembly.state import State
+from spatial_pin.continuation.path_following import Followed
 from spatial_pin.errors import Interrupted, ReachError, SingularError, SpatialPinError
 from spatial_pin.inverse_kinematics.driver_singularities import driver_singularities
 from spatial_pin.inverse_kinematics.named_targets import read_targets
@@ -32,7 +33,7 @@ from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.kernel.paths import PathSamples
 from spatial_pin.mechanism.coordinates import needed
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.motion.follow import Followed, along, finished, follow, sample_times
+from spatial_pin.motion.follow import along, finished, follow, sample_times
 from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.rounding import within_gap
 from spatial_pin.numerics.linalg import Array, rank

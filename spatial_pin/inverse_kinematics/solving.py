@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.assembly.close import closed
+from spatial_pin.assembly.close import LimitedJoints, closed
 from spatial_pin.inverse_kinematics.targets import CoordinateValue, Residual, Target
 from spatial_pin.kernel.closer import Closed
 from spatial_pin.kernel.loop_equations import LoopEquations
@@ -35,14 +35,10 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 CORRECTIONS = 8  # Newton's, after steps that nearly keep what is kept: four do as a rule
 
 
-class Constrained:
+class Constrained(LimitedJoints):
     """A mechanism whose loops stay closed, with joint limits.
 
     Attributes:
-        evaluation: its closure equations.
-        limits: joint limits to keep, by place in the velocity and side.
-        moves: (nv,) which velocities may move.
-        scale: (nv,) velocity of a unit of each unknown.
         tolerance: length of the residuals at which targets are reached.
     """
 
@@ -50,15 +46,10 @@ class Constrained:
         self, evaluation: LoopEquations, limits: Sequence[JointLimit], still: Sequence[int],
         tolerance: float,
     ) -> None:
-        self.evaluation, self.tolerance = evaluation, tolerance
-        self.scale = evaluation.mechanism.velocity_scale
-        self.moves = np.ones(len(self.scale), dtype=bool)
-        self.moves[list(still)] = False
-        self.limits = {(x.v, int(x.side > 0)): x for x in limits if self.moves[x.v]}
-        self._at = np.array([x.q for x in self.limits.values()], dtype=np.intp)
-        self._sides = np.array([[side, v] for v, side in self.limits], dtype=np.intp).reshape(-1, 2)
-        self._limits = np.array([[x.side / x.size, x.side * x.value / x.size]
-                                 for x in self.limits.values()]).reshape(-1, 2)
+        moves = np.ones(evaluation.model.nv, dtype=bool)
+        moves[list(still)] = False
+        super().__init__(evaluation, moves, limits)
+        self.tolerance = tolerance
         # the last residuals, with configuration and targets: they are asked for again and again
         self._known: list[tuple[Array, Sequence[Target], tuple[Array, Array]]] = []
         self._last: Closed | None = None  # where closing led
@@ -89,16 +80,6 @@ class Constrained:
             found += pulled if target.weight is None else target.weight * pulled
         return found * self.scale
 
-    def stand(self, q: Array) -> None:
-        """Evaluate the equations at q (nq,), if they do not stand there."""
-        if self.evaluation.q is not q:
-            self.evaluation.update(q)
-
-    def displaced(self, q: Array, step: Array) -> Array:
-        """Return the configuration (nq,) a scaled step (nv,) away, its loops open."""
-        found: Array = pin.integrate(self.evaluation.model, q, self.scale * step)
-        return found
-
     def closed(self, q: Array, free: NDArray[np.bool_]) -> Array:
         """Return a configuration with its loops closed by what is free (nv,) to move."""
         evaluation, last = self.evaluation, self._last
@@ -124,24 +105,6 @@ class Constrained:
         found[:, self.moves] = basis
         return found
 
-    def room(self, q: Array) -> Array:
-        """Return how far scaled coordinates are from their limits (2, nv), the lower ones first."""
-        found = np.full((2, len(self.scale)), np.inf)
-        found[self._sides[:, 0], self._sides[:, 1]] = (
-            self._limits[:, 1] - self._limits[:, 0] * q[self._at])
-        return found
-
-    def at_limits(self, q: Array, active: Bounds) -> Array:
-        """Return q (nq,) with joints at the limits that are active."""
-        q = q.copy()
-        for limit in self.limits_of(active):
-            q[limit.q] = limit.value
-        return q
-
-    def limits_of(self, active: Bounds) -> tuple[JointLimit, ...]:
-        """Return the limits that are active."""
-        return tuple(self.limits[x] for x in active.items())
-
     def within(self, q: Array) -> tuple[Array, Bounds]:
         """Return a configuration with its loops closed within the limits, if they close there.
 
@@ -150,7 +113,7 @@ class Constrained:
         closed, active, loops = self.closed(q, self.moves), Bounds(), Level(self, [], [])
         while more := beyond(self.room(closed), 0.0, active):
             active |= more
-            tried = loops.corrected(self.at_limits(closed, active), loops.free(active), 0.0)
+            tried = loops.corrected(self.at_bounds(closed, active), loops.free(active), 0.0)
             if tried is None:
                 return closed, {}
             closed = tried
@@ -176,7 +139,7 @@ class Level(LeastSquares):
 
     def at_bounds(self, x: Array, active: Bounds) -> Array:
         """See `LeastSquares`."""
-        return self.base.at_limits(x, active)
+        return self.base.at_bounds(x, active)
 
     def residual(self, x: Array) -> Array:
         """See `LeastSquares`."""

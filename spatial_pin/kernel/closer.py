@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Iterable, Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.constraints.workspaces import acquired
+from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import Kernel, check
 from spatial_pin.kernel.library import INT, POINTER, REAL, address
 from spatial_pin.mechanism.equations import Cosine
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.linalg import NOT_FINITE, Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 AGREEING = {"z": 1, "xyz": 3}  # axes that must point the same way, by `Pair.aligned`
@@ -166,6 +168,7 @@ class Closer:
         handle: of the C structure.
         facts: (3,) of what was examined last: see `Examined`.
         at_task: where C reads what is to be reached.
+        paths: those that begin where it closes the loops, by what is prescribed.
         knows_mirrors: whether it knows the axes of all closures that make them parallel: not of
             those of which only some equations are kept.
     """
@@ -181,7 +184,7 @@ class Closer:
         check(self._library.closer_create(
             kernel.handle, address(rotations), rotations.shape[1], address(pins), len(pins),
             ctypes.byref(handle)))
-        self.handle = handle
+        self.handle, self.paths = handle, dict[tuple[int, ...], Any]()
         self._q, self._pinned = np.empty(kernel.nq), np.empty(len(pins))
         self._first, self._free = np.empty((2, kernel.nv), np.int64)
         self._reference, self._angles = np.empty((2, kernel.n_angles))
@@ -206,10 +209,10 @@ class Closer:
             facts=self._facts[0], angle=self._facts[1])
         self.at_task, self._meant = ctypes.byref(self._task), self._task.meant
         self._reached = ctypes.byref(self._meant), *found
-        self._asked: ClosureSettings | None = None  # what the arrays of the task are set to
+        self._settings: ClosureSettings | None = None  # what the task is set to
 
     def close(
-        self, q: Array, free: NDArray[np.bool_], reference: Array, tolerance: float,
+        self, q: Array, free: NDArray[np.bool_], reference: Array | float, tolerance: float,
         iterations: int, pinned: Iterable[float], cut: float,
         first: NDArray[np.bool_] | None = None,
     ) -> Closed:
@@ -224,119 +227,110 @@ class Closer:
             pinned: values of the pinned coordinates, in the order of their names.
             cut: size of the equations, by the largest, below which they move nothing.
             first: (nv,) velocities that may move before that, to a residual of `LOOSE`.
+
+        Raises:
+            SingularError: positions have grown beyond all numbers.
         """
-        self._q[:] = q
-        self._let_move(free, first)
-        self._take(reference, pinned)
+        self._q[:], self._free[:], self._settings = q, free, None
+        if first is not None:
+            self._first[:] = first
+        if len(self._reference):
+            self._reference[:] = reference
+        if len(self._order):
+            self._pinned[:] = np.array(list(pinned))[self._order]
         self._library.closer_close(
             self.handle, self._at_q, None if first is None else self._at_first, self._at_free,
             *self._at, self._at_turns, max(tolerance, LOOSE), tolerance, iterations, cut,
             *self._facts[::2])
-        return Closed(self._q.copy(), self.facts.item(0), self._is_mirrored(self._mirrored))
+        error = self.facts.item(0)
+        if not math.isfinite(error):
+            raise SingularError(NOT_FINITE)
+        return Closed(self._q.copy(), error, not self.knows_mirrors or self._mirrored.item(0) != 0)
 
     def reach(
-        self, q: Sequence[Array], asked: ClosureSettings, value: Array,
+        self, q: Sequence[Array], settings: ClosureSettings, value: Array,
         reference: Array | float = 0.0, pinned: Iterable[float] = (), shaken: bool = False,
     ) -> list[Reached]:
         """Close from each of some q (nq,), `AT_ONCE` at most, by itself, as `close` does.
 
         Args:
             q: where to start.
-            asked: how.
+            settings: how.
             value: (nq,) of what is named or held, see `Meant`.
             reference: see `close`.
             pinned: see `close`.
             shaken: close from the further starts too where a single one closes, nothing is at
                 fault, and it is not near: those that lead to what is closed, but no nearer, are
                 left out.
+
+        Raises:
+            SingularError: positions have grown beyond all numbers.
         """
-        task = self._task
-        if asked is not self._asked:
-            self._ask(asked)
-        for row, start in enumerate(q):
-            self._starts[row] = start
-        self._take(reference, pinned)
-        self._value[:] = value
-        task.m = len(q)
-        shakes = asked.shakes
-        task.n_shakes = len(shakes.steps) if shaken and shakes and self.knows_mirrors else 0
+        self.set_task(q, settings, value, reference, pinned, shaken)
         check(self._library.closer_reach(self.handle, self.at_task))
+        return self.reached()
+
+    def reached(self) -> list[Reached]:
+        """Return where C has closed the loops to; raises as `reach`."""
         mirrors = self._mirrors.tolist() if self.knows_mirrors else self._all_may_be
         seen = self._examined(mirrors[0]) if self.facts.item(0) < np.inf else None
-        return [Reached(
-            self._starts[k].copy(), self._errors.item(k), mirrors[k] != 0,
-            self._distances.item(k), None if k else seen) for k in range(task.m)]
+        errors = self._errors[: self._task.m].tolist()
+        if not all(map(math.isfinite, errors)):
+            raise SingularError(NOT_FINITE)
+        return [Reached(self._starts[k].copy(), error, mirrors[k] != 0, self._distances.item(k),
+                        None if k else seen) for k, error in enumerate(errors)]
 
-    def begin_at(
-        self, q: Array, place: int, value: float, angles: Array | None, asked: ClosureSettings
+    def set_task(
+        self, q: Sequence[Array], settings: ClosureSettings, value: Array,
+        reference: Array | float = 0.0, pinned: Iterable[float] = (), shaken: bool = False,
     ) -> None:
-        """Let C close the loops from q (nq,), an entry of which has another value.
-
-        It is also what is named and held, and shaken if need be.
-        """
-        if asked is not self._asked:
-            self._ask(asked)
-        self._value[:] = q
-        self._value[place] = value
-        self._starts[0] = self._value
-        if len(self._reference):
-            is_known = angles is not None and len(angles) == len(self._reference)
-            self._reference[:] = angles if is_known else 0.0
-        self._task.m = 1
-        self._task.n_shakes = len(asked.shakes.steps) if asked.shakes else 0
-
-    def _ask(self, asked: ClosureSettings) -> None:
-        """Set what does not depend on values."""
-        task = self._task
-        self._let_move(asked.free, asked.first)
-        self._said[:] = asked.said
-        self._limits = asked.lower, asked.upper  # the model's own, where it keeps them
-        self._meant.lower, self._meant.upper = map(address, self._limits)
-        task.tolerance, task.iterations, task.cut = asked.tolerance, asked.iterations, asked.cut
-        task.loose = max(asked.tolerance, LOOSE)
-        task.first = None if asked.first is None else self._at_first
-        task.near = np.inf
-        if asked.shakes is not None:
-            task.near, task.shakes = asked.shakes.near, asked.shakes.at
-            task.shaken, task.group = asked.shakes.at_shaken, asked.shakes.at_group
-        self._asked = asked
-
-    def judge(self, q: Array, reference: Array | float, meant: Meant) -> Reached:
-        """Return what q (nq,) is, whole turns taken off its angles."""
-        self._q[:], self._reference[:] = q, reference
-        self._value[:], self._said[:], self._asked = meant.value, meant.said, None
-        self._limits = meant.lower, meant.upper
-        self._meant.lower, self._meant.upper = map(address, self._limits)
-        self._library.closer_judge(
-            self.handle, self._at_q, self._at_turns, *self._reached)
-        return Reached(self._q.copy(), self._errors.item(0), self._is_mirrored(self._mirrors),
-                       self._distances.item(0))
-
-    def _let_move(self, free: NDArray[np.bool_], first: NDArray[np.bool_] | None) -> None:
-        self._asked = None
-        self._free[:] = free
-        if first is not None:
-            self._first[:] = first
-
-    def _take(self, reference: Array | float, pinned: Iterable[float]) -> None:
+        """Set what C is to close, as `reach` says it."""
+        task, shakes = self._task, settings.shakes
+        if settings is not self._settings:  # else only values have changed
+            self._free[:], self._said[:] = settings.free, settings.said
+            if settings.first is not None:
+                self._first[:] = settings.first
+            self._limits = settings.lower, settings.upper  # the model's own, where it keeps them
+            self._meant.lower, self._meant.upper = map(address, self._limits)
+            task.first = None if settings.first is None else self._at_first
+            task.tolerance, task.loose = settings.tolerance, max(settings.tolerance, LOOSE)
+            task.iterations, task.cut, task.near = settings.iterations, settings.cut, np.inf
+            if shakes is not None:
+                task.near, task.shakes = shakes.near, shakes.at
+                task.shaken, task.group = shakes.at_shaken, shakes.at_group
+            self._settings = settings
+        for row, start in enumerate(q):
+            self._starts[row] = start
         if len(self._reference):
             self._reference[:] = reference
         if len(self._order):
             self._pinned[:] = np.array(list(pinned))[self._order]
+        self._value[:] = value
+        task.m = len(q)
+        task.n_shakes = len(shakes.steps) if shaken and shakes and self.knows_mirrors else 0
+
+    def judge(self, q: Array, reference: Array | float, meant: Meant) -> Reached:
+        """Return what q (nq,) is, whole turns taken off its angles."""
+        self._q[:], self._reference[:] = q, reference
+        self._value[:], self._said[:], self._settings = meant.value, meant.said, None
+        self._limits = meant.lower, meant.upper
+        self._meant.lower, self._meant.upper = map(address, self._limits)
+        self._library.closer_judge(
+            self.handle, self._at_q, self._at_turns, *self._reached)
+        return Reached(self._q.copy(), self._errors.item(0),
+                       not self.knows_mirrors or self._mirrors.item(0) != 0,
+                       self._distances.item(0))
 
     def examine(self, q: Array, reference: Array | float) -> Examined:
         """Return what q (nq,) is like; turns (n_angles,) are those that angles count from [rad]."""
         self._q[:], self._reference[:] = q, reference
         check(self._library.closer_examine(self.handle, self._at_q, self._at_turns, *self._facts))
-        return self._examined(self._is_mirrored(self._mirrored))
+        return self._examined(not self.knows_mirrors or self._mirrored.item(0) != 0)
 
     def _examined(self, mirrored: float) -> Examined:
         error, least, left_out = self.facts.tolist()
         angles = self._angles.copy() if self.kernel.n_angles else self._angles
         return Examined(error, angles, mirrored != 0, least, left_out)
-
-    def _is_mirrored(self, mirrored: NDArray[np.int64]) -> bool:
-        return not self.knows_mirrors or mirrored.item(0) != 0
 
     def descend(
         self, q: Array, free: NDArray[np.bool_], tolerance: float, iterations: int
@@ -346,7 +340,7 @@ class Closer:
         By products alone; the angles of screws count from zero.
         """
         q, errors = np.array(q, order="C"), np.empty(len(q))
-        self._let_move(free, None)
+        self._free[:], self._settings = free, None
         self._library.closer_descend(self.handle, len(q), address(q), self._at_free, tolerance,
                                      iterations, address(errors))
         return q, errors

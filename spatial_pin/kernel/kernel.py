@@ -47,7 +47,7 @@ class Kernel:
     def __init__(self, mechanism: Mechanism, arrays: Packed | None = None) -> None:
         self.constraints = c = constraints_of(mechanism)
         self.mechanism = mechanism
-        self.packed: Packed = arrays or packed(mechanism)
+        self.packed: Packed = arrays or packed(mechanism, True)
         self.nq, self.nv = mechanism.model.nq, mechanism.model.nv
         self.n_closure, self.n_passive, self.n_angles = c.n_closure, c.n_passive, c.n_angles
         self.library = library()

@@ -41,7 +41,7 @@ class KKT:
     def __init__(
         self, mechanism: Mechanism, mass_at: tuple[Places, Places, Places], n_masses: int
     ) -> None:
-        self._kernel = kernel = Kernel(mechanism, packed(mechanism, idle=False))
+        self._kernel = kernel = Kernel(mechanism, packed(mechanism, False))
         self._library, nv, n_closure = kernel.library, kernel.nv, kernel.n_closure
         groups = np.cumsum([0, *_equations_by_closure(kernel)])
         ints = np.concatenate([groups, *mass_at]).astype(np.int64)

@@ -27,11 +27,11 @@ _addressof = ctypes.addressof
 
 def address(array: NDArray[Any]) -> int:
     """Return where a contiguous array begins; the caller keeps it alive."""
+    if not array.size:
+        return _NOWHERE
     try:
         return _addressof(_view(array))  # type: ignore[arg-type]
     except (TypeError, ValueError):
-        if not array.size:
-            return _NOWHERE
         if array.flags.writeable:  # it is not contiguous
             raise
         return int(array.ctypes.data)

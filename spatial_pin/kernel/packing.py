@@ -17,9 +17,7 @@ from numpy.typing import NDArray
 from spatial_pin._support.lazy import made_anew, made_once
 from spatial_pin.constraints.compiled_equations import Constraints, constraints_of
 from spatial_pin.constraints.composed_equations import Equation, Factor
-from spatial_pin.constraints.composite_joints import split_of
-from spatial_pin.constraints.product_vectors import Term
-from spatial_pin.constraints.tree_arrays import TreeArrays
+from spatial_pin.constraints.composite_joints import TreeArrays, split_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 
@@ -82,23 +80,18 @@ class Packed(NamedTuple):
         return self._replace(reals=places).parts()
 
 
-def packed(mechanism: Mechanism, idle: bool = True) -> Packed:
+@made_once
+def packed(mechanism: Mechanism, idle: bool) -> Packed:
     """Return the arrays of a mechanism, made once.
 
     Args:
         mechanism: the mechanism.
         idle: whether the equations of idle rotations belong to it; forces know none.
     """
-    return _packed(mechanism, idle)
-
-
-@made_once
-def _packed(mechanism: Mechanism, idle: bool) -> Packed:
     constraints = constraints_of(mechanism)
     model, carriers = split_of(mechanism)
     tree = TreeArrays(model)
-    vectors = _VectorTable(tree.frames, carriers)
-    terms, factors = _products(constraints, vectors)
+    vectors = _VectorTable(constraints, tree.frames, carriers)
     moved, freedoms = np.nonzero(constraints.signs)  # product and freedom of each of their supports
     supports = np.searchsorted(moved, np.arange(len(constraints.constants) + 1))
     n_idle = constraints.n_passive if idle else 0
@@ -117,13 +110,13 @@ def _packed(mechanism: Mechanism, idle: bool) -> Packed:
     directions = [x for e in constraints.equations for x in e.sines_and_cosines]
     return Packed(
         _joined(np.int64, head, tree.kind, tree.parent, tree.iq, tree.iv, vectors.body,
-                vectors.flag, *terms, supports, freedoms, kinds, [IDLE] * n_idle, product,
+                vectors.flag, *vectors.numbers, supports, freedoms, kinds, [IDLE] * n_idle, product,
                 directions, sums.terms, sums.factors, sums.kinds, sums.places,
                 sums.function, sums.shapes, starts, *patterns,
                 np.cumsum([0, *map(len, turned)]), *turned),
         _joined(float, tree.rotation, tree.translation, tree.pitch, tree.mass, tree.com,
                 tree.inertia, model.gravity.linear, mechanism.velocity_scale, vectors.local,
-                *factors, constraints.constants, constraints.factors,
+                *vectors.factors, constraints.constants, constraints.factors,
                 constraints.signs[moved, freedoms], [turns.offset for turns in constraints.turns],
                 *(row[at] for row, at in zip(turning, turned, strict=True)), sums.numbers,
                 *sums.functions),
@@ -143,7 +136,7 @@ def with_masses(mechanism: Mechanism) -> Packed:
 
 @made_anew
 def _with_masses(mechanism: Mechanism, masses: bytes) -> Packed:
-    model, found = mechanism.model, packed(mechanism, idle=False)
+    model, found = mechanism.model, packed(mechanism, False)
     found = found._replace(reals=found.reals.copy())
     _, _, mass, com, inertia, gravity, _ = found.parts()
     for joint, body in enumerate(model.inertias):
@@ -160,45 +153,38 @@ def _joined(kind: type, *parts: Any) -> Any:
 
 
 class _VectorTable:
-    """Vectors fixed in bodies, those of a frame once: at other dimensions frames move apart."""
+    """Vectors fixed in bodies, those of a frame once: at other dimensions frames move apart.
 
-    def __init__(self, frames: Array, carriers: NDArray[np.intp]) -> None:
-        self._frames, self._carriers = frames, carriers
-        self._index: dict[tuple[int, bytes, float], int] = {}
+    Attributes:
+        fixed_in, body, flag, local: of each vector, see `Packed` and `kernel.h`.
+        numbers, factors: of the vectors A, B and X of all products.
+    """
+
+    def __init__(
+        self, constraints: Constraints, frames: Array, carriers: NDArray[np.intp]
+    ) -> None:
         self.fixed_in: list[int] = []
         self.body: list[int] = []
         self.flag: list[int] = []
         self.local: list[Array] = []
-
-    def of(self, term: Term) -> tuple[int, float]:
-        """Return the number of the vector of a term, and the term's factor."""
-        factor, joint, local, flag, frame = term
-        key = frame, np.asarray(local, float).tobytes(), flag
-        if key not in self._index:
-            self._index[key] = len(self.body)
-            self.fixed_in.append(frame)
-            body = int(self._carriers[joint])
-            self.body.append(body)
-            self.flag.append(int(flag))
-            self.local.append(self._frames[body].T @ local)
-        return self._index[key], factor
-
-
-def _products(
-    constraints: Constraints, vectors: _VectorTable
-) -> tuple[list[Ints], list[Array]]:
-    """Return the numbers of the vectors A, B and X of all products, and their factors."""
-    n = len(constraints.constants)
-    blocks: list[Ints] = []
-    factors: list[Array] = []
-    for terms, width in zip(constraints.terms, (2, 2, 1), strict=True):
-        index, factor = np.full((n, width), -1, np.int64), np.zeros((n, width))
-        for i, sum_of in enumerate(terms):
-            for k, term in enumerate(sum_of):
-                index[i, k], factor[i, k] = vectors.of(term)
-        blocks.append(index)
-        factors.append(factor)
-    return blocks, factors
+        self.numbers: list[Ints] = []
+        self.factors: list[Array] = []
+        known: dict[tuple[int, bytes, float], int] = {}
+        for vectors, width in zip(constraints.terms, (2, 2, 1), strict=True):
+            number = np.full((len(vectors), width), -1, np.int64)
+            factors = np.zeros((len(vectors), width))
+            for i, terms in enumerate(vectors):
+                for k, (factor, joint, local, flag, frame) in enumerate(terms):
+                    key = frame, np.asarray(local, float).tobytes(), flag
+                    if key not in known:
+                        known[key] = len(self.body)
+                        self.fixed_in.append(frame)
+                        self.body.append(int(carriers[joint]))
+                        self.flag.append(int(flag))
+                        self.local.append(frames[self.body[-1]].T @ local)
+                    number[i, k], factors[i, k] = known[key], factor
+            self.numbers.append(number)
+            self.factors.append(factors)
 
 
 class _Sums:

@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from spatial_pin.kernel.closer import Closer
 from spatial_pin.kernel.kernel import Kernel, check, numbers
-from spatial_pin.kernel.library import INT, address
+from spatial_pin.kernel.library import INT, POINTER, REAL, address
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy
@@ -87,6 +88,13 @@ class PathRows(ctypes.Structure):
     _fields_ = [(name, ctypes.c_void_p) for name in PathSamples._fields]
 
 
+class PathTask(ctypes.Structure):
+    """Where a path begins, and where its values go, for C: see `path_from_guess`."""
+
+    _fields_ = [("n_chosen", INT), ("driven", POINTER), ("n_driven", INT), ("open", REAL),
+                ("value", POINTER), ("n", INT), ("rows", PathRows)]
+
+
 class Path:
     """A path over the value of one coordinate, or over a parameter that several depend on.
 
@@ -106,13 +114,15 @@ class Path:
         driven: Sequence[int], fill: Array | None, accuracy: Accuracy,
     ) -> None:
         self.kernel, self._library = kernel, kernel.library
-        self.n_driven, self._chooses = len(driven), chosen is None
+        self.n_driven, self._chooses, self.accuracy = len(driven), chosen is None, accuracy
         rows = None if chosen is None else np.ascontiguousarray(chosen, np.int64)
         n = kernel.nv - kernel.n_passive - len(driven) if rows is None else len(rows)
+        self._driven = (INT * len(driven))(*driven)
+        self._task = PathTask(n, ctypes.addressof(self._driven), len(driven))
         fill = None if fill is None else np.ascontiguousarray(fill, float)
         check(self._library.system_set(
             kernel.handle, None if rows is None else address(rows), n,
-            (INT * len(driven))(*driven), len(driven),
+            self._driven, len(driven),
             None if fill is None else address(fill), 0 if fill is None else len(fill)))
         handle = ctypes.c_void_p()
         asked = asked_path(accuracy, n < kernel.n_closure, fill is None or not len(fill))
@@ -133,6 +143,28 @@ class Path:
         """
         return not self._library.path_start(
             self._handle, *self.kernel.taken(q, angles), self._chooses)
+
+    def from_guess(
+        self, closer: Closer, widest_gap: float, values: Array, samples: PathSamples
+    ) -> int:
+        """Close the loops by a task that a closer has, and follow the path that begins there.
+
+        Args:
+            closer: in whose kernel it is.
+            widest_gap: closure error beyond which a further start has led nowhere.
+            values: (m,) of the parameter.
+            samples: these are written.
+
+        Returns:
+            How many samples were reached; less than 0 where closing leaves something to choose, or
+            where loops are not regular: the closer tells then what it has reached, if it is -1.
+        """
+        values, task = numbers(values, (len(samples.q),)), self._task
+        rows = task.rows
+        rows.q, rows.t, rows.c, rows.error, rows.angles = map(address, samples)
+        task.open, task.value, task.n = widest_gap, address(values), len(values)
+        return self._library.path_from_guess(
+            self._handle, closer.handle, closer.at_task, ctypes.byref(task))
 
     def follow(self, values: Array, samples: PathSamples) -> int:
         """Write samples at values of the parameter (m,); return how many were reached."""
@@ -172,16 +204,29 @@ class Path:
             self._handle, begin, shape[0], shape[-1] - 1, address(breaks), address(coefficients)))
 
 
+def path_of(closer: Closer, driven: list[int], accuracy: Accuracy) -> Path | None:
+    """Return a path in a closer's kernel that chooses its equations; the last one is kept.
+
+    None where there are other numbers of equations than of unknowns.
+    """
+    kernel, key = closer.kernel, tuple(driven)
+    path: Path | None = closer.paths.get(key)
+    if path is None or path.accuracy is not accuracy:
+        if not 0 <= kernel.nv - kernel.n_passive - len(driven) <= kernel.n_closure:
+            return None
+        path = closer.paths[key] = Path(kernel, None, driven, None, accuracy)
+    return path
+
+
 def prescribed_places(
-    kernel: Kernel, driven: Iterable[Coordinate], still: Iterable[int] = ()
+    nv: int, driven: Iterable[Coordinate], still: Iterable[int] = ()
 ) -> list[int]:
     """Return the kernel's indices of the prescribed coordinates.
 
     Args:
-        kernel: of the mechanism.
+        nv: freedoms of the mechanism.
         driven: coordinates; those of balls and floating joints are components of a rotation
             vector, or of a position, and no entries of the velocity.
         still: places in the velocity vector that stand still.
     """
-    return [c.v + kernel.nv * (c.q < 0 and not isinstance(c, VelocityEntry)) for c in driven] + [
-        *still]
+    return [c.v + nv * (c.q < 0 and not isinstance(c, VelocityEntry)) for c in driven] + [*still]

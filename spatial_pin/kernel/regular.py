@@ -53,4 +53,4 @@ def step_beside(
 
 
 def _without_idle_rotations(mechanism: Mechanism) -> Kernel:
-    return Kernel(mechanism, packed(mechanism, idle=False))
+    return Kernel(mechanism, packed(mechanism, False))

@@ -14,7 +14,7 @@ from spatial_pin.assembly.assemble import assembled, standing_drivers, tell
 from spatial_pin.assembly.holding import free_bases
 from spatial_pin.assembly.redundant_equations import as_meant
 from spatial_pin.assembly.search.guesses import read_guess
-from spatial_pin.assembly.search.loop_groups import LoopGroup, loop_groups, part_of
+from spatial_pin.assembly.search.loop_groups import LoopGroup, loop_groups, part_of, places_of
 from spatial_pin.assembly.search.release import violated_limit
 from spatial_pin.errors import AssemblyError, ContinuumError, unless_cut
 from spatial_pin.mechanism.coordinates import coordinate_value, finite_number, needed, with_values
@@ -152,14 +152,17 @@ def modes_of_groups(
 
 
 def _of_whole(check: ModeCheck, base: Array, group: LoopGroup, continuum: Continuum) -> Continuum:
-    return continuum._replace(state=check.state(_put(base, [group], [continuum.state.q])))
+    return continuum._replace(state=check.state(_put(check, base, [group], [continuum.state.q])))
 
 
-def _put(base: Array, groups: Sequence[LoopGroup], chosen: Iterable[Array]) -> Array:
+def _put(
+    check: ModeCheck, base: Array, groups: Sequence[LoopGroup], chosen: Iterable[Array]
+) -> Array:
     """Return a configuration (nq,) in which each group of loops stands as in one of its own."""
     q = base.copy()
     for group, own in zip(groups, chosen, strict=True):
-        q[group.places] = own[group.places]
+        places = places_of(check.mechanism, group)
+        q[places] = own[places]
     return q
 
 
@@ -174,7 +177,7 @@ def _together(
         # the sign of a determinant from the labels of its blocks, in words
         blocks = [state.branch.rstrip("0123456789 ") for state in states]
         sign = "" if "" in blocks else "+-"[blocks.count("-") % 2]
-        modes.append((_put(base, groups, [state.q for state in states]),
+        modes.append((_put(check, base, groups, [state.q for state in states]),
                       "singular" if "singular" in blocks else sign, min(counts)))
     if modes:
         kind = check.kind(modes[0][0])

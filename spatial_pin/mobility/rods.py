@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from spatial_pin.constraints.products import SHORT
+from spatial_pin.constraints.vector_products import SHORT
 from spatial_pin.mechanism.coordinates import with_values
 from spatial_pin.mechanism.equations import ConstraintEquation, dot
 from spatial_pin.mechanism.mechanism import Mechanism

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin._support.checks import checked
-from spatial_pin.continuation.cursor import Stopped, cursor_along
+from spatial_pin.constraints.workspaces import Workspaces
+from spatial_pin.continuation.path_tracker import PathTracker, Stopped
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.motion.motion import Event, Motion, motion_needed
 from spatial_pin.numerics.linalg import Array
@@ -100,22 +101,23 @@ def _located(motion: Motion, rows: NDArray[np.intp], rates: Array, name: str) ->
     mechanism, driver, unit = motion.mechanism, motion.driver_name, motion.driver_unit
     output = mechanism.coordinate(name)
     ends = motion.swept[first], motion.swept[last]
-    with cursor_along(motion.state(first), driver, Accuracy.named("reference"),
-                      motion.held) as cursor:
+    with Workspaces() as workspaces:
+        tracker = PathTracker.along(motion.state(first), [driver], motion.held,
+                                    Accuracy.named("reference"), workspaces)
 
         def rate(value: float) -> float:
-            cursor.reach(value)
-            return float(cursor.here.t[output.v])
+            tracker.reach(value)
+            return float(tracker.here.t[output.v])
 
         try:
             value = sign_change(rate, *ends, *rates[rows])
-            cursor.reach(value)
+            tracker.reach(value)
         except Stopped as stopped:
             raise SingularError(
                 f"mechanism {mechanism.name!r}: {stopped.arrival.kind} between {driver} = "
                 f"{ends[0]:.9g} and {ends[1]:.9g} {unit}, where {name} turns back", motion=motion,
             ) from None
-        return _event(motion, name, first + 1, value, float(cursor.here.q[output.q]))
+        return _event(motion, name, first + 1, value, float(tracker.here.q[output.q]))
 
 
 def _event(motion: Motion, name: str, row: int, value: float, turned: float) -> Event:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -13,12 +13,11 @@ from spatial_pin._support.progress import progress_bar
 from spatial_pin.assembly.held_start import held_start
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State
-from spatial_pin.continuation.path_following import followed_as_far
+from spatial_pin.constraints.workspaces import Workspaces
+from spatial_pin.continuation.path_following import Followed, followed
+from spatial_pin.continuation.path_tracker import PathTracker
 from spatial_pin.continuation.pseudo_arclength import Arrival
-from spatial_pin.continuation.start import Start
 from spatial_pin.errors import Interrupted, LimitError, SingularError, SpatialPinError
-from spatial_pin.kernel.kernel import kernel_of
-from spatial_pin.kernel.loop_equations import loops_of
 from spatial_pin.kernel.paths import PathSamples
 from spatial_pin.mechanism.coordinates import needed
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -113,37 +112,14 @@ def follow(
     state, gone = held_start(mechanism, first, guess, held, tight)
     moved = depending_on(state, names, hold)
     there, hold = (state, hold) if moved is None else moved[:2]
-    followed = along(there, names, hold, law, s, accuracy,
+    found = along(there, names, hold, law, s, accuracy,
                      f"{mechanism.name}: {', '.join(names)}", progress,
                      passes=on_crossing == "straight")._replace(released=gone)
     if moved is not None:
-        followed, held = followed._replace(samples=moved.of_whole(followed.samples)), moved.held
-    motion = finished(state.mechanism, followed, None if times is None else s, held, list(values),
+        found, held = found._replace(samples=moved.of_whole(found.samples)), moved.held
+    motion = finished(state.mechanism, found, None if times is None else s, held, list(values),
                       "drivers", on_limit, on_crossing)
     return within_gap(motion, accuracy, on_limit)
-
-
-class Followed(NamedTuple):
-    """What was followed.
-
-    Attributes:
-        samples: of which `done` are done.
-        done: how many.
-        stop: what ended it before the last; None if nothing did.
-        crossed: branch points passed, each with the number of the sample behind it.
-        undriven: the same of configurations in which the drivers alone do not determine a motion
-            that targets do.
-        is_cut: whether Ctrl-C ended it.
-        released: sentences on what is held, but not where the guess has it.
-    """
-
-    samples: PathSamples
-    done: int
-    stop: Arrival | None
-    crossed: Sequence[tuple[float, int]] = ()
-    undriven: Sequence[tuple[float, int]] = ()
-    is_cut: bool = False
-    released: Sequence[str] = ()
 
 
 def along(
@@ -167,25 +143,20 @@ def along(
         SingularError: the coordinates do not determine the motion at the start.
         KeyboardInterrupt: before anything was followed.
     """
-    mechanism, n = state.mechanism, len(s)
-    crossed = list[tuple[float, int]]()
-    with (progress_bar(n, title, progress) as bar,
-          loops_of(mechanism, state.angles) as evaluation, kernel_of(mechanism) as kernel):
-        start = Start.along(state, names, hold, accuracy, kernel, evaluation, law, float(s[0]))
-        samples = start.samples(n)
-        n, stop, is_cut = followed_as_far(start, s, samples, crossed if passes else None, bar)
-    return Followed(samples, n, stop, crossed, is_cut=is_cut)
+    with progress_bar(len(s), title, progress) as bar, Workspaces() as workspaces:
+        tracker = PathTracker.along(state, names, hold, accuracy, workspaces, law, float(s[0]))
+        return followed(tracker, s, tracker.room_for(len(s)), passes, bar)
 
 
 def finished(
-    mechanism: Mechanism, followed: Followed, times: Array | None, held: tuple[str, ...],
+    mechanism: Mechanism, found: Followed, times: Array | None, held: tuple[str, ...],
     names: list[str], who: str, on_limit: str = "raise", on_crossing: str = "raise",
 ) -> Motion:
-    """Return the Motion of what was followed, with its events; raise where it ended early.
+    """Return the Motion of what was found, with its events; raise where it ended early.
 
     Args:
         mechanism: the mechanism.
-        followed: samples of its q, v and a.
+        found: samples of its q, v and a.
         times: (N,) of all samples; None: the parameter is their number.
         held: what was held by name.
         names: what went along tables, for words.
@@ -198,22 +169,22 @@ def finished(
         SingularError: it ended at a singular configuration, or the branch was lost.
         Interrupted: Ctrl-C ended it.
     """
-    stop = followed.stop
-    motion = _motion(mechanism, followed.samples, followed.done, times)
+    stop = found.stop
+    motion = _motion(mechanism, found.samples, found.done, times)
     motion.held = held
     begin = 0.0 if times is None else float(times[0])
-    motion.events += [Event("released", begin, 0, text) for text in followed.released]
+    motion.events += [Event("released", begin, 0, text) for text in found.released]
     motion.events += [crossed_event(value, row, _where(value, times is None))
-                      for value, row in followed.crossed]
+                      for value, row in found.crossed]
     motion.events += [
         Event("singular", value, row, "the drivers alone do not determine the motion at "
               f"{_where(value, times is None)}: efforts grow without bound towards it")
-        for value, row in followed.undriven]
+        for value, row in found.undriven]
     motion.events += [*joint_limit_events(motion), *velocity_limit_events(motion)]
-    if followed.is_cut:
+    if found.is_cut:
         raise Interrupted(motion)
     if stop is not None:
-        motion.events.append(stop_event(stop, followed.done, _where(stop.value, times is None),
+        motion.events.append(stop_event(stop, found.done, _where(stop.value, times is None),
                                         f"limit of what the {who} can do together"))
         ends = on_limit if stop.kind in ENDS else on_crossing
         if ends != "stop" or stop.kind == "lost":

@@ -10,7 +10,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.continuation.cursor import Stopped, cursor_along
+from spatial_pin.constraints.workspaces import Workspaces
+from spatial_pin.continuation.path_tracker import PathTracker, Stopped
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.joint_limits import SLACK, JointLimit, joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
@@ -233,12 +234,13 @@ def _followed(motion: Motion, limit: JointLimit, k: int, ends: _Ends) -> float |
     """
     first, last = motion.swept[k : k + 2].tolist()
     sense = float(np.sign(last - first))
-    with cursor_along(motion.state(k), motion.driver_name, Accuracy.named("reference"),
-                      motion.held) as cursor:
+    with Workspaces() as workspaces:
+        tracker = PathTracker.along(motion.state(k), [motion.driver_name], motion.held,
+                                    Accuracy.named("reference"), workspaces)
 
         def at(value: float) -> tuple[Array, Array]:
-            cursor.reach(value)
-            return cursor.here.q, sense * cursor.here.t
+            tracker.reach(value)
+            return tracker.here.q, sense * tracker.here.t
 
         q, _ = at(last)
         size = motion.mechanism.velocity_scale

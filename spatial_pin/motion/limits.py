@@ -12,9 +12,14 @@ from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.square_system import SquareSystem
 from spatial_pin.assembly.state import State
 from spatial_pin.continuation.asymptotes import running_away
+from spatial_pin.continuation.initial_tangent import (
+    body_places,
+    direction_of,
+    not_spinning,
+    system_at,
+)
 from spatial_pin.continuation.pseudo_arclength import towards
 from spatial_pin.continuation.solution_curve import SolutionCurve
-from spatial_pin.continuation.start import body_places, direction_of, not_spinning, system_at
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism

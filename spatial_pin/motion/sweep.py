@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -21,19 +20,24 @@ from spatial_pin._support.checks import (
 )
 from spatial_pin._support.lazy import made_once
 from spatial_pin._support.progress import progress_bar
+from spatial_pin.assembly.assemble import held_values, pose, solved
+from spatial_pin.assembly.close import NOTHING
 from spatial_pin.assembly.held_start import held_start
 from spatial_pin.assembly.holding import BASE, Hold
+from spatial_pin.assembly.redundant_equations import gap_allowed
 from spatial_pin.assembly.state import State
+from spatial_pin.constraints.workspaces import Workspaces
 from spatial_pin.continuation.asymptotes import BEYOND_LINKS
-from spatial_pin.continuation.at_once import swept_at_once
-from spatial_pin.continuation.cursor import FARTHEST
-from spatial_pin.continuation.path_following import followed_as_far, followed_in_order
+from spatial_pin.continuation.path_following import (
+    Followed,
+    chunk_of,
+    followed,
+    followed_both_ways,
+    there_and_back,
+)
+from spatial_pin.continuation.path_tracker import FARTHEST, PathTracker
 from spatial_pin.continuation.pseudo_arclength import Arrival
-from spatial_pin.continuation.start import Start, moving_drivers
 from spatial_pin.errors import Interrupted, LimitError, SingularError, SpatialPinError
-from spatial_pin.kernel.kernel import kernel_of
-from spatial_pin.kernel.loop_equations import loops_of
-from spatial_pin.kernel.paths import PathSamples
 from spatial_pin.mechanism.coordinates import coordinate_value, driver_coordinates, needed
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
@@ -134,26 +138,20 @@ def sweep(
     speeds, accels = _rates_asked(speed, acceleration, values)
     coordinate = mechanism.prescribed_coordinate(driver)
     given, held = ({}, (hold,)) if isinstance(hold, str) else _told_to_hold(hold)
-    begun = None
-    if not given and (guess is None or isinstance(guess, State)):
-        begun = swept_at_once(mechanism, coordinate.name, held, values, accuracy,
-                              min(accuracy.tolerance, TOLERANCES.tight), guess)
-    if begun is not None and begun[0] == len(values):
-        way = _Way(mechanism, begun[1], held, len(values))
-    else:
-        way = _followed(mechanism, driver, coordinate, values, guess, given, held, accuracy,
-                        on_crossing == "straight", progress, begun)
-    n, stop, asked = way.n, way.stop, values
+    mechanism, found, held, events = _followed(
+        mechanism, driver, coordinate, values, guess, given, held, accuracy,
+        on_crossing == "straight", progress)
+    n, stop, asked = found.done, found.stop, values
     if n < len(values):
         values, speeds, accels = values[:n], speeds[:n], None if accels is None else accels[:n]
-    motion = _motion(way, driver, values, speeds, type(speed) is float, accels,
-                     coordinate.unit if speed is None else "s", way.held)
+    motion = _motion(mechanism, found, driver, values, speeds, type(speed) is float, accels,
+                     coordinate.unit if speed is None else "s", held, events)
     motion = within_gap(motion, accuracy, on_limit)
     if len(motion) < n:
         return motion
     if passed := [*joint_limit_events(motion), *velocity_limit_events(motion)]:
         motion.events += passed
-    if way.is_cut:
+    if found.is_cut:
         raise Interrupted(motion)
     if stop is not None:
         motion.events.append(stop_event(stop, n, f"{driver} = {stop.value:.12g} {coordinate.unit}",
@@ -195,87 +193,84 @@ def _told_to_hold(
     return {}, () if hold is None else tuple(names_of(hold, "hold"))
 
 
-class _Way(NamedTuple):
-    """The samples of a sweep.
-
-    Attributes:
-        mechanism: without the equations that a rounded file contradicts.
-        samples: of them the first `n` are done.
-        held: what stands still.
-        n: how many were reached.
-        stop: what ended the motion before the last, if anything did.
-        is_cut: whether Ctrl-C did.
-        events: drivers released at the first value, branch points passed.
-    """
-
-    mechanism: Mechanism
-    samples: PathSamples
-    held: tuple[str, ...]
-    n: int
-    stop: Arrival | None = None
-    is_cut: bool = False
-    events: Sequence[Event] = ()
-
-
 def _followed(
     mechanism: Mechanism, driver: str, coordinate: Coordinate, values: Array, guess: Any,
-    given: Mapping[str, float], held: tuple[str, ...], accuracy: Accuracy, is_straight: bool,
-    progress: bool, begun: tuple[int, PathSamples] | None,
-) -> _Way:
-    """Return the samples, also beyond what the kernel has `begun`, as far as the branch goes."""
-    check_not_held(mechanism, [coordinate], held)
-    first, n = values.item(0), len(values)
-    state, gone = held_start(
-        mechanism, {**given, coordinate.name: first}, guess, held, _tight(accuracy))
-    moved = depending_on(state, [driver, *given], held)
-    there, hold = (state, held) if moved is None else moved[:2]
-    mechanism, stop, is_cut = there.mechanism, None, False
-    crossed: list[tuple[float, int]] = []
-    bar = progress_bar(n, f"{mechanism.name}: {driver}", progress)
-    with bar, loops_of(mechanism) as evaluation, kernel_of(mechanism) as kernel:
-        start = Start.along(there, [driver, *given], hold, accuracy, kernel, evaluation)
-        samples = None
-        if accuracy.corrections is None and begun is None:
-            samples = followed_in_order(start, values, bar)
-        if samples is None:
-            done, samples = begun or (0, start.samples(n))
-            n, stop, is_cut = followed_as_far(
-                start, values, samples, crossed if is_straight else None, bar, done)
-    events = [Event("released", first, 0, text) for text in gone]
-    events += _released(state, start.driven, start.still, first)
-    events += [crossed_event(value, row, f"{driver} = {value:.12g} {coordinate.unit}")
-               for value, row in crossed]
+    given: Mapping[str, float], held: tuple[str, ...], accuracy: Accuracy, passes: bool,
+    progress: bool,
+) -> tuple[Mechanism, Followed, tuple[str, ...], list[Event]]:
+    """Return the samples of a sweep, as far as the branch goes.
+
+    Returns:
+        The mechanism, without the equations that a rounded file contradicts; the samples; what
+        stands still; and events of drivers released at the first value, and of branch points.
+    """
+    names, n, problem = (driver, *given), len(values), None
+    first, tolerance = {coordinate.name: values.item(0)}, min(accuracy.tolerance, TOLERANCES.tight)
+    ways = there_and_back(values) if accuracy.corrections is None else None
+    with Workspaces() as workspaces:
+        if not isinstance(guess, State) or held in ((), (BASE,)):
+            first = held_values(mechanism, {**given, **first}) if given else first
+            problem = pose(mechanism, first, guess, tolerance, gap_allowed(mechanism, accuracy))
+            begun = None if ways is not None or not problem.is_for_kernel() else (
+                PathTracker.from_guess(problem, names, held, accuracy, workspaces,
+                                       values[: chunk_of(mechanism)], n))
+            if begun is not None:
+                tracker, samples, done = begun
+                found = Followed(samples, n)
+                if done < n:
+                    with progress_bar(n, f"{mechanism.name}: {driver}", progress) as bar:
+                        found = followed(tracker, values, samples, passes, bar, done)
+                return problem.mechanism, found, held, _events(tracker, found, driver, values)
+        check_not_held(mechanism, [coordinate], held)
+        state, gone = (solved(problem), list[str]()) if problem is not None else held_start(
+            mechanism, {**given, **first}, guess, held, replace(accuracy, tolerance=tolerance))
+        moved = depending_on(state, names, held)
+        there, hold = (state, held) if moved is None else moved[:2]
+        with progress_bar(n, f"{mechanism.name}: {driver}", progress) as bar:
+            tracker = PathTracker.along(there, names, hold, accuracy, workspaces)
+            both = None if ways is None else followed_both_ways(tracker, values, ways, bar)
+            found = followed(tracker, values, tracker.room_for(n), passes, bar) if (
+                both is None) else both
+    events = _events(tracker, found, driver, values, state.released, gone)
     if moved is not None:
-        samples, held = moved.of_whole(samples), moved.held
-    return _Way(state.mechanism, samples, held, n, stop, is_cut, events)
+        found, held = found._replace(samples=moved.of_whole(found.samples)), moved.held
+    return state.mechanism, found, held, events
 
 
-def _released(
-    state: State, driven: Sequence[Coordinate], still: Sequence[int], value: float
+def _events(
+    tracker: PathTracker, found: Followed, driver: str, values: Array,
+    released: Mapping[str, float] = NOTHING, gone: Iterable[str] = (),
 ) -> list[Event]:
     """Tell of the drivers that do not stand where the guess has them, nor at rest.
 
-    A coordinate that moves the only freedoms there are moves the drivers: that is no event.
+    A coordinate that moves the only freedoms there are moves the drivers: that is no event. And of
+    branch points that were passed.
+
+    Args:
+        tracker: which has followed the branch.
+        found: what it has followed.
+        driver: what is swept.
+        values: of it.
+        released: see `State.released`.
+        gone: sentences on what is held, but not where the guess has it.
     """
-    drivers = driver_coordinates(state.mechanism)
-    moving = moving_drivers(state.mechanism, driven, still)
-    if len(moving) == len(drivers) or not (moving or state.released):
+    moving, texts = tracker.moving_drivers, [*gone]
+    if not (moving or released or texts or found.crossed):
         return []
-    texts: list[str] = []
-    for name, by in state.released.items():
-        if name not in moving:
-            texts.append(f"driver {name} is released: it stands {by:+.9g} {drivers[name].unit} "
-                         "from where the guess has it, as the loops would not close otherwise")
-    texts += [f"driver {name} is released: it moves, as the loops do not let it stand"
-              for name in sorted(moving)]
-    return [Event("released", value, 0, text) for text in texts]
-
-
-@cache
-def _tight(accuracy: Accuracy) -> Accuracy:
-    """Return the settings that the first value is closed with: the way begins there."""
-    tight = TOLERANCES.tight
-    return accuracy if accuracy.tolerance <= tight else replace(accuracy, tolerance=tight)
+    if moving or released:
+        drivers = driver_coordinates(tracker.mechanism)
+        if len(moving) < len(drivers):
+            texts += [f"driver {name} is released: it stands {by:+.9g} {drivers[name].unit} from "
+                      "where the guess has it, as the loops would not close otherwise"
+                      for name, by in released.items() if name not in moving]
+            texts += [f"driver {name} is released: it moves, as the loops do not let it stand"
+                      for name in sorted(moving)]
+    events = [Event("released", values.item(0), 0, text) for text in texts]
+    if found.crossed:
+        unit = tracker.mechanism.prescribed_coordinate(driver).unit
+        events += [crossed_event(value, row, f"{driver} = {value:.12g} {unit}")
+                   for value, row in found.crossed]
+    return events
 
 
 def check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
@@ -312,23 +307,24 @@ def _per_sample(value: Any, values: Array, what: str) -> Array:
 
 
 def _motion(
-    way: _Way, driver: str, values: Array, speeds: Array, is_steady: bool, accels: Array | None,
-    per: str, held: tuple[str, ...],
+    mechanism: Mechanism, found: Followed, driver: str, values: Array, speeds: Array,
+    is_steady: bool, accels: Array | None, per: str, held: tuple[str, ...], events: list[Event],
 ) -> Motion:
-    samples = way.samples if way.n == len(way.samples.q) else way.samples.between(0, way.n)
+    samples, n = found.samples, found.done
+    samples = samples if n == len(samples.q) else samples.between(0, n)
     v, a, time = samples.t, samples.c, None
     if per == "s":
-        speed = speeds.item(0) if is_steady and way.n and accels is None else 0.0
+        speed = speeds.item(0) if is_steady and n and accels is None else 0.0
         if 1.0 / FASTEST < abs(speed) < FASTEST:
             v, a, time = v * speed, a * (speed * speed), _time(values, speed)
         else:
             v, a, time = _scaled(v, a, values, speeds, accels)
     check_finite(v, a, "the speeds and accelerations of the sweep")
     return made(
-        mechanism=way.mechanism, driver=values.copy(), driver_name=driver, time=time,
+        mechanism=mechanism, driver=values.copy(), driver_name=driver, time=time,
         q=samples.q, v=v, a=a, closure_error=samples.error, driver_speed=speeds,
         angles=samples.angles, per=per, held=held,
-        _look=lambda motion: [*way.events, *_near_limit(motion, samples.t), *_drift(motion)])
+        _look=lambda motion: [*events, *_near_limit(motion, samples.t), *_drift(motion)])
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows is refused

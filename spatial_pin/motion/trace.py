@@ -11,10 +11,15 @@ from spatial_pin._support.checks import checked, positive_number
 from spatial_pin.assembly.holding import BASE, Hold
 from spatial_pin.assembly.state import State
 from spatial_pin.continuation.branch_points import straight_on
+from spatial_pin.continuation.initial_tangent import (
+    body_places,
+    direction_of,
+    not_spinning,
+    system_at,
+)
 from spatial_pin.continuation.pseudo_arclength import ArcLengthPath
 from spatial_pin.continuation.singular_points import distance_ahead, located
 from spatial_pin.continuation.solution_curve import CurvePoint, SolutionCurve
-from spatial_pin.continuation.start import body_places, direction_of, not_spinning, system_at
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.paths import PathSamples
 from spatial_pin.mechanism.mechanism import Mechanism

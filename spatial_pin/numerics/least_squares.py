@@ -23,9 +23,13 @@ from spatial_pin.numerics.linalg import Array, Triangular, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 SLOW_STEPS = 2  # that leave more than half, after which Newton's are made: Gauss's creep
-# First damping where a step did not help, relative to the largest singular value.
-LEAST_DAMPING = 1e-3
-MOST_DAMPING = 1e6  # with which nothing moves any more
+# Damping where the first step did not help, relative to the square of the largest singular value;
+# least where a later one did not; and that with which nothing moves any more.
+FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-6, 1e6
+HARDENING = 4.0  # of damping after a step that did not help
+# Gains of a step, of what it was to gain to first order [NocedalWright2006, 4.1]: with less than
+# the first it is damped more, with more than the second less.
+POOR_GAIN, GOOD_GAIN = 0.25, 0.75
 NO_LONGER = 1e-9  # of the unknowns: how far off a least sum may be
 # By how much of the square of a Gauss step constraints may be off on the way: such a step itself
 # misses by its square, and the last ones are so short that all digits are kept.
@@ -46,13 +50,14 @@ class LeastSquares(ABC):
 
     To make something least: a class with `residual` and `jacobian`, and with
 
-    1. `displaced`, where the unknowns are no vector;
+    1. `displaced`, `room` and `at_bounds`, where the unknowns are no vector;
     2. `constraints`, `corrected` and `pulled`, where constraints hold;
-    3. `room` and `at_bounds`, where there are bounds;
-    4. `model`, where squares count for less than they are.
+    3. `model`, where squares count for less than they are.
 
     Attributes:
         moves: (n,) which unknowns may move.
+        sizes: (n,) of the unknowns of a vector, which steps are relative to.
+        ends: (2, n) bounds of a vector, the lower ones first.
         tolerance: length of the residuals at which they are none.
         bends: whether Newton's steps may be made; they take a gradient for each freedom.
         gain: part of the sum that a step gains at least, while steps are Gauss's.
@@ -62,6 +67,8 @@ class LeastSquares(ABC):
     """
 
     moves: NDArray[np.bool_]
+    sizes: Array | float = 1.0
+    ends: Array | None = None
     tolerance = 0.0
     bends = True
     gain = 0.0
@@ -71,19 +78,25 @@ class LeastSquares(ABC):
 
     @abstractmethod
     def residual(self, x: Array) -> Array:
-        """Return the residuals (k,)."""
+        """Return the residuals (k,); infinite where there are none."""
 
     @abstractmethod
     def jacobian(self, x: Array) -> Array:
         """Return their derivatives (k, n)."""
 
     def model(self, x: Array) -> tuple[Array, Array]:
-        """Return residuals and derivatives that tell the sum's, and nearly its second ones."""
+        """Return residuals and derivatives, (k,) and (k, n), that steps are made by.
+
+        Half the sum of their squares has the slope that the problem has, and bends as much or more.
+        """
         return self.residual(x), self.jacobian(x)
 
     def displaced(self, x: Array, step: Array) -> Array:
         """Return what is a step (n,) away."""
-        return x + step
+        moved = self.sizes * step
+        there: Array = x + moved
+        there[np.abs(there) <= TOLERANCES.last_digit * np.abs(moved)] = 0.0  # but for round-off
+        return there
 
     def constraints(self, x: Array) -> Array:
         """Return the derivatives (m, n) of the constraints."""
@@ -101,10 +114,15 @@ class LeastSquares(ABC):
 
     def room(self, x: Array) -> Array:
         """Return how far unknowns are from their bounds (2, n), the lower ones first."""
-        return np.full((2, len(self.moves)), np.inf)
+        if self.ends is None:
+            return np.full((2, len(self.moves)), np.inf)
+        return np.stack([x - self.ends[0], self.ends[1] - x]) / self.sizes
 
     def at_bounds(self, x: Array, active: Bounds) -> Array:
         """Return x with unknowns at their active bounds."""
+        x = x.copy()
+        for k, side in active.items():
+            x[k] = self.ends[side, k] if self.ends is not None else x[k]
         return x
 
     def pulled(self, x: Array, multipliers: Array, forces: Array) -> Array:
@@ -349,7 +367,7 @@ class Descent:
     def run(self, here: Iterate, active: Bounds) -> Minimum:
         """Return where it ends; constraints may be off there by a little."""
         problem, moved = self._problem, 0.0
-        for _ in range(problem.most):
+        for _ in range(problem.most if here.size < np.inf else 0):
             # bounds that a free step, of some of them released, would not leave
             active = {k: side for k, side in active.items()
                       if here.push(active, k) >= -TOLERANCES.nothing * here.size}
@@ -363,9 +381,11 @@ class Descent:
                 if not self._is_bent:
                     there = self._to_vertex(here, active, step, there)
                 share = there[0].size / here.size if here.size else 0.0
-                if 1.0 - share * share < problem.gain and self._damping < LEAST_DAMPING:
+                gained, predicted = 1.0 - share * share, self._predicted(here, step)
+                if POOR_GAIN * predicted < gained < problem.gain:
                     return Minimum(*there, True, False)
-                self._damping *= 0.1
+                self._damping *= 2.0 if gained < POOR_GAIN * predicted else (
+                    1.0 if gained < GOOD_GAIN * predicted else 0.25)
                 if share < 0.1:
                     self._slow = 0
                 elif share > 0.5 and moved < 0.99 * problem.longest:
@@ -374,7 +394,8 @@ class Descent:
                 if here.size <= problem.tolerance:
                     return Minimum(here, active, True, False)
             else:
-                self._damping = max(LEAST_DAMPING, 4.0 * self._damping)
+                self._damping = max(LEAST_DAMPING, HARDENING * self._damping) if (
+                    self._damping) else FIRST_DAMPING
                 self._slow += 1
                 is_last = self._damping > MOST_DAMPING or is_last
             if is_last:
@@ -387,20 +408,32 @@ class Descent:
     def _step(self, here: Iterate, active: Bounds) -> tuple[Array, Bounds]:
         """Return a step (n,), and the bounds that it stops at."""
         problem, active = self._problem, dict(active)
+        jump = np.zeros(len(problem.moves))
         while True:
             free = problem.free(active)
             if self._is_bent:
                 step = here.lagrangian(free).newton_step(self._damping)
             else:
                 tangents, (residual, rows) = here.tangents(free), here.model
-                step = damped(rows @ tangents.T, -residual, self._damping, problem.cut) @ tangents
+                step = damped(rows @ tangents.T, -(residual + rows @ jump), self._damping,
+                              problem.cut) @ tangents
             length = math.sqrt(step.dot(step))
             if length > problem.longest:
                 step *= problem.longest / length
             first = passed(here.room, step, active)
             if first is None:
-                return step, active
-            active[first[0]] = first[1]
+                return step + jump, active
+            k, side = first
+            active[k] = side
+            jump[k] = here.room[side, k] if side else -here.room[side, k]
+
+    def _predicted(self, here: Iterate, step: Array) -> float:
+        """Return the part of the sum that a step gains to first order; nothing of Newton's."""
+        if self._is_bent or not here.size:
+            return 0.0
+        residual, rows = here.model
+        left = residual + rows @ step
+        return float(residual @ residual - left @ left) / here.size**2
 
     def _landed(
         self, here: Iterate, step: Array, active: Bounds
@@ -415,7 +448,7 @@ class Descent:
             there = Iterate(problem, landed)
             more = beyond(there.room, here.room, active)
             if not more:
-                return there, active
+                return (there, active) if there.size < np.inf else None
             active = active | more
 
     def _is_as_good(

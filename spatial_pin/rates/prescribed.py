@@ -131,7 +131,7 @@ class Prescription(NamedTuple):
     def rates(self, kernel: Kernel) -> RateSolver:
         """Return what solves for the rates in a kernel."""
         return rates_of(
-            kernel, tuple(prescribed_places(kernel, self.driven, self.still)), self.n_moving)
+            kernel, tuple(prescribed_places(kernel.nv, self.driven, self.still)), self.n_moving)
 
 
 def placed(kernel: Kernel, state: State, given: Prescription) -> RateSolver:

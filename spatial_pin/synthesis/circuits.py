@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State
+from spatial_pin.continuation.initial_tangent import body_places, not_spinning, system_at
 from spatial_pin.continuation.solution_curve import SolutionCurve
-from spatial_pin.continuation.start import body_places, not_spinning, system_at
 from spatial_pin.errors import SpatialPinError
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
 from spatial_pin.mechanism.mechanism import Mechanism

@@ -133,7 +133,7 @@ def design(
 
     Dimensions and the configurations at the samples of every goal are fitted together: first with
     loops that may stay open, so that a start at which nothing closes is no obstacle, then with
-    closed loops, by SciPy's `least_squares` with the derivatives of variable projection
+    closed loops, by Levenberg's method with the derivatives of variable projection
     [GolubPereyra1973; Kaufman1975]. Goals with a weight are met in the sense of least squares,
     those without one exactly, and demands as inequalities, by augmented Lagrangians
     [Hestenes1969; Powell1969]. Local solutions depend on where they begin: there are many starts,

@@ -1,9 +1,9 @@
 """One problem of dimensional synthesis, and its local solutions.
 
 From a start, dimensions and configurations are fitted together: first loosely, open loops being
-weighed against missed goals, then ever more closed, at last exactly, by SciPy's trust region. Goals
-that are to be met exactly, beside others that are met as well as can be, are kept by augmented
-Lagrangians [Hestenes1969; Powell1969].
+weighed against missed goals, then ever more closed, at last exactly. Goals that are to be met
+exactly, beside others that are met as well as can be, are kept by augmented Lagrangians
+[Hestenes1969; Powell1969].
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from spatial_pin.assembly.state import State
 from spatial_pin.dimensions.predictions import STEP
 from spatial_pin.errors import SpatialPinError
+from spatial_pin.numerics.least_squares import LeastSquares, minimised
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.synthesis.demand import Demand
@@ -32,9 +33,9 @@ LOOSE_GAIN = 1e-4  # of the cost in a step, at which the next weight is gone on 
 FIRST_PENALTY = 100.0  # weight² of exact goals beside others, which have about one
 MOST_PENALTIES = 12  # rounds of multipliers: each gains a factor of the penalty as a rule
 IDLE_PENALTIES = 3  # rounds that do not halve what is missed: it cannot be met
-FIRST_GAIN = 1e-6  # of the cost in a step, at which numbers close to bounds are put there
-NEAR_BOUND = 1e-3  # part of the width of the bounds: a trust region of interior points ends as far
-START_MARGIN = 1e-9  # likewise: SciPy wants starts inside of the bounds
+# Step at most, in widths of bounds, where there are demands: they are met with room to spare as
+# well as just met, and drivers that turn there may be stopped farther on.
+DEMANDED_STEP = 0.1
 OPEN = "the loops do not close"
 
 OfNumbers = Callable[[Array], Array]
@@ -186,7 +187,8 @@ class LocalFit:
 
         n_rows = 0
         n_rows = len(residual(x))
-        x = self.minimum(residual, slopes, x, LOOSE_EVALUATIONS, LOOSE_GAIN)
+        numbers = BoundedNumbers(p, residual, slopes, LOOSE_EVALUATIONS, LOOSE_GAIN)
+        x = minimised(numbers, x, {}).at.x
         self._near = at(x)
         return x
 
@@ -197,50 +199,28 @@ class LocalFit:
         out[:, :n], out[:, own] = flat[:, :n], flat[:, n:]
         return out
 
-    def minimum(
-        self, residual: OfNumbers, slopes: OfNumbers, x: Array, most: int, gain: float
-    ) -> Array:
-        """Return where the sum of squares is least, by SciPy's trust region.
 
-        That keeps off the bounds, and comes near them slowly: numbers that it ends close to one are
-        put there, and the others are fitted again.
-        """
-        p, every = self.p, np.ones(len(x), dtype=bool)
-        first = self._descended(residual, slopes, x, every, most, max(gain, FIRST_GAIN))
-        near = NEAR_BOUND * p.sizes
-        x = np.where(first - p.lower < near, p.lower,
-                     np.where(p.upper - first < near, p.upper, first))
-        free = (x != p.lower) & (x != p.upper)
-        if gain >= FIRST_GAIN or not np.isfinite(residual(x)).all():
-            return first
-        second = self._descended(residual, slopes, x, free, most, gain)
-        squares = [float(np.sum(residual(there) ** 2)) for there in (first, second)]
-        return second if squares[1] <= squares[0] else first
+class BoundedNumbers(LeastSquares):
+    """Numbers of a problem, between their bounds, and residuals by functions of them."""
 
-    def _descended(
-        self, residual: OfNumbers, slopes: OfNumbers, x: Array, free: NDArray[np.bool_],
-        most: int, gain: float,
-    ) -> Array:
-        from scipy.optimize import least_squares  # takes a quarter of a second
+    bends, tolerance = False, TOLERANCES.last_digit
 
-        p, x = self.p, x.copy()
-        if not free.any():
-            return x
-        low, high, size = p.lower[free], p.upper[free], p.sizes[free]
+    def __init__(
+        self, problem: DesignSpace, residual: OfNumbers, slopes: OfNumbers, most: int, gain: float
+    ) -> None:
+        self._residual, self._slopes = residual, slopes
+        self.most, self.gain, self.moves = most, gain, np.ones(len(problem.sizes), dtype=bool)
+        self.sizes, self.ends = problem.sizes, np.stack([problem.lower, problem.upper])
+        if problem.demands:
+            self.longest = DEMANDED_STEP
 
-        def whole(part: Array) -> Array:
-            there = x.copy()
-            there[free] = part
-            return there
+    def residual(self, x: Array) -> Array:
+        """See `LeastSquares`; infinite where loops do not close."""
+        return self._residual(x)
 
-        start = np.clip(x[free], low + START_MARGIN * size, high - START_MARGIN * size)
-        if not np.isfinite(residual(whole(start))).all():
-            return x  # loops that close at a bound open beside it
-        found = least_squares(
-            lambda part: residual(whole(part)), start, lambda part: slopes(whole(part))[:, free],
-            bounds=(low, high), x_scale=size, ftol=gain, xtol=TOLERANCES.round_off,
-            gtol=TOLERANCES.last_digit, max_nfev=most)
-        return whole(found.x)
+    def jacobian(self, x: Array) -> Array:
+        """See `LeastSquares`."""
+        return self._slopes(x) * self.sizes
 
 
 class _Exactly:
@@ -360,7 +340,8 @@ class _Exactly:
                              tuple(samples), self.fit.evaluations)
 
     def _fitted(self, gain: float) -> tuple[list[GoalStates], Array]:
-        self.x = self.fit.minimum(self.residual, self.slopes, self.x, EXACT_EVALUATIONS, gain)
+        numbers = BoundedNumbers(self.p, self.residual, self.slopes, EXACT_EVALUATIONS, gain)
+        self.x = minimised(numbers, self.x, {}).at.x
         found = self._at(self.x)
         if found is None:
             raise SpatialPinError(self._why)

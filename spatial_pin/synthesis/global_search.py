@@ -162,8 +162,8 @@ def _plain(value: Any) -> Any:
 
 METHODS = ("multistart", "evolution", "atlas", "local")
 # Two solutions are one if no dimension differs by more, relative to the width of its bounds, and
-# no joint, in radians and characteristic lengths. Along flat valleys SciPy's trust region ends at
-# some 1e-5 from the solution.
+# no joint, in radians and characteristic lengths. Along flat valleys local fits end at some 1e-5
+# from the solution.
 SAME_SOLUTION = 1e-3
 # An evolution is to find valleys, in which local solutions go on: members by number that is looked
 # for, and generations at most. Three and fifteen find as much as five and thirty where a four-bar

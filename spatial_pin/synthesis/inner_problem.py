@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from spatial_pin.dimensions.dimension_batch import DimensionBatch, DimensionFamily, EvaluatedBatch
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array, pseudo_inverses
-from spatial_pin.numerics.stacked import damped_solutions, null_spaces, projected
+from spatial_pin.numerics.stacked import damped_solutions, levenberg, null_spaces, projected
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.synthesis.precision import Precision, simple
 
@@ -29,7 +29,6 @@ CLOSINGS = 12  # Newton's: from a step of half a radian four to six
 FIRST_DAMPING = 1e-3  # of Levenberg's method, relative to equations of order one
 # by what damping goes after a step that helped, and after one that did not
 INNER_EASING, INNER_HARDENING = 0.2, 8.0
-MOST_DAMPING = 1e6  # with which nothing moves any more
 MOST_OPEN = 0.1  # by which a step along the loops may open them: so much is closed quadratically
 # Levenberg's term beside equations of order one: the square root of round-off in their products,
 # as Gauss's method needs none next to a solution.
@@ -62,6 +61,16 @@ class GoalRows(NamedTuple):
     wanted_moves: Array
     held_own: Array  # those for the goal's own numbers (m, ., n_own)
     wanted_own: Array
+
+    @property
+    def open(self) -> Array:
+        """By how much what is to hold does not (m,)."""
+        found: Array = np.abs(self.held).max(axis=1, initial=0.0)
+        return found
+
+    def steps(self, damping: Array) -> Array:
+        """Return Levenberg's steps (m, nv) towards what is to hold."""
+        return _steps(self.held_moves, self.held, damping)
 
     def together(self, weight: float) -> tuple[Array, Array, Array]:
         """Return all, what is to hold weighted, and the derivatives."""
@@ -141,51 +150,62 @@ class InnerProblem:
         q[:, self._driven_q] = self._values[samples.at] + zeros * self._sizes
         return samples._replace(q=q)
 
-    def _moved(self, samples: GoalStates, steps: Array) -> Array:
-        return self.family.displaced(samples.q, steps * self.family.mechanism.velocity_scale)
-
     def loosely(
         self, members: DimensionBatch, samples: GoalStates, own: Array, weight: float
     ) -> GoalStates:
         """Return configurations where open loops, weighted, and missed goals are least together."""
-        def evaluated(at: GoalStates) -> tuple[GoalStates, _Loose]:
-            rows, angles = self.rows(members, at, own)
+        def known(rows: GoalRows) -> _Loose:
             residual, slope, _ = rows.together(weight)
-            missed = np.einsum("mi,mi->m", residual, residual)
-            return at._replace(angles=angles), _Loose(residual, slope, missed)
+            return _Loose(residual, slope, np.einsum("mi,mi->m", residual, residual))
 
         def judged(new: _Loose, old: _Loose) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
             better = new.missed < old.missed
             return better, better & (old.missed - new.missed < TOLERANCES.nothing * old.missed)
 
-        return self._descended(*evaluated(samples), evaluated, judged, FIRST_DAMPING, 0.0)
+        return self._descended(members, samples, own, known, judged, FIRST_DAMPING, 0.0)[0]
 
     def _descended(
-        self, samples: GoalStates, known: Any, evaluated: Callable[[GoalStates], tuple[Any, Any]],
-        judged: Callable[[Any, Any], tuple[Any, Any]], first: float, least: float,
-    ) -> GoalStates:
-        """Return where Levenberg's method leads, every configuration damped for itself.
+        self, members: DimensionBatch, samples: GoalStates, own: Array,
+        known: Callable[[GoalRows], Any], judged: Callable[[Any, Any], tuple[Any, Any]],
+        first: float, least: float, most: int = INNER_STEPS,
+    ) -> tuple[GoalStates, GoalRows]:
+        """Return where Levenberg's method leads, with the equations there.
 
         Args:
+            members: mechanisms, one for all or one for each configuration.
             samples: where it begins.
-            known: what is known there, with `steps`.
-            evaluated: returns configurations as they are, and what is known there.
-            judged: tells of what is new and known which steps help, and which gain next to nothing.
+            own: the goal's own numbers.
+            known: makes of equations what steps are made by, with `steps`.
+            judged: tells of what is new and known which steps help, and which problems have ended.
             first: damping at first.
             least: damping at least after a step that did not help.
+            most: steps of each at most.
         """
-        damping = np.full(len(samples.q), first)
-        for _ in range(INNER_STEPS):
-            steps = known.steps(damping)
-            there, new = evaluated(samples._replace(q=self._moved(samples, steps)))
-            better, idle = judged(new, known)
-            samples, known = _chosen(better, there, samples), _chosen(better, new, known)
-            damping = np.where(better, INNER_EASING * damping,
-                               INNER_HARDENING * np.maximum(damping, least))
+        each = self._each(members, len(samples.q))
+        rows, angles = self.rows(each, samples, own)
+        samples = GoalStates(samples.q.copy(), angles.copy(), samples.at)
+        old = known(rows)
+
+        def tries(
+            some: NDArray[np.intp], damping: Array
+        ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+            here, before = samples.taken(some), type(old)(*(x[some] for x in old))
+            steps = before.steps(damping)
+            there = here._replace(q=self.family.displaced(
+                here.q, steps * self.family.mechanism.velocity_scale))
+            new_rows, new_angles = self.rows(each.taken(some), there, own)
+            new = known(new_rows)
+            better, has_ended = judged(new, before)
+            for whole, part in ((samples, there._replace(angles=new_angles)), (rows, new_rows),
+                                (old, new)):
+                for x, y in zip(whole, part, strict=True):
+                    x[some[better]] = y[better]
             small = np.abs(steps).max(axis=1, initial=0.0) < TOLERANCES.half_precision
-            if np.all(small | idle | (damping > MOST_DAMPING)):
-                break
-        return samples
+            return better, small | has_ended
+
+        levenberg(tries, np.arange(len(samples.q)), first=first, easing=INNER_EASING,
+                  hardening=INNER_HARDENING, least=least, most=most)
+        return samples, rows
 
     def loose_residual(
         self, members: DimensionBatch, samples: GoalStates, own: Array, weight: float
@@ -227,24 +247,15 @@ class InnerProblem:
         self, members: DimensionBatch, samples: GoalStates, own: Array
     ) -> tuple[GoalStates, GoalRows, NDArray[np.bool_]]:
         """Return configurations with loops closed and drivers in place, and which have them so."""
-        there = self.placed(samples, own)
-        rows, angles = self.rows(members, there, own)
-        there = there._replace(angles=angles)
-        error = np.abs(rows.held).max(axis=1, initial=0.0)
-        for _ in range(CLOSINGS):
-            if np.all(error <= TOLERANCES.last_digit):
-                break
-            damping = np.maximum(np.einsum("mi,mi->m", rows.held, rows.held), FLOOR_DAMPING)
-            steps = _steps(rows.held_moves, rows.held, damping)
-            new = there._replace(q=self._moved(there, steps))
-            new_rows, angles = self.rows(members, new, own)
-            new_error = np.abs(new_rows.held).max(axis=1, initial=0.0)
-            better = new_error < error
-            there = _chosen(better, new._replace(angles=angles), there)
-            rows, error = _chosen(better, new_rows, rows), np.where(better, new_error, error)
-            if np.all(~better | (error <= TOLERANCES.round_off)):
-                break
-        return there, rows, error <= TOLERANCES.closed
+        def judged(new: GoalRows, old: GoalRows) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+            better = new.open < old.open
+            error = np.where(better, new.open, old.open)
+            return better, error <= np.where(better, TOLERANCES.round_off, TOLERANCES.closed)
+
+        there, rows = self._descended(
+            members, self.placed(samples, own), own, lambda rows: rows, judged, FLOOR_DAMPING,
+            FIRST_DAMPING, CLOSINGS)
+        return there, rows, rows.open <= TOLERANCES.closed
 
     def exactly(
         self, members: DimensionBatch, samples: GoalStates, own: Array
@@ -258,15 +269,11 @@ class InnerProblem:
         if not is_closed.all():
             return samples, rows.wanted, is_closed
 
-        def evaluated(at: GoalStates) -> tuple[GoalStates, _Along]:
-            rows, angles = self.rows(members, at, own)
-            return at._replace(angles=angles), _Along.of(rows)
-
         def judged(new: _Along, old: _Along) -> tuple[NDArray[np.bool_], bool]:
             return (new.missed <= old.missed) & (new.open <= MOST_OPEN), False
 
-        samples = self._descended(
-            samples, _Along.of(rows), evaluated, judged, FLOOR_DAMPING, FIRST_DAMPING)
+        samples, _ = self._descended(
+            members, samples, own, _Along.of, judged, FLOOR_DAMPING, FIRST_DAMPING)
         samples, rows, is_closed = self.closed(members, samples, own)
         return samples, rows.wanted, is_closed
 
@@ -321,20 +328,12 @@ class _Along(NamedTuple):
         motions = null_spaces(rows.held_moves)
         left = rows.wanted + np.einsum("mrv,mv->mr", rows.wanted_moves, back)
         return cls(back, motions, left, rows.wanted_moves @ motions.transpose(0, 2, 1),
-                   np.einsum("mr,mr->m", left, left),
-                   np.abs(rows.held).max(axis=1, initial=0.0))
+                   np.einsum("mr,mr->m", left, left), rows.open)
 
     def steps(self, damping: Array) -> Array:
         """Return steps (m, nv) back, and Levenberg's along the motions."""
         return self.back + np.einsum("mzv,mz->mv", self.motions,
                                      _steps(self.slope, self.left, damping))
-
-
-def _chosen(better: NDArray[np.bool_], there: Any, here: Any) -> Any:
-    """Return of each configuration what is there, where that is better, or here."""
-    return type(here)(*(
-        np.where(better.reshape(-1, *[1] * (own.ndim - 1)), other, own)
-        for other, own in zip(there, here, strict=True)))
 
 
 def _steps(slope: Array, residual: Array, damping: Array) -> Array:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.dimensions.dimension_batch import DimensionBatch
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.stacked import levenberg
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.synthesis.design_space import DesignSpace
 from spatial_pin.synthesis.inner_problem import GoalStates, InnerProblem, spread
@@ -26,7 +27,7 @@ BATCH_STEPS = 120  # of Levenberg's: half of those that lead somewhere need seve
 BATCH_DAMPING = 1e-2  # relative to equations of order one
 # by what damping goes after a step that helped, and after one that did not
 BATCH_EASING, BATCH_HARDENING = 0.3, 4.0
-LEAST_BATCH_DAMPING, MOST_DAMPING = 1e-15, 1e6  # round-off of the equations; nothing moves any more
+LEAST_BATCH_DAMPING = 1e-15  # round-off of the equations
 MET, NEAR = TOLERANCES.nothing**2, TOLERANCES.nothing  # sums of squares, of this size and less
 MOST_NEAR = 2  # of those that have come near which are looked at
 TOGETHER = 1e-4  # part of the sizes, within which two ends are one
@@ -70,15 +71,14 @@ class BatchedStarts:
 
     def fit(self) -> None:
         """Move all of them, until each is at rest or its goals are met."""
-        p, m = self._p, len(self.x)
-        damping, done = np.full(m, BATCH_DAMPING), ~np.isfinite(self.cost)
-        every = self._equations(np.arange(m))
-        for _ in range(BATCH_STEPS):
-            rows = np.flatnonzero(~done)
-            if not rows.size:
-                return
+        p, every = self._p, self._equations(np.arange(len(self.x)))
+
+        def tries(
+            rows: NDArray[np.intp], damping: Array
+        ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+            damping = np.maximum(damping, LEAST_BATCH_DAMPING)
             steps, moved = _steps([StartEquations(*(part[rows] for part in e)) for e in every],
-                                  damping[rows])
+                                  damping)
             there = np.clip(self.x[rows] + p.sizes * steps, p.lower, p.upper)
             samples = [self._moved(s, k, rows, part) for s, k, part in
                        zip(self.samples, self._counts, moved, strict=True)]
@@ -88,13 +88,15 @@ class BatchedStarts:
             self.x[rows[better]], self.cost[rows[better]] = there[better], cost[better]
             self.samples = [_put(s, k, new, rows, better) for s, k, new in
                             zip(self.samples, self._counts, samples, strict=True)]
-            damping[rows] *= np.where(better, BATCH_EASING, BATCH_HARDENING)
-            np.maximum(damping, LEAST_BATCH_DAMPING, out=damping)
-            done |= (damping > MOST_DAMPING) | (self.cost < TOLERANCES.tight**2)
             if better.any():
                 for e, new in zip(every, self._equations(rows[better]), strict=True):
                     for part, renewed in zip(e, new, strict=True):
                         part[rows[better]] = renewed
+            return better, self.cost[rows] < TOLERANCES.tight**2
+
+        levenberg(tries, np.flatnonzero(np.isfinite(self.cost)), first=BATCH_DAMPING,
+                  easing=BATCH_EASING, hardening=BATCH_HARDENING, least=LEAST_BATCH_DAMPING,
+                  most=BATCH_STEPS)
 
     def best(self) -> list[int]:
         """Return the starts that meet their goals, but for those that end together, else the best.

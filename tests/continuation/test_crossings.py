@@ -456,3 +456,21 @@ def test_a_parallelogram_with_a_rod_goes_straight_on(tmp_path, make, rows):
                       guess={"crank_pin": 1.0, "rocker_pin": 1.0})
     assert off(motion.coordinate("rocker_pin").value, motion.driver) < 1e-11
     np.testing.assert_allclose([e.value for e in motion.events], [np.pi], atol=1e-11)
+
+
+@pytest.mark.parametrize("mode", [0, 1])
+def test_accelerations_beside_a_change_point_are_those_of_the_configuration(mode):
+    """Of a driver that speeds up, on the parallelogram and on the branch that crosses it."""
+    mech = sp.load("four_bar", r1=0.3, r2=0.1, r3=0.3, r4=0.1)
+    t = np.linspace(0.0, 1.0, 41)
+    crank = 2.9 + 1.2 * t - 0.5 * t**2 + 0.3 * np.sin(3.0 * t)
+    guess = sp.assembly_modes(mech, {"crank": crank[0]})[mode]
+    motion = sp.follow(mech, {"crank": crank}, t, guess=guess)
+    (event,) = motion.events
+    near = [k for k in range(event.row - 3, event.row + 3) if abs(crank[k] - np.pi) > 5e-3]
+    assert len(near) == 6
+    at = mech.driven_coordinate("crank").v
+    for k in near:
+        rates = sp.solve_rates(mech, motion.state(k), {"crank": motion.v[k, at]},
+                               {"crank": motion.a[k, at]})
+        assert motion.a[k] == pytest.approx(rates.a, abs=1e-7)

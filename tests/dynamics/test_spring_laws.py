@@ -129,5 +129,5 @@ def test_a_weight_rests_on_a_bump_stop_and_hangs_on_a_cable():
 
 def test_mujocos_springs_have_no_law(tmp_path):
     mechanism = block(tmp_path, "stiffness = 2.0\ntension_only = true")
-    with pytest.raises(sp.SpatialPinError, match="'s' has a law"):
+    with pytest.raises(sp.SpatialPinError, match="'s' is a bushing, has a law"):
         sp.export_mjcf(mechanism, tmp_path / "r.xml")

@@ -237,3 +237,8 @@ def test_the_table_behind_gets_dearer_as_it_gets_more_exact(task):
         sp.Accuracy.for_error(0.5 * errors[-1], task)
     assert sp.Accuracy.for_error(errors[-1], task) == MEASURED[task][-1][1]
     assert sp.Accuracy.for_error(1e3, task) == MEASURED[task][0][1]
+
+
+def test_what_is_as_cheap_and_less_exact_is_no_part_of_the_front():
+    assert pareto([1.0, 1.0, 2.0, 2.0], [2.0, 3.0, 2.0, 1.0]) == [True, False, False, True]
+    assert pareto([1.0, 1.0], [2.0, 2.0]) == [True, True]

@@ -15,10 +15,9 @@ from variety import few
 
 import spatial_pin as sp
 from spatial_pin.continuation import singular_points
-from spatial_pin.continuation.cursor import Cursor
 from spatial_pin.continuation.path_following import there_and_back
+from spatial_pin.continuation.path_tracker import PathTracker
 from spatial_pin.continuation.singular_points import zeros
-from spatial_pin.continuation.start import Start
 from spatial_pin.view.page.jog import Jog
 
 TURN = np.linspace(0.0, 2.0 * np.pi, 500)
@@ -35,11 +34,17 @@ FULL_TURN = ["crane", "crank_collar", "double_cardan", "four_bar", "geared_five_
 # ---------------------------------------------------------------- together, or one by one
 
 
+def without_kernel(patch: pytest.MonkeyPatch) -> None:
+    """Let branches be followed by pseudo-arclength alone."""
+    patch.setattr(PathTracker, "from_guess", lambda *_: None)
+    patch.setattr(PathTracker, "_kernel_path", lambda *_: None)
+
+
 def both_ways(monkeypatch, mechanism, values, driver=None, **keys) -> tuple[sp.Motion, sp.Motion]:
     driver = driver or next(iter(mechanism.drivers))
     together = sp.sweep(mechanism, driver, values, 2.0, 0.3, **keys)
     with monkeypatch.context() as patch:
-        patch.setattr(Start, "_path", lambda *_: None)
+        without_kernel(patch)
         return together, sp.sweep(mechanism, driver, values, 2.0, 0.3, **keys)
 
 
@@ -61,13 +66,13 @@ def test_rows_together_are_rows_one_by_one(name, values, monkeypatch):
 @pytest.fixture
 def step_by_step(monkeypatch) -> list[float]:
     """The driver values that were followed to step by step, not by the kernel."""
-    values, reach = [], Cursor.reach
+    values, reach = [], PathTracker.reach
 
     def counted(self, target, *given):
         values.append(target)
         return reach(self, target, *given)
 
-    monkeypatch.setattr(Cursor, "reach", counted)
+    monkeypatch.setattr(PathTracker, "reach", counted)
     return values
 
 
@@ -112,7 +117,7 @@ def test_an_end_of_travel_is_found_from_rows_together(monkeypatch):
     for possible in (True, False):
         with monkeypatch.context() as patch:
             if not possible:
-                patch.setattr(Start, "_path", lambda *_: None)
+                without_kernel(patch)
             with pytest.raises(sp.LimitError) as caught:
                 sp.sweep(mechanism, "slider", np.linspace(0.0, 0.6, 900))
         reached.append((caught.value.limit, len(caught.value.motion)))
@@ -141,8 +146,8 @@ def test_long_runs_are_the_path_by_arc_length(name, tmp_path, monkeypatch):
 
 def counted(monkeypatch):
     """Count the values that a branch is asked to go to one by one."""
-    asked, reach = [], Cursor.reach
-    monkeypatch.setattr(Cursor, "reach", lambda self, s: (asked.append(s), reach(self, s))[1])
+    asked, reach = [], PathTracker.reach
+    monkeypatch.setattr(PathTracker, "reach", lambda self, s: (asked.append(s), reach(self, s))[1])
     return asked
 
 

@@ -116,6 +116,15 @@ def test_every_place_of_a_triple_rocker_is_on_the_branch_of_its_side(start, side
     assert values == pytest.approx([start] + [phi for phi, _ in points], abs=1e-9)
 
 
+def test_the_last_piece_of_a_closed_curve_is_counted_with_the_first():
+    mechanism, states = four_bar(TRIPLE_ROCKER, (0.9, 1))
+    circuit = Circuit(mechanism, "crank", states[0])
+    circuit.turn = 2.0 * pi  # of a driver that has gone round once between its borders
+    numbers, values = circuit._numbered(np.array([0, 1, 2]), np.array([0.5, 3.0, 6.0]))
+    assert numbers.tolist() == [0, 1, 0]
+    assert values == pytest.approx([0.5, 3.0, 6.0 - 2.0 * pi])
+
+
 def test_a_place_just_at_a_limit_is_on_both_branches():
     limit = limit_of(TRIPLE_ROCKER)
     mechanism, states = four_bar(TRIPLE_ROCKER, (0.9, 1))
@@ -162,6 +171,7 @@ def test_the_least_transmission_angle_is_that_of_the_range_that_is_used():
     found = defects(mechanism, states, least_angle=float(threshold))
     assert kinds(found) == [("transmission", ())]
     assert f"falls to {np.degrees(least):.3g}°" in found[0].text
+    assert f"{np.degrees(threshold):.3g}° are asked for" in found[0].text
     assert defects(mechanism, states, least_angle=float(least) - 1e-3) == ()
 
 

@@ -16,6 +16,7 @@ from variety import each, few, first
 
 import spatial_pin as sp
 from spatial_pin.constraints import trees
+from spatial_pin.dynamics.bushings import angle_over_sine
 from spatial_pin.dynamics.derivatives.spring_derivatives import slope
 from spatial_pin.dynamics.forces import joint_efforts
 from spatial_pin.dynamics.inverse import Actuation, balance, pressing
@@ -326,3 +327,17 @@ def test_the_mass_matrix_scales_with_the_mass(mass):
     light, usual, q = two_rods(mass), two_rods(1.0), np.array([0.3, 0.7])
     exact = pin.crba(usual.model, usual.model.createData(), q)
     np.testing.assert_allclose(MassMatrix(light.model)(q) / mass, exact, rtol=1e-13)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-3, 0.3, 0.45, 0.46, 1.0, 3.0])
+def test_the_angle_over_its_sine_has_all_its_digits(angle):
+    mpmath = pytest.importorskip("mpmath")
+    with mpmath.workdps(50):
+        cosine = mpmath.mpf(float(np.cos(angle)))
+        if cosine == 1:
+            wanted = [1.0, -1.0 / 3.0, 4.0 / 15.0]
+        else:
+            def g(c):
+                return mpmath.acos(c) / mpmath.sqrt(1 - c * c)
+            wanted = [float(mpmath.diff(g, cosine, n)) for n in range(3)]
+    assert angle_over_sine(float(np.cos(angle))) == pytest.approx(wanted, rel=1e-10)

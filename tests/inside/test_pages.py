@@ -29,6 +29,7 @@ from spatial_pin.view.page.jog import BESIDE, Jog
 from spatial_pin.view.page.markup import number, table, tiny
 from spatial_pin.view.page.plots import default_outputs, svg
 from spatial_pin.view.page.sections import SECTIONS
+from spatial_pin.view.scene.shapes import rod
 from spatial_pin.view.scene.stage import joint_poses
 
 SIZE = (480, 360)
@@ -366,3 +367,9 @@ def test_page_unpacks_what_was_packed(browser, data, tmp_path):
         f"unpacked({json.dumps(packed(data))}).then(found => found.map("
         "d => btoa(Array.from(d, c => String.fromCharCode(c)).join(''))))")
     assert [base64.b64decode(piece) for piece in text] == data
+
+
+def test_a_rod_reaches_from_its_start_to_its_end():
+    solid = rod(0.1, 1.0, 3.0)
+    assert solid.geometry.height == 2.0
+    assert (solid.placement @ [0.0, 0.0, 0.0, 1.0])[:3] == pytest.approx([0.0, 0.0, 2.0])

@@ -369,3 +369,17 @@ def test_samples_that_no_motion_joins_are_shown_beside_each_other(alone, monkeyp
     shown, look = overlaid(alone[0], None)
     assert shown is alone[0].states[0]
     assert look.ghosts == alone[0].states[1:] and look.design is alone[0]
+
+
+def test_the_top_of_three_points_of_a_parabola_is_its_own():
+    x = np.array([-1.0, 0.2, 2.0])
+    place, height, bend = demand._top(x, 5.0 - 3.0 * (x - 0.3) ** 2)
+    assert (place, height, bend) == pytest.approx((0.3, 5.0, -3.0), abs=1e-12)
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.3, 2.0, 6.0])
+def test_a_full_turn_misses_the_angle_that_is_left_of_it(gap):
+    mechanism = sp.load("four_bar")
+    goal = sp.goals.turns()
+    found = goal.errors(np.array([1.0 - np.cos(0.5 * gap)]), mechanism)
+    assert found[0] == pytest.approx(gap, abs=1e-7)

@@ -40,7 +40,7 @@ def other(mechanism: sp.Mechanism, seed: int = 0) -> dict[str, float]:
 
 def same(one: sp.Mechanism, two: sp.Mechanism, length: float) -> None:
     """All that has a say in how they move is the same to round-off."""
-    (a, own), (b, other) = ((packed(x), x.model) for x in (one, two))
+    (a, own), (b, other) = ((packed(x, True), x.model) for x in (one, two))
     assert np.array_equal(a.ints, b.ints) and np.array_equal(a.carriers, b.carriers)
     for x, y in ((a.parts(), b.parts()), (a.places(), b.places())):
         for part in ("rotation", "translation", "local"):

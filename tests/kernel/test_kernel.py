@@ -32,11 +32,10 @@ from loaded_library import library as from_library
 from variety import each, few
 
 import spatial_pin as sp
-from spatial_pin.kernel.beginning import _Task
 from spatial_pin.kernel.closer import MeantPlaces, Reaching
 from spatial_pin.kernel.kernel import Kernel, address
 from spatial_pin.kernel.library import CODES, library
-from spatial_pin.kernel.paths import PathRows, PathSamples, _AccuracyStruct
+from spatial_pin.kernel.paths import PathRows, PathSamples, PathTask, _AccuracyStruct
 
 SCRIPTS = ROOT / "scripts"
 LIBRARY = sorted(p.stem for p in (Path(sp.__file__).parents[1] / "urdf").glob("*.toml"))
@@ -319,7 +318,7 @@ def reach_wildly(closer, nv: int, q, turns, pinned, rng, path=None, values=()) -
         return library().closer_reach(closer, ctypes.byref(task)), 0
     driven = wild_places(2 * nv, rng, int(rng.integers(0, 3)))
     values, samples = np.array(values), PathSamples.empty(len(values), nq, nv, len(turns))
-    follow = _Task(int(rng.integers(-1, nv + 1)), address(driven), len(driven), 1e-4,
+    follow = PathTask(int(rng.integers(-1, nv + 1)), address(driven), len(driven), 1e-4,
                    address(values), len(values), PathRows(*map(address, samples)))
     task.m = 1
     return 0, library().path_from_guess(path, closer, ctypes.byref(task), ctypes.byref(follow))

@@ -11,8 +11,7 @@ from variety import each, few, paired
 
 import spatial_pin as sp
 from spatial_pin.assembly.square_system import SquareSystem
-from spatial_pin.continuation.cursor import Cursor
-from spatial_pin.continuation.start import Start
+from spatial_pin.continuation.path_tracker import PathTracker
 from spatial_pin.formats.mechanism_writer import content_of
 from spatial_pin.kernel.kernel import Kernel
 from spatial_pin.kernel.loop_equations import loops_of
@@ -38,7 +37,8 @@ def room(path: Path, n: int) -> PathSamples:
 
 def by_arc_length(monkeypatch, *args, **keys) -> sp.Motion:
     with monkeypatch.context() as patch:
-        patch.setattr(Start, "_path", lambda *_: None)
+        patch.setattr(PathTracker, "from_guess", lambda *_: None)
+        patch.setattr(PathTracker, "_kernel_path", lambda *_: None)
         return sp.sweep(*args, **keys)
 
 
@@ -213,7 +213,7 @@ def test_links_do_not_turn_idly_on_the_way_there_and_back():
 def test_redundant_equations_are_chosen_anew_on_the_way(monkeypatch):
     """Those of Bennett's linkage that serve at the start are dependent elsewhere."""
     reached = []
-    monkeypatch.setattr(Cursor, "reach", lambda *given: reached.append(given))
+    monkeypatch.setattr(PathTracker, "reach", lambda *given: reached.append(given))
     motion = sp.sweep(library("bennett"), "crank", np.linspace(0.0, 2.0 * np.pi, 500))
     assert not reached
     assert motion.closure_error.max() < 1e-14

@@ -27,7 +27,7 @@ def path_of(mechanism, accuracy=None) -> tuple[Path, sp.State]:
         evaluation.angle_reference[:] = state.angles
         system = SquareSystem(evaluation, driven, state.q)
     kernel = Kernel(mechanism)
-    return Path(kernel, system.equations, prescribed_places(kernel, driven), system.passive,
+    return Path(kernel, system.equations, prescribed_places(kernel.nv, driven), system.passive,
                 accuracy or Accuracy()), state
 
 

@@ -255,6 +255,21 @@ def test_a_rod_with_mass_stays_in_dynamics_unless_it_is_to_be_lumped():
     assert 1e-3 < forces.acceleration < 0.5
 
 
+def test_a_rod_is_lumped_so_that_its_centre_of_mass_stays_where_it_is(tmp_path):
+    robot = ET.fromstring(library("rssr").urdf)
+    coupler = next(link for link in robot.findall("link") if link.get("name") == "coupler")
+    coupler.find("inertial").find("origin").set("xyz", "0 0.1 0")  # of 0.381 from ball to ball
+    (tmp_path / "light.urdf").write_text(ET.tostring(robot, encoding="unicode"))
+    text = library("rssr").path.read_text(encoding="utf-8")
+    (tmp_path / "light.toml").write_text(text.replace("rssr.urdf.xacro", "light.urdf"))
+    full = sp.load(tmp_path / "light.toml")
+    lumped = sp.reduce(full, "rocker_pin", dynamics=True, lump=True)
+    for angle in (0.3, 1.2):
+        centres = [sp.sweep(m, "crank", [angle, angle + 0.1]).output("com.position").values[0]
+                   for m in (full, lumped)]
+        assert centres[1] == pytest.approx(centres[0], abs=1e-12)
+
+
 @pytest.mark.parametrize("resistance", ["damping", "armature", "upperDryFrictionLimit"])
 def test_a_rod_whose_ball_takes_a_force_to_be_turned_is_not_lumped(resistance):
     full = library("rssr")

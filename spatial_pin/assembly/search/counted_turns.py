@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Mapping
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -16,8 +15,7 @@ from numpy.typing import NDArray
 
 from spatial_pin._support.lazy import made_once
 from spatial_pin.assembly.close import closed
-from spatial_pin.assembly.holding import still_entries
-from spatial_pin.assembly.search.closure_settings import free_but
+from spatial_pin.assembly.holding import free_but, still_entries
 from spatial_pin.assembly.search.guesses import Guess
 from spatial_pin.assembly.search.loop_groups import loop_groups
 from spatial_pin.constraints.compiled_equations import constraints_of
@@ -37,35 +35,15 @@ LEADING_STEP, LEAP = 0.2, 1.0
 MOST_STEPS = 2000  # a hundred turns
 
 
-class Led(NamedTuple):
-    """Where an assembly begins.
-
-    Attributes:
-        start: the guess.
-        angles: (n_angles,) that screws count turns from [rad].
-        lost: what is set by more than half a turn, though loops could not be led there.
-    """
-
-    start: Guess
-    angles: Array
-    lost: tuple[str, ...] = ()
-
-
-class Uncounted(NamedTuple):
-    """Loops that hide turns from joints that count them.
-
-    Attributes:
-        held: the angles among what is held whose turns they hide.
-        others: the other coordinates of these loops.
-    """
-
-    held: tuple[str, ...]
-    others: tuple[str, ...]
-
-
 @made_once
-def uncounted(mechanism: Mechanism, held: tuple[str, ...]) -> Uncounted:
-    """Return what loops hide turns where coordinates are held."""
+def uncounted(
+    mechanism: Mechanism, held: tuple[str, ...]
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return what is held whose turns loops hide from joints that count them.
+
+    Returns:
+        These angles among what is held, and the other coordinates of these loops.
+    """
     constraints, table = constraints_of(mechanism), mechanism.coordinate_table
     fixed = {table[name].v for name in held if table[name].q >= 0}
     tied = [{mechanism.coordinate(name).v for name in c.joints} for c in mechanism.closures]
@@ -85,14 +63,14 @@ def uncounted(mechanism: Mechanism, held: tuple[str, ...]) -> Uncounted:
         own = set(np.flatnonzero(group.entries).tolist())
         if (own & hidden or by_path.intersection(group.closures)) and own & fixed & angles:
             found |= own
-    return Uncounted(tuple(name for name, c in table.items() if c.v in found & fixed & angles),
-                     tuple(name for name, c in table.items() if c.v in found - fixed))
+    return (tuple(name for name, c in table.items() if c.v in found & fixed & angles),
+            tuple(name for name, c in table.items() if c.v in found - fixed))
 
 
 def led(
     mechanism: Mechanism, held: Mapping[str, float], start: Guess, angles: Array | None,
     standing: Iterable[str], named: Collection[str],
-) -> Led:
+) -> tuple[Guess, Array, tuple[str, ...]]:
     """Return the guess, or where loops have been led to from it if turns would be lost otherwise.
 
     Args:
@@ -102,30 +80,33 @@ def led(
         angles: (n_angles,) that screws count turns from in it [rad]; None: as joints tell.
         standing: coordinates that stand as in the guess.
         named: coordinates that somebody has given values in the guess, turns included.
+
+    Returns:
+        Where an assembly begins; the angles (n_angles,) that screws count turns from [rad]; and
+        what is set by more than half a turn, though loops could not be led there.
     """
-    table = mechanism.coordinate_table
-    goal = with_values(mechanism, start.q, held)
-    rows = [turns.row for turns in constraints_of(mechanism).turns]
-    turned = np.array(rows).reshape(len(rows), len(goal))
-    first = turned @ start.q if angles is None or len(angles) != len(rows) else angles
-    direct = Led(start, first + turned @ (goal - start.q))
+    table, counted = mechanism.coordinate_table, constraints_of(mechanism).turns
     fixed = tuple(name for name in (*held, *standing) if table[name].q >= 0)
-    loops = uncounted(mechanism, fixed)
-    by = {name: abs(float(goal[table[name].q] - start.q[table[name].q])) for name in loops.held}
+    hidden, others = uncounted(mechanism, fixed)
+    goal = with_values(mechanism, start.q, held)
+    turned = np.array([turns.row for turns in counted]).reshape(len(counted), len(goal))
+    first = turned @ start.q if angles is None or len(angles) != len(counted) else angles
+    direct = first + turned @ (goal - start.q)
+    by = {name: abs(float(goal[table[name].q] - start.q[table[name].q])) for name in hidden}
     if max(by.values(), default=0.0) < FAR:
-        return direct
+        return start, direct, ()
     free = free_but(mechanism, still_entries(mechanism, (table[name] for name in held)), fixed)
-    if not set(named).isdisjoint(loops.others):  # it says how often each joint has turned
-        fitting = _closed(mechanism, goal, free, direct.angles)
+    if not set(named).isdisjoint(others):  # it says how often each joint has turned
+        fitting = _closed(mechanism, goal, free, direct)
         if fitting is not None and _moved(mechanism, goal, fitting[0]) < FAR:
-            return direct
+            return start, direct, ()
     there = _followed(mechanism, start.q, goal, free, first)
     if there is None:
-        return direct._replace(lost=tuple(name for name, x in by.items() if x > math.pi))
+        return start, direct, tuple(name for name, x in by.items() if x > math.pi)
     q, reference = there
-    names = dict.fromkeys((*start.names, *loops.others))
-    return Led(Guess(mechanism, q, {name: coordinate_value(mechanism, table[name], q)
-                                    for name in names}), reference)
+    names = dict.fromkeys((*start.names, *others))
+    values = {name: coordinate_value(mechanism, table[name], q) for name in names}
+    return Guess(mechanism, q, values), reference, ()
 
 
 def _followed(

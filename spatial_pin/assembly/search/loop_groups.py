@@ -22,13 +22,11 @@ class LoopGroup(NamedTuple):
     Attributes:
         closures: their names.
         entries: (nv,) the velocities that they depend on, held ones too.
-        places: of the configuration, which these move.
         angles: which of the mechanism's angles that count turns are theirs.
     """
 
     closures: tuple[str, ...]
     entries: NDArray[np.bool_]
-    places: list[int]
     angles: list[int]
 
 
@@ -40,7 +38,7 @@ def loop_groups(mechanism: Mechanism, held: tuple[int, ...]) -> tuple[LoopGroup,
         mechanism: the mechanism.
         held: velocity entries that stand still: closures that share no others are independent.
     """
-    entries = _entries_of_closures(mechanism)
+    known, entries = _entries_of_closures(mechanism)
     moved = entries.copy()
     moved[:, list(held)] = False
     group = np.arange(len(entries))
@@ -48,20 +46,20 @@ def loop_groups(mechanism: Mechanism, held: tuple[int, ...]) -> tuple[LoopGroup,
         joined = group[column]
         if joined.size:
             group[np.isin(group, joined)] = joined.min()
-    known, constraints, found = _names(mechanism), constraints_of(mechanism), []
+    constraints, found = constraints_of(mechanism), []
     for number in np.unique(group):
         chosen = np.flatnonzero(group == number)
         names = tuple(known[k] for k in chosen)
         own: NDArray[np.bool_] = np.any(entries[chosen], axis=0)
         angles = [k for k, x in enumerate(constraints.angles)
                   if constraints.labels[x.equation].closure in names]
-        found.append(LoopGroup(names, own, _places(mechanism, own), angles))
+        found.append(LoopGroup(names, own, angles))
     return tuple(found)
 
 
-def _places(mechanism: Mechanism, entries: NDArray[np.bool_]) -> list[int]:
-    """Return the places in q of velocities (nv,); of a joint that turns in space all."""
-    model = mechanism.model
+def places_of(mechanism: Mechanism, group: LoopGroup) -> list[int]:
+    """Return the places in q that the velocities of a group move; of a ball all."""
+    model, entries = mechanism.model, group.entries
     found = [c.q for c in mechanism.coordinate_table.values() if c.q >= 0 and entries[c.v]]
     for joint, components in by_joint(mechanism).items():
         if components[0].q < 0 and entries[components[0].v]:
@@ -70,26 +68,25 @@ def _places(mechanism: Mechanism, entries: NDArray[np.bool_]) -> list[int]:
     return found
 
 
-def _names(mechanism: Mechanism) -> list[str]:
-    """Return the names of the closures, each once: of some a part is stated the other way round."""
-    return list(dict.fromkeys(c.name for c in mechanism.closures))
-
-
 @made_once
-def _entries_of_closures(mechanism: Mechanism) -> NDArray[np.bool_]:
-    """Return (closures, nv) which velocities the equations of each closure depend on."""
-    constraints = constraints_of(mechanism)
-    row = {name: k for k, name in enumerate(_names(mechanism))}
-    found = np.zeros((len(row), mechanism.model.nv), dtype=bool)
+def _entries_of_closures(mechanism: Mechanism) -> tuple[list[str], NDArray[np.bool_]]:
+    """Return names of closures, and (closures, nv) which velocities their equations depend on.
+
+    Each name is there once: of some closures a part is stated the other way round.
+    """
+    constraints, names = constraints_of(mechanism), list(
+        dict.fromkeys(c.name for c in mechanism.closures))
+    found = np.zeros((len(names), mechanism.model.nv), dtype=bool)
+    row = dict(zip(names, found, strict=True))
     for label, own in zip(constraints.labels, constraints.occurring, strict=False):
-        found[row[label.closure]] |= own
-    return found
+        row[label.closure] |= own
+    return names, found
 
 
 @made_once
 def loose_entries(mechanism: Mechanism) -> tuple[int, ...]:
     """Return the velocities that no closure depends on: loops are closed wherever they stand."""
-    return tuple(np.flatnonzero(~_entries_of_closures(mechanism).any(axis=0)).tolist())
+    return tuple(np.flatnonzero(~_entries_of_closures(mechanism)[1].any(axis=0)).tolist())
 
 
 @made_once

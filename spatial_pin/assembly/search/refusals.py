@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
 from spatial_pin.assembly.redundant_equations import clearly_above, gap_words
-from spatial_pin.assembly.search.closing import ACCEPTED, Closing, coordinate_sizes, size_of
-from spatial_pin.assembly.search.guesses import COORDINATE_ERROR, MAX_STARTS, Guess
+from spatial_pin.assembly.search.assembly_problem import ACCEPTED, coordinate_sizes, size_of
+from spatial_pin.assembly.search.guesses import COORDINATE_ERROR, MAX_STARTS
 from spatial_pin.assembly.search.search import Search
 from spatial_pin.assembly.state import State
 from spatial_pin.constraints.compiled_equations import constraints_of
@@ -26,28 +25,28 @@ NO_LENGTH = 30.0  # of the mechanism's size, from which on a length is another u
 
 def failure(search: Search) -> AssemblyError:
     """Return why a search has found nothing, with its best attempt."""
-    closing, mechanism = search.closing, search.mechanism
+    problem, mechanism = search.problem, search.mechanism
     where = f"mechanism {mechanism.name!r}"
-    if closing.given:
-        where += f" with {_values(closing.given)}"
+    if problem.given:
+        where += f" with {_values(problem.given)}"
     if search.nearest_miss is None:
-        q = with_values(mechanism, mechanism.neutral, {**closing.named, **closing.held})
+        q = with_values(mechanism, mechanism.neutral, {**problem.named, **problem.held})
         return AssemblyError(f"{where} cannot be closed: {_too_large(mechanism, q)}",
                              closure_error=np.inf, worst_closure="")
     error, q, worst = search.nearest_miss
-    closing.evaluation.update(q)
-    state = State(mechanism, q, closure_error=error, angles=closing.evaluation.angles)
+    problem.evaluation.update(q)
+    state = State(mechanism, q, closure_error=error, angles=problem.evaluation.angles)
     if not error <= ACCEPTED:
         message = f"{where} cannot be closed: {_gap_words(search.worst, error, q, worst)}"
     elif worst.startswith("limit of "):
-        own = any(worst.startswith(f"limit of {name}:") for name in closing.held)
+        own = any(worst.startswith(f"limit of {name}:") for name in problem.held)
         message = (f"{where} closes only outside the joint limits ({worst}); " + (
             "that is the value given: give one within its limits" if own else
             "give values of the drivers at which it stays inside"))
     else:
         message = f"{where} {_mirror_words(search.worst, q)}"
-    if closing.standing:
-        message += (f"; drivers that were given no value stand at {_values(closing.standing)}: "
+    if problem.standing:
+        message += (f"; drivers that were given no value stand at {_values(problem.standing)}: "
                     "give them values, or let them go with release=True or free=[...]")
     return AssemblyError(message, closure_error=error, worst_closure=worst, state=state)
 
@@ -58,13 +57,13 @@ def _values(given: Mapping[str, float]) -> str:
 
 def _gap_words(search: Search, error: float, q: Array, worst: str) -> str:
     """Say how far closure `worst` stays open at the best attempt q (nq,), and why."""
-    mechanism, whole = search.mechanism, search.closing.whole or search.closing.evaluation
+    mechanism, whole = search.mechanism, search.problem.whole or search.problem.evaluation
     whole.update(q)
     gap = open_gap(whole.mechanism, whole, worst)
-    if search.closing.whole is not None and search.closing.evaluation.closure_error <= ACCEPTED:
+    if search.problem.whole is not None and search.problem.evaluation.closure_error <= ACCEPTED:
         return (f"the file's numbers are rounded, and redundant equations of closure {worst!r} "
                 f"open by {gap} there (closure error {error:.1e}), beyond the gap of "
-                f"{search.closing.gap:.0e} (gap={clearly_above(error):.0e} allows it)")
+                f"{search.problem.gap:.0e} (gap={clearly_above(error):.0e} allows it)")
     large = size_of(mechanism, q) * COORDINATE_ERROR > ACCEPTED
     words = (f"closure {worst!r} stays open by {gap} (closure error {error:.1e}), the smallest gap "
              "found; ") + (_too_large(mechanism, q) if large else _open_words(search, q, worst))
@@ -83,12 +82,12 @@ def _mirror_words(search: Search, q: Array) -> str:
 
     Where they close with other driver values, these are the cause; else the frames are.
     """
-    closing = search.closing
-    opposite = opposite_axes(closing.evaluation.mechanism, closing.evaluation.data)
+    problem = search.problem
+    opposite = opposite_axes(problem.evaluation.mechanism, problem.evaluation.data)
     names = " and ".join(map(repr, opposite))
     words = (f"closes only with the axes of closure {names} pointing opposite ways, which is "
              "no assembly of it; ")
-    elsewhere = _closed_elsewhere(search, q) if closing.held else {}
+    elsewhere = _closed_elsewhere(search, q) if problem.held else {}
     if elsewhere:
         values = _values(elsewhere)
         return (f"{words}the values are out of reach: left free, the loops close at "
@@ -102,18 +101,18 @@ def _mirror_words(search: Search, q: Array) -> str:
 
 def _open_words(search: Search, q: Array, worst: str) -> str:
     """Say why loops stay open at the best attempt q (nq,), closure `worst` the most."""
-    closing = search.closing
-    elsewhere = _closed_elsewhere(search, q) if closing.held else {}
+    problem = search.problem
+    elsewhere = _closed_elsewhere(search, q) if problem.held else {}
     if not elsewhere:
         return (f"no assembly was found from here, nor does any of {MAX_STARTS} starts close "
-                "the loops" + " at other values of the drivers" * bool(closing.held)
+                "the loops" + " at other values of the drivers" * bool(problem.held)
                 + f": check {what_of(search.mechanism, worst)}; if they "
                 "are right, give a guess nearer to a closed configuration"
-                + ("" if closing.whole else gap_words(search.mechanism)))
+                + ("" if problem.whole else gap_words(search.mechanism)))
     values = _values(elsewhere)
-    n, entries = closing.evaluation.constraints.n_closure, closing.entries
-    freedoms = int(entries.sum()) - decompose(closing.evaluation.jacobian[:n]).rank
-    given = sum(closing.is_looked_at(name) for name in closing.given)
+    n, entries = problem.evaluation.constraints.n_closure, problem.entries
+    freedoms = int(entries.sum()) - decompose(problem.evaluation.jacobian[:n]).rank
+    given = sum(problem.is_looked_at(name) for name in problem.given)
     if given > freedoms:
         return (f"{given} coordinates have a value, but the mechanism has {freedoms} "
                 f"freedom{'s' * (freedoms != 1)}: leave out {given - freedoms} "
@@ -140,20 +139,15 @@ def _closed_elsewhere(search: Search, q: Array) -> dict[str, float]:
 
     The evaluation stands there then.
     """
-    closing = search.closing
-    named = {**closing.named, **closing.held}
-    start = with_values(closing.mechanism, q, named)
-    other = Search(Closing(
-        closing.equations, {}, {}, Guess(closing.mechanism, start, named),
-        replace(closing.accuracy, gap=closing.gap if closing.whole else 0.0),
-        still=closing.still), search.limits)
+    problem = search.problem
+    other = Search(problem.elsewhere(q), search.limits)
     other.run()
     if other.best is None:
         return {}
-    closing.evaluation.update(other.best[1])
-    table = closing.mechanism.coordinate_table
-    return {name: coordinate_value(closing.mechanism, table[name], other.best[1])
-            for name in closing.held if closing.is_looked_at(name)}
+    problem.evaluation.update(other.best[1])
+    table = problem.mechanism.coordinate_table
+    return {name: coordinate_value(problem.mechanism, table[name], other.best[1])
+            for name in problem.held if problem.is_looked_at(name)}
 
 
 def _too_large(mechanism: Mechanism, q: Array) -> str:

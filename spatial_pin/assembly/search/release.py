@@ -12,15 +12,14 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin.assembly.close import close, pinned_rows, scaled_row
+from spatial_pin.assembly.close import LimitedJoints, close, pinned_rows, scaled_row
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.coordinates import coordinate_value
 from spatial_pin.mechanism.joint_limits import beyond_limits, joint_limits
 from spatial_pin.mechanism.mechanism import Mechanism
-from spatial_pin.numerics.least_squares import Bounds, LeastSquares, beyond, minimised
+from spatial_pin.numerics.least_squares import LeastSquares, beyond, minimised
 from spatial_pin.numerics.linalg import Array, decompose, rank
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -74,7 +73,7 @@ def can_move(
     return bool(decompose(moved).s.min(initial=1.0) > STANDING_SPEED)
 
 
-class _Joints(LeastSquares):
+class _Joints(LimitedJoints, LeastSquares):
     """Joints that move within limits, and values that coordinates are to be near to.
 
     Args:
@@ -88,18 +87,12 @@ class _Joints(LeastSquares):
         self, evaluation: LoopEquations, free: NDArray[np.bool_], wanted: Mapping[str, float],
         limits: bool,
     ) -> None:
-        self.evaluation, self.wanted, self.mechanism = evaluation, wanted, evaluation.mechanism
-        self.moves, self.tolerance = free, TOLERANCES.round_off
-        self._limits = [x for x in joint_limits(self.mechanism) if limits and free[x.v]]
-
-    def stand(self, q: Array) -> None:
-        """Evaluate the loops at q (nq,), if they do not stand there."""
-        if self.evaluation.q is not q:
-            self.evaluation.update(q)
+        super().__init__(evaluation, free, joint_limits(evaluation.mechanism) if limits else ())
+        self.wanted, self.tolerance = wanted, TOLERANCES.round_off
 
     def residual(self, x: Array) -> Array:
         """See `LeastSquares`: how far coordinates are from where they should be."""
-        table, scale = self.mechanism.coordinate_table, self.mechanism.velocity_scale
+        table, scale = self.mechanism.coordinate_table, self.scale
         return np.array([(coordinate_value(self.mechanism, table[name], x) - value)
                          / scale[table[name].v] for name, value in self.wanted.items()])
 
@@ -107,27 +100,6 @@ class _Joints(LeastSquares):
         """See `LeastSquares`."""
         self.stand(x)
         return _rows(self.evaluation, self.wanted)
-
-    def displaced(self, x: Array, step: Array) -> Array:
-        """See `LeastSquares`."""
-        found: Array = pin.integrate(
-            self.mechanism.model, x, self.mechanism.velocity_scale * step)
-        return found
-
-    def room(self, x: Array) -> Array:
-        """See `LeastSquares`."""
-        found = np.full((2, len(self.moves)), np.inf)
-        for limit in self._limits:
-            found[int(limit.side > 0), limit.v] = limit.room(x) / limit.size
-        return found
-
-    def at_bounds(self, x: Array, active: Bounds) -> Array:
-        """See `LeastSquares`."""
-        x = x.copy()
-        for limit in self._limits:
-            if active.get(limit.v) == int(limit.side > 0):
-                x[limit.q] = limit.value
-        return x
 
 
 class _Released(_Joints):

@@ -23,7 +23,7 @@ PERIODIC = ("revolute", "cylindrical", "universal", "planar")
 @made_once
 def periodic(mechanism: Mechanism) -> list[Coordinate]:
     """Return the angles that mean the same after a whole turn: no closure counts it."""
-    coupled = {mechanism.coordinate(j).name for c in mechanism.closures for j in c.joints}
+    coupled = [mechanism.coordinate(j).name for c in mechanism.closures for j in c.joints]
     counted = np.zeros(mechanism.model.nq, dtype=bool)
     for turns in constraints_of(mechanism).turns:
         counted |= turns.are_all & (turns.row != 0.0)

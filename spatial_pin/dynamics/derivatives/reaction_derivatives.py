@@ -2,11 +2,10 @@
 
 A joint of the tree hands on what the bodies it carries need, less what else acts on them:
 
-    F_i = sum over the carried bodies j of (W_j - w_j),    W_j = X_j (I a + v x* I v)
+    F_i = sum over the carried bodies j of (W_j - w_j)
 
-at the world's origin, with X_j the force transformation of body j, a its acceleration less
-gravity, and w_j the wrenches on it of springs, closures and from outside. As a body moves by a
-twist d of its own axes, d(X f) = X (df + d x* f) [Featherstone2008, 2.9].
+at the world's origin, with W_j what moves body j (`BodiesOfTree.needed`), and w_j the wrenches on
+it of springs, closures and from outside.
 """
 
 from __future__ import annotations
@@ -15,12 +14,10 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from spatial_pin._support.brief import brief
 from spatial_pin.constraints.compiled_equations import combined_wrenches
-from spatial_pin.constraints.pinocchio_views import acceleration_derivatives
 from spatial_pin.dynamics.derivatives.row_derivatives import RowDerivatives
 from spatial_pin.dynamics.derivatives.spring_derivatives import Outside, Springs
 from spatial_pin.dynamics.forward import Dynamics
@@ -99,8 +96,10 @@ class ReactionChanges:
         pairs = Pairs(self.mechanism)
         closed, on_bodies = self._of_closures(pairs)
         self._add_given(on_bodies)
-        forces = pairs.carried(self._needed() - on_bodies)
-        efforts, columns = self._efforts(), self._columns()
+        bodies = self.rows.products.bodies
+        bodies.move(*self.rows.motion)
+        forces = pairs.carried(bodies.needed(self.a[:, 1:]) - on_bodies)
+        efforts, columns = self._efforts(), bodies.axes()
         found = {}
         for i in range(1, self.mechanism.model.njoints):
             force = _moved(forces[i], self.placements[i, 3], self.placements_by_q[i, :, 3])
@@ -120,33 +119,6 @@ class ReactionChanges:
 
     def _new(self, *shape: int) -> Array:
         return np.zeros((*shape, 1 + 3 * self.nv))
-
-    # ------------------------------------------------------------ what motion needs
-
-    def _needed(self) -> Array:
-        """Return (njoints, 6, ...) the wrenches W of the bodies, at the world's origin."""
-        bodies = self.rows.products.bodies
-        bodies.move(*self.rows.motion)
-        total = self._new(len(bodies.joints), 6)
-        for i in range(1, len(total)):
-            part, joint = bodies.at(i)
-            model, data, at = part.model, part.data, 1 + part.v
-            v_by_q, a_by_q, a_by_v, columns = acceleration_derivatives(model, data, joint)
-            inertia, v = model.inertias[joint].matrix(), data.v[joint].vector
-            pull = data.oMi[joint].rotation.T @ model.gravity.linear
-            falling = np.zeros((6, model.nv))
-            falling[:3] = pin.skew(pull) @ columns[3:]
-            momentum = inertia @ v
-            f = inertia @ (data.a[joint].vector - np.append(pull, np.zeros(3)))
-            f += _dual(v) @ momentum
-            turning = _bar(momentum) + _dual(v) @ inertia
-            out = self._new(6)
-            out[:, 0] = f
-            out[:, at] = inertia @ (a_by_q - falling) + turning @ v_by_q + _bar(f) @ columns
-            out[:, self.nv + at] = inertia @ a_by_v + turning @ columns
-            out[:, 1:] += inertia @ columns @ self.a[part.v, 1:]
-            total[i] = data.oMi[joint].toDualActionMatrix() @ out
-        return total
 
     # ------------------------------------------------------------ what else acts
 
@@ -231,20 +203,6 @@ class ReactionChanges:
         total[:, self.by_q] += np.tensordot(borne[:, 0], changes, 1)
         return total
 
-    def _columns(self) -> tuple[Array, Array]:
-        """Return the world joint Jacobian (6, nv) and the angular velocities, (nv, 3, nv).
-
-        The latter of what each coordinate's axis is fixed in.
-        """
-        model, columns = self.rows.whole.model, self.rows.products.bodies.places()[1]
-        turned = np.zeros((self.nv, 3, self.nv))
-        for i in range(1, model.njoints):
-            own = slice(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])
-            for j in list(model.supports[i])[1:]:
-                at = slice(model.idx_vs[j], model.idx_vs[j] + model.nvs[j])
-                turned[own, :, at] = columns[3:, at]
-        return columns, turned
-
     def _without_effort(
         self, pairs: Pairs, joint: int, force: Array, columns: tuple[Array, Array], efforts: Array
     ) -> Array:
@@ -285,19 +243,3 @@ def _moved(wrench: Array, point: Array, by_q: Array) -> Array:
     moved[3:] -= np.cross(point, wrench[:3], axisb=0, axisc=0)
     moved[3:, 1 : 1 + len(by_q)] -= np.cross(by_q, wrench[:3, 0]).T
     return moved
-
-
-def _dual(v: Array) -> Array:
-    """Return the matrix of v x* on forces, for a twist v (6,)."""
-    out = np.zeros((6, 6))
-    out[:3, :3] = out[3:, 3:] = pin.skew(v[3:])
-    out[3:, :3] = pin.skew(v[:3])
-    return out
-
-
-def _bar(f: Array) -> Array:
-    """Return the matrix of d x* f on twists d, for a force f (6,)."""
-    out = np.zeros((6, 6))
-    out[:3, 3:] = out[3:, :3] = -pin.skew(f[:3])
-    out[3:, 3:] = -pin.skew(f[3:])
-    return out

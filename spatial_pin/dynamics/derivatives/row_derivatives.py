@@ -60,6 +60,7 @@ class BodiesOfTree:
 
     def __init__(self, whole: SplitModel) -> None:
         model, self.joints = whole
+        self._model = model
         self.nv, self.parts = model.nv, parts_of(model)
         self.part, self.own = np.zeros((2, model.njoints), np.intp)
         self.column = np.zeros((2, model.nv), np.intp)  # part, and place there
@@ -118,6 +119,67 @@ class BodiesOfTree:
         second = turned @ g1 + h @ first + by_q @ g0 + dh @ moved
         of_v = np.stack([np.zeros_like(moved), moved, pace @ g1 + h @ moved + by_v @ g0])
         return is_own, np.stack([g0, g1, g2]), np.stack([moved, first, second]), of_v
+
+    def needed(self, a_by: Array) -> Array:
+        """Return (njoints, 6, 1 + 3 nv) what moves the bodies, and how it changes.
+
+        The wrenches W = X (I a + v x* I v) at the world's origin, then their derivatives by q, v
+        and efforts, with X the force transformation of a body and a its acceleration less
+        gravity. As it moves by a twist d of its own axes, d(X f) = X (df + d x* f)
+        [Featherstone2008, 2.9].
+
+        Args:
+            a_by: (nv, 3 nv) derivatives of the joints' accelerations.
+        """
+        total = np.zeros((len(self.joints), 6, 1 + 3 * self.nv))
+        for i, out in enumerate(total[1:], start=1):
+            part, joint = self.at(i)
+            model, data, at = part.model, part.data, 1 + part.v
+            v_by_q, a_by_q, a_by_v, columns = acceleration_derivatives(model, data, joint)
+            inertia, v = model.inertias[joint].matrix(), data.v[joint].vector
+            pull = data.oMi[joint].rotation.T @ model.gravity.linear
+            falling = np.zeros((6, model.nv))
+            falling[:3] = pin.skew(pull) @ columns[3:]
+            momentum = inertia @ v
+            f = inertia @ (data.a[joint].vector - np.append(pull, np.zeros(3)))
+            f += _dual(v) @ momentum
+            turning = _bar(momentum) + _dual(v) @ inertia
+            out[:, 0] = f
+            out[:, at] = inertia @ (a_by_q - falling) + turning @ v_by_q + _bar(f) @ columns
+            out[:, self.nv + at] = inertia @ a_by_v + turning @ columns
+            out[:, 1:] += inertia @ columns @ a_by[part.v]
+            out[:] = data.oMi[joint].toDualActionMatrix() @ out
+        return total
+
+    def axes(self) -> tuple[Array, Array]:
+        """Return the world joint Jacobian (6, nv) and the angular velocities, (nv, 3, nv).
+
+        The latter of what each coordinate's axis is fixed in.
+        """
+        model, columns = self._model, self.places()[1]
+        turned = np.zeros((self.nv, 3, self.nv))
+        for i in range(1, model.njoints):
+            own = slice(model.idx_vs[i], model.idx_vs[i] + model.nvs[i])
+            for j in list(model.supports[i])[1:]:
+                at = slice(model.idx_vs[j], model.idx_vs[j] + model.nvs[j])
+                turned[own, :, at] = columns[3:, at]
+        return columns, turned
+
+
+def _dual(v: Array) -> Array:
+    """Return the matrix of v x* on forces, for a twist v (6,)."""
+    out = np.zeros((6, 6))
+    out[:3, :3] = out[3:, 3:] = pin.skew(v[3:])
+    out[3:, :3] = pin.skew(v[:3])
+    return out
+
+
+def _bar(f: Array) -> Array:
+    """Return the matrix of d x* f on twists d, for a force f (6,)."""
+    out = np.zeros((6, 6))
+    out[:3, 3:] = out[3:, :3] = -pin.skew(f[:3])
+    out[3:, 3:] = -pin.skew(f[3:])
+    return out
 
 
 class ProductDerivatives:

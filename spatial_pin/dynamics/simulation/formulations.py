@@ -158,9 +158,9 @@ class ForceFunctions:
             problem.given(t, q, v, evaluation))
         if found.pulled:
             moving = np.abs(found.still / problem.scale).max(axis=0)
-            by_v = {c.v: c.name for c in problem.mechanism.coordinate_table.values()}
+            names = problem.mechanism.coordinates
             moved = np.flatnonzero(moving > TOLERANCES.half_precision * moving.max())
-            raise no_inertia(problem.mechanism, [by_v[v] for v in moved.tolist()])
+            raise no_inertia(problem.mechanism, [names[v] for v in moved.tolist()])
         return None if found.lost else found.z
 
 
@@ -216,10 +216,11 @@ class Independent:
         self._count_from(state)
 
     def _count_from(self, state: State) -> None:
-        by_v = {c.v: c.q for c in self.problem.mechanism.coordinate_table.values()}
+        table = list(self.problem.mechanism.coordinate_table.values())
+        entries = [table[v].q for v in self.free]
         self._functions.reference, self._scale = state, self.problem.scale[self.free]
-        self._is_linear, self.patience = all(by_v[v] >= 0 for v in self.free), FASTER_THAN_CHOSEN
-        self._start = float(state.q[by_v[self.free[0]]]) if self.n and self._is_linear else 0.0
+        self._is_linear, self.patience = min(entries, default=0) >= 0, FASTER_THAN_CHOSEN
+        self._start = float(state.q[entries[0]]) if self.n and self._is_linear else 0.0
 
     def __call__(self, t: float, y: Array) -> Array:
         """Return dy/dt; NaN where the loops cannot be closed."""
@@ -285,11 +286,6 @@ class Independent:
         """Return the energies at y."""
         _, kinetic, total, work = self.samples(np.array([t]), y[None]).numbers[0].tolist()
         return Energies(kinetic, total, work)
-
-    def heaviest(self, t: float, y: Array) -> float:
-        """Return the largest inertia of a joint at y, scaled, the others held."""
-        self.place(t, y)
-        return self.kernel.heaviest
 
     def needs_new_coordinates(self, t: float, y: Array) -> bool:
         """Whether other independent coordinates, or these begun anew, would be better."""

@@ -85,7 +85,8 @@ def natural_units(
     units = np.ones(len(y))
     units[n : 2 * n] = rate
     if problem.works:
-        units[-1] = system.heaviest(t, y) * rate * rate or 1.0
+        system.place(t, y)
+        units[-1] = system.kernel.heaviest * rate * rate or 1.0
     return 1.0 / rate, units
 
 
@@ -251,10 +252,10 @@ class Stepping:
         resistance = problem.forces.resistance
         if resistance:
             slopes = resistance.slopes(system.place(solver.t, solver.y)[1]) * problem.scale**2
-            by_v = {c.v: c.name for c in problem.mechanism.coordinate_table.values()}
             at = int(slopes.argmax())
             damped = resistance.damping[at] * problem.scale[at] ** 2 > 0.5 * slopes[at]
-            cause = f"the {'damping' if damped else 'dry friction'} of {by_v[at]!r}"
+            name = problem.mechanism.coordinates[at]
+            cause = f"the {'damping' if damped else 'dry friction'} of {name!r}"
         warn(
             f"mechanism {problem.mechanism.name!r}: from {solver.t:.6g} s on the explicit "
             f"integrator {self._chosen!r} is no good, for steps of {solver.t - solver.t_old:.1e} s "

@@ -209,7 +209,3 @@ class Problem:
             if self.forces.bushings:  # which are among the efforts
                 total = total - self.forces.of_bushings(evaluation, v)
         return total
-
-    def work(self, y: Array) -> float:
-        """Return the work done, of unknowns."""
-        return float(y[-1]) if self.works else 0.0

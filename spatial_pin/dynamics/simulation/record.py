@@ -116,8 +116,8 @@ class Record:
 
     def note_coordinates(self, free: list[int]) -> None:
         """Record the independent coordinates used from here on, given their velocity entries."""
-        by_v = {c.v: c.name for c in self._problem.mechanism.coordinate_table.values()}
-        self._coordinates += [by_v[v] for v in free]
+        names = self._problem.mechanism.coordinates
+        self._coordinates += [names[v] for v in free]
 
     def note_crossing(self, value: float, sample: int) -> None:
         """Record a branch point, before a sample, at a value of the present coordinate."""

@@ -289,9 +289,9 @@ class EquationsInUse:
         self._system: Independent | None = None
         self._projections: list[Projection] = []  # of the equations of motion used before
         self._evaluations = 0  # of these
-        self._begun_at, self._failed_at = 0.0, -1.0
+        self._started_at, self._failed_at = 0.0, -1.0
         self._given_up: set[tuple[type, tuple[int, ...]]] = set()  # at the time of the failure
-        self._began = time.perf_counter()
+        self._clock = time.perf_counter()
 
     def begin(self, t: float, state: State, given_up: GivenUp = frozenset()) -> Independent:
         """Return equations of motion that begin at a state.
@@ -308,7 +308,7 @@ class EquationsInUse:
         self._system = system
         if (type(system), tuple(system.free)) in given_up:
             raise self.singular(t, state)
-        self._note_begun(system, t)
+        self._note_start(system, t)
         return system
 
     def change(self, t: float, y: Array, failed: bool) -> tuple[Independent, Array]:
@@ -322,13 +322,13 @@ class EquationsInUse:
         state = system.state(t, y)
         renewed = None if failed else system.renewed(t, y, state)
         if renewed is not None:
-            self._note_begun(system, t)
+            self._note_start(system, t)
             return system, renewed
         if failed:  # what has failed at the present time is given up
             if not self._stepping.is_short(t - self._failed_at):
                 self._failed_at = t
                 self._given_up.clear()
-            if system.is_fresh_the_same or self._stepping.is_short(t - self._begun_at):
+            if system.is_fresh_the_same or self._stepping.is_short(t - self._started_at):
                 self._given_up.add((type(system), tuple(system.free)))
         try:
             fresh = self.begin(t, state, self._given_up if failed else frozenset())
@@ -338,9 +338,9 @@ class EquationsInUse:
             raise self.singular(t, state) from error
         return fresh, fresh.unknowns(state.v, float(y[-1]) if self._problem.works else 0.0)
 
-    def _note_begun(self, system: Independent, t: float) -> None:
+    def _note_start(self, system: Independent, t: float) -> None:
         self._record.note_coordinates(system.free)
-        self._begun_at = t
+        self._started_at = t
 
     def singular(self, t: float, state: State) -> SingularError:
         """Return the error of a motion that cannot be followed beyond a time [s]."""
@@ -372,7 +372,7 @@ class EquationsInUse:
         return Projection(
             sum(part.steps for part in parts), sum(part.corrections for part in parts),
             max(part.opened for part in parts), seconds,
-            seconds / (time.perf_counter() - self._began))
+            seconds / (time.perf_counter() - self._clock))
 
 
 def why_it_ends(problem: Problem, accuracy: Accuracy, first: State, t: float, last: State) -> str:
@@ -461,7 +461,7 @@ def _masses(
         grown = f"accelerations are known to {error:.1e} of their size only"
     elif _have_grown(problem, start, a):  # not by forces
         at = int(np.abs(a / problem.scale).argmax())
-        c = {c.v: c for c in problem.mechanism.coordinate_table.values()}[at]
+        c = list(problem.mechanism.coordinate_table.values())[at]
         grown = (f"{c.name} is accelerated by {a[at]:.3g} {c.unit}/s² (at the start "
                  f"{start[at]:.3g}), though no effort or spring pulls")
     else:
@@ -494,8 +494,8 @@ def _forces(problem: Problem, start: Array, q: Array, a: Array, given: Array) ->
     if not (_have_grown(problem, start, a) and have_part):
         return ""
     at, pulled = int(np.abs(a / units).argmax()), int(np.abs(given * units).argmax())
-    by_v = {c.v: c for c in problem.mechanism.coordinate_table.values()}
-    moves, pulls = by_v[at], by_v[pulled]
+    table = list(problem.mechanism.coordinate_table.values())
+    moves, pulls = table[at], table[pulled]
     force = f"a force of {given[pulled]:.3g} {'N' if pulls.unit == 'm' else 'N·m'} at {pulls.name}"
     return (f"forces grow without bound: {moves.name} is accelerated by {a[at]:.3g} "
             f"{moves.unit}/s² (at the start {start[at]:.3g}), and efforts, springs and friction "

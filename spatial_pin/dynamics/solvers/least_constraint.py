@@ -50,19 +50,17 @@ class Least(NamedTuple):
     lost: bool
 
 
-class LeastConstraint:
-    """Accelerations of a mechanism by Gauss's principle of least constraint.
+class BodyRows:
+    """Accelerations of the bodies, weighted by the roots of their inertias, with bounds on errors.
 
     Args:
-        mechanism: the mechanism.
+        mechanism: whose bodies.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
         self._model = model = mechanism.model
         self._data, self._scale = model.createData(), mechanism.velocity_scale
-        gravity = float(np.linalg.norm(model.gravity.linear))
-        size = mechanism.characteristic_length
-        self._falling, self._per_size = gravity / size, np.repeat([1.0 / size, 1.0], 3)
+        self._per_size = np.repeat([1.0 / mechanism.characteristic_length, 1.0], 3)
         heavy = [j for j, body in enumerate(model.inertias)
                  if j and (body.mass > 0.0 or np.any(body.inertia))]
         bodies = [model.inertias[j] for j in heavy]
@@ -78,70 +76,7 @@ class LeastConstraint:
         self._rotors = np.flatnonzero(model.armature)
         self._weights = np.sqrt(model.armature[self._rotors])
 
-    def solve(self, q: Array, v: Array, a: Bounded, columns: Bounded, given: Array) -> Least:
-        """Return the accelerations; those of motions without inertia are the least of their bodies.
-
-        Args:
-            q: (nq,) configuration, the loops closed.
-            v: (nv,) joint velocities.
-            a: (nv,) joint accelerations while those of the freedoms are zero.
-            columns: (nv, n) joint velocities per unit of each freedom; entries within their bounds
-                count as zero.
-            given: (nv,) joint forces.
-        """
-        columns = columns.plain()
-        rows, known, rest, rest_known, unit = self._rows(q, v, a, columns)
-        rows *= unit
-        known *= unit
-        moved = columns.value * unit
-        bound = columns.bound * unit
-        load = moved.T @ given
-        order = np.argsort(-np.abs(rows).max(axis=1, initial=0.0))
-        fit = _Fit(rows[order], known[order])
-        z = fit.solve(-rest[order], load)
-        still = fit.still
-        allowed = np.abs(still) @ ((TOLERANCES.nothing * np.abs(moved) + bound).T @ np.abs(given))
-        pulled = bool(np.any(np.abs(still @ load) > allowed))
-        wide = fit.error(z, rest_known[order], bound.T @ np.abs(given)
-                         + ROUNDING * np.abs(moved).T @ np.abs(given))
-        off = a.bound + np.abs(moved) @ wide + bound @ np.abs(z)
-        motions, found = moved @ still.T, a.value + moved @ z
-        if len(still):
-            still_twists = self._twists(columns, a, v)[0] @ (unit[:, None] * still.T)
-            y = self._least_of_bodies(q, v, found, still_twists)
-            z, found = z + y @ still, found + motions @ y
-        worst, size = (float(np.abs(x / self._scale).max(initial=0.0)) for x in (off, found))
-        speed = v / self._scale
-        natural = max(size, self._falling, speed.dot(speed))
-        return Least(found, unit * z, motions.T, pulled, off,
-                     worst / (size or natural or 1.0), worst > natural)
-
-    def _least_of_bodies(self, q: Array, v: Array, a: Array, twists: Array) -> Array:
-        """Return the accelerations (k,) of motions without inertia, on top of a (nv,).
-
-        Nothing determines them. Those are taken for which the accelerations of the bodies that they
-        move, of their origins and angular, have the least sum of squares: a body that spins goes
-        on as if it were a light ball, whatever coordinates count its motion. A component of its
-        angular velocity, kept instead, would have it spin without bound where the line turns away
-        from that.
-
-        Args:
-            q: configuration.
-            v: joint velocities.
-            a: joint accelerations without those.
-            twists: (njoints, 6, k) of the bodies per unit of each motion, body axes.
-        """
-        pin.forwardKinematics(self._model, self._data, q, v, a)
-        change, motion = (np.array([x.vector for x in part]) for part in (
-            self._data.a, self._data.v))
-        change[:, :3] += cross(motion[:, 3:], motion[:, :3])
-        moves = (np.abs(twists) > TOLERANCES.tight * np.abs(twists).max()).any(axis=(1, 2))
-        rows = (twists[moves] * self._per_size[:, None]).reshape(-1, twists.shape[2])
-        largest = np.abs(rows).max()
-        rest = (change[moves] * self._per_size).ravel()
-        return decompose(rows / largest).minimum_norm(-rest / largest)
-
-    def _rows(
+    def rows(
         self, q: Array, v: Array, a: Bounded, columns: Bounded
     ) -> tuple[Array, Array, Array, Array, Array]:
         """Return weighted accelerations per unit freedom (m, n), and without (m,).
@@ -164,9 +99,9 @@ class LeastConstraint:
         return rows, known, rest, rest_known, 1.0 / np.where(pace > 0.0, pace, 1.0)
 
     def _of_bodies(self, columns: Bounded, a: Bounded, v: Array) -> tuple[Array, ...]:
-        """Return the rows of bodies with mass, as `_rows` does, and their speeds (n,)."""
+        """Return the rows of bodies with mass, as `rows` does, and their speeds (n,)."""
         data, n, roots = self._data, columns.value.shape[1], self._roots
-        twists, sizes = (x[self._heavy] for x in self._twists(columns, a, v))
+        twists, sizes = (x[self._heavy] for x in self.twists(columns, a, v))
         twists[:, :3] -= self._across @ twists[:, 3:]
         twists[:, 3:] = self._back @ twists[:, 3:]
         sizes[:, :3] += np.abs(self._across) @ sizes[:, 3:]
@@ -189,7 +124,7 @@ class LeastConstraint:
                 (roots[:, :, None] * sizes[:, :, :n]).reshape(flat), rest.ravel(),
                 (roots * rest_known).ravel(), moves.max(axis=(0, 1), initial=0.0))
 
-    def _twists(self, columns: Bounded, a: Bounded, v: Array) -> tuple[Array, Array]:
+    def twists(self, columns: Bounded, a: Bounded, v: Array) -> tuple[Array, Array]:
         """Return twists (njoints, 6, n) of the joints' bodies per unit freedom, body axes.
 
         They are added up from body to body: a component that is zero stays exactly zero, which
@@ -238,6 +173,82 @@ class LeastConstraint:
         held = roots > ROUNDING * roots.max(axis=1, keepdims=True, initial=0.0)
         found[:, 3:] += np.divide(moved, roots, out=np.zeros_like(moved), where=held)
         return found
+
+    def least(self, q: Array, v: Array, a: Array, twists: Array) -> Array:
+        """Return the accelerations (k,) of motions without inertia, on top of a (nv,).
+
+        Nothing determines them. Those are taken for which the accelerations of the bodies that they
+        move, of their origins and angular, have the least sum of squares: a body that spins goes
+        on as if it were a light ball, whatever coordinates count its motion. A component of its
+        angular velocity, kept instead, would have it spin without bound where the line turns away
+        from that.
+
+        Args:
+            q: configuration.
+            v: joint velocities.
+            a: joint accelerations without those.
+            twists: (njoints, 6, k) of the bodies per unit of each motion, body axes.
+        """
+        pin.forwardKinematics(self._model, self._data, q, v, a)
+        change, motion = (np.array([x.vector for x in part]) for part in (
+            self._data.a, self._data.v))
+        change[:, :3] += cross(motion[:, 3:], motion[:, :3])
+        moves = (np.abs(twists) > TOLERANCES.tight * np.abs(twists).max()).any(axis=(1, 2))
+        rows = (twists[moves] * self._per_size[:, None]).reshape(-1, twists.shape[2])
+        largest = np.abs(rows).max()
+        rest = (change[moves] * self._per_size).ravel()
+        return decompose(rows / largest).minimum_norm(-rest / largest)
+
+
+class LeastConstraint:
+    """Accelerations of a mechanism by Gauss's principle of least constraint.
+
+    Args:
+        mechanism: the mechanism.
+    """
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self._bodies, self._scale = BodyRows(mechanism), mechanism.velocity_scale
+        gravity = float(np.linalg.norm(mechanism.model.gravity.linear))
+        self._falling = gravity / mechanism.characteristic_length
+
+    def solve(self, q: Array, v: Array, a: Bounded, columns: Bounded, given: Array) -> Least:
+        """Return the accelerations; those of motions without inertia are the least of their bodies.
+
+        Args:
+            q: (nq,) configuration, the loops closed.
+            v: (nv,) joint velocities.
+            a: (nv,) joint accelerations while those of the freedoms are zero.
+            columns: (nv, n) joint velocities per unit of each freedom; entries within their bounds
+                count as zero.
+            given: (nv,) joint forces.
+        """
+        columns = columns.plain()
+        rows, known, rest, rest_known, unit = self._bodies.rows(q, v, a, columns)
+        rows *= unit
+        known *= unit
+        moved = columns.value * unit
+        bound = columns.bound * unit
+        load = moved.T @ given
+        order = np.argsort(-np.abs(rows).max(axis=1, initial=0.0))
+        fit = _Fit(rows[order], known[order])
+        z = fit.solve(-rest[order], load)
+        still = fit.still
+        allowed = np.abs(still) @ ((TOLERANCES.nothing * np.abs(moved) + bound).T @ np.abs(given))
+        pulled = bool(np.any(np.abs(still @ load) > allowed))
+        wide = fit.error(z, rest_known[order], bound.T @ np.abs(given)
+                         + ROUNDING * np.abs(moved).T @ np.abs(given))
+        off = a.bound + np.abs(moved) @ wide + bound @ np.abs(z)
+        motions, found = moved @ still.T, a.value + moved @ z
+        if len(still):
+            still_twists = self._bodies.twists(columns, a, v)[0] @ (unit[:, None] * still.T)
+            y = self._bodies.least(q, v, found, still_twists)
+            z, found = z + y @ still, found + motions @ y
+        worst, size = (float(np.abs(x / self._scale).max(initial=0.0)) for x in (off, found))
+        speed = v / self._scale
+        natural = max(size, self._falling, speed.dot(speed))
+        return Least(found, unit * z, motions.T, pulled, off,
+                     worst / (size or natural or 1.0), worst > natural)
 
 
 def _bounds(back: Array, across: Array) -> tuple[Array, Array]:

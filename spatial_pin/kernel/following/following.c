@@ -130,7 +130,9 @@ EXPORT int path_start(Path *path, const Real *q, const Real *angles, Int choose)
 EXPORT Int path_from_guess(Path *path, Closer *c, Reaching *r, const PathTask *task)
 {
     int code;
-    if (closer_reach(c, r) != DONE || !reached_straight(r, task->open) ||
+    if (closer_reach(c, r) != DONE)
+        return -2;
+    if (!reached_straight(r, task->open) ||
         system_set(path->k, NULL, task->n_chosen, task->driven, task->n_driven, NULL, 0) != DONE ||
         path_start(path, r->q, r->angle, 1) != DONE)
         return -1;

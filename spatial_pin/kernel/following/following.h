@@ -61,7 +61,8 @@ typedef struct {
 } PathTask;
 
 /* Close the loops from a guess, begin the path there and follow it, in one call. Returns as
- * `path_follow`; -1 where closing leaves something to choose, or the loops are not regular. */
+ * `path_follow`; -1 where closing leaves something to choose, or the loops are not regular, -2
+ * where closing has failed, as `closer_reach` does. */
 EXPORT Int path_from_guess(Path *path, Closer *c, Reaching *r, const PathTask *task);
 
 /* Go to a value of s: DONE, or SINGULAR: it lies beyond where equations seem to become dependent,

@@ -12,14 +12,13 @@ import pinocchio as pin
 
 from spatial_pin.assembly.holding import BASE
 from spatial_pin.assembly.state import State
+from spatial_pin.constraints.workspaces import Workspaces
 from spatial_pin.continuation.branch_points import passage
-from spatial_pin.continuation.cursor import Cursor, Stopped
-from spatial_pin.continuation.start import Start
+from spatial_pin.continuation.path_tracker import PathTracker, Stopped
 from spatial_pin.errors import SingularError, SpatialPinError
 from spatial_pin.inverse_kinematics.reach import reach
 from spatial_pin.inverse_kinematics.targets import Residual, Target
-from spatial_pin.kernel.kernel import kernel_of
-from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
+from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.mechanism.coordinates import finite_number
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Coordinate
@@ -117,7 +116,7 @@ class Jog:
         Raises:
             SingularError: the drivers do not determine the motion there.
         """
-        with self._cursor(state, self._driven):
+        with self._tracker(state, self._driven):
             self.state = self._regular = state  # moves begin where the motion is determined
         self._home = {name: self.value(name) for name in self.names}
 
@@ -162,17 +161,17 @@ class Jog:
         limit = self._joint_limit(name, values, self._followed(name, values))
         goal = value if limit is None else limit.value
         driven = sorted(self._driven, key=lambda c: c.name != coordinate.name)
-        with self._cursor(self._regular, driven) as cursor:
-            stop = self._go(cursor, goal)
+        with self._tracker(self._regular, driven) as tracker:
+            stop = self._go(tracker, goal)
         if self.state is not self._regular:  # else the others would jump in the next move
-            with self._cursor(self._regular, driven) as cursor:
+            with self._tracker(self._regular, driven) as tracker:
                 end = goal if stop is None else stop.value
-                size = self.mechanism.velocity_scale[cursor.start.driven[0].v]
-                near = float(np.copysign(BESIDE * size, end - cursor.here.s))
-                if abs(end - cursor.here.s) > abs(near):
+                size = self.mechanism.velocity_scale[tracker.driven[0].v]
+                near = float(np.copysign(BESIDE * size, end - tracker.here.s))
+                if abs(end - tracker.here.s) > abs(near):
                     with contextlib.suppress(Stopped):
-                        cursor.reach(end - near)
-                        self._keep(cursor)
+                        tracker.reach(end - near)
+                        self._keep(tracker)
         return stop or limit
 
     def _followed(self, name: str, values: Array) -> Motion | None:
@@ -208,46 +207,45 @@ class Jog:
         return min(stops, key=lambda stop: abs(stop.value - start), default=None)
 
     @contextlib.contextmanager
-    def _cursor(self, state: State, driven: Sequence[Coordinate]) -> Iterator[Cursor]:
-        """Acquire a cursor on the branch of a state, the first coordinate driven.
+    def _tracker(self, state: State, driven: Sequence[Coordinate]) -> Iterator[PathTracker]:
+        """Acquire a tracker on the branch of a state, the first coordinate driven.
 
         Raises:
             SingularError: the drivers do not determine the motion there.
         """
-        with loops_of(self.mechanism, state.angles) as evaluation, \
-                kernel_of(self.mechanism) as kernel:
-            yield Cursor(Start(state, driven, None, self._accuracy, kernel, evaluation))
+        with Workspaces() as workspaces:
+            yield PathTracker.at(state, driven, None, self._accuracy, workspaces)
 
-    def _go(self, cursor: Cursor, value: float) -> JogStop | None:
+    def _go(self, tracker: PathTracker, value: float) -> JogStop | None:
         """Follow a branch to a value, straight on where it crosses another one."""
         for _ in range(MOST_BRANCH_POINTS):
             try:
-                cursor.reach(value)
+                tracker.reach(value)
             except Stopped as stopped:
-                self._keep(cursor)
-                found = passage(cursor, stopped.arrival)
+                self._keep(tracker)
+                found = passage(tracker, stopped.arrival)
                 if found is None:
                     arrival = stopped.arrival
-                    self.state = cursor.here.state(cursor.start)
+                    self.state = tracker.here.state(tracker.mechanism)
                     if not arrival.runs_away and arrival.kind != "lost":
-                        evaluation = cursor.start.evaluation
+                        evaluation = tracker.evaluation
                         evaluation.angle_reference[:] = self.state.angles
                         evaluation.update(arrival.q)
                         self.state = State(self.mechanism, arrival.q, angles=evaluation.angles,
                                            closure_error=evaluation.closure_error)
                     kind = "limit" if arrival.runs_away else arrival.kind
                     return JogStop(kind, float(arrival.value))
-                cursor.stand(found.place(value))
-            if cursor.here.s == value:
+                tracker.move_to(found.place(value))
+            if tracker.here.s == value:
                 break
-        self.state = self._keep(cursor)
+        self.state = self._keep(tracker)
         return None
 
-    def _keep(self, cursor: Cursor) -> State:
+    def _keep(self, tracker: PathTracker) -> State:
         """Return where a point stands; the next move begins there if the motion is determined."""
-        state = cursor.here.state(cursor.start)
+        state = tracker.here.state(tracker.mechanism)
         with contextlib.suppress(SingularError):
-            if cursor.start.checked_system(state).pivot >= FIRM:
+            if tracker.checked_system(state).pivot >= FIRM:
                 self._regular = state
         return state
 

@@ -1,0 +1,540 @@
+"""A point on a branch of closed configurations that moves to given values of the driver.
+
+The kernel follows regular stretches with the driver as parameter. Where it stops, pseudo-arclength
+continuation takes over, which passes the hard stretch or finds what ends the branch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spatial_pin._support.lazy import made_once
+from spatial_pin.assembly.holding import FixedHold, Hold, divided, still_entries
+from spatial_pin.assembly.search.assembly_problem import AssemblyProblem
+from spatial_pin.assembly.square_system import SquareSystem
+from spatial_pin.assembly.state import State
+from spatial_pin.constraints.workspaces import Workspaces
+from spatial_pin.continuation.asymptotes import running_away
+from spatial_pin.continuation.pseudo_arclength import Arrival, towards
+from spatial_pin.continuation.solution_curve import (
+    DriversLaw,
+    OneDriver,
+    SolutionCurve,
+    WithParameter,
+)
+from spatial_pin.errors import SingularError
+from spatial_pin.kernel.closer import closer_of
+from spatial_pin.kernel.kernel import Kernel, kernel_of
+from spatial_pin.kernel.loop_equations import LoopEquations, loops_of
+from spatial_pin.kernel.paths import Path, PathSamples, path_of, prescribed_places
+from spatial_pin.mechanism.coordinates import coordinate_value, driver_coordinates
+from spatial_pin.mechanism.mechanism import Mechanism
+from spatial_pin.mechanism.parts import Coordinate
+from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.tolerances import TOLERANCES
+from spatial_pin.rates.rates import check_not_held, prescribed_at, prescribed_first
+from spatial_pin.settings import Accuracy
+
+FARTHEST = 640e3  # rad, characteristic lengths, that joints move on the way to one value
+STRETCH = 64.0  # the same by pseudo-arclength, before the kernel is asked again
+UNBOUND = 300.0  # speed of a joint relative to the driver's at which that has come to its limit
+
+
+class Stopped(Exception):
+    """The branch cannot be followed to the value asked for.
+
+    Attributes:
+        arrival: where it ended.
+        sample: number of the one that could not be reached.
+    """
+
+    def __init__(self, arrival: Arrival) -> None:
+        super().__init__(arrival.kind)
+        self.arrival = arrival
+        self.sample = 0
+
+
+class PathPoint(NamedTuple):
+    """A closed configuration of a branch.
+
+    Attributes:
+        s: driver value [rad or m].
+        q: (nq,) configuration.
+        t, c: (nv,) dq/ds and d²q/ds².
+        error: largest closure residual.
+        angles: (n_angles,) of screw closures, counting turns [rad].
+    """
+
+    s: float
+    q: Array
+    t: Array
+    c: Array
+    error: float
+    angles: Array
+
+    @classmethod
+    def of(cls, samples: PathSamples, k: int, s: float) -> PathPoint:
+        """Return sample k, at driver value s."""
+        q, t, c, error, angles = (part[k].copy() for part in samples)
+        return cls(s, q, t, c, float(error), angles)
+
+    def state(self, mechanism: Mechanism) -> State:
+        """Return the State there, without rates."""
+        return State(mechanism, self.q, closure_error=self.error, angles=self.angles)
+
+
+class Branch:
+    """A branch of closed configurations: what is prescribed along it, and its equations.
+
+    What evaluates and follows it is acquired when it is first needed.
+
+    Attributes:
+        driven: the prescribed coordinates, the driver first.
+        still: places in the velocity vector that stand still.
+
+    Args:
+        mechanism: the mechanism.
+        driven: the prescribed coordinates, the driver first.
+        still: places in the velocity vector that stand still; default: those of free bases.
+        accuracy: of the motion.
+        law: how the coordinates driven first go by a parameter, see `DriversLaw`; default: the
+            driver itself leads.
+        begin: the parameter at the start.
+        workspaces: what is acquired.
+    """
+
+    def __init__(
+        self, mechanism: Mechanism, driven: Sequence[Coordinate], still: Sequence[int] | None,
+        accuracy: Accuracy, workspaces: Workspaces, law: Any = None, begin: float = 0.0,
+    ) -> None:
+        self.mechanism, self.driven, self.accuracy = mechanism, driven, accuracy
+        self.still = still_entries(mechanism, driven) if still is None else tuple(still)
+        self._law, self._begin, self._workspaces = law, begin, workspaces
+        self._samples: PathSamples | None = None  # those that the kernel began with
+
+    @cached_property
+    def state(self) -> State:
+        """Where the branch begins."""
+        assert self._samples is not None
+        return PathPoint.of(self._samples, 0, 0.0).state(self.mechanism)
+
+    @cached_property
+    def kernel(self) -> Kernel:
+        """The kernel of the mechanism."""
+        return self._workspaces.acquire(kernel_of(self.mechanism))
+
+    @cached_property
+    def evaluation(self) -> LoopEquations:
+        """Its closure equations."""
+        return self._workspaces.acquire(loops_of(self.mechanism))
+
+    @cached_property
+    def leading(self) -> OneDriver:
+        """What leads along the branch."""
+        mechanism, driven, q = self.mechanism, self.driven, self.state.q
+        if self._law is None:
+            return OneDriver(mechanism, driven, q)
+        return DriversLaw(mechanism, driven, q, self._law, self._begin)
+
+    @cached_property
+    def moving_drivers(self) -> set[str]:
+        """The drivers that move though they are not driven, as nothing lets them stand."""
+        return _moving_drivers(self.mechanism, self.driven, self.still)
+
+    @property
+    def has_arc_length(self) -> bool:
+        """Whether the branch can be followed by pseudo-arclength.
+
+        Components of balls and floating joints are no entries of q that a curve could lead by.
+        """
+        return all(c.q >= 0 for c in self.driven)
+
+    def room_for(self, n: int) -> PathSamples:
+        """Return room for n samples."""
+        k = self.kernel
+        return PathSamples.empty(n, k.nq, k.nv, k.n_angles)
+
+    def system_at(self, q: Array, angles: Array) -> SquareSystem:
+        """Return the square system at a configuration.
+
+        Raises:
+            SingularError: the driver does not determine the motion there.
+        """
+        self.evaluation.angle_reference[:] = angles
+        return SquareSystem(self.evaluation, self.driven, q, self.still)
+
+    def checked_system(self, state: State) -> SquareSystem:
+        """Return the square system at a state.
+
+        Raises:
+            SingularError: the driver does not determine the motion there, or loops lose rank.
+        """
+        system = self.system_at(state.q, state.angles)
+        system.check_regular(state.q)
+        if system.pivot < TOLERANCES.singular:
+            raise SingularError(f"mechanism {self.mechanism.name!r}: singular configuration at "
+                                f"the start, {state}", state=state)
+        return system
+
+    def point_at(self, q: Array, s: float, angles: Array, system: SquareSystem) -> PathPoint:
+        """Return the point at a closed configuration.
+
+        Args:
+            q: (nq,) the configuration.
+            s: the leading value.
+            angles: (n_angles,) of screw closures.
+            system: its equations are chosen again only if they are dependent there.
+
+        Raises:
+            SingularError: what is driven does not determine the motion there.
+        """
+        self.evaluation.angle_reference[:] = angles
+        self.evaluation.update(q)
+        system.factor()
+        if not system.pivot:
+            system.select(q)
+        return self._solved(system, q, s)
+
+    def _solved(self, system: SquareSystem, q: Array, s: float) -> PathPoint:
+        t = system.driver_rates() @ self.leading.rates(s)
+        c = system.acceleration(q, t, self.leading.bends(s))
+        evaluation = system.evaluation
+        error = float(np.abs(evaluation.residual).max(initial=0.0))
+        return PathPoint(s, q, t, c, error, evaluation.angles.copy())
+
+    def pace(self, point: PathPoint) -> float:
+        """Return how fast joints move at a point, by the leading value."""
+        return float(np.linalg.norm(point.t / self.mechanism.velocity_scale))
+
+    def distance(self, point: PathPoint, value: float) -> float:
+        """Return how far joints move from a point to a leading value at the rates there."""
+        return abs(value - point.s) * self.pace(point)
+
+    def _path_from(self, q: Array, angles: Array, s: float) -> Path | None:
+        """Return the path that the kernel follows from q; None where it cannot, or may not.
+
+        Args:
+            q: (nq,) closed configuration.
+            angles: (n_angles,) of screw closures.
+            s: the parameter there, where a law leads.
+        """
+        path = self._regular_path(q, angles, s)
+        if path is not None:
+            return path
+        try:  # where passive freedoms are left
+            system = self.system_at(q, angles)
+            system.check_regular(q)
+        except SingularError:
+            return None
+        return self._kernel_path(system.equations, system.passive, q, angles, s)
+
+    def _regular_path(self, q: Array, angles: Array, s: float) -> Path | None:
+        """Return the path where as many equations are independent as there are unknowns."""
+        k = self.kernel
+        wanted = k.nv - k.n_passive - len(self.driven) - len(self.still)
+        if not 0 <= wanted <= k.n_closure:
+            return None
+        return self._kernel_path(None, None, q, angles, s)
+
+    def _kernel_path(
+        self, chosen: NDArray[np.integer[Any]] | None, fill: Array | None, q: Array,
+        angles: Array, s: float,
+    ) -> Path | None:
+        driven = prescribed_places(self.kernel.nv, self.driven, self.still)
+        path = Path(self.kernel, chosen, driven, fill, self.accuracy)
+        if self._law is not None:
+            self.leading.prescribe(path, s, self.still)
+        return path if path.start(q, angles) else None
+
+
+class PathTracker(Branch):
+    """A point on a branch, which moves to given values of what leads; see `Branch`."""
+
+    _path: Path | None = None  # of the kernel, where it is at the point or ahead of it
+    _here: PathPoint | None = None  # the point, unless the path is there
+
+    @classmethod
+    def at(
+        cls, state: State, driven: Sequence[Coordinate], still: Sequence[int] | None,
+        accuracy: Accuracy, workspaces: Workspaces,
+    ) -> PathTracker:
+        """Return a tracker at a closed state, with coordinates driven, the driver first.
+
+        Raises:
+            SingularError: what is driven does not determine the motion there.
+        """
+        tracker = cls(state.mechanism, driven, still, accuracy, workspaces)
+        tracker.state = state
+        tracker.start()
+        return tracker
+
+    @classmethod
+    def along(
+        cls, state: State, names: Sequence[str], hold: Hold, accuracy: Accuracy,
+        workspaces: Workspaces, law: Any = None, begin: float = 0.0,
+    ) -> PathTracker:
+        """Return a tracker at a state with the first of some names driven, the others held.
+
+        Args:
+            state: closed.
+            names: prescribed coordinates, the driver first.
+            hold: what stands still, see `sweep`.
+            accuracy: of the motion.
+            workspaces: what is acquired.
+            law: how the names go by a parameter; default: the first one leads.
+            begin: the parameter at the start.
+
+        Raises:
+            SingularError: what is driven does not determine the motion there.
+        """
+        mechanism = state.mechanism
+        driven, still = prescribed_first(mechanism, names, hold)
+        tracker = cls(mechanism, driven, still, accuracy, workspaces, law, begin)
+        tracker.state = state
+        tracker._path = tracker._regular_path(state.q, state.angles, begin)
+        if tracker._path is None:
+            driven, kernel = prescribed_at(state, names, hold), tracker.kernel
+            still = divided(mechanism, driven, hold)[1]
+            tracker = cls(mechanism, driven, still, accuracy, workspaces, law, begin)
+            tracker.state, tracker.kernel = state, kernel
+            tracker.start()
+        return tracker
+
+    @classmethod
+    def from_guess(
+        cls, problem: AssemblyProblem, names: tuple[str, ...], hold: FixedHold, accuracy: Accuracy,
+        workspaces: Workspaces, values: Array, n: int,
+    ) -> tuple[PathTracker, PathSamples, int] | None:
+        """Close the loops and follow the branch from there, in one call of the kernel.
+
+        Args:
+            problem: which leads to the first value.
+            names: see `along`.
+            hold: see `along`.
+            accuracy: of the motion.
+            workspaces: what is acquired.
+            values: (m,) the first ones of the driver.
+            n: how many there are in all.
+
+        Returns:
+            The tracker, room for all samples, and how many of them are done: the tracker is behind
+            them. None where closing leaves something to judge (the problem knows then what), or
+            where loops are not regular.
+
+        Raises:
+            ValueError: the driver is held.
+        """
+        mechanism = problem.mechanism
+        driven, still, places, moving = _prescribed(mechanism, names, hold)
+        tracker = cls(mechanism, driven, still, accuracy, workspaces)
+        tracker.moving_drivers = moving
+        closer = workspaces.acquire(closer_of(mechanism))
+        k = tracker.kernel = closer.kernel
+        tracker._path = path = path_of(closer, places, accuracy)
+        if path is not None and closer.knows_mirrors:
+            samples = tracker._samples = PathSamples.empty(n, k.nq, k.nv, k.n_angles)
+            closer.set_task([problem.goal], problem.settings, problem.goal, problem.reference,
+                            shaken=True)
+            done = path.from_guess(closer, problem.widest_gap, values,
+                                   samples if n == len(values) else samples.between(0, len(values)))
+            if done > 0:
+                return tracker, samples, done
+            if done == -1:
+                problem.known = closer.reached()
+        workspaces.release_last()
+        return None
+
+    def start(self) -> None:
+        """Begin at the state, as if nothing had been followed."""
+        state, self._here = self.state, None
+        self._path = self._path_from(state.q, state.angles, self._begin)
+        if self._path is None:
+            self._here = self._solved(self.checked_system(state), state.q, self.leading.begin)
+
+    def by(self, law: Any) -> PathTracker:
+        """Return a tracker at the same point, the same coordinates going by another law."""
+        other = copy(self)
+        other._law, other._begin = law, self.here.s
+        other.__dict__.pop("leading", None)
+        other.move_to(self.here)
+        return other
+
+    # ------------------------------------------------------------ where it is
+
+    @property
+    def here(self) -> PathPoint:
+        """The current point."""
+        if self._here is None:
+            assert self._path is not None
+            s, sample = self._path.here
+            self._here = PathPoint.of(sample, 0, s)
+        return self._here
+
+    def move_to(self, point: PathPoint) -> None:
+        """Move to a known point of the branch."""
+        self._here, self._path = point, None
+
+    def system(self) -> SquareSystem:
+        """Return the square system at the current point; raises as `system_at`."""
+        return self.system_at(self.here.q, self.here.angles)
+
+    def curve(
+        self, system: SquareSystem, tolerance: float, pace: float | None = None
+    ) -> SolutionCurve:
+        """Return the curve through the current point, what leads set free.
+
+        Args:
+            system: the square system there.
+            tolerance: closure residual to reach.
+            pace: how much of a law's parameter counts as one radian, its inverse; default: how
+                fast joints move here.
+        """
+        leading = self.leading
+        if not isinstance(leading, DriversLaw):
+            return SolutionCurve(system, tolerance)
+        span = float(leading.law.x[-1] - leading.law.x[0])
+        pace = max(self.pace(self.here) if pace is None else pace, 1.0 / span)
+        return SolutionCurve(system, tolerance, WithParameter(system, leading, 1.0 / pace))
+
+    # ------------------------------------------------------------ how it moves
+
+    def _moving_path(self) -> Path | None:
+        """Return the kernel's path from the current point; None where it cannot start here."""
+        if self._path is None:
+            here = self.here
+            self._path = self._path_from(here.q, here.angles, here.s)
+        if self._path is not None:
+            self._here = None
+        return self._path
+
+    def follow(self, values: Array, samples: PathSamples) -> int:
+        """Write samples at driver values (m,) as far as the kernel goes; return how many."""
+        path = self._moving_path()
+        return path.follow(values, samples) if path is not None else 0
+
+    def reach(self, value: float) -> None:
+        """Go to a driver value.
+
+        Raises:
+            Stopped: a limit or a singular configuration lies before it, or it is too far away; the
+                tracker is before that then.
+        """
+        while value != self.here.s:
+            begin = self.here
+            stretches = self.distance(begin, value) / STRETCH
+            goal = value if stretches <= 1.0 else begin.s + (value - begin.s) / stretches
+            # a stretch may be lost in the round-off of the driver's value
+            if not stretches * STRETCH <= FARTHEST or goal == begin.s:
+                raise Stopped(self._running_away(value) or Arrival(
+                    "lost", begin.q, begin.s, is_far=True))
+            path = self._moving_path()
+            if path is not None and path.go(goal):
+                continue
+            if not self.has_arc_length:
+                raise Stopped(self._end())
+            self._go_by_arc_length(goal, begin, value)
+
+    def _end(self) -> Arrival:
+        """Return where the branch ends if pseudo-arclength cannot be used, to the smallest step.
+
+        What is driven is at its limit if joint rates per unit of its own grow without bound.
+        """
+        here, mechanism, scale = self.here, self.mechanism, self.mechanism.velocity_scale
+        asked = np.abs(self.leading.rates(here.s) / scale[[c.v for c in self.driven]]).max()
+        for joint in {c.joint for c in self.driven if c.q < 0 and c.unit == "rad"}:
+            vector = [coordinate_value(mechanism, c, here.q)
+                      for c in mechanism.coordinate_table.values()
+                      if c.joint == joint and c.unit == "rad"]
+            if np.linalg.norm(vector) > np.pi - TOLERANCES.half_precision:
+                return Arrival("half turn", here.q, here.s)
+        is_fast = np.abs(here.t / scale).max() > UNBOUND * asked
+        return Arrival("limit" if is_fast else "lost", here.q, here.s)
+
+    def _running_away(
+        self, goal: float, system: SquareSystem | None = None, arrival: Arrival | None = None
+    ) -> Arrival | None:
+        """Return the end of the branch before a goal at which a joint runs away, or None.
+
+        Args:
+            goal: the leading value that is to be reached.
+            system: the square system; default: that of the start, if none can be chosen here.
+            arrival: where following the branch ended; default: here. The evaluation expects angles
+                as they are there.
+        """
+        here = self.here
+        if not self.has_arc_length:
+            return None
+        if system is None:
+            try:
+                system = self.system()
+            except SingularError:
+                system = self.system_at(self.state.q, self.state.angles)
+            self.evaluation.angle_reference[:] = here.angles
+        q, s = (here.q, here.s) if arrival is None else (arrival.q, arrival.value)
+        sizes = self.mechanism.velocity_scale[[c.v for c in self.driven]]
+        # joints have any pace there; that of what is driven is a measure
+        pace = float(np.linalg.norm(self.leading.rates(s) / sizes))
+        curve = self.curve(system, TOLERANCES.round_off, pace)
+        return running_away(curve, curve.unknowns.of(q, s), goal)
+
+    def _go_by_arc_length(self, value: float, clear: PathPoint, goal: float) -> None:
+        """Continue by pseudo-arclength, which finds the limit or passes the hard stretch.
+
+        It starts at the point `clear`, if near: that is farther from the singularity ahead. The
+        value is one on the way to the goal.
+        """
+        if self.distance(clear, self.here.s) < TOLERANCES.longest_step:
+            self.move_to(clear)
+        try:
+            system = self.system()
+        except SingularError:
+            self.move_to(clear)
+            try:
+                system = self.system()
+            except SingularError:
+                if end := self._running_away(goal):
+                    raise Stopped(end) from None
+                raise
+        if end := self._running_away(goal, system):
+            raise Stopped(end)
+        here = self.here
+        # few steps: open loops would hide where the branch turns, and what is redundant
+        wanted = min(self.accuracy.tolerance, TOLERANCES.tight)
+        curve = self.curve(system, max(wanted, 1e-14))
+        arrival = towards(curve, curve.unknowns.of(here.q, here.s), value, here.t)
+        if arrival.kind == "lost":
+            raise Stopped(self._running_away(goal, system, arrival) or arrival)
+        if arrival.kind != "reached":
+            raise Stopped(arrival)
+        singular = Arrival("singular", arrival.q, value)
+        try:
+            system.select(arrival.q)
+        except SingularError:
+            raise Stopped(singular) from None
+        if system.pivot < TOLERANCES.singular:
+            raise Stopped(self._running_away(goal, system, singular) or singular)
+        self.move_to(self._solved(system, arrival.q, value))
+
+
+@made_once
+def _prescribed(
+    mechanism: Mechanism, names: tuple[str, ...], hold: FixedHold
+) -> tuple[list[Coordinate], tuple[int, ...], list[int], set[str]]:
+    """Return what is driven, what stands still, both as C counts them, and drivers that move."""
+    check_not_held(mechanism, [mechanism.prescribed_coordinate(names[0])], hold)
+    driven, still = prescribed_first(mechanism, names, hold)
+    places = prescribed_places(mechanism.model.nv, driven, still)
+    return driven, still, places, _moving_drivers(mechanism, driven, still)
+
+
+def _moving_drivers(
+    mechanism: Mechanism, driven: Sequence[Coordinate], still: Sequence[int]
+) -> set[str]:
+    return {name for name, c in driver_coordinates(mechanism).items()
+            if c not in driven and c.v not in still}
