@@ -44,8 +44,8 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 
 AT_REST = 1e-6  # of the terms of a force, above which a pose is not at rest
 AMPLITUDE = 0.1  # of a shape: its largest coordinate [rad, characteristic lengths]
-ROUND_OFF = 1e-14  # of the largest eigenvalue: a decay that is none
-SAMPLES = 61  # of the period of a shape
+NO_DECAY = 1e-14  # of the largest eigenvalue: a decay that is none
+SHAPE_SAMPLES = 61  # of the period of a shape
 
 
 class Linearization(Tabular):
@@ -146,7 +146,7 @@ class Linearization(Tabular):
         """
         (roots, forms), n = self._roots(), len(self.coordinates)
         least = NEUTRAL * np.abs(roots).max(initial=0.0)
-        none = ROUND_OFF * np.abs(roots).max(initial=0.0)
+        none = NO_DECAY * np.abs(roots).max(initial=0.0)
         modes = [(float(abs(x)) / (2.0 * np.pi),
                   float(-x.real / abs(x)) if abs(x.real) > none else 0.0, form)
                  for x, form in zip(roots, forms, strict=True)
@@ -242,7 +242,7 @@ class Linearization(Tabular):
         form = form / form[np.argmax(np.abs(form))]
         size = AMPLITUDE if amplitude is None else positive_number(amplitude, "amplitude") / (
             scale[np.argmax(np.abs(form))])
-        times = np.linspace(0.0, 1.0 / frequencies[k], SAMPLES)
+        times = np.linspace(0.0, 1.0 / frequencies[k], SHAPE_SAMPLES)
         waves = (size * scale[:, None] * form[:, None]) * np.exp(1j * omega * times)
         at = self.state
         values: dict[str, Any] = {
