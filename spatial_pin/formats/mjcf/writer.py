@@ -216,8 +216,8 @@ def add_springs(document: MjcfDocument) -> None:
         if not spring.is_linear:
             raise SpatialPinError(
                 f"mechanism {mech.name!r}: spring {spring.name!r} is a bushing, has a law, "
-                "or pulls or pushes only; springs of MuJoCo have a stiffness alone: leave it out of "
-                "the mechanism, or write a force of your own beside the model")
+                "or pulls or pushes only; springs of MuJoCo have a stiffness alone: leave it out "
+                "of the mechanism, or write a force of your own beside the model")
         if not spring.frames:
             continue
         tendon = ET.SubElement(document.part("tendon"), "spatial", {
