@@ -215,6 +215,22 @@ def test_a_stable_pose_survives_a_nudge_and_an_unstable_one_does_not(name):
         assert (pushed(pose, 4.0 / root) < 1.5) == stable
 
 
+@pytest.mark.parametrize("name", each(["delta", "rssr", "screw_press", "stewart", "bennett"]))
+def test_dampers_bring_a_mechanism_back_to_its_pose(name):
+    mech = with_springs(name)
+    pose = sp.equilibrium(mech)
+    rest = np.array([pose.state.coordinate(c).value for c in pose.coordinates])
+    by = 1e-3 * np.random.default_rng(1).uniform(-1.0, 1.0, len(rest))
+    start = sp.assemble(mech, dict(zip(pose.coordinates, rest + by, strict=True)), pose.state,
+                        release=False)
+    slowest = np.abs(sp.linearize(mech, pose.state).eigenvalues.real).min()
+    run = sp.simulate(mech, start, min(3.0 / slowest, 20.0))
+    apart = [np.abs(run.coordinate(c).value - x) for c, x in zip(pose.coordinates, rest,
+                                                                 strict=True)]
+    assert np.max(apart) < 20.0 * np.abs(by).max()
+    assert np.max([x[-1] for x in apart]) < np.abs(by).max()
+
+
 # ---------------------------------------------------------------- all of them
 
 
