@@ -121,10 +121,11 @@ def test_nothing_moves_from_where_springs_and_weights_balance(name):
     assert np.linalg.eigvalsh(stiff).min() > 0.0
 
 
-@pytest.mark.parametrize("name", ["rssr", "four_bar"])
+@pytest.mark.parametrize("name", ["rssr", "four_bar", "swash_plate", "rssr_crossed"])
 def test_idle_rotations_are_no_part_of_the_verdict(name):
-    found = sp.equilibrium(library(name))
-    assert found.stable and len(found.passive) == (name == "rssr") and len(found.coordinates) == 1
+    found, mobility = sp.equilibrium(library(name)), sp.mobility(library(name))
+    assert found.stable and len(found.passive) == len(mobility.passive)
+    assert len(found.coordinates) == mobility.dof - len(mobility.passive)
 
 
 def test_what_is_held_stays_and_bears():

@@ -17,6 +17,7 @@ from at_rest import (
     point_mass,
     sleeved_governor,
     sprung_four_bar,
+    swing,
     truss,
     turning_arms,
     with_springs,
@@ -103,12 +104,21 @@ def test_a_free_motion_has_no_frequency(damping):
     assert np.count_nonzero(found.eigenvalues == 0.0) == (1 if damping else 2)
 
 
-@pytest.mark.parametrize("name", ["crane", "swash_plate", "elliptic_trammel"])
+@pytest.mark.parametrize("name", ["crane", "elliptic_trammel", "rotating_rod_link"])
 def test_a_neutral_freedom_has_no_frequency(name):
     mech = library(name)
     found = rested(mech)
     assert found.frequencies[0] == 0.0 and np.count_nonzero(found.eigenvalues == 0.0) == 2
     assert "no vibration" in str(found)
+
+
+def test_rods_that_spin_idly_swing_as_those_that_cannot():
+    idle, tied = rested(swing()), rested(swing(by_balls=False))
+    assert len(sp.equilibrium(swing()).passive) == 3 and len(idle.frequencies) == 3
+    np.testing.assert_allclose(idle.frequencies, tied.frequencies, rtol=1e-9)
+    moved = [sp.compliance(mech, sp.equilibrium(mech).state, "platform")
+             for mech in (swing(), swing(by_balls=False))]
+    np.testing.assert_allclose(*moved, rtol=0, atol=1e-9 * np.abs(moved[0]).max())
 
 
 def test_an_unstable_pose_has_a_growing_eigenvalue():

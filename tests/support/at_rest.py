@@ -122,6 +122,27 @@ def plate() -> sp.Mechanism:
         sp.closures.distance(f"hook_{k}", f"end_{k}", 0.8, name=f"cord_{k}") for k in (1, 2)])
 
 
+def swing(by_balls: bool = True) -> sp.Mechanism:
+    """A platform of 2 kg that hangs on three rods, which balls, or universal joints, carry."""
+    model = model_of((0.0, 0.0, -9.81))
+    platform = model.addJoint(0, pin.JointModelFreeFlyer(), at(0, 0, -0.8), "platform")
+    model.appendBodyToJoint(platform, pin.Inertia(2.0, np.array([0.01, 0.02, 0.03]),
+                                                  np.diag([0.03, 0.04, 0.05])), at(0, 0, 0))
+    closures = []
+    for k in range(3):
+        x, y = 0.3 * np.cos(2.1 * k), 0.3 * np.sin(2.1 * k)
+        if by_balls:
+            rod = model.addJoint(0, pin.JointModelSpherical(), at(x, y, 0), f"rod_{k}")
+        else:
+            rod = model.addJoint(0, pin.JointModelRX(), at(x, y, 0), f"first_{k}")
+            rod = model.addJoint(rod, pin.JointModelRY(), at(0, 0, 0), f"rod_{k}")
+        model.appendBodyToJoint(rod, pin.Inertia(0.3, np.array([0.0, 0.0, -0.4]),
+                                                 np.diag([0.02, 0.02, 0.001])), at(0, 0, 0))
+        mark(model, {f"end_{k}": (rod, (0, 0, -0.8)), f"lug_{k}": (platform, (x, y, 0))})
+        closures.append(sp.closures.spherical(f"end_{k}", f"lug_{k}", name=f"ball_{k}"))
+    return sp.Mechanism.from_model(model, closures=closures)
+
+
 def chain(n: int = 8) -> sp.Mechanism:
     """Masses of 10 kg on a line between springs of 1e5 N/m, from wall to wall."""
     model, joint = model_of(), 0

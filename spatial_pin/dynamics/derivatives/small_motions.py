@@ -201,11 +201,10 @@ class SmallMotions:
         joints, free = idle_freedoms(loops, q, self.loads.entries), self.freedoms * self._scale
         pairs = [(joint, v) for joint, motions in joints for v in motions]
         motions = np.array([v for _, v in pairs]).reshape(-1, len(self.wanted))
-        sizes = np.abs(motions) @ np.abs(self.by_q) @ np.abs(free).T
-        loaded = np.abs(motions @ self.wanted) > NO_LOAD * self.size * np.abs(
-            motions / self._scale).sum(axis=1)
-        stiff = np.abs(motions @ self.by_q @ free.T).max(axis=1, initial=0.0)
-        still = ~loaded & ~(stiff > NO_LOAD * sizes.max(initial=0.0))
+        none = NO_LOAD * self.size * np.abs(motions / self._scale).sum(axis=1)
+        loaded = np.abs(motions @ self.wanted) > none
+        stiff = np.abs(motions @ self.by_q @ free.T).max(axis=1, initial=0.0) > none
+        still = ~loaded & ~stiff
         return (tuple(described(loops, *pair) for pair, idles in zip(pairs, still, strict=True)
                       if idles), motions[still])
 
