@@ -17,7 +17,7 @@ from spatial_pin._support.columns import Quantity, Tabular, chosen
 from spatial_pin._support.executors import in_order
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.close import closed
-from spatial_pin.assembly.holding import untied
+from spatial_pin.assembly.holding import free_bases, untied
 from spatial_pin.assembly.search.whole_turns import turned_apart
 from spatial_pin.assembly.state import State
 from spatial_pin.dynamics.derivatives.small_motions import AppliedLoads, SmallMotions
@@ -34,20 +34,20 @@ from spatial_pin.numerics.linalg import Array, common_rows, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy, accuracy_of
 
-STEPS = 500  # of one search: some twenty suffice, or something falls without end
+MOST_DESCENTS = 500  # of one search: some twenty suffice, or something falls without end
 LONGEST = 0.3  # step [rad, characteristic lengths]: below the distance of two equilibria, as a rule
 OVERSHOT = 0.5  # part of the slope at the start of a step, against which its end may rise
-SHORTEST = 2.0**-30  # part of a step from which on it is not halved any more
-EXACT = 1e-13  # step [rad, characteristic lengths] that changes nothing any more
-NEARLY = 1e-7  # step from which on only round-off keeps the next from being shorter
-FAR = 100.0  # rad, characteristic lengths: what has gone so far falls without end
+SHORTEST_DESCENT = 2.0**-30  # part of a step from which on it is not halved any more
+ARRIVED = 1e-13  # step [rad, characteristic lengths] that changes nothing any more
+NEAR_REST = 1e-7  # step from which on only round-off keeps the next from being shorter
+WITHOUT_END = 100.0  # rad, characteristic lengths: what has gone so far falls without end
 NEUTRAL = 1e-8  # of the terms of the stiffness: stiffness that is none, half of the digits
 BALANCED = 1e-9  # of the terms of a load: what is balanced
 NUDGE = 0.05  # rad, characteristic lengths: off a pose at rest that is not stable
 SAME_POSE = 1e-6  # difference of coordinates of one equilibrium, from two starts
 FAR_STARTS = (np.pi, 1.0, 0.3)  # rad, characteristic lengths: how far starts are from the guess
-STARTS = 60
-KINDS = {True: "stable", False: "unstable", None: "neutral"}
+RANDOM_STARTS = 60  # half of which go down: basins of a tenth are met
+POSE_KINDS = {True: "stable", False: "unstable", None: "neutral"}
 Guess = Mapping[str, Any] | State | Array | None
 
 
@@ -113,14 +113,16 @@ class Equilibrium(Dynamics):
         return f"Equilibrium({self._at!r}, stable={self.stable})"
 
     def __str__(self) -> str:
-        lines = [f"{KINDS[self.stable]} at rest: {self._at}",
+        lines = [f"{POSE_KINDS[self.stable]} at rest: {self._at}",
                  f"potential energy {self.energy:.9g} J"]
         if self.neutral:
             lines.append(f"no stiffness in {', '.join(self.neutral)}")
         lines += [f"idle: {freedom}" for freedom in self.passive]
         for name, row in zip(self.coordinates, self.stiffness, strict=True):
             lines.append(f"stiffness of {name}: " + ", ".join(f"{x:.9g}" for x in row))
-        lines += [f"effort that holds {name}: {x:.9g}" for name, x in self.efforts.items()]
+        unit_of = self._at.mechanism.driven_coordinate
+        lines += [f"effort that holds {name}: {x:.9g} {'N' if unit_of(name).unit == 'm' else 'N·m'}"
+                  for name, x in self.efforts.items()]
         return "\n".join([*lines, super().__str__()])
 
 
@@ -167,12 +169,12 @@ class Equilibria(Tabular, list[Equilibrium]):
                  for c in self[0].state.mechanism.coordinate_table.values() if c.q >= 0
                  } if self else {}
         table["energy"] = Quantity(np.array([one.energy for one in self]), "J")
-        table["kind"] = Quantity(np.array([KINDS[one.stable] for one in self], dtype=str), "")
+        table["kind"] = Quantity(np.array([POSE_KINDS[one.stable] for one in self], dtype=str), "")
         table["reached"] = Quantity(np.array(self.counts, dtype=int), "")
         return chosen(table, outputs, "equilibria")
 
     def __repr__(self) -> str:
-        kinds = [KINDS[one.stable] for one in self]
+        kinds = [POSE_KINDS[one.stable] for one in self]
         return (f"Equilibria({', '.join(f'{kinds.count(x)} {x}' for x in dict.fromkeys(kinds))} "
                 f"of {self.starts} starts{'' if self.is_whole else '; cut short'})")
 
@@ -269,7 +271,7 @@ def equilibria(
     external: Mapping[str, pin.Force] | None = None,
     laws: Mapping[str, Law] | None = None,
     coordinates: Iterable[str] | None = None,
-    starts: int = STARTS,
+    starts: int = RANDOM_STARTS,
     seed: int = 0,
     executor: Executor | None = None,
     accuracy: Accuracy | None = None,
@@ -403,11 +405,11 @@ def settled(
     """
     gone = np.zeros(loads.mechanism.model.nv)
     last = np.inf
-    for _ in range(STEPS):
+    for _ in range(MOST_DESCENTS):
         at = SmallMotions(loads, state)
         step = _newton_step(at, bool(stable))
         length = float(np.abs(step).max(initial=0.0))
-        if length <= EXACT or (last <= NEARLY and length >= 0.5 * last):
+        if length <= ARRIVED or (last <= NEAR_REST and length >= 0.5 * last):
             verdict = judged(at)
             nudge = _downhill(at, verdict) if stable else None
             if nudge is None:
@@ -416,7 +418,7 @@ def settled(
         there = _taken(at, state, step, bool(stable) and not loads.speeds, accuracy)
         gone += turned_apart(loads.mechanism, state.q, there.q)
         state, last = there, length
-        if np.abs(gone).max(initial=0.0) > FAR:
+        if np.abs(gone).max(initial=0.0) > WITHOUT_END:
             break
     raise SpatialPinError(_falls(loads, gone, step))
 
@@ -428,10 +430,11 @@ def _newton_step(at: SmallMotions, descends: bool) -> Array:
     if not len(forces):
         return np.zeros(at.freedoms.shape[1])
     least = NEUTRAL * terms.max()
-    if at.loads.speeds:
+    symmetric = 0.5 * (reduced.stiffness + reduced.stiffness.T)
+    if at.loads.speeds and np.abs(reduced.stiffness - symmetric).max() > least:
         y = decompose(reduced.stiffness, NEUTRAL).minimum_norm(reduced.load)
     else:
-        values, modes = np.linalg.eigh(0.5 * (reduced.stiffness + reduced.stiffness.T))
+        values, modes = np.linalg.eigh(symmetric)
         pull = modes.T @ reduced.load
         idle = (np.abs(values) <= least) & (np.abs(pull) <= BALANCED * forces.max())
         divisor = np.maximum(np.abs(values), max(least, 1e-300))
@@ -448,10 +451,10 @@ def _taken(
     """Return the state that a step leads to, halved until loops close and nothing rises."""
     scale, part = at.loads.mechanism.velocity_scale, 1.0
     slope = -float(at.wanted @ (scale * step))
-    while part > SHORTEST:
+    while part > SHORTEST_DESCENT:
         there = closed_beside(at.loads, state, part * step, accuracy)
         if there is not None:
-            if not descends or part * np.abs(step).max() < NEARLY or slope <= 0.0:
+            if not descends or part * np.abs(step).max() < NEAR_REST or slope <= 0.0:
                 return there
             if _slope(at.loads, there, step) >= -OVERSHOT * slope:
                 return there
@@ -535,12 +538,17 @@ def vibrations(
 
 
 def _downhill(at: SmallMotions, verdict: Verdict) -> Array | None:
-    """Return a step (nv,), scaled, off a pose that is not stable; None from one that is."""
-    if verdict.stable is not False or at.loads.speeds:
+    """Return a step (nv,), scaled, off a pose that is not stable; None where none leads down."""
+    if verdict.stable is not False:
         return None
     reduced = at.reduced(verdict.free * at.loads.mechanism.velocity_scale)
-    mode = np.linalg.eigh(0.5 * (reduced.stiffness + reduced.stiffness.T))[1][:, 0]
-    step = mode @ verdict.free
+    symmetric = 0.5 * (reduced.stiffness + reduced.stiffness.T)
+    least = NEUTRAL * reduced.sizes[1].max()
+    values, modes = np.linalg.eigh(symmetric)
+    if values[0] >= -least or (
+            at.loads.speeds and np.abs(reduced.stiffness - symmetric).max() > least):
+        return None  # it leaves by its speeds or by forces without a potential
+    step = modes[:, 0] @ verdict.free
     step = step / step[np.argmax(np.abs(step) > 0.5 * np.abs(step).max())]
     return NUDGE * step / np.abs(step).max()
 
@@ -604,8 +612,9 @@ def _falls(loads: AppliedLoads, gone: Array, step: Array) -> str:
     joints = {mechanism.coordinate(name).joint for name in moving}
     bases = [joint for joint in untied(mechanism) if joint in joints]
     if bases:
+        hold = '"base"' if set(bases) <= set(free_bases(mechanism)) else repr(bases)
         return (f"mechanism {mechanism.name!r}: {', '.join(bases)} floats freely, and nothing "
-                'holds the machine: it falls without end; hold it (hold="base"), or hang it on '
+                f"holds the machine: it falls without end; hold it (hold={hold}), or hang it on "
                 "springs")
     names = first_names(moving)
     drivers = [mechanism.drivers[name].joint for name in mechanism.drivers]

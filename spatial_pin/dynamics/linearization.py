@@ -9,9 +9,16 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from spatial_pin._support.checks import as_array, checked, names_of, positive_number, whole_number
+from spatial_pin._support.checks import (
+    as_array,
+    checked,
+    is_finite,
+    names_of,
+    positive_number,
+    whole_number,
+)
 from spatial_pin._support.columns import XYZ, Quantity, Tabular, chosen
-from spatial_pin.assembly.state import State
+from spatial_pin.assembly.state import State, of_mechanism
 from spatial_pin.dynamics.derivatives.small_motions import (
     AppliedLoads,
     ReducedEquations,
@@ -37,8 +44,8 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 
 AT_REST = 1e-6  # of the terms of a force, above which a pose is not at rest
 AMPLITUDE = 0.1  # of a shape: its largest coordinate [rad, characteristic lengths]
-ROUND_OFF = 1e-14  # of the largest eigenvalue: a decay that is none
-SAMPLES = 61  # of the period of a shape
+NO_DECAY = 1e-14  # of the largest eigenvalue: a decay that is none
+SHAPE_SAMPLES = 61  # of the period of a shape
 
 
 class Linearization(Tabular):
@@ -72,8 +79,9 @@ class Linearization(Tabular):
             reduced.mass, reduced.damping, reduced.stiffness)
         self.inputs, self.outputs = tuple(inputs), tuple(outputs)
         n = len(names)
-        self._b = np.array([*inputs.values()]).reshape(-1, n).T
-        self._c = np.array([np.concatenate(x) for x in outputs.values()]).reshape(-1, 2 * n)
+        self._b = np.array([*inputs.values()]).reshape(len(inputs), n).T
+        self._c = np.array([np.concatenate(x) for x in outputs.values()]).reshape(
+            len(outputs), 2 * n)
         self._loads, self._neutral = at.loads, neutral
         sizes = np.abs(reduced.mass).max(initial=0.0)
         if n and decompose(reduced.mass / (sizes or 1.0)).rank < n:
@@ -138,7 +146,7 @@ class Linearization(Tabular):
         """
         (roots, forms), n = self._roots(), len(self.coordinates)
         least = NEUTRAL * np.abs(roots).max(initial=0.0)
-        none = ROUND_OFF * np.abs(roots).max(initial=0.0)
+        none = NO_DECAY * np.abs(roots).max(initial=0.0)
         modes = [(float(abs(x)) / (2.0 * np.pi),
                   float(-x.real / abs(x)) if abs(x.real) > none else 0.0, form)
                  for x, form in zip(roots, forms, strict=True)
@@ -195,6 +203,8 @@ class Linearization(Tabular):
             array([[[0.7641]]])
         """
         omega = np.atleast_1d(as_array(omega, "omega"))
+        if not is_finite(omega):
+            raise ValueError("omega has a value that is NaN or infinite")
         n = len(self.coordinates)
         found = np.zeros((len(omega), len(self._c), self._b.shape[1]), complex)
         for out, w in zip(found, omega, strict=True):
@@ -232,7 +242,7 @@ class Linearization(Tabular):
         form = form / form[np.argmax(np.abs(form))]
         size = AMPLITUDE if amplitude is None else positive_number(amplitude, "amplitude") / (
             scale[np.argmax(np.abs(form))])
-        times = np.linspace(0.0, 1.0 / frequencies[k], SAMPLES)
+        times = np.linspace(0.0, 1.0 / frequencies[k], SHAPE_SAMPLES)
         waves = (size * scale[:, None] * form[:, None]) * np.exp(1j * omega * times)
         at = self.state
         values: dict[str, Any] = {
@@ -262,8 +272,9 @@ class Linearization(Tabular):
         return chosen(table, outputs, "linearization")
 
     def __repr__(self) -> str:
-        return (f"Linearization({', '.join(self.coordinates)}: "
-                f"{', '.join(f'{x:.6g}' for x in self.frequencies)} Hz)")
+        modes = ", ".join(f"{x:.6g}" for x in self.frequencies)
+        return (f"Linearization({', '.join(self.coordinates)}: {modes} Hz)" if modes else
+                "Linearization()")
 
     def __str__(self) -> str:
         pairs = zip(self.frequencies, self.damping_ratios, strict=True)
@@ -319,6 +330,7 @@ def linearize(
         >>> found.frequency_response([1.0]).shape  # (frequencies, outputs, inputs)
         (1, 1, 1)
     """
+    state = of_mechanism(mechanism, state)
     at = _at_rest(mechanism, state, AppliedLoads(
         exact_numbers(state), hold, speeds, efforts, external, laws))
     wished = None if coordinates is None else names_of(coordinates, "coordinates")
@@ -375,6 +387,7 @@ def compliance(
         >>> found.shape, bool(np.allclose(found, found.T, rtol=0, atol=1e-12))
         ((6, 6), True)
     """
+    state = of_mechanism(mechanism, state)
     at = _at_rest(mechanism, state, AppliedLoads(
         exact_numbers(state), hold, None, efforts, external, laws))
     mechanism = at.loads.mechanism

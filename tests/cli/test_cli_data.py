@@ -23,6 +23,9 @@ TABLES = {  # commands with a table: words, and how many rows it has; None: some
     "sweep": ([*SWEPT], 3),
     "simulate": (["four_bar", "--duration", "0.1", "--rows", "5"], 5),
     "clearance": ([*SWEPT], None),
+    "equilibrium": (["four_bar"], 5),
+    "linearize": (["delta"], 3),
+    "compliance": (["four_bar", "coupler"], 6),
     "workspace": (["four_bar", "coupler_b", "crank=0..1", "--points", "4"], 4),
     "tradeoff": ([*SWEPT, "--repeats", "1"], None),
 }
@@ -93,6 +96,8 @@ def test_a_range_of_a_full_turn_is_json_without_infinities(run):
 @pytest.mark.parametrize("words", [
     ("list",), ("info", "excavator"), ("info", "stewart"), ("modes", "four_bar", "crank=1"),
     ("assemble", "delta"), ("limits", "four_bar", "rocker_pin"), ("--help",),
+    ("equilibrium", "delta"), ("equilibrium", "four_bar", "--all", "--starts", "8"),
+    ("linearize", "delta"), ("compliance", "delta", "platform"),
     ("tradeoff", *SWEPT, "--repeats", "1"), ("statics", "stewart"), ("statics", "delta"),
     ("tradeoff", "four_bar", "--simulate", "50ms", "--repeats", "1"), ("sensitivity", "rssr",
     "coupler_b.position"), ("jacobian", "stewart", "platform"), ("check", "excavator"),

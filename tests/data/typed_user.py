@@ -146,6 +146,18 @@ def dimensions(mech: sp.Mechanism, state: sp.State) -> None:
           met.targets.shape, best.motion().closure_error.max())
 
 
+def resting(mech: sp.Mechanism) -> None:
+    found: sp.Equilibrium = sp.equilibrium(mech, {"crank": 1.0}, hold="crank", stable=None)
+    every: sp.Equilibria = sp.equilibria(mech, starts=4)
+    small: sp.Linearization = sp.linearize(mech, every[0].state, outputs=["rocker_pin"])
+    soft = sp.compliance(mech, every[0].state, "tip")
+    path: sp.EquilibriumPath = sp.equilibrium_path(mech, efforts={"crank": 1.0})
+    stable: bool | None = found.stable
+    print(stable, found.efforts["crank"] + every.missing + found.energy, soft.shape,
+          small.frequencies + 1.0, small.state_space()[0].shape, small.shape(0).closure_error,
+          small.frequency_response([1.0]).real, path.load_factor + 1.0)
+
+
 def judging(mech: sp.Mechanism, motion: sp.Motion) -> None:
     table: sp.Tradeoff = sp.tradeoff(mech, motion, repeats=3)
     row: sp.Measured = table.cheapest(1e-6)

@@ -68,7 +68,7 @@ def test_the_middle_of_a_truss_is_unstable_and_its_energy_is_that_of_its_springs
     assert found.stiffness[0, 0] == pytest.approx(2000.0 * (1.0 - np.hypot(0.3, 0.1) / 0.3))
 
 
-@pytest.mark.parametrize("guess", [-0.7, -1.6])
+@pytest.mark.parametrize("guess", [-0.7, -1.6, -0.3, -2.5])
 def test_a_governor_stands_out_by_its_speed(guess):
     found = sp.equilibrium(governor(), {"arm": guess}, speeds={"shaft": 8.0})
     assert abs(found.state.coordinate("arm").value + 1.177534668264) < 1e-11
@@ -215,6 +215,22 @@ def test_a_stable_pose_survives_a_nudge_and_an_unstable_one_does_not(name):
         assert (pushed(pose, 4.0 / root) < 1.5) == stable
 
 
+@pytest.mark.parametrize("name", each(["delta", "rssr", "screw_press", "stewart", "bennett"]))
+def test_dampers_bring_a_mechanism_back_to_its_pose(name):
+    mech = with_springs(name)
+    pose = sp.equilibrium(mech)
+    rest = np.array([pose.state.coordinate(c).value for c in pose.coordinates])
+    by = 1e-3 * np.random.default_rng(1).uniform(-1.0, 1.0, len(rest))
+    start = sp.assemble(mech, dict(zip(pose.coordinates, rest + by, strict=True)), pose.state,
+                        release=False)
+    slowest = np.abs(sp.linearize(mech, pose.state).eigenvalues.real).min()
+    run = sp.simulate(mech, start, min(3.0 / slowest, 20.0))
+    apart = [np.abs(run.coordinate(c).value - x) for c, x in zip(pose.coordinates, rest,
+                                                                 strict=True)]
+    assert np.max(apart) < 20.0 * np.abs(by).max()
+    assert np.max([x[-1] for x in apart]) < np.abs(by).max()
+
+
 # ---------------------------------------------------------------- all of them
 
 
@@ -252,8 +268,19 @@ def test_no_pose_at_rest_at_all_is_an_error():
 
 
 def test_a_free_base_that_nothing_holds_falls():
-    with pytest.raises(sp.SpatialPinError, match=r'base floats freely.*hold="base"'):
+    with pytest.raises(sp.SpatialPinError, match=r"base floats freely.*hold=\['base'\]"):
         sp.equilibrium(hung(0))
+    model = model_of((0.0, 0.0, -9.81))
+    hull = model.addJoint(0, pin.JointModelFreeFlyer(), place(0, 0, 0), "hull")
+    arm = model.addJoint(hull, pin.JointModelRY(), place(0, 0, 0), "arm")
+    for joint in (hull, arm):
+        model.appendBodyToJoint(joint, pin.Inertia(2.0, np.array([0.1, 0.0, 0.0]), np.eye(3)),
+                                place(0, 0, 0))
+    walker = sp.Mechanism.from_model(model)
+    with pytest.raises(sp.SpatialPinError, match=r'hull floats freely.*hold="base"'):
+        sp.equilibrium(walker)
+    found = sp.equilibrium(walker, hold="base")
+    assert found.stable and found.coordinates == ("arm",)
 
 
 def test_what_falls_is_named_and_what_would_hold_it():

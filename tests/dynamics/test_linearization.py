@@ -15,12 +15,15 @@ from at_rest import (
     model_of,
     plate,
     point_mass,
+    sleeved_governor,
     sprung_four_bar,
     truss,
+    turning_arms,
     with_springs,
 )
 from loaded_library import library
 from scipy import signal
+from scipy.linalg import expm
 from variety import each
 
 import spatial_pin as sp
@@ -203,6 +206,39 @@ def test_what_is_held_does_not_give_way():
     assert not sp.compliance(mech, held, "coupler", hold="crank").any()
 
 
+@pytest.mark.parametrize("speed", [0.0, 3.0, 8.0])
+def test_matrices_beside_a_shaft_that_turns_are_differences_of_the_inverse_dynamics(speed):
+    mech, turning = turning_arms(), {"shaft": speed}
+    found = rested(mech, speeds=turning)
+    data, q, v = mech.model.createData(), found.state.q, np.array([speed, 0.0, 0.0])
+    assert found.coordinates == ("arm", "bob")
+
+    def forces(q, v):
+        borne = pin.rnea(mech.model, data, q, v, np.zeros(3))[1:]
+        return borne + np.array([1.0, 2.0]) * q[1:] + np.array([0.3, 0.1]) * v[1:]
+
+    unit = np.eye(3)[1:]
+    by_q = np.transpose([difference(lambda h, d=d: forces(q + h * d, v)) for d in unit])
+    by_v = np.transpose([difference(lambda h, d=d: forces(q, v + h * d)) for d in unit])
+    assert np.abs(forces(q, v)).max() < 1e-12
+    np.testing.assert_allclose(found.stiffness, by_q, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.damping, by_v, rtol=0, atol=1e-9)
+
+
+def test_a_loop_on_a_shaft_swings_as_the_linearization_says():
+    mech, turning = sleeved_governor(), {"shaft": 12.0}
+    pose = sp.equilibrium(mech, speeds=turning)
+    found = sp.linearize(mech, pose.state, speeds=turning)
+    assert pose.stable and found.stable and found.coordinates == ("upper",)
+    rest, period = pose.state.coordinate("upper").value, 1.0 / found.frequencies[0]
+    start = sp.assemble(mech, {"upper": rest + 1e-3}, pose.state, release=False)
+    start = sp.solve_rates(mech, start, {"shaft": 12.0, "upper": 0.0})
+    run = sp.simulate(mech, start, period, drives={"shaft": sp.laws.constant_speed(0.0, 12.0)})
+    wanted = expm(found.state_space()[0] * period) @ [1e-3, 0.0]
+    assert run.coordinate("upper").value[-1] - rest == pytest.approx(wanted[0], abs=2e-6)
+    assert run.coordinate("upper").rate[-1] == pytest.approx(wanted[1], abs=2e-5)
+
+
 # ---------------------------------------------------------------- transfer functions
 
 
@@ -311,6 +347,36 @@ def test_a_state_that_moves_is_refused():
     state = sp.solve_rates(mech, sp.equilibrium(mech).state, {"crank": 1.0})
     with pytest.raises(sp.SpatialPinError, match="the state moves"):
         sp.linearize(mech, state)
+
+
+def test_a_state_of_another_mechanism_is_refused():
+    state = sp.equilibrium(library("rssr")).state
+    for verb, more in ((sp.linearize, ()), (sp.compliance, ("coupler",))):
+        with pytest.raises(sp.SpatialPinError, match="the state belongs to mechanism 'rssr'"):
+            verb(library("four_bar"), state, *more)
+
+
+def test_springs_are_those_of_the_mechanism_that_is_given():
+    soft, stiff = oscillator(stiffness=50.0), oscillator(stiffness=200.0)
+    state = sp.equilibrium(soft).state
+    assert sp.linearize(stiff, state).stiffness[0, 0] == pytest.approx(200.0)
+    assert sp.compliance(stiff, state, "slide")[0, 0] == pytest.approx(1 / 200.0)
+    assert sp.equilibrium(stiff, state).stiffness[0, 0] == pytest.approx(200.0)
+
+
+def test_where_all_is_held_nothing_vibrates():
+    mech = library("four_bar")
+    found = sp.linearize(mech, sp.equilibrium(mech, {"crank": 1.0}, hold="crank").state,
+                         hold="crank")
+    assert found.frequencies.shape == (0,) and found.eigenvalues.shape == (0,)
+    assert [x.shape for x in found.state_space()] == [(0, 0), (0, 0), (0, 0), (0, 0)]
+    assert repr(found) == "Linearization()" and found.stable
+
+
+@pytest.mark.parametrize("omega", [np.nan, [1.0, np.inf], "a"])
+def test_frequencies_are_finite_numbers(omega):
+    with pytest.raises(ValueError, match="omega"):
+        rested(library("four_bar")).frequency_response(omega)
 
 
 def test_a_motion_without_inertia_is_refused():

@@ -214,3 +214,13 @@ def test_triangular_factors_tell_what_singular_values_do(seed):
     assert np.abs(x - best).max(initial=0.0) < 1e-9 * (1.0 + np.abs(best).max(initial=0.0))
     with pytest.raises(SingularError):
         Triangular(np.array([[1.0, np.nan]]))
+
+
+@pytest.mark.parametrize("k", [1, 3, 4, 7])
+def test_several_right_hand_sides_are_columns(k):
+    """As many as the rank, too, where columns and singular values could be taken for each other."""
+    rng = np.random.default_rng(k)
+    found = decompose(rng.normal(size=(6, 3)) @ rng.normal(size=(3, 5)))
+    b = rng.normal(size=(6, k))
+    each = np.transpose([found.minimum_norm(column) for column in b.T])
+    np.testing.assert_allclose(found.minimum_norm(b), each, rtol=1e-12, atol=1e-14)

@@ -73,6 +73,43 @@ def governor() -> sp.Mechanism:
     return sp.Mechanism.from_model(model, drivers=["shaft"])
 
 
+def turning_arms() -> sp.Mechanism:
+    """Two arms of crooked masses, one behind the other, on a shaft."""
+    model = model_of((0.0, 0.0, -9.81))
+    shaft = model.addJoint(0, pin.JointModelRZ(), at(0, 0, 0), "shaft")
+    arm = model.addJoint(shaft, pin.JointModelRY(), at(0.1, 0, 0), "arm")
+    bob = model.addJoint(arm, pin.JointModelRX(), at(0, 0.05, -0.3), "bob")
+    for joint, mass, place, moments in (
+            (shaft, 1.0, (0.0, 0.0, 0.0), (0.1, 0.1, 0.1)),
+            (arm, 1.0, (0.02, 0.03, -0.2), (0.02, 0.03, 0.01)),
+            (bob, 0.7, (0.05, 0.02, -0.15), (0.01, 0.02, 0.03))):
+        model.appendBodyToJoint(joint, pin.Inertia(mass, np.array(place), np.diag(moments)),
+                                at(0, 0, 0))
+    return sp.Mechanism.from_model(model, drivers=["shaft"], springs=[
+        sp.Spring("of_arm", joint="arm", stiffness=1.0, damping=0.3),
+        sp.Spring("of_bob", joint="bob", stiffness=2.0, damping=0.1)])
+
+
+def sleeved_governor() -> sp.Mechanism:
+    """A governor whose arms close a loop through a sleeve on the shaft."""
+    model = model_of((0.0, 0.0, -9.81))
+    shaft = model.addJoint(0, pin.JointModelRZ(), at(0, 0, 0), "shaft")
+    upper = model.addJoint(shaft, pin.JointModelRY(), at(0.02, 0, 0.5), "upper")
+    lower = model.addJoint(upper, pin.JointModelRY(), at(0, 0, -0.3), "lower")
+    sleeve = model.addJoint(shaft, pin.JointModelPZ(), at(0.02, 0, 0), "sleeve")
+    for joint, mass, low, moments in (
+            (upper, 0.2, -0.15, (0.002, 0.002, 0.0001)),
+            (lower, 1.0, -0.02, (0.002, 0.002, 0.0001)),
+            (sleeve, 1.5, 0.0, (0.01, 0.01, 0.02))):
+        model.appendBodyToJoint(joint, pin.Inertia(mass, np.array([0.0, 0.0, low]),
+                                                   np.diag(moments)), at(0, 0, 0))
+    mark(model, {"end": (lower, (0, 0, -0.3)), "lug": (sleeve, (0, 0, 0))})
+    return sp.Mechanism.from_model(
+        model, closures=[sp.closures.revolute("end", "lug", axis=(0, 1, 0), name="pin")],
+        drivers=["shaft"], guess={"upper": -0.6, "lower": 1.2},
+        springs=[sp.Spring("oil", joint="sleeve", stiffness=0.0, damping=2.0)])
+
+
 def plate() -> sp.Mechanism:
     """A plate of 2 kg that hangs on two cords of 0.8 m, 0.15 m from its centre on either side."""
     model = model_of((0.0, 0.0, -9.81))

@@ -299,12 +299,32 @@ def every_result(motion: sp.Motion, loads: sp.Kinetostatics, driven: sp.Simulati
     yield from (sp.sensitivity(mechanism, motion, "rocker_pin", ["a"]),
                 sp.tolerance(mechanism, ["rocker_pin", "coupler.position"], {"a": 1e-3},
                              samples=20))
+    rest = sp.equilibrium(mechanism)
+    yield from (rest, sp.equilibria(mechanism, starts=4), sp.linearize(mechanism, rest.state))
     yield sp.tradeoff(mechanism, budget=0.3)
     apart = sp.clearance(sp.sweep(sp.load("four_bar"), "crank", np.linspace(0.3, 1.0, 9)))
     yield from (apart, apart.pairs[0])
     arms = {name: (0.0, 0.3) for name in ("arm_1", "arm_2", "arm_3")}
     found = sp.workspace(sp.load("delta"), "platform", arms, points=2)
     yield from (found, found.boundary)
+
+
+def test_poses_at_rest_and_vibrations_are_tables():
+    pandas = pytest.importorskip("pandas")
+    mechanism = sp.load("four_bar")
+    poses = sp.equilibria(mechanism, starts=20)
+    frame = poses.to_dataframe()
+    assert isinstance(frame, pandas.DataFrame) and len(frame) == len(poses) == 4
+    assert list(frame)[-3:] == ["energy [J]", "kind", "reached"]
+    assert frame["crank_pin [rad]"][1] == poses[1].state.coordinate("crank").value
+    assert frame.attrs["units"]["energy [J]"] == "J" and sum(frame["reached"]) == poses.reached
+    assert poses.to_csv(outputs="kind").split() == ["kind", *frame["kind"]]
+    with pytest.raises(sp.UnknownNameError, match="no column 'enrgy'"):
+        poses.columns("enrgy")
+    small = sp.linearize(mechanism, poses[0].state)
+    np.testing.assert_array_equal(small.to_dataframe()["frequency [Hz]"], small.frequencies)
+    assert sp.Equilibria().columns()["kind"].shape == (0,)
+    assert repr(poses).startswith("Equilibria(2 stable, 2 unstable of 20 starts")
 
 
 @pytest.mark.slow
