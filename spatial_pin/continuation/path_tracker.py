@@ -525,11 +525,11 @@ class PathTracker(Branch):
 @made_once
 def _prescribed(
     mechanism: Mechanism, names: tuple[str, ...], hold: FixedHold
-) -> tuple[list[Coordinate], tuple[int, ...], list[int], set[str]]:
+) -> tuple[list[Coordinate], tuple[int, ...], tuple[int, ...], set[str]]:
     """Return what is driven, what stands still, both as C counts them, and drivers that move."""
     check_not_held(mechanism, [mechanism.prescribed_coordinate(names[0])], hold)
     driven, still = prescribed_first(mechanism, names, hold)
-    places = prescribed_places(mechanism.model.nv, driven, still)
+    places = tuple(prescribed_places(mechanism.model.nv, driven, still))
     return driven, still, places, _moving_drivers(mechanism, driven, still)
 
 

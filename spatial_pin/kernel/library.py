@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,11 @@ def address(array: NDArray[Any]) -> int:
         if array.flags.writeable:  # it is not contiguous
             raise
         return int(array.ctypes.data)
+
+
+def addresses(arrays: Iterable[NDArray[Any]]) -> list[int]:
+    """Return where arrays begin that were made for C to write: contiguous, and not read-only."""
+    return [_addressof(_view(x)) if x.size else _NOWHERE for x in arrays]  # type: ignore[arg-type]
 
 
 def opened(path: Path) -> ctypes.CDLL:

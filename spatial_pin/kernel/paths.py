@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from spatial_pin.kernel.closer import Closer
 from spatial_pin.kernel.kernel import Kernel, check, numbers
-from spatial_pin.kernel.library import INT, POINTER, REAL, address
+from spatial_pin.kernel.library import INT, POINTER, REAL, address, addresses
 from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy
@@ -161,7 +161,7 @@ class Path:
         """
         values, task = numbers(values, (len(samples.q),)), self._task
         rows = task.rows
-        rows.q, rows.t, rows.c, rows.error, rows.angles = map(address, samples)
+        rows.q, rows.t, rows.c, rows.error, rows.angles = addresses(samples)
         task.open, task.value, task.n = widest_gap, address(values), len(values)
         return self._library.path_from_guess(
             self._handle, closer.handle, closer.at_task, ctypes.byref(task))
@@ -204,17 +204,17 @@ class Path:
             self._handle, begin, shape[0], shape[-1] - 1, address(breaks), address(coefficients)))
 
 
-def path_of(closer: Closer, driven: list[int], accuracy: Accuracy) -> Path | None:
+def path_of(closer: Closer, driven: tuple[int, ...], accuracy: Accuracy) -> Path | None:
     """Return a path in a closer's kernel that chooses its equations; the last one is kept.
 
     None where there are other numbers of equations than of unknowns.
     """
-    kernel, key = closer.kernel, tuple(driven)
-    path: Path | None = closer.paths.get(key)
+    kernel = closer.kernel
+    path: Path | None = closer.paths.get(driven)
     if path is None or path.accuracy is not accuracy:
         if not 0 <= kernel.nv - kernel.n_passive - len(driven) <= kernel.n_closure:
             return None
-        path = closer.paths[key] = Path(kernel, None, driven, None, accuracy)
+        path = closer.paths[driven] = Path(kernel, None, driven, None, accuracy)
     return path
 
 

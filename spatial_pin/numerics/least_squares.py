@@ -220,6 +220,12 @@ class Iterate:
         """Return the same, if it is known."""
         return self._lagrangians.get(free.tobytes())
 
+    def predicted(self, step: Array) -> float:
+        """Return the part of the sum that a step (n,) gains to first order."""
+        residual, rows = self.model
+        left = residual + rows @ step
+        return float(residual @ residual - left @ left) / self.size**2
+
     def push(self, active: Bounds, k: int) -> float:
         """Return how far a free step goes beyond the bound that an unknown stands at."""
         tangents = self.tangents(self.problem.free({v: x for v, x in active.items() if v != k}))
@@ -381,7 +387,8 @@ class Descent:
                 if not self._is_bent:
                     there = self._to_vertex(here, active, step, there)
                 share = there[0].size / here.size if here.size else 0.0
-                gained, predicted = 1.0 - share * share, self._predicted(here, step)
+                gained = 1.0 - share * share
+                predicted = 0.0 if self._is_bent or not here.size else here.predicted(step)
                 if POOR_GAIN * predicted < gained < problem.gain:
                     return Minimum(*there, True, False)
                 self._damping *= 2.0 if gained < POOR_GAIN * predicted else (
@@ -426,14 +433,6 @@ class Descent:
             k, side = first
             active[k] = side
             jump[k] = here.room[side, k] if side else -here.room[side, k]
-
-    def _predicted(self, here: Iterate, step: Array) -> float:
-        """Return the part of the sum that a step gains to first order; nothing of Newton's."""
-        if self._is_bent or not here.size:
-            return 0.0
-        residual, rows = here.model
-        left = residual + rows @ step
-        return float(residual @ residual - left @ left) / here.size**2
 
     def _landed(
         self, here: Iterate, step: Array, active: Bounds
@@ -485,10 +484,7 @@ class Descent:
     def _onward(
         self, here: Iterate, active: Bounds, before: Iterate
     ) -> tuple[Iterate, Bounds] | None:
-        """Return where to go on from a point that steps do not leave; None if it is the least.
-
-        The last, short step came from the one `before`.
-        """
+        """Return where to go on from a point, short of `before`; None if it is the least."""
         if here.size <= self._problem.tolerance or not self._problem.bends:
             return None
         self._damping, was_bent = 0.0, self._is_bent
