@@ -69,8 +69,9 @@ class GoalRows(NamedTuple):
         return found
 
     def steps(self, damping: Array) -> Array:
-        """Return Levenberg's steps (m, nv) towards what is to hold."""
-        return _steps(self.held_moves, self.held, damping)
+        """Return Levenberg's steps (m, nv) towards what is to hold, damped more from afar."""
+        open_by = np.einsum("mi,mi->m", self.held, self.held)
+        return _steps(self.held_moves, self.held, np.maximum(damping, open_by))
 
     def together(self, weight: float) -> tuple[Array, Array, Array]:
         """Return all, what is to hold weighted, and the derivatives."""
@@ -201,7 +202,8 @@ class InnerProblem:
                 for x, y in zip(whole, part, strict=True):
                     x[some[better]] = y[better]
             small = np.abs(steps).max(axis=1, initial=0.0) < TOLERANCES.half_precision
-            return better, small | has_ended
+            # one that gains nothing now may do so again: all go on until all have ended
+            return better, np.full(len(some), np.all(small | has_ended))
 
         levenberg(tries, np.arange(len(samples.q)), first=first, easing=INNER_EASING,
                   hardening=INNER_HARDENING, least=least, most=most)
