@@ -41,13 +41,15 @@ from spatial_pin.numerics.roots import sign_change
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy, accuracy_of
 
-FIRST_STEP, LARGEST_STEP, SMALLEST_STEP = 0.02, 0.1, 1e-7  # rad, characteristic lengths, factors
-MOST_SAMPLES = 5000
-FARTHEST = 11.0  # ranges of the load factor from its end: what goes so far does not come back
-CORRECTIONS = 12  # Newton steps; more than that, and a shorter step of the path is cheaper
-QUICK, SLOW = 4, 7  # corrections, up to which the next step is longer, and above which shorter
+# Steps of the path [rad, characteristic lengths, load factors by their unit]
+FIRST_LENGTH, LARGEST_LENGTH, SMALLEST_LENGTH = 0.02, 0.1, 1e-7
+MOST_POSES = 5000  # of a path: a hundred times what snapping through takes
+MOST_RANGES = 11.0  # ranges of the load factor from its end: what goes so far does not come back
+POSE_CORRECTIONS = 12  # Newton steps; more than that, and a shorter step of the path is cheaper
+# Corrections up to which the next step is longer, and above which it is shorter.
+FEW_CORRECTIONS, MANY_CORRECTIONS = 4, 7
 BENT = 0.95  # cosine between tangents, below which a step is halved
-EXACT, NEARLY = 1e-13, 1e-9  # correction that ends a search, and that may end it
+POSE_EXACT, POSE_NEARLY = 1e-13, 1e-9  # correction that ends a search, and that may end it
 
 
 @dataclass(eq=False, repr=False)
@@ -184,7 +186,7 @@ class LoadPath:
         """
         state, factor, step = start.state, start.factor, along * target / float(row @ along)
         way, length = np.zeros(len(row)), np.inf
-        for k in range(CORRECTIONS):
+        for k in range(POSE_CORRECTIONS):
             there = closed_beside(self.loads(0.0), state, step[:-1], self._accuracy)
             if there is None:
                 return None
@@ -197,9 +199,9 @@ class LoadPath:
                 at.orthonormal().load / (at.size or 1.0), target - float(row @ way)))
             step = np.append(found[:-1] @ freedoms, found[-1])
             before, length = length, float(np.abs(step).max())
-            if length <= EXACT or (before <= NEARLY and length >= 0.5 * before):
+            if length <= POSE_EXACT or (before <= POSE_NEARLY and length >= 0.5 * before):
                 return self.point(state, factor, row if np.any(row[:-1]) else along, k + 1)
-            if length > 2.0 * LARGEST_STEP:
+            if length > 2.0 * LARGEST_LENGTH:
                 return None
         return None
 
@@ -213,12 +215,12 @@ class LoadPath:
         Raises:
             SingularError: the path cannot be followed further.
         """
-        point, length = first, FIRST_STEP
+        point, length = first, FIRST_LENGTH
         while True:
             there = self.corrected(point, point.tangent, length, point.tangent)
             if there is None or there.tangent @ point.tangent < BENT:
                 length *= 0.5
-                if length < SMALLEST_STEP:
+                if length < SMALLEST_LENGTH:
                     raise SingularError(
                         f"mechanism {self.mechanism.name!r}: the poses at rest cannot be followed "
                         f"beyond load factor {point.factor:.6g}, {point.state}", state=point.state)
@@ -231,11 +233,11 @@ class LoadPath:
                 return
             yield there
             point = there
-            if abs(there.factor - ends[1]) > FARTHEST * abs(ends[0] - ends[1]):
+            if abs(there.factor - ends[1]) > MOST_RANGES * abs(ends[0] - ends[1]):
                 return
-            if there.corrections <= QUICK:
-                length = min(1.5 * length, LARGEST_STEP)
-            elif there.corrections > SLOW:
+            if there.corrections <= FEW_CORRECTIONS:
+                length = min(1.5 * length, LARGEST_LENGTH)
+            elif there.corrections > MANY_CORRECTIONS:
                 length *= 0.6
 
     def met(self, before: LoadPoint, after: LoadPoint, row: int) -> tuple[Event, LoadPoint] | None:
@@ -345,7 +347,7 @@ def _along(
 ) -> tuple[list[LoadPoint], list[Event]]:
     points, events, crossed = [first], list[Event](), 0
     going = path.steps(first, ends)
-    while (there := next(going, None)) is not None and len(points) < MOST_SAMPLES:
+    while (there := next(going, None)) is not None and len(points) < MOST_POSES:
         met = path.met(points[-1], there, len(points))
         if met is not None:
             events.append(met[0])
@@ -386,11 +388,11 @@ def _over(
         point, parts = points[-1], 1.0
         while abs(value - float(point.state.q[coordinate.q])) > TOLERANCES.tight * size:
             way = (value - float(point.state.q[coordinate.q])) / size
-            step = parts * np.sign(way) * min(abs(way), LARGEST_STEP)
+            step = parts * np.sign(way) * min(abs(way), LARGEST_LENGTH)
             there = path.corrected(point, row, step, point.tangent / point.tangent[entry])
             if there is None:
                 parts *= 0.5
-                if parts < SMALLEST_STEP:
+                if parts < SMALLEST_LENGTH:
                     raise LimitError(
                         f"mechanism {mechanism.name!r}: {over} = {value:.6g} cannot be reached at "
                         f"rest: from {point.state} on nothing balances",
