@@ -43,6 +43,7 @@ NEAR_REST = 1e-7  # step from which on only round-off keeps the next from being 
 WITHOUT_END = 100.0  # rad, characteristic lengths: what has gone so far falls without end
 NEUTRAL = 1e-8  # of the terms of the stiffness: stiffness that is none, half of the digits
 BALANCED = 1e-9  # of the terms of a load: what is balanced
+PASSING = 1e-6  # of accelerations, and of forces, that change as a shaft turns
 NUDGE = 0.05  # rad, characteristic lengths: off a pose at rest that is not stable
 SAME_POSE = 1e-6  # difference of coordinates of one equilibrium, from two starts
 FAR_STARTS = (np.pi, 1.0, 0.3)  # rad, characteristic lengths: how far starts are from the guess
@@ -241,7 +242,8 @@ def equilibrium(
         The Equilibrium.
 
     Raises:
-        SpatialPinError: nothing supports a freedom; names it, and what would hold it.
+        SpatialPinError: nothing supports a freedom; names it, and what would hold it. Or what
+            has a constant speed takes the pose away from rest.
         AssemblyError: the guess cannot be closed.
         SingularError: the search came to a configuration where the loops lose rank.
         UnknownNameError: a name does not exist.
@@ -256,6 +258,7 @@ def equilibrium(
     state = assembled(mechanism, None, guess, accuracy=setting)
     loads = AppliedLoads(exact_numbers(state), hold, speeds, efforts, external, laws)
     at, verdict = settled(loads, state, stable, setting)
+    refuse_passing(at)
     return Equilibrium(at, None if coordinates is None else names_of(coordinates, "coordinates"),
                        verdict)
 
@@ -368,9 +371,37 @@ def _from_start(
                 return None
             state = there
         at, verdict = settled(loads, state, None if k % 2 else True, accuracy)
+        refuse_passing(at)
     except SpatialPinError:  # it falls without end from there, or meets a singular configuration
         return None
     return Equilibrium(at, names, verdict)
+
+
+def refuse_passing(at: SmallMotions) -> None:
+    """Refuse a pose that is at rest for a moment only, as what has a constant speed goes on.
+
+    At rest relative to it nothing is accelerated, and the balance of forces does not change along
+    the motion.
+
+    Raises:
+        SpatialPinError: names what moves on.
+    """
+    if not at.loads.speeds:
+        return
+    mechanism, scale = at.loads.mechanism, at.loads.mechanism.velocity_scale
+    pace = np.abs(at.state.v / scale).max(initial=0.0)
+    bent = np.abs(at.state.a / scale)
+    lost = np.abs(at.freedoms * scale @ at.by_q @ at.state.v)
+    if bent.max(initial=0.0) <= PASSING * pace**2 and (
+            lost.max(initial=0.0) <= PASSING * at.size * pace):
+        return
+    name = mechanism.coordinates[int(np.argmax(bent))]
+    turning = ", ".join(c.name for c in at.loads.speeds)
+    why = (f"{name} is accelerated" if bent.max() > PASSING * pace**2 else
+           "weights, springs or forces pull another way")
+    raise SpatialPinError(
+        f"mechanism {mechanism.name!r}: nothing stays at rest relative to {turning}: as it goes "
+        f"on, {why}; speeds= is for a shaft about which all that acts is the same all round")
 
 
 def _are_one(one: Equilibrium, other: Equilibrium) -> bool:

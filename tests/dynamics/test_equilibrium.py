@@ -317,3 +317,8 @@ def test_what_is_held_has_no_speed():
 def test_starts_are_a_number_of_at_least_one(starts):
     with pytest.raises((ValueError, TypeError), match="starts"):
         sp.equilibria(library("four_bar"), starts=starts)
+
+
+def test_a_crank_that_turns_leaves_nothing_at_rest():
+    with pytest.raises(sp.SpatialPinError, match=r"nothing stays at rest relative to crank"):
+        sp.equilibrium(sp.load("four_bar"), speeds={"crank": 1.0})
