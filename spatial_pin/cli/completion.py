@@ -28,6 +28,7 @@ NAMED = {
     "driver": "coordinate", "by": "coordinate", "actuated": "coordinate", "read": "coordinate",
     "hold": "held", "output": "output", "only": "output", "trace": "frame", "loads": "frame=",
     "pair": "pair", "to": "dimension", "dimension": "dimension", "parameters": "dimension=",
+    "inputs": "coordinate", "outputs": "output", "constant": "coordinate=",
     "deviation": "dimension=", "dimensions": "dimension=", "ranges": "range=",
 }
 

@@ -211,6 +211,7 @@ REMEDIES = (
            r" by a \3 of each in the file"),
     Remedy(r"hold=(\[.*?\])", _each("--hold"), "--hold"),
     Remedy(r'hold="base"', "--hold base", "--hold"),
+    Remedy(r" \(hold=(?:\[.*?\]|\"base\")\)", ""),
     Remedy(r"; hold=(\[.*?\]) stops the joints with springs", ""),
     Remedy(r"; nothing holds the free base, which .*? does by default", ""),
     Remedy(r"\bactuated=(\[.*?\])", _each("--actuated")),

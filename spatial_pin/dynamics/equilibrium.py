@@ -111,7 +111,7 @@ class Equilibrium(Dynamics):
             return equations.unique(self._pressing)
 
     def __repr__(self) -> str:
-        return f"Equilibrium({self._at!r}, stable={self.stable})"
+        return f"Equilibrium({self._at!r}, {POSE_KINDS[self.stable]})"
 
     def __str__(self) -> str:
         lines = [f"{POSE_KINDS[self.stable]} at rest: {self._at}",

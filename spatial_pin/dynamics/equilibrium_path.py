@@ -337,7 +337,7 @@ def equilibrium_path(
         points, events = _along(path, path.start(at.state, lo, along), (lo, hi), branch)
     else:
         if values is None:
-            raise SpatialPinError(f"over={over!r} needs values=, those that it goes through")
+            raise SpatialPinError("over needs values, those that the coordinate goes through")
         points, events = _over(path, state, over, as_array(values, "values"))
     return _motion(path, points, events, over)
 
