@@ -119,9 +119,9 @@ class Linearization(Tabular):
 
     @property
     def frequencies(self) -> Array:
-        """(n,) frequencies |λ|/2π of the vibrations [Hz], ascending.
+        """(n,) frequencies of the vibrations [Hz], ascending: the size of λ over 2π.
 
-        A pair of real eigenvalues of one sign has √(λ₁ λ₂) in place of |λ|; a motion that grows,
+        A pair of real eigenvalues of one sign has √(λ₁ λ₂) in its place; a motion that grows,
         or that nothing drives back, has frequency 0.
         """
         return np.array([frequency for frequency, _, _ in self._modes()])
