@@ -118,8 +118,8 @@ def compile_kernel(root: Path, flags: list[str] | None = None, out: Path | None 
     folder = root / KERNEL
     out = out or folder / about["LIBRARY"]
     written = out.with_name(f"{out.name}.{os.getpid()}")  # the old one may be in use
-    declared = about["prototypes"](folder).replace("\n", "\\n")
-    is_of = [f'-DSOURCE_HASH="{about["source_hash"](folder)}"', f'-DPROTOTYPES="{declared}"']
+    declared = "".join(f'"{line}",' for line in about["prototypes"](folder).splitlines())
+    is_of = [f'-DSOURCE_HASH="{about["source_hash"](folder)}"', f"-DPROTOTYPES={declared}"]
     headers = sorted({f"-I{file.parent}" for file in about["c_files"](folder, ".h")})
     found = compiler()
     if compiles([*found, ACROSS_FILES]):

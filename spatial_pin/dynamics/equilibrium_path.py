@@ -18,6 +18,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from spatial_pin._support.checks import as_array, checked, finite_array, whole_number
+from spatial_pin._support.columns import Quantity
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.search.whole_turns import turned_apart
 from spatial_pin.assembly.state import State
@@ -35,7 +36,7 @@ from spatial_pin.errors import LimitError, SingularError, SpatialPinError
 from spatial_pin.kernel.loop_equations import loops_at
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.joint_limit_events import joint_limits_passed
-from spatial_pin.motion.motion import Event, Motion
+from spatial_pin.motion.motion import Event, Motion, Output
 from spatial_pin.numerics.linalg import Array, decompose
 from spatial_pin.numerics.roots import sign_change
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -48,6 +49,7 @@ MOST_RANGES = 11.0  # ranges of the load factor from its end: what goes so far d
 POSE_CORRECTIONS = 12  # Newton steps; more than that, and a shorter step of the path is cheaper
 # Corrections up to which the next step is longer, and above which it is shorter.
 FEW_CORRECTIONS, MANY_CORRECTIONS = 4, 7
+LOAD_FACTOR = "load_factor"  # an output
 BENT = 0.95  # cosine between tangents, below which a step is halved
 POSE_EXACT, POSE_NEARLY = 1e-13, 1e-9  # correction that ends a search, and that may end it
 
@@ -72,6 +74,48 @@ class EquilibriumPath(Motion):
 
     load_factor: Array = field(default_factory=lambda: np.empty(0))
     stable: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, bool))
+
+    @checked
+    def output(self, spec: str) -> Output:
+        """Return a quantity by its name, as any Motion, or `load_factor`.
+
+        Args:
+            spec: name of the quantity.
+
+        Raises:
+            UnknownNameError: it names nothing of this motion.
+            SpatialPinError: it is a force.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> path = sp.equilibrium_path(mech, efforts={"crank": 1.0}, factors=(0.0, 0.1))
+            >>> path.output("load_factor").values[[0, -1]].tolist()
+            [0.0, 0.1]
+        """
+        if spec == LOAD_FACTOR and spec not in self.mechanism.coordinate_table:
+            return Output(self.load_factor, "load factor", "1")
+        return super().output(spec)
+
+    def quantities(self, outputs: str | Iterable[str] | None = None) -> dict[str, Quantity]:
+        """Return quantities by name, as any Motion, with load factors and stability.
+
+        Args:
+            outputs: names as `output` takes them; these are returned alone.
+
+        Raises:
+            UnknownNameError: there is no such output.
+
+        Example:
+            >>> mech = sp.load("four_bar")
+            >>> path = sp.equilibrium_path(mech, efforts={"crank": 1.0}, factors=(0.0, 0.1))
+            >>> list(path.quantities())[-2:]
+            ['load factor', 'stable']
+        """
+        found = super().quantities(outputs)
+        if outputs is None:
+            found |= {"load factor": Quantity(self.load_factor, "-"),
+                      "stable": Quantity(self.stable)}
+        return found
 
 
 class LoadPoint(NamedTuple):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Iterable
 from functools import cache
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -79,9 +80,9 @@ def library() -> ctypes.CDLL:
 
 def _declared(found: ctypes.CDLL) -> ctypes.CDLL:
     """Tell what the functions take and return, as C says it, and return the library."""
-    text = ctypes.c_char_p.in_dll(found, "kernel_prototypes").value or b""
-    for prototype in text.decode().splitlines():
-        head, _, arguments = prototype.partition("(")
+    first = ctypes.c_char_p.in_dll(found, "kernel_prototypes")
+    for prototype in takewhile(bool, ctypes.pointer(first)):  # NULL behind the last
+        head, _, arguments = prototype.decode().partition("(")
         *returned, name = head.split()
         function = getattr(found, name)
         function.restype = TYPES[returned[-1]]

@@ -135,3 +135,13 @@ def test_a_mechanism_with_loops_in_space_is_followed():
         state = path.state(row)
         found = sp.inverse_dynamics(mechanism, sp.State(mechanism, state.q))
         assert found.efforts["crank"] == pytest.approx(path.load_factor[row], abs=1e-9)
+
+
+def test_a_path_is_drawn_dashed_where_it_is_not_stable():
+    path = sp.equilibrium_path(truss(), {"y": 0.1}, efforts={"y": -1.0}, over="y",
+                               values=np.linspace(0.1, -0.1, 41))
+    figure = sp.plot(path, "load_factor")
+    whole, dashed = [np.isfinite(line.get_ydata()) for line in figure.axes[0].lines[:2]]
+    assert (whole == path.stable).all() and figure.axes[0].lines[1].get_linestyle() == "--"
+    assert dashed[~path.stable].all() and 0 < np.count_nonzero(dashed & path.stable) <= 4
+    assert path.quantities()["stable"].values.tolist() == path.stable.tolist()

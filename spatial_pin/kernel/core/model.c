@@ -14,10 +14,10 @@
 EXPORT extern const char kernel_source_hash[];
 const char kernel_source_hash[] = SOURCE_HASH;
 #ifndef PROTOTYPES
-#define PROTOTYPES "" /* of what Python calls: likewise */
+#define PROTOTYPES /* of what Python calls: likewise, each with a comma behind it */
 #endif
-EXPORT extern const char *const kernel_prototypes;
-const char *const kernel_prototypes = PROTOTYPES;
+EXPORT extern const char *const kernel_prototypes[];
+const char *const kernel_prototypes[] = {PROTOTYPES NULL};
 
 /* Of anything counted: products of two counts stay far below 2^63 */
 #define MOST_COUNTED 100000000

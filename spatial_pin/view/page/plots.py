@@ -89,9 +89,25 @@ def _draw(axes: Axes, x: Array, output: Any) -> None:
     style(axes)
 
 
+def _dash_unstable(axes: Axes, stable: NDArray[np.bool_] | None) -> None:
+    """Draw lines through poses at rest dashed where these are not stable."""
+    if stable is None or stable.all():
+        return
+    for line in list(axes.lines):
+        x, y = (np.asarray(part, float) for part in line.get_data())
+        joined = stable.copy()  # a dashed line begins and ends at a stable pose
+        joined[1:] &= stable[:-1]
+        joined[:-1] &= stable[1:]
+        axes.plot(x, np.where(joined, np.nan, y), color=line.get_color(), linestyle=DASHES[0])
+        line.set_ydata(np.where(stable, y, np.nan))
+
+
 def _mark_events(figure: Figure, motion: Motion, name: str, unit: str) -> None:
     """Draw a line at every event of the abscissa in all panels, and below them what they mean."""
     events = [] if name != motion.driver_name else motion.events
+    if hasattr(motion, "load_factor") and motion.driver is not None:  # whose values are factors
+        events = [event._replace(value=float(motion.driver[max(event.row - 1, 0) : event.row + 1]
+                                             .mean())) for event in events]
     if name != motion.driver_name and motion.driver is None:
         events = [event for event in motion.events if event.kind in OF_TIME]
     handles: dict[str, Line2D] = {}
@@ -246,6 +262,7 @@ def plot(
     panels = _panels(figure, len(found), columns)
     for axes, output in zip(panels, found, strict=True):
         _draw(axes, x, output)
+        _dash_unstable(axes, getattr(moved, "stable", None))
     _mark_events(figure, moved, driver, unit)
     is_narrow = len(x) > 0 and np.ptp(x) < NARROW * np.abs(x).max(initial=0.0)
     for axes in panels[-columns:]:  # the last of each column
