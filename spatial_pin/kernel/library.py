@@ -80,8 +80,8 @@ def library() -> ctypes.CDLL:
 
 def _declared(found: ctypes.CDLL) -> ctypes.CDLL:
     """Tell what the functions take and return, as C says it, and return the library."""
-    first = ctypes.c_char_p.in_dll(found, "kernel_prototypes")
-    for prototype in takewhile(bool, ctypes.pointer(first)):  # NULL behind the last
+    prototypes: Any = ctypes.pointer(ctypes.c_char_p.in_dll(found, "kernel_prototypes"))
+    for prototype in takewhile(bool, prototypes):  # NULL behind the last
         head, _, arguments = prototype.decode().partition("(")
         *returned, name = head.split()
         function = getattr(found, name)
