@@ -194,6 +194,8 @@ class Verdict(NamedTuple):
         stable: True, False or None, see `Equilibrium`.
         free: (n, nv) motions, scaled, without idle rotations.
         neutral: (m, nv) those among them without stiffness.
+        down: (nv,) the motion, scaled, along which the potential falls most; None where it falls
+            along none, or there is no potential.
         idle: (k, nv) idle rotations.
         passive: the same, as `mobility` names them.
     """
@@ -201,6 +203,7 @@ class Verdict(NamedTuple):
     stable: bool | None
     free: Array
     neutral: Array
+    down: Array | None
     idle: Array
     passive: tuple[PassiveFreedom, ...]
 
@@ -442,10 +445,11 @@ def settled(
         length = float(np.abs(step).max(initial=0.0))
         if length <= ARRIVED or (last <= NEAR_REST and length >= 0.5 * last):
             verdict = judged(at)
-            nudge = _downhill(at, verdict) if stable else None
-            if nudge is None:
+            down = verdict.down
+            if not stable or down is None:
                 return at, verdict
-            step, length = nudge, NUDGE
+            down = down / down[np.argmax(np.abs(down) > 0.5 * np.abs(down).max())]  # one sense
+            step, length = NUDGE * down / np.abs(down).max(), NUDGE
         there = _taken(at, state, step, bool(stable) and not loads.speeds, accuracy)
         gone += turned_apart(loads.mechanism, state.q, there.q)
         state, last = there, length
@@ -456,7 +460,7 @@ def settled(
 
 def _newton_step(at: SmallMotions, descends: bool) -> Array:
     """Return a step (nv,), scaled, to where the forces balance; downhill if that is wanted."""
-    reduced = at.orthonormal()
+    reduced = at.orthonormal
     forces, terms = reduced.sizes
     if not len(forces):
         return np.zeros(at.freedoms.shape[1])
@@ -533,7 +537,7 @@ def judged(at: SmallMotions) -> Verdict:
     least = NEUTRAL * reduced.sizes[1].max(initial=0.0)
     symmetric = 0.5 * (stiffness + stiffness.T)
     has_potential = np.abs(stiffness - symmetric).max(initial=0.0) <= least
-    values = np.linalg.eigvalsh(symmetric)
+    values, modes = np.linalg.eigh(symmetric)
     svd = decompose(stiffness, 0.0)
     neutral = svd.vt[svd.s <= least] @ free
     stable: bool | None = bool(np.all(values > least))
@@ -543,7 +547,9 @@ def judged(at: SmallMotions) -> Verdict:
         roots, _ = vibrations(reduced.mass, reduced.damping, stiffness)
         grows = roots.real > NEUTRAL * max(np.abs(roots).max(initial=0.0), 1e-300)
         stable = False if grows.any() else None if len(neutral) else True
-    return Verdict(stable, free, neutral, idle, passive)
+    falls = bool(np.any(values < -least)) and (has_potential or not at.loads.speeds)
+    down = modes[:, 0] @ free if falls and stable is False else None
+    return Verdict(stable, free, neutral, down, idle, passive)
 
 
 def vibrations(
@@ -566,22 +572,6 @@ def vibrations(
         np.block([[one, zero], [zero, mass / heavy]]))
     finite = np.isfinite(roots)
     return pace * roots[finite], forms.T[finite, :n]
-
-
-def _downhill(at: SmallMotions, verdict: Verdict) -> Array | None:
-    """Return a step (nv,), scaled, off a pose that is not stable; None where none leads down."""
-    if verdict.stable is not False:
-        return None
-    reduced = at.reduced(verdict.free * at.loads.mechanism.velocity_scale)
-    symmetric = 0.5 * (reduced.stiffness + reduced.stiffness.T)
-    least = NEUTRAL * reduced.sizes[1].max()
-    values, modes = np.linalg.eigh(symmetric)
-    if values[0] >= -least or (
-            at.loads.speeds and np.abs(reduced.stiffness - symmetric).max() > least):
-        return None  # it leaves by its speeds or by forces without a potential
-    step = modes[:, 0] @ verdict.free
-    step = step / step[np.argmax(np.abs(step) > 0.5 * np.abs(step).max())]
-    return NUDGE * step / np.abs(step).max()
 
 
 def independent_motions(

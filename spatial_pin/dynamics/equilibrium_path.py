@@ -11,13 +11,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from spatial_pin._support.checks import as_array, checked, finite_array, whole_number
+from spatial_pin._support.checks import as_array, checked, finite_array, names_of, whole_number
 from spatial_pin._support.columns import Quantity
 from spatial_pin.assembly.assemble import assembled
 from spatial_pin.assembly.search.whole_turns import turned_apart
@@ -149,30 +149,32 @@ class LoadPath:
 
     Args:
         mechanism: the mechanism.
-        acting: hold, laws, that stay.
+        hold, laws: as for `equilibrium`.
         efforts, external: the loads that grow, at factor 1.
         accuracy: of closing.
         span: of the load factor.
     """
 
     def __init__(
-        self, mechanism: Mechanism, acting: tuple[Any, Any],
+        self, mechanism: Mechanism, hold: Iterable[str], laws: Mapping[str, Law] | None,
         efforts: Mapping[str, float] | None, external: Mapping[str, pin.Force] | None,
         accuracy: Accuracy, span: float,
     ) -> None:
-        self.mechanism, self._accuracy = mechanism, accuracy
-        self._hold, self._laws = acting
+        self.mechanism, self.accuracy = mechanism, accuracy
+        self.hold, self.laws = tuple(hold), laws
         self._efforts, self._external = dict(efforts or {}), dict(external or {})
         self._scale = mechanism.velocity_scale
         self._effort = joint_efforts(mechanism, efforts)
         self._span = span
+        self._unloaded = self.loads(0.0)
         self.unit = span or 1.0  # factor that counts as much as a rad or a characteristic length
 
     def loads(self, factor: float) -> AppliedLoads:
         """Return what acts at a load factor."""
-        return AppliedLoads(self.mechanism, self._hold, None,
-                     {name: factor * x for name, x in self._efforts.items()},
-                     {name: force * factor for name, force in self._external.items()}, self._laws)
+        return AppliedLoads(
+            self.mechanism, self.hold, None,
+            {name: factor * x for name, x in self._efforts.items()},
+            {name: force * factor for name, force in self._external.items()}, self.laws)
 
     def _growing(self, q: Array) -> Array:
         """Return the joint forces (nv,) of the loads at factor 1."""
@@ -186,27 +188,29 @@ class LoadPath:
         matrix = self._bordered(at, np.zeros(len(self._scale) + 1))[0]
         pull = np.abs(matrix[:-1, -1]).max(initial=0.0)
         if pull > TOLERANCES.nothing:
-            natural = self.unit * float(np.abs(matrix[:-1, :-1]).max() / pull)
+            stiff = np.abs(matrix[:-1, :-1]).max()
+            natural = self.unit * float((stiff if stiff > NEUTRAL else 1.0) / pull)
             self.unit = min(self._span or np.inf, natural)
-        return self.point(state, factor, along, 0)
+        return self._point(at, factor, along, 0)
 
-    def point(self, state: State, factor: float, along: Array, corrections: int) -> LoadPoint:
+    def _point(
+        self, at: SmallMotions, factor: float, along: Array, corrections: int
+    ) -> LoadPoint:
         """Return the point at a pose at rest, its tangent continued from `along` (nv + 1,)."""
-        at = SmallMotions(self.loads(factor), state)
         matrix, freedoms = self._bordered(at, along)
         rhs = np.zeros(len(matrix))
         rhs[-1] = 1.0
         found = _solved(matrix, rhs)
         tangent = np.append(found[:-1] @ freedoms, found[-1])
-        reduced = at.orthonormal()
+        reduced = at.orthonormal
         values, modes = np.linalg.eigh(0.5 * (reduced.stiffness + reduced.stiffness.T))
-        return LoadPoint(state, factor, tangent / np.linalg.norm(tangent), values,
+        return LoadPoint(at.state, factor, tangent / np.linalg.norm(tangent), values,
                          NEUTRAL * float(reduced.sizes[1].max(initial=0.0)), modes.T @ freedoms,
                          corrections)
 
     def _bordered(self, at: SmallMotions, row: Array) -> tuple[Array, Array]:
         """Return the matrix of the balance of forces with a last row, and the freedoms (k, nv)."""
-        reduced, freedoms, k = at.orthonormal(), at.freedoms, len(at.freedoms)
+        reduced, freedoms, k = at.orthonormal, at.freedoms, len(at.freedoms)
         size = at.size or 1.0
         matrix = np.zeros((k + 1, k + 1))
         matrix[:k, :k] = reduced.stiffness / size
@@ -231,7 +235,7 @@ class LoadPath:
         state, factor, step = start.state, start.factor, along * target / float(row @ along)
         way, length = np.zeros(len(row)), np.inf
         for k in range(POSE_CORRECTIONS):
-            there = closed_beside(self.loads(0.0), state, step[:-1], self._accuracy)
+            there = closed_beside(self._unloaded, state, step[:-1], self.accuracy)
             if there is None:
                 return None
             way[:-1] += turned_apart(self.mechanism, state.q, there.q)
@@ -240,12 +244,12 @@ class LoadPath:
             at = SmallMotions(self.loads(factor), state)
             matrix, freedoms = self._bordered(at, row)
             found = _solved(matrix, np.append(
-                at.orthonormal().load / (at.size or 1.0), target - float(row @ way)))
+                at.orthonormal.load / (at.size or 1.0), target - float(row @ way)))
             step = np.append(found[:-1] @ freedoms, found[-1])
             before, length = length, float(np.abs(step).max())
             if length <= POSE_EXACT or (before <= POSE_NEARLY and length >= 0.5 * before):
-                return self.point(state, factor, row if np.any(row[:-1]) else along, k + 1)
-            if length > 2.0 * LARGEST_LENGTH:
+                return self._point(at, factor, row if np.any(row[:-1]) else along, k + 1)
+            if np.abs(step[:-1]).max(initial=0.0) > 2.0 * LARGEST_LENGTH:
                 return None
         return None
 
@@ -372,8 +376,8 @@ def equilibrium_path(
     lo, hi = finite_array(factors, (2,), "factors").tolist()
     whole_number(branch, "branch")
     state = assembled(mechanism, None, guess, accuracy=setting)
-    path = LoadPath(exact_numbers(state), (hold, laws), efforts, external, setting,
-                    abs(hi - lo) if over is None else 0.0)
+    path = LoadPath(exact_numbers(state), () if hold is None else names_of(hold, "hold"), laws,
+                    efforts, external, setting, abs(hi - lo) if over is None else 0.0)
     mechanism = path.mechanism
     if over is None:
         at, _ = settled(path.loads(lo), state, True, setting)
@@ -419,14 +423,16 @@ def _over(
     coordinate = mechanism.driven_coordinate(over)
     held = assembled(mechanism, {over: float(values[0])}, state)
     entry = velocity_entry(mechanism, over)
-    hold = path.loads(0.0)
-    at, _ = settled(AppliedLoads(mechanism, [*[c.name for c in hold.held], coordinate.name],
-                          laws=hold.laws), held, True, accuracy_of(None))
+    at, _ = settled(AppliedLoads(mechanism, [*path.hold, over], laws=path.laws), held, True,
+                    path.accuracy)
     row = np.zeros(mechanism.model.nv + 1)
     row[entry] = 1.0
     first = path.start(at.state, 0.0, row)
     start = path.corrected(first, row, 0.0, first.tangent + row)
-    points, events = [first if start is None else start], list[Event]()
+    if start is None:
+        raise SpatialPinError(f"mechanism {mechanism.name!r}: no load factor holds {over} = "
+                              f"{float(values[0]):.6g}: at {at.state} nothing balances")
+    points, events = [start], list[Event]()
     size = mechanism.velocity_scale[coordinate.v]
     for value in values[1:].tolist():
         point, parts = points[-1], 1.0

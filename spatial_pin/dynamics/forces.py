@@ -106,10 +106,9 @@ class Forces:
             self.bushings.append(Bushing.of(m, spring))
             return
         is_linear = spring.is_linear and not law
-        free, k, c = spring.free, spring.stiffness, spring.damping
         energy = None if law else spring.energy
         storing = None if law else (lambda x: spring.force(x, 0.0))
-        law = law or ((lambda x, rate: k * (x - free) + c * rate) if is_linear else spring.force)
+        law = law or spring.force
         if spring.joint:
             coordinate = m.driven_coordinate(spring.joint)
             self.turns.append(JointSpring(
@@ -133,7 +132,7 @@ class Forces:
         for line in self.lines:
             row, length, _ = self.row(evaluation, line)
             total -= line.law(length, float(row @ v)) * row
-        return total + generalised(evaluation, self._on_bodies(evaluation, v))
+        return total + self.of_bushings(evaluation, v) if self.bushings else total
 
     def _on_bodies(self, evaluation: LoopEquations, v: Array) -> list[tuple[int, Array]]:
         """Return (joint, wrench (6,) on its body about the world's origin) of bushings."""

@@ -83,6 +83,30 @@ def test_displacement_control_goes_through_both_limit_points():
     assert np.abs(path.v[:, 0] - 1.0).max() < 1e-12
 
 
+def test_displacement_control_begins_where_nothing_is_stiff_and_keeps_a_held_base():
+    """A level arm on a free base: the torque that lifts it is m g c cos(q), its slope there 0."""
+    model = pin.Model()
+    base = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "base")
+    hip = model.addJoint(base, pin.JointModelRY(), pin.SE3.Identity(), "hip")
+    for joint in (base, hip):
+        arm = pin.Inertia(1.0, np.array([0.3, 0.0, 0.0]), 0.01 * np.eye(3))
+        model.appendBodyToJoint(joint, arm, pin.SE3.Identity())
+    robot = sp.Mechanism.from_model(model, name="robot")
+    path = sp.equilibrium_path(robot, efforts={"hip": -1.0}, over="hip", hold="base",
+                               values=np.linspace(0.0, 1.0, 5))
+    assert np.abs(path.q[:, :7] - path.q[0, :7]).max() < 1e-12
+    wanted = 0.3 * -model.gravity.linear[2] * np.cos(path.driver)
+    assert np.abs(path.load_factor - wanted).max() < 1e-10
+
+
+def test_displacement_control_begins_at_any_load():
+    mechanism = sp.load("four_bar")
+    path = sp.equilibrium_path(mechanism, efforts={"crank": 1.0}, over="crank", values=[0.5, 0.6])
+    for value, factor in zip((0.5, 0.6), path.load_factor, strict=True):
+        held = sp.equilibrium(mechanism, {"crank": value}, hold="crank")
+        assert factor == pytest.approx(held.efforts["crank"], abs=1e-12)
+
+
 def test_a_straight_column_buckles_and_either_branch_is_followed():
     straight = press(column(), 60.0)
     (event,) = straight.events

@@ -84,6 +84,19 @@ def test_efforts_that_look_at_the_state_work_the_same():
     assert motion.energy_drift < 1e-10
 
 
+def test_a_link_on_a_bushing_does_not_spin_freely():
+    mech = sp.load("rssr")
+    state, _ = moving(mech, 5.0, 3.0)
+    mount = sp.Spring("mount", ("ground", "coupler"), stiffness=(20.0, 20.0, 20.0, 2.0, 2.0, 2.0))
+    mech = mech.with_fields(springs=(mount,))
+    state, times = sp.State(mech, state.q, state.v), np.linspace(0.0, 0.2, 6)
+    motion, other = (sp.simulate(mech, state, 0.2, times=times, accuracy=accuracy)
+                     for accuracy in (REFERENCE, PROJECTED))
+    assert len(motion.coordinates) > 1
+    np.testing.assert_allclose(motion.q, other.q, atol=2e-10)
+    assert motion.energy_drift < 1e-10
+
+
 @pytest.mark.parametrize("change", ["bent", "flat"])
 def test_a_link_without_symmetry_is_integrated_with_the_rest(change):
     mech = sp.load("rssr")

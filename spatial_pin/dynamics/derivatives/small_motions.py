@@ -10,6 +10,7 @@ through the loops, and their changes are part of K and C.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -181,9 +182,9 @@ class SmallMotions:
             stiff = stiff + self.by_v @ v + mass @ a
             damp = damp + mass @ self._carried(by_v @ q, q, entries)
         sizes = np.abs(motions)
-        return ReducedEquations(motions, motions @ mass @ q, motions @ damp, motions @ stiff,
-                       -motions @ self.wanted,
-                       (sizes @ (self.size / self._scale), sizes @ np.abs(self.by_q) @ sizes.T))
+        return ReducedEquations(
+            motions, motions @ mass @ q, motions @ damp, motions @ stiff, -motions @ self.wanted,
+            (sizes @ (self.size / self._scale), sizes @ np.abs(self.by_q) @ sizes.T))
 
     def _carried(self, opened: Array, q: Array, entries: Sequence[int] | None) -> Array:
         """Return the joint rates (nv, n) that close what coordinates open (n_closure, n)."""
@@ -191,8 +192,9 @@ class SmallMotions:
         found: Array = -self._scale[:, None] * (self._inverse @ np.vstack([opened, rest]))
         return found if entries is None else found - q @ found[list(entries)]
 
+    @cached_property
     def orthonormal(self) -> ReducedEquations:
-        """Return the equations in an orthonormal basis of all freedoms, scaled."""
+        """The equations in an orthonormal basis of all freedoms, scaled."""
         return self.reduced(self.freedoms * self._scale)
 
     def idle(self) -> tuple[tuple[PassiveFreedom, ...], Array]:

@@ -25,7 +25,7 @@ from spatial_pin.assembly.passive_freedoms import driven_groups, passive_freedom
 from spatial_pin.assembly.state import State
 from spatial_pin.assembly.undetermined import lost_rank, rank_loss
 from spatial_pin.constraints.trees import is_large
-from spatial_pin.dynamics.forces import Line
+from spatial_pin.dynamics.forces import Forces
 from spatial_pin.errors import SingularError
 from spatial_pin.kernel.kernel import kernel_of
 from spatial_pin.kernel.loop_equations import LoopEquations, loops_at, loops_of
@@ -185,11 +185,11 @@ class Spins:
         return [q[self._model.idx_qs[joint]:][:4] for joint in self.joints]
 
 
-def free_spins(mechanism: Mechanism, state: State, springs: Sequence[Line]) -> Spins:
+def free_spins(mechanism: Mechanism, state: State, forces: Forces) -> Spins:
     """Return the bodies that spin freely, symmetric about their lines.
 
     Each is carried by a ball joint that does not resist, carries none itself, and no spring holds
-    it beside its line.
+    it beside its line. A bushing holds its bodies about every line.
     """
     model, scale = mechanism.model, mechanism.velocity_scale
     lines: dict[int, Array] = {}
@@ -210,14 +210,12 @@ def free_spins(mechanism: Mechanism, state: State, springs: Sequence[Line]) -> S
             if size > FREE_SPIN * fastest:  # else others turn
                 lines[joint] = own / size
     lines = {joint: axis for joint, axis in lines.items()
-             if _is_symmetric(mechanism, joint, axis, springs)}
+             if _is_symmetric(mechanism, joint, axis, forces)}
     spins = Spins(model, lines)
     return spins if _are_free_nearby(evaluation, state.q, spins) else Spins(model, {})
 
 
-def _is_symmetric(
-    mechanism: Mechanism, joint: int, axis: Array, springs: Sequence[Line]
-) -> bool:
+def _is_symmetric(mechanism: Mechanism, joint: int, axis: Array, forces: Forces) -> bool:
     """Whether neither inertia nor forces depend on how a body is turned about its line."""
     inertia, tolerance = mechanism.model.inertias[joint], TOLERANCES.tight
 
@@ -225,7 +223,7 @@ def _is_symmetric(
         return float(np.linalg.norm(point - (point @ axis) * axis))
 
     near = tolerance * mechanism.characteristic_length
-    if resists(mechanism, joint):
+    if resists(mechanism, joint) or any(joint in x.bodies for x in forces.bushings):
         return False
     if joint in list(mechanism.model.parents) or off_line(inertia.lever) > near:
         return False
@@ -235,7 +233,7 @@ def _is_symmetric(
     round_one = across * np.eye(3) + (along - across) * np.outer(axis, axis)
     if np.abs(moments - round_one).max() > tolerance * max(np.abs(moments).max(), 1e-300):
         return False
-    return all(off_line(point[:3]) <= near for spring in springs
+    return all(off_line(point[:3]) <= near for spring in forces.lines
                for body, point in zip(spring.bodies, spring.points, strict=True) if body == joint)
 
 

@@ -133,7 +133,9 @@ class ForceFunctions:
         return self._evaluation
 
     def _efforts(self, t: float, q: Array, v: Array, angles: Array) -> Array:
-        return self._problem.efforts(t, q, v, self._evaluated(q, angles))
+        evaluation, forces = self._evaluated(q, angles), self._problem.forces
+        efforts = self._problem.efforts(t, q, v, evaluation)
+        return efforts + forces.of_bushings(evaluation, v) if forces.bushings else efforts
 
     def _drives(self, t: float) -> Array:
         return np.array([law(t) for _, law in self._problem.drives], float)
@@ -382,7 +384,7 @@ def independent(problem: Problem, state: State, given_up: GivenUp = frozenset())
     if not problem.drives:
         spins = Spins(problem.model, {})
         if len(free) > 1 and not problem.external:  # forces from outside may turn bodies
-            spins = free_spins(problem.mechanism, state, problem.forces.lines)
+            spins = free_spins(problem.mechanism, state, problem.forces)
         if len(free) - len(spins) == 1:
             for v in problem.freedoms.plain(state, spins.rows):
                 if (Independent, (v,)) not in given_up:

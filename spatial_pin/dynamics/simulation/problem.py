@@ -187,15 +187,11 @@ class Problem:
 
     def efforts(self, t: float, q: Array, v: Array, evaluation: LoopEquations) -> Array:
         """Return the efforts (nv,) at joints, with forces from outside [N·m, N]."""
-        held = (self.constant + self.forces.of_bushings(evaluation, v) if self.forces.bushings
-                else self.constant)
         if not (self.law or self.external):
-            return held
+            return self.constant
         state = State(self.mechanism, q, v, closure_error=evaluation.closure_error,
                       angles=evaluation.angles)
-        total = held
-        if self.law:
-            total = total - self.constant + joint_efforts(self.mechanism, self.law(t, state))
+        total = joint_efforts(self.mechanism, self.law(t, state)) if self.law else self.constant
         if self.external:
             total = total + generalised(evaluation, external_wrenches(
                 self.mechanism, evaluation, self.external.law(t, state)))
@@ -206,6 +202,4 @@ class Problem:
         total = self.efforts(t, q, v, evaluation)
         if self.forces.exist:
             total = total + self.forces.generalised(evaluation, q, v)
-            if self.forces.bushings:  # which are among the efforts
-                total = total - self.forces.of_bushings(evaluation, v)
         return total
