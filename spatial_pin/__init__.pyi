@@ -54,6 +54,7 @@ from .errors import (
     StepLimitError as StepLimitError,
     UnknownNameError as UnknownNameError,
 )
+from .formats.drawing import Drawing as Drawing
 from .formats.files import list_mechanisms as list_mechanisms, load as load
 from .inverse_kinematics import targets as targets
 from .inverse_kinematics.reach import reach as reach

@@ -18,8 +18,9 @@ BETWEEN = "length_between"
 TOP = "at the top of the file, before the first [table]"
 BELONGS = {  # where in a file each key has its place
     TOP: ("name", "title", "source", "tree", "complete", "gravity", "gap", "order", "joints",
-          "closures", "drivers", "springs", "passive", "frames", "guess"),
-    "in [joints.NAME]": ("type", "axis", "axis2", "lead", *RESISTANCES, *LIMITS),
+          "closures", "drivers", "springs", "passive", "frames", "masses", "guess", "bodies",
+          "points", "rods", "gears", "dimensions", "keep", "density", "radius"),
+    "in [joints.NAME]": ("type", "axis", "axis2", "lead", *RESISTANCES, *LIMITS, "between", "at"),
     "in [[closures]]": ("name", "type", "frames", "joints", *sorted(
         {key.name for pair in PAIRS.values() for key in pair.keys}, reverse=True), "length",
         BETWEEN, "equations", "axis", "axis2", "lead", "source"),
@@ -28,10 +29,17 @@ BELONGS = {  # where in a file each key has its place
                        "free_angle", "law", "tension_only", "compression_only", "preload"),
     "in [passive.NAME]": ("body", "axis"),
     "in [frames.NAME]": ("link", "xyz", "rpy"),
+    "in [masses.NAME]": ("mass", "com", "inertia"),
+    "in [bodies.NAME]": ("mass", "com", "inertia", "density"),
+    "in [points.NAME]": ("body", "at"),
+    "in [rods.NAME]": ("between",),
+    "in [gears.NAME]": ("joints", "teeth", "internal"),
 }
 HEADINGS = {  # how what stands at the top of a file as tables is written
     "joints": "[joints.{name}]", "closures": "[[closures]]", "drivers": "[drivers.{name}]",
     "springs": "[[springs]]", "passive": "[passive.{name}]", "frames": "[frames.{name}]",
+    "masses": "[masses.{name}]", "bodies": "[bodies.{name}]", "points": "[points.{name}]",
+    "rods": "[rods.{name}]", "gears": "[gears.{name}]", "dimensions": "[dimensions]",
     "guess": "[guess]"}
 SPRING = ("stiffness", "damping", "free_length", "free_angle")  # which no closure has
 TWO_NAMES = ["?", "?"]

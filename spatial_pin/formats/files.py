@@ -7,6 +7,7 @@ import tomllib
 import xml.etree.ElementTree as ET
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
@@ -16,8 +17,10 @@ import numpy as np
 from spatial_pin._support.checks import number_from_zero
 from spatial_pin.errors import MechanismFileError, Mistakes, suggestion, warn
 from spatial_pin.formats.checked_tables import TomlTable
+from spatial_pin.formats.drawn_file import drawn_tree
 from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.file_access import (
+    HeldFile,
     Trust,
     check_file,
     is_file,
@@ -27,8 +30,10 @@ from spatial_pin.formats.file_access import (
 )
 from spatial_pin.formats.importers import IMPORTERS, Importer, Request, endings, importer_of
 from spatial_pin.formats.mechanism_file import MechanismSpec, mechanism_of
-from spatial_pin.formats.parsing import parse_toml, parse_urdf
+from spatial_pin.formats.mechanism_writer import content_of
+from spatial_pin.formats.parsing import parse_toml, parse_urdf, toml_text
 from spatial_pin.formats.urdf.validation import end_of
+from spatial_pin.formats.xacro.expansion import expand
 from spatial_pin.formats.xacro.xacro_arguments import arguments
 from spatial_pin.mechanism.mechanism import Mechanism
 
@@ -244,6 +249,30 @@ def load_expanded(mechanism: Mechanism, parameters: Mapping[str, float], urdf: s
     return made.with_fields(gap=m.gap)
 
 
+def edited(mechanism: Mechanism, table: str, name: str, entry: dict[str, Any]) -> Mechanism:
+    """Return a mechanism as its mechanism file makes it with one table `[TABLE.NAME]` more.
+
+    Its file is in memory, where the old one is, over the same tree: dimensions go on. That of a
+    mechanism without file says all that there is.
+    """
+    m, path = mechanism, mechanism.path
+    if path is None or os.path.isdir(path):
+        content = content_of(m)
+        content[table] = {**content.get(table, {}), name: entry}
+        request = Request(Path(f"{m.name}.toml"), trusted=m.trusted, packages=dict(m.packages))
+        made = _made(content, Path(f"{m.name}.urdf"), m.urdf, request, ())
+        return made.with_fields(
+            path=path, tree=m.tree, notices=m.notices, parameters=m.parameters, gap=m.gap,
+            free_flyer=m.free_flyer, visual_model=partial(getattr, m, "visual_model"),
+            collision_model=partial(getattr, m, "collision_model"))
+    own = {"name": m.name, "tree": path.name}
+    if path.suffix == ".toml":
+        own = parse_toml(read_text(path), path)
+    content = {**own, table: {**own.get(table, {}), name: entry}}
+    held = HeldFile.of(path.with_suffix(".toml"), toml_text(content))
+    return load(held, **m.loading)
+
+
 def _loaded(request: Request) -> Mechanism:
     """Return the mechanism of a request."""
     if request.path.suffix == ".toml":
@@ -272,7 +301,7 @@ def _folders(packages: Mapping[str, str | Path]) -> dict[str, Path]:
 
 
 def _find(source: str | Path) -> Path:
-    path = Path(source)
+    path = source if isinstance(source, Path) else Path(source)
     if path.suffix == ".toml":
         check_file(path)
         return path
@@ -290,6 +319,8 @@ def _find(source: str | Path) -> Path:
 def _load_toml(request: Request) -> Mechanism:
     path = request.path
     top = TomlTable(parse_toml(read_text(path), path), str(path))
+    if "bodies" in top:
+        return _load_drawing(top, request)
     mistakes = Mistakes(str(path))
     with mistakes.each():
         file = _tree_of(top, request)
@@ -305,6 +336,17 @@ def _load_toml(request: Request) -> Mechanism:
         MechanismSpec(top, mistakes, Trust.of(path, request.packages, request.trusted))
         mistakes.tell()
     return _made(content, file, tree.urdf, request, (*tree.notices, *left_out))
+
+
+def _load_drawing(top: TomlTable, request: Request) -> Mechanism:
+    """Return the mechanism of a drawing; what was cut of it is no fault that a warning tells."""
+    drawn = drawn_tree(top.content, top.where)
+    tree = HeldFile.of(request.path.parent / drawn.content["tree"], drawn.xacro)
+    urdf = request.expanded
+    if urdf is None:
+        urdf = expand(tree, request.parameters, request.trusted, request.packages)
+    made = _made(drawn.content, tree, urdf, request, ())
+    return made.with_fields(notices=(*drawn.notices, *made.notices))
 
 
 def _choosing_model(request: Request, file: Path, importer: Importer) -> Request:
@@ -323,7 +365,10 @@ def _empty_arguments(request: Request) -> list[str]:
     file = request.path
     try:
         if file.suffix == ".toml":
-            file = _tree_of(TomlTable(parse_toml(read_text(file), file), str(file)), request)
+            top = TomlTable(parse_toml(read_text(file), file), str(file))
+            if "bodies" in top:
+                return []
+            file = _tree_of(top, request)
         if file.suffix != ".xacro":
             return []
         texts = arguments(file, request.parameters, request.trusted, request.packages)

@@ -3,28 +3,33 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
-from spatial_pin.errors import MechanismFileError, Mistakes
+from spatial_pin.errors import MechanismFileError, Mistakes, suggestion
 from spatial_pin.formats.checked_tables import BELONGS, BETWEEN, TOP, TomlTable, belongs
 from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.file_access import Trust, read_text
 from spatial_pin.formats.graph.urdf import without_loops
 from spatial_pin.formats.importers import Request
+from spatial_pin.formats.parsing import parse_urdf
+from spatial_pin.formats.urdf.elements import inertial
 from spatial_pin.formats.urdf.urdf_model import (
     LIMITS,
     RESISTANCES,
     JointRefinement,
     tree_of,
 )
-from spatial_pin.formats.xacro.xacro_arguments import Values, dimensions
+from spatial_pin.formats.xacro.xacro_arguments import Values, dimensions, with_numbers
 from spatial_pin.mechanism.coordinates import check_guess
+from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.mechanism_checks import check_mechanism, impossible_inertias
 from spatial_pin.mechanism.pairs import (
@@ -47,6 +52,7 @@ from spatial_pin.mechanism.parts import (
     drivers_of_tree,
 )
 
+SYMMETRY = 1e-9  # of the largest moment of inertia: what rounded matrices differ by
 BUSHING = ("stiffness", "damping", "preload")  # keys of six numbers, or of 6 x 6
 
 
@@ -80,6 +86,7 @@ class MechanismSpec:
                 top, "passive", lambda key, table: Passive(
                     key, table.text("body"), table.two_names("axis"))).values()),
         }
+        self.masses: dict[str, pin.Inertia] = self._tables(top, "masses", _mass)
         for key in ("title", "source"):
             with mistakes.each():
                 self.parts[key] = top.text(key, "")
@@ -148,16 +155,34 @@ class MechanismSpec:
         return tuple(found)
 
 
+def with_masses(urdf: str, masses: Mapping[str, pin.Inertia], path: Path, where: str) -> str:
+    """Return URDF text whose links have the masses that a mechanism file gives them."""
+    robot = parse_urdf(urdf, path)
+    links = {link.get("name", ""): link for link in robot.findall("link")}
+    for name, mass in masses.items():
+        if name not in links:
+            raise MechanismFileError(f"{where}: masses.{name}: the tree has no such link; "
+                                     f"{suggestion(name, links)}")
+        for own in links[name].findall("inertial"):
+            links[name].remove(own)
+        links[name].append(inertial(mass))
+    return ET.tostring(robot, encoding="unicode")
+
+
 def mechanism_of(
     top: TomlTable, file: Path, urdf: str, request: Request, faults: Faults
 ) -> Mechanism:
     """Return the mechanism of the expanded URDF of `file` and the table of the file asked for."""
-    mistakes = Mistakes(top.where)
+    mistakes, written = Mistakes(top.where), top.content
     trust = Trust.of(file, request.packages, request.trusted)
+    top = TomlTable(with_numbers(written, request.path, file, request.parameters, request.trusted,
+                                 request.packages), top.where)
     spec = MechanismSpec(top, mistakes, trust)
     if not spec.is_whole["joints"]:
         mistakes.tell()  # what the tree is, is not known
     with mistakes.each():
+        if spec.masses:
+            urdf = with_masses(urdf, spec.masses, file, top.where)
         cut = without_loops(urdf, top.content, spec.refinements, file, faults)
         if cut is not None:
             mistakes.tell()
@@ -169,6 +194,7 @@ def mechanism_of(
         if spec.gravity is not None:
             tree["model"].gravity.linear = spec.gravity
         spec.parts["closures"] += mimics
+        spec.parts["content"] = written
         return _build(top, tree, spec, file, request, faults, mistakes)
     mistakes.tell()
     raise AssertionError  # a mistake was kept
@@ -381,6 +407,21 @@ def _spring(trust: Trust, table: TomlTable) -> Spring:
         free_length=table.number("free_length", 0.0, least=-math.inf if about_joint else 0.0),
         free_angle=table.number("free_angle", 0.0) if about_joint else 0.0,
     )
+
+
+def _mass(name: str, table: TomlTable) -> pin.Inertia:
+    mass, given = table.number("mass", least=0.0), table.get("inertia", 0.0)
+    com = table.vector("com") if "com" in table else np.zeros(3)
+    try:
+        array = np.array(given, float)
+    except (TypeError, ValueError):
+        array = np.empty(0)
+    if array.shape not in ((), (3,), (3, 3)) or not np.isfinite(array).all():
+        table.fail("inertia", "is one number, three, or three lists of three [kg·m²]")
+    matrix = array if array.ndim == 2 else np.diag(np.broadcast_to(array, 3))
+    if np.abs(matrix - matrix.T).max() > SYMMETRY * np.abs(matrix).max():
+        table.fail("inertia", "is not symmetric")
+    return inertia_as_given(mass, com, 0.5 * (matrix + matrix.T))
 
 
 def _frame(name: str, table: TomlTable) -> Frame:

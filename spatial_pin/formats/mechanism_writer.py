@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import xml.etree.ElementTree as ET
@@ -13,7 +14,7 @@ import numpy as np
 from spatial_pin._support.output_files import named_folder, named_path, replacing, write_text
 from spatial_pin.errors import MechanismFileError, SpatialPinError, warn
 from spatial_pin.formats.dialects import RobotReading, read_dialects
-from spatial_pin.formats.file_access import Trust, is_file
+from spatial_pin.formats.file_access import Trust, is_file, is_held, read_text
 from spatial_pin.formats.parsing import toml_text
 from spatial_pin.formats.pinocchio_model.pair_tree import joint_axis
 from spatial_pin.formats.urdf.urdf_model import (
@@ -24,6 +25,7 @@ from spatial_pin.formats.urdf.urdf_model import (
     stated_limits,
     urdf_order,
 )
+from spatial_pin.formats.xacro.expansion import with_defaults
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS
 from spatial_pin.mechanism.parts import Closure, Spring, drivers_of_tree
@@ -50,10 +52,18 @@ def save(mechanism: Mechanism, folder: str | Path) -> Path:
     folder = named_folder(folder)
     stem = re.sub(r"[^\w.+-]+", "_", mechanism.name).strip("._") or "mechanism"
     urdf, toml = folder / f"{stem}.urdf", folder / f"{stem}.toml"
+    tree = mechanism.tree
     try:
         folder.mkdir(parents=True, exist_ok=True)
         text, meshes = _gathered(mechanism)
-        _write(mechanism, {urdf: text, toml: toml_text(_beside(mechanism, urdf.name))},
+        if tree is not None and is_held(tree) and not mechanism.free_flyer:  # a drawing
+            urdf = folder / f"{stem}.urdf.xacro"
+            text = with_defaults(read_text(tree), mechanism.dimensions)
+            gap = {} if mechanism.gap is None else {"gap": mechanism.gap}
+            content = {**mechanism.content, **gap, "tree": urdf.name, "complete": True}
+        else:
+            content = _beside(mechanism, urdf.name)
+        _write(mechanism, {urdf: text, toml: toml_text(content)},
                {folder / target: source for target, source in meshes.items()})
     except OSError as error:
         raise SpatialPinError(f"cannot write {error.filename}: {error.strerror}") from error
@@ -99,7 +109,8 @@ def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
 
 
 def _write(mechanism: Mechanism, texts: dict[Path, str], copies: dict[Path, Path]) -> None:
-    own = {path.resolve() for path in (mechanism.path, mechanism.tree) if path is not None}
+    own = {path.resolve() for path in (mechanism.path, mechanism.tree)
+           if path is not None and os.path.exists(path)}
     for target in texts:
         if target.resolve() in own:
             raise SpatialPinError(f"{target} is a file of the mechanism itself; choose another")

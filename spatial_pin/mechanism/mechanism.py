@@ -13,6 +13,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from spatial_pin._support.brief import counted
+from spatial_pin._support.checks import finite_array, finite_number
 from spatial_pin._support.lazy import RESULTS, cached_property, made_once
 from spatial_pin.errors import (
     ClosureTypeError,
@@ -67,6 +68,7 @@ class Mechanism:
         whole: the mechanism as its file has it, where this one is without equations that the
             file's rounded numbers contradict, see `assembly.redundant_equations`; else None.
         kept: which equations of the `whole` it has.
+        content: what its mechanism file says, as it is written there.
         dimensions: value of every named dimension (xacro argument), given or by default [SI, rad];
             read when first asked for.
 
@@ -112,6 +114,7 @@ class Mechanism:
     without: tuple[str, ...] = ()
     whole: Mechanism | None = None
     kept: SelectedEquations | None = None
+    content: Mapping[str, Any] = field(default_factory=dict)
     dimensions: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
@@ -450,6 +453,77 @@ class Mechanism:
             model.name = closure.name
             models.append(model)
         return models
+
+    def with_point(
+        self, name: str, body: str, xyz: ArrayLike = (0.0, 0.0, 0.0),
+        rpy: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> Mechanism:
+        """Return the mechanism with a point, or frame, on a body.
+
+        Args:
+            name: valid wherever that of a frame is.
+            body: the link, joint or frame that it is fixed to.
+            xyz: (3,) its origin in that frame [m].
+            rpy: (3,) its roll, pitch and yaw there [rad].
+
+        Returns:
+            A new Mechanism; it is saved with the point and has the same dimensions.
+
+        Raises:
+            MechanismFileError: there is no such body, or the name is taken.
+            ValueError: a number is NaN or infinite, or there are not three.
+
+        Example:
+            >>> mech = sp.load("four_bar").with_point("mid", "coupler", (0.1, 0.0, 0.05))
+            >>> sp.assemble(mech, {"crank": 0.0}).placement("mid").translation.shape
+            (3,)
+        """
+        from spatial_pin.formats.files import edited
+
+        places = {key: finite_array(x, (3,), f"{key} of point {name!r}").tolist()
+                  for key, x in (("xyz", xyz), ("rpy", rpy))}
+        if name in self.frame_ids:
+            raise MechanismFileError(f"mechanism {self.name!r}: there is a link, joint or frame "
+                                     f"{name!r} already; choose another name for the point")
+        self.frame_id(body)
+        return edited(self, "frames", name, {"link": body, **places})
+
+    def with_mass(
+        self, body: str, mass: float, com: ArrayLike = (0.0, 0.0, 0.0), inertia: ArrayLike = 0.0,
+    ) -> Mechanism:
+        """Return the mechanism with another mass of a body.
+
+        Args:
+            body: the link.
+            mass: [kg].
+            com: (3,) its centre of mass in the link's frame [m].
+            inertia: about the centre of mass, in the link's axes: one number, three, or (3, 3)
+                [kg·m²].
+
+        Returns:
+            A new Mechanism; it is saved with the mass and has the same dimensions.
+
+        Raises:
+            UnknownNameError: there is no such link.
+            MechanismFileError: the mass is below zero, or the inertia not symmetric.
+            ValueError: a number is NaN or infinite, or there are more or fewer.
+
+        Example:
+            >>> mech = sp.load("four_bar").with_mass("coupler", 2.0, (0.1, 0.0, 0.0), 0.01)
+            >>> mech.inertias["coupler"].mass
+            2.0
+        """
+        from spatial_pin.formats.files import edited
+
+        if body not in self.links:
+            raise UnknownNameError("link", body, self.links, f"mechanism {self.name!r}: ")
+        shape = np.shape(inertia)
+        if shape not in ((), (3,), (3, 3)):
+            raise ValueError(f"inertia of {body!r} is one number, three, or (3, 3), not {shape}")
+        return edited(self, "masses", body, {
+            "mass": finite_number(mass, f"mass of {body!r}"),
+            "com": finite_array(com, (3,), f"com of {body!r}").tolist(),
+            "inertia": finite_array(inertia, shape, f"inertia of {body!r}").tolist()})
 
     def save(self, folder: str | Path) -> Path:
         """Write the mechanism as a folder that can be moved: mechanism file, URDF and meshes.

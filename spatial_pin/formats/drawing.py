@@ -1,0 +1,440 @@
+"""A mechanism drawn in code: bodies, and joints at places of the world."""
+
+from __future__ import annotations
+
+import keyword
+import math
+import numbers
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from spatial_pin.errors import SpatialPinError, suggestion
+from spatial_pin.formats.drawn_file import RESERVED
+from spatial_pin.formats.file_access import HeldFile
+from spatial_pin.formats.files import load
+from spatial_pin.formats.parsing import toml_text
+from spatial_pin.formats.xacro.expressions import GLOBALS
+from spatial_pin.mechanism.mechanism import Mechanism
+
+
+class Symbol:
+    """A number that follows from dimensions of a drawing: `d["b"]`, `2 * d["b"]`.
+
+    Operators are + - * / **, functions `sqrt`, `sin`, `cos`, `tan` and `atan2`: as methods, as
+    functions of the drawing (`d.sin(d["phi"])`), or NumPy's (`np.sin(d["phi"])`). Those of `math`
+    would lose the dimension, and refuse it.
+
+    Args:
+        text: the expression.
+        drawing: the drawing that has the dimensions.
+
+    Example:
+        >>> d = sp.Drawing("lever")
+        >>> d["b"] = 0.3
+        >>> 2 * d["b"] + 0.1
+        Symbol((2.0 * b) + 0.1)
+    """
+
+    def __init__(self, text: str, drawing: Drawing) -> None:
+        self.text, self.drawing = text, drawing
+
+    def __repr__(self) -> str:
+        return f"Symbol({self.text})"
+
+    def _with(self, other: Any, sign: str, turned: bool = False) -> Any:
+        """Return what an operator makes of this and another number."""
+        if not isinstance(other, Symbol | numbers.Real) or isinstance(other, bool):
+            return NotImplemented
+        one, two = _operand(self, self.drawing), _operand(other, self.drawing)
+        return Symbol(f"{two} {sign} {one}" if turned else f"{one} {sign} {two}", self.drawing)
+
+    def __add__(self, other: Any) -> Any:
+        return self._with(other, "+")
+
+    def __radd__(self, other: Any) -> Any:
+        return self._with(other, "+", True)
+
+    def __sub__(self, other: Any) -> Any:
+        return self._with(other, "-")
+
+    def __rsub__(self, other: Any) -> Any:
+        return self._with(other, "-", True)
+
+    def __mul__(self, other: Any) -> Any:
+        return self._with(other, "*")
+
+    def __rmul__(self, other: Any) -> Any:
+        return self._with(other, "*", True)
+
+    def __truediv__(self, other: Any) -> Any:
+        return self._with(other, "/")
+
+    def __rtruediv__(self, other: Any) -> Any:
+        return self._with(other, "/", True)
+
+    def __pow__(self, other: Any) -> Any:
+        return self._with(other, "**")
+
+    def __rpow__(self, other: Any) -> Any:
+        return self._with(other, "**", True)
+
+    def __neg__(self) -> Symbol:
+        return Symbol(f"-{_operand(self, self.drawing)}", self.drawing)
+
+    def __pos__(self) -> Symbol:
+        return self
+
+    def sqrt(self) -> Symbol:
+        """Return the square root, as `np.sqrt` asks for it."""
+        return Symbol(f"sqrt({self.text})", self.drawing)
+
+    def sin(self) -> Symbol:
+        """Return the sine [rad]."""
+        return Symbol(f"sin({self.text})", self.drawing)
+
+    def cos(self) -> Symbol:
+        """Return the cosine [rad]."""
+        return Symbol(f"cos({self.text})", self.drawing)
+
+    def tan(self) -> Symbol:
+        """Return the tangent [rad]."""
+        return Symbol(f"tan({self.text})", self.drawing)
+
+    def atan2(self, x: float | Symbol) -> Symbol:
+        """Return the angle whose tangent is this over x, in its quadrant [rad]."""
+        return Symbol(f"atan2({self.text}, {_operand(x, self.drawing)})", self.drawing)
+
+    arctan2 = atan2  # NumPy's word
+
+
+def _operand(value: Any, drawing: Drawing) -> str:
+    """Return a number, or a symbol of the drawing, as an operand of an expression."""
+    if isinstance(value, Symbol):
+        drawing.check_own(value)
+        return value.text if value.text.isidentifier() else f"({value.text})"
+    number = float(value)
+    if not math.isfinite(number):
+        raise ValueError(f"drawing {drawing.name!r}: {number} beside a dimension; a finite number "
+                         "is needed")
+    return repr(number) if number >= 0.0 else f"({number!r})"
+
+
+Number = float | Symbol
+Place = Sequence[Number] | np.ndarray[Any, Any]
+
+
+class Drawing:
+    """A mechanism as it is drawn: bodies, and joints at places of the world.
+
+    All numbers are those of the drawn pose in the axes of the world [m, rad, kg]. The body
+    `ground` stands still. The frame of every body is that of the world in the drawn pose; every
+    coordinate is zero there. `mechanism` chooses a tree and cuts the loops; the order of the
+    statements means nothing.
+
+    `d["b"] = 0.3` makes a dimension, and `d["b"]` may stand wherever a number may. Numbers that are
+    NaN or infinite raise a ValueError where they are given, values of another kind a TypeError, a
+    name that is taken or a symbol of another drawing a SpatialPinError; names that are not there
+    are told by `mechanism`, all together.
+
+    Args:
+        name: of the mechanism.
+        title: a few words for pictures.
+        source: where the numbers come from.
+        density: of bars, which then have masses [kg/m³].
+        radius: of bars [m]; default a 25th of the root mean square distance of joints and points
+            from their middle.
+
+    Example:
+        >>> d = sp.Drawing("four_bar")
+        >>> d["b"] = 0.3
+        >>> for body in ("crank", "coupler", "rocker"):
+        ...     _ = d.body(body)
+        >>> _ = d.hinge("A", "ground", "crank", at=(0, 0, 0), axis=(0, 0, 1))
+        >>> _ = d.hinge("B", "crank", "coupler", at=(0, 0.1, 0), axis=(0, 0, 1))
+        >>> _ = d.hinge("C", "coupler", "rocker", at=(d["b"], 0.2, 0), axis=(0, 0, 1))
+        >>> _ = d.hinge("D", "ground", "rocker", at=(d["b"], 0, 0), axis=(0, 0, 1))
+        >>> mech = d.drive("A").mechanism()
+        >>> mech.notices
+        ("a loop is cut at joint 'C' (revolute), which becomes a closure",)
+        >>> print(f"{sp.assemble(mech, {'A': 0.5}).coordinate('D').value:.4f} rad")
+        0.2397 rad
+    """
+
+    pi = math.pi
+
+    def __init__(self, name: str, *, title: str = "", source: str = "",
+                 density: Number | None = None, radius: Number | None = None) -> None:
+        if not isinstance(name, str) or not name:
+            raise TypeError(f"a drawing needs a name, not {name!r}")
+        self.name = name
+        self._dimensions: dict[str, float] = {}
+        self._tables: dict[str, dict[str, Any]] = {
+            key: {} for key in ("bodies", "joints", "points", "rods", "gears", "drivers")}
+        self._springs: list[dict[str, Any]] = []
+        self._top = {"name": name, **{key: x for key, x in (
+            ("title", title), ("source", source), ("density", self._given(density, "density")),
+            ("radius", self._given(radius, "radius"))) if x}}
+
+    # ------------------------------------------------------------ dimensions
+
+    def __setitem__(self, name: str, value: float) -> None:
+        """Declare a dimension, or give it another value."""
+        if not isinstance(name, str) or not name.isidentifier() or keyword.iskeyword(name) or (
+                name in (*GLOBALS, *RESERVED)):
+            raise SpatialPinError(f"drawing {self.name!r}: {name!r} cannot be a dimension's name: "
+                                  "letters, digits and _ make one, which is no function of xacro "
+                                  "and no argument of load")
+        if isinstance(value, Symbol):
+            raise TypeError(f"drawing {self.name!r}: dimension {name!r} is a number, not the "
+                            f"expression {value.text}; an expression is a variable of Python")
+        self._dimensions[name] = self._given(value, f"dimension {name!r}")
+
+    def __getitem__(self, name: str) -> Symbol:
+        """Return the symbol of a dimension."""
+        if name not in self._dimensions:
+            raise SpatialPinError(f"drawing {self.name!r}: there is no dimension {name!r}; "
+                                  f"{suggestion(name, self._dimensions)}")
+        return Symbol(name, self)
+
+    def check_own(self, symbol: Symbol) -> None:
+        """Refuse a symbol of another drawing."""
+        if symbol.drawing is not self:
+            raise SpatialPinError(f"drawing {self.name!r}: {symbol.text} is a dimension of drawing "
+                                  f"{symbol.drawing.name!r}; declare it here, too")
+
+    def _given(self, value: Any, what: str) -> Any:
+        """Return a value as a mechanism file has it; numbers are finite."""
+        if isinstance(value, Symbol):
+            self.check_own(value)
+            return f"${{{value.text}}}"
+        if isinstance(value, dict):
+            return {key: self._given(x, f"{what}.{key}") for key, x in value.items()}
+        if isinstance(value, list | tuple | np.ndarray):
+            return [self._given(x, what) for x in value]
+        if isinstance(value, numbers.Real) and not isinstance(value, bool | np.bool_):
+            if not math.isfinite(value) and what.rpartition(" ")[2] not in ("lower", "upper"):
+                raise ValueError(f"drawing {self.name!r}: {what} has {float(value)}; a finite "
+                                 "number is needed")
+            return float(value)
+        if value is None or isinstance(value, str | bool):
+            return value
+        raise TypeError(f"drawing {self.name!r}: {what} is {str(value)[:60]!r}; a number is "
+                        "needed, or a dimension")
+
+    def _place(self, value: Any, what: str) -> Any:
+        """Return a place or direction (3,); in the plane z = 0 two numbers are enough."""
+        count = len(value) if isinstance(value, list | tuple | np.ndarray) else 0
+        if count not in (2, 3):
+            raise ValueError(f"drawing {self.name!r}: {what} needs three numbers, not "
+                             f"{str(value)[:60]}")
+        return self._given([*value, *[0.0] * (3 - count)], what)
+
+    def _add(self, table: str, name: str, what: str, content: Mapping[str, Any]) -> Drawing:
+        if not isinstance(name, str) or not name or not name.isprintable() or "$" in name:
+            raise SpatialPinError(f"drawing {self.name!r}: {what} {name!r}: no name, or one with $ "
+                                  "or what cannot be read")
+        taken = [*self._tables[table], *(x["name"] for x in self._springs if table == "springs")]
+        if name in taken:
+            raise SpatialPinError(f"drawing {self.name!r}: there is a {what} {name!r} already")
+        self._tables[table][name] = {
+            key: self._given(x, f"{what} {name!r}, {key}") for key, x in content.items()
+            if x is not None}
+        return self
+
+    # ------------------------------------------------------------ parts
+
+    def body(self, name: str, *, mass: Number | None = None, com: Place | None = None,
+             inertia: Any = None, density: Number | None = None) -> Drawing:
+        """Add a body.
+
+        Args:
+            name: its name.
+            mass: [kg]; without one it has no mass, unless bars have a density.
+            com: (3,) its centre of mass [m]; default the mean of its joints.
+            inertia: about the centre of mass, in the world's axes: one number, three, or (3, 3)
+                [kg·m²]; default zero, that of a point.
+            density: of its bars [kg/m³].
+
+        Returns:
+            The drawing, as all these do.
+        """
+        at = None if com is None else self._place(com, f"body {name!r}, com")
+        return self._add("bodies", name, "body", {
+            "mass": mass, "com": at, "inertia": inertia, "density": density})
+
+    def joint(self, kind: str, name: str, one: str, two: str, at: Place | None = None,
+              axis: Place | None = None, axis2: Place | None = None, **more: Any) -> Drawing:
+        """Add a joint of any type between two bodies; coordinates are of the second to the first.
+
+        Args:
+            kind: type of the joint, as in a mechanism file.
+            name: its name, that of its coordinate.
+            one: the first body; `"ground"` stands still.
+            two: the second.
+            at: (3,) its place [m].
+            axis: (3,) direction of any length, as in a mechanism file; default its type's.
+            axis2: (3,) second pin of a universal joint.
+            **more: as in a mechanism file: `lead` [m], `damping`, `friction`, `lower`, `upper`,
+                `velocity`, `effort`, ...
+
+        Returns:
+            The drawing.
+        """
+        places = {key: None if x is None else self._place(x, f"joint {name!r}, {key}")
+                  for key, x in (("at", at), ("axis", axis), ("axis2", axis2))}
+        return self._add("joints", name, "joint", {
+            "type": kind, "between": [one, two], **places, **more})
+
+    def hinge(self, name: str, one: str, two: str, at: Place, axis: Place = (0.0, 0.0, 1.0),
+              **more: Any) -> Drawing:
+        """Add a hinge (revolute joint) about an axis through a place; see `joint`."""
+        return self.joint("revolute", name, one, two, at, axis, **more)
+
+    def ball(self, name: str, one: str, two: str, at: Place, **more: Any) -> Drawing:
+        """Add a ball (spherical joint); see `joint`."""
+        return self.joint("spherical", name, one, two, at, **more)
+
+    def slider(self, name: str, one: str, two: str, at: Place, axis: Place, **more: Any) -> Drawing:
+        """Add a slider (prismatic joint) along an axis; see `joint`."""
+        return self.joint("prismatic", name, one, two, at, axis, **more)
+
+    def cylindrical(self, name: str, one: str, two: str, at: Place, axis: Place,
+                    **more: Any) -> Drawing:
+        """Add a joint that turns about an axis and slides along it; see `joint`."""
+        return self.joint("cylindrical", name, one, two, at, axis, **more)
+
+    def universal(self, name: str, one: str, two: str, at: Place, axis: Place, axis2: Place,
+                  **more: Any) -> Drawing:
+        """Add a universal joint: `axis` is its pin in the first body, `axis2` in the second."""
+        return self.joint("universal", name, one, two, at, axis, axis2, **more)
+
+    def screw(self, name: str, one: str, two: str, at: Place, axis: Place, lead: Number,
+              **more: Any) -> Drawing:
+        """Add a screw of a lead [m per turn, positive right-handed]; see `joint`."""
+        return self.joint("screw", name, one, two, at, axis, lead=lead, **more)
+
+    def planar(self, name: str, one: str, two: str, at: Place, axis: Place = (0.0, 0.0, 1.0),
+               **more: Any) -> Drawing:
+        """Add a joint that slides and turns in the plane normal to an axis; see `joint`."""
+        return self.joint("planar", name, one, two, at, axis, **more)
+
+    def weld(self, name: str, one: str, two: str, at: Place = (0.0, 0.0, 0.0)) -> Drawing:
+        """Fix two bodies to each other."""
+        return self.joint("fixed", name, one, two, at)
+
+    def point(self, name: str, body: str, at: Place) -> Drawing:
+        """Add a point of a body at a place [m]: a frame in the axes of the body."""
+        place = self._place(at, f"point {name!r}, at")
+        return self._add("points", name, "point", {"body": body, "at": place})
+
+    def rod(self, name: str, one: str, two: str) -> Drawing:
+        """Hold two points of two bodies as far apart as they are drawn."""
+        return self._add("rods", name, "rod", {"between": [one, two]})
+
+    def spring(self, name: str, one: str, two: str | None = None, **more: Any) -> Drawing:
+        """Add a spring between two points, or about or along one joint.
+
+        Args:
+            name: its name.
+            one: a point, or body; of one joint, that.
+            two: another point, on another body.
+            **more: as in a mechanism file: `stiffness`, `damping`, `free_length`, `free_angle`,
+                `law`, `tension_only`, `compression_only`, `preload`.
+
+        Returns:
+            The drawing.
+        """
+        if any(name == spring["name"] for spring in self._springs):
+            raise SpatialPinError(f"drawing {self.name!r}: there is a spring {name!r} already")
+        ends: dict[str, Any] = {"joint": one} if two is None else {"frames": [one, two]}
+        law = more.pop("law", None)
+        if law is not None and not isinstance(law, dict):
+            more["law"] = {"points": law}
+        self._springs.append({"name": name, **ends, **{
+            key: self._given(x, f"spring {name!r}, {key}") for key, x in more.items()}})
+        return self
+
+    def gear(self, name: str, one: str, two: str, *, teeth: Sequence[Number],
+             internal: bool = False) -> Drawing:
+        """Let two gears mesh that turn on two hinges with one body in common, their carrier.
+
+        Args:
+            name: its name.
+            one: the hinge of the first gear.
+            two: that of the second.
+            teeth: numbers of teeth of both.
+            internal: whether one of them is a ring, with its teeth inside.
+
+        Returns:
+            The drawing.
+        """
+        return self._add("gears", name, "gear", {
+            "joints": [one, two], "teeth": list(teeth), "internal": bool(internal)})
+
+    def drive(self, coordinate: str, name: str | None = None) -> Drawing:
+        """Let a joint's coordinate be a driver, by its own name unless there is another."""
+        return self._add("drivers", name or coordinate, "driver", {"joint": coordinate})
+
+    # ------------------------------------------------------------ functions of symbols
+
+    def sqrt(self, x: Number) -> Symbol:
+        """Return the square root of a symbol."""
+        return self._symbol(x).sqrt()
+
+    def sin(self, x: Number) -> Symbol:
+        """Return the sine of a symbol [rad]."""
+        return self._symbol(x).sin()
+
+    def cos(self, x: Number) -> Symbol:
+        """Return the cosine of a symbol [rad]."""
+        return self._symbol(x).cos()
+
+    def tan(self, x: Number) -> Symbol:
+        """Return the tangent of a symbol [rad]."""
+        return self._symbol(x).tan()
+
+    def atan2(self, y: Number, x: Number) -> Symbol:
+        """Return the angle whose tangent is y over x, in its quadrant [rad]."""
+        return self._symbol(y).atan2(x)
+
+    def _symbol(self, x: Number) -> Symbol:
+        return Symbol(_operand(x, self), self)
+
+    # ------------------------------------------------------------ the mechanism
+
+    def mechanism(self, keep: Iterable[str] = (), *, density: Number | None = None,
+                  **dimensions: float) -> Mechanism:
+        """Return the mechanism, closed as drawn, every coordinate zero there.
+
+        The tree has the driven joints, those of gears and springs, and those to be kept. Of every
+        loop one joint is cut that leaves few equations: a rod, a ball, a universal joint, a hinge;
+        far from the ground. `Mechanism.notices` tells which.
+
+        Args:
+            keep: joints that must have coordinates.
+            density: of bars, which then have masses [kg/m³].
+            **dimensions: other values of dimensions: it is drawn anew [m, rad].
+
+        Returns:
+            The Mechanism; its `path` holds the text of a mechanism file that says the same, its
+            `tree` that of the xacro file that was made of it.
+
+        Raises:
+            MechanismFileError: bodies, joints or points are named that are not there, or a body is
+                not joined to the ground, or joints that must have coordinates close a loop; all
+                mistakes together.
+        """
+        tables = {key: x for key, x in self._tables.items() if x}
+        top = {**self._top, **({} if density is None else {
+            "density": self._given(density, "density")})}
+        names = [keep] if isinstance(keep, str) else list(keep)
+        content = {**top, **({"keep": names} if names else {}), "dimensions": self._dimensions,
+                   "bodies": {}, **tables, **({"springs": self._springs} if self._springs else {})}
+        given = {key: x for key, x in content.items() if x != {} or key == "bodies"}
+        return load(HeldFile.of(f"{self.name}.toml", toml_text(given)), **dimensions)
+
+    def __repr__(self) -> str:
+        return (f"Drawing({self.name!r}: bodies {list(self._tables['bodies'])}, "
+                f"joints {list(self._tables['joints'])}, dimensions {self._dimensions})")
