@@ -2,39 +2,33 @@
 
 from __future__ import annotations
 
-import keyword
 import math
 import numbers
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spatial_pin.errors import SpatialPinError, suggestion
-from spatial_pin.formats.drawn_file import RESERVED
+from spatial_pin.formats.drawn_file import GROUND, is_dimension_name
 from spatial_pin.formats.file_access import HeldFile
 from spatial_pin.formats.files import load
 from spatial_pin.formats.parsing import toml_text
-from spatial_pin.formats.xacro.expressions import GLOBALS
 from spatial_pin.mechanism.mechanism import Mechanism
 
 
 class Symbol:
     """A number that follows from dimensions of a drawing: `d["b"]`, `2 * d["b"]`.
 
-    Operators are + - * / **, functions `sqrt`, `sin`, `cos`, `tan` and `atan2`: as methods, as
-    functions of the drawing (`d.sin(d["phi"])`), or NumPy's (`np.sin(d["phi"])`). Those of `math`
-    would lose the dimension, and refuse it.
+    Operators are + - * / **; functions `sqrt`, `sin`, `cos`, `tan` and `atan2` are methods, those
+    of a drawing (`d.sin(d["phi"])`), and NumPy's (`np.sin(d["phi"])`). Those of `math` would lose
+    the dimension; they raise a TypeError.
 
     Args:
         text: the expression.
         drawing: the drawing that has the dimensions.
-
-    Example:
-        >>> d = sp.Drawing("lever")
-        >>> d["b"] = 0.3
-        >>> 2 * d["b"] + 0.1
-        Symbol((2.0 * b) + 0.1)
     """
 
     def __init__(self, text: str, drawing: Drawing) -> None:
@@ -43,42 +37,42 @@ class Symbol:
     def __repr__(self) -> str:
         return f"Symbol({self.text})"
 
-    def _with(self, other: Any, sign: str, turned: bool = False) -> Any:
+    def _with(self, other: Any, sign: str, is_first: bool = True) -> Any:
         """Return what an operator makes of this and another number."""
         if not isinstance(other, Symbol | numbers.Real) or isinstance(other, bool):
             return NotImplemented
-        one, two = _operand(self, self.drawing), _operand(other, self.drawing)
-        return Symbol(f"{two} {sign} {one}" if turned else f"{one} {sign} {two}", self.drawing)
+        pair = (self, other) if is_first else (other, self)
+        return Symbol(f" {sign} ".join(_operand(x, self.drawing) for x in pair), self.drawing)
 
     def __add__(self, other: Any) -> Any:
         return self._with(other, "+")
 
     def __radd__(self, other: Any) -> Any:
-        return self._with(other, "+", True)
+        return self._with(other, "+", False)
 
     def __sub__(self, other: Any) -> Any:
         return self._with(other, "-")
 
     def __rsub__(self, other: Any) -> Any:
-        return self._with(other, "-", True)
+        return self._with(other, "-", False)
 
     def __mul__(self, other: Any) -> Any:
         return self._with(other, "*")
 
     def __rmul__(self, other: Any) -> Any:
-        return self._with(other, "*", True)
+        return self._with(other, "*", False)
 
     def __truediv__(self, other: Any) -> Any:
         return self._with(other, "/")
 
     def __rtruediv__(self, other: Any) -> Any:
-        return self._with(other, "/", True)
+        return self._with(other, "/", False)
 
     def __pow__(self, other: Any) -> Any:
         return self._with(other, "**")
 
     def __rpow__(self, other: Any) -> Any:
-        return self._with(other, "**", True)
+        return self._with(other, "**", False)
 
     def __neg__(self) -> Symbol:
         return Symbol(f"-{_operand(self, self.drawing)}", self.drawing)
@@ -87,7 +81,7 @@ class Symbol:
         return self
 
     def sqrt(self) -> Symbol:
-        """Return the square root, as `np.sqrt` asks for it."""
+        """Return the square root."""
         return Symbol(f"sqrt({self.text})", self.drawing)
 
     def sin(self) -> Symbol:
@@ -112,7 +106,9 @@ class Symbol:
 def _operand(value: Any, drawing: Drawing) -> str:
     """Return a number, or a symbol of the drawing, as an operand of an expression."""
     if isinstance(value, Symbol):
-        drawing.check_own(value)
+        if value.drawing is not drawing:
+            raise SpatialPinError(f"drawing {drawing.name!r}: {value.text} is a dimension of "
+                                  f"drawing {value.drawing.name!r}; declare it here, too")
         return value.text if value.text.isidentifier() else f"({value.text})"
     number = float(value)
     if not math.isfinite(number):
@@ -122,21 +118,20 @@ def _operand(value: Any, drawing: Drawing) -> str:
 
 
 Number = float | Symbol
-Place = Sequence[Number] | np.ndarray[Any, Any]
+Place = Sequence[Any] | NDArray[Any]  # (3,) numbers, or two in the plane z = 0
 
 
 class Drawing:
     """A mechanism as it is drawn: bodies, and joints at places of the world.
 
     All numbers are those of the drawn pose in the axes of the world [m, rad, kg]. The body
-    `ground` stands still. The frame of every body is that of the world in the drawn pose; every
-    coordinate is zero there. `mechanism` chooses a tree and cuts the loops; the order of the
+    `"ground"` stands still. The frame of every body is that of the world in the drawn pose, and
+    every coordinate is zero there. `mechanism` chooses a tree and cuts the loops; the order of the
     statements means nothing.
 
-    `d["b"] = 0.3` makes a dimension, and `d["b"]` may stand wherever a number may. Numbers that are
-    NaN or infinite raise a ValueError where they are given, values of another kind a TypeError, a
-    name that is taken or a symbol of another drawing a SpatialPinError; names that are not there
-    are told by `mechanism`, all together.
+    `d["b"] = 0.3` makes a dimension; its symbol `d["b"]`, or what is computed from it, may stand
+    wherever a number may. A place has three numbers, or two in the plane z = 0. Names of bodies and
+    points that are not there are told by `mechanism`, all together.
 
     Args:
         name: of the mechanism.
@@ -144,13 +139,15 @@ class Drawing:
         source: where the numbers come from.
         density: of bars, which then have masses [kg/m³].
         radius: of bars [m]; default a 25th of the root mean square distance of joints and points
-            from their middle.
+            from their mean.
+
+    Raises:
+        TypeError: the name is no text.
 
     Example:
         >>> d = sp.Drawing("four_bar")
         >>> d["b"] = 0.3
-        >>> for body in ("crank", "coupler", "rocker"):
-        ...     _ = d.body(body)
+        >>> _ = d.body("crank").body("coupler", mass=0.5).body("rocker")
         >>> _ = d.hinge("A", "ground", "crank", at=(0, 0, 0), axis=(0, 0, 1))
         >>> _ = d.hinge("B", "crank", "coupler", at=(0, 0.1, 0), axis=(0, 0, 1))
         >>> _ = d.hinge("C", "coupler", "rocker", at=(d["b"], 0.2, 0), axis=(0, 0, 1))
@@ -159,10 +156,12 @@ class Drawing:
         >>> mech.notices
         ("a loop is cut at joint 'C' (revolute), which becomes a closure",)
         >>> print(f"{sp.assemble(mech, {'A': 0.5}).coordinate('D').value:.4f} rad")
-        0.2397 rad
+        0.2525 rad
+        >>> longer = d.mechanism(b=0.35)  # drawn anew
     """
 
     pi = math.pi
+    sqrt, sin, cos, tan, atan2 = np.sqrt, np.sin, np.cos, np.tan, np.arctan2  # of symbols
 
     def __init__(self, name: str, *, title: str = "", source: str = "",
                  density: Number | None = None, radius: Number | None = None) -> None:
@@ -181,8 +180,7 @@ class Drawing:
 
     def __setitem__(self, name: str, value: float) -> None:
         """Declare a dimension, or give it another value."""
-        if not isinstance(name, str) or not name.isidentifier() or keyword.iskeyword(name) or (
-                name in (*GLOBALS, *RESERVED)):
+        if not isinstance(name, str) or not is_dimension_name(name):
             raise SpatialPinError(f"drawing {self.name!r}: {name!r} cannot be a dimension's name: "
                                   "letters, digits and _ make one, which is no function of xacro "
                                   "and no argument of load")
@@ -198,21 +196,14 @@ class Drawing:
                                   f"{suggestion(name, self._dimensions)}")
         return Symbol(name, self)
 
-    def check_own(self, symbol: Symbol) -> None:
-        """Refuse a symbol of another drawing."""
-        if symbol.drawing is not self:
-            raise SpatialPinError(f"drawing {self.name!r}: {symbol.text} is a dimension of drawing "
-                                  f"{symbol.drawing.name!r}; declare it here, too")
-
     def _given(self, value: Any, what: str) -> Any:
         """Return a value as a mechanism file has it; numbers are finite."""
         if isinstance(value, Symbol):
-            self.check_own(value)
-            return f"${{{value.text}}}"
+            return f"${{{_operand(value, self)}}}"
         if isinstance(value, dict):
             return {key: self._given(x, f"{what}.{key}") for key, x in value.items()}
         if isinstance(value, list | tuple | np.ndarray):
-            return [self._given(x, what) for x in value]
+            return [self._given(math.nan if x is None else x, what) for x in value]
         if isinstance(value, numbers.Real) and not isinstance(value, bool | np.bool_):
             if not math.isfinite(value) and what.rpartition(" ")[2] not in ("lower", "upper"):
                 raise ValueError(f"drawing {self.name!r}: {what} has {float(value)}; a finite "
@@ -245,162 +236,436 @@ class Drawing:
 
     # ------------------------------------------------------------ parts
 
-    def body(self, name: str, *, mass: Number | None = None, com: Place | None = None,
-             inertia: Any = None, density: Number | None = None) -> Drawing:
+    def body(
+        self, name: str, *, mass: Number | None = None, com: Place | None = None,
+        inertia: Any = None, density: Number | None = None,
+    ) -> Drawing:
         """Add a body.
 
         Args:
             name: its name.
-            mass: [kg]; without one it has no mass, unless bars have a density.
-            com: (3,) its centre of mass [m]; default the mean of its joints.
+            mass: [kg]; without one it has none, unless its bars have a density.
+            com: (3,) its centre of mass [m]; default the mean of the places of its joints.
             inertia: about the centre of mass, in the world's axes: one number, three, or (3, 3)
-                [kg·m²]; default zero, that of a point.
+                [kg·m²]; default zero, a point.
             density: of its bars [kg/m³].
 
         Returns:
-            The drawing, as all these do.
+            The drawing.
+
+        Raises:
+            SpatialPinError: the name is taken, or a symbol is of another drawing.
+            TypeError: a value is no number.
+            ValueError: a number is NaN or infinite.
+
+        Example:
+            >>> d = sp.Drawing("pendulum").body("bob", mass=2.0, com=(0, 0, -1))
+            >>> mech = d.hinge("pin", "ground", "bob", at=(0, 0, 0), axis=(0, 1, 0)).mechanism()
+            >>> mech.inertias["bob"].lever  # [m]
+            array([ 0.,  0., -1.])
         """
+        if name == GROUND:
+            raise SpatialPinError(f"drawing {self.name!r}: {GROUND!r} stands still, and is there "
+                                  "already; give the body another name")
         at = None if com is None else self._place(com, f"body {name!r}, com")
         return self._add("bodies", name, "body", {
             "mass": mass, "com": at, "inertia": inertia, "density": density})
 
-    def joint(self, kind: str, name: str, one: str, two: str, at: Place | None = None,
-              axis: Place | None = None, axis2: Place | None = None, **more: Any) -> Drawing:
-        """Add a joint of any type between two bodies; coordinates are of the second to the first.
+    def joint(
+        self, kind: str, name: str, one: str, two: str, at: Place | None = None,
+        axis: Place | None = None, axis2: Place | None = None, **more: Any,
+    ) -> Drawing:
+        """Add a joint of any type of a mechanism file.
 
         Args:
-            kind: type of the joint, as in a mechanism file.
-            name: its name, that of its coordinate.
-            one: the first body; `"ground"` stands still.
-            two: the second.
+            kind: its type, such as "revolute" or "floating".
+            name: of the joint and its coordinates.
+            one: the first body, or "ground".
+            two: the second; coordinates are its motion relative to the first.
             at: (3,) its place [m].
-            axis: (3,) direction of any length, as in a mechanism file; default its type's.
+            axis: (3,) direction of any length; default that of a mechanism file.
             axis2: (3,) second pin of a universal joint.
-            **more: as in a mechanism file: `lead` [m], `damping`, `friction`, `lower`, `upper`,
-                `velocity`, `effort`, ...
+            **more: `lead`, limits and resistances, as in a mechanism file: `lower`, `upper`,
+                `damping`, `friction`, `effort`, ...
 
         Returns:
             The drawing.
+
+        Raises:
+            SpatialPinError: the name is taken, or a symbol is of another drawing.
+            TypeError: a value is no number.
+            ValueError: a number is NaN or infinite.
+
+        Example:
+            >>> d = sp.Drawing("drone").body("hull", mass=1.0, inertia=0.01)
+            >>> d.joint("floating", "base", "ground", "hull").mechanism().pairs
+            ('floating',)
         """
         places = {key: None if x is None else self._place(x, f"joint {name!r}, {key}")
                   for key, x in (("at", at), ("axis", axis), ("axis2", axis2))}
         return self._add("joints", name, "joint", {
             "type": kind, "between": [one, two], **places, **more})
 
-    def hinge(self, name: str, one: str, two: str, at: Place, axis: Place = (0.0, 0.0, 1.0),
-              **more: Any) -> Drawing:
-        """Add a hinge (revolute joint) about an axis through a place; see `joint`."""
+    def hinge(
+        self, name: str, one: str, two: str, at: Place,
+        axis: Place = (0.0, 0.0, 1.0), **more: Any,
+    ) -> Drawing:
+        """Add a hinge, a revolute joint.
+
+        Args:
+            name: of the joint and its coordinate.
+            one: the first body, or "ground".
+            two: the second; coordinates are its motion relative to the first.
+            at: (3,) a point of its axis [m].
+            axis: (3,) direction of any length; default z.
+            **more: limits and resistances, as in a mechanism file: `lower`, `upper`, `damping`,
+                `friction`, `effort`, ...
+
+        Returns:
+            The drawing.
+
+        Raises:
+            SpatialPinError: the name is taken, or a symbol is of another drawing.
+            TypeError: a value is no number.
+            ValueError: a number is NaN or infinite.
+
+        Example:
+            >>> d = sp.Drawing("one").body("a")
+            >>> d.hinge("J", "ground", "a", at=(0, 0)).mechanism().coordinates
+            ('J',)
+        """
         return self.joint("revolute", name, one, two, at, axis, **more)
 
     def ball(self, name: str, one: str, two: str, at: Place, **more: Any) -> Drawing:
-        """Add a ball (spherical joint); see `joint`."""
+        """Add a ball, a spherical joint.
+
+        Args:
+            name: of the joint and its coordinate.
+            one: the first body, or "ground".
+            two: the second; coordinates are its motion relative to the first.
+            at: (3,) its centre [m].
+            **more: limits and resistances, as in a mechanism file: `lower`, `upper`, `damping`,
+                `friction`, `effort`, ...
+
+        Returns:
+            The drawing.
+
+        Raises:
+            SpatialPinError: the name is taken, or a symbol is of another drawing.
+            TypeError: a value is no number.
+            ValueError: a number is NaN or infinite.
+
+        Example:
+            >>> d = sp.Drawing("one").body("a")
+            >>> d.ball("J", "ground", "a", at=(0, 0)).mechanism().coordinates
+            ('J.x', 'J.y', 'J.z')
+        """
         return self.joint("spherical", name, one, two, at, **more)
 
     def slider(self, name: str, one: str, two: str, at: Place, axis: Place, **more: Any) -> Drawing:
-        """Add a slider (prismatic joint) along an axis; see `joint`."""
+        """Add a slider, a prismatic joint.
+
+        Args:
+            name: of the joint and its coordinate.
+            one: the first body, or "ground".
+            two: the second; coordinates are its motion relative to the first.
+            at: (3,) a point of its axis [m].
+            axis: (3,) direction of any length.
+            **more: limits and resistances, as in a mechanism file: `lower`, `upper`, `damping`,
+                `friction`, `effort`, ...
+
+        Returns:
+            The drawing.
+
+        Raises:
+            SpatialPinError: the name is taken, or a symbol is of another drawing.
+            TypeError: a value is no number.
+            ValueError: a number is NaN or infinite.
+
+        Example:
+            >>> d = sp.Drawing("one").body("a")
+            >>> d.slider("J", "ground", "a", at=(0, 0), axis=(1, 0)).mechanism().coordinates
+            ('J',)
+        """
         return self.joint("prismatic", name, one, two, at, axis, **more)
 
-    def cylindrical(self, name: str, one: str, two: str, at: Place, axis: Place,
-                    **more: Any) -> Drawing:
-        """Add a joint that turns about an axis and slides along it; see `joint`."""
+    def cylindrical(
+        self, name: str, one: str, two: str, at: Place, axis: Place, **more: Any
+    ) -> Drawing:
+        """Add a joint that turns about an axis and slides along it.
+
+        Args:
+            name: of the joint and its coordinate.
+            one: the first body, or "ground".
+            two: the second; coordinates are its motion relative to the first.
+            at: (3,) a point of its axis [m].
+            axis: (3,) direction of any length.
+            **more: limits and resistances, as in a mechanism file: `lower`, `upper`, `damping`,
+                `friction`, `effort`, ...
+
+        Returns:
+            The drawing.
+
+        Raises:
+            SpatialPinError: the name is taken, or a symbol is of another drawing.
+            TypeError: a value is no number.
+            ValueError: a number is NaN or infinite.
+
+        Example:
+            >>> d = sp.Drawing("one").body("a")
+            >>> d.cylindrical("J", "ground", "a", at=(0, 0), axis=(1, 0)).mechanism().coordinates
+            ('J.angle', 'J.slide')
+        """
         return self.joint("cylindrical", name, one, two, at, axis, **more)
 
-    def universal(self, name: str, one: str, two: str, at: Place, axis: Place, axis2: Place,
-                  **more: Any) -> Drawing:
-        """Add a universal joint: `axis` is its pin in the first body, `axis2` in the second."""
+    def universal(
+        self, name: str, one: str, two: str, at: Place, axis: Place, axis2: Place, **more: Any,
+    ) -> Drawing:
+        """Add a universal joint, of two pins that cross at right angles.
+
+        Args:
+            name: of the joint and its coordinate.
+            one: the first body, or "ground".
+            two: the second; coordinates are its motion relative to the first.
+            at: (3,) where they cross [m].
+            axis: (3,) direction of the pin in the first body.
+            axis2: (3,) that of the pin in the second.
+            **more: limits and resistances, as in a mechanism file: `lower`, `upper`, `damping`,
+                `friction`, `effort`, ...
+
+        Returns:
+            The drawing.
+
+        Raises:
+            SpatialPinError: the name is taken, or a symbol is of another drawing.
+            TypeError: a value is no number.
+            ValueError: a number is NaN or infinite.
+
+        Example:
+            >>> d = sp.Drawing("one").body("a")
+            >>> _ = d.universal("J", "ground", "a", at=(0, 0), axis=(1, 0), axis2=(0, 1))
+            >>> d.mechanism().coordinates
+            ('J.first', 'J.second')
+        """
         return self.joint("universal", name, one, two, at, axis, axis2, **more)
 
-    def screw(self, name: str, one: str, two: str, at: Place, axis: Place, lead: Number,
-              **more: Any) -> Drawing:
-        """Add a screw of a lead [m per turn, positive right-handed]; see `joint`."""
+    def screw(
+        self, name: str, one: str, two: str, at: Place, axis: Place, lead: Number,
+        **more: Any,
+    ) -> Drawing:
+        """Add a screw.
+
+        Args:
+            name: of the joint and its coordinate.
+            one: the first body, or "ground".
+            two: the second; coordinates are its motion relative to the first.
+            at: (3,) a point of its axis [m].
+            axis: (3,) direction of any length.
+            lead: translation along the axis in a turn [m], positive for a right-handed thread.
+            **more: limits and resistances, as in a mechanism file: `lower`, `upper`, `damping`,
+                `friction`, `effort`, ...
+
+        Returns:
+            The drawing.
+
+        Raises:
+            SpatialPinError: the name is taken, or a symbol is of another drawing.
+            TypeError: a value is no number.
+            ValueError: a number is NaN or infinite.
+
+        Example:
+            >>> d = sp.Drawing("one").body("a")
+            >>> _ = d.screw("J", "ground", "a", at=(0, 0), axis=(1, 0), lead=0.01)
+            >>> d.mechanism().coordinates
+            ('J',)
+        """
         return self.joint("screw", name, one, two, at, axis, lead=lead, **more)
 
-    def planar(self, name: str, one: str, two: str, at: Place, axis: Place = (0.0, 0.0, 1.0),
-               **more: Any) -> Drawing:
-        """Add a joint that slides and turns in the plane normal to an axis; see `joint`."""
+    def planar(
+        self, name: str, one: str, two: str, at: Place,
+        axis: Place = (0.0, 0.0, 1.0), **more: Any,
+    ) -> Drawing:
+        """Add a joint that slides and turns in a plane.
+
+        Args:
+            name: of the joint and its coordinate.
+            one: the first body, or "ground".
+            two: the second; coordinates are its motion relative to the first.
+            at: (3,) a point of the plane [m].
+            axis: (3,) normal of the plane; default z.
+            **more: limits and resistances, as in a mechanism file: `lower`, `upper`, `damping`,
+                `friction`, `effort`, ...
+
+        Returns:
+            The drawing.
+
+        Raises:
+            SpatialPinError: the name is taken, or a symbol is of another drawing.
+            TypeError: a value is no number.
+            ValueError: a number is NaN or infinite.
+
+        Example:
+            >>> d = sp.Drawing("one").body("a")
+            >>> d.planar("J", "ground", "a", at=(0, 0)).mechanism().coordinates
+            ('J.x', 'J.y', 'J.angle')
+        """
         return self.joint("planar", name, one, two, at, axis, **more)
 
     def weld(self, name: str, one: str, two: str, at: Place = (0.0, 0.0, 0.0)) -> Drawing:
-        """Fix two bodies to each other."""
+        """Fix two bodies to each other.
+
+        Args:
+            name: of the joint.
+            one: the first body, or "ground".
+            two: the second.
+            at: (3,) where, which is drawn only [m].
+
+        Returns:
+            The drawing.
+
+        Raises:
+            SpatialPinError: the name is taken, or a symbol is of another drawing.
+            TypeError: a value is no number.
+            ValueError: a number is NaN or infinite.
+
+        Example:
+            >>> d = sp.Drawing("one").body("a")
+            >>> d.weld("J", "ground", "a").mechanism().coordinates
+            ()
+        """
         return self.joint("fixed", name, one, two, at)
 
     def point(self, name: str, body: str, at: Place) -> Drawing:
-        """Add a point of a body at a place [m]: a frame in the axes of the body."""
+        """Add a point of a body: a frame in the axes of the world as it is drawn.
+
+        Args:
+            name: valid wherever that of a frame is.
+            body: the body, or "ground".
+            at: (3,) its place [m].
+
+        Returns:
+            The drawing.
+
+        Raises:
+            SpatialPinError: the name is taken, or a symbol is of another drawing.
+            TypeError: a value is no number.
+            ValueError: a number is NaN or infinite.
+
+        Example:
+            >>> d = sp.Drawing("lever").body("arm").hinge("pin", "ground", "arm", at=(0, 0))
+            >>> mech = d.point("tip", "arm", at=(0.5, 0)).mechanism()
+            >>> sp.assemble(mech, {"pin": 0.0}).placement("tip").translation  # [m]
+            array([0.5, 0. , 0. ])
+        """
         place = self._place(at, f"point {name!r}, at")
         return self._add("points", name, "point", {"body": body, "at": place})
 
     def rod(self, name: str, one: str, two: str) -> Drawing:
-        """Hold two points of two bodies as far apart as they are drawn."""
-        return self._add("rods", name, "rod", {"between": [one, two]})
+        """Hold two points of two bodies as far apart as they are drawn.
 
-    def spring(self, name: str, one: str, two: str | None = None, **more: Any) -> Drawing:
-        """Add a spring between two points, or about or along one joint.
+        A body that only rods hold floats in the tree, by a joint of its name.
 
         Args:
             name: its name.
-            one: a point, or body; of one joint, that.
-            two: another point, on another body.
-            **more: as in a mechanism file: `stiffness`, `damping`, `free_length`, `free_angle`,
-                `law`, `tension_only`, `compression_only`, `preload`.
+            one: a point.
+            two: another, of another body.
 
         Returns:
             The drawing.
+
+        Raises:
+            SpatialPinError: the name is taken, or is none.
+
+        Example:
+            >>> d = sp.Drawing("tied").body("arm").ball("pivot", "ground", "arm", at=(0, 0))
+            >>> _ = d.point("tip", "arm", at=(1, 0)).point("hook", "ground", at=(1, 1))
+            >>> d.rod("tie", "tip", "hook").mechanism().closures[0].type
+            'distance'
+        """
+        return self._add("rods", name, "rod", {"between": [one, two]})
+
+    def spring(self, name: str, one: str, two: str | None = None, **more: Any) -> Drawing:
+        """Add a spring between two points, or about or along a joint.
+
+        Args:
+            name: its name.
+            one: a point, or body; without another, a joint.
+            two: a point of another body.
+            **more: as in a mechanism file: `stiffness`, `damping`, `free_length`, `free_angle`,
+                `law` (a list of points), `tension_only`, `compression_only`, `preload`.
+
+        Returns:
+            The drawing.
+
+        Raises:
+            SpatialPinError: the name is taken, or a symbol is of another drawing.
+            TypeError: a value is no number.
+            ValueError: a number is NaN or infinite.
+
+        Example:
+            >>> d = sp.Drawing("door").body("leaf").hinge("pin", "ground", "leaf", at=(0, 0))
+            >>> d.spring("closer", "pin", stiffness=5.0).mechanism().springs[0].stiffness
+            5.0
         """
         if any(name == spring["name"] for spring in self._springs):
             raise SpatialPinError(f"drawing {self.name!r}: there is a spring {name!r} already")
         ends: dict[str, Any] = {"joint": one} if two is None else {"frames": [one, two]}
-        law = more.pop("law", None)
-        if law is not None and not isinstance(law, dict):
-            more["law"] = {"points": law}
+        if "law" in more and not isinstance(more["law"], dict):
+            more["law"] = {"points": more["law"]}
         self._springs.append({"name": name, **ends, **{
             key: self._given(x, f"spring {name!r}, {key}") for key, x in more.items()}})
         return self
 
-    def gear(self, name: str, one: str, two: str, *, teeth: Sequence[Number],
-             internal: bool = False) -> Drawing:
-        """Let two gears mesh that turn on two hinges with one body in common, their carrier.
+    def gear(
+        self, name: str, one: str, two: str, *, teeth: Sequence[Number], internal: bool = False
+    ) -> Drawing:
+        """Let two gears mesh that turn on two hinges of one body, their carrier.
 
         Args:
             name: its name.
-            one: the hinge of the first gear.
-            two: that of the second.
-            teeth: numbers of teeth of both.
+            one: the hinge between the carrier and the first gear.
+            two: that between the carrier and the second.
+            teeth: (2,) numbers of teeth.
             internal: whether one of them is a ring, with its teeth inside.
 
         Returns:
             The drawing.
+
+        Raises:
+            SpatialPinError: the name is taken, or a symbol is of another drawing.
+            TypeError: a value is no number.
+            ValueError: a number is NaN or infinite.
+
+        Example:
+            >>> d = sp.Drawing("pair").body("pinion").body("wheel").drive("A")
+            >>> _ = d.hinge("A", "ground", "pinion", at=(0, 0))
+            >>> _ = d.hinge("B", "ground", "wheel", at=(0.03, 0))
+            >>> mech = d.gear("mesh", "A", "B", teeth=(20, 40)).mechanism()
+            >>> sp.assemble(mech, {"A": 1.0}).coordinate("B").value  # [rad]
+            -0.5
         """
         return self._add("gears", name, "gear", {
             "joints": [one, two], "teeth": list(teeth), "internal": bool(internal)})
 
     def drive(self, coordinate: str, name: str | None = None) -> Drawing:
-        """Let a joint's coordinate be a driver, by its own name unless there is another."""
+        """Let a coordinate be a driver.
+
+        Args:
+            coordinate: a joint of one coordinate, or a coordinate such as "C.slide".
+            name: of the driver; default that of the coordinate.
+
+        Returns:
+            The drawing.
+
+        Raises:
+            SpatialPinError: the name is taken, or is none.
+
+        Example:
+            >>> d = sp.Drawing("lever").body("arm").hinge("pin", "ground", "arm", at=(0, 0))
+            >>> list(d.drive("pin", "motor").mechanism().drivers)
+            ['motor']
+        """
         return self._add("drivers", name or coordinate, "driver", {"joint": coordinate})
-
-    # ------------------------------------------------------------ functions of symbols
-
-    def sqrt(self, x: Number) -> Symbol:
-        """Return the square root of a symbol."""
-        return self._symbol(x).sqrt()
-
-    def sin(self, x: Number) -> Symbol:
-        """Return the sine of a symbol [rad]."""
-        return self._symbol(x).sin()
-
-    def cos(self, x: Number) -> Symbol:
-        """Return the cosine of a symbol [rad]."""
-        return self._symbol(x).cos()
-
-    def tan(self, x: Number) -> Symbol:
-        """Return the tangent of a symbol [rad]."""
-        return self._symbol(x).tan()
-
-    def atan2(self, y: Number, x: Number) -> Symbol:
-        """Return the angle whose tangent is y over x, in its quadrant [rad]."""
-        return self._symbol(y).atan2(x)
-
-    def _symbol(self, x: Number) -> Symbol:
-        return Symbol(_operand(x, self), self)
 
     # ------------------------------------------------------------ the mechanism
 
@@ -425,6 +690,14 @@ class Drawing:
             MechanismFileError: bodies, joints or points are named that are not there, or a body is
                 not joined to the ground, or joints that must have coordinates close a loop; all
                 mistakes together.
+            ValueError: a dimension is NaN or infinite.
+
+        Example:
+            >>> d = sp.Drawing("lever").body("arm", mass=1.0, com=(0.5, 0))
+            >>> d["x"] = 0.2
+            >>> mech = d.hinge("pin", "ground", "arm", at=(d["x"], 0)).mechanism(x=0.3)
+            >>> mech.dimensions, mech.path.name, mech.tree.name
+            ({'x': 0.3}, 'lever.toml', 'lever.urdf.xacro')
         """
         tables = {key: x for key, x in self._tables.items() if x}
         top = {**self._top, **({} if density is None else {
@@ -433,7 +706,9 @@ class Drawing:
         content = {**top, **({"keep": names} if names else {}), "dimensions": self._dimensions,
                    "bodies": {}, **tables, **({"springs": self._springs} if self._springs else {})}
         given = {key: x for key, x in content.items() if x != {} or key == "bodies"}
-        return load(HeldFile.of(f"{self.name}.toml", toml_text(given)), **dimensions)
+        others: dict[str, Any] = dict(dimensions)
+        stem = re.sub(r"[^\w.+-]+", "_", self.name).strip("._") or "drawing"
+        return load(HeldFile.of(f"{stem}.toml", toml_text(given)), **others)
 
     def __repr__(self) -> str:
         return (f"Drawing({self.name!r}: bodies {list(self._tables['bodies'])}, "

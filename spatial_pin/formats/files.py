@@ -7,7 +7,6 @@ import tomllib
 import xml.etree.ElementTree as ET
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ import numpy as np
 from spatial_pin._support.checks import number_from_zero
 from spatial_pin.errors import MechanismFileError, Mistakes, suggestion, warn
 from spatial_pin.formats.checked_tables import TomlTable
-from spatial_pin.formats.drawn_file import drawn_tree
+from spatial_pin.formats.drawn_tree import drawn_tree
 from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.file_access import (
     HeldFile,
@@ -30,8 +29,7 @@ from spatial_pin.formats.file_access import (
 )
 from spatial_pin.formats.importers import IMPORTERS, Importer, Request, endings, importer_of
 from spatial_pin.formats.mechanism_file import MechanismSpec, mechanism_of
-from spatial_pin.formats.mechanism_writer import content_of
-from spatial_pin.formats.parsing import parse_toml, parse_urdf, toml_text
+from spatial_pin.formats.parsing import parse_toml, parse_urdf
 from spatial_pin.formats.urdf.validation import end_of
 from spatial_pin.formats.xacro.expansion import expand
 from spatial_pin.formats.xacro.xacro_arguments import arguments
@@ -249,30 +247,6 @@ def load_expanded(mechanism: Mechanism, parameters: Mapping[str, float], urdf: s
     return made.with_fields(gap=m.gap)
 
 
-def edited(mechanism: Mechanism, table: str, name: str, entry: dict[str, Any]) -> Mechanism:
-    """Return a mechanism as its mechanism file makes it with one table `[TABLE.NAME]` more.
-
-    Its file is in memory, where the old one is, over the same tree: dimensions go on. That of a
-    mechanism without file says all that there is.
-    """
-    m, path = mechanism, mechanism.path
-    if path is None or os.path.isdir(path):
-        content = content_of(m)
-        content[table] = {**content.get(table, {}), name: entry}
-        request = Request(Path(f"{m.name}.toml"), trusted=m.trusted, packages=dict(m.packages))
-        made = _made(content, Path(f"{m.name}.urdf"), m.urdf, request, ())
-        return made.with_fields(
-            path=path, tree=m.tree, notices=m.notices, parameters=m.parameters, gap=m.gap,
-            free_flyer=m.free_flyer, visual_model=partial(getattr, m, "visual_model"),
-            collision_model=partial(getattr, m, "collision_model"))
-    own = {"name": m.name, "tree": path.name}
-    if path.suffix == ".toml":
-        own = parse_toml(read_text(path), path)
-    content = {**own, table: {**own.get(table, {}), name: entry}}
-    held = HeldFile.of(path.with_suffix(".toml"), toml_text(content))
-    return load(held, **m.loading)
-
-
 def _loaded(request: Request) -> Mechanism:
     """Return the mechanism of a request."""
     if request.path.suffix == ".toml":
@@ -283,7 +257,7 @@ def _loaded(request: Request) -> Mechanism:
     imported, path = importer.read(request), request.path
     name = path.name.removesuffix(".xacro").removesuffix(".urdf")
     content = {"name": name, "tree": path.name, **imported.content}
-    return _made(content, path, imported.urdf, request, imported.notices)
+    return made_of(content, path, imported.urdf, request, imported.notices)
 
 
 def _folders(packages: Mapping[str, str | Path]) -> dict[str, Path]:
@@ -335,7 +309,7 @@ def _load_toml(request: Request) -> Mechanism:
     if mistakes:
         MechanismSpec(top, mistakes, Trust.of(path, request.packages, request.trusted))
         mistakes.tell()
-    return _made(content, file, tree.urdf, request, (*tree.notices, *left_out))
+    return made_of(content, file, tree.urdf, request, (*tree.notices, *left_out))
 
 
 def _load_drawing(top: TomlTable, request: Request) -> Mechanism:
@@ -345,7 +319,7 @@ def _load_drawing(top: TomlTable, request: Request) -> Mechanism:
     urdf = request.expanded
     if urdf is None:
         urdf = expand(tree, request.parameters, request.trusted, request.packages)
-    made = _made(drawn.content, tree, urdf, request, ())
+    made = made_of(drawn.content, tree, urdf, request, ())
     return made.with_fields(notices=(*drawn.notices, *made.notices))
 
 
@@ -388,7 +362,7 @@ def _tree_of(top: TomlTable, request: Request) -> Path:
     return file
 
 
-def _made(
+def made_of(
     content: dict[str, Any], file: Path, urdf: str, request: Request, notices: Iterable[str]
 ) -> Mechanism:
     """Return the mechanism of a file's content and the tree of `file`; a warning tells faults."""

@@ -13,7 +13,6 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from spatial_pin._support.brief import counted
-from spatial_pin._support.checks import finite_array, finite_number
 from spatial_pin._support.lazy import RESULTS, cached_property, made_once
 from spatial_pin.errors import (
     ClosureTypeError,
@@ -478,15 +477,9 @@ class Mechanism:
             >>> sp.assemble(mech, {"crank": 0.0}).placement("mid").translation.shape
             (3,)
         """
-        from spatial_pin.formats.files import edited
+        from spatial_pin.formats.edited_file import with_point
 
-        places = {key: finite_array(x, (3,), f"{key} of point {name!r}").tolist()
-                  for key, x in (("xyz", xyz), ("rpy", rpy))}
-        if name in self.frame_ids:
-            raise MechanismFileError(f"mechanism {self.name!r}: there is a link, joint or frame "
-                                     f"{name!r} already; choose another name for the point")
-        self.frame_id(body)
-        return edited(self, "frames", name, {"link": body, **places})
+        return with_point(self, name, body, xyz, rpy)
 
     def with_mass(
         self, body: str, mass: float, com: ArrayLike = (0.0, 0.0, 0.0), inertia: ArrayLike = 0.0,
@@ -513,17 +506,9 @@ class Mechanism:
             >>> mech.inertias["coupler"].mass
             2.0
         """
-        from spatial_pin.formats.files import edited
+        from spatial_pin.formats.edited_file import with_mass
 
-        if body not in self.links:
-            raise UnknownNameError("link", body, self.links, f"mechanism {self.name!r}: ")
-        shape = np.shape(inertia)
-        if shape not in ((), (3,), (3, 3)):
-            raise ValueError(f"inertia of {body!r} is one number, three, or (3, 3), not {shape}")
-        return edited(self, "masses", body, {
-            "mass": finite_number(mass, f"mass of {body!r}"),
-            "com": finite_array(com, (3,), f"com of {body!r}").tolist(),
-            "inertia": finite_array(inertia, shape, f"inertia of {body!r}").tolist()})
+        return with_mass(self, body, mass, com, inertia)
 
     def save(self, folder: str | Path) -> Path:
         """Write the mechanism as a folder that can be moved: mechanism file, URDF and meshes.
