@@ -16,6 +16,11 @@ def loading() -> sp.Mechanism:
     names: list[str] = sp.list_mechanisms()
     mech: sp.Mechanism = sp.load(names[0], trusted=False, d=0.315)
     chosen: sp.Mechanism = sp.load("world.sdf", model="robot", without=["rope"])
+    drawn = sp.Drawing("pendulum", density=7850.0)
+    drawn["b"] = 0.3
+    drawn.body("bob", mass=2.0 * drawn["b"], com=(drawn["b"], 0.0, -1.0)).drive("pin")
+    drawn.hinge("pin", "ground", "bob", at=(drawn["b"], 0.0, 0.0), axis=(0, 1, 0))
+    drawn.mechanism(keep=["pin"], b=0.4).with_point("tip", "bob", (0, 0, -1)).with_mass("bob", 1.0)
     built = sp.Mechanism.from_model(
         mech.model, [sp.closures.spherical("a", "b")], drivers={"crank": "crank_pin"},
         springs=[sp.Spring("spring", joint="rocker_pin", stiffness=4.0)],
