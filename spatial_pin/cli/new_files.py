@@ -76,8 +76,8 @@ def write_from(name: str, tree: Path, folder: Path, mechanism: sp.Mechanism) -> 
     return [write_text(place, "\n".join(part for part in parts if part))]
 
 
-def write_new(name: str, folder: Path) -> list[Path]:
-    """Write a four-bar to start from: a mechanism file and its tree.
+def write_new(name: str, folder: Path, drawing: bool = False) -> list[Path]:
+    """Write a four-bar to start from: a mechanism file and its tree, or a drawing.
 
     Returns:
         The files written.
@@ -87,8 +87,10 @@ def write_new(name: str, folder: Path) -> list[Path]:
         OSError: one cannot be written.
     """
     start = files("spatial_pin.cli").joinpath("templates")
-    texts = {folder / f"{name}{suffix}": start.joinpath(f"NAME{suffix}").read_text("utf-8").replace(
-        "NAME", name) for suffix in (".toml", ".urdf.xacro")}
+    templates = {".toml": "DRAWING.toml"} if drawing else {
+        suffix: f"NAME{suffix}" for suffix in (".toml", ".urdf.xacro")}
+    texts = {folder / f"{name}{suffix}": start.joinpath(file).read_text("utf-8").replace(
+        "NAME", name) for suffix, file in templates.items()}
     _refuse_existing(texts)
     return [write_text(path, text) for path, text in texts.items()]
 

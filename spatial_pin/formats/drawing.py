@@ -170,8 +170,8 @@ class Drawing:
         self.name = name
         self._dimensions: dict[str, float] = {}
         self._tables: dict[str, dict[str, Any]] = {
-            key: {} for key in ("bodies", "joints", "points", "rods", "gears", "drivers")}
-        self._springs: list[dict[str, Any]] = []
+            key: {} for key in (
+                "bodies", "joints", "points", "rods", "gears", "drivers", "springs")}
         self._top = {"name": name, **{key: x for key, x in (
             ("title", title), ("source", source), ("density", self._given(density, "density")),
             ("radius", self._given(radius, "radius"))) if x}}
@@ -226,8 +226,7 @@ class Drawing:
         if not isinstance(name, str) or not name or not name.isprintable() or "$" in name:
             raise SpatialPinError(f"drawing {self.name!r}: {what} {name!r}: no name, or one with $ "
                                   "or what cannot be read")
-        taken = [*self._tables[table], *(x["name"] for x in self._springs if table == "springs")]
-        if name in taken:
+        if name in self._tables[table]:
             raise SpatialPinError(f"drawing {self.name!r}: there is a {what} {name!r} already")
         self._tables[table][name] = {
             key: self._given(x, f"{what} {name!r}, {key}") for key, x in content.items()
@@ -607,14 +606,10 @@ class Drawing:
             >>> d.spring("closer", "pin", stiffness=5.0).mechanism().springs[0].stiffness
             5.0
         """
-        if any(name == spring["name"] for spring in self._springs):
-            raise SpatialPinError(f"drawing {self.name!r}: there is a spring {name!r} already")
         ends: dict[str, Any] = {"joint": one} if two is None else {"frames": [one, two]}
         if "law" in more and not isinstance(more["law"], dict):
             more["law"] = {"points": more["law"]}
-        self._springs.append({"name": name, **ends, **{
-            key: self._given(x, f"spring {name!r}, {key}") for key, x in more.items()}})
-        return self
+        return self._add("springs", name, "spring", {**ends, **more})
 
     def gear(
         self, name: str, one: str, two: str, *, teeth: Sequence[Number], internal: bool = False
@@ -699,16 +694,16 @@ class Drawing:
             >>> mech.dimensions, mech.path.name, mech.tree.name
             ({'x': 0.3}, 'lever.toml', 'lever.urdf.xacro')
         """
-        tables = {key: x for key, x in self._tables.items() if x}
-        top = {**self._top, **({} if density is None else {
-            "density": self._given(density, "density")})}
         names = [keep] if isinstance(keep, str) else list(keep)
-        content = {**top, **({"keep": names} if names else {}), "dimensions": self._dimensions,
-                   "bodies": {}, **tables, **({"springs": self._springs} if self._springs else {})}
-        given = {key: x for key, x in content.items() if x != {} or key == "bodies"}
+        springs = [{"name": name, **x} for name, x in self._tables["springs"].items()]
+        given = {**self._top, "density": self._top.get("density"), "keep": names,
+                 "dimensions": self._dimensions, **self._tables, "springs": springs}
+        if density is not None:
+            given["density"] = self._given(density, "density")
+        content = {key: x for key, x in given.items() if key == "bodies" or x not in (None, [], {})}
         others: dict[str, Any] = dict(dimensions)
         stem = re.sub(r"[^\w.+-]+", "_", self.name).strip("._") or "drawing"
-        return load(HeldFile.of(f"{stem}.toml", toml_text(given)), **others)
+        return load(HeldFile.of(f"{stem}.toml", toml_text(content)), **others)
 
     def __repr__(self) -> str:
         return (f"Drawing({self.name!r}: bodies {list(self._tables['bodies'])}, "

@@ -190,7 +190,7 @@ class DrawnFile:
                 if key in top:
                     setattr(self, key, self.numbers.number(top, key, above=0.0))
         with self.mistakes.each():
-            if not self.bodies or not (self.joints or self.rods):
+            if not top.content["bodies"] or not any(top.get(key, 0) for key in ("joints", "rods")):
                 raise MechanismFileError(f"{top.where}: a drawing needs a body, and a joint or a "
                                          f"rod between it and {GROUND!r}")
         for several in ((GROUND, *self.bodies, *self.points),

@@ -112,8 +112,10 @@ def new(options: argparse.Namespace) -> None:
                             "without .toml")
     if not folder.is_dir():
         raise ValueError(f"--folder {folder}: there is no such folder")
+    if options.tree is not None and options.drawing:
+        options.usage_error("--from or --drawing: a drawing has no tree")
     if options.tree is None:
-        written = write_new(options.name, folder)
+        written = write_new(options.name, folder, options.drawing)
     else:
         tree = Path(options.tree)
         mechanism = sp.load(tree, trusted=options.trusted, packages=dict(options.packages))
@@ -134,6 +136,8 @@ COMMANDS = {
         option("--from", dest="tree", metavar="FILE",
                help="a tree that there is: .urdf, .xacro or another format that is read; "
                     "without one, a four-bar is written"),
+        option("--drawing", action="store_true",
+               help="a four-bar as bodies, and joints at places of the world, without a tree"),
         option("--folder", metavar="F", default=".", help="where to write (here)"),
         option("--trusted", action="store_true",
                help="the tree's xacro files may read files outside their folder"),
