@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial_pin.kernel.closer import Closer
-from spatial_pin.kernel.kernel import Kernel, check, numbers
-from spatial_pin.kernel.library import address
+from spatial_pin.kernel.kernel import EvaluationStruct, Kernel, check, numbers
+from spatial_pin.kernel.library import NOT_FINITE, address
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
@@ -158,7 +158,7 @@ class DimensionCloser:
         varied = numbers(made_of.varied, (m, len(places)))
         v, a, facts = np.empty((m, nv)), np.empty((m, nv)), np.empty((m, 7))
         points = np.empty((m, len(at), 5, 3))
-        work = np.empty(len(base) + kernel.nq + nv + kernel.n_closure + self._n_fill * nv)
+        work = np.empty(3 * len(at) + kernel.nq + nv + kernel.n_closure + self._n_fill * nv)
         speed, acceleration = (None, None) if rates is None else (
             np.ascontiguousarray(x, float) for x in rates)
         asked = _DimensionStruct(
@@ -201,17 +201,17 @@ class DimensionEvaluator:
         base = numbers(made_of.base, kernel.packed.reals.shape)
         places = np.array(made_of.places, np.int64)
         varied = numbers(made_of.varied, (m, len(places)))
-        residual, work = np.empty((m, kernel.n_closure)), np.empty(len(base))
-        turns, translations = np.empty((m, n, 3, 3)), np.empty((m, n, 3))
+        residual, turns, translations = (
+            np.empty((m, *shape)) for shape in ((kernel.n_closure,), (n, 3, 3), (n, 3)))
         k = m if with_jacobian else 0
-        jacobian, linear, angular = np.empty((k, size, nv)), *np.empty((2, k, nv, 3))
-        asked = _DimensionStruct(base=address(base), place=address(places), varied=address(varied),
-                         q=address(q), angle=address(angles), n_reals=len(base),
-                         n_varied=len(places))
+        jacobian, linear, angular = np.empty((k, size + kernel.n_angles, nv)), *np.empty(
+            (2, k, nv, 3))
         ends = [address(x) if with_jacobian else None for x in (jacobian, linear, angular)]
-        check(kernel.library.dimensions_evaluate(
-            kernel.handle, ctypes.byref(asked), m, *map(address, (residual, turns,
-            translations)), *ends, address(work)))
+        code = kernel.library.kernel_evaluate(kernel.handle, ctypes.byref(EvaluationStruct(
+            m, address(q), None, address(angles), address(base), len(base), len(places),
+            *map(address, (places, varied, turns, translations, residual, angles)), *ends)))
+        if code != NOT_FINITE:
+            check(code)
         carriers = kernel.packed.carriers
         return EvaluatedSamples(
             residual, angles, turns, translations[:, carriers], jacobian[:, : kernel.n_closure],

@@ -186,6 +186,6 @@ def _determined(code: int) -> bool:
 def rates_of(kernel: Kernel, driven: tuple[int, ...], n_moving: int) -> RateSolver:
     """Return the solver for rates in a kernel, made once."""
     key = driven, n_moving
-    if key not in kernel.kept:
-        kernel.kept[key] = RateSolver(kernel, driven, n_moving)
-    return kernel.kept[key]
+    if key not in kernel.solvers:
+        kernel.solvers[key] = RateSolver(kernel, driven, n_moving)
+    return kernel.solvers[key]

@@ -62,6 +62,9 @@ typedef struct Pin Pin;
 /* A square matrix and its factors, see factors.h. */
 typedef struct Factors Factors;
 
+/* A path of closed configurations, see following.h. */
+struct Path;
+
 /* Some of the equations, and what they are made of: products, and vectors that move. */
 typedef struct {
     Int n_equations, n_products, n_vectors;
@@ -163,6 +166,7 @@ typedef struct Kernel {
     Int exponent;
     Real *right;
 
+    struct Path *path;  /* the one that is followed; NULL: none ever was */
     Int factorisations; /* counted since creation */
     void **owned; /* memory to be freed */
     Int n_owned, owned_room, lacked_memory; /* lacked: since that was asked last */
@@ -173,6 +177,9 @@ typedef struct Kernel {
 /* ---- model.c ---- */
 EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_reals, Kernel **out);
 EXPORT int kernel_set_numbers(Kernel *k, const Real *reals, Int n_reals);
+/* The same numbers but for some, at places below n_reals; other places are not looked at. */
+int kernel_vary_numbers(Kernel *k, const Real *base, Int n_reals, const Int *place,
+                        const Real *varied, Int n_varied);
 EXPORT void kernel_destroy(Kernel *k);
 /* Memory that is freed with k, zeroed; NULL if there is none left. */
 void *kernel_memory(Kernel *k, Int count, size_t size);
@@ -223,8 +230,27 @@ Real equations_error(const Kernel *k);           /* largest absolute residual; N
 int equations_are_sound(const Kernel *k);        /* whether their indices fit */
 
 /* ---- evaluating.c ---- */
-EXPORT int kernel_evaluate(Kernel *k, const Real *q, const Real *v, const Real *reference, Real *R,
-                           Real *p, Real *residual, Real *angle, Real *jacobian, Real *bias);
+/* Configurations, and where goes what they give: as `_EvaluationStruct` in kernel.py. Of the outputs
+   those that are NULL are not wanted. */
+typedef struct {
+    Int m;
+    const Real *q, *v;       /* (m, nq), (m, nv); v for the bias alone */
+    const Real *reference;   /* (m, n_angles) that angles are nearest to */
+    const Real *base;        /* (n_reals) numbers of other dimensions; NULL: the kernel's own */
+    Int n_reals, n_varied;
+    const Int *place;        /* (n_varied) those that differ from one configuration to the next */
+    const Real *varied;      /* (m, n_varied) */
+    Real *R, *p;             /* (m, n_joints, 9) by columns, (m, n_joints, 3) */
+    Real *residual, *angle;  /* (m, n_closure), (m, n_angles) */
+    Real *jacobian;          /* (m, n_equations + n_angles, nv) with respect to v / scale */
+    Real *linear, *angular;  /* (m, nv, 3) columns of the joint Jacobian about the world origin,
+                                where `jacobian` is wanted too */
+    Real *bias;              /* (m, n_equations) second derivatives at zero joint acceleration */
+} Evaluation;
+
+/* Evaluate configurations. NOT_FINITE where an equation is no number, after all are evaluated. The
+   numbers of the last configuration stay the kernel's. */
+EXPORT int kernel_evaluate(Kernel *k, const Evaluation *e);
 
 /* ---- system.c ---- */
 /* Equations to be solved (NULL: the first ones), what is driven, and rows that fill the system up;

@@ -200,12 +200,17 @@ static int read_numbers(Kernel *k, const Real *reals, Int n_reals)
     for (Int i = 0; i < n_fields; copy += fields[i++].count)
         *fields[i].to = copy;
     k->is_placed = 0;
-    for (Int j = 0; j < n; j++) {
+    return DONE;
+}
+
+/* Joints whose fixed rotation is the identity. */
+static void find_plain_joints(Kernel *k)
+{
+    for (Int j = 0; j < k->n_joints; j++) {
         const Real *R = k->rotation + 9 * j;
         k->plain[j] = R[0] == 1.0 && R[4] == 1.0 && R[8] == 1.0 && R[1] == 0.0 && R[2] == 0.0 &&
                       R[3] == 0.0 && R[5] == 0.0 && R[6] == 0.0 && R[7] == 0.0;
     }
-    return DONE;
 }
 
 /* Memory for what evaluations write. */
@@ -257,6 +262,7 @@ EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_r
         code = make_room(k) ? read_numbers(k, reals, n_reals) : NO_MEMORY;
     if (code == DONE) {
         k->R[0] = k->R[4] = k->R[8] = 1.0; /* the ground */
+        find_plain_joints(k);
         equations_begin(k);
         *out = k;
     } else
@@ -264,14 +270,26 @@ EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_r
     return code;
 }
 
+int kernel_vary_numbers(Kernel *k, const Real *base, Int n_reals, const Int *place,
+                        const Real *varied, Int n_varied)
+{
+    lu_forget(k->lu);
+    const int code = read_numbers(k, base, n_reals);
+    Real *own = (Real *)k->rotation; /* the first of them */
+    for (Int i = 0; code == DONE && i < n_varied; i++)
+        if (place[i] < n_reals)
+            own[place[i]] = varied[i];
+    if (code == DONE) {
+        find_plain_joints(k);
+        equations_place_ground(k);
+    }
+    return code;
+}
+
 /* Take the numbers of other dimensions; the kernel is as if it had been made of them. */
 EXPORT int kernel_set_numbers(Kernel *k, const Real *reals, Int n_reals)
 {
-    lu_forget(k->lu);
-    const int code = read_numbers(k, reals, n_reals);
-    if (code == DONE)
-        equations_place_ground(k);
-    return code;
+    return kernel_vary_numbers(k, reals, n_reals, NULL, NULL, 0);
 }
 
 EXPORT void kernel_destroy(Kernel *k)

@@ -132,9 +132,8 @@ static Int follow_between(Path *path, const Real *values, Int i, Int last, const
     return last - i + (put_row(path, rows, last) == DONE);
 }
 
-EXPORT Int path_follow(Path *path, const Real *values, Int n, const PathRows *rows, int *code)
+Int follow_values(Path *path, const Real *values, Int n, const PathRows *rows)
 {
-    *code = DONE;
     for (Int i = 0; i < n;) {
         const int may_skip = path->accuracy.between > 0.0 && path->has_before;
         const Int last = may_skip ? last_within(path, values, i, n) : i;
@@ -142,10 +141,7 @@ EXPORT Int path_follow(Path *path, const Real *values, Int n, const PathRows *ro
         i += done;
         if (done)
             continue;
-        *code = reach(path, values[i]);
-        if (*code == DONE)
-            *code = put_row(path, rows, i);
-        if (*code != DONE)
+        if (reach(path, values[i]) != DONE || put_row(path, rows, i) != DONE)
             return i;
         i++;
     }

@@ -179,7 +179,7 @@ static int close_prediction(Path *path, Real way)
     return code == DONE && equations_error(k) > c.left ? UNSAFE : code;
 }
 
-int factor_here(Kernel *k)
+int factor_at_path_point(Kernel *k)
 {
     equations_jacobian(k, &k->system);
     const int code = system_factor(k);
@@ -252,7 +252,7 @@ static int arrive(Path *path, Real way)
     Kernel *k = path->k;
     Point *here = path->here, *next = path->next;
     int is_new = is_new_choice(path);
-    int code = prescribed_holds(&path->prescribed, next->q) ? factor_here(k) : UNSAFE;
+    int code = prescribed_holds(&path->prescribed, next->q) ? factor_at_path_point(k) : UNSAFE;
     if (code != DONE)
         return code;
     if (k->pivot_ratio < TOLERANCE_NEAR_SINGULAR || (!is_new && k->sign != path->sign))
@@ -344,7 +344,7 @@ int stand_again(Path *path)
 {
     Kernel *k = path->k;
     equations_values_near(k, path->here->q, path->here->angle);
-    const int code = factor_here(k);
+    const int code = factor_at_path_point(k);
     path->stale = code != DONE;
     return code;
 }

@@ -101,7 +101,7 @@ int take_idle_back(Path *path, Real way)
             return DONE;
         }
         equations_values(k, path->next->q);
-        int code = factor_here(k);
+        int code = factor_at_path_point(k);
         if (code == DONE)
             code = point_rates(k, &path->prescribed, path->next);
         if (code != DONE || most <= IDLE_SMALL)
