@@ -350,8 +350,9 @@ class Closer:
         """
         q, errors = np.array(q, order="C"), np.empty(len(q))
         self._free[:], self._settings = free, None
-        self._library.closer_descend(self.handle, len(q), address(q), self._task.free, tolerance,
-                                     iterations, address(errors))
+        check(self._library.closer_descend(
+            self.handle, len(q), address(q), self._task.free, tolerance, iterations,
+            address(errors)))
         return q, errors
 
 

@@ -158,7 +158,7 @@ def test_further_starts_tried_in_one_go_are_those_tried_one_by_one(
     kinds = np.zeros(model.nq, np.int64)
     kinds[[c.q for c in mechanism.coordinate_table.values() if c.q >= 0]] = NAMED
     steps = np.random.default_rng(7).uniform(-2.0, 2.0, (8, model.nv)) * mechanism.velocity_scale
-    further = FurtherStarts(steps[None], near, np.zeros(model.nv, np.int64))  # of one group of loops
+    further = FurtherStarts(steps[None], near, np.zeros(model.nv, np.int64))  # one group
     asked = ClosureSettings(free, first if stays else None, 1e-13, 60, 1e-9, kinds, q, q, further)
     start = Closer(mechanism).reach([_near(mechanism, 3, 0.5)], asked, q)[0].q
     told = Closer(mechanism).reach([start], asked, start + 0.1, further=True)

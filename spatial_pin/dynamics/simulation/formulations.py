@@ -33,7 +33,8 @@ from spatial_pin.dynamics.solvers.independent_coordinates import (
     IndependentCoordinates,
 )
 from spatial_pin.errors import SingularError, SpatialPinError
-from spatial_pin.kernel.dynamics import Callbacks, KernelDynamics, SimulationSamples
+from spatial_pin.kernel.dynamics import Callbacks, KernelDynamics, Start
+from spatial_pin.kernel.integrating import SimulationSamples
 from spatial_pin.kernel.loop_equations import LoopEquations
 from spatial_pin.kernel.packing import Ints
 from spatial_pin.numerics.linalg import Array
@@ -201,17 +202,17 @@ class Independent:
         self._functions = ForceFunctions(problem, self.spins, lambda: self.kernel.free)
         arrays = forces_as_arrays(
             problem, self.n, self.spins, self.projects, max(wanted, TOLERANCES.round_off))
-        self.kernel = KernelDynamics(
-            mechanism, problem.packed, *arrays, self._functions.callbacks())
-        self.kernel_handle, self.asking = self.kernel.handle, self.kernel.asking
         held = self.n + len(self.problem.drives) + len(self.spins)
         if len(rows) + held != mechanism.model.nv:
             raise SingularError(
                 f"mechanism {mechanism.name!r}: {mechanism.model.nv - len(rows)} freedoms at "
                 f"{state.q}, but {held} independent coordinates")
-        sigmas = np.array(self.spins.rates(state.q, state.v))
-        has_begun = self.kernel.begin(state.q, state.angles, sigmas, self.free, rows)
-        if not has_begun or not self.kernel.keep() or self.kernel.pivot < TOLERANCES.singular:
+        self.kernel = KernelDynamics(
+            mechanism, problem.packed, *arrays, self._functions.callbacks(),
+            Start(state.q, state.angles, np.array(self.spins.rates(state.q, state.v)), self.free,
+                  rows))
+        self.kernel_handle, self.errors = self.kernel.handle, self.kernel.errors
+        if not self.kernel.keep() or self.kernel.pivot < TOLERANCES.singular:
             raise SingularError(f"mechanism {mechanism.name!r}: singular configuration")
         if self.projects:
             self.free = list(range(mechanism.model.nv))

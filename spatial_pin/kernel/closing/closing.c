@@ -584,10 +584,12 @@ int closed_straight(const ClosureTask *r, Real open)
 }
 
 /* Descend from configurations q (m, nq) to residuals of a length, by products alone, the angles of
-   screws counting from zero; error: (m) these lengths. */
-EXPORT void closer_descend(Closer *c, Int m, Real *q, const Int *free, Real tolerance,
-                           Int iterations, Real *error)
+   screws counting from zero; error: (m) these lengths. Nothing is pinned. */
+EXPORT int closer_descend(Closer *c, Int m, Real *q, const Int *free, Real tolerance,
+                          Int iterations, Real *error)
 {
+    if (c->n_pins)
+        return BAD_ARRAYS;
     const size_t nq = (size_t)c->k->nq;
     const Descent d = {tolerance, iterations, 0, 1, PATIENT, WORTHWHILE};
     let_move(c, free);
@@ -599,4 +601,5 @@ EXPORT void closer_descend(Closer *c, Int m, Real *q, const Int *free, Real tole
         error[i] = descend(c, &d);
         memcpy(q + (size_t)i * nq, c->q, nq * sizeof(Real));
     }
+    return DONE;
 }

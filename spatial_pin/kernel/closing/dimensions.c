@@ -19,8 +19,11 @@ typedef struct {
     Real opened;          /* part of the rates by which equations left out would open */
 } Facts;
 
-/* Samples and what becomes of them: m of each. */
+/* Samples and what becomes of them, m of each: as `_DimensionStruct` in dimensions.py. */
 typedef struct {
+    const Int *chosen;  /* (n_chosen) equations of the square system, as system_set has them */
+    const Int *driven;  /* (n_driven) */
+    const Real *fill;   /* (n_fill, nv) */
     const Real *base;   /* (n_reals + 3 n_points) numbers, then points in the axes of their joints */
     const Int *place;   /* (n_varied) which of them differ from sample to sample */
     const Real *varied; /* (m, n_varied) */
@@ -32,7 +35,7 @@ typedef struct {
     Real *v, *a;        /* (m, nv) */
     Real *point;        /* (m, n_points, 5, 3) position, velocity, acceleration, w, w' */
     Facts *fact;        /* (m) */
-    Int n_reals, n_varied, n_points, iterations;
+    Int n_chosen, n_driven, n_fill, n_reals, n_varied, n_points, iterations;
     Real tolerance, cut;
 } Samples;
 
@@ -226,19 +229,19 @@ static int is_sound(const Kernel *k, const Samples *s)
     return 1;
 }
 
-/* Close m samples with the square system of the kernel, whose numbers are the last sample's then.
+/* Close m samples. The numbers of the kernel are the last sample's then.
 
    work: (3 n_points + nq + nv + n_closure + n_fill nv). */
 EXPORT int dimensions_close(Kernel *k, Closer *closer, const Samples *s, Int m, Real *work)
 {
-    if (!is_sound(k, s) || k->n_chosen + k->n_idle + k->n_driven + k->n_fill != k->nv)
+    if (!is_sound(k, s))
         return BAD_ARRAYS;
+    int code = system_set(k, s->chosen, s->n_chosen, s->driven, s->n_driven, s->fill, s->n_fill);
     Work w = {.k = k, .closer = closer, .s = s, .points = work};
     w.q = w.points + 3 * s->n_points;
     w.way = w.q + k->nq;
     w.open = w.way + k->nv;
     w.idle = w.open + k->n_closure;
-    int code = DONE;
     for (Int i = 0; i < m && code == DONE; i++)
         code = close_sample(&w, i);
     return code;

@@ -256,8 +256,8 @@ EXPORT int kernel_evaluate(Kernel *k, const Evaluation *e);
 /* Equations to be solved (NULL: the first ones), what is driven, and rows that fill the system up;
    n_chosen + n_idle + n_driven + n_fill must be nv. Driven is a freedom v, or, as nv + v, the
    component of a ball or floating joint (pins.h) that stands at v. */
-EXPORT int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *driven, Int n_driven,
-                      const Real *fill, Int n_fill);
+int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *driven, Int n_driven,
+               const Real *fill, Int n_fill);
 /* Rows of a square matrix: of equations and of all idle rotations, at the evaluated point, with room
    for so many entries more; 0 if there is no memory. Then those of what is driven, at that point,
    `pin` being its component if it is one; and rows (n, nv) that fill it up. */

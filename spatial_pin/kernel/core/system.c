@@ -88,8 +88,8 @@ static int driven_is_sound(const Kernel *k, const Int *driven, Int n)
     return 1;
 }
 
-EXPORT int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *driven, Int n_driven,
-                      const Real *fill, Int n_fill)
+int system_set(Kernel *k, const Int *chosen, Int n_chosen, const Int *driven, Int n_driven,
+               const Real *fill, Int n_fill)
 {
     if (n_chosen < 0 || n_driven < 0 || n_fill < 0 || n_chosen > k->nv || n_driven > k->nv ||
         n_fill > k->nv || n_chosen + k->n_idle + n_driven + n_fill != k->nv)

@@ -60,7 +60,7 @@ static int forces_are_sound(const Dynamics *d)
         if (!within(d->turn_q[i], k->nq) || !within(d->turn_v[i], k->nv))
             return 0;
     }
-    return (d->asked.spring || !law) && (d->asked.drives || !d->n_drives) && d->asked.least;
+    return (d->callbacks.spring || !law) && (d->callbacks.drives || !d->n_drives) && d->callbacks.least;
 }
 
 static void make_place(const Dynamics *d, Place *place)
@@ -143,16 +143,16 @@ static int make_room(Dynamics *d)
     return kernel_had_memory(k);
 }
 
-/* Make one on a kernel without equations of idle rotations, which it is freed with. */
 EXPORT int dynamics_create(Kernel *k, const Int *ints, Int n_ints, const Real *reals, Int n_reals,
-                           const Asked *asked, Dynamics **out)
+                           const Callbacks *callbacks, const StartingPoint *start, Dynamics **out)
 {
     *out = NULL;
     Dynamics *d = kernel_memory(k, 1, sizeof *d);
     if (!d)
         return NO_MEMORY;
     d->k = k;
-    d->asked = *asked;
+    d->factorisations = &k->factorisations;
+    d->callbacks = *callbacks;
     d->passage = -1;
     const Source from = {k, ints, n_ints, reals, n_reals, 0};
     if (k->n_idle || !read_arrays(d, from) || !forces_are_sound(d))
@@ -166,6 +166,8 @@ EXPORT int dynamics_create(Kernel *k, const Int *ints, Int n_ints, const Real *r
         if (!no_core || tree_create(k, no_core, &d->tree) != DONE)
             return NO_MEMORY;
     }
-    *out = d;
-    return DONE;
+    const int code = partitioning_begin(d, start);
+    if (code == DONE)
+        *out = d;
+    return code == DONE || code == NO_MEMORY ? code : SINGULAR;
 }

@@ -46,8 +46,8 @@ static int place(Dynamics *d, Real t, const Real *y)
         return projected_place(d, y);
     memcpy(x, y, (size_t)n * sizeof *x);
     memcpy(held, y + n, (size_t)n * sizeof *held);
-    if (d->n_drives && d->asked.drives(t, d->laws) != DONE)
-        return ASK_FAILED;
+    if (d->n_drives && d->callbacks.drives(t, d->laws) != DONE)
+        return CALLBACK_FAILED;
     for (Int i = 0; i < d->n_held; i++) {
         const Real *law = d->laws + 3 * (i - n), scale = k->scale[d->held[i]];
         acceleration[i] = i < n ? 0.0 : law[2] / scale;
@@ -123,14 +123,14 @@ static int accelerate(Dynamics *d, Real t, const Real *y)
     if (d->n_spins || d->passage >= 0) /* else independent_bias has worked them out */
         tree_rates(k, d->v);
     tree_accelerate(k, d->a0);
-    if (d->n_spins && d->asked.efforts) { /* a law sees the bodies as they are turned */
+    if (d->n_spins && d->callbacks.efforts) { /* a law sees the bodies as they are turned */
         memcpy(d->trial, d->q, (size_t)k->nq * sizeof *d->q);
         memcpy(d->step, d->v, (size_t)k->nv * sizeof *d->v);
         show_spins(d, y, d->trial, d->step, NULL);
         q = d->trial;
     }
     if (forces_on_bodies(d) != DONE || forces_at_joints(d, t, q) != DONE)
-        return ASK_FAILED;
+        return CALLBACK_FAILED;
     forces_missing(d, d->a0);
     for (Int i = 0; i < n; i++) {
         d->z[i] = 0.0;
@@ -138,7 +138,7 @@ static int accelerate(Dynamics *d, Real t, const Real *y)
             d->z[i] -= k->scale[v] * d->columns[i * k->nv + v] * d->tau[v];
     }
     if (n && !masses_solve(d))
-        return d->asked.least(t, d->q, d->v, d->a0, d->turns, d->z);
+        return d->callbacks.least(t, d->q, d->v, d->a0, d->turns, d->z);
     return DONE;
 }
 
@@ -150,7 +150,7 @@ static int drive_efforts(Dynamics *d)
     tree_accelerate(k, d->a);
     const Real power = d->power; /* that of springs is counted already */
     if (forces_on_bodies(d) != DONE)
-        return ASK_FAILED;
+        return CALLBACK_FAILED;
     d->power = power;
     forces_missing(d, d->a);
     for (Int i = 0; i < d->n_drives; i++) {
@@ -199,7 +199,7 @@ int dynamics_rates(void *from, Real t, const Real *y, Real *rates)
     if (d->n_drives) {
         whole_accelerations(d);
         if (drive_efforts(d) != DONE)
-            return ASK_FAILED;
+            return CALLBACK_FAILED;
     }
     if (d->projects) {
         whole_accelerations(d);
@@ -234,7 +234,7 @@ static SampleRows row_of(const Dynamics *d, const SampleRows *rows, Int i)
     const Kernel *k = d->k;
     return (SampleRows){rows->q + i * k->nq, rows->v + i * k->nv, rows->a + i * k->nv,
                         rows->numbers + 4 * i, rows->efforts + i * d->n_drives,
-                        rows->angles + i * k->n_angles};
+                        rows->angles + i * k->n_angles, NULL};
 }
 
 int dynamics_sample(Dynamics *d, Real t, const Real *y, const Real *z, const SampleRows *rows,
@@ -254,7 +254,7 @@ int dynamics_sample(Dynamics *d, Real t, const Real *y, const Real *z, const Sam
     whole_accelerations(d);
     put_numbers(d, y, row.numbers);
     if (d->n_drives && drive_efforts(d) != DONE)
-        return ASK_FAILED;
+        return CALLBACK_FAILED;
     memcpy(row.q, d->q, (size_t)k->nq * sizeof(Real));
     memcpy(row.v, d->v, (size_t)k->nv * sizeof(Real));
     memcpy(row.a, d->a, (size_t)k->nv * sizeof(Real));
@@ -293,37 +293,50 @@ int dynamics_sample_between(Dynamics *d, const Point *from, const Point *to, con
 }
 
 /* Configuration, velocity, screw angles and closure error at unknowns. */
-EXPORT int dynamics_place(Dynamics *d, Real t, const Real *y, Real *q, Real *v, Real *angles,
-                          Real *error)
+static int sample_motion(Dynamics *d, Real t, const Real *y, const SampleRows *row)
 {
     const int code = place(d, t, y);
     if (code != DONE)
         return code;
-    memcpy(q, d->q, (size_t)d->k->nq * sizeof *q);
-    memcpy(v, d->v, (size_t)d->k->nv * sizeof *v);
-    memcpy(angles, d->turns, (size_t)d->k->n_angles * sizeof *angles);
-    *error = equations_error(d->k);
-    show_spins(d, y, q, v, NULL);
+    memcpy(row->q, d->q, (size_t)d->k->nq * sizeof(Real));
+    memcpy(row->v, d->v, (size_t)d->k->nv * sizeof(Real));
+    memcpy(row->angles, d->turns, (size_t)d->k->n_angles * sizeof(Real));
+    row->numbers[0] = equations_error(d->k);
+    if (row->heaviest)
+        *row->heaviest = largest_inertia(d);
+    show_spins(d, y, row->q, row->v, NULL);
     return DONE;
 }
 
-/* Samples at times (n,) and unknowns (n, n_unknowns). */
+/* Samples at times (n,) and unknowns (n, n_unknowns); LOST where loops cannot be closed. */
 EXPORT int dynamics_samples(Dynamics *d, Int n, const Real *t, const Real *y,
                             const SampleRows *rows)
 {
     int code = DONE;
+    if (!rows->a)
+        return n == 1 ? sample_motion(d, *t, y, rows) : BAD_ARRAYS;
     for (Int i = 0; i < n && code == DONE; i++)
         code = dynamics_sample(d, t[i], y + i * d->n_unknowns, NULL, rows, i);
     return code;
 }
 
+/* Change the unknowns y to the best coordinates where they are; `same` tells whether these are the
+ * old ones, and nothing has been done as nothing would be better. SINGULAR where there are none. */
+EXPORT int dynamics_renew(Dynamics *d, Real t, Real *y, Int *free_ones, Int *same)
+{
+    Real numbers[4];
+    const SampleRows row = {.q = d->trial, .v = d->a, .numbers = numbers, .angles = d->k->angle};
+    const int code = sample_motion(d, t, y, &row);
+    return code == DONE ? partitioning_renew(d, row.q, row.v, y, free_ones, same) : code;
+}
+
+/* Branch points between two values of the independent coordinate, in the order in which they are met;
+ * returns how many. */
 EXPORT Int dynamics_crossed(const Dynamics *d, Real from, Real to, Real *x, Int room)
 {
     return d->passes ? passing_crossed(d, from, to, x, room) : 0;
 }
 
-/* Take the present place for one to begin anew from where the way from another is lost; returns
- * how many times faster than the coordinates another moves. */
 EXPORT Real dynamics_keep(Dynamics *d)
 {
     independent_remember(d, &d->kept);
@@ -332,15 +345,3 @@ EXPORT Real dynamics_keep(Dynamics *d)
     d->n_points = d->n_points ? 1 : 0; /* as where it returns to */
     return independent_pace(d);
 }
-
-/* Velocity entries (n_free) of the coordinates that it solves for. */
-EXPORT void dynamics_free(const Dynamics *d, Int *free_ones)
-{
-    memcpy(free_ones, d->held, (size_t)d->n_free * sizeof *free_ones);
-}
-
-EXPORT Int dynamics_evaluations(const Dynamics *d) { return d->evaluations; }
-
-EXPORT Int dynamics_factorisations(const Dynamics *d) { return d->k->factorisations; }
-
-EXPORT Real dynamics_pivot(const Dynamics *d) { return d->passes ? 1.0 : d->pivot; }

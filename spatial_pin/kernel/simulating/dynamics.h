@@ -13,9 +13,9 @@
 #include "path_point.h"
 
 /* More reasons why a function ended. */
-enum { LOST = 20, ASK_FAILED = 21 };
+enum { LOST = 20, CALLBACK_FAILED = 21 };
 
-/* What only Python knows. Each returns 0, or ASK_FAILED where an exception waits to be raised;
+/* What only Python knows. Each returns 0, or CALLBACK_FAILED where an exception waits to be raised;
  * `least` also LOST where masses differ too much. Any may be NULL where nothing is asked. */
 typedef struct {
     int (*efforts)(Real t, const Real *q, const Real *v, const Real *angles, Real *force);
@@ -23,7 +23,7 @@ typedef struct {
     int (*drives)(Real t, Real *values); /* (n, 3) value, rate, acceleration */
     int (*least)(Real t, const Real *q, const Real *v, const Real *a, const Real *angles,
                  Real *z); /* accelerations of the free coordinates by scale */
-} Asked;
+} Callbacks;
 
 /* Pivot at which a configuration has seven digits left */
 #define LEAST_SOLVED TOLERANCE_NOTHING
@@ -52,14 +52,21 @@ typedef struct {
 } Place;
 
 typedef struct Dynamics {
+    /* ---- what Python reads in place, as `_DynamicsHead` in dynamics.py ---- */
+    Int evaluations;    /* of dy/dt */
+    Int passes;         /* whether branch points are passed: pivots tell nothing then */
+    Real pivot;         /* smallest over largest pivot of the constraint equations */
+    Int *held;          /* (n_held) velocity entries: the free ones, then the prescribed ones */
+    const Int *factorisations; /* of the constraint equations */
+
     Kernel *k;
-    Asked asked;
+    Callbacks callbacks;
 
     /* ---- coordinates ---- */
     Int n_free, n_drives, n_held, n_spins, n_unknowns, works;
     Int projects; /* whether all joint coordinates are unknowns, see projected.c */
     const Int *prescribed; /* velocity entries */
-    Int *held, *held_q;    /* velocity entry; entry of q, or -1 of a rotation in space */
+    Int *held_q;           /* entry of q, or -1 of a rotation in space */
     Int *held_joint, *held_component; /* of a ball (0..2) or a free joint (0..5) */
     Real *start;           /* (nq) what x counts from */
     Int is_linear;
@@ -76,7 +83,7 @@ typedef struct Dynamics {
 
     /* ---- where it is ---- */
     Real *q, *x, *turns; /* the configuration, coordinates of all held ones, screw angles */
-    Real sign, pivot, first_pivot, spare; /* spare: residual of equations left out, at the start */
+    Real sign, first_pivot, spare; /* spare: residual of equations left out, at the start */
     Real *columns;    /* (n_held, nv) v / scale per unit rate of a held coordinate, by scale */
     Real *by_velocity, *inverse; /* (n_held, 3) derivatives of x; (n_held, n_held) by columns */
     Int has_bend;
@@ -92,7 +99,7 @@ typedef struct Dynamics {
     Real power;
 
     /* ---- branch points of one freedom ---- */
-    Int passes, n_passages, n_built, passage, turn; /* passage: the one it stands on, or -1 */
+    Int n_passages, n_built, passage, turn; /* passage: the one it stands on, or -1 */
     Passage passages[MOST_PASSAGES];
     Int period_is_known; /* 0: not yet, 1: yes, -1: there is none */
     Real *period_q, *period_angle;
@@ -127,16 +134,25 @@ typedef struct Dynamics {
     Place aside, ended;
     Point anchor[3]; /* the two that samples lie between, and where the last step ended */
     Real stride;     /* of x, how far apart they may be */
-    Int evaluations;
 } Dynamics;
 
 /* Samples of a motion: a row of each array belongs to one. */
 typedef struct {
-    Real *q, *v, *a;
-    Real *numbers; /* (4) closure error, kinetic and total energy, work */
-    Real *efforts; /* (n_drives) of prescribed drivers */
-    Real *angles;  /* (n_angles) of screws */
+    Real *q, *v;
+    Real *a;        /* NULL: no forces are evaluated */
+    Real *numbers;  /* (4) closure error; where forces are evaluated kinetic and total energy, work */
+    Real *efforts;  /* (n_drives) of prescribed drivers, likewise */
+    Real *angles;   /* (n_angles) of screws */
+    Real *heaviest; /* NULL, or the largest inertia of a joint, scaled, the others held */
 } SampleRows;
+
+/* A closed configuration that coordinates count from, with independent ones and equations. */
+typedef struct {
+    const Real *q, *angles, *spins; /* (nq), (n_angles) of screws, (n_spins) about their lines */
+    const Int *free;                /* (n_free) velocity entries */
+    const Int *chosen;              /* (n_chosen) closure equations */
+    Int n_chosen;
+} StartingPoint;
 
 /* ---- independent.c ---- */
 int independent_begin(Dynamics *d);              /* at d->q: columns, sign, pivots */
@@ -157,7 +173,10 @@ void independent_bias(Dynamics *d, const Real *v, const Real *held_acceleration,
 
 /* ---- partitioning.c ---- */
 void partitioning_orthonormal_freedoms(Dynamics *d); /* d->freedoms, of the columns */
+int partitioning_begin(Dynamics *d, const StartingPoint *start); /* SINGULAR where it cannot */
 int partitioning_hold_better(Dynamics *d); /* hold the best coordinates, counted as they are */
+/* Change the unknowns y, at q and v, to the best coordinates, see dynamics_renew. */
+int partitioning_renew(Dynamics *d, const Real *q, const Real *v, Real *y, Int *free, Int *same);
 
 /* ---- projected.c ---- */
 int projected_place(Dynamics *d, const Real *y); /* q, v, a0 */
@@ -178,10 +197,18 @@ int dynamics_sample(Dynamics *d, Real t, const Real *y, const Real *z, const Sam
  * does not. */
 int dynamics_sample_between(Dynamics *d, const Point *from, const Point *to, const Real *y, Real z,
                             const SampleRows *rows, Int i);
+/* Take the present place for one to begin anew from where the way from another is lost; returns how
+ * many times faster than the coordinates another moves. */
 EXPORT Real dynamics_keep(Dynamics *d);
-EXPORT Real dynamics_pivot(const Dynamics *d);
-EXPORT Real dynamics_heaviest(Dynamics *d);
-EXPORT int dynamics_place(Dynamics *d, Real t, const Real *y, Real *q, Real *v, Real *angles,
-                          Real *error);
+
+/* ---- masses.c ---- */
+Real largest_inertia(Dynamics *d); /* of a joint, scaled, the others held: of all that it carries */
+
+/* ---- creating.c ---- */
+/* Make one on a kernel without equations of idle rotations, which it is freed with. The arrays are as
+ * read_arrays takes them. BAD_ARRAYS, NO_MEMORY; SINGULAR where the coordinates do not determine the
+ * motion at the start. */
+EXPORT int dynamics_create(Kernel *k, const Int *ints, Int n_ints, const Real *reals, Int n_reals,
+                           const Callbacks *callbacks, const StartingPoint *start, Dynamics **out);
 
 #endif

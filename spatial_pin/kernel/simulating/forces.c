@@ -68,7 +68,7 @@ static int pull(const Dynamics *d, Int which, Int has_law, const Real *spring, R
                 Real rate, Real *force, Real *storing)
 {
     if (has_law)
-        return d->asked.spring(which, length, rate, force);
+        return d->callbacks.spring(which, length, rate, force);
     *force = spring[0] * (length - spring[2]) + spring[1] * rate;
     *storing += spring[0] * (length - spring[2]) * rate;
     return DONE;
@@ -94,7 +94,7 @@ static int springs_on_bodies(Dynamics *d)
         Real force = 0.0, moment[3];
         if (pull(d, i, d->line_law[i], d->line_spring + 3 * i, line.length, line.rate, &force,
                  &d->power) != DONE)
-            return ASK_FAILED;
+            return CALLBACK_FAILED;
         d->power -= force * line.rate;
         cross3(line.end, line.along, moment);
         for (int side = 0; side < 2; side++) {
@@ -120,8 +120,8 @@ int forces_at_joints(Dynamics *d, Real t, const Real *q)
     Kernel *k = d->k;
     const Real *v = d->v;
     memcpy(d->given, d->constant, (size_t)k->nv * sizeof *d->given);
-    if (d->asked.efforts && d->asked.efforts(t, q, v, d->turns, d->given) != DONE)
-        return ASK_FAILED;
+    if (d->callbacks.efforts && d->callbacks.efforts(t, q, v, d->turns, d->given) != DONE)
+        return CALLBACK_FAILED;
     for (Int i = 0; d->resists && i < k->nv; i++) {
         if (d->damping[i] != 0.0)
             d->given[i] -= d->damping[i] * v[i];
@@ -133,7 +133,7 @@ int forces_at_joints(Dynamics *d, Real t, const Real *q)
         const Int at = d->turn_v[i];
         if (pull(d, d->n_lines + i, d->turn_law[i], d->turn_spring + 3 * i, d->q[d->turn_q[i]],
                  v[at], &force, &d->power) != DONE)
-            return ASK_FAILED;
+            return CALLBACK_FAILED;
         d->given[at] -= force;
     }
     for (Int i = 0; i < k->nv; i++)

@@ -6,10 +6,10 @@
 
 /* Forces and moments about the world origin that bodies need to move as the tree's rates and
  * accelerations say, less those that springs between points exert; adds the power of these to
- * d->power. DONE or ASK_FAILED. */
+ * d->power. DONE or CALLBACK_FAILED. */
 int forces_on_bodies(Dynamics *d);
 /* Efforts, and what resists and turns back at joints: joint forces d->given; adds their power. They
- * see the configuration q. DONE or ASK_FAILED. */
+ * see the configuration q. DONE or CALLBACK_FAILED. */
 int forces_at_joints(Dynamics *d, Real t, const Real *q);
 /* Joint forces d->tau that are missing, after both, at joint accelerations a. */
 void forces_missing(Dynamics *d, const Real *a);

@@ -81,8 +81,7 @@ static Real inertia_about(const Kernel *k, Int j, const Real *linear, const Real
     return k->mass[j] * dot3(twist, twist) + dot3(moment, twist + 3);
 }
 
-/* The largest inertia of a joint, scaled, the others held: that of all that it carries. */
-EXPORT Real dynamics_heaviest(Dynamics *d)
+Real largest_inertia(Dynamics *d)
 {
     const Kernel *k = d->k;
     Real *own = d->tau, most = 0.0;
@@ -108,13 +107,13 @@ static int tree_solve(Dynamics *d)
 {
     const Kernel *k = d->k;
     const Int nv = k->nv;
-    Real *force = d->tree_room, *needed = force + nv, *a = needed + nv, *scratch = a + nv, facts[3];
-    tree_forces(d->tree, d->q, d->v, NULL, d->armature, force, NULL);
+    Real *force = d->tree_room, *needed = force + nv, *a = needed + nv, *scratch = a + nv, facts[4];
+    tree_evaluate(d->tree, &(TreeTask){.q = d->q, .v = d->v, .armature = d->armature, .tau = force});
     for (Int v = 0; v < nv; v++)
         force[v] -= d->tau[v];
-    if (tree_eliminate(d->tree, d->q, d->v, force, d->armature, d->mass, needed) != DONE)
+    if (tree_masses(d->tree, d->q, d->v, force, d->armature, d->mass, needed) != DONE)
         return 0;
-    tree_accelerations(d->tree, force, a, scratch, facts);
+    tree_accelerations(d->tree, force, NULL, a, scratch, facts);
     for (Int i = 0; i < d->n_free; i++)
         d->z[i] = a[d->held[i]] / k->scale[d->held[i]];
     return facts[1] + facts[2] <= DOUBTFUL * facts[0];

@@ -92,16 +92,14 @@ static int begin(Dynamics *d, const Int *free_ones, const Int *chosen, Int n_cho
     return independent_begin(d);
 }
 
-/* Begin at a closed configuration, with independent coordinates and closure equations. */
-EXPORT int dynamics_begin(Dynamics *d, const Real *q, const Real *turns, const Real *sigma,
-                          const Int *free_ones, const Int *chosen, Int n_chosen)
+int partitioning_begin(Dynamics *d, const StartingPoint *start)
 {
-    memcpy(d->q, q, (size_t)d->k->nq * sizeof *q);
-    memcpy(d->turns, turns, (size_t)d->k->n_angles * sizeof *turns);
-    memcpy(d->sigma, sigma, (size_t)d->n_spins * sizeof *sigma);
-    const int code = begin(d, free_ones, chosen, n_chosen);
+    memcpy(d->q, start->q, (size_t)d->k->nq * sizeof *d->q);
+    memcpy(d->turns, start->angles, (size_t)d->k->n_angles * sizeof *d->turns);
+    memcpy(d->sigma, start->spins, (size_t)d->n_spins * sizeof *d->sigma);
+    const int code = begin(d, start->free, start->chosen, start->n_chosen);
     if (code == DONE)
-        d->heaviest = dynamics_heaviest(d);
+        d->heaviest = largest_inertia(d);
     return code;
 }
 
@@ -216,14 +214,8 @@ static void put_unknowns(const Dynamics *d, const Real *v, Real *y)
         memcpy(y + 2 * n + 4 * s, d->q + k->iq[d->spin_joint[s]], 4 * sizeof *y);
 }
 
-/* Change the unknowns y to the best coordinates where they are; `same` tells whether these are the
- * old ones, and nothing has been done as nothing would be better. SINGULAR where there are none. */
-EXPORT int dynamics_renew(Dynamics *d, Real t, Real *y, Int *free_ones, Int *same)
+int partitioning_renew(Dynamics *d, const Real *q, const Real *v, Real *y, Int *free_ones, Int *same)
 {
-    Real error;
-    const int code = dynamics_place(d, t, y, d->trial, d->a, d->k->angle, &error);
-    if (code != DONE)
-        return code;
     if (!choose(d))
         return SINGULAR;
     const int keeps = are_held(d);
@@ -231,9 +223,9 @@ EXPORT int dynamics_renew(Dynamics *d, Real t, Real *y, Int *free_ones, Int *sam
     memcpy(free_ones, keeps ? d->held : d->best, (size_t)d->n_free * sizeof *free_ones);
     if (*same)
         return DONE;
-    memcpy(d->q, d->trial, (size_t)d->k->nq * sizeof *d->q);
+    memcpy(d->q, q, (size_t)d->k->nq * sizeof *d->q);
     if (begin_anew(d, free_ones) != DONE)
         return SINGULAR;
-    put_unknowns(d, d->a, y);
+    put_unknowns(d, v, y);
     return DONE;
 }

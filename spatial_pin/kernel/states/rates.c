@@ -18,15 +18,6 @@
    relative to the lengths of their rows, where it is clear what is independent. */
 #define WELL TOLERANCE_WELL_CONDITIONED
 
-/* Equations that the caller has chosen, and rows (n_fill, nv) with respect to v / scale that fill
-   the system up; `equations` is NULL where they are to be chosen here. */
-typedef struct {
-    const Int *equations;
-    Int n;
-    const Real *fill;
-    Int n_fill;
-} Given;
-
 static int make_room(Rates *r)
 {
     Kernel *k = r->k;
@@ -41,7 +32,6 @@ static int make_room(Rates *r)
     return kernel_had_memory(k) && r->matrix ? DONE : NO_MEMORY;
 }
 
-/* Memory for rates of a kernel, freed with it. */
 EXPORT int rates_create(Kernel *k, const Int *driven, Int n_driven, Rates **out)
 {
     *out = NULL;
@@ -180,13 +170,6 @@ static void answer(Rates *r, const Real *drive, Real *out)
             out[r->driven[i]] = drive[i]; /* as asked for, to the last digit */
 }
 
-static void solve_acceleration(Rates *r, const Real *v, const Real *acceleration, Real *a)
-{
-    memset(r->x, 0, (size_t)r->k->nv * sizeof(Real));
-    rates_add_bias(r, v, -1.0, r->x);
-    answer(r, acceleration, a);
-}
-
 /* ---------------------------------------------------------------- what Python calls */
 
 /* Whether equations that are left out hold beside q too. Comes back to q. */
@@ -219,94 +202,65 @@ static int choose_and_factor(Rates *r, const Real *q)
 }
 
 /* Factor the equations that the caller has chosen. */
-static int take_and_factor(Rates *r, const Given *given)
+static int take_and_factor(Rates *r, const RateTask *task)
 {
     const Kernel *k = r->k;
-    if (given->n < 0 || given->n > k->n_closure || given->n_fill < 0 ||
-        given->n + given->n_fill != r->wanted)
+    if (task->n_equations < 0 || task->n_equations > k->n_closure || task->n_fill < 0 ||
+        task->n_equations + task->n_fill != r->wanted)
         return BAD_ARRAYS;
-    for (Int i = 0; i < given->n; i++)
-        if (!within(given->equations[i], k->n_closure))
+    for (Int i = 0; i < task->n_equations; i++)
+        if (!within(task->equations[i], k->n_closure))
             return BAD_ARRAYS;
-    r->n_chosen = given->n;
-    memcpy(r->chosen, given->equations, (size_t)given->n * sizeof(Int));
-    const int code = factor(r, given->fill, given->n_fill);
+    r->n_chosen = task->n_equations;
+    memcpy(r->chosen, task->equations, (size_t)r->n_chosen * sizeof(Int));
+    const int code = factor(r, task->fill, task->n_fill);
     return code == DONE && !(r->matrix->pivot > 0.0) ? SINGULAR : code;
 }
 
-/* Evaluate and factor at q, for what is asked afterwards: DONE; UNSAFE or SINGULAR where there are no
-   rates. The n `equations` and n_fill rows that fill the system up are the caller's, or chosen here
-   where `equations` is NULL. pivot: smallest over largest. */
-EXPORT int rates_place(Rates *r, const Real *q, const Real *reference, const Int *equations, Int n,
-                       const Real *fill, Int n_fill, Real *pivot)
+/* Velocities and accelerations at the factored configuration, and what round-off leaves of them. */
+static int solve(Rates *r, const RateTask *task)
+{
+    const Int nv = r->k->nv;
+    const Real pace = solve_columns(r, task->n_moving, task->columns);
+    memset(task->v, 0, (size_t)nv * sizeof(Real));
+    for (Int c = 0; c < task->n_moving; c++)
+        for (Int i = 0; i < nv; i++)
+            task->v[i] += task->columns[c * nv + i] * task->speed[c];
+    for (Int i = 0; i < r->n_driven; i++)
+        if (!is_pin(r, i))
+            task->v[r->driven[i]] = task->speed[i];
+    memset(r->x, 0, (size_t)nv * sizeof(Real));
+    rates_add_bias(r, task->v, -1.0, r->x);
+    answer(r, task->acceleration, task->a);
+    task->facts[2] = rates_known_round_off(r, pace);
+    task->facts[1] = rates_round_off(r, task->v, task->facts[2]);
+    return are_finite(task->v, nv) && are_finite(task->a, nv) ? DONE : NOT_FINITE;
+}
+
+EXPORT int rates_solve(Rates *r, const RateTask *task)
 {
     Kernel *k = r->k;
-    const Given given = {equations, n, fill, n_fill};
-    equations_values_near(k, q, reference);
+    if (task->n_moving < 0 || task->n_moving > r->n_driven)
+        return BAD_ARRAYS;
+    equations_values_near(k, task->q, task->reference);
     equations_jacobian(k, &k->all);
-    const int code = equations ? take_and_factor(r, &given) : choose_and_factor(r, q);
+    const int code = task->equations ? take_and_factor(r, task) : choose_and_factor(r, task->q);
     r->is_placed = code == DONE;
-    *pivot = r->matrix->pivot;
-    return code;
+    task->facts[0] = r->matrix->pivot;
+    return code == DONE && task->speed ? solve(r, task) : code;
 }
 
-/* Joint velocities (n, nv) at that place for a unit speed of each of the first n driven freedoms. */
-EXPORT int rates_columns(Rates *r, Int n, Real *columns)
-{
-    if (!r->is_placed || n < 0 || n > r->n_driven)
-        return BAD_ARRAYS;
-    solve_columns(r, n, columns);
-    return DONE;
-}
-
-/* Accelerations (nv) there at joint velocities (nv), for those (n_driven) of what is driven. */
-EXPORT int rates_acceleration(Rates *r, const Real *v, const Real *drive, Real *a)
-{
-    if (!r->is_placed)
-        return BAD_ARRAYS;
-    solve_acceleration(r, v, drive, a);
-    return are_finite(a, r->k->nv) ? DONE : NOT_FINITE;
-}
-
-/* Joint rates (nv) there, of any order, of which the equations have these derivatives (n_equations)
-   where joints have none, and what is driven has rates (n_driven): no component. */
-EXPORT int rates_answer(Rates *r, const Real *derivative, const Real *drive, Real *out)
+EXPORT int rates_answer(Rates *r, const Real *v, const Real *derivative, const Real *drive, Real *out)
 {
     if (!r->is_placed)
         return BAD_ARRAYS;
     memset(r->x, 0, (size_t)r->k->nv * sizeof(Real));
-    add_equations(r, derivative, -1.0, r->x);
+    if (v)
+        rates_add_bias(r, v, -1.0, r->x);
+    if (derivative)
+        add_equations(r, derivative, -1.0, r->x);
     answer(r, drive, out);
     return are_finite(out, r->k->nv) ? DONE : NOT_FINITE;
-}
-
-/* Rates at q, by `rates_place`, with speeds and accelerations (n_driven) of the driven freedoms.
-
-   n_moving: the first driven freedoms, of which columns (n_moving, nv) are wanted: the others stand
-   still; v, a: (nv); facts: (3) smallest over largest pivot, round-off of the rates by their size, and
-   what of it is known without the velocities. */
-EXPORT int rates_solve(Rates *r, const Real *q, const Real *reference, const Int *equations, Int n,
-                       const Real *fill, Int n_fill, Int n_moving, const Real *speed,
-                       const Real *acceleration, Real *columns, Real *v, Real *a, Real *facts)
-{
-    const Int nv = r->k->nv;
-    if (n_moving < 0 || n_moving > r->n_driven)
-        return BAD_ARRAYS;
-    const int code = rates_place(r, q, reference, equations, n, fill, n_fill, facts);
-    if (code != DONE)
-        return code;
-    const Real pace = solve_columns(r, n_moving, columns);
-    memset(v, 0, (size_t)nv * sizeof(Real));
-    for (Int c = 0; c < n_moving; c++)
-        for (Int i = 0; i < nv; i++)
-            v[i] += columns[c * nv + i] * speed[c];
-    for (Int i = 0; i < r->n_driven; i++)
-        if (!is_pin(r, i))
-            v[r->driven[i]] = speed[i];
-    solve_acceleration(r, v, acceleration, a);
-    facts[2] = rates_known_round_off(r, pace);
-    facts[1] = rates_round_off(r, v, facts[2]);
-    return are_finite(v, nv) && are_finite(a, nv) ? DONE : NOT_FINITE;
 }
 
 /* Twist of a point of a joint's body, at the evaluated configuration, for joint velocities (nv). */
@@ -325,15 +279,14 @@ static void twist(const Kernel *k, Int joint, const Real *point, const Real *v, 
     add3(1.0, around, linear);
 }
 
-/* The closed-loop Jacobian (6, n) there of a point fixed in a joint's body, for the first n driven
-   freedoms: linear above angular, world axes. `local` (3) in the joint's axes; columns as above. */
-EXPORT int rates_jacobian(Rates *r, Int n, Int joint, const Real *local, Real *columns,
-                          Real *jacobian)
+EXPORT int rates_columns(Rates *r, Int n, Real *columns, Int joint, const Real *local, Real *jacobian)
 {
     const Kernel *k = r->k;
-    if (!r->is_placed || n < 0 || n > r->n_driven || joint < 0 || joint >= k->n_joints)
+    if (!r->is_placed || n < 0 || n > r->n_driven || !within(joint, k->n_joints))
         return BAD_ARRAYS;
     solve_columns(r, n, columns);
+    if (!jacobian)
+        return DONE;
     Real point[3];
     rotate3(k->R + 9 * joint, local, point);
     add3(1.0, k->p + 3 * joint, point);

@@ -28,7 +28,7 @@ int stays_closed(Kernel *k, const Real *q, Real error, Real *there)
 
 /* The same at q with chosen equations and rows (n_fill, nv), with respect to v / scale, of the
    freedoms that they leave. */
-EXPORT int regular_beside(Kernel *k, const Real *q, const Real *reference, const Int *chosen, Int n,
+EXPORT int tangent_step(Kernel *k, const Real *q, const Real *reference, const Int *chosen, Int n,
                           const Real *freedom, Int n_freedom, Real *there)
 {
     equations_values_near(k, q, reference);
