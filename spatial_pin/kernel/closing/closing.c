@@ -16,6 +16,7 @@
 #include "envelope.h"
 #include "far_rotations.h"
 #include "least_motion.h"
+#include "memory.h"
 #include "pins.h"
 
 /* Residual from which products lead where the logarithms do: of angles of a hundredth radian
@@ -147,7 +148,7 @@ static void fill_dense(Closer *c)
 static void linearise(Closer *c, int far)
 {
     const Kernel *k = c->k;
-    equations_jacobian(c->k, &c->k->all);
+    equations_jacobian(c->k, &c->k->equations.all);
     if (far)
         rotations_put_entries(c->k, &c->rotations);
     memcpy(c->residual, k->residual, (size_t)k->n_closure * sizeof(Real));
@@ -448,7 +449,7 @@ static int judge_independence(Closer *c, Real *least, Real *left_out)
 {
     Kernel *k = c->k;
     Real facts[2];
-    equations_jacobian(k, &k->all);
+    equations_jacobian(k, &k->equations.all);
     make_even(k, c->step);
     const Int found = independent_equations(k, NULL, k->n_closure, k->n_closure, TOLERANCE_RANK,
                                             c->order, facts);

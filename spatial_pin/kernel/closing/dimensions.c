@@ -64,8 +64,8 @@ static Real bend(Work *w)
     const Kernel *k = w->k;
     Real *x = k->right;
     memset(x, 0, (size_t)k->nv * sizeof *x);
-    for (Int i = 0; i < k->n_chosen; i++)
-        x[i] = w->open[k->chosen[i]] + entry_times(k, k->chosen[i], w->way);
+    for (Int i = 0; i < k->system.n_chosen; i++)
+        x[i] = w->open[k->system.chosen[i]] + entry_times(k, k->system.chosen[i], w->way);
     system_solve(k, x);
     return largest(x, k->nv);
 }
@@ -92,10 +92,10 @@ static void solve_least(const Work *w, Int n_idle, Real *x)
 static void find_idle(Work *w)
 {
     const Kernel *k = w->k;
-    for (Int i = 0; i < k->n_fill; i++) {
+    for (Int i = 0; i < k->system.n_fill; i++) {
         Real *x = w->idle + i * k->nv;
         memset(x, 0, (size_t)k->nv * sizeof *x);
-        x[k->nv - k->n_fill + i] = 1.0;
+        x[k->nv - k->system.n_fill + i] = 1.0;
         solve_least(w, i, x);
         const Real size = norm(x, k->nv);
         for (Int v = 0; v < k->nv; v++)
@@ -107,8 +107,8 @@ static void scale_out(const Kernel *k, const Real *x, const Real *rate, Real *ou
 {
     for (Int v = 0; v < k->nv; v++)
         out[v] = k->scale[v] * x[v];
-    for (Int i = 0; i < k->n_driven; i++)
-        out[k->driven[i]] = rate[i]; /* as asked for, to the last digit */
+    for (Int i = 0; i < k->system.n_driven; i++)
+        out[k->system.driven[i]] = rate[i]; /* as asked for, to the last digit */
 }
 
 /* Velocities and accelerations at the factored configuration; by how much the fastest joint would
@@ -119,13 +119,13 @@ static Real solve_rates(Work *w, Real *v, Real *a)
     Real *x = k->right, opened = 0.0;
     find_idle(w);
     system_put_rates(k, w->s->speed);
-    solve_least(w, k->n_fill, x);
+    solve_least(w, k->system.n_fill, x);
     for (Int i = 0; i < k->n_closure; i++)
         opened = fmax(opened, fabs(entry_times(k, i, x)));
     const Real fastest = largest(x, k->nv);
     scale_out(k, x, w->s->speed, v);
     system_put_accelerations(k, v, w->s->acceleration);
-    solve_least(w, k->n_fill, x);
+    solve_least(w, k->system.n_fill, x);
     scale_out(k, x, w->s->acceleration, a);
     return fastest > 0.0 ? opened / fastest : 0.0;
 }
@@ -180,7 +180,7 @@ static void close_from_start(Work *w, Int i)
     equations_values_near(k, q, angle);
     memcpy(w->open, k->residual, (size_t)k->n_closure * sizeof(Real));
     s->fact[i].error = closer_close_one(w->closer, q, &how, angle, s->cut);
-    equations_jacobian(k, &k->all);
+    equations_jacobian(k, &k->equations.all);
     memcpy(angle, k->angle, (size_t)k->n_angles * sizeof(Real));
 }
 
@@ -195,8 +195,8 @@ static int judge(Work *w, const Real *q, Facts *fact)
     for (Int v = 0; v < k->nv; v++)
         fact->way += fabs(w->way[v]);
     const int code = system_factor(k);
-    fact->sign = code == DONE ? k->sign : 0.0;
-    fact->magnitude = log(k->mantissa) + (Real)k->exponent * log(2.0);
+    fact->sign = code == DONE ? k->system.sign : 0.0;
+    fact->magnitude = log(k->system.mantissa) + (Real)k->system.exponent * log(2.0);
     fact->bend = code == DONE ? bend(w) : INFINITY;
     return code;
 }

@@ -47,14 +47,14 @@ EXPORT int kernel_evaluate(Kernel *k, const Evaluation *e)
         copy_out(e->residual, k->residual, i, k->n_closure);
         copy_out(e->angle, k->angle, i, k->n_angles);
         if (e->jacobian || e->bias)
-            equations_jacobian(k, &k->all);
+            equations_jacobian(k, &k->equations.all);
         if (e->jacobian)
             put_jacobian(k, e->jacobian + i * size);
         copy_out(e->linear, k->linear, i, 3 * k->nv);
         copy_out(e->angular, k->angular, i, 3 * k->nv);
         if (e->bias)
-            equations_bias(k, &k->all, e->v + i * k->nv);
-        copy_out(e->bias, k->bias, i, k->n_equations);
+            equations_bias(k, &k->equations.all, e->v + i * k->nv);
+        copy_out(e->bias, k->equations.bias, i, k->n_equations);
     }
     return finite ? DONE : NOT_FINITE;
 }

@@ -5,8 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "memory.h"
 #include "path.h"
-#include "regular.h"
 
 #define OPENED 2.0       /* times the rounding of a file by which equations left out may be open
                             before others are chosen: ill-conditioned choices show there first */
@@ -37,7 +37,7 @@ static Path *path_of(Kernel *k)
 static int choose_first(Kernel *k)
 {
     const int code = system_reselect(k);
-    return code == DONE && k->left_out > TOLERANCE_RANK ? UNSAFE : code;
+    return code == DONE && k->system.left_out > TOLERANCE_RANK ? UNSAFE : code;
 }
 
 /* Whether the path begins where the loops are regular. */
@@ -92,14 +92,14 @@ static int start(Path *path, const Real *angles)
     int code = is_chosen ? choose_first(k) : DONE;
     if (code == DONE)
         code = factor_at_path_point(k);
-    if (code == DONE && k->pivot_ratio < TOLERANCE_NEAR_SINGULAR)
+    if (code == DONE && k->system.pivot_ratio < TOLERANCE_NEAR_SINGULAR)
         code = UNSAFE;
     if (code == DONE)
         code = point_rates(k, &path->prescribed, here);
     keep_choice(path);
-    path->sign = k->sign;
+    path->sign = k->system.sign;
     path->selected = here->size;
-    path->selected_ratio = k->pivot_ratio;
+    path->selected_ratio = k->system.pivot_ratio;
     forget(path);
     return code == DONE && is_chosen ? is_regular(path) : code;
 }

@@ -36,13 +36,15 @@ int stand_again(Path *path);
 int turn_into(Path *path, Real sense);
 /* Learn where the determinant vanishes, if that is not known, from a small part of a step h. */
 int look_ahead(Path *path, Real h);
-int factor_at_path_point(Kernel *k); /* at an evaluated point, with passive freedoms as they are there */
 void keep_choice(Path *path); /* the equations in use are those at `here` */
 int has_redundant(const Kernel *k);
 Real distance_ahead(const Path *path, Real h); /* way of s to where the determinant vanishes, or inf */
 /* The change of s in which the joints go a way; the longest step that is worth an attempt. */
 Real step_of(const Path *path, Real way);
 Real longest_step(const Path *path);
+
+/* ---- filling.c ---- */
+int factor_at_path_point(Kernel *k); /* where it is evaluated, passive freedoms as they are there */
 
 /* ---- turning_back.c ---- */
 /* Turn links about their own axes to where no idle rotation leaves them in a step to `next`. */

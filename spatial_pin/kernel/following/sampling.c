@@ -19,7 +19,7 @@
 static int reach_within(Path *path, Real target)
 {
     const Real first = smaller_of(fabs(target - path->here->s), longest_step(path));
-    const Real least = first * exp2(path->k->n_pins ? -PIN_HALVINGS : -MOST_HALVINGS);
+    const Real least = first * exp2(path->k->system.n_pins ? -PIN_HALVINGS : -MOST_HALVINGS);
     Real length = first;
     Int failed = 0;
     if (!(fabs(target - path->here->s) <= FARTHEST_VALUE * longest_step(path)))

@@ -1,4 +1,5 @@
 /* Values of what is driven along a path, see prescribing.h. */
+#include "memory.h"
 #include "prescribing.h"
 
 #define MOST_DEGREE 100 /* of a polynomial: beyond, its terms cancel all digits */
@@ -62,14 +63,14 @@ static int polynomials_are_sound(const Prescribed *p)
 int prescribed_read(const Kernel *k, Prescribed *p, Int n_pieces, Int degree, const Real *breaks,
                     const Real *coefficient)
 {
-    p->n = k->n_driven, p->n_pins = p->piece = 0;
+    p->n = k->system.n_driven, p->n_pins = p->piece = 0;
     p->n_pieces = n_pieces, p->degree = degree;
     p->breaks = breaks, p->coefficient = coefficient;
     for (Int i = 0; i < p->n; i++) {
         Pin pin;
         p->place[i] = -1;
-        if (k->driven[i] < k->nv)
-            find_single(k, k->driven[i], p->place + i);
+        if (k->system.driven[i] < k->nv)
+            find_single(k, k->system.driven[i], p->place + i);
         else if (pin_of(k, driven_at(k, i), &pin))
             take_pin(p, &pin, i);
     }

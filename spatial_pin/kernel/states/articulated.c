@@ -14,6 +14,7 @@
 #include <string.h>
 
 #include "articulated.h"
+#include "memory.h"
 
 /* Of the inertia about all axes, what a freedom must have to be told from round-off. */
 #define LEAST_INERTIA TOLERANCE_ZERO
@@ -165,11 +166,11 @@ static void accelerate_bodies(Tree *s, const Real *a)
 static void put_body(Tree *s, Int j)
 {
     const Kernel *k = s->k;
-    const Real *R = k->R + 9 * j, *I = k->inertia + 9 * j, *w = s->velocity + 6 * j + 3;
-    const Real m = k->mass[j];
+    const Real *R = k->R + 9 * j, *I = k->bodies.inertia + 9 * j, *w = s->velocity + 6 * j + 3;
+    const Real m = k->bodies.mass[j];
     Real *A = s->inertia + 27 * j, *B = A + 9, *C = A + 18, *p = s->wrench + 6 * j;
     Real c[3], turned[9], spin[3], moment[3];
-    rotate3(R, k->com + 3 * j, c);
+    rotate3(R, k->bodies.com + 3 * j, c);
     memset(A, 0, 27 * sizeof *A);
     A[0] = A[4] = A[8] = m;
     B[1] = m * c[2], B[2] = -m * c[1], B[5] = m * c[0];
@@ -191,7 +192,7 @@ static void put_body(Tree *s, Int j)
     cross3(w, c, spin);
     cross3(w, spin, p);
     for (int i = 0; i < 3; i++)
-        p[i] = m * (p[i] - k->gravity[i]);
+        p[i] = m * (p[i] - k->bodies.gravity[i]);
     cross3(c, p, p + 3);
     add3(1.0, moment, p + 3);
 }

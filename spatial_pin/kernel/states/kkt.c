@@ -15,7 +15,7 @@
 
 #include "choosing.h"
 #include "factors.h"
-#include "reading.h"
+#include "memory.h"
 
 #define ROUNDING (128.0 * DBL_EPSILON) /* of an entry, with all that is added to it */
 #define PLACED (8.0 * DBL_EPSILON) /* of a place, by its distance: some joints, each rounded once */
@@ -356,12 +356,12 @@ EXPORT int kkt_accelerations(Kkt *s, const KktTask *task)
 {
     Kernel *k = s->k;
     equations_values_near(k, task->q, task->reference);
-    equations_jacobian(k, &k->all);
+    equations_jacobian(k, &k->equations.all);
     const int code = choose_and_factor(s, task->mass);
     if (code != DONE)
         return code;
-    equations_bias(k, &k->all, task->v);
-    solve(s, task->force, k->bias, task->a, task->multipliers);
+    equations_bias(k, &k->equations.all, task->v);
+    solve(s, task->force, k->equations.bias, task->a, task->multipliers);
     forces_of(k, task->multipliers, task->closures);
     memcpy(task->entry, k->entry, (size_t)k->entry_start[k->n_closure] * sizeof(Real));
     memcpy(task->chosen, s->chosen, (size_t)s->n_chosen * sizeof(Int));

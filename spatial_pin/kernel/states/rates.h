@@ -1,23 +1,10 @@
-/* Rates of a mechanism with some freedoms driven, see rates.c; what round-off leaves of them, see
- * rate_errors.c. */
+/* Rates of a mechanism with some freedoms driven, and what round-off leaves of them: see rates.c. */
 #ifndef SPATIAL_PIN_RATES_H
 #define SPATIAL_PIN_RATES_H
 
-#include "factors.h"
-#include "pins.h"
+#include "kernel.h"
 
-typedef struct Rates {
-    Kernel *k;
-    Int n_driven, n_chosen, wanted; /* wanted: closure equations that there have to be */
-    const Int *driven; /* freedoms v, or nv + v for the component that v is of, see pins.h */
-    Pin *pin;         /* (n_driven) of those that are components */
-    Int *chosen;      /* closure equations, ascending */
-    Factors *matrix;  /* K */
-    Real *x;          /* (nv) */
-    Real *away, *along, *change, *sum; /* (nv) to tell what round-off leaves */
-    Real *q;          /* (nq) */
-    int is_placed;    /* whether K is that of a configuration */
-} Rates;
+typedef struct Rates Rates;
 
 /* What rates are solved for, and the result: as `_RateTask` in rate_solver.py. */
 typedef struct {
@@ -51,13 +38,5 @@ EXPORT int rates_answer(Rates *r, const Real *v, const Real *derivative, const R
    closed-loop Jacobian (6, n) of a point fixed in a joint's body, linear above angular, world axes.
    `local` (3): the point in the joint's axes. `jacobian` may be NULL. */
 EXPORT int rates_columns(Rates *r, Int n, Real *columns, Int joint, const Real *local, Real *jacobian);
-
-/* x += factor times the second derivatives of the equations, and of driven components, at joint
-   velocities v. */
-void rates_add_bias(Rates *r, const Real *v, Real factor, Real *x);
-/* Round-off of velocities and accelerations, relative to their size: what is known of it without the
-   velocities, where the fastest joint moves `pace` times as fast as what is driven; and with them. */
-Real rates_known_round_off(const Rates *r, Real pace);
-Real rates_round_off(Rates *r, const Real *v, Real known);
 
 #endif
