@@ -9,7 +9,8 @@
 
 #include "memory.h"
 
-#define NOT_SMALL 0.1    /* of the largest entry of its row that a pivot must have [DuffErismanReid1986, 5.4] */
+/* Of the largest entry of its row that a pivot must have [DuffErismanReid1986, 5.4] */
+#define NOT_SMALL 0.1
 #define SEARCHED 4       /* rows of the smallest counts looked at for a pivot [Zlatev1980] */
 #define GROWN 100.0      /* of a pivot, that an entry of its row may be: 2 digits lost at most in a
                             step; 1 / NOT_SMALL = 10 when the order was chosen */

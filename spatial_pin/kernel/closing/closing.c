@@ -3,8 +3,8 @@
  * Levenberg and Marquardt's method on the configuration manifold, with damping proportional to the
  * residual: quadratic near a solution even where equations are redundant [YamashitaFukushima2001].
  * Then undamped steps down to round-off. A step is -Jᵀ (J Jᵀ + damping)⁻¹ r: the shortest that does
- * what it does (least_motion.c), of many equations by the sparse squares (envelope.c). Where frames are turned far against each other, the logarithms of their rotations
- * lead first (far_rotations.c).
+ * what it does (least_motion.c), of many equations by the sparse squares (envelope.c). Where frames
+ * are turned far against each other, the logarithms of their rotations lead first (far_rotations.c).
  *
  * Components of balls and floating joints can be pinned (pins.c): after each step they are given
  * their values, and each has an equation, zero there, that keeps steps from moving it. */
@@ -579,7 +579,8 @@ int closed_straight(const ClosureTask *r, Real open)
     if (!r->n_steps && r->distance[0] > r->near)
         return 0;
     for (Int i = 0; i < r->m; i++)
-        if (is_sound(r, i) ? r->distance[i] < nearer : !i || !(r->error[i] > open) || !isfinite(r->error[i]))
+        if (is_sound(r, i) ? r->distance[i] < nearer
+                           : !i || !(r->error[i] > open) || !isfinite(r->error[i]))
             return 0;
     return isfinite(r->facts[0]);
 }

@@ -42,10 +42,10 @@ EXPORT int closer_close(Closer *c, ClosureTask *r);
    other start. Others may be open by more than `open`: their starts have led nowhere. */
 int closed_straight(const ClosureTask *r, Real open);
 
-/* What a configuration q (nq) is like, whole turns taken off its angles where some are named. facts: (4)
-   closure error, distance from what is named, and, where `angle` is wanted, how clearly equations are
-   independent: `least` and `left_out`, see judge_independence. angle: (n_angles) of screws; mirrored:
-   whether axes point opposite ways. */
+/* What a configuration q (nq) is like, whole turns taken off its angles where some are named. facts:
+   (4) closure error, distance from what is named, and, where `angle` is wanted, how clearly equations
+   are independent: `least` and `left_out`, see judge_independence. angle: (n_angles) of screws;
+   mirrored: whether axes point opposite ways. */
 EXPORT int closer_examine(Closer *c, Real *q, const Real *reference, const Named *named, Real *facts,
                           Real *angle, Int *mirrored);
 

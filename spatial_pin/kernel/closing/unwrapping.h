@@ -8,7 +8,7 @@
 enum NamedKind { NAMED = 1, HELD = 2, TURNS = 4 };
 
 typedef struct {
-    const Real *value;         /* (nq) of what is named or fixed; of a ball a quaternion; NULL: nothing is */
+    const Real *value; /* (nq) of what is named or fixed; of a ball a quaternion; NULL: of nothing */
     const Int *kinds;           /* (nq) of a ball its first entry counts */
     const Real *lower, *upper; /* (nq) limits */
 } Named;

@@ -321,7 +321,8 @@ static int ascends(const Int *start, Int n)
 int equations_are_sound(const Kernel *k)
 {
     const Int ne = k->n_equations;
-    if (piecewise_size(k->quantities.shape, k->quantities.n_functions) < 0 || !ascends(k->equations.term_start, ne) ||
+    if (piecewise_size(k->quantities.shape, k->quantities.n_functions) < 0 ||
+        !ascends(k->equations.term_start, ne) ||
         !ascends(k->equations.factor_start, k->equations.term_start[ne]))
         return 0;
     for (Int i = 0; i < 2 * k->n_angles; i++)

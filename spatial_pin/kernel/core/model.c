@@ -64,7 +64,8 @@ static int read_structure(Kernel *k, Source from)
     k->angles.spin_q = read_ints(&from, n_spins);
     return n > 0 && !from.failed && from.n_ints == 0 && k->products.support_start[np] == n_support &&
            k->entry_start[ne] == n_entries && k->angles.spin_start[k->n_angles] == n_spins &&
-           k->equations.term_start[ne] == n_terms && k->equations.factor_start[n_terms] == k->quantities.n;
+           k->equations.term_start[ne] == n_terms &&
+           k->equations.factor_start[n_terms] == k->quantities.n;
 }
 
 /* Whether every freedom and every entry of q belongs to exactly one joint, parents come first. */

@@ -61,8 +61,8 @@ Int driven_at(const Kernel *k, Int i) { return k->system.driven[i] % k->nv; }
 static int lay_out(Kernel *k)
 {
     Int row = k->system.n_chosen + k->n_idle;
-    if (!system_put_equations(k, k->system.chosen, k->system.n_chosen, 3 * k->system.n_driven + k->system.n_fill * k->nv,
-                              &k->system.matrix))
+    if (!system_put_equations(k, k->system.chosen, k->system.n_chosen,
+                              3 * k->system.n_driven + k->system.n_fill * k->nv, &k->system.matrix))
         return NO_MEMORY;
     k->system.n_pins = 0;
     for (Int i = 0; i < k->system.n_driven; i++, row++) {
@@ -170,8 +170,8 @@ int system_reselect(Kernel *k)
 {
     Real facts[2];
     equations_jacobian(k, &k->equations.all);
-    const Int found =
-        independent_equations(k, NULL, k->n_closure, k->system.n_chosen, 0.0, k->system.candidate, facts);
+    const Int found = independent_equations(k, NULL, k->n_closure, k->system.n_chosen, 0.0,
+                                            k->system.candidate, facts);
     if (found < 0)
         return NO_MEMORY;
     k->system.left_out = facts[1];

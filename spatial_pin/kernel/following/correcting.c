@@ -126,7 +126,7 @@ int stays_closed(Kernel *k, const Real *q, Real error, Real *there)
     Real *x = k->right;
     memset(x, 0, (size_t)k->nv * sizeof *x);
     for (Int i = 0; i < k->system.n_driven + k->system.n_fill; i++)
-        x[k->system.n_chosen + k->n_idle + i] = cos(1.0 + (Real)i); /* a direction of none of them alone */
+        x[k->system.n_chosen + k->n_idle + i] = cos(1.0 + (Real)i); /* none of them alone */
     system_solve(k, x);
     const Real size = norm(x, k->nv);
     for (Int v = 0; v < k->nv; v++)

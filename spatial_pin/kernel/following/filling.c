@@ -60,7 +60,8 @@ static int fill_again(Kernel *k)
     }
     int code = make_orthonormal(x, n, nv, x + n * nv, x + n * nv + n * n) ? DONE : NOT_CONVERGED;
     if (code == DONE)
-        code = system_set(k, k->system.chosen, k->system.n_chosen, k->system.driven, k->system.n_driven, x, n);
+        code = system_set(k, k->system.chosen, k->system.n_chosen, k->system.driven,
+                          k->system.n_driven, x, n);
     free(x);
     return code == DONE ? system_factor(k) : code;
 }

@@ -28,8 +28,8 @@ typedef struct {
     Real *angle;  /* (n, n_angles) of screws, counting turns */
 } PathRows;
 
-/* A path, and where its current point is written: as `_PathTask` in paths.py. What it points to lives as
- * long as the path is followed. */
+/* A path, and where its current point is written: as `_PathTask` in paths.py. What it points to lives
+ * as long as the path is followed. */
 typedef struct {
     const Int *chosen;   /* (n_chosen) equations; NULL: as many independent ones are chosen where the
                             path starts, if the loops are regular there */

@@ -68,12 +68,14 @@ int look_ahead(Path *path, Real h)
 static int is_new_choice(const Path *path)
 {
     const Kernel *k = path->k;
-    return memcmp(path->chosen, k->system.chosen, (size_t)k->system.n_chosen * sizeof *path->chosen) != 0;
+    return memcmp(path->chosen, k->system.chosen,
+                  (size_t)k->system.n_chosen * sizeof *path->chosen) != 0;
 }
 
 void keep_choice(Path *path)
 {
-    memcpy(path->chosen, path->k->system.chosen, (size_t)path->k->system.n_chosen * sizeof *path->chosen);
+    memcpy(path->chosen, path->k->system.chosen,
+           (size_t)path->k->system.n_chosen * sizeof *path->chosen);
 }
 
 int has_redundant(const Kernel *k) { return k->system.n_chosen < k->n_closure; }
@@ -366,7 +368,8 @@ int step(Path *path, Real target)
     const int code = try_step(path, target);
     if (code != DONE) {
         if (is_new_choice(path))
-            system_set(k, path->chosen, k->system.n_chosen, k->system.driven, k->system.n_driven, k->system.fill, k->system.n_fill);
+            system_set(k, path->chosen, k->system.n_chosen, k->system.driven, k->system.n_driven,
+                       k->system.fill, k->system.n_fill);
         path->stale = 1;
         return code;
     }

@@ -21,10 +21,10 @@ typedef struct {
     void *context;
 } Integrator;
 
-/* Begin at unknowns y (n), with absolute tolerances (n) and zeroed room for (MOST_STAGES + 14, n) numbers. Set
- * are n, method, t, t_end, next (the first step of an adaptive method, the number of fixed ones),
- * longest, rtol; rates and context (rates NULL: of a Dynamics, which `context` is). Asks for the first
- * slope. */
+/* Begin at unknowns y (n), with absolute tolerances (n) and zeroed room for (MOST_STAGES + 14, n)
+ * numbers. Set are n, method, t, t_end, next (the first step of an adaptive method, the number of
+ * fixed ones), longest, rtol; rates and context (rates NULL: of a Dynamics, which `context` is). Asks
+ * for the first slope. */
 EXPORT int integrator_begin(Integrator *g, const Real *y, const Real *atol, Real *room, Int n_room);
 
 /* One step; g->status tells how it ended. DONE or CALLBACK_FAILED. */

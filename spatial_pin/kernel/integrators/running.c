@@ -71,8 +71,8 @@ static int needs_new_coordinates(const Integrator *g, Dynamics *d, const Run *ru
     return dynamics_keep(d) > run->patience;
 }
 
-/* Steps, until something wants to be looked at; why it paused. Those of a mechanism have samples; d NULL: they
- * are of another function. */
+/* Steps, until something wants to be looked at; why it paused. Those of a mechanism have samples; d
+ * NULL: they are of another function. */
 EXPORT int integrator_run(Integrator *g, Dynamics *d, Run *run)
 {
     for (Int step = 0; step < run->most; step++) {

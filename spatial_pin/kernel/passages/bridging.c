@@ -159,7 +159,8 @@ int passage_bridge(Dynamics *d, Real ahead)
     }
     /* Once at a place: where it is told again at every step, with the equations that hold, five
        parallel cranks all but in a line take fifty times as long, and are given up. */
-    if (code == CHOSEN_ANEW && !(d->branches.n_renewed && fabs(about - d->branches.renewed) < REFUSED)) {
+    if (code == CHOSEN_ANEW &&
+        !(d->branches.n_renewed && fabs(about - d->branches.renewed) < REFUSED)) {
         d->branches.renewed = about;
         d->branches.n_renewed++;
         d->determinant.distance = 0.0;

@@ -141,7 +141,8 @@ int passage_locate(Dynamics *d, Passage *s)
     const Kernel *k = d->k;
     s->n_branch_points = 0;
     look_for_zeros(d, s, s->low, s->high);
-    if (s->n_branch_points && k->system.n_chosen < k->n_closure && others_hold(d, s, s->branch_point[0]))
+    if (s->n_branch_points && k->system.n_chosen < k->n_closure &&
+        others_hold(d, s, s->branch_point[0]))
         return CHOSEN_ANEW;
     return s->n_branch_points ? DONE : LOST;
 }

@@ -49,7 +49,10 @@ void passage_place(Dynamics *d, const Passage *s, Int turn, Real x)
     equations_values(k, d->work.trial);
 }
 
-int passage_repeats(const Dynamics *d) { return d->branches.period != 0.0 && d->branches.period_is_known >= 0; }
+int passage_repeats(const Dynamics *d)
+{
+    return d->branches.period != 0.0 && d->branches.period_is_known >= 0;
+}
 
 Int passage_turns(const Dynamics *d, const Passage *s, Real x)
 {

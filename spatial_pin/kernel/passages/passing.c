@@ -77,7 +77,8 @@ static Int nearest_passage(const Dynamics *d, Real x, Int *turn)
         for (Int n = first - 1; n <= first + 1; n++) {
             if (n != 0 && !passage_repeats(d))
                 continue;
-            const Real shift = (Real)n * d->branches.period, low = s->low + shift, high = s->high + shift;
+            const Real shift = (Real)n * d->branches.period, low = s->low + shift,
+                       high = s->high + shift;
             const Real entry = sense > 0.0 ? low : high;
             const Real way = sense * (entry - from);
             const int ahead = way >= -1e-12 && sense * (x - entry) > 0.0;

@@ -116,14 +116,15 @@ static int make_room(Dynamics *d)
         Real **to;
         Int count;
     } fields[] = {
-        {&d->start, nq}, {&d->spins.rate, d->spins.n}, {&d->q, nq}, {&d->x, n},
-        {&d->turns, na}, {&d->columns, n * nv}, {&d->by_velocity, 3 * n}, {&d->inverse, n * n},
-        {&d->bend, nv}, {&d->bend_rate, n}, {&d->v, nv}, {&d->a, nv}, {&d->a0, nv},
-        {&d->forces.given, nv}, {&d->forces.tau, nv}, {&d->z, n}, {&d->forces.drive_effort, d->n_drives},
-        {&d->branches.period_q, nq}, {&d->branches.period_angle, na}, {&d->branches.t, nv}, {&d->branches.c, nv},
-        {&d->work.step, nv}, {&d->work.trial, nq}, {&d->work.solved, nv}, {&d->work.goal, nq},
-        {&d->work.by_rates, n * n}, {&d->work.asking, 3 * n}, {&d->work.unit, d->n_free},
-        {&d->work.before, n}, {&d->work.halfway, n}, {&d->work.off, n}, {&d->forces.force, 3 * nj}, {&d->forces.moment, 3 * nj},
+        {&d->start, nq}, {&d->spins.rate, d->spins.n}, {&d->q, nq}, {&d->x, n}, {&d->turns, na},
+        {&d->columns, n * nv}, {&d->by_velocity, 3 * n}, {&d->inverse, n * n}, {&d->bend, nv},
+        {&d->bend_rate, n}, {&d->v, nv}, {&d->a, nv}, {&d->a0, nv}, {&d->forces.given, nv},
+        {&d->forces.tau, nv}, {&d->z, n}, {&d->forces.drive_effort, d->n_drives},
+        {&d->branches.period_q, nq}, {&d->branches.period_angle, na}, {&d->branches.t, nv},
+        {&d->branches.c, nv}, {&d->work.step, nv}, {&d->work.trial, nq}, {&d->work.solved, nv},
+        {&d->work.goal, nq}, {&d->work.by_rates, n * n}, {&d->work.asking, 3 * n},
+        {&d->work.unit, d->n_free}, {&d->work.before, n}, {&d->work.halfway, n}, {&d->work.off, n},
+        {&d->forces.force, 3 * nj}, {&d->forces.moment, 3 * nj},
         {&d->work.twist, 6 * nj * d->n_free}, {&d->work.mass, d->n_free * d->n_free + 1},
         {&d->work.freedoms, d->n_free * nv}, {&d->determinant.change, n},
         {&d->work.laws, 3 * d->n_drives}, {&d->work.tree_room, 7 * nv},
@@ -158,7 +159,8 @@ EXPORT int dynamics_create(Kernel *k, const Int *ints, Int n_ints, const Real *r
     if (k->n_idle || !read_arrays(d, from) || !forces_are_sound(d))
         return BAD_ARRAYS;
     for (Int i = 0; i < k->nv; i++)
-        d->forces.resists = d->forces.resists || d->forces.damping[i] != 0.0 || d->forces.friction[i] != 0.0;
+        d->forces.resists = d->forces.resists || d->forces.damping[i] != 0.0 ||
+                            d->forces.friction[i] != 0.0;
     if (!make_room(d))
         return NO_MEMORY;
     if (!k->n_equations && !d->n_drives && !d->spins.n) {

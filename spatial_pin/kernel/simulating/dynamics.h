@@ -75,7 +75,7 @@ typedef struct {
 typedef struct {
     Real sign, first_pivot; /* where the equations were chosen */
     Real spare;             /* residual of equations left out, at the start */
-    Real distance; /* change of x at which the equations, as they change, would lose rank; 0: not known */
+    Real distance; /* change of x at which the equations would lose rank; 0: not known */
     Real *change;  /* (n_held) derivatives, along the last step, of what tells that, relative to it */
     Real mantissa;
     Int exponent;  /* of the determinant here */

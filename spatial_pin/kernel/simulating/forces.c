@@ -92,8 +92,8 @@ static int springs_on_bodies(Dynamics *d)
     for (Int i = 0; i < d->forces.n_lines; i++) {
         const Line line = line_between(d, i);
         Real force = 0.0, moment[3];
-        if (pull(d, i, d->forces.line_law[i], d->forces.line_spring + 3 * i, line.length, line.rate, &force,
-                 &d->forces.power) != DONE)
+        if (pull(d, i, d->forces.line_law[i], d->forces.line_spring + 3 * i, line.length, line.rate,
+                 &force, &d->forces.power) != DONE)
             return CALLBACK_FAILED;
         d->forces.power -= force * line.rate;
         cross3(line.end, line.along, moment);
@@ -131,8 +131,8 @@ int forces_at_joints(Dynamics *d, Real t, const Real *q)
     for (Int i = 0; i < d->forces.n_turns; i++) {
         Real force = 0.0;
         const Int at = d->forces.turn_v[i];
-        if (pull(d, d->forces.n_lines + i, d->forces.turn_law[i], d->forces.turn_spring + 3 * i, d->q[d->forces.turn_q[i]],
-                 v[at], &force, &d->forces.power) != DONE)
+        if (pull(d, d->forces.n_lines + i, d->forces.turn_law[i], d->forces.turn_spring + 3 * i,
+                 d->q[d->forces.turn_q[i]], v[at], &force, &d->forces.power) != DONE)
             return CALLBACK_FAILED;
         d->forces.given[at] -= force;
     }
@@ -148,8 +148,8 @@ void forces_missing(Dynamics *d, const Real *a)
         const Int up = 3 * k->parent[j];
         for (Int v = k->iv[j]; v < k->iv[j] + joint_nv(k->kind[j]); v++)
             d->forces.tau[v] = dot3(d->forces.force + 3 * j, k->linear + 3 * v) +
-                        dot3(d->forces.moment + 3 * j, k->angular + 3 * v) + d->forces.armature[v] * a[v] -
-                        d->forces.given[v];
+                               dot3(d->forces.moment + 3 * j, k->angular + 3 * v) +
+                               d->forces.armature[v] * a[v] - d->forces.given[v];
         add3(1.0, d->forces.force + 3 * j, d->forces.force + up);
         add3(1.0, d->forces.moment + 3 * j, d->forces.moment + up);
     }

@@ -8,8 +8,8 @@
  * accelerations say, less those that springs between points exert; adds the power of these to
  * d->forces.power. DONE or CALLBACK_FAILED. */
 int forces_on_bodies(Dynamics *d);
-/* Efforts, and what resists and turns back at joints: joint forces d->forces.given; adds their power. They
- * see the configuration q. DONE or CALLBACK_FAILED. */
+/* Efforts, and what resists and turns back at joints: joint forces d->forces.given; adds their power.
+ * They see the configuration q. DONE or CALLBACK_FAILED. */
 int forces_at_joints(Dynamics *d, Real t, const Real *q);
 /* Joint forces d->forces.tau that are missing, after both, at joint accelerations a. */
 void forces_missing(Dynamics *d, const Real *a);

@@ -244,7 +244,8 @@ static int is_ill_conditioned(const Dynamics *d)
 static void note_determinant(Dynamics *d)
 {
     const Kernel *k = d->k;
-    const Real change = 1.0 - ldexp(d->determinant.mantissa / k->system.mantissa, (int)(d->determinant.exponent - k->system.exponent));
+    const Real change = 1.0 - ldexp(d->determinant.mantissa / k->system.mantissa,
+                                    (int)(d->determinant.exponent - k->system.exponent));
     Real least, most;
     lu_changes(k->system.lu, &least, &most);
     d->determinant.since = d->passes ? fmin(fmax(change, least), most) : change;

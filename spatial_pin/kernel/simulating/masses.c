@@ -58,7 +58,8 @@ static void reduced_mass(Dynamics *d)
             inertia_times(k, j, own + 3, moment);
             for (Int b = 0; b <= a; b++) {
                 const Real *other = d->work.twist + apart * b + 6 * j;
-                d->work.mass[a * n + b] += k->bodies.mass[j] * dot3(own, other) + dot3(moment, other + 3);
+                d->work.mass[a * n + b] += k->bodies.mass[j] * dot3(own, other) +
+                                           dot3(moment, other + 3);
             }
         }
     }
@@ -107,8 +108,10 @@ static int tree_solve(Dynamics *d)
 {
     const Kernel *k = d->k;
     const Int nv = k->nv;
-    Real *force = d->work.tree_room, *needed = force + nv, *a = needed + nv, *scratch = a + nv, facts[4];
-    tree_evaluate(d->work.tree, &(TreeTask){.q = d->q, .v = d->v, .armature = d->forces.armature, .tau = force});
+    Real *force = d->work.tree_room, *needed = force + nv, *a = needed + nv, *scratch = a + nv,
+         facts[4];
+    tree_evaluate(d->work.tree,
+                  &(TreeTask){.q = d->q, .v = d->v, .armature = d->forces.armature, .tau = force});
     for (Int v = 0; v < nv; v++)
         force[v] -= d->forces.tau[v];
     if (tree_masses(d->work.tree, d->q, d->v, force, d->forces.armature, d->work.mass, needed) != DONE)

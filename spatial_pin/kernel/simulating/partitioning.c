@@ -86,7 +86,8 @@ static int begin(Dynamics *d, const Int *free_ones, const Int *chosen, Int n_cho
     if (code != DONE)
         return code;
     memcpy(d->start, d->q, (size_t)k->nq * sizeof *d->q);
-    d->branches.n = d->branches.n_built = d->branches.n_refused = d->branches.n_renewed = d->branches.period_is_known = 0;
+    Branches *b = &d->branches;
+    b->n = b->n_built = b->n_refused = b->n_renewed = b->period_is_known = 0;
     d->determinant.distance = 0.0;
     memset(d->determinant.change, 0, (size_t)d->n_held * sizeof *d->determinant.change);
     return independent_begin(d);
@@ -158,8 +159,8 @@ static int choose(Dynamics *d)
     partitioning_orthonormal_freedoms(d);
     if (d->n_free == 1 && !d->n_drives && !leave_plain_ones(d) && d->spins.n)
         return 0;
-    return independent_rows(d->k->nv, d->n_free, d->work.freedoms, d->n_free, 0.0, d->work.best, NULL) ==
-           d->n_free;
+    return independent_rows(d->k->nv, d->n_free, d->work.freedoms, d->n_free, 0.0, d->work.best,
+                            NULL) == d->n_free;
 }
 
 static int are_held(const Dynamics *d)

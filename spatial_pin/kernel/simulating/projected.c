@@ -150,7 +150,8 @@ static int leads_there(Dynamics *d)
 
 static int has_better_equations(const Dynamics *d)
 {
-    return d->k->system.n_chosen < d->k->n_closure && d->pivot < RESELECT_PROJECTED * d->determinant.first_pivot;
+    return d->k->system.n_chosen < d->k->n_closure &&
+           d->pivot < RESELECT_PROJECTED * d->determinant.first_pivot;
 }
 
 /* Take unknowns y (n_unknowns) at the end of a step to closed loops; tells how far these were open

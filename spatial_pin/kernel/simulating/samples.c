@@ -113,7 +113,8 @@ static Real coordinate_at(Integrator *g, Real t)
 /* The samples before `end`, with anchors a stride apart; the last one is where the step ends. */
 static int between_anchors(Integrator *g, Dynamics *d, Run *run, Int end)
 {
-    Point *const from = d->curve.anchor, *const to = d->curve.anchor + 1, *const ended = d->curve.anchor + 2;
+    Point *const from = d->curve.anchor, *const to = d->curve.anchor + 1,
+                 *const ended = d->curve.anchor + 2;
     int code = DONE;
     if (from->s != g->y_old[0]) { /* or there is none */
         code = anchor_at(g, d, run, run->row, from);
@@ -123,7 +124,8 @@ static int between_anchors(Integrator *g, Dynamics *d, Run *run, Int end)
         if (fabs(ended->s - from->s) <= d->curve.stride)
             return between(g, d, run, from, ended, end);
         Int next = run->row;
-        while (next + 1 < end && fabs(coordinate_at(g, run->times[next + 1]) - from->s) <= d->curve.stride)
+        while (next + 1 < end &&
+               fabs(coordinate_at(g, run->times[next + 1]) - from->s) <= d->curve.stride)
             next++;
         code = anchor_at(g, d, run, next, to);
         if (code == DONE)

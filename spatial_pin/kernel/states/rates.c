@@ -285,8 +285,8 @@ static Real round_off(Rates *r, const Real *v, Real known)
     return fmin(1.0, known + lost);
 }
 
-/* What is known of it without the velocities, where the fastest joint moves `pace` times as fast as what is
-   driven. */
+/* What is known of it without the velocities, where the fastest joint moves `pace` times as fast as
+   what is driven. */
 static Real known_round_off(const Rates *r, Real pace)
 {
     return fmin(1.0, SOLUTION_ERROR * pace * fmax(pace, 1.0 / fmax(r->matrix->pivot, 1e-300)));

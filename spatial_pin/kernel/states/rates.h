@@ -11,7 +11,7 @@ typedef struct {
     const Real *q, *reference; /* (nq), (n_angles) from which angles of screws count */
     const Int *equations;      /* (n_equations) closure equations; NULL: they are chosen here */
     Int n_equations;
-    const Real *fill;          /* (n_fill, nv) rows, with respect to v / scale, that fill the system up */
+    const Real *fill; /* (n_fill, nv) rows, with respect to v / scale, that fill the system up */
     Int n_fill;
     Int n_moving;              /* the first driven freedoms, which move: the others stand still */
     const Real *speed;         /* (n_driven) of the driven freedoms; NULL: rates are not wanted */
@@ -29,9 +29,9 @@ EXPORT int rates_create(Kernel *k, const Int *driven, Int n_driven, Rates **out)
    there are none; NOT_FINITE where they are larger than numbers can be. */
 EXPORT int rates_solve(Rates *r, const RateTask *task);
 
-/* Joint rates (nv), there, of any order. Where joints have no rate of that order, the equations have the
-   second derivatives at joint velocities v (nv), or these derivatives (n_equations); either may be
-   NULL. What is driven has rates `drive` (n_driven); no component with `derivative`. */
+/* Joint rates (nv), there, of any order. Where joints have no rate of that order, the equations have
+   the second derivatives at joint velocities v (nv), or these derivatives (n_equations); either may
+   be NULL. What is driven has rates `drive` (n_driven); no component with `derivative`. */
 EXPORT int rates_answer(Rates *r, const Real *v, const Real *derivative, const Real *drive, Real *out);
 
 /* Joint velocities (n, nv), there, for a unit speed of each of the first n driven freedoms; and the
