@@ -31,12 +31,12 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.rates import prescribed_at
 from spatial_pin.settings import Accuracy
 
-# Newton steps in extended precision, with factors in double: each takes off a digit at least where
-# pivots are above 1e-15 of the largest, and from 1e-11 to 1e-19 there are eight.
+# Newton steps in extended precision with factors in double. Each gains at least one digit where
+# pivots are above 1e-15 of the largest. From 1e-11 to 1e-19 there are eight digits.
 REFINEMENTS = 12
-JUDGED = 721  # samples of a sweep that are judged at most: half a degree apart over a turn
-# Distance of a sample's own solution from the reference that is another branch, where passive
-# freedoms lie between: branches are a tenth of a radian apart and more, but where they meet.
+JUDGED = 721  # samples of a sweep that are compared: one per half degree of a turn
+# Distance of a sample from the reference that shows another branch [rad, characteristic lengths].
+# Branches are 0.1 apart and more, except near their branch points.
 OTHER_BRANCH = 0.05
 
 

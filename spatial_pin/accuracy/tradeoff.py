@@ -40,9 +40,9 @@ from spatial_pin.settings import Accuracy, accuracy_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-REPEATS = 5  # of which the median is taken: two may be disturbed
-MOST_REPEATS = 10_000  # more tell nothing: a median of those is known to one percent
-BUDGET = 30.0  # time after which no further run is repeated [s]: whoever waits goes on waiting
+REPEATS = 5  # runs whose median time is taken: two may be disturbed
+MOST_REPEATS = 10_000  # runs at most: their median is known to 1 %
+BUDGET = 30.0  # after this time no run is repeated [s]
 ROUND_OFF = TOLERANCES.last_digit  # error below which results in double precision are equally exact
 FAILURES = (Astray, SpatialPinError, ValueError, ArithmeticError, np.linalg.LinAlgError)
 

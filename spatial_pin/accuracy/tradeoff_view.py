@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PARTS = ("position", "velocity", "acceleration", "spin")  # columns of parts of the error
-SAID = 100  # characters that are shown of what a setting says: the table has as many
+SAID = 100  # characters of a setting's description in the figure, as many as in the table
 INK, FAINT = "#2b3138", "#d5d9de"
-APART = 2.5  # ratio of two errors whose labels are a line of text apart in the figure
+APART = 2.5  # ratio of two errors whose labels are one line of text apart in the figure
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8a939c")
 MARKERS = "osD^vPX<>"  # more than colours, so that pairs repeat late
 

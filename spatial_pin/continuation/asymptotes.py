@@ -19,14 +19,16 @@ from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-# rad, characteristic lengths, that no joint has to go: ten times as far as links reach. From there
-# on it is asked whether it has an end.
+# Rad or characteristic lengths: ten times as far as links reach. A driver beyond this value is
+# checked for an asymptote.
 BEYOND_LINKS = 20.0
-# The same of the last place: round-off opens loops by that times machine epsilon, 4e-12.
+# Rad or characteristic lengths: the last point used. Machine epsilon times this value opens loops
+# by 4e-12.
 FARTHEST_OUT = 2e4
-FEWEST_PLACES = 6  # from which a limit is extrapolated
-ROOTS = 1, 2, 3  # of the coordinate, in which the leading value may be a power series
-MOST_TRIALS = 40  # from one place to the next, which is twice as far out
+FEWEST_PLACES = 6  # points for an extrapolation
+ROOTS = 1, 2, 3  # the leading value is tried as a power series in this root of the coordinate
+# Steps from one point to the next, which is twice as far out: steps halve where they fail.
+MOST_TRIALS = 40
 
 
 def running_away(curve: SolutionCurve, x: Array, target: float) -> Arrival | None:

@@ -29,19 +29,27 @@ from spatial_pin.continuation.solution_curve import (
 from spatial_pin.errors import SingularError
 from spatial_pin.numerics.linalg import Array
 
-# rad, characteristic lengths of the joint that moves most, from a branch point: there is a solution
+# Distances from a branch point at which nodes are tried, largest first, by the joint that moves
+# most [rad, characteristic lengths].
 REACHES = 0.12 * 0.5 ** np.arange(7)
-APPROACHES = 2  # to such a place: how fast joints move is first known elsewhere
-NODES = 8  # configurations on either side that the curve is continued through
-CLOSED = 1e-12  # closure residual between the ends, above which nodes are taken nearer
-KNOWN = 1e-11  # what two nodes more may change there [rad, characteristic lengths]
-BETWEEN = np.cos(np.pi * (np.arange(12)[::-1] + 0.5) / 12)  # parts of the way out [Chebyshev]
-ROUND_OFF = 5e-16  # closure residual of the nodes [-]
-SAME = 1e-9  # difference of driver values that are the branch point's own [rad or m]
-# Values by which a law that is smoothed may be off [rad or m]: its square is left in rates, and it
-# is left in accelerations, of what third derivatives are
+# Corrections of the distance of a node: the first step does not know the speeds there.
+APPROACHES = 2
+NODES = 8  # configurations on each side through which the polynomial goes
+CLOSED = 1e-12  # largest closure residual between the nodes: with more, nearer nodes are tried
+# Largest change by two more nodes [rad, characteristic lengths]: with more, nearer nodes are
+# tried.
+KNOWN = 1e-11
+# Points between the nodes at which the residual is checked, as parts of the distance: Chebyshev
+# points, which lie where polynomials are worst.
+BETWEEN = np.cos(np.pi * (np.arange(12)[::-1] + 0.5) / 12)
+ROUND_OFF = 5e-16  # closure residual of solved nodes: two roundings of one
+SAME = 1e-9  # driver values closer than this are the branch point itself [rad or m]
+# Largest change of values by a smoothed law [rad or m]. Its square remains in rates. In
+# accelerations it is multiplied by third derivatives.
 SMOOTHED = 1e-7
-OFF = 1e-4  # part of the way across that the continued curve may be off the closed configurations
+# Largest distance of the continued curve from closed configurations, as part of the distance
+# across: a wrong branch is off by the whole distance.
+OFF = 1e-4
 Node = tuple[PathPoint, Array, Array]  # a place of a passage; `Passage.first` and `.second` there
 
 

@@ -22,8 +22,8 @@ from spatial_pin.rates.depending import Depending, depending_on
 from spatial_pin.rates.rates import check_not_held, prescribed_at
 from spatial_pin.settings import Accuracy
 
-# Arc length that a start on a limit of the driver is moved by: rates there are twenty times the
-# driver's, and no sample is missed, as the way back is followed too.
+# Arc length by which a start at a limit of the driver is moved away. Joints are twenty times
+# faster than the driver there, and no sample is missed since the path back is followed too.
 BESIDE_LIMIT = 0.05
 
 

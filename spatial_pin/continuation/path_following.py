@@ -16,10 +16,11 @@ from spatial_pin.kernel.paths import PathSamples
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
 
-# Values are sorted first if following them as given is more than so many times longer: random ones
-# are; one or two reversals are not, and are followed as given.
+# Values are sorted if following them in the given order is more than this many times longer.
+# Random values are, values with one or two reversals are not.
 SORTED_FROM = 3.0
-CHUNK = 200_000  # joint coordinates followed at a time: a tenth of a second
+# Joint coordinates computed in one call of the kernel: 0.1 s, so that Ctrl-C is answered.
+CHUNK = 200_000
 
 
 class Followed(NamedTuple):

@@ -41,9 +41,13 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.rates import check_not_held, prescribed_at, prescribed_first
 from spatial_pin.settings import Accuracy
 
-FARTHEST = 640e3  # rad, characteristic lengths, that joints move on the way to one value
-STRETCH = 64.0  # the same by pseudo-arclength, before the kernel is asked again
-UNBOUND = 300.0  # speed of a joint relative to the driver's at which that has come to its limit
+FARTHEST = 640e3  # rad, characteristic lengths: longest path to one value, 100,000 turns
+# Rad, characteristic lengths: longest path by pseudo-arclength before the kernel continues, ten
+# turns.
+STRETCH = 64.0
+# Speed of a joint, relative to the driver's, that shows a limit of the driver: see `FAST` of
+# sweeps.
+UNBOUND = 300.0
 
 
 class Stopped(Exception):

@@ -18,22 +18,23 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.roots import sign_change
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-# rad or characteristic lengths; the next is twice as long, so that seven lead to the largest.
-FIRST_STEP = 1e-3
-LARGEST_STEP = 0.1  # far below the longest of a path, as it is taken where that may not be
+FIRST_STEP = 1e-3  # rad or characteristic lengths. Steps double, so that seven lead to the largest
+# Rad or characteristic lengths: below the longest step of a path, since it is used where longer
+# ones fail.
+LARGEST_STEP = 0.1
 # Where steps as short as this still fail, the branch is lost: configurations nearer to each other
 # than the root of round-off, 1.5e-8, may tell nothing of a singularity between them.
 SMALLEST_STEP = TOLERANCES.nothing
-# Least cosine between the directions at the two ends of a step: 11 degrees, so that a branch that
-# crosses at a larger angle is never taken for this one.
+# Least cosine between the tangents at the two ends of a step, 11 degrees: a branch that crosses at
+# a larger angle is never taken by mistake.
 STRAIGHT = 0.98
-MOST_STEPS = 2000  # two hundred radians or characteristic lengths: thirty turns
-# Length of a step in which a change of the determinant's sign is believed: in longer ones it may be
-# another branch's.
+MOST_STEPS = 2000  # steps of a path: 200 rad or characteristic lengths, thirty turns
+# Longest step in which a sign change of the determinant is a branch point of this path. In a
+# longer one it may belong to another branch.
 NEAR_BRANCH_POINT = 1e-3
-# Distance to a branch point, relative to the root of what loops are left open by, at which the path
-# ends there. Branches that cross pass each other at that root if loops are open; at ten times it
-# the tangent is off by a hundredth.
+# A path ends at this distance from a branch point, relative to the square root of the closure
+# residual. Branches of open loops pass each other at a distance of that root. At ten times the
+# root the tangent is off by 1 %.
 NEAREST_BRANCH_POINT = 10.0
 
 CROSSINGS = ("branch point", "singular")  # kinds of arrivals where branches may cross

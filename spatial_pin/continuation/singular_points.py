@@ -17,21 +17,24 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 LARGEST_STEP, SMALLEST_STEP = 0.1, TOLERANCES.nothing  # as of `pseudo_arclength`
-VIEW = 8e-3, 2e-2  # least and most distance from which a branch point is located
-# Length over which the fall of a singular value is judged: round-off leaves twelve digits of its
-# change, and the error of the estimate is about the square, 1e-8.
+# Least and greatest distance from which a branch point is located [rad, characteristic lengths]:
+# nearer round-off grows, farther the series does not converge.
+VIEW = 8e-3, 2e-2
+# Length of the difference that gives the slope of a singular value. Round-off leaves twelve digits
+# of the change, and the truncation error is its square, 1e-8.
 PROBE = 1e-4
-STEPS_TO_VIEW = 64  # to such a distance, each half of what is left or a largest step: 6 rad
-PLACES = 0.16 * np.arange(6)  # nodes, as fractions of that distance, from which it is extrapolated
-# Part of the way over which singular places are one: a zero of order four is known to the fourth
+# Steps to that distance: each is half of the distance, or a largest step; 6 rad in all.
+STEPS_TO_VIEW = 64
+PLACES = 0.16 * np.arange(6)  # nodes of the extrapolation, as parts of that distance
+# Zeros closer than this part of the distance are one. A zero of order four is known to the fourth
 # root of round-off, 1e-4.
 TOGETHER = 1e-4
 # parts of half the way: the matrices are interpolated to some hundred times machine epsilon
 SETTLED = TOLERANCES.zero
-# Part of half the way outside of it that places are continued to: there the terms of a Chebyshev
-# series are 2 + sqrt(3) times as large, each relative to the one before.
+# Zeros are accepted up to this far outside of the interval, as part of half of its length. Terms
+# of a Chebyshev series grow by 2 + sqrt(3) each there.
 BEYOND_VIEW = 1.0
-# Next step relative to this one, at most: one half where the matrix only touches singularity.
+# Longest next step relative to this one. It is one half where the matrix only touches singularity.
 NEXT_STEP = 0.6
 
 

@@ -19,9 +19,10 @@ from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import Array, decompose, determinant_sign_of, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-SMOOTH_POINTS = 8  # Chebyshev points that a law is smoothed by: as many as nodes on either side
+# Chebyshev points of a smoothed law: as many as nodes on each side of a branch point.
+SMOOTH_POINTS = 8
 
-NEAREST_STEPS = 4  # of Newton's method, each of which squares an error that is below 1e-4
+NEAREST_STEPS = 4  # Newton steps: each squares an error below 1e-4
 
 
 class OneDriver:

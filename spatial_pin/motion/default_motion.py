@@ -15,11 +15,11 @@ from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.sweep import sweep
 from spatial_pin.numerics.linalg import Array
 
-TURN = 2 * math.pi  # how far a driver turns [rad]
-# How far it slides relative to the characteristic length: far enough to see, and no farther than
-# most slides get from where they are assembled.
+TURN = 2 * math.pi  # a driver that turns makes one turn [rad]
+# A driver that slides goes this far, in characteristic lengths. The motion is well visible, and
+# most slides of the library reach it from their guess.
 SLIDE_RANGE = 0.15
-ROWS = 361  # samples: a degree apart over a turn
+ROWS = 361  # samples: one per degree of a turn
 
 
 def _reach(state: State, driver: str, way: Array) -> Motion | None:

@@ -22,12 +22,16 @@ from spatial_pin.numerics.roots import sign_change
 from spatial_pin.settings import Accuracy
 
 KIND = "joint limit"  # of events
-NOISE = 1e-11  # rate of a joint that stands still relative to that of the fastest
+# Rate of a joint at rest, relative to the fastest joint: round-off of solved rates stays below.
+NOISE = 1e-11
 # What rates and accelerations add to a polynomial of fifth degree between two samples, at most: the
 # largest values of x (1 - x)³ (1 + 3 x) and of x² (1 - x)³ / 2 in steps from 0 to 1, rounded up.
 SWING_OF_RATES, SWING_OF_ACCELERATIONS = 0.2, 0.02
-DOUBT = 4.0  # margin to a limit, in swings of the joint between samples, that polynomials want
-ELSEWHERE = 1e-6  # difference of joints that shows another branch [rad, characteristic lengths]
+# Margin to a limit, in swings of the joint between two samples, within which the polynomials
+# between samples are checked.
+DOUBT = 4.0
+# Difference of joint coordinates that shows another branch [rad, characteristic lengths].
+ELSEWHERE = 1e-6
 
 _Way = Callable[[float], tuple[Array, Array]]  # to configuration and rates
 _Ends = tuple[tuple[Array, Array], tuple[Array, Array]]  # the same at both ends

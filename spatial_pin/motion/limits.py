@@ -30,12 +30,14 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.settings import Accuracy
 
 TURN = 2.0 * np.pi
-FARTHEST_SLIDE = 20.0  # characteristic lengths, ten times as far as links reach: there is no limit
-# Turns of a driver that leads elsewhere, or takes a joint further, with every turn: gear trains
-# repeat after dozens.
+# Characteristic lengths: a slide that goes ten times as far as links reach has no limit.
+FARTHEST_SLIDE = 20.0
+# After this many turns of a driver the search for a limit ends. Gear trains of the library repeat
+# after dozens of turns.
 MOST_TURNS = 100
-SPAN_SAMPLES = 721  # half a degree apart over a turn
-# Parts of the way left before a bound, at samples near it: a ten-thousandth of a sample at last.
+SPAN_SAMPLES = 721  # samples of one turn: one per half degree
+# Distances to a bound at which samples are added, as parts of the range: each is half of the one
+# before, and the last is a ten-thousandth of a sample distance.
 TOWARDS = 0.5 ** np.arange(13.0) / SPAN_SAMPLES
 
 

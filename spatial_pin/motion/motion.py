@@ -121,8 +121,8 @@ class Output(NamedTuple):
         return f"Output({self.label!r}: {words(self.values, self.unit.removeprefix('1'))})"
 
 
-# Distance from a branch point [rad, characteristic lengths] up to which the path is continued
-# through it, not solved: that of the farthest node of its polynomial.
+# Distance from a branch point [rad, characteristic lengths] within which samples lie on the
+# polynomial through it. They are not solved. It is the distance of the polynomial's farthest node.
 ACROSS = 0.12
 SAMPLED = frozenset(("driver", "time", "q", "v", "a"))  # without which there is no sample
 SAVED = frozenset((  # arrays of a file

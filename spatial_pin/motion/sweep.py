@@ -51,10 +51,14 @@ from spatial_pin.rates.depending import depending_on
 from spatial_pin.rates.rates import SOLUTION_ERROR, check_finite, check_not_held
 from spatial_pin.settings import Accuracy, accuracy_of
 
-FAST = 300.0  # speed of a joint by the driver's, and by the least over the motion, near a limit
+# Near a limit a joint is this much faster than the driver, and than its own lowest speed: at a
+# distance d it is 1 / sqrt(d) times faster, so d is 1e-5 of the range.
+FAST = 300.0
 ENDS = ("limit", "half turn", "runs away")  # kinds of arrivals beyond which there is nothing
-FASTEST = 1e100  # speed below which nothing overflows, nor in times above its inverse
-DRIFTED = 1e-3  # closure error that a fixed number of corrections may leave without a word
+FASTEST = 1e100  # largest driver speed: its square, and the inverse of its square, are finite
+# Closure error above which a sweep with a fixed number of corrections warns: 0.1 % of the size is
+# visible.
+DRIFTED = 1e-3
 
 
 @checked

@@ -31,8 +31,8 @@ from spatial_pin.rates.depending import Depending
 from spatial_pin.settings import Accuracy
 
 TURN = 2.0 * np.pi
-# Steps that the bodies may still be away by where a curve closes: one, if they moved as fast all
-# along the last step as in the first; two and a half, as they do not.
+# Distance, in steps, from which a curve is checked for having closed. It is one step if the joints
+# move at constant speed, and two and a half if they do not.
 STEPS_NEAR = 2.5
 
 

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from spatial_pin.numerics.linalg import Array
 
-EVEN = 48  # points along what is given
-FINE = 2001  # points by which a smooth curve through given ones is measured
-# How much longer a whole curve may be than its part that goes through points: of a longer one
-# hardly any part is found twice among some thousand curves.
+EVEN = 48  # points at equal distances on the given curve
+FINE = 2001  # points that measure the length of a smooth curve through the given points
+# Lengths of the whole curve that are tried, relative to its part through the points. Among some
+# thousand longer curves hardly any fits.
 TIMES_AS_LONG = (1.0, 1.25, 1.5, 2.0, 3.0, 4.0, 6.0)
 
-COARSE = 3  # of places at which a part may begin, one in so many where rotations are in space
+COARSE = 3  # with rotations in space, every third start of the part is tried first
 
 
 class Movable(NamedTuple):

@@ -22,25 +22,28 @@ from numpy.typing import NDArray
 from spatial_pin.numerics.linalg import Array, Triangular, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-SLOW_STEPS = 2  # that leave more than half, after which Newton's are made: Gauss's creep
-# Damping where the first step did not help, relative to the square of the largest singular value;
-# least where a later one did not; and that with which nothing moves any more.
+# After this many steps that leave more than half of the residual, Newton's method replaces
+# Gauss's, which converges slowly there.
+SLOW_STEPS = 2
+# Damping relative to the square of the largest singular value: after a first step that failed, the
+# least after a later one, and one with which nothing moves any more.
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-6, 1e6
-HARDENING = 4.0  # of damping after a step that did not help
-# Gains of a step, of what it was to gain to first order [NocedalWright2006, 4.1]: with less than
-# the first it is damped more, with more than the second less.
+HARDENING = 4.0  # factor of the damping after a step that failed
+# Gains of a step, relative to the predicted gain [NocedalWright2006, 4.1]. Below the first the
+# damping grows, above the second it falls.
 POOR_GAIN, GOOD_GAIN = 0.25, 0.75
-NO_LONGER = 1e-9  # of the unknowns: how far off a least sum may be
-# By how much of the square of a Gauss step constraints may be off on the way: such a step itself
-# misses by its square, and the last ones are so short that all digits are kept.
+NO_LONGER = 1e-9  # largest step at a minimum, relative to the unknowns
+# Largest constraint residual between steps, relative to the square of a Gauss step. Such a step
+# itself misses by its square. The last steps are so short that all digits are right.
 OFF_ON_THE_WAY = 1e-3
-# Residuals that a step leaves where it goes to a dead centre, a double root: about a quarter.
+# A step to a double root (a dead centre) leaves a quarter of the residual; this range counts as
+# one.
 DOUBLE_ROOT = 0.15, 0.35
-# Part of the step to the vertex that is made, so that residuals keep a slope: what is left of them
-# is a quarter of a millionth.
+# Part of the step to the vertex that is made. Residuals keep a slope, and a quarter of a millionth
+# of them remains.
 NEARLY_THERE = 0.9995
-CURVATURE_STEP = 1e-6  # of one-sided differences: half of their digits are good
-GRADIENT_STEP = 1e-4  # of central ones: they leave 1e-9 to 1e-11
+CURVATURE_STEP = 1e-6  # step of one-sided differences: half of their digits are right
+GRADIENT_STEP = 1e-4  # step of central differences: their error is 1e-9 to 1e-11
 SLACK = TOLERANCES.closed  # beyond a bound that is not called so: what is corrected is known to it
 Bounds = dict[int, int]  # active ones, by unknown: 0 the lower, 1 the upper one
 

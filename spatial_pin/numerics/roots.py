@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-MOST_EVALUATIONS = 1000  # bisection alone takes sixty; Brent's method is worst where it jumps
+MOST_EVALUATIONS = 1000  # bisection needs sixty; Brent's method needs most at a jump
 
 
 def sign_change(

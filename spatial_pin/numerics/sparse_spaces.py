@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from spatial_pin.numerics.linalg import Array, weighty_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-# Random members that stand for all self-stresses. One would do but for a chance of 1e-8 that a
-# reaction it reaches is below what counts as none.
+# Random members that represent all self-stresses. One would do with a chance of 1 - 1e-8 per
+# reaction.
 MEMBERS = 3
 
 

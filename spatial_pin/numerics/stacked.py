@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-MOST_DAMPING = 1e6  # with which nothing moves any more
+MOST_DAMPING = 1e6  # with this damping nothing moves any more
 Tries = Callable[[NDArray[np.intp], Array], tuple[NDArray[np.bool_], NDArray[np.bool_]]]
 
 

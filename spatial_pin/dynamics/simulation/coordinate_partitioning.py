@@ -42,9 +42,9 @@ from spatial_pin.numerics.linalg import (
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 NONE = 1e-13  # derivative of an equation that is round-off: others are of order one
-PLAIN = 0.1  # speed of a plain coordinate, relative to the fastest component's, that will do
-FREE_SPIN = 1e-9  # closure equations, per unit of spin, that do not hold it
-SPIN_TRIALS = 3  # other configurations at which the spin must be free too
+PLAIN = 0.1  # a plain coordinate is chosen if its speed is this part of the fastest component's
+FREE_SPIN = 1e-9  # largest change of closure equations per unit of a free spin: round-off
+SPIN_TRIALS = 3  # other configurations at which a spin is checked to be free
 
 
 class Freedoms:

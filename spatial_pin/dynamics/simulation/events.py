@@ -35,15 +35,18 @@ from spatial_pin.numerics.roots import sign_change
 from spatial_pin.numerics.tolerances import TOLERANCES
 
 StopFunction = Callable[[float, State], float]
-NEAR_LIMIT = 0.5  # of a limit, from which on it is looked for between the ends of a step too
-BETWEEN = (0.25, 0.5, 0.75)  # parts of a step
+NEAR_LIMIT = 0.5  # from this part of a limit on it is also checked between the ends of a step
+BETWEEN = (0.25, 0.5, 0.75)  # parts of a step at which it is checked
 AT_LIMITS = ("report", "stop", "ignore")
 SINGULAR = "singular"  # kind of the event where inertia vanishes
-NEGLIGIBLE = 1e-6  # inertia of a motion relative to that of its bodies: a step is a millionth then
-SMALL = 1e-2  # the same relative to the largest before, where a motion cannot be followed
-SHORTENED = 1e-4  # step relative to the longest so far, from which on the inertia is looked at
-DECREASED = 0.8  # inertia relative to that at the last look, from which on it is looked at again
-CLOSE_BY = 3.0  # way to where it vanishes, in ways that the last looks are apart
+# Inertia of a motion, relative to that of its bodies, at which the mechanism is singular: steps
+# are a millionth of the usual there.
+NEGLIGIBLE = 1e-6
+SMALL = 1e-2  # the same relative to the largest inertia before, where a motion cannot be continued
+SHORTENED = 1e-4  # the inertia is checked at steps below this part of the longest step
+DECREASED = 0.8  # the inertia is checked again after it fell by this factor
+# Distance to the point where the inertia vanishes, in distances between the last two checks.
+CLOSE_BY = 3.0
 
 
 class IntegrationStep:

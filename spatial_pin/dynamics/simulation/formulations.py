@@ -41,21 +41,22 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 
 GivenUp = Set[tuple[type, tuple[int, ...]]]  # formulations, and their independent coordinates
 
-# Speed of a joint relative to the independent coordinates' at which others are taken: it costs half
-# a digit of the joint.
+# A joint this much faster than the independent coordinates replaces one of them: it costs half a
+# digit of the joint.
 FASTER_THAN_CHOSEN = 4.0
-# Residual that points which samples lie between are closed to: second derivatives divide it by the
-# square of the way between them.
+# Closure residual of points between which samples are interpolated. Second derivatives divide it
+# by the square of their distance.
 ANCHOR_RESIDUAL = 1e-12
-# Residual that projected places are closed to: whether two are one is told to 1e-6 (SAME_PLACE in
+# Closure residual of projected points. Two points are one if they agree to 1e-6 (SAME_PLACE in
 # projected.c).
 PROJECTED_RESIDUAL = 1e-8
-# Rotation vector at which coordinates of joints that turn in space are begun anew [rad].
+# Rotation vector at which coordinates of joints that turn in space start again from a new
+# reference [rad].
 COORDINATES_END = 1.0
 TURNED_END = 0.5  # the same where all joint coordinates are unknowns [rad]
-LEFT_OPEN = 1e-6  # closure residual that a step may leave to be projected away, at tight tolerances
-LOOSE = 10.0  # the same relative to the tolerance of a step, at loose ones
-WIDE = 1e-2  # the same at any tolerance: from there Newton's method finds the same branch
+LEFT_OPEN = 1e-6  # closure residual after a step, before projection, at tight tolerances
+LOOSE = 10.0  # the same relative to the tolerance of a step, at loose tolerances
+WIDE = 1e-2  # the same at most: from there Newton's method converges to the same branch
 
 
 class Lost(Exception):

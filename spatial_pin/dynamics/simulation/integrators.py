@@ -26,20 +26,23 @@ from spatial_pin.settings import INTEGRATORS, KERNEL, Accuracy
 
 Function = Callable[[float, Array], Array]
 
-FINEST = 100.0 * float(np.finfo(float).eps)  # tolerance that SciPy's methods can keep
-LONG = 15  # steps of an implicit method that an explicit one would take too
-SLOW = 1.0  # step times the fastest decay rate, at which an explicit method would do
+FINEST = 100.0 * float(np.finfo(float).eps)  # smallest tolerance of SciPy's methods
+LONG = 15  # an explicit method continues after this many steps in a row that it could have taken
+SLOW = 1.0  # step times fastest decay rate up to which an explicit method is stable
 SLOPE_STEP = 1e-7  # step of differences for implicit methods, relative to the unknowns' units
-HUGE = 1e100  # rate that stands for none, where loops cannot be closed
-FASTEST = 1e100  # rate whose square, divided by a tolerance, still has a square
-SLOWEST = 1e3  # durations that a natural time may last
+HUGE = 1e100  # rate in place of a missing one, where loops cannot be closed: the step is refused
+FASTEST = 1e100  # largest rate: its square divided by a tolerance is finite when squared
+SLOWEST = 1e3  # longest natural time in durations: a slower motion does not matter
 AUTOMATIC, EXPLICIT, IMPLICIT = "automatic", "DOP853", "Radau"
-NEAR = 1e-3  # pivot, and step, relative to the largest so far, below which the motion creeps
-TRIED = 1000  # steps of a motion without damping, which go on as long as they are
-HOPELESS = 10.0  # steps needed relative to those allowed: beyond, the duration is a mistake
+NEAR = 1e-3  # pivot, and step, relative to the largest so far, below which the motion stagnates
+TRIED = 1000  # after each so many steps without damping, the progress is compared with the duration
+# The simulation is refused if this many times the allowed steps would not reach the end.
+HOPELESS = 10.0
 CREEPING = 60  # such steps in a row that show a singular configuration just ahead
-NOWHERE = 1e-2  # of the longest step: farther than all allowed steps would lead if as short
-STANDING = 200  # such steps in a row that lead nowhere: stiff motions soon take longer ones
+# A step is too short if all allowed steps of its length make less than this part of the longest
+# step.
+NOWHERE = 1e-2
+STANDING = 200  # such steps in a row that show stagnation: stiff motions soon take longer ones
 
 
 def natural_units(

@@ -31,8 +31,8 @@ from spatial_pin.mechanism.mechanism_checks import refuse_negative_inertias
 from spatial_pin.mechanism.resistance import SlipSpeed
 from spatial_pin.numerics.linalg import Array
 
-# Closure asked for, from which on the integrator tells accelerations of samples, and most of one
-# freedom are interpolated: below it hardly one is as closed as that.
+# Closure tolerance from which on the integrator gives accelerations of samples, and most samples
+# of one freedom are interpolated. Below it hardly one is closed well enough.
 BETWEEN_ANCHORS = 1e-11
 
 EffortLaw = Callable[[float, State], Mapping[str, float]]

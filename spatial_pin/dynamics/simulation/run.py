@@ -55,9 +55,9 @@ from spatial_pin.numerics.linalg import Array, decompose, independent_rows
 from spatial_pin.settings import INTEGRATORS, Accuracy
 
 ROUTINE = (AT_END, MANY, NEW_COORDINATES, AT_FAILURE)  # pauses at which all samples are made
-LITTLE = 1e-3  # of the residual that a step may leave, below which the step may be longer
-SHORTEST = 1e-13  # step, relative to the time, that is not shortened any more
-FALLEN = 1e-3  # of what it was at the start: a singular value is on its way to zero
+LITTLE = 1e-3  # part of the largest residual of a step below which the next step may be longer
+SHORTEST = 1e-13  # shortest step relative to the time: it is not halved any more
+FALLEN = 1e-3  # a singular value that fell to this part of its first value goes to zero
 
 
 class Then(Enum):

@@ -34,9 +34,9 @@ from spatial_pin.numerics.tolerances import EPS, TOLERANCES
 # Estimated error from which on the second solver is used, at twenty times the cost: the KKT system
 # has ten digits then, and the error bound of the least constraint is less of an overestimate.
 DOUBTFUL = TOLERANCES.rank
-# Correction of a long tree's accelerations up to which what is left is small beside it.
+# Largest correction of a long tree's accelerations after which the rest is negligible.
 CORRECTED = 1e-6
-LEAST_ERROR = 16.0 * EPS  # of accelerations: of their forces, rounded some times
+LEAST_ERROR = 16.0 * EPS  # error of accelerations: their forces are rounded a few times
 
 
 class Limbs:

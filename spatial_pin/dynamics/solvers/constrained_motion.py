@@ -23,11 +23,11 @@ from spatial_pin.numerics.linalg import Array, Decomposition, full_decomposition
 from spatial_pin.numerics.sparse_spaces import SparseSpaces
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-# Freedoms of a large tree up to which lost rank is found by closing loops nearby, with dense
-# factors whose cost grows with the third power. Beyond, the second-order analysis decides.
+# Freedoms of a large tree up to which lost rank is found by closing loops nearby. It uses dense
+# factors, whose cost grows with the third power. Above, the second-order analysis decides.
 PROBED = 128
-# Residual of a redundant equation for a motion of unit size, relative to its terms, up to which it
-# follows from the others: far above round-off, far below that of a loop that loses rank, about 1.
+# Largest residual of a redundant equation for a motion of unit size, relative to its terms. It is
+# far above round-off, and far below the 1 of a loop that loses rank.
 FOLLOWS = 1e-6
 
 

@@ -14,8 +14,7 @@ import numpy as np
 from spatial_pin.numerics.linalg import Array, Factors, independent_rows
 from spatial_pin.numerics.tolerances import EPS
 
-# Of an entry, with all that is added to it: sums of some hundred terms, each rounded once.
-ROUNDING = 128.0 * EPS
+ROUNDING = 128.0 * EPS  # round-off of an entry: a sum of some hundred terms, each rounded once
 
 
 class Bounded(NamedTuple):
