@@ -65,10 +65,11 @@ def far_side(curve: SolutionCurve, base: CurvePoint, distance: float) -> CurvePo
     curve.expect(base, 2.0 * distance * base.t)
     unknowns = curve.unknowns
     expected = unknowns.normalized(_polynomial(lengths, np.array(nodes))(2.0 * distance))
-    found = curve.onto(expected, base.t)
-    if found is None or not np.linalg.norm(unknowns.apart(expected, found)) < OFF * distance:
+    corrected = curve.onto(expected, base.t)
+    if corrected is None or not (
+            np.linalg.norm(unknowns.apart(expected, corrected)) < OFF * distance):
         return None
-    return curve.settle(found, unknowns.apart(base.x, found))
+    return curve.settle(corrected, unknowns.apart(base.x, corrected))
 
 
 def _polynomial(x: Array, y: Array) -> Callable[[float], Array]:
@@ -146,8 +147,8 @@ class Passage(NamedTuple):
         met = [x for x in self.branch_points if low <= x <= high and abs(x - first) > SAME]
         return met if last > first else met[::-1]
 
-    def place(self, value: float) -> PathPoint:
-        """Return the place at a driver value between the ends, else the end that is nearer."""
+    def point_at(self, value: float) -> PathPoint:
+        """Return the point_at at a driver value between the ends, else the end that is nearer."""
         if not self.holds(value):
             return self.outside[int(abs(value - self.ends[1]) < abs(value - self.ends[0]))]
         q, first, second = self.by_drivers(value)
@@ -186,19 +187,19 @@ class Passage(NamedTuple):
 
         Near a branch point the residual alone is no measure of the error.
         """
-        mechanism, place = self.tracker.mechanism, self.place(value)
+        mechanism, here = self.tracker.mechanism, self.point_at(value)
         other = pin.normalize(mechanism.model, fewer(value))
-        off = pin.difference(mechanism.model, other, place.q) / mechanism.velocity_scale
-        return bool(place.error < CLOSED and np.abs(off).max() < KNOWN)
+        off = pin.difference(mechanism.model, other, here.q) / mechanism.velocity_scale
+        return bool(here.error < CLOSED and np.abs(off).max() < KNOWN)
 
     def matrices(self, curve: SolutionCurve, values: Array) -> Array:
         """Return the matrices (k, m, m) of equations and tangent at leading values (k,)."""
-        unknowns, places = curve.unknowns, []
+        unknowns, points = curve.unknowns, []
         for s in values.tolist():
             q, first, second = self.by_drivers(s)
             t = self.rates(s, first, second)[0]
-            places.append((unknowns.of(q, s), unknowns.along(t)))
-        return matrices(curve, places)
+            points.append((unknowns.of(q, s), unknowns.along(t)))
+        return matrices(curve, points)
 
 
 def passage(tracker: PathTracker, arrival: Arrival) -> Passage | None:
@@ -225,14 +226,14 @@ def passage(tracker: PathTracker, arrival: Arrival) -> Passage | None:
                 tracker.reach(value - sense * reach / pace)
             if k == 0:
                 clear = tracker.here
-            found = _passage(tracker, sense, reach * _arc(tracker.here.t / size))
+            crossing = _passage(tracker, sense, reach * _arc(tracker.here.t / size))
         except (Stopped, SingularError):
             continue
-        if found is not None and found.smooth is not tracker.leading:
-            value = found.branch_points[0]
-            found = _with_bends(found, tracker)
-        if found is not None:
-            return found
+        if crossing is not None and crossing.smooth is not tracker.leading:
+            value = crossing.branch_points[0]
+            crossing = _with_bends(crossing, tracker)
+        if crossing is not None:
+            return crossing
     tracker.move_to(before)
     return None
 
@@ -251,7 +252,7 @@ def _passage(tracker: PathTracker, sense: float, reach: float) -> Passage | None
     if near is None or far is None:
         return None
     sides = [_nodes(own, curve, point, reach) for point in (near._replace(t=-near.t), far)]
-    values = [place.s for place, _, _ in (*sides[0][::-1], *sides[1])]
+    values = [node.s for node, _, _ in (*sides[0][::-1], *sides[1])]
     if not np.all(sense * np.diff(values) > 0.0):  # the driver turns back
         return None
     return _joined(own, curve, *sides)
@@ -260,18 +261,18 @@ def _passage(tracker: PathTracker, sense: float, reach: float) -> Passage | None
 def _with_bends(smoothed: Passage, tracker: PathTracker) -> Passage | None:
     """Return the passage of a tracker whose law one has smoothed; None if by too much."""
     leading, smooth, (low, high) = tracker.leading, smoothed.smooth, smoothed.ends
-    found = smoothed._replace(tracker=tracker)
+    exact = smoothed._replace(tracker=tracker)
     for x in (0.5 * (low + high) + 0.5 * (high - low) * BETWEEN).tolist():
         off = smooth.values(nearest(smooth, leading, x)) - leading.values(x)
-        if np.abs(off[: leading.n_moving]).max() > SMOOTHED or found.place(x).error > CLOSED:
+        if np.abs(off[: leading.n_moving]).max() > SMOOTHED or exact.point_at(x).error > CLOSED:
             return None
-    q = found.by_drivers(high)[0]
-    system = tracker.system_at(q, found.angles(high))
+    q = exact.by_drivers(high)[0]
+    system = tracker.system_at(q, exact.angles(high))
     free = np.ones(len(system.scale), dtype=bool)
     free[[*system.drive_at, *system.still]] = False
     q = close(system.evaluation, q, free, ROUND_OFF)[0]
     behind = tracker.point_at(q, high, system.evaluation.angles.copy(), system)
-    return found._replace(
+    return exact._replace(
         branch_points=[nearest(leading, smooth, x) for x in smoothed.branch_points],
         outside=(tracker.here, behind))
 
@@ -295,7 +296,7 @@ def _nodes(
         # further away from the branch point the first node's equations do better still
         if not nodes:
             system.select(q)
-        place = tracker.point_at(q, curve.value(x), curve.evaluation.angles.copy(), system)
+        at_node = tracker.point_at(q, curve.value(x), curve.evaluation.angles.copy(), system)
         first = system.driver_rates()[:, :k]
         second = np.empty((len(first), k, k))
         for i in range(k):
@@ -304,7 +305,7 @@ def _nodes(
                 both = system.acceleration(q, first[:, i] + first[:, j], rest)
                 second[:, i, j] = second[:, j, i] = 0.5 * (
                     both - second[:, i, i] - second[:, j, j])
-        nodes.append((place, first, second))
+        nodes.append((at_node, first, second))
     return nodes
 
 
@@ -312,17 +313,17 @@ def _joined(
     tracker: PathTracker, curve: SolutionCurve, near: list[Node], far: list[Node]
 ) -> Passage | None:
     """Return the passage between two sides; None if it is not accurate, or no branch crosses."""
-    places, firsts, seconds = zip(*near, *far, strict=True)
-    values = np.array([place.s for place in places])
+    points, firsts, seconds = zip(*near, *far, strict=True)
+    values = np.array([point.s for point in points])
     q, first, second, angles = (_polynomial(values, np.array(x).reshape(2 * NODES, -1)) for x in (
-        [x.q for x in places], firsts, seconds, [x.angles for x in places]))
+        [x.q for x in points], firsts, seconds, [x.angles for x in points]))
     outside = near[0][0], far[0][0]
     ends = outside[0].s, outside[1].s
-    found = Passage(tracker, tracker.leading, [], ends, q, first, second, angles, outside)
-    kept = np.delete(np.arange(2 * NODES), [NODES - 1, -1])
-    fewer = _polynomial(values[kept], np.array([places[k].q for k in kept]))
+    crossing = Passage(tracker, tracker.leading, [], ends, q, first, second, angles, outside)
+    inner = np.delete(np.arange(2 * NODES), [NODES - 1, -1])
+    fewer = _polynomial(values[inner], np.array([points[k].q for k in inner]))
     between = 0.5 * (ends[0] + ends[1]) + 0.5 * (ends[1] - ends[0]) * BETWEEN
-    if not all(found.is_accurate(x, fewer) for x in between[1::3].tolist()):
+    if not all(crossing.is_accurate(x, fewer) for x in between[1::3].tolist()):
         return None
-    met = [x for x in zeros(between, found.matrices(curve, between)) if found.holds(x)]
-    return found._replace(branch_points=met) if met else None
+    met = [x for x in zeros(between, crossing.matrices(curve, between)) if crossing.holds(x)]
+    return crossing._replace(branch_points=met) if met else None

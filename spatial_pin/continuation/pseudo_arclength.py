@@ -128,7 +128,7 @@ class ArcLengthPath:
             return curve.slope(curve.direction(x, point.t)[0]) if x is not None else np.nan
 
         length = _root(slope, step.length)
-        return PredictedStep("regular", _place(curve, point, length), step.t, length)
+        return PredictedStep("regular", _point_at(curve, point, length), step.t, length)
 
     def take(self, step: PredictedStep) -> bool:
         """Move by a step; False, and nothing moves, where branches cross at its end."""
@@ -185,10 +185,10 @@ def _arrive(curve: SolutionCurve, point: CurvePoint, length: float, target: floa
     """Return the configuration at the target value, reached within `length` of the point."""
 
     def gap(x: float) -> float:
-        return curve.value(_place(curve, point, x)) - target
+        return curve.value(_point_at(curve, point, x)) - target
 
     unknowns, evaluation = curve.unknowns, curve.evaluation
-    ahead = _place(curve, point, _root(gap, length))
+    ahead = _point_at(curve, point, _root(gap, length))
     unknowns.put(ahead, target)
     free = np.ones(evaluation.model.nv, dtype=bool)
     free[[*curve.system.drive_at, *curve.system.still]] = False
@@ -201,15 +201,15 @@ def _arrive(curve: SolutionCurve, point: CurvePoint, length: float, target: floa
 
 
 def branch_point_near(curve: SolutionCurve, point: CurvePoint, x: Array) -> Arrival:
-    """Return where the equations lose rank, ahead of a point, near x; there if none is found."""
-    found = located(curve, point)
-    kind, value = found if found is not None else ("branch point", curve.value(x))
+    """Return where the equations lose rank, ahead of a point, near x; else x."""
+    singular = located(curve, point)
+    kind, value = singular if singular is not None else ("branch point", curve.value(x))
     return Arrival(kind, curve.unknowns.configuration(x), value)
 
 
-def _place(curve: SolutionCurve, point: CurvePoint, length: float) -> Array:
-    found = curve.ahead(point, length)
-    return point.x.copy() if found is None else found
+def _point_at(curve: SolutionCurve, point: CurvePoint, length: float) -> Array:
+    ahead = curve.ahead(point, length)
+    return point.x.copy() if ahead is None else ahead
 
 
 def _root(function: Callable[[float], float], length: float) -> float:

@@ -33,7 +33,7 @@ DOUBT = 4.0
 # Difference of joint coordinates that shows another branch [rad, characteristic lengths].
 ELSEWHERE = 1e-6
 
-_Way = Callable[[float], tuple[Array, Array]]  # to configuration and rates
+_Path = Callable[[float], tuple[Array, Array]]  # to configuration and rates
 _Ends = tuple[tuple[Array, Array], tuple[Array, Array]]  # the same at both ends
 
 
@@ -75,7 +75,7 @@ def passed_at_start(mechanism: Mechanism, q: Array, value: float) -> list[Passin
 
 
 def first_passing(
-    limit: JointLimit, at: _Way, span: tuple[float, float], ends: _Ends, noise: float = 0.0,
+    limit: JointLimit, at: _Path, span: tuple[float, float], ends: _Ends, noise: float = 0.0,
 ) -> float | None:
     """Return when a limit is first passed outwards in a span of time, if it is.
 
@@ -130,12 +130,12 @@ def joint_limits_passed(motion: Motion) -> list[Passing]:
         return []
     values = motion.driver if motion.driver is not None else motion.time
     start = float(values[0]) if values is not None else 0.0
-    found = passed_at_start(motion.mechanism, motion.q[0], start)
+    all_passings = passed_at_start(motion.mechanism, motion.q[0], start)
     for at, k in zip(*(x.tolist() for x in np.nonzero(_may_be_passed(motion, limits))),
                      strict=True):
         passing = _between(motion, limits[at], k)
-        found += [passing] if passing is not None else []
-    return sorted(found, key=lambda passing: passing.row)
+        all_passings += [passing] if passing is not None else []
+    return sorted(all_passings, key=lambda passing: passing.row)
 
 
 def _may_be_passed(motion: Motion, limits: list[JointLimit]) -> NDArray[np.bool_]:
@@ -215,7 +215,7 @@ def _at_driver(motion: Motion, limit: JointLimit, k: int, value: float, digits: 
                    f"at {motion.driver_name} = {value:.{digits}g} {motion.driver_unit}")
 
 
-def _may_pass(limit: JointLimit, at: _Way, ends: _Ends) -> bool:
+def _may_pass(limit: JointLimit, at: _Path, ends: _Ends) -> bool:
     """Whether a limit may be passed between two samples, if interpolants are only roughly right."""
     (q0, v0), (q1, v1) = ends
     if limit.room(q1) < -SLACK * limit.size:
@@ -224,9 +224,9 @@ def _may_pass(limit: JointLimit, at: _Way, ends: _Ends) -> bool:
     if not pace[0] > 0.0 > pace[1]:
         return False
     turn = sign_change(lambda x: float(limit.closing(at(x)[1])), 0.0, 1.0, *pace)
-    left = limit.room(at(turn)[0])
-    swing = min(limit.room(q0), limit.room(q1)) - left
-    return bool(left < DOUBT * swing)
+    room = limit.room(at(turn)[0])
+    swing = min(limit.room(q0), limit.room(q1)) - room
+    return bool(room < DOUBT * swing)
 
 
 def _followed(motion: Motion, limit: JointLimit, k: int, ends: _Ends) -> float | None:
@@ -293,6 +293,6 @@ def _quintic(
     Values q, rates v and accelerations a, each (2,), hold at the ends of a step of length h; 0
     makes a straight line.
     """
-    found = np.polynomial.Polynomial(
+    polynomial = np.polynomial.Polynomial(
         quintic(q, h * v, h * h * a) if h else [q[0], q[1] - q[0]])
-    return found, found.deriv()
+    return polynomial, polynomial.deriv()

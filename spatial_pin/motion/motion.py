@@ -208,9 +208,9 @@ class Motion(Tabular):
         fields = {"events": self.events, **self.__dict__}
         return {k: x for k, x in fields.items() if k not in ("_bodies", "_look")}
 
-    def __setstate__(self, kept: dict[str, Any]) -> None:
+    def __setstate__(self, fields: dict[str, Any]) -> None:
         """Take over what was copied or sent."""
-        self.__dict__.update(kept)
+        self.__dict__.update(fields)
         self.__post_init__()
 
     def __len__(self) -> int:
@@ -583,8 +583,8 @@ def first_samples(motion: AnyMotion, n: int) -> AnyMotion:
             return {key: cut(value) for key, value in x.items()}
         return x[:n] if isinstance(x, np.ndarray) and len(x) == len(motion) else x
 
-    kept = {f.name: cut(getattr(motion, f.name)) for f in fields(motion)}
-    return replace(motion, **{**kept, "events": [e for e in motion.events if e.row < n]})
+    parts = {f.name: cut(getattr(motion, f.name)) for f in fields(motion)}
+    return replace(motion, **{**parts, "events": [e for e in motion.events if e.row < n]})
 
 
 def made(**fields: Any) -> Motion:

@@ -57,8 +57,8 @@ class SparseSpaces:
             motions = np.linalg.qr(nearest(motions).T)[0].T
         self.null_space = motions
         motion = np.ones(len(motions)) @ motions
-        left, terms = np.abs(self.jacobian @ motion), abs(self.jacobian) @ np.abs(motion)
-        self.is_sure = bool(np.all(left <= TOLERANCES.nothing * terms.max(initial=1.0)))
+        residual, terms = np.abs(self.jacobian @ motion), abs(self.jacobian) @ np.abs(motion)
+        self.is_sure = bool(np.all(residual <= TOLERANCES.nothing * terms.max(initial=1.0)))
 
     @cached_property
     def _dependent(self) -> NDArray[np.intp]:

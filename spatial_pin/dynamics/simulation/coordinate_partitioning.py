@@ -87,10 +87,10 @@ class Freedoms:
                 return False
             rates = rates_of(kernel, (0,), 1)
             rates.speeds[:], rates.accelerations[:] = 1.0, 0.0
-            found = rates.solve(state.q, state.angles)
-            if found is None:
+            solved = rates.solve(state.q, state.angles)
+            if solved is None:
                 return False
-            motion: Array = (found.v / mechanism.velocity_scale)[None]
+            motion: Array = (solved.v / mechanism.velocity_scale)[None]
         self._rows = rows
         self._spaces[np.zeros((0, nv)).tobytes()] = motion / np.linalg.norm(motion)
         return True

@@ -156,15 +156,15 @@ class ForceFunctions:
         columns = IndependentCoordinates(
             np.vstack([rows, held, self._spins.rows * problem.scale]), problem.scale,
             evaluation.closure_error, self._free()).columns
-        found = problem.least_constraint.solve(
+        least = problem.least_constraint.solve(
             q, v, Bounded(a, ROUNDING * np.abs(a)), columns,
             problem.given(t, q, v, evaluation))
-        if found.pulled:
-            moving = np.abs(found.still / problem.scale).max(axis=0)
+        if least.pulled:
+            moving = np.abs(least.still / problem.scale).max(axis=0)
             names = problem.mechanism.coordinates
             moved = np.flatnonzero(moving > TOLERANCES.half_precision * moving.max())
             raise no_inertia(problem.mechanism, [names[v] for v in moved.tolist()])
-        return None if found.lost else found.z
+        return None if least.lost else least.z
 
 
 class Independent:
@@ -241,10 +241,10 @@ class Independent:
         Returns:
             The unknowns in them; None where no coordinates determine it.
         """
-        found = self.kernel.renew(t, y)
-        if found is None:
+        new = self.kernel.renew(t, y)
+        if new is None:
             return None
-        self.free, fresh, is_same = found
+        self.free, fresh, is_same = new
         if is_same:
             self.patience *= 2.0
         else:
@@ -269,10 +269,10 @@ class Independent:
         return State(self.problem.mechanism, q, v, closure_error=error, angles=angles)
 
     def _closed(self, t: float, y: Array) -> tuple[Array, Array, Array, float]:
-        found = self.kernel.place(t, y)
-        if found is None:
+        closed = self.kernel.place(t, y)
+        if closed is None:
             raise Lost
-        return found
+        return closed
 
     def samples(self, times: Array, unknowns: Array) -> SimulationSamples:
         """Return everything at times (N,) and unknowns (N, n), loops closed.
@@ -280,10 +280,10 @@ class Independent:
         Raises:
             Lost: they cannot be at one of them.
         """
-        found = self.kernel.samples(times, unknowns)
-        if found is None:
+        rows = self.kernel.samples(times, unknowns)
+        if rows is None:
             raise Lost
-        return found
+        return rows
 
     def energies(self, t: float, y: Array) -> Energies:
         """Return the energies at y."""
@@ -350,10 +350,10 @@ class Projected(Independent):
         """
         began = time.perf_counter()
         allowed = min(max(LEFT_OPEN, LOOSE * getattr(solver, "rtol", 0.0)), WIDE)
-        found = self.kernel.settle(np.array(solver.y), allowed)
-        if found is None:
+        settled = self.kernel.settle(np.array(solver.y), allowed)
+        if settled is None:
             return np.inf
-        solver.y, opened, corrections = found
+        solver.y, opened, corrections = settled
         solver.f = self(solver.t, solver.y)
         self.kernel.keep()
         steps, before, most, seconds, share = self.projection

@@ -46,7 +46,7 @@ STANDING = 200  # such steps in a row that show stagnation: stiff motions soon t
 
 
 def natural_units(
-    system: Independent, t: float, y: Array, left: float
+    system: Independent, t: float, y: Array, duration: float
 ) -> tuple[float, Array]:
     """Return the natural time T [s] and units (n,) of the unknowns of a motion that is at y.
 
@@ -64,10 +64,10 @@ def natural_units(
         system: its equations.
         t: when [s].
         y: (n,) unknowns.
-        left: how long it goes on [s].
+        duration: time to the end of the simulation [s].
 
     Returns:
-        T, and what counts as one of every unknown: 1 of coordinates and quaternions, 1/T of rates,
+        T, and the unit of every unknown: 1 of coordinates and quaternions, 1/T of rates,
         and an energy of work.
 
     Raises:
@@ -84,7 +84,7 @@ def natural_units(
         raise SpatialPinError(
             f"mechanism {mechanism.name!r}: at {t:.6g} s it moves so fast, or forces are so large, "
             f"that it changes within {1.0 / pace:.1g} s: numbers cannot tell how")
-    rate = max(pace / (2.0 * math.pi), 1.0 / (SLOWEST * left))
+    rate = max(pace / (2.0 * math.pi), 1.0 / (SLOWEST * duration))
     units = np.ones(len(y))
     units[n : 2 * n] = rate
     if problem.works:
@@ -107,7 +107,7 @@ class Differences:
 
     def __call__(self, t: float, y: Array) -> Array:
         """Return the (n, n) Jacobian at t, y."""
-        f, found = self._fun(t, y), self._last.copy()
+        f, slopes = self._fun(t, y), self._last.copy()
         steps = SLOPE_STEP * np.maximum(self._units, np.abs(y)) * np.isfinite(f).all()
         for j, h in enumerate(steps.tolist()):
             for step in (h, -h) if h else ():
@@ -115,10 +115,10 @@ class Differences:
                 moved[j] += step
                 column = (self._fun(t, moved) - f) / (moved[j] - y[j])
                 if np.isfinite(column).all():
-                    found[:, j] = column
+                    slopes[:, j] = column
                     break
-        self._last = found
-        return found.copy()
+        self._last = slopes
+        return slopes.copy()
 
 
 def first_step(
