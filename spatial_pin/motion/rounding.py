@@ -1,4 +1,4 @@
-"""Where a motion of a rounded file opens equations that the file's mechanism has left out."""
+"""The end of a motion of a rounded file, where its dropped equations open beyond the gap."""
 
 from __future__ import annotations
 

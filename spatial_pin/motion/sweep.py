@@ -191,7 +191,7 @@ def _values(mechanism: Mechanism, driver: str, given: Any, speed: Any) -> Array:
 def _hold_values(
     hold: Mapping[str, float] | Iterable[str] | None
 ) -> tuple[Mapping[str, float], tuple[str, ...]]:
-    """Return what is held at given values, and what by name: free bases beside values."""
+    """Return the coordinates held at given values, and the names that are held, bases included."""
     if isinstance(hold, Mapping):
         return hold, (BASE,)
     return {}, () if hold is None else tuple(names_of(hold, "hold"))
@@ -202,7 +202,7 @@ def _followed(
     given: Mapping[str, float], held: tuple[str, ...], accuracy: Accuracy, passes: bool,
     progress: bool,
 ) -> tuple[Mechanism, Followed, tuple[str, ...], list[Event]]:
-    """Return the samples of a sweep, as far as the branch goes.
+    """Return the samples of a sweep, up to the end of the branch.
 
     Returns:
         The mechanism, without the equations that a rounded file contradicts; the samples; what
@@ -245,7 +245,7 @@ def _events(
     tracker: PathTracker, result: Followed, driver: str, values: Array,
     released: Mapping[str, float] = NOTHING, gone: Iterable[str] = (),
 ) -> list[Event]:
-    """Tell of the drivers that do not stand where the guess has them, nor at rest.
+    """Return events for drivers that are not at their guess, or move.
 
     A coordinate that moves the only freedoms there are moves the drivers: that is no event. And of
     branch points that were passed.
@@ -278,7 +278,7 @@ def _events(
 
 
 def check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
-    """Refuse a word that is none of some.
+    """Refuse a word that is not in a list.
 
     Raises:
         ValueError: it is none.
@@ -335,7 +335,7 @@ def _motion(
 def _scaled(
     t: Array, c: Array, values: Array, speeds: Array, accels: Array | None
 ) -> tuple[Array, Array, Array | None]:
-    """Return rates, accelerations and, if the speed is the same all along, times."""
+    """Return rates, accelerations and, if the speed is constant, times."""
     speed = speeds[:, None]
     a = c * (speed * speed)
     if accels is not None:
@@ -345,7 +345,7 @@ def _scaled(
 
 
 def _near_limit(motion: Motion, t: Array) -> list[Event]:
-    """Report samples near a limit position, where joints move so fast that digits are lost."""
+    """Report samples near a limit position, where joints are so fast that digits are lost."""
     if not len(t):
         return []
     of_driver, slow = _sizes(motion.mechanism, motion.driver_name)
@@ -375,7 +375,7 @@ def _sizes(mechanism: Mechanism, driver: str) -> tuple[float, float]:
 
 
 def _drift(motion: Motion) -> list[Event]:
-    """Report where a motion that is not corrected to tolerance has left its closed loops."""
+    """Report the first sample that a fixed number of corrections left visibly open."""
     errors = motion.closure_error
     if not (max(errors.tolist(), default=0.0) if len(errors) < FEW else errors.max()) > DRIFTED:
         return []
@@ -387,7 +387,7 @@ def _drift(motion: Motion) -> list[Event]:
 
 
 def _time(values: Array, speed: float) -> Array | None:
-    """Return (value - first)/speed where that rises from sample to sample, else None."""
+    """Return (value - first)/speed if it rises from sample to sample, else None."""
     if speed == 0.0:
         return None
     if len(values) == 1:
@@ -398,13 +398,13 @@ def _time(values: Array, speed: float) -> Array | None:
 
 
 def crossed_event(value: float, row: int, at: str) -> Event:
-    """Return the event of a branch point that was passed, in words where."""
+    """Return the event of a branch point that was crossed, with its location as text."""
     return Event("branch point", value, row, f"branch point at {at}: branches cross; followed the "
                  "one that goes straight on")
 
 
 def stop_event(stop: Arrival, row: int, at: str, limit: str) -> Event:
-    """Return the event of what ended a motion, in words where, and of what a limit is."""
+    """Return the event that ended a motion, with its location and the kind of limit as text."""
     words = {"limit": limit, "singular": "singular configuration", "branch point": "branch point",
              "lost": "end of the followed path",
              "half turn": "end of a rotation vector, half a turn,",
@@ -459,7 +459,7 @@ def _error(
 
 
 def _far_out(mechanism: Mechanism, q: Array) -> str:
-    """Tell of the slide that is farthest out at a configuration, if out of all proportion."""
+    """Report the slide that is farthest out at a configuration, if it is absurdly far."""
     slides = [c for c in mechanism.coordinate_table.values() if c.unit == "m"]
     far = max(slides, key=lambda c: abs(coordinate_value(mechanism, c, q)), default=None)
     value = 0.0 if far is None else coordinate_value(mechanism, far, q)
