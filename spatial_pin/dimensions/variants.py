@@ -301,7 +301,7 @@ class TracedTree:
             number = self._tape.read(word)
             values.append(float(word if number is None else number))
             places.append(-1 if number is None else len(known))
-            known += [] if number is None else [number.place]
+            known += [] if number is None else [number.row]
         return _Words(np.array(values), np.array(places, dtype=np.intp))
 
     def _check(self) -> None:

@@ -9,7 +9,7 @@ class Faults:
     """What is wrong in a file that is read all the same, kind by kind."""
 
     def __init__(self) -> None:
-        self._found: dict[str, list[str]] = {}
+        self._named: dict[str, list[str]] = {}
 
     def note(self, kind: str, what: str = "") -> None:
         """Note a fault.
@@ -18,21 +18,21 @@ class Faults:
             kind: what is wrong and what was made of it.
             what: the link, joint or file that has it; "" where `kind` says it.
         """
-        found = self._found.setdefault(kind, [])
-        if what and what not in found:
-            found.append(what)
+        named = self._named.setdefault(kind, [])
+        if what and what not in named:
+            named.append(what)
 
     def notices(self, most: int | None = None) -> tuple[str, ...]:
         """Return a sentence for each kind, with all its faults or the first few."""
-        told = []
-        for kind, found in self._found.items():
-            named = ", ".join(found[:most])
-            rest = len(found) - len(found[:most])
+        sentences = []
+        for kind, names in self._named.items():
+            named = ", ".join(names[:most])
+            rest = len(names) - len(names[:most])
             more = f" and {rest} more" if rest else ""
-            told.append(f"{named}{more}: {kind}" if found else kind)
-        return tuple(told)
+            sentences.append(f"{named}{more}: {kind}" if names else kind)
+        return tuple(sentences)
 
-    def told(self) -> str:
+    def summary(self) -> str:
         """Return one line for a warning, "" where nothing is wrong."""
         notices = self.notices(NAMED_FAULTS)
         if len(notices) < 2:

@@ -106,8 +106,8 @@ def package_folders(name: str, folder: Path, packages: Mapping[str, Path]) -> It
         if parent.name == name or _manifest_name(parent) == name:
             yield parent
         yield parent / name
-    for place in dict.fromkeys(sys.path):  # where Python packages install robots' data
-        yield Path(place) / "cmeel.prefix" / "share" / name
+    for site in dict.fromkeys(sys.path):  # where Python packages install robots' data
+        yield Path(site) / "cmeel.prefix" / "share" / name
     yield Path(sys.prefix) / "share" / name
 
 
@@ -121,10 +121,10 @@ def _manifest_name(folder: Path) -> str:
     if not is_file(manifest):
         return ""
     try:
-        found = re.search(r"<name>\s*([\w.-]+)\s*</name>", read_text(manifest))
+        match = re.search(r"<name>\s*([\w.-]+)\s*</name>", read_text(manifest))
     except MechanismFileError:
         return ""
-    return found[1] if found else ""
+    return match[1] if match else ""
 
 
 def is_installed(folder: Path, packages: Mapping[str, Path]) -> bool:

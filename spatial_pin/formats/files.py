@@ -142,11 +142,11 @@ def list_mechanisms() -> list[str]:
 
 def library_titles() -> dict[str, tuple[str, str]]:
     """Return title and source of every library mechanism by name, without loading any."""
-    found = {}
+    titles = {}
     for name in list_mechanisms():
         table = tomllib.loads((library_folder() / f"{name}.toml").read_text(encoding="utf-8"))
-        found[name] = table.get("title", ""), table.get("source", "")
-    return found
+        titles[name] = table.get("title", ""), table.get("source", "")
+    return titles
 
 
 def load(
@@ -300,11 +300,11 @@ def _load_toml(request: Request) -> Mechanism:
                                      alone=not complete and "closures" not in top))
         stated = {key: x for key, x in tree.content.items()
                   if not complete or key not in (*LISTS, "drivers", "passive", "guess")}
-        content, left_out = merged(top.content, stated)
+        content, replaced = merged(top.content, stated)
     if mistakes:
         MechanismSpec(top, mistakes, Trust.of(path, request.packages, request.trusted))
         mistakes.tell()
-    return _made(content, file, tree.urdf, request, (*tree.notices, *left_out))
+    return _made(content, file, tree.urdf, request, (*tree.notices, *replaced))
 
 
 def _choosing_model(request: Request, file: Path, importer: Importer) -> Request:
@@ -356,6 +356,6 @@ def _made(
         refined = [name for name, x in tables.items() if isinstance(x, dict) and "type" in x]
         urdf = with_free_flyer(urdf, file, refined)
     made = mechanism_of(TomlTable(content, str(request.path)), file, urdf, request, faults)
-    if told := faults.told():
-        warn(f"{shown(request.path)}: {told}")
+    if summary := faults.summary():
+        warn(f"{shown(request.path)}: {summary}")
     return made

@@ -87,8 +87,8 @@ def _outcome(folder: Path, k: int, name: str) -> tuple[Array, Array] | str:
     try:
         if report.is_file():
             return _reason(report.read_text(encoding="utf-8"))
-        with np.load(target) as found:
-            points, corners, colours = found["points"], found["corners"], found["colours"]
+        with np.load(target) as arrays:
+            points, corners, colours = arrays["points"], arrays["corners"], arrays["colours"]
     except (OSError, ValueError, zipfile.BadZipFile):
         return "reading it does not end, or ends the process that reads it"
     if not np.all(np.isfinite(points)):
@@ -107,8 +107,8 @@ def _outcome(folder: Path, k: int, name: str) -> tuple[Array, Array] | str:
 def _reason(text: str) -> str:
     """Return what the reader says, without where in its sources it says it."""
     lines = text.split("message:")[-1].strip().splitlines() or ["for no reason that it tells"]
-    told = [line for line in lines if not line.startswith(("Could not load resource", "Hint:"))]
-    return " ".join((told or lines)[0].split())[:200]
+    printed = [line for line in lines if not line.startswith(("Could not load resource", "Hint:"))]
+    return " ".join((printed or lines)[0].split())[:200]
 
 
 # ---------------------------------------------------------------- where they lie

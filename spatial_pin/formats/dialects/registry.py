@@ -49,8 +49,8 @@ LEFT: dict[str, Reader] = {  # they stay in the URDF
 }
 BESIDE: tuple[tuple[Callable[[Path], Path | None], Callable[[Path], bool],
                     Callable[[Path, RobotReading], None]], ...] = (  # where is it, is it, read
-    (yaml_loops.robot_beside, yaml_loops.is_robot, yaml_loops.read_robot),
-    (yaml_loops.closures_beside, yaml_loops.is_closures, yaml_loops.read_closures),
+    (yaml_loops.robot_file, yaml_loops.is_robot, yaml_loops.read_robot),
+    (yaml_loops.closures_file, yaml_loops.is_closures, yaml_loops.read_closures),
 )
 
 
@@ -113,12 +113,12 @@ def _ends(element: ET.Element, links: Collection[str]) -> list[str]:
     return []
 
 
-def read_dialects(reading: RobotReading, beside: Path | None = None) -> None:
+def read_dialects(reading: RobotReading, loops_file: Path | None = None) -> None:
     """Read all that states loops and motors in a robot and beside its file.
 
     Args:
         reading: the robot.
-        beside: a file beside it, if that is known; else it is looked for.
+        loops_file: a file beside it, if that is known; else it is looked for.
     """
     for element in reading.take(lambda e: local(e) == "joint" and is_prefixed(e)):
         drake.read_joint(element, reading)
@@ -131,7 +131,8 @@ def read_dialects(reading: RobotReading, beside: Path | None = None) -> None:
     urdf_loops.read_independent(reading)
     urdf_loops.read_closing_frames(reading)
     for file_of, states, read in BESIDE:
-        path = beside if beside is not None and states(beside) else file_of(reading.path)
+        is_known = loops_file is not None and states(loops_file)
+        path = loops_file if is_known else file_of(reading.path)
         if path is not None:
             read(path, reading)
     refuse_unread(reading)

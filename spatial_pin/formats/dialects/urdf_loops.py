@@ -82,8 +82,8 @@ def read_coupling(element: ET.Element, reading: RobotReading) -> None:
     links = [link for link, _ in _ends(element, reading)]
     chains = reading.between(links)
     if [len(chain) for chain in chains] != [1, 1]:
-        found = " and ".join(f"{len(chain)} ({', '.join(chain) or 'none'})" for chain in chains)
-        raise reading.fail(element, f"couples {links[0]!r} and {links[1]!r}, with {found} joints "
+        joints = " and ".join(f"{len(chain)} ({', '.join(chain) or 'none'})" for chain in chains)
+        raise reading.fail(element, f"couples {links[0]!r} and {links[1]!r}, with {joints} joints "
                                     "between them and the link that carries both; only one and "
                                     "one can be coupled")
     reading.add("closures", {"name": reading.name_of(element), "type": "coupling", "ratio": value,
@@ -102,11 +102,11 @@ def read_independent(reading: RobotReading) -> None:
 def _ends(element: ET.Element, reading: RobotReading) -> list[tuple[str, pin.SE3]]:
     ends = []
     for names in ENDS:
-        found = next((e for e in element if e.tag in names), None)
-        if found is None:
+        end = next((e for e in element if e.tag in names), None)
+        if end is None:
             raise reading.fail(element, f"has no <{names[0]} link=...>")
-        link = reading.link(found.get("link") or found.get("name"), element)
-        ends.append((link, placement(found.find("origin"), reading.where(element))))
+        link = reading.link(end.get("link") or end.get("name"), element)
+        ends.append((link, placement(end.find("origin"), reading.where(element))))
     return ends
 
 
@@ -125,10 +125,10 @@ def read_constraint(element: ET.Element, reading: RobotReading) -> None:
     kind = OTHERS[stated] if stated in OTHERS else reading.pair(element)
     ends, axes = [], list[Array]()
     for side in SIDES:
-        found = element.find(side)
-        if found is None:
+        named = element.find(side)
+        if named is None:
             raise reading.fail(element, f"has no <{side} link=...>")
-        link = reading.link(found.get("link"), element)
+        link = reading.link(named.get("link"), element)
         ends.append((link, placement(element.find(f"{side}_origin"), reading.where(element))))
         own = element.find(f"{side}_axis")
         own = own if own is not None else element.find("axis")
@@ -143,13 +143,13 @@ def read_constraint(element: ET.Element, reading: RobotReading) -> None:
 
 def read_loop_joint(element: ET.Element, reading: RobotReading) -> None:
     """Read a `<loop_joint>`."""
-    found = [e for e in element if e.tag in ("link1", "link2")]
-    if len(found) != 2:
-        raise reading.fail(element, f"joins {len(found)} links; it needs <link1> and <link2>")
-    found.sort(key=lambda e: str(e.tag))  # <link1> first, the order of two alike stays
+    links_named = [e for e in element if e.tag in ("link1", "link2")]
+    if len(links_named) != 2:
+        raise reading.fail(element, f"joins {len(links_named)} links; it needs <link1> and <link2>")
+    links_named.sort(key=lambda e: str(e.tag))  # <link1> first, the order of two alike stays
     axis = reading.axis(element.find("axis"), element)
     where = reading.where(element)
-    ends = [(reading.link(e.get("link"), element), placement(e, where)) for e in found]
+    ends = [(reading.link(e.get("link"), element), placement(e, where)) for e in links_named]
     reading.close(reading.name_of(element), reading.pair(element), "Isaac <loop_joint>", ends,
                   (axis, axis))
 
@@ -157,7 +157,7 @@ def read_loop_joint(element: ET.Element, reading: RobotReading) -> None:
 def read_closing_frames(reading: RobotReading) -> None:
     """Read the closing frames of a robot."""
     links = reading.links
-    names = dict.fromkeys(found["name"] for found in map(FRAME.fullmatch, links) if found)
+    names = dict.fromkeys(match["name"] for match in map(FRAME.fullmatch, links) if match)
     world = reading.world if names else {}
     for name in names:
         pair = [f"closing_{name}_{side}" for side in (1, 2)]

@@ -107,14 +107,14 @@ def urdf_of(path: Path, trust: Trust | None = None) -> Path:
     own = path.with_suffix(".urdf")
     if is_file(own):
         return own
-    found = sorted(path.parent.glob("*.urdf"))
-    if len(found) != 1:
-        raise MechanismFileError(f"{shown(path)}: {len(found)} .urdf files beside it, none of its "
+    files = sorted(path.parent.glob("*.urdf"))
+    if len(files) != 1:
+        raise MechanismFileError(f"{shown(path)}: {len(files)} .urdf files beside it, none of its "
                                  f"name; write \"urdf: NAME.urdf\" into it")
-    return found[0]
+    return files[0]
 
 
-def robot_beside(urdf: Path) -> Path | None:
+def robot_file(urdf: Path) -> Path | None:
     """Return the YAML file beside a URDF that is about it."""
     own = [urdf.with_suffix(ending) for ending in ENDINGS]
     shared = [urdf.parent / f"robot{ending}" for ending in ENDINGS]
@@ -191,7 +191,7 @@ def _read_types(lists: dict[str, list[Any]], path: Path, reading: RobotReading) 
                                      "SPHERICAL, FIXED, UJOINT_XY and the like")
 
 
-def closures_beside(urdf: Path) -> Path | None:
+def closures_file(urdf: Path) -> Path | None:
     """Return the file that is about a URDF: beside it, or in the package of its `urdf` folder."""
     folders, home = [urdf.parent], urdf.parent
     if urdf.parent.name == "urdf":

@@ -167,26 +167,26 @@ class _Writer:
         """Return the name of a link in the URDF."""
         return self.ground if link == WORLD else link
 
-    def frame(self, wanted: str, link: str, place: pin.SE3) -> str:
+    def frame(self, wanted: str, link: str, placement: pin.SE3) -> str:
         """Return the name of a link that stands at a place on another, that itself if it does."""
-        if place.isIdentity(0.0):
+        if placement.isIdentity(0.0):
             return self.link_of(link)
         name = fresh(wanted, self.taken)
         ET.SubElement(self.robot, "link", name=name)
         mount = fresh(f"{name}_mount", self.taken)
-        joint_element(self.robot, mount, "fixed", self.link_of(link), name, place)
+        joint_element(self.robot, mount, "fixed", self.link_of(link), name, placement)
         return name
 
     def base(self, root: Link) -> None:
         """Let a root float in the world, or hold it, where the file draws it."""
         name = fresh(BASE if root.name == self.tree.roots[0] else f"{BASE}_{root.name}", self.taken)
-        place = root.placement if root.placement is not None else pin.SE3.Identity()
+        placement = root.placement if root.placement is not None else pin.SE3.Identity()
         if self.graph.held:
-            self.bodies[root.name] = WORLD, place
+            self.bodies[root.name] = WORLD, placement
         else:
             self.bases.append(f"link {root.name!r} (joint {name!r})")
         kind = "fixed" if self.graph.held else "floating"
-        joint_element(self.robot, name, kind, self.ground, root.name, place)
+        joint_element(self.robot, name, kind, self.ground, root.name, placement)
 
     def joint(self, joint: GraphJoint) -> None:
         """Write a joint of the tree, and what hangs on it."""
@@ -196,9 +196,9 @@ class _Writer:
                 f"joint {joint.name!r} is walked from {joint.parent!r} to {joint.child!r}, against "
                 f"the file: its coordinates are those of the inverse motion")
         if joint.type == "fixed":
-            body, place = self.bodies[joint.parent]
+            body, on_body = self.bodies[joint.parent]
             on_parent = joint.on_parent * joint.on_child.inverse()
-            self.bodies[joint.child] = body, place * on_parent
+            self.bodies[joint.child] = body, on_body * on_parent
         else:
             on_parent = joint.on_parent
             self.bodies[joint.child] = joint.child, pin.SE3.Identity()
@@ -239,9 +239,9 @@ class _Writer:
 
     def closure(self, joint: GraphJoint) -> None:
         """Write the closure that a cut joint becomes."""
-        (one, place1), (two, place2) = self.bodies[joint.parent], self.bodies[joint.child]
+        (one, on1), (two, on2) = self.bodies[joint.parent], self.bodies[joint.child]
         if one == two:
-            self.check_redundant(joint, place1 * joint.on_parent, place2 * joint.on_child)
+            self.check_redundant(joint, on1 * joint.on_parent, on2 * joint.on_child)
             self.notices.append(f"joint {joint.name!r} joins links that are fixed to each other "
                                 "already: it is left out")
             return
@@ -258,8 +258,9 @@ class _Writer:
                  if isinstance(table, dict)]
         table: dict[str, Any] = {
             "name": unique(joint.name, known), "frames": [
-                self.frame(f"{joint.name}_on_{self.link_of(link)}", link, place)
-                for link, place in ((joint.parent, joint.on_parent), (joint.child, joint.on_child))
+                self.frame(f"{joint.name}_on_{self.link_of(link)}", link, placement)
+                for link, placement in ((joint.parent, joint.on_parent),
+                                        (joint.child, joint.on_child))
             ], **_pair_table(joint)}
         self.closures.append(table)
         lost = [f"{key} {getattr(joint, key):g}" for key in (*RESISTANCES, "stiffness")

@@ -119,8 +119,8 @@ def _texts(value: Any) -> Iterator[str]:
     """Yield all texts in tables, lists and texts."""
     waiting = [value]
     while waiting:
-        found = waiting.pop()
-        if isinstance(found, str):
-            yield found
-        elif isinstance(found, dict | list | tuple):
-            waiting += found.values() if isinstance(found, dict) else found
+        element = waiting.pop()
+        if isinstance(element, str):
+            yield element
+        elif isinstance(element, dict | list | tuple):
+            waiting += element.values() if isinstance(element, dict) else element

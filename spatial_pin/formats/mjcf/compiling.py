@@ -62,10 +62,10 @@ def compiled(
     try:
         with _listening(mujoco, heard):
             spec = mujoco.MjSpec.from_file(str(path))
-            left_out = _leave_out(mujoco, spec, without, shown(path))
+            notice = _leave_out(mujoco, spec, without, shown(path))
             meshes, massless, notices = _without_meshes(mujoco, spec, folders, trust)
             model = spec.compile()
-        return model, meshes, massless, [*left_out, *dict.fromkeys(heard), *notices]
+        return model, meshes, massless, [*notice, *dict.fromkeys(heard), *notices]
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         reason = " ".join(str(error).split())
         raise MechanismFileError(f"{shown(path)}: MuJoCo cannot read it: {reason}") from error

@@ -83,7 +83,7 @@ class MjcfReading:
             if wanted == bodies[body] and placement.isIdentity(0.0):
                 self.sites[site] = self.links[body]
             elif wanted:
-                known = {*self.links, *(place.name for place in self.joints)}
+                known = {*self.links, *(joint.name for joint in self.joints)}
                 wanted = wanted if wanted not in known else f"{wanted}_site"
                 self.sites[site] = self.urdf.frame(wanted, self.links[body], placement)
         for geom in range(model.ngeom):
@@ -200,8 +200,8 @@ def _of_actuators(reading: MjcfReading, joint: int, key: str) -> float:
 
 def moves_joint(reading: MjcfReading) -> Array:
     """Return which actuators act on a joint and not through something else."""
-    kinds, found = reading.mujoco.mjtTrn, reading.model.actuator_trntype
-    return (found == int(kinds.mjTRN_JOINT)) | (found == int(kinds.mjTRN_JOINTINPARENT))
+    kinds, target = reading.mujoco.mjtTrn, reading.model.actuator_trntype
+    return (target == int(kinds.mjTRN_JOINT)) | (target == int(kinds.mjTRN_JOINTINPARENT))
 
 
 def _effort(reading: MjcfReading, joint: int) -> dict[str, float]:
@@ -276,9 +276,9 @@ def _mesh(reading: MjcfReading, geom: int) -> tuple[str, dict[str, str], pin.SE3
     name = model.mesh(mesh).name
     file, scale, placement, fault = reading.meshes[name]
     if file is None:
-        told = f"mesh {name!r} is left out: {fault}"
-        if fault and told not in reading.notices:
-            reading.notices.append(told)
+        sentence = f"mesh {name!r} is left out: {fault}"
+        if fault and sentence not in reading.notices:
+            reading.notices.append(sentence)
         return None
     centred = pose(model.mesh_pos[mesh], model.mesh_quat[mesh])  # by MuJoCo
     sizes = {"filename": str(file), "scale": numbers_text(scale)}
@@ -291,13 +291,13 @@ def _mesh(reading: MjcfReading, geom: int) -> tuple[str, dict[str, str], pin.SE3
 def fixed_lengths(reading: MjcfReading, tendon: int) -> dict[int, float]:
     """Return what each joint adds to the length of a fixed tendon; none of a spatial one."""
     model = reading.model
-    found: dict[int, float] = {}
+    lengths: dict[int, float] = {}
     for k in range(model.tendon_adr[tendon], model.tendon_adr[tendon] + model.tendon_num[tendon]):
         if model.wrap_type[k] != int(reading.mujoco.mjtWrap.mjWRAP_JOINT):
             return {}
         joint = int(model.wrap_objid[k])
-        found[joint] = found.get(joint, 0.0) + float(model.wrap_prm[k])
-    return found
+        lengths[joint] = lengths.get(joint, 0.0) + float(model.wrap_prm[k])
+    return lengths
 
 
 def straight_sites(reading: MjcfReading, tendon: int) -> list[int]:

@@ -82,7 +82,7 @@ def _scoped(element: ET.Element, scope: str) -> ET.Element:
             part.set("joint", _name(part.get("joint", ""), scope))
         if moved.tag != "plugin" and (local(part) in TEXTS or local(part).endswith(ENDS)):
             part.text = _name((part.text or "").strip(), scope)
-    _place(moved, scope)
+    _move_into(moved, scope)
     return moved
 
 
@@ -93,7 +93,7 @@ def _name(name: str, scope: str) -> str:
     return scope if name in ("", MODEL) else f"{scope}{SCOPE}{name}"
 
 
-def _place(moved: ET.Element, scope: str) -> None:
+def _move_into(moved: ET.Element, scope: str) -> None:
     """Put the inner model's frame where an element is placed or turned by it without a word."""
     if moved.tag == "frame" and not moved.get("attached_to"):
         moved.set("attached_to", scope)
@@ -145,8 +145,8 @@ def _plain(text: str) -> str:
 def _version(root: ET.Element, path: Path) -> tuple[int, int]:
     if root.tag != "sdf":
         raise MechanismFileError(f"{path}: the root element is <{root.tag}>, not <sdf>")
-    found = re.fullmatch(r"\s*(\d+)\.(\d+)(\.\d+)?\s*", root.get("version", ""))
-    version = (int(found[1]), int(found[2])) if found else (0, 0)
+    match = re.fullmatch(r"\s*(\d+)\.(\d+)(\.\d+)?\s*", root.get("version", ""))
+    version = (int(match[1]), int(match[2])) if match else (0, 0)
     if not OLDEST <= version <= NEWEST:
         raise MechanismFileError(
             f"{path}: SDFormat version {root.get('version', '')!r}; versions "

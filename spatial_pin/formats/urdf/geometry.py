@@ -41,7 +41,7 @@ class Shape:
         kind: "visual" or "collision".
         link: whose it is.
         name: of its geometry object.
-        place: in the link's frame.
+        placement: in the link's frame.
         solid: a name of SIZES.
         sizes: the numbers of SIZES [m], of a mesh its scale along x, y and z.
         file: of a mesh, as the URDF names it.
@@ -55,7 +55,7 @@ class Shape:
     kind: str
     link: str
     name: str
-    place: pin.SE3
+    placement: pin.SE3
     solid: str
     sizes: tuple[float, ...]
     file: str = ""
@@ -87,12 +87,12 @@ def geometry_of(
             path = str(shape.path) if is_mesh else shape.solid.upper()
             painted = is_mesh and any(colour for _, colour in mesh_colours(path))
             geometry.addGeometryObject(pin.GeometryObject(
-                shape.name, frame.parentJoint, k, frame.placement * shape.place, solid, path,
+                shape.name, frame.parentJoint, k, frame.placement * shape.placement, solid, path,
                 np.array(shape.sizes) if is_mesh else np.ones(3),
                 shape.colour is not None and (shape.overrides or not painted),
                 np.array(shape.colour or NO_COLOUR), ""))
-    if faults.told():
-        warn(f"{where}: {faults.told()}")
+    if faults.summary():
+        warn(f"{where}: {faults.summary()}")
     return geometry
 
 
@@ -103,12 +103,12 @@ def _solid(
         return SOLIDS[shape.solid](*shape.sizes)
     if shape.path is None:  # as was told when it was sought
         return None
-    found = read[str(shape.path)]
-    if isinstance(found, str):
+    mesh = read[str(shape.path)]
+    if isinstance(mesh, str):
         faults.note("left out",
-                    f"link {shape.link!r}: mesh {shown(shape.file)!r} cannot be read ({found})")
+                    f"link {shape.link!r}: mesh {shown(shape.file)!r} cannot be read ({mesh})")
         return None
-    points, corners = found
+    points, corners = mesh
     solid = coal.BVHModelOBBRSS()
     solid.beginModel(len(corners), len(points))
     solid.addVertices(points * np.array(shape.sizes))
@@ -139,7 +139,7 @@ def take_shapes(
         for kind in KINDS:
             count = 0
             for element in link.findall(kind):
-                place = placement(element.find("origin"), where)
+                own = placement(element.find("origin"), where)
                 colour = materials.of(element, where) if kind == "visual" else None
                 solid = next((x for x in element.iterfind("geometry/*") if x.tag in SIZES), None)
                 if solid is None:
@@ -151,7 +151,7 @@ def take_shapes(
                         and element.get("name") in capsules:
                     tag = "capsule"  # as Pinocchio's users write it
                 overrides = element.find("material[@override='true']") is not None
-                shape = Shape(kind, name, f"{name}_{count}", place, tag, _sizes(solid, where),
+                shape = Shape(kind, name, f"{name}_{count}", own, tag, _sizes(solid, where),
                               colour=colour, overrides=overrides)
                 if solid.tag == "mesh":
                     shape = _sought(shape, solid, folder, trust, faults)
@@ -177,13 +177,13 @@ def _sizes(solid: ET.Element, where: str) -> tuple[float, ...]:
             return (1.0, 1.0, 1.0)
         given = numbers(solid, "scale", count if count > 3 or count == 1 else 3, where).tolist()
         return tuple((given * 3)[:3])
-    found: list[float] = []
+    sizes: list[float] = []
     for attribute, count in SIZES[solid.tag].items():
         values = numbers(solid, attribute, count, where)
         if np.any(values < 0.0):
             raise MechanismFileError(f"{where}: <{solid.tag}> has a negative {attribute}")
-        found += values.tolist()
-    return tuple(found)
+        sizes += values.tolist()
+    return tuple(sizes)
 
 
 def _sought(

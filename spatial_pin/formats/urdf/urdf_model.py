@@ -180,8 +180,8 @@ def _whole(inertial: ET.Element) -> ET.Element:
     whole = ET.Element("inertial")
     whole.extend(map(_normal, inertial.findall("origin")[:1]))
     for tag, key in INERTIAL:
-        found, stated = whole.find(tag), inertial.find(tag)
-        element = ET.SubElement(whole, tag) if found is None else found
+        own, stated = whole.find(tag), inertial.find(tag)
+        element = ET.SubElement(whole, tag) if own is None else own
         element.set(key, "0" if stated is None else _normal(stated).get(key, "0"))
     return whole
 
@@ -284,12 +284,12 @@ def urdf_order(robot: ET.Element) -> list[str]:
         above.setdefault(end_of(joint, "parent"), []).append(joint)
     children = {end_of(joint, "child") for joint in robot.findall("joint")}
     todo = [joint for link, joints in above.items() if link not in children for joint in joints]
-    found = []
+    names = []
     while todo:
         joint = todo.pop()
-        found.append(joint.get("name", ""))
+        names.append(joint.get("name", ""))
         todo += above.get(end_of(joint, "child"), [])
-    return found
+    return names
 
 
 def _ordered(model: pin.Model, order: Sequence[str], where: str) -> list[int]:
@@ -302,14 +302,14 @@ def _ordered(model: pin.Model, order: Sequence[str], where: str) -> list[int]:
         if name not in names[1:]:
             raise MechanismFileError(f"{where}: order: no joint that moves is named {name!r}; "
                                      f"{suggestion(name, names[1:])}")
-    found = sorted(range(1, model.njoints), key=lambda i: wanted.get(names[i], -1))
-    places = {joint: k for k, joint in enumerate(found)}
-    for joint in found:
+    numbers = sorted(range(1, model.njoints), key=lambda i: wanted.get(names[i], -1))
+    places = {joint: k for k, joint in enumerate(numbers)}
+    for joint in numbers:
         parent = model.parents[joint]
         if parent and places[parent] > places[joint]:
             raise MechanismFileError(f"{where}: order: {names[joint]!r} comes before "
                                      f"{names[parent]!r}, on which it hangs")
-    return found
+    return numbers
 
 
 def joint_axes(
@@ -330,20 +330,20 @@ def joint_axes(
     axis2 = refined.axis2 if refined and refined.axis2 is not None else np.array([0.0, 1.0, 0.0])
     axis = unit(axis)
     kind = refined.type if refined is not None else None
-    said = refined.where if refined and refined.where else where
+    source = refined.where if refined and refined.where else where
     if element.get("type") == "planar" and kind not in (None, "planar"):
         normal = numbers(tag, "xyz", 3, where) if tag is not None else np.array(URDF_AXIS)
         cosine, turns = abs(float(axis @ unit(normal))), kind == "revolute"
         if abs(cosine - turns) > 1e-9:
             raise MechanismFileError(
-                f"{said} is planar in the URDF: a {kind} pair in it must have its axis "
+                f"{source} is planar in the URDF: a {kind} pair in it must have its axis "
                 f"{'about' if turns else 'square to'} the plane's normal; make it \"floating\" "
                 "there")
     if pair.uses_axis2:
         axis2 = unit(axis2)
         if abs(axis @ axis2) > 1e-9:
             raise MechanismFileError(
-                f"{said}: the pins {axis} and {axis2} of a universal joint must be perpendicular"
+                f"{source}: the pins {axis} and {axis2} of a universal joint must be perpendicular"
             )
     return axis, axis2
 

@@ -182,7 +182,7 @@ def check_links(robot: ET.Element, path: Path, faults: Faults) -> dict[str, pin.
 
 
 def _inertia(inertial: ET.Element, where: str, faults: Faults, name: str) -> pin.Inertia:
-    place = placement(inertial.find("origin"), where)
+    centre = placement(inertial.find("origin"), where)
     values, missing = [], []
     for tag, key in INERTIAL:
         element = inertial.find(tag)
@@ -200,11 +200,11 @@ def _inertia(inertial: ET.Element, where: str, faults: Faults, name: str) -> pin
             f"{1.0 / LIGHTEST:g} kg can be worked with")
     matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     with np.errstate(over="ignore", invalid="ignore"):
-        turned = place.rotation @ matrix @ place.rotation.T
+        turned = centre.rotation @ matrix @ centre.rotation.T
     if not np.all(np.abs(turned) <= 1.0 / LIGHTEST):
         raise MechanismFileError(f"{where}: its moments of inertia are above {1.0 / LIGHTEST:g} "
                                  "kg·m², more than can be worked with")
-    return inertia_as_given(mass, place.translation, turned)
+    return inertia_as_given(mass, centre.translation, turned)
 
 
 def check_joint(joint: ET.Element, path: Path, faults: Faults) -> None:

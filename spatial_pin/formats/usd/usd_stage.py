@@ -107,15 +107,15 @@ class UsdStage:
         """Return the (count,) numbers of an attribute."""
         value = attribute.Get() if attribute else None
         try:
-            found = np.array(value, dtype=float).reshape(-1)
+            row = np.array(value, dtype=float).reshape(-1)
         except (TypeError, ValueError):
-            found = np.empty(0)
-        usable = ~np.isnan(found) if infinite else np.isfinite(found)
-        if found.size != count or not np.all(usable):
+            row = np.empty(0)
+        usable = ~np.isnan(row) if infinite else np.isfinite(row)
+        if row.size != count or not np.all(usable):
             raise MechanismFileError(
                 f"{self.where}: {attribute.GetPath()} is {str(value)[:80]}; it must be "
                 f"{'a number' if count == 1 else f'{count} numbers'}")
-        return found
+        return row
 
     def number(self, attribute: Any) -> float:
         """Return the number of an attribute, which may be infinite."""
@@ -276,8 +276,8 @@ def quietly(path: Path) -> Iterator[None]:
     try:
         yield
     except Tf.ErrorException as error:
-        said = re.findall(r" : '(.*?)'\s*(?:Error in|$)", " ".join(_text(error).split()))
-        reason = (said[0] if said else "it is no USD").replace(str(path), path.name)[:300]
+        reasons = re.findall(r" : '(.*?)'\s*(?:Error in|$)", " ".join(_text(error).split()))
+        reason = (reasons[0] if reasons else "it is no USD").replace(str(path), path.name)[:300]
         raise MechanismFileError(f"{shown(path)}: USD cannot read it: {reason}") from error
     finally:
         delegate.TakeUncoalescedDiagnostics()

@@ -123,7 +123,7 @@ def traced(
     """
     tape = Tape(arguments)
     mappings = {name: xacro_text(value) for name, value in parameters.items()}
-    mappings |= {name: tape.text(place) for place, name in enumerate(arguments)}
+    mappings |= {name: tape.text(row) for row, name in enumerate(arguments)}
     return Expansion(path, trusted, packages, tape).text(mappings), tape
 
 
@@ -221,13 +221,13 @@ class XacroFiles:
     def package(self, name: str) -> str:
         """Return the folder of a package."""
         folder = Path(self.file).parent.resolve()
-        found = next((p for p in package_folders(name, folder, self.packages)
+        root = next((p for p in package_folders(name, folder, self.packages)
                       if os.path.isdir(p)), None)
-        if found is None:
+        if root is None:
             raise RefusedError(f"no package {name!r}: neither round this file nor below the "
                                "folders of ROS_PACKAGE_PATH or AMENT_PREFIX_PATH; say where it "
                                f"lies: load(..., packages={{{name!r}: FOLDER}})")
-        return str(found.resolve())
+        return str(root.resolve())
 
     def absolute(self, name: str, file: str | None = None) -> str:
         """Return the path of a file that is named in the file being read."""
@@ -293,9 +293,9 @@ class XacroFiles:
         from spatial_pin.formats.xacro.yaml_files import read_yaml
 
         path = self.confined(self.absolute(name))
-        found = read_yaml(path, lambda text: evaluate(text, GLOBALS, self.budget))
-        measure(found, self.budget)
-        return self.xacro.YamlListWrapper.wrap(found)
+        content = read_yaml(path, lambda text: evaluate(text, GLOBALS, self.budget))
+        measure(content, self.budget)
+        return self.xacro.YamlListWrapper.wrap(content)
 
     def environment(self, name: str) -> str:
         """Return an environment variable; a file that is not trusted learns of none."""
@@ -452,10 +452,10 @@ class Expansion(XacroFiles):
             stack += children
         siblings = parent.childNodes
         self.budget.spend(PLACE + len(siblings) // SIBLINGS)
-        place = siblings.index(node)
+        index = siblings.index(node)
         for one in several if content_only else ():
             one.childNodes = type(siblings)()
-        siblings[place:place + 1] = new
+        siblings[index:index + 1] = new
         _link([node.previousSibling, *new, node.nextSibling])
         for one in new:
             one.parentNode = parent
@@ -536,7 +536,7 @@ def _own_xacro(expansion: Expansion) -> ModuleType:
 def _functions(expansion: Expansion, module: Any) -> dict[str, Any]:
     """Return the functions of the namespace `xacro`, some also by themselves, as of old."""
 
-    def told(budget: Budget, *words: Any, **_: Any) -> str:
+    def message(budget: Budget, *words: Any, **_: Any) -> str:
         text = " ".join(expansion.text_of(word) for word in words)
         warn(f"{shown(expansion.file)}: {text}")
         return ""
@@ -555,8 +555,8 @@ def _functions(expansion: Expansion, module: Any) -> dict[str, Any]:
         "abs_filename": lambda budget, name: expansion.absolute(name),
         "dotify": lambda budget, entries: module.YamlDictWrapper(entries),
         "arg": lambda budget, name: expansion.argument(name),
-        "message": told, "warning": told, "error": told, "fatal": fatal, "tokenize": tokenize,
-        "print_location": lambda budget: "",
+        "message": message, "warning": message, "error": message, "fatal": fatal,
+        "tokenize": tokenize, "print_location": lambda budget: "",
     }
     offered = {name: Offered(f"xacro.{name}", run) for name, run in runs.items()}
     old = {name: offered[name] for name in ("load_yaml", "abs_filename", "dotify")}

@@ -64,8 +64,8 @@ def _evaluated(
         xacro.process_doc(document, mappings=dict(given))
 
     expansion.guarded(process)
-    found = document.getElementsByTagName("dimension")
-    return {e.getAttribute("name"): e.getAttribute("value") for e in found}
+    elements = document.getElementsByTagName("dimension")
+    return {e.getAttribute("name"): e.getAttribute("value") for e in elements}
 
 
 # ---------------------------------------------------------------- numbers written with them
