@@ -149,17 +149,17 @@ def _refuse(where: str, kinds: list[str], value: Any) -> None:
     own = [kind for kind in kinds if kind in MADE_BY]
     if own and set(kinds) <= {*own, "None"}:
         a = "an" if own[0][0] in "AEIO" else "a"
-        said = f"{_beginning(value)[:40]!r} of type " if isinstance(value, str) else ""
-        raise TypeError(f"{where}: {a} {' or '.join(own)} is needed, not {said}"
+        text = f"{_beginning(value)[:40]!r} of type " if isinstance(value, str) else ""
+        raise TypeError(f"{where}: {a} {' or '.join(own)} is needed, not {text}"
                         f"{type(value).__name__}: {MADE_BY[own[0]]}")
-    asked = [f"a {kind}" if kind in MADE_BY else KINDS[kind][1] for kind in kinds]
-    asked = list(dict.fromkeys(asked))
-    words = ", ".join(asked[:-1]) + " or " * (len(asked) > 1) + asked[-1]
+    needed = [f"a {kind}" if kind in MADE_BY else KINDS[kind][1] for kind in kinds]
+    needed = list(dict.fromkeys(needed))
+    words = ", ".join(needed[:-1]) + " or " * (len(needed) > 1) + needed[-1]
     error = ValueError if {"float", "int"} & set(kinds) else TypeError
-    raise error(f"{where} must be {words}, not {_told(value)}")
+    raise error(f"{where} must be {words}, not {_shown(value)}")
 
 
-def _told(value: Any) -> str:
+def _shown(value: Any) -> str:
     if isinstance(value, str | bytes | bool | int | float | complex | type(None)):
         return _beginning(repr(value))
     return f"{_beginning(value)!r} of type {type(value).__name__}"
@@ -197,7 +197,7 @@ def checked(function: Function) -> Function:
     known: set[tuple[Any, ...]] = set()  # classes of arguments that need not be asked any more
 
     @functools.wraps(function)
-    def asked(*args: Any, **given: Any) -> Any:
+    def call(*args: Any, **given: Any) -> Any:
         classes = *map(type, args), *given, *map(type, given.values())
         if classes in known:
             return function(*args, **given)
@@ -218,7 +218,7 @@ def checked(function: Function) -> Function:
             known.add(classes)
         return function(*args, **(given | whole))
 
-    return cast(Function, asked)
+    return cast(Function, call)
 
 
 # ---------------------------------------------------------------- values
@@ -304,12 +304,12 @@ def names_of(values: Any, what: str) -> list[str]:
     if isinstance(values, str):
         return [values]
     if not _is_several(values):
-        raise TypeError(f"{what} must be names, not {_told(values)}")
-    found = list(values)
-    for name in found:
+        raise TypeError(f"{what} must be names, not {_shown(values)}")
+    names = list(values)
+    for name in names:
         if not isinstance(name, str):
-            raise TypeError(f"{what} must be names, not {_told(name)}")
-    return found
+            raise TypeError(f"{what} must be names, not {_shown(name)}")
+    return names
 
 
 def rows_of(table: Any, make: Callable[..., Row], what: str) -> list[Row]:
@@ -318,14 +318,14 @@ def rows_of(table: Any, make: Callable[..., Row], what: str) -> list[Row]:
     Raises:
         TypeError: a row has other entries than it needs.
     """
-    found = []
+    rows = []
     for i, row in enumerate(table, start=1):
         try:
-            found.append(make(*row))
+            rows.append(make(*row))
         except TypeError:
             fields = ", ".join(getattr(make, "_fields", ()))
-            raise TypeError(f"{what} {i} is {_told(row)}; it is made of ({fields})") from None
-    return found
+            raise TypeError(f"{what} {i} is {_shown(row)}; it is made of ({fields})") from None
+    return rows
 
 
 def whole_number(value: Any, what: str) -> int:

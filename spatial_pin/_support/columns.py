@@ -70,12 +70,12 @@ def flat(quantities: Mapping[str, Quantity]) -> dict[str, NDArray[Any]]:
 
 def quantities_of(table: Mapping[str, NDArray[Any]]) -> dict[str, Quantity]:
     """Return columns with headings as quantities."""
-    found = {}
+    columns = {}
     for head, values in table.items():
         match = re.fullmatch(r"(.*) \[([^\[\]]*)\]", head)
         name, unit = (match[1], match[2]) if match else (head, "")
-        found[name] = Quantity(values, unit)
-    return found
+        columns[name] = Quantity(values, unit)
+    return columns
 
 
 def chosen(
@@ -88,10 +88,10 @@ def chosen(
     """
     if names is None:
         return quantities
-    for name in (asked := names_of(names, "outputs")):
+    for name in (wanted := names_of(names, "outputs")):
         if name not in quantities:
             raise UnknownNameError("column", name, quantities, f"{what}: ")
-    return {name: quantities[name] for name in asked}
+    return {name: quantities[name] for name in wanted}
 
 
 class Tabular:
@@ -249,9 +249,9 @@ class Tabular:
                                   "need nothing") from error
         quantities = self.quantities(outputs)
         dimensions = ("sample", "component")
-        found = xarray.Dataset({name: (dimensions[: x.ndim], np.array(x), {"units": unit})
-                                for name, (x, unit) in quantities.items()})
-        return found.assign_coords(component=list(XYZ)) if "component" in found.dims else found
+        data = xarray.Dataset({name: (dimensions[: x.ndim], np.array(x), {"units": unit})
+                               for name, (x, unit) in quantities.items()})
+        return data.assign_coords(component=list(XYZ)) if "component" in data.dims else data
 
 
 def write_npz(path: str | Path, arrays: Mapping[str, Any]) -> Path:

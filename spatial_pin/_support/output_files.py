@@ -84,17 +84,17 @@ def replacing(path: Path) -> Iterator[Path]:
     if path.exists() and not os.access(path, os.W_OK):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
     suffix = path.suffix if len(path.suffix) <= LONGEST_SUFFIX else ""
-    beside = path.with_name(f".{os.urandom(8).hex()}{suffix}")
+    new = path.with_name(f".{os.urandom(8).hex()}{suffix}")
     try:
-        with _naming(path, beside):
-            os.close(os.open(beside, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+        with _naming(path, new):
+            os.close(os.open(new, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
             if path.exists():
-                os.chmod(beside, stat.S_IMODE(path.stat().st_mode))
-            yield beside
-            os.replace(beside, path)
+                os.chmod(new, stat.S_IMODE(path.stat().st_mode))
+            yield new
+            os.replace(new, path)
     finally:
         with contextlib.suppress(OSError):
-            beside.unlink()
+            new.unlink()
 
 
 def is_special(path: Path) -> bool:
@@ -103,13 +103,13 @@ def is_special(path: Path) -> bool:
 
 
 @contextlib.contextmanager
-def _naming(path: Path, beside: Path) -> Iterator[None]:
+def _naming(path: Path, new: Path) -> Iterator[None]:
     """Let errors speak of the file that the user knows."""
     try:
         yield
     except OSError as error:
         if error.errno is None or not (
-                error.filename is None or os.fspath(error.filename) == str(beside)):
+                error.filename is None or os.fspath(error.filename) == str(new)):
             raise
         raise OSError(error.errno, error.strerror, str(path)) from error  # of its own kind
 

@@ -217,7 +217,7 @@ def along(options: argparse.Namespace, work: Callable[[], Any]) -> Any:
         return stopped.result
 
 
-def as_far_as_found(work: Callable[[], Result]) -> Result:
+def or_partial_result(work: Callable[[], Result]) -> Result:
     """Return a result, after Ctrl-C as far as it was found until then: its `is_whole` tells."""
     try:
         return work()

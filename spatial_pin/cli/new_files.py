@@ -65,15 +65,15 @@ def write_from(name: str, tree: Path, folder: Path, mechanism: sp.Mechanism) -> 
         kind = "a folder" if tree.is_dir() else "a mechanism file"
         raise SpatialPinError(f"{tree} is {kind}, which is loaded as it is; `spatial-pin export "
                               f"{mechanism.name} --folder {name}` makes a copy to edit")
-    place = folder / f"{name}.toml"
-    _refuse_existing([place])
-    beside = Path(os.path.relpath(tree.resolve(), folder.resolve())).as_posix()
+    path = folder / f"{name}.toml"
+    _refuse_existing([path])
+    tree_path = Path(os.path.relpath(tree.resolve(), folder.resolve())).as_posix()
     title = {"title": mechanism.title} if mechanism.title else {}
-    parts = [HEAD + toml_text({"name": name, **title, "tree": beside}),
+    parts = [HEAD + toml_text({"name": name, **title, "tree": tree_path}),
              _joints(mechanism), _closures(mechanism), _drivers(mechanism),
              MORE.format(link=_ends(mechanism)[0], joint=[*mechanism.model.names, "joint"][1]),
              _guess(mechanism)]
-    return [write_text(place, "\n".join(part for part in parts if part))]
+    return [write_text(path, "\n".join(part for part in parts if part))]
 
 
 def write_new(name: str, folder: Path) -> list[Path]:
@@ -151,13 +151,13 @@ def _ends(mechanism: sp.Mechanism) -> tuple[str, ...]:
 def _drivers(mechanism: sp.Mechanism) -> str:
     """Return the first driver, and others as comments."""
     lines = ["# Drivers: as many as the closed mechanism has freedoms (`spatial-pin check`)."]
-    found = list(mechanism.drivers.values()) or [
+    drivers = list(mechanism.drivers.values()) or [
         sp.Driver(c.name, c.name) for c in mechanism.coordinate_table.values() if c.q >= 0][:1]
     keep_all = bool(mechanism.closures)  # which drivers move its loops is stated with them
-    for k, driver in enumerate(found):
+    for k, driver in enumerate(drivers):
         text = toml_text({"drivers": {driver.name: {"joint": driver.joint}}}).strip()
         lines += [line if k == 0 or keep_all else f"# {line}" for line in text.splitlines()]
-    return "\n".join(lines) + "\n" if found else ""
+    return "\n".join(lines) + "\n" if drivers else ""
 
 
 def _guess(mechanism: sp.Mechanism) -> str:

@@ -120,26 +120,26 @@ def value(text: str) -> ValueWithUnit:
 
 def above_zero(text: str) -> ValueWithUnit:
     """Return a number above zero, with a unit or without one."""
-    found = value(text)
-    if not found > 0.0:
+    number = value(text)
+    if not number > 0.0:
         raise argparse.ArgumentTypeError(f"{text!r} is not above zero")
-    return found
+    return number
 
 
 def not_negative(text: str) -> ValueWithUnit:
     """Return a number from zero up, with a unit or without one."""
-    found = value(text)
-    if found < 0.0:
+    number = value(text)
+    if number < 0.0:
         raise argparse.ArgumentTypeError(f"{text!r} is negative")
-    return found
+    return number
 
 
 def positive(text: str) -> float:
     """Return a number above zero without a unit."""
-    found = value(text)
-    if not found > 0.0 or found.unit:
+    number = value(text)
+    if not number > 0.0 or number.unit:
         raise argparse.ArgumentTypeError(f"{text!r} is not a positive number without a unit")
-    return found
+    return number
 
 
 def count(text: str) -> int:
@@ -166,10 +166,10 @@ def setting(text: str) -> tuple[str, float]:
 
 def spread(text: str) -> tuple[str, float]:
     """Return name and value of `NAME=VALUE`, which is not negative."""
-    name, found = setting(text)
-    if found < 0.0:
+    name, number = setting(text)
+    if number < 0.0:
         raise argparse.ArgumentTypeError(f"{text!r} is negative")
-    return name, found
+    return name, number
 
 
 def rising(text: str) -> tuple[str, tuple[ValueWithUnit, ValueWithUnit]]:
@@ -301,25 +301,25 @@ def as_taken(words: Sequence[str], parser: argparse.ArgumentParser) -> list[str]
     ranged = {flag for action in actions if action.type in RANGES
               for flag in action.option_strings or [""]}
     has_ends = any(action.dest == "first" for action in actions)
-    found: list[str] = []
+    taken: list[str] = []
     for word in words:
         name, ends = _range(word)
-        before, known = _range(found[-1]) if found else ("", [])
-        if found and found[-1] in DATA and "=" in word:
-            found += [SCREEN, word]  # NAME=VALUE is no file
-        elif has_ends and ends and _option(found, valued) == "":
-            found += [name, *ends] if name else ends
+        before, known = _range(taken[-1]) if taken else ("", [])
+        if taken and taken[-1] in DATA and "=" in word:
+            taken += [SCREEN, word]  # NAME=VALUE is no file
+        elif has_ends and ends and _option(taken, valued) == "":
+            taken += [name, *ends] if name else ends
         elif ends and not name and before and len(known) < 2 and _option(
-                found[:-1], valued) in ranged:
-            found[-1] += f"..{word}" if known else f"={word}"
+                taken[:-1], valued) in ranged:
+            taken[-1] += f"..{word}" if known else f"={word}"
         else:
-            found.append(word)
-    return found
+            taken.append(word)
+    return taken
 
 
-def _option(found: Sequence[str], valued: Collection[str]) -> str:
+def _option(words: Sequence[str], valued: Collection[str]) -> str:
     """Return the option that the next word is a value of, "" for none."""
-    return found[-1] if found and found[-1] in valued else ""
+    return words[-1] if words and words[-1] in valued else ""
 
 
 def _range(word: str) -> tuple[str, list[str]]:

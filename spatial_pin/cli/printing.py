@@ -101,7 +101,7 @@ def fitted(line: str) -> str:
     """Return a line broken at spaces to fit, the rest below its last column of text."""
     if len(line) <= WIDTH or line.startswith(NOTE):
         return line
-    columns = [found.end() for found in re.finditer(r"\S {2,}(?=\S)", line[:DEEPEST])]
+    columns = [match.end() for match in re.finditer(r"\S {2,}(?=\S)", line[:DEEPEST])]
     indent = len(line) - len(line.lstrip())
     below = columns[-1] if columns else indent + 2
     return textwrap.fill(line, WIDTH, subsequent_indent=" " * below, break_long_words=False,
@@ -192,12 +192,12 @@ def in_options(text: str, flags: Collection[str]) -> str:
 
 def _each(flag: str) -> Callable[[re.Match[str]], str]:
     """Return what writes the names of a list, the last group, each behind an option."""
-    return lambda said: " ".join(f"{flag} {name}" for name in ast.literal_eval(
-        said[said.re.groups]) if name != str(BASE))  # which the commands hold anyway
+    return lambda match: " ".join(f"{flag} {name}" for name in ast.literal_eval(
+        match[match.re.groups]) if name != str(BASE))  # which the commands hold anyway
 
 
-def _rates(said: re.Match[str]) -> str:
-    return " ".join(f"--speed {name}=0" for name in ast.literal_eval(f"{{{said[1]}}}"))
+def _rates(match: re.Match[str]) -> str:
+    return " ".join(f"--speed {name}=0" for name in ast.literal_eval(f"{{{match[1]}}}"))
 
 
 PRESCRIBED = (r"solve_rates\(\.\.\., \{(.*)\}\), sweep\(\.\.\., hold=(\[.*?\])\) or "

@@ -256,5 +256,5 @@ def _where() -> str:
         urls = metadata("spatial_pin").get_all("Project-URL", [])
     except PackageNotFoundError:
         urls = []
-    found = [url.removeprefix("Issues, ") for url in urls if url.startswith("Issues, ")]
-    return found[0] if found else "the project's page"
+    links = [url.removeprefix("Issues, ") for url in urls if url.startswith("Issues, ")]
+    return links[0] if links else "the project's page"

@@ -66,7 +66,7 @@ NEXT_PICTURE = "new Promise(done => requestAnimationFrame(() => done(true)))"
 
 def find_browser() -> str | None:
     """Return the program of a Chromium or Chrome on this machine, or None."""
-    return next((found for name in BROWSERS if (found := shutil.which(name))), None)
+    return next((path for name in BROWSERS if (path := shutil.which(name))), None)
 
 
 def start(command: Sequence[str], folder: str) -> subprocess.Popen[bytes]:
@@ -79,12 +79,12 @@ def start(command: Sequence[str], folder: str) -> subprocess.Popen[bytes]:
         command: program and options.
         folder: the browser's own; what it complains of is written to `stderr` there.
     """
-    with (Path(folder) / "stderr").open("wb") as said:
+    with (Path(folder) / "stderr").open("wb") as errors:
         if os.name != "posix":
             return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
-                                    stderr=said)
+                                    stderr=errors)
         return subprocess.Popen(["/bin/sh", "-c", COMPANION, "sh", folder, *command],
-                                stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=said,
+                                stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=errors,
                                 start_new_session=True)
 
 
@@ -341,8 +341,8 @@ class Browser:
 def _patiently(look: Callable[[], Any], what: str) -> Any:
     """Return the first true result of `look`."""
     end = time.monotonic() + ANSWERED_IN
-    while not (found := look()):
+    while not (result := look()):
         if time.monotonic() > end:
             raise SpatialPinError(f"waited {ANSWERED_IN:g} s in vain for {what}")
         time.sleep(POLL)
-    return found
+    return result

@@ -158,7 +158,7 @@ def watched(url: str, still: str) -> str:
     parts = {"URL": html.escape(url), "NAME": name, "STILL": _quoted(still), "STYLE": STYLE,
              "HIDDEN": HIDDEN}
     template = files("spatial_pin.view.page").joinpath("watched.html").read_text("utf-8").rstrip()
-    return re.sub("@([A-Z]+)@", lambda found: parts[found[1]], template)
+    return re.sub("@([A-Z]+)@", lambda match: parts[match[1]], template)
 
 
 def _quoted(page: str) -> str:

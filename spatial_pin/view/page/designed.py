@@ -18,7 +18,7 @@ ALONG_AXIS = 0.999  # part of a direction along a world axis from which on it is
 LEAST_HEIGHT, MOST_HEIGHT = 2.4, 6.0  # height of the figure of a path [in]
 
 
-def goals_told(design: Design, motion: Motion | None) -> str:
+def goals_page(design: Design, motion: Motion | None) -> str:
     """Return dimensions, errors and defects as tables, and functions as curves."""
     on = design.at_bounds
     dimensions = [(name, f"its {on[name]}" if name in on else "", number(x), number(low),
@@ -55,9 +55,9 @@ def _curve(met: Met, motion: Motion) -> str:
         if motion.mechanism.prescribed_coordinate(output).unit == "rad":
             line = np.asarray(axes.lines[0].get_ydata(), dtype=float)
             targets = _about(np.rad2deg(targets), line)
-        asked = axes.plot(values, targets, "o", color=ASKED, markersize=5,
+        points = axes.plot(values, targets, "o", color=ASKED, markersize=5,
                           label=literal(f"asked of {output}"))
-        axes.legend(handles=asked, loc="lower right", bbox_to_anchor=(1.0, 0.99), fontsize=9,
+        axes.legend(handles=points, loc="lower right", bbox_to_anchor=(1.0, 0.99), fontsize=9,
                     frameon=False)
     drawing = svg(figure, f"{output} of {motion.mechanism.name}, and what was asked of it")
     return f"<figure>{drawing}</figure>"
@@ -70,10 +70,10 @@ def _path(met: Met, motion: Motion) -> str:
 
     assert isinstance(met.goal, PathGoal | PosesGoal)
     frame = met.goal.frame
-    asked = met.targets if isinstance(met.goal, PathGoal) else met.targets[:, :3, 3]
+    points = met.targets if isinstance(met.goal, PathGoal) else met.targets[:, :3, 3]
     there = np.array([state.placement(frame).translation for state in met.states])
     path = motion.frame(frame).position
-    every = np.concatenate([path, asked])
+    every = np.concatenate([path, points])
     middle, (across, up) = every.mean(axis=0), _view(every)
     x, y = (every - middle) @ across, (every - middle) @ up
     height = float(np.clip(FIGURE_WIDTH * np.ptp(y) / max(float(np.ptp(x)), 1e-12),
@@ -82,7 +82,7 @@ def _path(met: Met, motion: Motion) -> str:
     FigureCanvasAgg(figure)
     axes = figure.subplots()
     axes.plot(x[: len(path)], y[: len(path)], color=COLOURS[0], label=literal(f"path of {frame}"))
-    for target, point in zip(asked, there, strict=True):
+    for target, point in zip(points, there, strict=True):
         ends = np.array([target, point]) - middle
         axes.plot(ends @ across, ends @ up, color=COLOURS[1], linewidth=1.0)
     axes.plot(x[len(path):], y[len(path):], "o", color=ASKED, markersize=5, label="asked for")

@@ -68,7 +68,7 @@ def _rows(readings: tuple[Readout, ...]) -> list[dict[str, Any]]:
 
 
 def _data(
-    shown: Film, drawn: MeshcatScene, curves: dict[str, Any] | None, found: Sequence[Signal]
+    shown: Film, drawn: MeshcatScene, curves: dict[str, Any] | None, signals: Sequence[Signal]
 ) -> str:
     """Return what the page's script reads, as JSON that is safe inside a script element."""
     from spatial_pin.view.scene.anatomy import anatomy
@@ -87,9 +87,9 @@ def _data(
         "world": upright(mechanism.model).T.tolist(),
         "joints": joint_paths(mechanism.model),
         **anatomy(mechanism),
-        "signals": {"told": [{**signal._asdict(), "values": None} for signal in found],
+        "signals": {"told": [{**signal._asdict(), "values": None} for signal in signals],
                     "held": packed([np.asarray(signal.values, "<f4").tobytes()
-                                    for signal in found])},
+                                    for signal in signals])},
         "extent": np.round(framing.scaled(drawn.extent), 4).tolist(),
         "curves": curves,
         "seconds": np.round(shown.seconds, 6).tolist(),
@@ -105,7 +105,7 @@ def _data(
 
 def parts_of(
     shown: Film, drawn: MeshcatScene, title: str | None, curves: dict[str, Any] | None,
-    found: Sequence[Signal] = (),
+    signals: Sequence[Signal] = (),
 ) -> dict[str, str]:
     """Return what stands at the marks of page.html, for a page that needs nobody."""
     folder = files("spatial_pin.view.page")
@@ -125,7 +125,7 @@ def parts_of(
         "STYLE": folder.joinpath("page.css").read_text("utf-8"),
         "SCRIPT": packed_script(),
         "UNPACK": script_of(["unpack"]),
-        "FILM": _data(shown, drawn, curves, found),
+        "FILM": _data(shown, drawn, curves, signals),
         "CONNECT": "'none'",
         "EXTRA": "",
     }
@@ -140,7 +140,7 @@ def script_of(names: Sequence[str]) -> str:
 def filled(parts: dict[str, str]) -> str:
     """Return page.html with its marks replaced."""
     template = files("spatial_pin.view.page").joinpath("page.html").read_text("utf-8")
-    return re.sub("@([A-Z]+)@", lambda found: parts[found[1]], template)
+    return re.sub("@([A-Z]+)@", lambda match: parts[match[1]], template)
 
 
 def page(

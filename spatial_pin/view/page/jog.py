@@ -108,9 +108,9 @@ class Jog:
         self._driven = [self.mechanism.driven_coordinate(c.name)
                         for c in driven_coordinates(self.mechanism, self.names)]
         self._coordinates = {n: self.mechanism.driven_coordinate(n) for n in self.names}
-        self.place(state)
+        self.move_to(state)
 
-    def place(self, state: State) -> None:
+    def move_to(self, state: State) -> None:
         """Go to another closed configuration, of this branch or any other.
 
         Raises:
@@ -223,8 +223,8 @@ class Jog:
                 tracker.reach(value)
             except Stopped as stopped:
                 self._keep(tracker)
-                found = passage(tracker, stopped.arrival)
-                if found is None:
+                track = passage(tracker, stopped.arrival)
+                if track is None:
                     arrival = stopped.arrival
                     self.state = tracker.here.state(tracker.mechanism)
                     if not arrival.runs_away and arrival.kind != "lost":
@@ -235,7 +235,7 @@ class Jog:
                                            closure_error=evaluation.closure_error)
                     kind = "limit" if arrival.runs_away else arrival.kind
                     return JogStop(kind, float(arrival.value))
-                tracker.move_to(found.place(value))
+                tracker.move_to(track.place(value))
             if tracker.here.s == value:
                 break
         self.state = self._keep(tracker)
@@ -258,11 +258,11 @@ class Jog:
         home, span, now = self._home[name], self.span(name), self.value(name)
         if abs(now - home) > span:
             home = self._home[name] = now
-        lower, upper = (self._way(name, home + sense * span, rows) for sense in (-1.0, 1.0))
+        lower, upper = (self._path(name, home + sense * span, rows) for sense in (-1.0, 1.0))
         q = np.concatenate([lower[2][::-1], self.state.q[None], upper[2]])
         return Reach((lower[0], upper[0]), (lower[1], upper[1]), q)
 
-    def _way(self, name: str, end: float, rows: int) -> tuple[float, JogStop | None, Array]:
+    def _path(self, name: str, end: float, rows: int) -> tuple[float, JogStop | None, Array]:
         """Return how far a driver comes on the way to a value, what stops it, and the samples."""
         start = float(self._regular.q[self._coordinates[name].q])
         values = np.linspace(start, end, rows)
@@ -323,17 +323,17 @@ def pulled(jog: Jog, grip: Grip) -> dict[str, float]:
     Drivers without a slider, and all else that is held, stay where they are. Nothing is returned
     where nothing better is found.
     """
-    nearest = found = _reached(jog, jog.state, {"grip": grip})
-    is_stuck = found is not None and len(jog.names) == 1 and (  # its link is at a dead centre
-        abs(jog.values(found)[jog.names[0]] - jog.value(jog.names[0])) < STILL) and (
-        grip.distance(found) > OFF_POINTER * jog.mechanism.characteristic_length)
+    nearest = grasped = _reached(jog, jog.state, {"grip": grip})
+    is_stuck = grasped is not None and len(jog.names) == 1 and (  # its link is at a dead centre
+        abs(jog.values(grasped)[jog.names[0]] - jog.value(jog.names[0])) < STILL) and (
+        grip.distance(grasped) > OFF_POINTER * jog.mechanism.characteristic_length)
     for nudge in (NUDGE, -NUDGE) if is_stuck else ():
         name, = jog.names
         size = jog.mechanism.velocity_scale[jog.mechanism.driven_coordinate(name).v]
-        beside = _reached(jog, jog.state, {name: jog.value(name) + nudge * size})
-        found = beside and _reached(jog, beside, {"grip": grip})
-        if found and (nearest is None or grip.distance(found) < 0.9 * grip.distance(nearest)):
-            nearest = found
+        nudged = _reached(jog, jog.state, {name: jog.value(name) + nudge * size})
+        grasped = nudged and _reached(jog, nudged, {"grip": grip})
+        if grasped and (nearest is None or grip.distance(grasped) < 0.9 * grip.distance(nearest)):
+            nearest = grasped
     return {} if nearest is None else jog.values(nearest)
 
 

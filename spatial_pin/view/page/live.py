@@ -131,9 +131,9 @@ class Desk:
         if kind not in ANSWERS:
             raise ValueError(f"a question asks for one of {', '.join(ANSWERS)}, not {kind!r}")
         with self._lock:
-            said = ANSWERS[kind](self, question)
+            answer = ANSWERS[kind](self, question)
             return {"poses": self.poses(), "values": self.values(), "says": self.says(),
-                    "points": self.points(), "signals": self.signals(), **said}
+                    "points": self.points(), "signals": self.signals(), **answer}
 
     # ------------------------------------------------------------ what is told with every answer
 
@@ -146,7 +146,7 @@ class Desk:
 
         model = self.jog.mechanism.model
         joints = joint_poses(model, self.jog.state.q[None])
-        found = list(zip(joint_paths(model)[1:], joints[0, 1:].tolist(), strict=True))
+        values = list(zip(joint_paths(model)[1:], joints[0, 1:].tolist(), strict=True))
         stage = Stage(self.film, (), joints, upright(model), 1.0)
         rods = springs(stage).items
         if any(closure.type == "distance" for closure in self.jog.mechanism.closures):
@@ -154,8 +154,8 @@ class Desk:
         for item in rods:
             if item.track is not None:
                 scales = [] if item.track.scales is None else item.track.scales[0].tolist()
-                found.append((item_path(item, model), [*item.track.poses[0].tolist(), *scales]))
-        return found
+                values.append((item_path(item, model), [*item.track.poses[0].tolist(), *scales]))
+        return values
 
     def values(self) -> dict[str, float]:
         """Return the driver values, each in its dial's unit."""
@@ -168,13 +168,13 @@ class Desk:
             UnknownNameError: an output does not exist.
             SpatialPinError: an output is neither an angle nor a length.
         """
-        said = [dial.words(self.jog.value(name)) for name, dial in self.dials.items()]
+        texts = [dial.words(self.jog.value(name)) for name, dial in self.dials.items()]
         if self.outputs:
-            told = Told(_now(self.jog), in_time=False)
-            said += [_words(told, name) for name in self.outputs]
+            motion = Told(_now(self.jog), in_time=False)
+            texts += [_words(motion, name) for name in self.outputs]
         beyond = self.jog.state.beyond_limits
-        said += [f"beyond limits: {', '.join(beyond)}"] if beyond else []
-        return [*said, f"closure error {self.jog.state.closure_error:.1e}"]
+        texts += [f"beyond limits: {', '.join(beyond)}"] if beyond else []
+        return [*texts, f"closure error {self.jog.state.closure_error:.1e}"]
 
     def points(self) -> list[list[float | None]]:
         """Return what the place adds to the curves; nothing without any."""
@@ -219,7 +219,7 @@ class Desk:
 
     def home(self, question: Mapping[str, Any]) -> Answer:
         """Go back to where the page began."""
-        self.jog.place(self._start)
+        self.jog.move_to(self._start)
         return self.ranges(question)
 
     def mode(self, question: Mapping[str, Any]) -> Answer:
@@ -242,7 +242,7 @@ class Desk:
         for step in range(1, len(modes)):
             k = (here + step) % len(modes)
             try:
-                self.jog.place(modes[k])
+                self.jog.move_to(modes[k])
             except SingularError:
                 continue
             return {"note": f"assembly mode {k + 1} of {len(modes)} found", **self.ranges(question)}
@@ -265,8 +265,8 @@ def _stopped(dial: Dial, stop: JogStop | None) -> Answer:
     """Return what is told of what is in the way."""
     if stop is None:
         return {}
-    said = {"kind": stop.kind, "value": stop.value / dial.size, "text": dial.stop(stop)}
-    return {"stop": said}
+    answer = {"kind": stop.kind, "value": stop.value / dial.size, "text": dial.stop(stop)}
+    return {"stop": answer}
 
 
 def drag(desk: Desk, question: Mapping[str, Any]) -> Answer:
@@ -285,20 +285,20 @@ def drag(desk: Desk, question: Mapping[str, Any]) -> Answer:
     point, origin, direction = vectors[0], vectors[1], vectors[2] / length
     grip = Grip(name="grip", weight=1.0, joint=joint, point=point, origin=origin,
                 direction=direction)
-    said: Answer = {}
+    answer: Answer = {}
     for name, value in pulled(desk.jog, grip).items():
         if value != desk.jog.value(name):
-            said = _stopped(desk.dials[name], desk.jog.move(name, value)) or said
-    return said
+            answer = _stopped(desk.dials[name], desk.jog.move(name, value)) or answer
+    return answer
 
 
-def _words(told: Told, name: str) -> str:
+def _words(now: Told, name: str) -> str:
     """Return an output of a motion of one sample; a force is that at rest."""
     if is_force(name):
         if name.endswith(".power"):
             raise SpatialPinError(NO_RATES.format(name))
         try:
-            parts = told.output(name).parts()
+            parts = now.output(name).parts()
         except SingularError:
             return f"{name}: not determined here"
         words = []
@@ -306,7 +306,7 @@ def _words(told: Told, name: str) -> str:
             numbers = ", ".join(f"{x:z.4g}" for x in np.atleast_1d(values[0])).replace("-", "−")
             words.append(f"{label} = {f'({numbers})' if values.ndim > 1 else numbers} {unit}")
         return "; ".join(words)
-    value, label, unit = told.output(name)
+    value, label, unit = now.output(name)
     if unit not in ("rad", "m", "kg"):
         raise SpatialPinError(NO_RATES.format(name))
     if np.ndim(value) == 1:
@@ -325,7 +325,7 @@ def _page(desk: Desk, token: str, title: str | None, look: Look | None) -> str:
     abscissa = f"{over} [{desk.dials[over].unit.strip()}]" if over else "movements"
     curves = growing_curves(_now(desk.jog), desk.curves, abscissa)
     parts = parts_of(desk.film, drawn, title, curves, _signals(desk.jog))
-    told = {
+    content = {
         "token": token,
         "dials": [dial._asdict() for dial in desk.dials.values()],
         "modes": bool(desk.jog.mechanism.closures),
@@ -334,7 +334,7 @@ def _page(desk: Desk, token: str, title: str | None, look: Look | None) -> str:
         "joints": list(desk.paths),
         "over": over,
     }
-    data = json.dumps(told, ensure_ascii=False).replace("<", "\\u003c")
+    data = json.dumps(content, ensure_ascii=False).replace("<", "\\u003c")
     panel = files("spatial_pin.view.page").joinpath("live.html").read_text("utf-8")
     grid = html.escape(f"ground grid {length_words(drawn.framing.cell)}")
     return filled({

@@ -18,7 +18,7 @@ from spatial_pin.assembly.state import State
 from spatial_pin.errors import SpatialPinError, UnknownNameError
 from spatial_pin.motion.motion import Motion, Output, motion_needed
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.view.scene.film import Film, film, moments, one_way
+from spatial_pin.view.scene.film import Film, film, is_monotonic, moments
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,7 +51,7 @@ def abscissa(motion: Motion) -> tuple[Array, str, str]:
     """Return values, name and unit of what outputs are drawn over: driver, time, or samples."""
     if motion.time is None and motion.driver is None:
         return np.arange(len(motion), dtype=float), "sample", ""
-    if motion.time is not None and (motion.driver is None or not one_way(motion.driver)):
+    if motion.time is not None and (motion.driver is None or not is_monotonic(motion.driver)):
         return np.asarray(motion.time, float), "time", "s"
     values, unit = _in_degrees(np.asarray(motion.driver, float), motion.driver_unit)
     return values, motion.driver_name, unit
@@ -245,22 +245,22 @@ def plot(
 
     if not hasattr(motion, "output"):  # as a Mechanism or a State
         motion_needed(motion)
-    asked = [outputs] if isinstance(outputs, str | Output) else list(outputs)
-    if not asked:
+    several = [outputs] if isinstance(outputs, str | Output) else list(outputs)
+    if not several:
         raise ValueError("no outputs to plot: give at least one name")
-    found = [x if isinstance(x, Output) else motion.output(x) for x in asked]
+    curves = [x if isinstance(x, Output) else motion.output(x) for x in several]
     moved = motion.motion if isinstance(motion, Kinetostatics) else motion
-    found = [part for output in found for part in drawn_parts(moved, output)]
+    curves = [part for output in curves for part in drawn_parts(moved, output)]
     x, driver, unit = abscissa(moved)
     title = moved.mechanism.title or moved.mechanism.name if title is None else plain_text(
         title, "title")
     if columns is not None and columns < 1:
         raise ValueError(f"columns is {columns}; it is a whole number from 1 up")
-    columns = min(len(found), columns or 1 + sum(len(found) > most for most in MOST_PANELS))
-    height = (1.0 if title else 0.6) + 2.1 * math.ceil(len(found) / columns)
+    columns = min(len(curves), columns or 1 + sum(len(curves) > most for most in MOST_PANELS))
+    height = (1.0 if title else 0.6) + 2.1 * math.ceil(len(curves) / columns)
     figure = ShownFigure(figsize=(7.5 if columns == 1 else 5.0 * columns, height))
-    panels = _panels(figure, len(found), columns)
-    for axes, output in zip(panels, found, strict=True):
+    panels = _panels(figure, len(curves), columns)
+    for axes, output in zip(panels, curves, strict=True):
         _draw(axes, x, output)
         _dash_unstable(axes, getattr(moved, "stable", None))
     _mark_events(figure, moved, driver, unit)
@@ -348,12 +348,12 @@ def _add_other(
     for name in names:
         own = drawn_parts(shown.motion, shown.motion.output(name))
         try:
-            found = drawn_parts(other.motion, other.motion.output(name))
+            drawn = drawn_parts(other.motion, other.motion.output(name))
         except UnknownNameError:
-            found = ()
+            drawn = ()
         for k, _ in enumerate(own):
             there = next(panel)
-            for line in _curve_panel(found[k])["lines"] if k < len(found) else ():
+            for line in _curve_panel(drawn[k])["lines"] if k < len(drawn) else ():
                 given = np.array(line["values"], float)[rows]
                 values = np.interp(shown.seconds, seconds, given, left=np.nan, right=np.nan)
                 both = f"{line['name']} {called}".strip()

@@ -100,4 +100,4 @@ def report(
         "SCRIPT": script_of(["report", "narrow"]),
     }
     template = files("spatial_pin.view.page").joinpath("report.html").read_text("utf-8")
-    return PagePath(write_text(path, re.sub("@([A-Z]+)@", lambda found: parts[found[1]], template)))
+    return PagePath(write_text(path, re.sub("@([A-Z]+)@", lambda match: parts[match[1]], template)))

@@ -29,7 +29,7 @@ from spatial_pin.motion.motion import Motion, Output
 from spatial_pin.motion.report import info
 from spatial_pin.motion.summary import EFFORTS
 from spatial_pin.numerics.tolerances import TOLERANCES
-from spatial_pin.view.page.designed import goals_told
+from spatial_pin.view.page.designed import goals_page
 from spatial_pin.view.page.html import page
 from spatial_pin.view.page.markup import number, paragraph, section, table, tiny
 from spatial_pin.view.page.plots import abscissa, plot, svg
@@ -84,10 +84,10 @@ def _drawn(
         return None
     figure = plot(subject.motion, outputs, title="", columns=1)
     figure.set_size_inches(FIGURE_WIDTH, max(LOWEST, 0.5 + PANEL * len(outputs)))
-    found = [x if isinstance(x, Output) else subject.motion.output(x) for x in outputs]
+    drawn = [x if isinstance(x, Output) else subject.motion.output(x) for x in outputs]
     names = ", ".join(x if isinstance(x, str) else x.label for x in outputs)
     drawing = svg(figure, f"{title} of {subject.mechanism.name}: {names}")
-    vectors = any(output.values.ndim > 1 for output in found)
+    vectors = any(output.values.ndim > 1 for output in drawn)
     caption = "<figcaption>x, y and z are world axes.</figcaption>" * vectors
     words = paragraph(note) if note else ""
     panels = []  # for the cursors of the page: parts of the figure, and the ends of the abscissa
@@ -107,16 +107,16 @@ def _derived(subject: Subject, of_coordinate: str = "", of_position: str = "") -
         of_coordinate: "ratio" or "acceleration" of outputs that are coordinates; "" for none.
         of_position: "velocity" or "acceleration" of outputs that are positions; "" for none.
     """
-    found: list[str] = []
+    sentences: list[str] = []
     if subject.motion is None:
-        return found
+        return sentences
     for name in subject.outputs:
         stem = name.removesuffix(".position")
         suffix = of_coordinate if stem == name else of_position
         with contextlib.suppress(SpatialPinError):  # there is no such thing of this output
             subject.motion.output(f"{stem}.{suffix}")
-            found.append(f"{stem}.{suffix}")
-    return found
+            sentences.append(f"{stem}.{suffix}")
+    return sentences
 
 
 def _key(subject: Subject) -> str:
@@ -162,7 +162,7 @@ def _design(subject: Subject) -> str | None:
     """Tell what was asked of a design, and how far it does that."""
     if subject.look is None or subject.look.design is None:
         return None
-    return section("Design", goals_told(subject.look.design, subject.motion))
+    return section("Design", goals_page(subject.look.design, subject.motion))
 
 
 def _outputs(subject: Subject) -> str | None:
@@ -288,10 +288,10 @@ def _mobility(subject: Subject) -> str:
 
 def _dimensions(subject: Subject) -> str | None:
     """Tell the named dimensions."""
-    found = subject.mechanism.dimensions
-    if not found:
+    dimensions = subject.mechanism.dimensions
+    if not dimensions:
         return None
-    rows = [(name, number(x, "", 10)) for name, x in found.items()]
+    rows = [(name, number(x, "", 10)) for name, x in dimensions.items()]
     half = -(-len(rows) // 2)
     heads = ("dimension", "value [m or rad]")
     tables = "".join(f"<div>{table(heads, part, numbers=1)}</div>"
@@ -302,17 +302,17 @@ def _dimensions(subject: Subject) -> str | None:
 def _structure(subject: Subject) -> str:
     """Tell joints, closures and drivers."""
     mechanism = subject.mechanism
-    found = info(mechanism)
+    facts = info(mechanism)
     joints = [(joint, pair, ", ".join(f"{c.name} [{c.unit}]"
                                       for c in coordinates_of(mechanism, joint)))
-              for joint, pair in found.joints.items()]
+              for joint, pair in facts.joints.items()]
     parts = [f"<h3>Joints of the open tree</h3>{table(('joint', 'pair', 'coordinates'), joints)}"]
-    for title, items in (("Closures of the loops", found.closures), ("Drivers", found.drivers),
-                         ("Frames", found.frames)):
+    for title, items in (("Closures of the loops", facts.closures), ("Drivers", facts.drivers),
+                         ("Frames", facts.frames)):
         if items:
             rows = list(items.items())
             parts.append(f"<h3>{title}</h3>{table(('name', 'what it does'), rows)}")
-    links = paragraph(f"{len(found.links)} links: {', '.join(found.links)}.")
+    links = paragraph(f"{len(facts.links)} links: {', '.join(facts.links)}.")
     return section("Structure", links + "".join(parts))
 
 

@@ -188,8 +188,8 @@ def _pace(motion: Motion) -> tuple[Array, str]:
             factor = nice(USUAL_FILM / elapsed[-1])
         if factor == 1.0:
             return elapsed, ""
-        much, way = (factor, "slower") if factor > 1 else (1 / factor, "faster")
-        return elapsed * factor, f"shown {much:g}x {way}"
+        much, word = (factor, "slower") if factor > 1 else (1 / factor, "faster")
+        return elapsed * factor, f"shown {much:g}x {word}"
     if motion.driver is not None and np.ptp(motion.driver) > 0:
         steps = np.abs(np.diff(np.asarray(motion.driver, float)))
         travel, unit = np.concatenate(([0.0], np.cumsum(steps))), motion.driver_unit
@@ -228,8 +228,8 @@ def _marks(motion: Motion, seconds: Array) -> tuple[SliderMark, ...]:
         after = min(event.row, len(seconds) - 1)
         before = max(after - 1, 0)
         part = 1.0
-        if motion.driver is not None and (way := motion.driver[after] - motion.driver[before]):
-            part = np.clip((event.value - motion.driver[before]) / way, 0.0, 1.0)
+        if motion.driver is not None and (step := motion.driver[after] - motion.driver[before]):
+            part = np.clip((event.value - motion.driver[before]) / step, 0.0, 1.0)
         moment = seconds[before] + part * (seconds[after] - seconds[before])
         marks.append(SliderMark(float(moment), event.kind, event.text))
     return tuple(marks)
@@ -242,7 +242,7 @@ def not_shown(given: object) -> str:
     return f"a {kind} cannot be shown; give a State or a Motion: {remedy}"
 
 
-def one_way(values: Array) -> bool:
+def is_monotonic(values: Array) -> bool:
     """Return whether values never turn back nor stand still."""
     steps = np.diff(values)
     return bool(np.all(steps > 0) or np.all(steps < 0))
@@ -261,10 +261,10 @@ def moments(shown: Film, other: Film) -> tuple[Array, NDArray[np.intp], str]:
     one, two = shown.motion, other.motion
     x, y, words = _ends(one, two)
     if one.time is not None and two.time is not None:
-        if one_way(one.time) and one_way(two.time):
+        if is_monotonic(one.time) and is_monotonic(two.time):
             x, y, words = one.time, two.time, "at the same times"
-    elif one.driver_name == two.driver_name and one.driver is not None and one_way(
-            one.driver) and two.driver is not None and one_way(two.driver):
+    elif one.driver_name == two.driver_name and one.driver is not None and is_monotonic(
+            one.driver) and two.driver is not None and is_monotonic(two.driver):
         x, y, words = one.driver, two.driver, f"at the same {one.driver_name}"
     rising = np.argsort(x)
     inside = np.flatnonzero((y >= x.min()) & (y <= x.max()))

@@ -16,7 +16,7 @@ from spatial_pin.view.scene.framing import FIELD_OF_VIEW, Framing, direction, fr
 from spatial_pin.view.scene.layers.arrows import arrows, traces
 from spatial_pin.view.scene.layers.axes import axes
 from spatial_pin.view.scene.layers.gaps import gaps
-from spatial_pin.view.scene.layers.ghosts import beside, ghosts
+from spatial_pin.view.scene.layers.ghosts import ghosts, side_by_side
 from spatial_pin.view.scene.layers.glyphs import glyphs
 from spatial_pin.view.scene.layers.overlays import clearances, designs, workspaces
 from spatial_pin.view.scene.layers.visuals import bodies, centres, colour, springs, with_skeleton
@@ -230,13 +230,13 @@ def _layers(stage: Stage, look: Look, bare: bool, towards: Array) -> dict[str, l
         layers["design"] = [designs(stage, look.design, look.traces)]
     layers |= {"traces": [traces(stage, look.traces)], "arrows": arrows(stage, look.arrows)}
     if look.ghosts:
-        one = beside(stage, look.ghosts, towards) if look.beside else ghosts(stage, look.ghosts)
-        layers["ghosts"] = [one]
+        layers["ghosts"] = [side_by_side(stage, look.ghosts, towards) if look.beside
+                            else ghosts(stage, look.ghosts)]
     return layers
 
 
 def _in_groups(layers: dict[str, list[Layer]]) -> Layer:
-    return joined([grouped(group, layer) for group, found in layers.items() for layer in found])
+    return joined([grouped(group, layer) for group, items in layers.items() for layer in items])
 
 
 def scene(film: Film, look: Look | None = None) -> MeshcatScene:

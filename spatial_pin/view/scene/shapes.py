@@ -199,12 +199,12 @@ def coloured(visual: pin.GeometryObject) -> list[tuple[Solid, tuple[float, ...] 
     pieces: dict[tuple[float, ...] | None, list[Array]] = {}
     for (_, colour), piece in zip(runs, np.split(faces, ends), strict=True):
         pieces.setdefault(colour, []).append(piece)
-    found = []
+    parts = []
     for colour, own in pieces.items():
         used, corners = np.unique(np.concatenate(own), return_inverse=True)
         mesh = mg.TriangularMeshGeometry(shape.vertices()[used], corners.reshape(-1, 3))
-        found.append((Solid(mesh, faceted=True), colour))
-    return found
+        parts.append((Solid(mesh, faceted=True), colour))
+    return parts
 
 
 def solid(visual: pin.GeometryObject, size: float) -> Solid | None:

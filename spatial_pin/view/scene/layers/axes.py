@@ -41,13 +41,13 @@ def axes(stage: Stage) -> Layer:
     line = _centre_line(length, RADIUS * stage.size)
     items: list[Item] = []
     points: list[Array] = [np.zeros((0, 3))]
-    for place in places(stage.film.mechanism):
-        sides = (0, 1) if place.kind in ("universal", "perpendicular") else (1,)
-        for side in sides if place.kind in AXIAL else ():
-            joint, frame = place.joints[side], place.frames[side]
+    for pair in places(stage.film.mechanism):
+        sides = (0, 1) if pair.kind in ("universal", "perpendicular") else (1,)
+        for side in sides if pair.kind in AXIAL else ():
+            joint, frame = pair.joints[side], pair.frames[side]
             items.append(
-                Item(f"axis {place.name} {side}", line, COLOUR, joint, frame, through=True,
-                     called=f"axis of {place.name}", axial=True)
+                Item(f"axis {pair.name} {side}", line, COLOUR, joint, frame, through=True,
+                     called=f"axis of {pair.name}", axial=True)
             )
             points += [
                 stage.points(joint, frame[:3, 3] + z * length * frame[:3, 2]) for z in (-1, 1)

@@ -80,18 +80,18 @@ def gaps_of(stage: Stage) -> list[ClosureGap]:
         residuals[k] = evaluation.residual
     residuals[np.abs(residuals) <= TOLERANCES.half_precision] = 0.0
     labels = np.array([label.closure for label in constraints_of(mechanism).labels])
-    found = []
+    gaps = []
     for closure in mechanism.closures:
         own = residuals[:, labels == closure.name]
         if np.any(own):
             if closure.frames:
-                found.append(_pair_gap(stage, closure, own))
+                gaps.append(_pair_gap(stage, closure, own))
                 continue
             error, none = np.abs(own[:, 0]), np.zeros((len(own), 3))  # of the last coordinate
             is_angle = mechanism.coordinate(closure.joints[-1]).unit == "rad"
             lengths = 0 * error if is_angle else error * mechanism.characteristic_length
-            found.append(ClosureGap(closure, lengths, error if is_angle else 0 * error, none))
-    return found
+            gaps.append(ClosureGap(closure, lengths, error if is_angle else 0 * error, none))
+    return gaps
 
 
 def _length_items(stage: Stage, gap: ClosureGap) -> tuple[list[Item], Array]:

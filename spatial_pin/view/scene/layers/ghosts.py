@@ -79,7 +79,7 @@ def ghosts(stage: Stage, shown: tuple[State | Motion, ...]) -> Layer:
     return Layer(tuple(items), points, legend)
 
 
-def beside(stage: Stage, shown: tuple[State | Motion, ...], direction: Array) -> Layer:
+def side_by_side(stage: Stage, shown: tuple[State | Motion, ...], direction: Array) -> Layer:
     """Return other states and motions side by side with the first, which is the film itself.
 
     Args:

@@ -21,7 +21,7 @@ AXIS_PLACES = {  # which of a joint's freedoms turn about its axis, or slide alo
 }
 
 
-class PairPlace(NamedTuple):
+class PairAxes(NamedTuple):
     """A pair between two bodies.
 
     Attributes:
@@ -49,20 +49,20 @@ def _outward(placement: pin.SE3) -> Array:
     return p / length if length > 0 else np.array([0.0, 0.0, 1.0])
 
 
-def places(mechanism: Mechanism) -> list[PairPlace]:
+def places(mechanism: Mechanism) -> list[PairAxes]:
     """Return every joint of the tree, and every closure that joins two frames, as a pair."""
-    model, found = mechanism.model, list[PairPlace]()
+    model, pairs = mechanism.model, list[PairAxes]()
     data = model.createData()
     J = pin.computeJointJacobians(model, data, mechanism.neutral).reshape(6, model.nv)
     for j, kind in enumerate(mechanism.pairs, start=1):
-        columns = J[:, [model.idx_vs[j] + place for place in AXIS_PLACES.get(kind, ())]].T
+        columns = J[:, [model.idx_vs[j] + column for column in AXIS_PLACES.get(kind, ())]].T
         vectors = [c[3:] if np.any(c[3:]) else c[:3] for c in columns]
         axes = [data.oMi[j].rotation.T @ v / np.linalg.norm(v) for v in vectors]
         on_parent, bodies = model.jointPlacements[j], (int(model.parents[j]), j)
         axes = axes or [_outward(on_parent)]
         turn1, turn2 = axes_from_z(axes[0]), axes_from_z(axes[-1])
         frames = _framed(on_parent, turn1), _framed(pin.SE3.Identity(), turn2)
-        found.append(PairPlace(model.names[j], kind, bodies, frames))
+        pairs.append(PairAxes(model.names[j], kind, bodies, frames))
     for closure in mechanism.closures:
         if not closure.frames:
             continue
@@ -71,5 +71,5 @@ def places(mechanism: Mechanism) -> list[PairPlace]:
         if closure.type == "spherical":
             turn1 = axes_from_z(_outward(m1))
         frames = _framed(m1, turn1), _framed(m2, turn2)
-        found.append(PairPlace(closure.name, closure.type, (i1, i2), frames))
-    return found
+        pairs.append(PairAxes(closure.name, closure.type, (i1, i2), frames))
+    return pairs
