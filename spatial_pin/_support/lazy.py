@@ -87,4 +87,24 @@ def by_new_name(owner: object, old: str, new: str) -> Any:
     return getattr(owner, new)
 
 
-__all__ = ["by_new_name", "cached_property", "made_anew", "made_once"]
+def with_former_field(old: str, new: str) -> Callable[[type[Owner]], type[Owner]]:
+    """Return a decorator of dataclasses: a field's former name works, with a warning."""
+
+    def decorated(kind: type[Owner]) -> type[Owner]:
+        make: Any = kind.__init__
+
+        @wraps(make)
+        def init(self: Owner, *args: Any, **named: Any) -> None:
+            if old in named:
+                warn(f"{kind.__name__}: {old} is now {new}", DeprecationWarning, stacklevel=2)
+                named[new] = named.pop(old)
+            make(self, *args, **named)
+
+        kind.__init__ = init  # type: ignore[method-assign,assignment]
+        setattr(kind, old, property(lambda self: by_new_name(self, old, new)))
+        return kind
+
+    return decorated
+
+
+__all__ = ["by_new_name", "cached_property", "made_anew", "made_once", "with_former_field"]

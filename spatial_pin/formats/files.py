@@ -303,13 +303,8 @@ def _load_toml(request: Request) -> Mechanism:
         content, replaced = merged(top.content, stated)
     if mistakes:
         MechanismSpec(top, mistakes, Trust.of(path, request.packages, request.trusted))
-<<<<<<< HEAD
-        mistakes.tell()
-    return _made(content, file, tree.urdf, request, (*tree.notices, *replaced))
-=======
         mistakes.raise_all()
-    return _made(content, file, tree.urdf, request, (*tree.notices, *left_out))
->>>>>>> 98aebbc5c2937a56487f037544839fdb3b10ca26
+    return _made(content, file, tree.urdf, request, (*tree.notices, *replaced))
 
 
 def _choosing_model(request: Request, file: Path, importer: Importer) -> Request:

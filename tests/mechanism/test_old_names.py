@@ -15,3 +15,11 @@ def test_a_mechanism_has_its_selected_equations_by_their_old_name_too():
     mech = sp.load("rssr")
     with pytest.warns(DeprecationWarning, match="Mechanism.kept is now Mechanism.selection"):
         assert mech.kept is mech.selection
+
+
+def test_a_look_takes_and_has_its_ghosts_side_by_side_by_the_old_name_too():
+    with pytest.warns(DeprecationWarning, match="Look: beside is now side_by_side"):
+        look = sp.Look(beside=True)
+    with pytest.warns(DeprecationWarning, match="Look.beside is now Look.side_by_side"):
+        assert look.beside is look.side_by_side is True
+    assert look == sp.Look(side_by_side=True)

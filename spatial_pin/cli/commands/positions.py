@@ -108,7 +108,7 @@ def modes(options: argparse.Namespace) -> None:
              "closure error [-]": [float(m.closure_error) for m in modes]}
     files = []
     if options.html and modes:
-        look = sp.Look(ghosts=tuple(modes[1:]), beside=True)
+        look = sp.Look(ghosts=tuple(modes[1:]), side_by_side=True)
         files.append(sp.export_html(modes[0], options.html, look=look))
     print_result(options, "\n".join(lines), [
                 {"branch": mode.branch, "closure_error": mode.closure_error, "q": mode.q.tolist(),

@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import html
 import os
-import re
 import sys
 from collections.abc import Iterable, Sequence
-from importlib.resources import files
 from pathlib import PosixPath, WindowsPath
 from typing import TYPE_CHECKING
 
@@ -19,7 +17,7 @@ import numpy as np
 
 from spatial_pin.motion.summary import EFFORTS, heading, tidy, where
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.view.page.markup import paragraph, table
+from spatial_pin.view.page.markup import filled, paragraph, table
 
 if TYPE_CHECKING:
     from spatial_pin.accuracy.tradeoff import Tradeoff
@@ -155,10 +153,8 @@ def watched(url: str, still: str) -> str:
     That is another frame: what the first was to load may fail later, and show an error.
     """
     name = f"spatial_pin_{html.escape(url.rpartition(':')[2].strip('/'))}"
-    parts = {"URL": html.escape(url), "NAME": name, "STILL": _quoted(still), "STYLE": STYLE,
-             "HIDDEN": HIDDEN}
-    template = files("spatial_pin.view.page").joinpath("watched.html").read_text("utf-8").rstrip()
-    return re.sub("@([A-Z]+)@", lambda match: parts[match[1]], template)
+    return filled("watched.html", {"URL": html.escape(url), "NAME": name, "STILL": _quoted(still),
+                                   "STYLE": STYLE, "HIDDEN": HIDDEN}).rstrip()
 
 
 def _quoted(page: str) -> str:

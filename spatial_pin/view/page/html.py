@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import html
 import json
-import re
 import zlib
 from collections.abc import Sequence
 from functools import cache
@@ -17,6 +16,7 @@ import numpy as np
 
 from spatial_pin._support.checks import checked, plain_text
 from spatial_pin._support.output_files import named_path, write_text
+from spatial_pin.view.page.markup import filled, template
 from spatial_pin.view.page.plots import curves_of
 from spatial_pin.view.scene.film import Film, Readout, film, length_words
 from spatial_pin.view.scene.framing import ASPECT
@@ -108,7 +108,6 @@ def parts_of(
     signals: Sequence[Signal] = (),
 ) -> dict[str, str]:
     """Return what stands at the marks of page.html, for a page that needs nobody."""
-    folder = files("spatial_pin.view.page")
     title = plain_text(title or shown.mechanism.title or shown.mechanism.name, "title")
     error = f"closure error {'≤ ' if len(shown.q) > 1 else ''}{shown.closure_error:.1e}"
     notes = (*shown.notes, error, f"ground grid {length_words(drawn.framing.cell)}")
@@ -122,7 +121,7 @@ def parts_of(
         "NOTES": "".join(f"<small>{html.escape(line)}</small>" for line in notes),
         "LEGEND": "".join(legend),
         "MESHCAT": packed_viewer(),
-        "STYLE": folder.joinpath("page.css").read_text("utf-8"),
+        "STYLE": template("page.css"),
         "SCRIPT": packed_script(),
         "UNPACK": script_of(["unpack"]),
         "FILM": _data(shown, drawn, curves, signals),
@@ -133,14 +132,7 @@ def parts_of(
 
 def script_of(names: Sequence[str]) -> str:
     """Return scripts of the page as one."""
-    folder = files("spatial_pin.view.page").joinpath("script")
-    return "\n".join(folder.joinpath(f"{name}.js").read_text("utf-8") for name in names)
-
-
-def filled(parts: dict[str, str]) -> str:
-    """Return page.html with its marks replaced."""
-    template = files("spatial_pin.view.page").joinpath("page.html").read_text("utf-8")
-    return re.sub("@([A-Z]+)@", lambda match: parts[match[1]], template)
+    return "\n".join(template(f"script/{name}.js") for name in names)
 
 
 def page(
@@ -163,7 +155,8 @@ def page(
     motion_or_state, look = overlaid(motion_or_state, look)
     shown = film(motion_or_state)
     curves = curves_of(shown, *((look.curves, look.ghosts) if look else ((), ())))
-    return filled(parts_of(shown, scene(shown, look), title, curves, signals(shown, loads)))
+    parts = parts_of(shown, scene(shown, look), title, curves, signals(shown, loads))
+    return filled("page.html", parts)
 
 
 @checked

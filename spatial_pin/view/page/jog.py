@@ -61,20 +61,6 @@ class JogStop(NamedTuple):
     of: str = ""
 
 
-class Reach(NamedTuple):
-    """How far a driver can be moved, the others held.
-
-    Attributes:
-        ends: least and greatest driver value [rad or m].
-        stops: what is there; None where it goes on.
-        q: configurations from one end to the other, shape (N, nq).
-    """
-
-    ends: tuple[float, float]
-    stops: tuple[JogStop | None, JogStop | None]
-    q: Array
-
-
 class Jog:
     """A closed configuration that follows its drivers, never leaving its branch.
 
@@ -249,18 +235,28 @@ class Jog:
                 self._regular = state
         return state
 
-    def reach(self, name: str, rows: int) -> Reach:
-        """Return how far a driver can be moved, in as many samples either way.
+    def reach(
+        self, name: str, rows: int
+    ) -> tuple[tuple[float, float], tuple[JogStop | None, JogStop | None], Array]:
+        """Return how far a driver can be moved while the others are held.
 
-        One without limits goes a turn, or half a characteristic length, either way of where the
-        mechanism was placed.
+        A driver without limits goes a turn, or half a characteristic length, to either side of its
+        home.
+
+        Args:
+            name: of the driver.
+            rows: samples to either side.
+
+        Returns:
+            Least and greatest value [rad or m]; what is there, None where it goes on; and the
+            configurations from one end to the other, shape (N, nq).
         """
         home, span, now = self._home[name], self.span(name), self.value(name)
         if abs(now - home) > span:
             home = self._home[name] = now
         lower, upper = (self._path(name, home + sense * span, rows) for sense in (-1.0, 1.0))
         q = np.concatenate([lower[2][::-1], self.state.q[None], upper[2]])
-        return Reach((lower[0], upper[0]), (lower[1], upper[1]), q)
+        return (lower[0], upper[0]), (lower[1], upper[1]), q
 
     def _path(self, name: str, end: float, rows: int) -> tuple[float, JogStop | None, Array]:
         """Return how far a driver comes on the way to a value, what stops it, and the samples."""

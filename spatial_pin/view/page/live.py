@@ -12,7 +12,6 @@ import secrets
 import threading
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
-from importlib.resources import files
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -27,8 +26,9 @@ from spatial_pin.mobility.assembly_modes import assembly_modes
 from spatial_pin.motion.motion import Motion
 from spatial_pin.motion.outputs import is_force
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.view.page.html import filled, packed_script, page, parts_of
-from spatial_pin.view.page.jog import STOPS, Grip, Jog, JogStop, Reach, pulled
+from spatial_pin.view.page.html import packed_script, page, parts_of
+from spatial_pin.view.page.jog import STOPS, Grip, Jog, JogStop, pulled
+from spatial_pin.view.page.markup import filled, template
 from spatial_pin.view.page.plots import NO_RATES, growing_curves, points_now
 from spatial_pin.view.page.server import Service, Viewer, open_in_browser
 from spatial_pin.view.scene.film import Film, as_motion, film, length_words, reading, unit_of_length
@@ -98,15 +98,15 @@ class Desk:
         self._modes: tuple[dict[str, float], list[State]] | None = None
         self._lock = threading.Lock()
         self.rows = max(FEWEST_SAMPLES, LIVE_SAMPLES // len(jog.names))
-        reaches = self.reaches()
+        reaches = {name: jog.reach(name, self.rows) for name in jog.names}
         self.dials = {}
-        for name, reach in reaches.items():
+        for name, (ends, _, _) in reaches.items():
             size, unit = math.pi / 180, "°"
             if jog.mechanism.coordinate(name).unit != "rad":
-                size, word = unit_of_length(max(map(abs, reach.ends)))
+                size, word = unit_of_length(max(map(abs, ends)))
                 unit = f" {word}"
             self.dials[name] = Dial(name, unit, size, 2)
-        q = np.concatenate([reach.q for reach in reaches.values()])
+        q = np.concatenate([samples for _, _, samples in reaches.values()])
         n, nv = len(q), jog.mechanism.model.nv  # all ways as a film: the picture has room for them
         still, zeros = np.zeros(n), np.zeros((n, nv))
         angles = np.repeat(jog.state.angles[None], n, axis=0)
@@ -115,10 +115,6 @@ class Desk:
         paths = enumerate(joint_paths(jog.mechanism.model))
         self.paths = {path: joint for joint, path in paths if joint}
         self.says()
-
-    def reaches(self) -> dict[str, Reach]:
-        """Return how far every driver can be moved from here."""
-        return {name: self.jog.reach(name, self.rows) for name in self.jog.names}
 
     def answer(self, question: Any) -> Answer:
         """Return the answer to a question of the page.
@@ -199,14 +195,14 @@ class Desk:
     def ranges(self, question: Mapping[str, Any]) -> Answer:
         """Tell how far every slider goes."""
         ranges = {}
-        for name, reach in self.reaches().items():  # beyond its limits, and the marks of these
-            dial = self.dials[name]
-            lower, upper = (end / dial.size for end in reach.ends)
+        for name, dial in self.dials.items():  # beyond its limits, and the marks of these
+            ends, stops, _ = self.jog.reach(name, self.rows)
+            lower, upper = (end / dial.size for end in ends)
             room = BEYOND_LIMIT * max(upper - lower, 1e-9)
             marks = [{"at": s.value / dial.size, "text": dial.stop(s), "kind": s.kind}
-                     for s in reach.stops if s]
-            ranges[name] = {"ends": (lower - room * (reach.stops[0] is not None),
-                                     upper + room * (reach.stops[1] is not None)), "marks": marks}
+                     for s in stops if s]
+            ranges[name] = {"ends": (lower - room * (stops[0] is not None),
+                                     upper + room * (stops[1] is not None)), "marks": marks}
         return {"ranges": ranges}
 
     def limits(self, question: Mapping[str, Any]) -> Answer:
@@ -335,14 +331,13 @@ def _page(desk: Desk, token: str, title: str | None, look: Look | None) -> str:
         "over": over,
     }
     data = json.dumps(content, ensure_ascii=False).replace("<", "\\u003c")
-    panel = files("spatial_pin.view.page").joinpath("live.html").read_text("utf-8")
     grid = html.escape(f"ground grid {length_words(drawn.framing.cell)}")
-    return filled({
+    return filled("page.html", {
         **parts,
         "NOTES": f"<small>{grid}</small>",
         "CONNECT": "'self'",
         "SCRIPT": packed_script(("live", "drag", "grow")),
-        "EXTRA": panel.replace("@LIVE@", data),
+        "EXTRA": template("live.html").replace("@LIVE@", data),
     })
 
 

@@ -12,7 +12,6 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from importlib.resources import files
 
 import numpy as np
 
@@ -31,7 +30,7 @@ from spatial_pin.motion.summary import EFFORTS
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.view.page.designed import goals_page
 from spatial_pin.view.page.html import page
-from spatial_pin.view.page.markup import number, paragraph, section, table, tiny
+from spatial_pin.view.page.markup import number, paragraph, section, table, template, tiny
 from spatial_pin.view.page.plots import abscissa, plot, svg
 from spatial_pin.view.scene.film import loads
 from spatial_pin.view.scene.look import Look
@@ -148,8 +147,7 @@ def _view(subject: Subject) -> str:
     """Show the mechanism in three dimensions."""
     text = page(subject.shown, subject.title, subject.look, subject.loads)
     # paper has no 3-D: what is seen when printing begins is printed as a picture
-    freeze = files("spatial_pin.view.page").joinpath("freeze.html").read_text("utf-8").rstrip()
-    text = text.replace("</body>", freeze)
+    text = text.replace("</body>", template("freeze.html").rstrip())
     frame = f'<iframe title="3-D view" srcdoc="{html.escape(text)}"></iframe>'
     hint = "Drag to turn, scroll to come nearer, drag with the right button to move. "
     if subject.motion is not None:

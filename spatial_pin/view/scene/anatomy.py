@@ -13,8 +13,7 @@ from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.scene.film import Film
-from spatial_pin.view.scene.layers.axes import AXIAL
-from spatial_pin.view.scene.layers.places import places
+from spatial_pin.view.scene.layers.pair_axes import AXIAL, pairs_of
 
 FORCES = (("force", "N", slice(0, 3)), ("moment", "N·m", slice(3, 6)))  # of a reaction
 
@@ -53,7 +52,7 @@ def anatomy(mechanism: Mechanism) -> dict[str, Any]:
         inertia = mechanism.inertias.get(name)
         if inertia is not None and inertia.mass > 0.0:
             frames[-1] |= {"mass": inertia.mass, "com": _short(inertia.lever)}
-    for pair in places(mechanism):
+    for pair in pairs_of(mechanism):
         coordinates = [c.name for c in coordinates_of(mechanism, pair.name)]
         pairs.append({"name": pair.name, "kind": pair.kind, "joints": pair.joints,
                       "at": [_short(frame[:3, 3]) for frame in pair.frames],

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from spatial_pin._support.checks import check_kind, names_of
+from spatial_pin._support.lazy import with_former_field
 from spatial_pin.errors import SpatialPinError
 
 if TYPE_CHECKING:
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from spatial_pin.workspace_map.workspace_result import Workspace
 
 
+@with_former_field("beside", "side_by_side")
 @dataclass(frozen=True)
 class Look:
     """Extras of a picture besides the bodies; open closures and springs are always shown.
@@ -44,7 +46,8 @@ class Look:
             values, else from beginning to end; its outputs are dashed curves.
         clearance: a Clearance of the shown motion: links are red where they touch, and a line joins
             the nearest points of the nearest links.
-        beside: whether ghosts are solid and side by side with the first, not half transparent.
+        side_by_side: whether ghosts are solid, in rows and columns with the first, not half
+            transparent.
         workspace: a Workspace: reached points, coloured by dexterity, and the ends of the branch.
         design: a Design, whose mechanism is shown: the points and placements of its goals, and the
             paths of their frames; a report also has the values of coordinates in its goals.
@@ -64,7 +67,7 @@ class Look:
     centres: bool = False
     ghosts: tuple[State | Motion, ...] = ()
     clearance: Clearance | None = None
-    beside: bool = False
+    side_by_side: bool = False
     workspace: Workspace | None = None
     design: Design | None = None
     skeleton: bool | None = None
@@ -72,7 +75,7 @@ class Look:
     curves: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in ("axes", "centres", "beside"):
+        for name in ("axes", "centres", "side_by_side"):
             check_kind(f"Look: {name}", "bool", getattr(self, name))
         for name in ("pairs", "skeleton", "shadow"):
             check_kind(f"Look: {name}", "bool | None", getattr(self, name))

@@ -14,11 +14,11 @@ from spatial_pin.numerics.linalg import Array
 from spatial_pin.view.scene.film import Film
 from spatial_pin.view.scene.framing import FIELD_OF_VIEW, Framing, direction, frame, occupied
 from spatial_pin.view.scene.layers.arrows import arrows, traces
-from spatial_pin.view.scene.layers.axes import axes
 from spatial_pin.view.scene.layers.gaps import gaps
 from spatial_pin.view.scene.layers.ghosts import ghosts, side_by_side
 from spatial_pin.view.scene.layers.glyphs import glyphs
 from spatial_pin.view.scene.layers.overlays import clearances, designs, workspaces
+from spatial_pin.view.scene.layers.pair_axes import axes
 from spatial_pin.view.scene.layers.visuals import bodies, centres, colour, springs, with_skeleton
 from spatial_pin.view.scene.look import Look
 from spatial_pin.view.scene.shapes import meshcat, mg
@@ -230,7 +230,7 @@ def _layers(stage: Stage, look: Look, bare: bool, towards: Array) -> dict[str, l
         layers["design"] = [designs(stage, look.design, look.traces)]
     layers |= {"traces": [traces(stage, look.traces)], "arrows": arrows(stage, look.arrows)}
     if look.ghosts:
-        layers["ghosts"] = [side_by_side(stage, look.ghosts, towards) if look.beside
+        layers["ghosts"] = [side_by_side(stage, look.ghosts, towards) if look.side_by_side
                             else ghosts(stage, look.ghosts)]
     return layers
 

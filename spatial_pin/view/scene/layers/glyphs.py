@@ -14,8 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.view.scene.layers.axes import AXIAL
-from spatial_pin.view.scene.layers.places import PairAxes, places
+from spatial_pin.view.scene.layers.pair_axes import AXIAL, PairAxes, pairs_of
 from spatial_pin.view.scene.shapes import Solid, ball, bar, moved, rod, tube, turned
 from spatial_pin.view.scene.stage import Item, Layer, Stage, rod_between
 
@@ -236,7 +235,7 @@ def glyphs(stage: Stage, through: bool) -> Layer:
     """Return a sign for every joint and closure, seen through the bodies or not."""
     items: list[Item] = []
     points: list[Array] = [np.zeros((0, 3))]
-    pairs = places(stage.film.mechanism)
+    pairs = pairs_of(stage.film.mechanism)
     for pair, unit in zip(pairs, _units(stage, pairs), strict=True):
         make = GLYPHS.get(pair.kind)
         for k, piece in enumerate(make(_site(stage, pair, unit)) if make else ()):
