@@ -142,14 +142,14 @@ class Tabular:
 
         Args:
             path: a file's name, or an open text file, or None for the text itself.
-            outputs: names of what is wanted; default all that the table has.
+            outputs: names of columns; default all.
 
         Returns:
             The path of the file; the text where there is no path.
 
         Raises:
             UnknownNameError: there is no such output.
-            OSError: it cannot be written; what was there before stays.
+            OSError: it cannot be written; an old file stays.
 
         Example:
             >>> motion = sp.sweep(sp.load("four_bar"), "crank", [0.0, 0.5, 1.0], speed=2.0)
@@ -176,14 +176,14 @@ class Tabular:
 
         Args:
             path: of the file; `.npz` is added where it is missing.
-            outputs: names of what is wanted; default all that the table has.
+            outputs: names of columns; default all.
 
         Returns:
             The path.
 
         Raises:
             UnknownNameError: there is no such output.
-            OSError: it cannot be written; what was there before stays.
+            OSError: it cannot be written; an old file stays.
 
         Example:
             >>> motion = sp.sweep(sp.load("four_bar"), "crank", [0.0, 0.5, 1.0], speed=2.0)
@@ -201,7 +201,7 @@ class Tabular:
         Its `attrs["units"]` are the units by heading.
 
         Args:
-            outputs: names of what is wanted; default all that the table has.
+            outputs: names of columns; default all.
 
         Raises:
             UnknownNameError: there is no such output.
@@ -230,7 +230,7 @@ class Tabular:
         Variables have names without units, which are in `attrs["units"]` of each.
 
         Args:
-            outputs: names of what is wanted; default all that the table has.
+            outputs: names of columns; default all.
 
         Raises:
             UnknownNameError: there is no such output.
@@ -260,7 +260,7 @@ def write_npz(path: str | Path, arrays: Mapping[str, Any]) -> Path:
     The suffix is added where it is missing, but not to the name of a pipe or device.
 
     Raises:
-        OSError: it cannot be written; what was there before stays.
+        OSError: it cannot be written; an old file stays.
     """
     path = named_path(path)
     if path.suffix != ".npz" and not is_special(path):

@@ -1,4 +1,4 @@
-"""Writing files: what was there before stays until the new file is whole.
+"""Writing files: an old file stays until the new one is complete.
 
 A full disk, an error or a kill on the way loses nothing.
 """
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-LONGEST_SUFFIX = 16  # of a name that tells a writer the format
+LONGEST_SUFFIX = 16  # of a name whose suffix is the format
 FORMULA = ("=", "+", "-", "@")  # how formulas of a spreadsheet begin
 QUOTE = "'"  # before a text that is none, in a table
 
@@ -98,7 +98,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def is_special(path: Path) -> bool:
-    """Whether there is a pipe, a device or the like, which keeps nothing."""
+    """Whether a path is a pipe, a device or the like."""
     return path.exists() and not path.is_file()
 
 
@@ -118,7 +118,7 @@ def write_columns(path: Path, table: Mapping[str, Any]) -> Path:
     """Write named columns of equal length as .csv, with all digits; returns the path.
 
     Raises:
-        OSError: it cannot be written; what was there before stays.
+        OSError: it cannot be written; an old file stays.
     """
     with replacing(path) as target, target.open("w", newline="", encoding="utf-8") as file:
         write_csv(file, table, "\r\n")
@@ -187,7 +187,7 @@ def figure_suffix(path: Path, what: str = "path") -> str:
 
 
 def save_figure(figure: Figure, path: str | Path) -> None:
-    """Write a figure as the suffix says.
+    """Write a figure in the format of its suffix.
 
     Raises:
         ValueError: no figure has this suffix.

@@ -1,4 +1,4 @@
-"""What a design is asked for in a file: goals and bounds in TOML, or points and values in a table.
+"""Goals of a design in a file: goals and bounds in TOML, or points and values in a table.
 
 A TOML file has an array of tables `[[goal]]`, each with the `kind` of a goal of `sp.goals` and the
 arguments of its function, and a table `[dimensions]` with the least and the largest value of each
@@ -42,7 +42,7 @@ def read_goals(path: str | Path, mechanism: Mechanism) -> tuple[list[Goal], dict
 
     Raises:
         OSError: it cannot be read.
-        SpatialPinError: it is no such file, or a goal is none; says where.
+        SpatialPinError: it is no such file, or a goal is wrong; names file and goal.
     """
     path = Path(path)
     if path.suffix.lower() != ".toml":
@@ -147,7 +147,7 @@ def _argument(mechanism: Mechanism, kind: str, key: str, table: Mapping[str, Any
 
 
 def _plain(given: Any) -> Any:
-    """Return what a file gives with its texts that begin as numbers do as quantities."""
+    """Return a file's values; texts that begin with a number become quantities."""
     if isinstance(given, str) and _NUMBER.match(given):
         return quantity(given)
     if isinstance(given, list):
@@ -158,7 +158,7 @@ def _plain(given: Any) -> Any:
 
 
 def _in_units(key: str, given: Any, base: str) -> Any:
-    """Return what is given, after a look at the units in it."""
+    """Return a value after a check of its units."""
     if isinstance(given, ValueWithUnit) and base and not given.is_for(base):
         raise ValueError(f"{key} is in {base}, not in {given.unit}")
     if isinstance(given, list):

@@ -21,7 +21,7 @@ from spatial_pin.mechanism.joint_limits import joint_limits
 from spatial_pin.mechanism.pairs import COUPLING
 
 FRAMES, JOINTS = "frames", "joints"
-CLOSURES = {  # what an example of each kind says, what it needs, and keys besides
+CLOSURES = {  # of an example of each kind: a comment, its needs, further keys
     "spherical": ("a ball", FRAMES, ""),
     "revolute": ("a hinge; axis is z of both frames unless it is given", FRAMES,
                  "axis = [0, 0, 1]"),
@@ -52,7 +52,7 @@ def write_from(name: str, tree: Path, folder: Path, mechanism: sp.Mechanism) -> 
         name: of the mechanism and its file.
         tree: the file that it is loaded from.
         folder: where to write.
-        mechanism: what the tree loads as.
+        mechanism: loaded from the tree.
 
     Returns:
         The files written.
@@ -104,7 +104,7 @@ def _refuse_existing(paths: Iterable[Path]) -> None:
 
 
 def _joints(mechanism: sp.Mechanism) -> str:
-    """Return the tree's joints as comments: what they join, and their limits."""
+    """Return the tree's joints as comments: their links and limits."""
     ends = {joint.get("name"): [
         "" if (end := joint.find(key)) is None else end.get("link", "") for key in (
             "parent", "child")] for joint in robot_of(mechanism).findall("joint")}
@@ -122,7 +122,7 @@ def _joints(mechanism: sp.Mechanism) -> str:
 
 
 def _closures(mechanism: sp.Mechanism) -> str:
-    """Return what the tree states of loops, and an example of every kind, as comments."""
+    """Return the tree's own loops, and an example of every kind of closure, as comments."""
     lines = ["# Loops: each closure joins two frames of different bodies. Links and frames: "
              "`spatial-pin info`."]
     for closure in mechanism.closures:
@@ -161,7 +161,7 @@ def _drivers(mechanism: sp.Mechanism) -> str:
 
 
 def _guess(mechanism: sp.Mechanism) -> str:
-    """Return where the joints of one freedom stand."""
+    """Return the values of the joints with one freedom."""
     state = None
     for limits in (True, False):  # within the joint limits where there is such a configuration
         with contextlib.suppress(sp.AssemblyError), warnings.catch_warnings():

@@ -1,4 +1,4 @@
-"""Options that several commands have, the values of options, and what a command is."""
+"""Options of several commands, the values of options, and the type of a command."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Command(NamedTuple):
         run: does it; its docstring is the help.
         options: what its parser understands.
         takes_mechanism: whether its first word names a mechanism.
-        one_of: options of which one is given, and only one.
+        one_of: options that exclude each other; one must be given.
     """
 
     run: Callable[[argparse.Namespace], None]
@@ -54,8 +54,8 @@ def data_options(json: str, csv: str = "") -> tuple[Option, ...]:
     """Return `--json` and, where there is a table, `--csv`.
 
     Args:
-        json: what is written as JSON.
-        csv: what is written as a table; "" for none.
+        json: content of the JSON file.
+        csv: content of the table; "" for none.
     """
     return tuple(option(flag, metavar="F", nargs="?", const=SCREEN,
                         help=f"write {what} as {form} (to the screen without F)")
@@ -64,7 +64,7 @@ def data_options(json: str, csv: str = "") -> tuple[Option, ...]:
 
 
 def hold_option(more: str = "") -> tuple[Option, ...]:
-    """Return what stands still."""
+    """Return the option of held coordinates."""
     return (option("--hold", action="append", default=[], metavar="NAME",
                    help=f"a joint or coordinate that stands still, besides a free base{more}"),)
 

@@ -53,7 +53,7 @@ def read_table(
 
     Raises:
         OSError: it cannot be read.
-        SpatialPinError: it is no such table; says where.
+        SpatialPinError: it is no such table; names file, row and column.
     """
     lines = _lines(path)
     if len(lines) < 2:
@@ -62,7 +62,7 @@ def read_table(
     (_, heads), *rows = lines
     for k, head in enumerate(heads):
         if not "".join(word for _, line in lines for word in line[k : k + 1]).strip():
-            continue  # what a comma at the end of every line leaves
+            continue  # a comma at the end of every line leaves an empty column
         name, unit = _head(path, head)
         if name.endswith(NOT_READ) or NO_POSITION.search(name) or unit == ENERGY:
             continue
@@ -113,7 +113,7 @@ def _lines(path: str | Path) -> list[tuple[int, list[str]]]:
 
 
 def _check_unit(path: str | Path, mechanism: Mechanism | None, name: str, unit: str) -> None:
-    """Refuse a unit that does not go with what a column is about."""
+    """Refuse a unit that does not fit the quantity of a column."""
     last, base = name.rpartition(".")[2], ""
     if name == TIME:
         base = "s"
@@ -162,7 +162,7 @@ def frame_targets(where: str, frame: str, parts: Mapping[str, Any]) -> Any:
     """Return points (N, 3) of a frame, or its placements, from columns (N,) by x, y, z, rx, ry, rz.
 
     Args:
-        where: what is said before the names of columns that are missing.
+        where: text before the names of missing columns.
         frame: its name.
         parts: the columns.
 
@@ -220,7 +220,7 @@ def _number(
 def read_measurements(
     path: str | Path, mechanism: Mechanism, read: Collection[str] = ()
 ) -> list[tuple[dict[str, float], dict[str, Any]]]:
-    """Return measurements as `calibrate` takes them: what encoders read, and what was measured.
+    """Return measurements as `calibrate` takes them: readings of encoders, and measured outputs.
 
     Columns of drivers are what encoders read. Measured are `NAME.x`, `NAME.y`, `NAME.z` of a point
     [m], with `NAME.rx`, `NAME.ry`, `NAME.rz` (rotation vector, rad) of a placement, other
@@ -234,7 +234,7 @@ def read_measurements(
 
     Raises:
         OSError: it cannot be read.
-        SpatialPinError: it is no such table; says where.
+        SpatialPinError: it is no such table; names file, row and column.
         UnknownNameError: there is no such frame, coordinate or driver.
     """
     columns, _ = read_table(path, mechanism, with_blanks=True)
@@ -250,7 +250,7 @@ def read_measurements(
 
 
 def _measured(where: str, mechanism: Mechanism, row: Mapping[str, float]) -> dict[str, Any]:
-    """Return what was measured at a pose, by name of a frame or coordinate."""
+    """Return the measured outputs of a pose, by name of a frame or coordinate."""
     entry: dict[str, Any] = {}
     frames: dict[str, dict[str, float]] = {}
     for name, value in row.items():
@@ -275,7 +275,7 @@ def _measured(where: str, mechanism: Mechanism, row: Mapping[str, float]) -> dic
 
 
 def check_sigma(mechanism: Mechanism, sigma: Mapping[str, float]) -> None:
-    """Refuse standard deviations whose units are not those of what they are of."""
+    """Refuse standard deviations in other units than their measurements."""
     for name, value in sigma.items():
         kind = name.rpartition(".")[2]
         coordinate = name.removesuffix(ENCODER)

@@ -1,4 +1,4 @@
-"""Faults that a file can be read with: noted while it is read, told together in one sentence."""
+"""Faults that do not stop the reading of a file; one warning names them all."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Faults:
         """Note a fault.
 
         Args:
-            kind: what is wrong and what was made of it.
+            kind: the fault and its treatment.
             what: the link, joint or file that has it; "" where `kind` says it.
         """
         named = self._named.setdefault(kind, [])

@@ -36,15 +36,15 @@ LISTS = ("closures", "springs")
 TABLES = ("joints", "frames", "guess")
 SAME = "that is the same"
 ROOT_JOINT = "root_joint"  # as Pinocchio names it
-GROUNDS = ("world", "ground")  # names of the link that stands still, the first that is free
+GROUNDS = ("world", "ground")  # names of the fixed link, the first that is free
 
 
 def merged(own: Mapping[str, Any], stated: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
-    """Return the content of both, and what was left out, a sentence each.
+    """Return the content of both files, and notices of entries that were replaced.
 
     Args:
-        own: what the mechanism file says, as `tomllib` reads it.
-        stated: what the file of its tree says beside the tree.
+        own: content of the mechanism file, as `tomllib` reads it.
+        stated: content of the file of its tree.
 
     Returns:
         The mechanism file's keys; a loop of the tree's file too, unless the mechanism file has a
@@ -94,7 +94,7 @@ def with_free_flyer(urdf: str, path: Path, refined: Container[str] = ()) -> str:
     """Return URDF text in which a floating joint carries the root link.
 
     A new link, `world`, becomes the root (`ground` where a link has that name): closures to what
-    stands still name it. What a file fixes to its root link goes with it.
+    stands still name it. Links that a file fixes to its root link go with it.
 
     Raises:
         MechanismFileError: all that the root carries floats already.
@@ -105,7 +105,7 @@ def with_free_flyer(urdf: str, path: Path, refined: Container[str] = ()) -> str:
     roots = [link for link in links if link.get("name", "") not in children]
     where = f"{shown(path)}: free_flyer=True"
     if not roots:
-        return urdf  # no tree: told by whoever reads it
+        return urdf  # no tree: its reader refuses it
     root = roots[0].get("name", "")
     if len(roots) > 1:
         names = ", ".join(link.get("name", "") for link in roots)
@@ -173,7 +173,7 @@ def load(
             and, xacro, from ROS packages (folders with a `package.xml`, or below those of
             ROS_PACKAGE_PATH, AMENT_PREFIX_PATH and `packages`).
         free_flyer: whether a floating joint, `root_joint`, carries the root link, as Pinocchio's
-            JointModelFreeFlyer does; what stands still is then the link `world`.
+            JointModelFreeFlyer does; the fixed link is then `world`.
         packages: folders of ROS packages by name, such as {"talos_data": "robots/talos_data"}, in
             which `package://NAME/...` and `$(find NAME)` lie; they go before ROS_PACKAGE_PATH,
             AMENT_PREFIX_PATH, the folders round the file, and installed packages of data.
@@ -184,17 +184,17 @@ def load(
             "outer::inner".
         without: names or tags of elements and joints of the tree's file (not of links) that are
             left out, such as ["tendon_constraint"], where one of them cannot be read;
-            `Mechanism.notices` tells it.
+            `Mechanism.notices` names them.
         **parameters: values of the xacro arguments of its tree [SI, rad].
 
     Returns:
         The mechanism; its loops are not yet closed, see `assemble`. A warning lists faults of the
         file that do not prevent loading; `Mechanism.notices` has them all. Meshes are read when
-        `visual_model` or `collision_model` is first asked for.
+        `visual_model` or `collision_model` is first used.
 
     Raises:
-        MechanismFileError: a file cannot be used; says which key, joint or closure, and why. Or
-            `free_flyer` is asked for and the root floats already.
+        MechanismFileError: a file cannot be used; names the key, joint or closure. Or
+            `free_flyer` is True and the root floats already.
         TypeError: the source is neither a name nor a path, or `trusted` or `free_flyer` neither
             True nor False, or `packages` no dictionary of paths, or `model` no name, or `without`
             no list of names, or a parameter is neither a number nor a text.
@@ -235,7 +235,7 @@ def load_expanded(mechanism: Mechanism, parameters: Mapping[str, float], urdf: s
     Args:
         mechanism: it was loaded from the file.
         parameters: values of xacro arguments that change [SI, rad].
-        urdf: what the xacro file expands to with them.
+        urdf: expanded text of the xacro file with them.
     """
     m = mechanism
     assert m.path is not None
@@ -249,7 +249,7 @@ def _loaded(request: Request) -> Mechanism:
     if request.path.suffix == ".toml":
         return _load_toml(request)
     importer = importer_of(request.path)
-    assert importer is not None  # otherwise it was not found
+    assert importer is not None  # else there is no such file
     request = _choosing_model(request, request.path, importer)
     imported, path = importer.read(request), request.path
     name = path.name.removesuffix(".xacro").removesuffix(".urdf")
@@ -346,7 +346,7 @@ def _tree_of(top: TomlTable, request: Request) -> Path:
 def _made(
     content: dict[str, Any], file: Path, urdf: str, request: Request, notices: Iterable[str]
 ) -> Mechanism:
-    """Return the mechanism of a file's content and the tree of `file`; a warning tells faults."""
+    """Return the mechanism of a file's content and the tree of `file`; a warning names faults."""
     faults = Faults()
     for notice in notices:
         faults.note(notice)

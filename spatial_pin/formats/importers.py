@@ -1,4 +1,4 @@
-"""What an importer is given and gives, the table of formats, and which of them a file is in."""
+"""Importers: their request and result, the table of formats, and the format of a file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FOLDER = "/"  # the ending of a folder's name
 
 @dataclass(frozen=True)
 class Request:
-    """What is to be read, and how.
+    """A file to read, with the options of `load`.
 
     Attributes:
         path: the file, or the folder for formats that are one.
@@ -26,10 +26,10 @@ class Request:
         packages: folders of ROS packages, by name, absolute; go before all others.
         model: which model of a file with several; None: its only one.
         without: names of elements and joints that are left out.
-        free_flyer: whether a floating joint is put below the root of what is read.
-        alone: whether no mechanism file with closures says more of it.
-        complete: whether a mechanism file says all that there is beside links and joints.
-        expanded: what the xacro file of its tree expands to, where that is known.
+        free_flyer: whether a floating joint is put below the root link.
+        alone: whether no mechanism file adds closures.
+        complete: whether a mechanism file has everything beside links and joints.
+        expanded: expanded text of the xacro file of its tree, where that is known.
     """
 
     path: Path
@@ -51,13 +51,13 @@ class Request:
 
 @dataclass(frozen=True)
 class Imported:
-    """An open tree and all that a file says beside it.
+    """An open tree and the further content of its file.
 
     Attributes:
         urdf: the open tree as plain URDF text, files of meshes by absolute paths.
-        content: what a mechanism file would say beside it, as `tomllib` reads one; `name` and
+        content: the other keys of a mechanism file, as `tomllib` reads them; `name` and
             `tree` may be left out.
-        notices: what was changed or left out in reading, a sentence each; `load` warns of them.
+        notices: of changes and omissions in reading, a sentence each; `load` warns of them.
     """
 
     urdf: str
@@ -75,7 +75,7 @@ class Importer:
         recognises: whether a file (or folder) with one of these endings is one of it; it reads no
             more than it must. A folder has the ending "/".
         read: reads one; raises `MechanismFileError` where it cannot be used.
-        has_models: whether a file of it may hold several models, of which `load` takes one.
+        has_models: whether a file may hold several models; `load` takes one.
     """
 
     title: str

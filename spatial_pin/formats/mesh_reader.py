@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 MEMORY = 4 << 30  # bytes of address space: the libraries alone take a quarter of it
-GROWTH = 200  # bytes for a byte of the file, four times what the reader was seen to take
+GROWTH = 200  # bytes for a byte of the file, four times the largest measured
 DEEPEST_NODE = 100  # nodes within one another: Python recurses to a thousand
 MOST_NODES = 10_000  # nodes and geometries, counted as often as they are used
 PRIMITIVES = ("triangles", "polylist", "polygons", "trifans", "tristrips")
@@ -27,7 +27,7 @@ LARGEST_MATERIALS = 10_000_000  # bytes of a file of materials
 
 
 def main(folder: str, files: list[str]) -> None:
-    """Read all files, the K-th of which no earlier run has begun."""
+    """Read all files; the K-th is the first that no earlier run has started."""
     limit_memory(files)
     for k, file in enumerate(files):
         started = os.path.join(folder, f"{k}.begun")
@@ -39,7 +39,7 @@ def main(folder: str, files: list[str]) -> None:
         try:
             points, corners, colours = coloured(file) or plain(file, folder)
             np.savez(f"{target}.npz", points=points, corners=corners, colours=colours)
-        except Exception as error:  # whatever the reader says
+        except Exception as error:  # errors of any kind
             with open(f"{target}.txt", "w", encoding="utf-8", errors="replace") as report:
                 report.write(str(error))
 
@@ -49,7 +49,7 @@ def coloured(file):
     read = COLOURED.get(os.path.splitext(file)[1].lower())
     try:
         return read(file) if read else None
-    except Exception:  # the other reader says what is wrong with it
+    except Exception:  # the other reader has a message
         return None
 
 
@@ -93,7 +93,7 @@ def read_collada(file: str) -> Part:
     """Return points (N, 3) [m], triangles (M, 3) and their colours (M, 4), NaN for those without.
 
     Raises:
-        ValueError: it has what is not known here, or lacks what it needs.
+        ValueError: it has unknown elements, or lacks needed ones.
         ElementTree.ParseError: it is no XML.
     """
     root = ET.parse(file).getroot()

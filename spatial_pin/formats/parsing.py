@@ -1,4 +1,4 @@
-"""XML and TOML text to elements and tables, without what a short text can make of their parsers.
+"""XML and TOML text to elements and tables; texts that make their parsers hang are refused.
 
 XML is nested no deeper than robots are, and may have prefixes that nobody declares; TOML could
 take hours and gigabytes.
@@ -59,7 +59,7 @@ def without(text: str, begin: str, end: str) -> str:
 
 
 def parse_urdf(text: str, path: Path) -> ET.Element:
-    """Return the root element of URDF text; a namespace of all of URDF is left out of its names."""
+    """Return the root element of URDF text; names lose a namespace of all of URDF."""
     robot = parse_xml(text.lstrip(), path)
     if robot.tag.endswith("}robot"):
         namespace = robot.tag.removesuffix("robot")

@@ -22,7 +22,7 @@ FOLDERS = ("", "urdf", "robots")  # where in a folder, or package, its URDF lies
 
 
 def is_urdf(path: Path) -> bool:
-    """Return whether a file is one: its name says so, or the name of its root element."""
+    """Return whether a file is a URDF, by its name or the name of its root element."""
     if path.suffix.lower() != ".xml":
         return True
     try:
@@ -98,7 +98,7 @@ def _read(urdf: Path, request: Request, name: str, statement: Path | None = None
     robot = parse_xml(imported.urdf, urdf)
     for mesh in robot.iter("mesh"):
         file = mesh.get("filename", "")
-        if file and "://" not in file:  # relative to the URDF, not to what was asked for
+        if file and "://" not in file:  # relative to the URDF, not to the file that was loaded
             mesh.set("filename", str(urdf.resolve().parent / file))
     return Imported(ET.tostring(robot, encoding="unicode"), {"name": name, **imported.content},
                     imported.notices)
@@ -114,7 +114,7 @@ def _candidates(folder: Path, trust: Trust) -> list[Path]:
 
 
 def _only(folder: Path, trust: Trust) -> Path:
-    """Return the URDF that is meant by a folder."""
+    """Return the URDF of a folder."""
     files = _candidates(folder, trust)
     names = ("robot", folder.resolve().name)
     chosen = files if len(files) == 1 else [p for p in files if p.stem in names][:1]

@@ -34,11 +34,11 @@ from spatial_pin.cli.printing import grid, print_result
 from spatial_pin.motion.summary import EFFORTS
 from spatial_pin.units import KINDS
 
-FORCES = {"m": "N", "rad": "N·m"}  # that move what is in these units
+FORCES = {"m": "N", "rad": "N·m"}  # unit of a coordinate: that of its force
 
 
 def _acting(options: argparse.Namespace, mechanism: sp.Mechanism) -> dict[str, Any]:
-    """Return what is held, what turns, and what acts."""
+    """Return the arguments for held coordinates, constant speeds and loads."""
     check_held(options, mechanism)
     efforts = unique(options, options.efforts)
     for name, x in efforts.items():
@@ -98,7 +98,7 @@ def _coordinates(result: sp.Equilibrium) -> list[tuple[str, float, str]]:
 
 
 def _quantities(result: sp.Equilibrium) -> list[tuple[str, float, str]]:
-    """Return names, values and units of what a pose at rest has: a number a row."""
+    """Return names, values and units of the numbers of a pose at rest."""
     mechanism, names = result.state.mechanism, result.coordinates
     rows = [*_coordinates(result), ("potential energy", result.energy, "J")]
     rows += [(f"stiffness of {name}" + (f" by {other}" if other != name else ""), float(x),

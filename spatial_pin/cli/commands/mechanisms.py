@@ -57,7 +57,7 @@ def info(options: argparse.Namespace) -> None:
 
 
 def check(options: argparse.Namespace) -> None:
-    """Read a mechanism file and say what is wrong with it."""
+    """Read a mechanism file and print its mistakes."""
     try:
         mechanism = loaded(options)
         notes = list(mechanism.notices)

@@ -52,7 +52,7 @@ from spatial_pin.view.page.plots import default_outputs
 
 
 def look_of(options: argparse.Namespace, clearance: sp.Clearance | None = None) -> sp.Look:
-    """Return what a picture is to show."""
+    """Return the extras of a picture."""
     return sp.Look(pairs=options.pairs or None, axes=options.axes, traces=tuple(options.trace),
                    arrows=tuple(options.arrow), centres=options.centres, clearance=clearance)
 
@@ -61,7 +61,7 @@ def write_followed(
     options: argparse.Namespace, follow: Callable[[], sp.Motion],
     last: Callable[[Any], str] = lambda motion: "",
 ) -> None:
-    """Follow a motion and write it, `last` below; after Ctrl-C what was followed until then."""
+    """Follow a motion and write it, `last` below; after Ctrl-C the samples until then."""
     try:
         motion = follow()
         write_motion(options, motion, last(motion))
@@ -75,7 +75,7 @@ def write_followed(
 def write_motion(
     options: argparse.Namespace, motion: sp.Motion, last: str = "", is_whole: bool = True
 ) -> None:
-    """Say what a motion is, and write it as asked; `last` goes below."""
+    """Print a summary of a motion and write its files; `last` goes below."""
     clearance = (or_partial_result(lambda: sp.clearance(motion, progress=True)) if options.clearance
              else None)
     if clearance is not None:
@@ -111,7 +111,7 @@ def write_motion(
 
 
 def sweep_task(options: argparse.Namespace, mechanism: sp.Mechanism) -> dict[str, Any]:
-    """Return the arguments of the sweep that was asked for."""
+    """Return the arguments of the sweep of the options."""
     for end in (options.first, options.last):
         fitting(options, mechanism, {options.driver: end})
     for rate in RATES:
@@ -125,7 +125,7 @@ def sweep_task(options: argparse.Namespace, mechanism: sp.Mechanism) -> dict[str
 
 
 def run_sweep(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion:
-    """Return the sweep that was asked for, up to the first joint limit if these are kept.
+    """Return the sweep of the options, up to the first joint limit if limits are kept.
 
     Raises:
         LimitError: it passes one, and is not to stop there.
@@ -172,7 +172,7 @@ def sweep(options: argparse.Namespace) -> None:
 
 
 def shown(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion | sp.State:
-    """Return the sweep that was asked for, or what a mechanism is shown with when none was."""
+    """Return the sweep of the options; without one, the usual motion of the mechanism."""
     if options.driver is not None:
         mechanism.coordinate(options.driver)
     check_names(options, mechanism)
@@ -257,7 +257,7 @@ def clearance(options: argparse.Namespace) -> None:
     result = or_partial_result(lambda: sp.clearance(
         subject, [(a, b) for a, b in options.between] or None, tolerance=float(options.tolerance),
         progress=True))
-    motion = result.motion  # what the nearest places are values of, with the unit
+    motion = result.motion  # the abscissa of the nearest places
     over = "" if motion.time is None or len(motion) == 1 else "time [s]"
     if motion.driver is not None:
         over = f"{motion.driver_name} [{motion.driver_unit}]"

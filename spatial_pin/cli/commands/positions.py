@@ -165,7 +165,7 @@ def _targets(options: argparse.Namespace) -> dict[str, Any]:
 def _reach_path(
     options: argparse.Namespace, mechanism: sp.Mechanism, standing: dict[str, Any]
 ) -> None:
-    """Go along a table of targets; coordinates named beside it stand still."""
+    """Go along a table of targets; coordinates named with it are held."""
     if any(isinstance(one, list) for one in standing.values()):
         options.usage_error("beside --path only COORDINATE=value: frames are columns of the table")
     if not options.limits:

@@ -36,7 +36,7 @@ from spatial_pin.motion.summary import EFFORTS, tidy
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.rates.rates import check_not_held
 
-UNITS = {"v": "m", "w": "rad"}  # of what rows are rates of
+UNITS = {"v": "m", "w": "rad"}  # of the rows of velocity v and angular velocity w
 ROWS = ("vx", "vy", "vz", "wx", "wy", "wz")
 COMPONENTS = [(part, unit, axis) for part, unit in (("force", "N"), ("moment", "N·m"))
               for axis in "xyz"]
@@ -72,7 +72,7 @@ def _movers(options: argparse.Namespace, mechanism: sp.Mechanism) -> list[str]:
 
     Raises:
         SpatialPinError: all drivers are held.
-        ValueError: what is to move it is held.
+        ValueError: a moving coordinate is held.
     """
     if options.by:
         check_not_held(mechanism, [mechanism.driven_coordinate(x) for x in options.by],

@@ -89,7 +89,7 @@ def workspace(options: argparse.Namespace) -> None:
 
 
 def design(options: argparse.Namespace) -> None:
-    """Find dimensions with which it does what is asked."""
+    """Find dimensions that meet the goals."""
     mechanism = loaded(options)
     goals, bounds = read_goals(options.goals, mechanism)
     bounds |= dict(options.dimensions)

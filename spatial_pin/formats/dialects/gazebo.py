@@ -10,20 +10,20 @@
 SDFormat's rules: the pose is that of the joint's frame when all joints of the tree are at zero, in
 the axes of the child link unless `relative_to` names another link (or joint, or `__model__`); the
 axis is in the joint's frame unless `expressed_in` names another. The joint is attached to both
-links where it stands then.
+links in that pose.
 
-The pose of a link is in the axes of the model, which are those of the root link, or of what
-`relative_to` names. The first joint between such a link and one of the tree becomes a joint of the
+The pose of a link is in the axes of the model, which are those of the root link, or of the frame
+that `relative_to` names. The first joint between such a link and one of the tree becomes a joint of the
 tree, whose coordinate turns the joint's child against its parent; further joints are loops.
 
 A plugin with `<joint>` and `<mimicJoint>` couples these two; where the joint has a `<mimic>` of
-its own, that says the same. The plugin DetachableJoint holds `<child_link>` on `<parent_link>`
-where both stand then, which is how loops are closed in today's Gazebo; where it takes hold of
-another model, as a gripper does, that model is not here.
+its own, that is the same coupling. The plugin DetachableJoint holds `<child_link>` on
+`<parent_link>` in the pose of zero coordinates: so loops are closed in today's Gazebo. A plugin
+that takes hold of another model, as a gripper does, is left out with a notice.
 
 Gazebo before SDFormat (PR2) has `<joint:hinge>`, `<joint:slider>` and `<joint:ball>` with `body1`,
 `body2`, `anchor` (the link in whose axes the point `anchorOffset` and `axis` are given). RViz
-needed `<mimic>` for the same loops, which says them twice, or wrongly: it gives way to the loops.
+needed `<mimic>` for the same loops: a second, or wrong, statement that gives way to the loops.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def read_gazebo(element: ET.Element, reading: RobotReading) -> None:
         links = [reading.root if name == WORLD and WORLD not in reading.links
                  else reading.link(name, joint) for name in names]
         if links[0] == links[1] and joint.get("type") == "fixed":
-            continue  # the base stands on the ground anyway
+            continue  # the base is fixed to the ground anyway
         kind, stands, axes, more = geometry(joint, links, reading)
         ends = [(link, reading.world[link].actInv(stands)) for link in links]
         reading.close(reading.name_of(joint), kind, "<gazebo><joint>", ends, (axes[0], axes[0]),
@@ -80,7 +80,7 @@ def read_gazebo(element: ET.Element, reading: RobotReading) -> None:
 
 def geometry(joint: ET.Element, links: list[str], reading: RobotReading
              ) -> tuple[str, pin.SE3, list[Array], dict[str, Any]]:
-    """Return a joint's pair, where its frame stands, its two axes there, and what else it needs."""
+    """Return a joint's pair, the placement of its frame, its two axes there, and its numbers."""
     kind, stated = reading.pair(joint), joint.find("pose")
     base = (stated.get("relative_to") if stated is not None else None) or links[1]
     stands = frame(base, joint, reading) * pose(stated, reading.where(joint))
@@ -100,7 +100,7 @@ def geometry(joint: ET.Element, links: list[str], reading: RobotReading
 
 
 def _read_detachable(plugin: ET.Element, reading: RobotReading) -> None:
-    """Read the plugin that holds a link on another where both stand."""
+    """Read the plugin that holds a link on another in the present pose."""
     parent, child, model = (plugin.findtext(tag, "").strip()
                             for tag in ("parent_link", "child_link", "child_model"))
     if model not in (*OWN, reading.robot.get("name", "")):
@@ -155,7 +155,7 @@ def _axes(joint: ET.Element, kind: str, stands: pin.SE3, reading: RobotReading) 
 
 
 def frame(name: str, joint: ET.Element, reading: RobotReading) -> pin.SE3:
-    """Return where a link, a joint of the tree, or the model stands when all joints are at zero."""
+    """Return the placement of a link, a joint or the model when all joints are at zero."""
     if name not in reading.links and name in reading.joints:
         name = end_of(reading.joints[name], "child")
     if name in reading.links:

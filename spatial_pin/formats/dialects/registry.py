@@ -1,7 +1,7 @@
 """The dialects in which a URDF, or a file beside it, states loops.
 
 To add one: write a reader that takes the element and the `RobotReading`, and name it here by its
-element; what is recognised otherwise is a line in `read_dialects`.
+element; a dialect without such an element is a line in `read_dialects`.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from spatial_pin.formats.dialects import drake, gazebo, urdf_loops, yaml_loops
 from spatial_pin.formats.dialects.robot import RobotReading
 from spatial_pin.formats.urdf.elements import is_prefixed, local, without_it
 
-KNOWN = ("link", "joint", "material", "transmission", "ros2_control")  # what is read
+KNOWN = ("link", "joint", "material", "transmission", "ros2_control")  # elements that are read
 HARMLESS = (  # they name links, and join none: drawing, sensing, contact, planning
     "sensor", "camera", "mujoco_camera", "frame", "fixed_frame", "mujoco", "collision_filter_group",
     "collision_filter_groups", "disable_collisions", "enable_collisions",
     "disable_default_collisions", "link_sphere_approximation", "group", "chain", "group_state",
     "end_effector", "virtual_joint", "passive_joint", "joint_property", "self_collision_checking",
 )
-ROLES = (  # what the two ends of a joint are called
+ROLES = (  # names of the two ends of a joint
     ("parent", "child"), ("predecessor", "successor"), ("link1", "link2"), ("link_1", "link_2"),
     ("link_a", "link_b"), ("linka", "linkb"), ("body1", "body2"), ("body_1", "body_2"),
     ("body_a", "body_b"), ("bodya", "bodyb"), ("body0", "body1"), ("link0", "link1"),
@@ -87,7 +87,7 @@ def _refuse(element: ET.Element, ends: list[str], reading: RobotReading) -> None
 def _named(element: ET.Element, links: Collection[str]) -> Iterator[str]:
     """Yield the links that an element names, in its attributes or text, at any depth.
 
-    Joints may have the names of links: what is called a joint names a joint.
+    Joints may have the names of links: an attribute called "joint" names a joint.
     """
     for inner in element.iter():
         if not isinstance(inner.tag, str) or (inner is not element and "joint" in local(inner)):

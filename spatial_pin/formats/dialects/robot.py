@@ -28,7 +28,7 @@ PAIR_OF = {  # what dialects call a joint -> our pair
 
 
 class RobotTree:
-    """A robot element; what is asked of it fails with the file and the element.
+    """A robot element; its errors name the file and the element.
 
     Attributes:
         robot: the URDF.
@@ -116,7 +116,7 @@ class RobotTree:
 
     @cached_property
     def world(self) -> dict[str, pin.SE3]:
-        """Where every link stands when every joint is at zero, in the root's axes."""
+        """The placement of every link when all joints are at zero, in the root's axes."""
         placed: dict[str, pin.SE3] = {}
         for link in self.links:
             chain: list[str] = []
@@ -153,7 +153,7 @@ def words(element: ET.Element) -> str:
 
 
 class NumberedNames:
-    """Names of which no two may be the same."""
+    """Names that must differ."""
 
     def __init__(self) -> None:
         self.taken: set[str] = set()
@@ -177,13 +177,13 @@ class NumberedNames:
 
 
 class RobotReading(RobotTree):
-    """A robot element, and what is found in it; the readers of the dialects write on it.
+    """A robot element and its loops; the readers of the dialects add to it.
 
     Attributes:
-        content: what a mechanism file would say beside it.
+        content: further tables of a mechanism file.
         names: those that are taken, of each list of the content, and of frames.
-        notices: what was changed or left out, a sentence each.
-        followers: joints that follow another, by what stands beside the tree.
+        notices: of changes and omissions, a sentence each.
+        followers: joints that follow another, by files beside the tree.
         leaders: joints that others followed, before loops took the place of <mimic>.
         all_driven: whether the drivers are all that there are, by whoever stated them.
     """
@@ -246,7 +246,7 @@ class RobotReading(RobotTree):
     def add(self, key: str, entry: dict[str, Any]) -> None:
         """Add an entry to a list of the content, under a name that no other there has.
 
-        A file that is meant for several simulators states one loop several times.
+        A file for several simulators states one loop several times.
         """
         name = self.names[key].free(entry["name"])
         self.content.setdefault(key, []).append({**entry, "name": name})
@@ -286,7 +286,7 @@ class RobotReading(RobotTree):
                     element.remove(child)
 
     def drop_mimics(self, joints: Iterable[str], why: str) -> None:
-        """Take the <mimic> out of joints, and tell of those that had one."""
+        """Remove the <mimic> of joints, with a notice."""
         dropped = {name: mimic for name in joints
                    if (mimic := self.joints[name].find("mimic")) is not None}
         for name, mimic in dropped.items():
@@ -302,7 +302,7 @@ class RobotReading(RobotTree):
         self.content.setdefault("drivers", {})[joint] = {"joint": joint}
 
     def name_of(self, element: ET.Element, among: str = "closures") -> str:
-        """Return an element's name, or one that says what and the how manieth it is."""
+        """Return an element's name, or one made of its tag and number."""
         tag = local(element)
         return element.get("name") or self.names[among].numbered(tag)
 

@@ -8,7 +8,7 @@ URDF+ (Chignoli et al., 2024):
       <axis xyz/>                           <ratio value/>
 
 An origin is the loop's frame in the axes of its link, the axis holds in both frames. A coupling
-says ratio * (angle of the predecessor) = angle of the successor, each counted from the nearest
+means ratio * (angle of the predecessor) = angle of the successor, each counted from the nearest
 link that carries both. Before 2024 both were `<constraint type="position">` (a common point) and
 `<constraint type="rolling">`. A joint with `independent="true"` is a driver.
 
@@ -37,7 +37,7 @@ onshape-to-robot makes the mate `closing_NAME` a link on either part, `closing_N
 `closing_NAME_2`, whose origins coincide. A revolute mate writes also `closing_NAME_1_z` and
 `closing_NAME_2_z`, 0.1 m along the mate's axis, which coincide too. The kinds of all other mates
 (ball, fastened, slider) are not written: they are balls. A closure of the same name in a mechanism
-file says otherwise.
+file states another.
 
 Motors: the joints of `<transmission>` and of `<ros2_control>` are drivers of their own names. A
 joint of `<ros2_control>` with `<param name="mimic">` follows another instead, as with `<mimic>`.
@@ -92,7 +92,7 @@ def read_coupling(element: ET.Element, reading: RobotReading) -> None:
 
 
 def read_independent(reading: RobotReading) -> None:
-    """Make drivers of the joints that are said to be independent."""
+    """Make drivers of the joints that are stated to be independent."""
     for name, joint in reading.joints.items():
         if joint.get("independent", "").lower() in ("true", "1"):
             reading.drive(name)

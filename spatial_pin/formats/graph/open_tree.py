@@ -27,10 +27,10 @@ from spatial_pin.numerics.angles import whole_turns
 
 DRAWN = 100.0  # roundings of the file that links may be drawn away from their joints
 BASE = "root_joint"  # the joint that lets a base float, as Pinocchio names it
-GROUND = "world"  # the link that stands for the world
+GROUND = "world"  # the link for the world
 SYMMETRIC = ("spherical", "planar", "floating", "universal")  # their coordinates have a direction
 TWIN = 1e-9  # relative gap between two links that two fixed joints place
-PLACED = ("origin", "parent", "child", "axis")  # of a joint element, what it is placed by
+PLACED = ("origin", "parent", "child", "axis")  # children of a joint element that place it
 RESISTANCES = ("damping", "friction", "armature")
 
 
@@ -62,7 +62,7 @@ def drawn(tree: SpanningTree) -> tuple[dict[str, Any], list[str]]:
 
 
 def coordinates_at(joint: GraphJoint, relative: pin.SE3) -> tuple[list[float], pin.SE3]:
-    """Return a joint's coordinates nearest to a placement of its frames, and that they give."""
+    """Return a joint's coordinates nearest to a placement, and the placement that they give."""
     pair, shift = joint.type, relative.translation
     if pair in ("spherical", "floating"):
         vector = pin.log3(relative.rotation)
@@ -83,7 +83,7 @@ def coordinates_at(joint: GraphJoint, relative: pin.SE3) -> tuple[list[float], p
     if pair not in ("fixed", "prismatic"):
         angle = math.atan2(turned[1, 0] - turned[0, 1], turned[0, 0] + turned[1, 1])
     if pair == "screw":
-        if joint.lead:  # the slide tells how many turns
+        if joint.lead:  # whole turns follow from the slide
             angle += whole_turns(2.0 * math.pi * slide / joint.lead - angle)
         slide = angle / (2.0 * math.pi) * joint.lead
     coordinates = {"fixed": [], "revolute": [angle], "screw": [angle], "prismatic": [slide],
@@ -103,9 +103,9 @@ def open_tree(
     Args:
         graph: links and joints.
         where: the file, for errors.
-        content: what a mechanism file says beside it, and its name; it is added to.
-        notices: of what was read.
-        robot: the <robot> that it comes from; what is neither link nor joint is kept.
+        content: tables of a mechanism file, with its name; more are added.
+        notices: of the reader.
+        robot: the <robot> that it comes from; elements other than links and joints stay.
 
     Raises:
         MechanismFileError: two fixed joints hold a link in two places, or something refers to the
@@ -168,7 +168,7 @@ class _Writer:
         return self.ground if link == WORLD else link
 
     def frame(self, wanted: str, link: str, placement: pin.SE3) -> str:
-        """Return the name of a link that stands at a place on another, that itself if it does."""
+        """Return the name of a link at a placement on another, or of that link itself."""
         if placement.isIdentity(0.0):
             return self.link_of(link)
         name = fresh(wanted, self.taken)
@@ -312,6 +312,6 @@ def _urdf_type(joint: GraphJoint) -> str:
 
 
 def _pair_table(joint: GraphJoint) -> dict[str, Any]:
-    """Return what a mechanism file says of a joint's pair."""
+    """Return the table of a joint's pair in a mechanism file."""
     return {"type": "weld" if joint.type == "fixed" else joint.type,
             **PAIRS[joint.type].told(joint.axis, joint.axis2, joint.lead, joint.length)}

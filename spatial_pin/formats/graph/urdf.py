@@ -31,7 +31,7 @@ def without_loops(
     urdf: str, content: Mapping[str, Any], refinements: Mapping[str, JointRefinement], path: Path,
     faults: Faults,
 ) -> Imported | None:
-    """Return a URDF with its loops cut, and what a mechanism file then says beside it.
+    """Return a URDF with its loops cut, and the tables of a mechanism file for them.
 
     Returns:
         None where there is no loop, or where the URDF cannot be used for other reasons.

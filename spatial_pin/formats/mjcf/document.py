@@ -28,7 +28,7 @@ class MjcfDocument:
     """An MJCF document that is being written.
 
     Attributes:
-        mechanism: what is written.
+        mechanism: to write.
         root: <mujoco>; parts: its children by tag.
         bodies: element of the body of every tree joint, the world's first.
         links: element of the body of every link.
@@ -102,12 +102,12 @@ class MjcfDocument:
     ) -> None:
         """Give a body as little mass and moments of inertia as MuJoCo asks for.
 
-        A body at an end gets so much that MuJoCo can work with it, which is told later.
+        A body at an end gets enough for MuJoCo; a warning names it later.
 
         Args:
             name: of the body.
             body: its element.
-            inertia: what it has, too little.
+            inertia: its own, too small.
             carries: whether it carries a body that has mass.
         """
         mech, own = self.mechanism, inertia or pin.Inertia.Zero()

@@ -24,7 +24,7 @@ GREY = np.array([0.5, 0.5, 0.5, 1.0])  # of a geom that has no colour of its own
 
 
 class PlacedJoint(NamedTuple):
-    """Where a joint stands.
+    """A joint and its placement.
 
     Attributes:
         name: of the joint.
@@ -42,7 +42,7 @@ class PlacedJoint(NamedTuple):
 
 
 class MjcfReading:
-    """The bodies, joints, geoms and sites of a model, and what else is read of it.
+    """The bodies, joints, geoms and sites of a model.
 
     Attributes:
         mujoco: the module.
@@ -54,7 +54,7 @@ class MjcfReading:
         refined: what URDF cannot say of joints, by name.
         sites: name of the link of every site, by its number.
         tendons: numbers of the tendons that are read as springs.
-        notices: what was changed or left out.
+        notices: of changes and omissions.
     """
 
     def __init__(
@@ -247,7 +247,7 @@ def _add_geom(reading: MjcfReading, geom: int) -> None:
 
 
 def _colour(model: Any, geom: int) -> Array:
-    """Return the colour (4,) of a geom: its own where it says one, else its material's."""
+    """Return the colour (4,) of a geom: its own, else its material's."""
     own, material = np.array(model.geom_rgba[geom], dtype=float), model.geom_matid[geom]
     if material >= 0 and np.array_equal(own, GREY):
         return np.array(model.mat_rgba[material], dtype=float)
@@ -312,7 +312,7 @@ def straight_sites(reading: MjcfReading, tendon: int) -> list[int]:
 
 
 def site_frames(reading: MjcfReading, name: str, sites: list[int]) -> list[str]:
-    """Return the links that stand for sites; those of sites without a name are added."""
+    """Return the links of sites; those of sites without a name are added."""
     model = reading.model
     return [reading.sites.get(site) or reading.urdf.frame(
         f"{name}_{k}", reading.links[model.site_bodyid[site]],

@@ -194,6 +194,6 @@ def _unread_of(reading: MjcfReading) -> Iterator[str]:
 
 
 def _nonzero(reading: MjcfReading, row: int, words: dict[str, str]) -> list[str]:
-    """Return the words of the arrays of a model, some of which older MuJoCo has not."""
+    """Return the words of the arrays of a model; older MuJoCo lacks some."""
     arrays = {key: getattr(reading.model, key, None) for key in words}
     return [words[key] for key, x in arrays.items() if x is not None and np.any(x[row])]

@@ -140,7 +140,7 @@ def _shapes(given: pin.GeometryModel | None, model: pin.Model, what: str) -> pin
 def _inertias(model: pin.Model) -> dict[str, pin.Inertia]:
     """Return the own inertia of every link that has one.
 
-    Frames keep the inertia that they were added with; what a joint carries beyond that, as after
+    Frames keep the inertia that they were added with; the rest of a joint's inertia, as after
     `appendBodyToJoint`, belongs to its first link. What a joint carries is what counts.
     """
     links: list[list[pin.Frame]] = [[] for _ in range(model.njoints)]
@@ -190,7 +190,7 @@ class _FrameNames:
                     frame.name, self.bodies.mains[frame.parentJoint], frame.placement)
 
     def add(self, name: str, frame: Any) -> None:
-        """Add a frame that is asked for by name."""
+        """Add a frame of the caller by its name."""
         is_pair = isinstance(frame, tuple | list) and len(frame) == 2
         link, placement = frame if is_pair else (frame, pin.SE3.Identity())
         if not (isinstance(name, str) and isinstance(link, str) and isinstance(placement, pin.SE3)):

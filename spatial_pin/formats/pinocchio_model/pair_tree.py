@@ -1,6 +1,6 @@
 """A Pinocchio model of any joints as one whose joints are pairs of this library.
 
-Joints that are a pair stay what they are. An angle that Pinocchio keeps as (cos, sin) becomes one
+Joints that are a pair stay. An angle that Pinocchio keeps as (cos, sin) becomes one
 coordinate, so that it counts turns; a mimicking joint gets its coordinate back, with a coupling.
 """
 
@@ -131,7 +131,7 @@ def _check_names(model: pin.Model, where: str) -> None:
 
 
 def _recognised(model: pin.Model, i: int, where: str) -> Recognised:
-    """Return the pair that joint i of a model is, and the joint that stands for it."""
+    """Return the pair of joint i of a model, and the joint of Pinocchio for it."""
     joint = model.joints[i].extract()
     made = None
     if joint.shortname() != "JointModelMimic":

@@ -2,7 +2,7 @@
 
 Models within a model are put into the outer one under names such as "inner::link". What an inner
 model places by its own frame, `__model__`, is placed by a frame of the outer model that has the
-inner model's name. Poses stay relative to what they were relative to.
+inner model's name. Poses stay relative to the same frames.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def with_nested(model: ET.Element, where: str, version: tuple[int, int]) -> ET.E
 
 
 def _parts(inner: ET.Element, where: str, version: tuple[int, int]) -> list[ET.Element]:
-    """Return what an inner model, itself without inner ones, brings into the outer one."""
+    """Return the elements of an inner model, itself without inner ones, for the outer one."""
     name = inner.get("name", "")
     where = f"{where}: nested model {name!r}"
     if not name:
@@ -87,7 +87,7 @@ def _scoped(element: ET.Element, scope: str) -> ET.Element:
 
 
 def _name(name: str, scope: str) -> str:
-    """Return what the outer model calls a link, joint or frame of an inner one."""
+    """Return the outer model's name of a link, joint or frame of an inner one."""
     if name in WORLDS:
         return name
     return scope if name in ("", MODEL) else f"{scope}{SCOPE}{name}"
@@ -135,7 +135,7 @@ def read(request: Request) -> Imported:
 
 
 def _plain(text: str) -> str:
-    """Return XML text without comments and declaration: in SDFormat these may stand as they like.
+    """Return XML text without comments and declaration: in SDFormat these may be anywhere.
 
     Lines keep their numbers.
     """
@@ -157,7 +157,7 @@ def _version(root: ET.Element, path: Path) -> tuple[int, int]:
 def _one_model(
     root: ET.Element, path: Path, name: str | None
 ) -> tuple[ET.Element, dict[str, Any], list[str]]:
-    """Return the one model of a file, or that of the name, what its world says, and notices."""
+    """Return the one model of a file, or that of the name, content of its world, and notices."""
     models, content, notices = root.findall("model"), {}, []
     for world in root.findall("world"):
         where = f"{path}: world {world.get('name', '')!r}"
@@ -204,6 +204,6 @@ def _named(models: list[ET.Element], name: str, path: Path) -> ET.Element:
     assert chosen is not None
     if SCOPE not in name:
         return chosen
-    alone = ET.Element(chosen.tag, chosen.attrib)  # it stands in no outer model here
+    alone = ET.Element(chosen.tag, chosen.attrib)  # without an outer model
     alone.extend(x for x in chosen if x.tag != "pose")
     return alone

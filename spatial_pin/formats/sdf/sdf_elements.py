@@ -21,7 +21,7 @@ from spatial_pin.formats.urdf.elements import (
 from spatial_pin.numerics.linalg import Array
 
 MODEL = "__model__"  # a model's own frame
-SCOPE = "::"  # between the names of a model and of what is in it
+SCOPE = "::"  # between the names of a model and of its parts
 WORLDS = ("world",)
 NO_LIMIT = 1e16  # SDFormat's number for a limit that is none
 TRUE = ("1", "true")
@@ -71,7 +71,7 @@ def bound(parent: ET.Element | None, tag: str, none: float, where: str) -> float
 
 
 def is_true(parent: ET.Element, tag: str) -> bool:
-    """Return whether a child element says so."""
+    """Return whether a child element is true."""
     return (parent.findtext(tag) or "").strip().lower() in TRUE
 
 
@@ -127,7 +127,7 @@ class SdfFrames:
         return self.table[name]
 
     def in_world(self, name: str, asking: str) -> pin.SE3:
-        """Return where a frame stands in the world."""
+        """Return the placement of a frame in the world."""
         chain: dict[str, SdfFrame] = {}
         while name not in self._known and name not in (MODEL, *WORLDS):
             if name in chain:
@@ -174,7 +174,7 @@ def link_elements(link: ET.Element, placement_of: PlacementOf, where: str, omitt
     inertial, inside = link.find("inertial"), f"{where}: <inertial>"
     if inertial is not None and inertial.get("auto", "").lower() in TRUE:
         elements = [inertial_element(_of_shapes(link, inertial, placement_of, where, omitted))]
-    else:  # a link that has none has one kilogram, as SDFormat says
+    else:  # a link that has none has one kilogram in SDFormat
         inertia = link.find("inertial/inertia")
         elements = [ET.Element("inertial")]
         elements[0].append(origin(pose(link.find("inertial/pose"), inside)))
@@ -202,7 +202,7 @@ def link_elements(link: ET.Element, placement_of: PlacementOf, where: str, omitt
 
 
 def is_massless(link: ET.Element, where: str) -> bool:
-    """Return whether a link says that it has neither mass nor moments of inertia."""
+    """Return whether a link states that it has neither mass nor moments of inertia."""
     inertial, inertia = link.find("inertial"), link.find("inertial/inertia")
     moments = [number(inertia, key, default, where) for key, default in MOMENTS.items()]
     return number(inertial, "mass", 1.0, where) == 0.0 and not any(moments)
@@ -212,7 +212,7 @@ def _of_shapes(
     link: ET.Element, inertial: ET.Element, placement_of: PlacementOf, where: str,
     omitted: list[str],
 ) -> pin.Inertia:
-    """Return the inertia of a link's collision shapes, of 1000 kg/m³ where nothing else is said."""
+    """Return the inertia of a link's collision shapes, of 1000 kg/m³ by default."""
     whole = pin.Inertia.Zero()
     if link.find("collision") is None:
         omitted.append(f"the mass of link {link.get('name')!r} (it has no collision shape)")

@@ -37,7 +37,7 @@ OF_JOINT = ("parent", "child", "pose", "axis", "axis2", "physics", "sensor", "ge
 OF_DRAKE = ("weld_constraint", "ball_constraint", "distance_constraint")
 JOINERS = re.compile(r"mimic|detachable|attacher|grasp", re.I)  # plugins that join links
 DETACHABLE = "detachable"  # in the name or file of the one that holds two links together
-OWN = ("", MODEL)  # what it may call the model that it is in
+OWN = ("", MODEL)  # names of the model that it is in
 APART = re.compile(r"collision|filter|friction|gripper|sensor")  # elements that join none
 PAIR_OF = {
     "revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic", "screw": "screw",
@@ -87,7 +87,7 @@ def _is_drakes(element: ET.Element, names: tuple[str, ...]) -> bool:
 
 
 def _unknown(element: ET.Element, names: set[str], joins: int, where: str) -> str:
-    """Refuse an element of another program that names so many links, frames or joints."""
+    """Refuse an element of another program that names several links, frames or joints."""
     tag = local(element)
     texts = {word for x in element.iter() for word in ((x.text or "").strip(), *x.attrib.values())}
     named = sorted(texts & names)
@@ -104,7 +104,7 @@ class SdfModel:
         model: its element.
         where: file and model, for errors.
         version: of SDFormat.
-        notices: what was changed or left out.
+        notices: of changes and omissions.
         links, joints, named: the elements of its links, joints and frames, by name.
         canonical: the link that its own frame moves with.
         frames: all frames.
@@ -238,7 +238,7 @@ class SdfModel:
 def _joints_of(
     model: SdfModel, name: str, element: ET.Element
 ) -> tuple[list[Link], list[GraphJoint]]:
-    """Return a joint; one with two axes of which more is said as two, and a link between."""
+    """Return a joint; one with two axes that have limits as two, with a link between."""
     where = f"{model.where}: joint {name!r}"
     kind = element.get("type", "")
     if kind == GEARBOX:
@@ -267,7 +267,7 @@ def _joints_of(
 def _about(
     model: SdfModel, joint: GraphJoint, name: str, axis: ET.Element | None, where: str, tag: str
 ) -> GraphJoint:
-    """Return a joint with what an <axis> of the file's joint of that name says."""
+    """Return a joint with the numbers of an <axis> of the file's joint of that name."""
     if joint.type == "spherical":
         dynamics = axis.find("dynamics") if axis is not None else None
         return joint.but(damping=number(dynamics, "damping", 0.0, where),

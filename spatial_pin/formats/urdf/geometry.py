@@ -1,4 +1,4 @@
-"""Shapes of an open tree, visual and collision; meshes are read when shapes are asked for.
+"""Shapes of an open tree, visual and collision; meshes are read at the first use of shapes.
 
 They are made here and not by the URDF reader, which leaves out all shapes of a link that has one
 it does not know.
@@ -45,7 +45,7 @@ class Shape:
         solid: a name of SIZES.
         sizes: the numbers of SIZES [m], of a mesh its scale along x, y and z.
         file: of a mesh, as the URDF names it.
-        path: of a mesh, where it lies; None where it is not found.
+        path: of a mesh; None where there is no such file.
         is_barred: whether a mesh is there and may not be read.
         colour: red, green, blue, opacity; None where the URDF gives none.
         overrides: whether it goes before the colours of a mesh, as `override="true"` at its
@@ -101,7 +101,7 @@ def _solid(
 ) -> pin.CollisionGeometry | None:
     if shape.solid != "mesh":
         return SOLIDS[shape.solid](*shape.sizes)
-    if shape.path is None:  # as was told when it was sought
+    if shape.path is None:  # a notice has named it
         return None
     mesh = read[str(shape.path)]
     if isinstance(mesh, str):

@@ -1,6 +1,6 @@
 """URDF and xacro to a Pinocchio model whose joints are the pairs that URDF cannot name.
 
-Pinocchio's own reader builds the model; what it accepts silently (mass below zero, NaN) is refused
+Pinocchio's own reader builds the model; bad numbers (mass below zero, NaN) are refused
 before, loops are cut by then, and afterwards the model is rebuilt joint by joint, same numbering,
 with the refined joints in place. Angles of `continuous` joints become one coordinate, so that they
 count turns.
@@ -62,7 +62,7 @@ LIMITS = {  # of `[joints.X]`, with the limits of `pin.Model` that they set, and
 
 @dataclass(frozen=True, eq=False)
 class JointRefinement:
-    """What a mechanism file says of a URDF joint.
+    """The table of a URDF joint in a mechanism file.
 
     Attributes:
         type: a name of `PAIRS`; None for that of the URDF.
@@ -87,23 +87,23 @@ def tree_of(
     urdf: str, path: Path, refinements: Mapping[str, JointRefinement], faults: Faults,
     trust: Trust, order: Sequence[str] = (), order_of: str = "",
 ) -> tuple[dict[str, Any], tuple[Closure, ...]]:
-    """Return what a `Mechanism` has of the open tree of plain URDF text, and its mimics.
+    """Return the fields of a `Mechanism` for an open tree of URDF text, and its mimics.
 
     Args:
         urdf: the text.
         path: where it comes from, for relative paths and errors.
-        refinements: what a mechanism file says of joints.
-        faults: notes what is wrong in it and can be lived with.
+        refinements: tables of joints in a mechanism file.
+        faults: collects faults that do not stop the reading.
         trust: which meshes may be read.
         order: joints in the order of their coordinates; those not named go first. Default that of
             Pinocchio's reader: joint by joint upwards, alphabetically at each link.
-        order_of: the file that says so, for errors.
+        order_of: the file of this order, for errors.
 
     Raises:
         MechanismFileError: it is not a tree, or has impossible numbers.
     """
     robot = parse_urdf(urdf, path)
-    for parent in list(robot.iter()):  # what is no URDF: of other namespaces, left by xacro
+    for parent in list(robot.iter()):  # elements of other namespaces, from xacro
         for key in [key for key in parent.attrib if "}" in key]:
             del parent.attrib[key]
         for child in [child for child in parent if "}" in child.tag]:
@@ -293,7 +293,7 @@ def urdf_order(robot: ET.Element) -> list[str]:
 
 
 def _ordered(model: pin.Model, order: Sequence[str], where: str) -> list[int]:
-    """Return the joints of a model in the order asked for."""
+    """Return the joints of a model in the given order."""
     names = list(model.names)
     wanted = {name: k for k, name in enumerate(order)}
     if len(wanted) < len(order):
@@ -375,7 +375,7 @@ def stated_limits(element: ET.Element, nq: int, nv: int) -> tuple[Array, ...]:
 
 
 def own_entries(model: pin.Model, joint: int, array: str) -> slice:
-    """Return where the entries of a joint stand in one of the limits of a model."""
+    """Return the slice of a joint in one of the limits of a model."""
     of_q = "Position" in array
     at, count = ((model.idx_qs, model.nqs) if of_q else (model.idx_vs, model.nvs))
     return slice(at[joint], at[joint] + count[joint])
@@ -384,7 +384,7 @@ def own_entries(model: pin.Model, joint: int, array: str) -> slice:
 def _put_numbers(model: pin.Model, refinements: Mapping[str, JointRefinement]) -> Array:
     """Put limits, damping, friction and armature of a mechanism file into a model.
 
-    Those of the URDF stand in it already. Limits go in the order of `LIMITS`.
+    Those of the URDF are in it already. Limits go in the order of `LIMITS`.
 
     Returns:
         (nv,) slip speeds, NaN where there are none.

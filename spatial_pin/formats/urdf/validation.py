@@ -24,7 +24,7 @@ from spatial_pin.numerics.linalg import Array
 LIGHTEST = 1e-200  # kg
 DEEPEST_LINK = 1500  # joints above it: readers of URDF take 2.5 kB of the stack for each, and a
                      # stack of 8 MB ends them, and all of Python, before 4000
-ONCE = {  # what a link or joint, or an element in it, says once
+ONCE = {  # of a link or joint, or of an element in it, allowed once
     ".": ("inertial", "origin", "axis", "limit", "dynamics", "mimic"),
     "inertial": ("origin", "mass", "inertia"),
     "visual": ("origin", "geometry"), "collision": ("origin", "geometry"),
@@ -69,7 +69,7 @@ def check_structure(robot: ET.Element, path: Path, faults: Faults) -> None:
 
 
 def _note_doubled(robot: ET.Element, faults: Faults) -> None:
-    """Note what is stated again; readers of URDF take the first."""
+    """Note repeated elements; readers of URDF take the first."""
     elements = [(kind, x) for kind in ("link", "joint") for x in robot.findall(kind)]
     for below, tags in ONCE.items():
         for kind, element in elements:

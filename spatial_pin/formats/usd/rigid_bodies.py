@@ -32,7 +32,7 @@ class Body:
         name: of its link.
         placement: in the world [m], without its scale.
         scale: (3,) of its prim.
-        held: whether it stands still in the world.
+        held: whether it is fixed in the world.
     """
 
     prim: Any
@@ -56,7 +56,7 @@ def read_bodies(stage: UsdStage) -> dict[str, Body]:
 
 
 def body_of(prim: Any, bodies: dict[str, Body]) -> Body | None:
-    """Return the body that a prim belongs to, None for what stands in the world."""
+    """Return the body of a prim; None for a prim of the world."""
     while prim and not prim.IsPseudoRoot():
         body = bodies.get(str(prim.GetPath()))
         if body is not None:
@@ -111,7 +111,7 @@ def _size(stage: UsdStage, prim: Any) -> tuple[str, dict[str, float]] | None:
 
 def link_elements(stage: UsdStage, body: Body, bodies: dict[str, Body]
                   ) -> tuple[tuple[ET.Element, ...], bool]:
-    """Return what the URDF link of a body holds, and whether it is massless."""
+    """Return the elements of the URDF link of a body, and whether it is massless."""
     elements, omitted = [], 0
     for prim in stage.prims(body.prim):
         if not prim.IsA(UsdGeom.Gprim) or body_of(prim, bodies) is not body:
@@ -191,7 +191,7 @@ def inertia_of(stage: UsdStage, body: Body, bodies: dict[str, Body]) -> pin.Iner
 def _from_shapes(
     stage: UsdStage, body: Body, bodies: dict[str, Body]
 ) -> tuple[float, Array, Array, Array] | None:
-    """Return what USD itself works out from shapes, masses and densities.
+    """Return mass properties that USD computes from shapes, masses and densities.
 
     Returns:
         Mass, principal moments (3,) in the stage's units, centre (3,) [m], axes (3, 3); None where

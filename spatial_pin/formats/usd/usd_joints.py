@@ -45,7 +45,7 @@ def mimics(
         elif kind == EQUALITY:  # the same, its offset in radians
             if any(stage.optional(prim, f"mjc:coef{k}", 0.0) for k in (2, 3, 4)):
                 stage.fail(prim, f"{schema}: a coupling of higher order than one is not read")
-            if NEWTON in applied(prim):  # which says the rest
+            if NEWTON in applied(prim):  # which has the rest
                 continue
             sign, words = 1.0, ("mjc:target", "mjc:coef1", "mjc:coef0")
         elif "Mimic" in kind:
@@ -124,7 +124,7 @@ def in_series(
     for chain in groups.values():
         for k in range(len(chain) - 1):
             this, after = chain[k], chain[k + 1]
-            link = f"{this.name}/{after.name}"  # at zero it stands as the second body does
+            link = f"{this.name}/{after.name}"  # at zero it has the pose of the second body
             links.append(Link(link))
             chain[k] = this.but(child=link)
             chain[k + 1] = after.but(parent=link, on_parent=after.on_child)

@@ -24,17 +24,17 @@ DEGREE = np.pi / 180.0
 # Braces within one another: USD's reader of text, who calls itself for each, ends the process
 # between 50,000 and 200,000 on a stack of 8 MB, before 20,000 on 1 MB.
 DEEPEST_PRIM = 1000
-EARTH = 9.81  # m/s², where a scene says that it has the earth's gravity
+EARTH = 9.81  # m/s², where a scene has the earth's gravity
 
 
 class UsdStage:
-    """A stage that is opened; `trust` says which files it may be composed of.
+    """An open stage; `trust` has the rule for the files that it may be composed of.
 
     Attributes:
         usd: the stage.
         where: the file, for errors.
         metre, kilogram: metres and kilograms in the stage's units.
-        notices: what was changed or left out.
+        notices: of changes and omissions.
     """
 
     def __init__(self, path: Path, trust: Trust) -> None:
@@ -67,7 +67,7 @@ class UsdStage:
 
         Args:
             prim: the prim.
-            mirrored: whether it may have left-handed axes, of which one is then turned round.
+            mirrored: whether it may have left-handed axes; one of them is then reversed.
         """
         self._check_turns(prim)
         matrix = np.array(self._cache.GetLocalToWorldTransform(prim)).T
@@ -194,7 +194,7 @@ def _check_depth(path: Path, where: str) -> None:
     try:
         text = np.fromfile(path, dtype=np.uint8)
     except OSError:
-        return  # USD says why
+        return  # USD has a message of its own
     if text[:5].tobytes() != b"#usda":
         return
     braces = text[(text == ord("{")) | (text == ord("}"))]
@@ -215,7 +215,7 @@ def _layers(path: Path, trust: Trust) -> list[Any]:
         try:
             resolved = trust.resolved(file) if layers else file
             if not os.path.exists(resolved):
-                continue  # USD tells of it
+                continue  # USD has a message of its own
             check_file(resolved)
         except MechanismFileError as error:
             raise MechanismFileError(f"{where}: it is composed of: {error}") from error
@@ -262,7 +262,7 @@ def leave_out(stage: UsdStage, names: Iterable[str]) -> list[str]:
 
 
 def _text(error: Exception) -> str:
-    """Return what an error of USD says; it may quote bytes of the file that are no UTF-8."""
+    """Return the text of an error of USD; it may quote bytes that are no UTF-8."""
     try:
         return str(error)
     except UnicodeDecodeError as odd:

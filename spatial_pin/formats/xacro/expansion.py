@@ -2,9 +2,9 @@
 
 The package `xacro` does the expanding, with three parts of it replaced: expressions are worked out
 by `expressions`, not by Python; files are read only from the file's own folder and from packages
-(unless the file is trusted); and what is made is paid for from one budget. It keeps its state in
+(unless the file is trusted); and all values are paid for from one budget. xacro keeps its state in
 globals of its module, so every expansion has a copy of that module of its own: threads do not
-meet, nothing is left behind, and whoever else uses xacro in the process has it as it was.
+meet, nothing stays behind, and other users of xacro in the process are not disturbed.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ from spatial_pin.formats.xacro.tracing import Tape
 
 MACRO = 50  # steps of calling a macro
 PLACE = 40  # steps of putting one thing in the place of another
-SIBLINGS = 500  # elements among which one is found in the time of one step
+SIBLINGS = 500  # elements that are searched in the time of one step
 _XACRO = re.compile(r"""\sxmlns:xacro\s*=\s*["']([^"']*)""")  # xacro goes by the prefix
 _IMPORTING = threading.Lock()
 _TOKEN = re.compile(
@@ -79,7 +79,7 @@ def expand(
     """Return the URDF text of a `.urdf` or `.xacro` file with its parameters put in.
 
     Raises:
-        MechanismFileError: it cannot be read or expanded, or asks for what is refused.
+        MechanismFileError: it cannot be read or expanded, or needs something that is refused.
         TypeError: a parameter is neither a number nor a text.
         ValueError: a parameter is NaN or infinite.
     """
@@ -100,7 +100,7 @@ def expand(
 
 @lru_cache(maxsize=200)
 def _library_text(path: Path, mappings: tuple[tuple[str, str], ...], changed: int) -> str:
-    """Return what a file of the library expands to: four fifths of the time of loading it."""
+    """Return the expanded text of a library file: four fifths of the time of loading it."""
     return Expansion(path, False, NO_PACKAGES).text(dict(mappings))
 
 
@@ -184,7 +184,7 @@ def arguments_of(expansion: Expansion) -> dict[str, str]:
 
 @lru_cache(maxsize=4096)
 def _tokens(text: str) -> tuple[tuple[str, str], ...]:
-    """Return the parts of a text, each with what it is: "text", "value" or "command"."""
+    """Return the parts of a text, each with its kind: "text", "value" or "command"."""
     parts, at = [], 0
     while at < len(text):
         match = _TOKEN.match(text, at)
@@ -202,7 +202,7 @@ def _tokens(text: str) -> tuple[tuple[str, str], ...]:
 
 
 class XacroFiles:
-    """What one run of xacro reads: files, found where they may lie, and the environment."""
+    """Files and environment variables of one run of xacro."""
 
     def __init__(
         self, path: Path, trusted: bool, packages: Mapping[str, Path], tape: Tape | None = None
@@ -253,7 +253,7 @@ class XacroFiles:
             return []  # for xacro to complain about, if it comes to it
 
     def matching(self, name: str) -> list[str]:
-        """Return the files that a name with or without wildcards stands for, sorted."""
+        """Return the files that match a name with or without wildcards, sorted."""
         if not re.search(r"[*[?]", name):
             return [name]
         folder = os.path.dirname(re.split(r"[*[?]", name)[0])
@@ -289,7 +289,7 @@ class XacroFiles:
         return document
 
     def load_yaml(self, name: str) -> Any:
-        """Return what a YAML file says."""
+        """Return the content of a YAML file."""
         from spatial_pin.formats.xacro.yaml_files import read_yaml
 
         path = self.confined(self.absolute(name))
@@ -327,7 +327,7 @@ class Expansion(XacroFiles):
     """One run of xacro over a file and what it includes."""
 
     def guarded(self, run: Callable[[Any], Any]) -> Any:
-        """Return what `run` makes of the module xacro."""
+        """Return the result of `run` with a copy of the module xacro; its errors name the file."""
         self.xacro = _own_xacro(self)
         try:
             return run(self.xacro)
@@ -341,7 +341,7 @@ class Expansion(XacroFiles):
                 f"{shown(self.file)}: xacro cannot expand it: {reason}") from error
 
     def text(self, mappings: Mapping[str, str]) -> str:
-        """Return what the file expands to with these values of its arguments."""
+        """Return the expanded text with these values of the arguments."""
         return self.guarded(
             lambda xacro: xacro.process_file(str(self.path), mappings=mappings).toxml())
 
@@ -439,7 +439,7 @@ class Expansion(XacroFiles):
         return self.xacro.resolve_macro_of_xacro(name, macros, symbols)
 
     def replace_node(self, node: Any, by: Any, content_only: bool = False) -> None:
-        """Put nodes, or what they hold, in the place of another, paid for.
+        """Replace a node by others, or by their children, paid for.
 
         In one go: minidom looks for the place among all siblings for every node anew.
         """
@@ -462,7 +462,7 @@ class Expansion(XacroFiles):
         node.parentNode = node.previousSibling = node.nextSibling = None
 
 
-COMMANDS: dict[str, tuple[int, int, Callable[..., Any]]] = {  # fewest words, most, what it does
+COMMANDS: dict[str, tuple[int, int, Callable[..., Any]]] = {  # fewest words, most, function
     "arg": (1, 1, Expansion.argument),
     "find": (1, 1, Expansion.package),
     "env": (1, 1, Expansion.environment),
@@ -473,7 +473,7 @@ COMMANDS: dict[str, tuple[int, int, Callable[..., Any]]] = {  # fewest words, mo
 
 
 def _link(siblings: list[Any]) -> None:
-    """Let nodes know who stands before and behind them; None at the ends."""
+    """Link neighbours; None at the ends."""
     for before, after in pairwise(siblings):
         if before is not None:
             before.nextSibling = after
@@ -486,7 +486,7 @@ def _link(siblings: list[Any]) -> None:
 
 @lru_cache(maxsize=1)
 def _xacro_code() -> tuple[ModuleSpec, CodeType]:
-    """Return what a copy of the module xacro is made of."""
+    """Return spec and code of the module xacro, for a copy of it."""
     spec = importlib.util.find_spec("xacro")
     loader: Any = spec.loader if spec is not None else None
     if spec is None or loader is None:

@@ -22,7 +22,7 @@ from typing import Any
 
 from spatial_pin.formats.xacro.tracing import Tape, depends
 
-STEPS = 2_000_000  # of all expressions of a file: large robots need 1e5; so many take seconds
+STEPS = 2_000_000  # of all expressions of a file: large robots need 1e5; 2e6 take seconds
 BITS = 1024  # of a whole number: those beyond are beyond the range of floating-point numbers too
 SHARE = 16  # characters of a text, or elements of a list, that are copied in the time of one step
 VISITS = 2  # elements that are looked at, one by one, in the time of one step
@@ -30,14 +30,14 @@ LARGEST_FACTORIAL = 1000  # argument of a factorial or binomial; 171! leaves the
 
 
 class RefusedError(Exception):
-    """An expression asks for what is not offered, or for too much."""
+    """An expression uses something that is not offered, or too many steps."""
 
 
 class Budget:
-    """The steps that are left to the expressions of one file.
+    """The steps that remain for the expressions of one file.
 
     Attributes:
-        left: how many.
+        remaining: number of steps.
         tape: where operations on traced numbers are written; None if there are none.
     """
 
@@ -45,10 +45,10 @@ class Budget:
         self.remaining, self.tape = STEPS, tape
 
     def spend(self, steps: int) -> None:
-        """Take so many steps.
+        """Take steps.
 
         Raises:
-            RefusedError: there are none left.
+            RefusedError: too few remain.
         """
         self.remaining -= steps
         if self.remaining < 0:
@@ -56,7 +56,7 @@ class Budget:
                                "values; write fewer or smaller ones")
 
     def untraced(self, *values: Any) -> None:
-        """Note that what is made of values is not written on the tape."""
+        """Note that a result of these values is not on the tape."""
         if self.tape is not None and depends(values):
             self.tape.give_up()
 

@@ -4,12 +4,12 @@ While a file is expanded, arguments may be `Traced` numbers. Arithmetic on them 
 `Tape`, which then gives every number of the expanded text at other values of the arguments: the
 same operations once more, for many values together [GriewankWalther2008, 2]. Where the file
 decides by such a number (an `if`, a `max`), the decision is written too; the tape holds for
-arguments that lead to the same decisions. What it cannot follow, such as rounded texts, ends it:
-`is_whole`.
+arguments that lead to the same decisions. Where it cannot follow, as in rounded texts, it ends:
+`is_whole` is false.
 
 On its way a number often becomes text. The text of a traced number is no number but a reference:
-its place on the tape between two characters of Unicode's private use, behind its sign. What reads
-the expanded text asks the tape for the number.
+its row on the tape between two characters of Unicode's private use, after its sign. The reader of
+the expanded text gets the number from the tape.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class Tape:
         self._operations: list[Operation | None] = [None] * len(arguments)
         self._values = list(arguments.values())
         self._decisions: list[tuple[Operation, Any]] = []
-        self._ordered: dict[Any, list[int]] = {}  # by what `_needed` was asked for
+        self._ordered: dict[Any, list[int]] = {}  # results of `_needed`
 
     def give_up(self) -> None:
         """Note that something cannot be followed."""
@@ -82,7 +82,7 @@ class Tape:
         return number
 
     def write(self, value: float, function: Callable[..., Any], *arguments: Any) -> Traced:
-        """Return a number that a function has given, of arguments some of which are traced."""
+        """Return the traced result of a function with traced arguments."""
         self._operations.append((function, arguments))
         self._values.append(value)
         if not math.isfinite(value):
@@ -90,7 +90,7 @@ class Tape:
         return self.number(len(self._values) - 1)
 
     def decide(self, value: Any, function: Callable[..., Any], *arguments: Any) -> Any:
-        """Return what a function has given that must be the same for other arguments."""
+        """Return the result of a function that must be the same for other arguments."""
         self._decisions.append(((function, arguments), value))
         return value
 
@@ -142,7 +142,7 @@ class Tape:
         """Take the traced numbers out of the text of a file.
 
         Returns:
-            (k + 1,) what is between them, and (k,) their places; None where one is no word of its
+            (k + 1,) texts between them, and (k,) their rows; None where one is no word of its
             own.
         """
         between, places = list[list[str]]([[]]), list[int]()
@@ -158,7 +158,7 @@ class Tape:
         return ["".join(words) for words in between], places
 
     def _size(self, match: re.Match[str]) -> Traced:
-        """Return the size of the number that is referred to: its sign stands before it."""
+        """Return the size of the number of a reference: its sign is before the reference."""
         row = int(match[1])
         if row >= len(self._values):
             self.give_up()
@@ -180,7 +180,7 @@ class Tape:
         values: list[Any] = list(arguments) + [None] * (len(self._operations) - len(arguments))
         needed = self._needed(tuple(wanted))
         holds = np.full(m, self.is_whole)
-        with np.errstate(all="ignore"):  # where a number is none, the arguments are left out
+        with np.errstate(all="ignore"):  # arguments that give NaN are excluded below
             for row in needed:
                 values[row] = _worked_out(self._operations[row], values)
             for operation, value in self._decisions:

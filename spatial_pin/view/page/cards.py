@@ -1,4 +1,4 @@
-"""What a notebook shows: results as a few lines and a small table, pages as frames that hold them.
+"""Results in a notebook: a few lines and a small table, and pages in frames.
 
 All names come from files of others: `markup` escapes them. An exported notebook, or one on another
 machine, has no server to ask: it stores and exports whole pages.
@@ -150,7 +150,7 @@ def framed(page: str) -> str:
 def watched(url: str, still: str) -> str:
     """Return a frame of a served page, and of a still one where the server does not answer.
 
-    That is another frame: what the first was to load may fail later, and show an error.
+    That is another frame: the first one may still fail to load, and show an error.
     """
     name = f"spatial_pin_{html.escape(url.rpartition(':')[2].strip('/'))}"
     return filled("watched.html", {"URL": html.escape(url), "NAME": name, "STILL": _quoted(still),
@@ -158,7 +158,7 @@ def watched(url: str, still: str) -> str:
 
 
 def _quoted(page: str) -> str:
-    """Return a page as an attribute has it; only two characters end or change what is quoted."""
+    """Return a page as the text of an attribute: two characters are escaped."""
     return page.replace("&", "&amp;").replace('"', "&quot;")
 
 

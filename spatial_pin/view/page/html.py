@@ -31,8 +31,7 @@ if TYPE_CHECKING:
     from spatial_pin.view.scene.look import Look
     from spatial_pin.view.scene.meshcat_commands import MeshcatScene
 
-# What the page runs once it is unpacked, in this order: each may use what stands before it, and
-# functions of all.
+# Scripts of the page, in this order: each may use values of earlier ones, and functions of all.
 SCRIPTS = (
     "software", "film", "play", "views", "triad", "parts", "theme", "smooth", "shadow",
     "point", "ruler", "section", "xray", "chase", "inspect", "curves", "zoom", "signals",
@@ -59,7 +58,7 @@ def packed_viewer() -> str:
 
 @cache
 def packed_script(more: tuple[str, ...] = ()) -> str:
-    """Return what a page runs, and more scripts after it, as JSON."""
+    """Return the scripts of a page, and more scripts after them, as JSON."""
     return json.dumps(packed([script_of((*SCRIPTS, *more)).encode()]))
 
 
@@ -70,7 +69,7 @@ def _rows(readings: tuple[Readout, ...]) -> list[dict[str, Any]]:
 def _data(
     shown: Film, drawn: MeshcatScene, curves: dict[str, Any] | None, signals: Sequence[Signal]
 ) -> str:
-    """Return what the page's script reads, as JSON that is safe inside a script element."""
+    """Return the data of the page's script, as JSON that is safe inside a script element."""
     from spatial_pin.view.scene.anatomy import anatomy
     from spatial_pin.view.scene.meshcat_commands import GRID, joint_paths
     from spatial_pin.view.scene.stage import upright
@@ -107,11 +106,11 @@ def parts_of(
     shown: Film, drawn: MeshcatScene, title: str | None, curves: dict[str, Any] | None,
     signals: Sequence[Signal] = (),
 ) -> dict[str, str]:
-    """Return what stands at the marks of page.html, for a page that needs nobody."""
+    """Return the texts for the marks of page.html, for a page that needs no server."""
     title = plain_text(title or shown.mechanism.title or shown.mechanism.name, "title")
     error = f"closure error {'≤ ' if len(shown.q) > 1 else ''}{shown.closure_error:.1e}"
     notes = (*shown.notes, error, f"ground grid {length_words(drawn.framing.cell)}")
-    legend = []  # what the colours mean
+    legend = []
     for colour, text in drawn.layer.legend:
         rgb = ", ".join(str(round(255 * x)) for x in colour[:3])
         swatch = f'<i style="background: rgb({rgb})"></i>'
@@ -146,8 +145,8 @@ def page(
     Args:
         motion_or_state: what to show.
         title: heading.
-        look: what is shown besides the bodies.
-        loads: forces of the motion, which the page can tell then.
+        look: extras of the picture besides the bodies.
+        loads: forces of the motion, for the inspector of the page.
     """
     from spatial_pin.view.scene.anatomy import signals
     from spatial_pin.view.scene.meshcat_commands import scene

@@ -132,7 +132,7 @@ class Jog:
         """Move a driver to a value [rad or m], or as far as it goes; the others are held.
 
         Returns:
-            What is in the way, if anything is: the mechanism then stands there.
+            The obstacle at which the mechanism stopped; None without one.
 
         Raises:
             ValueError: the value is not finite, or too far away to be followed at once.
@@ -161,7 +161,7 @@ class Jog:
         return stop or limit
 
     def _followed(self, name: str, values: Array) -> Motion | None:
-        """Return the motion from where the mechanism stands through values of a driver."""
+        """Return the motion from the present pose through values of a driver."""
         others = {c.name: float(self._regular.q[c.q]) for c in self._driven
                   if c.name != self._coordinates[name].name}
         try:
@@ -171,7 +171,7 @@ class Jog:
             return getattr(error, "motion", None)
 
     def _joint_limit(self, name: str, values: Array, motion: Motion | None) -> JogStop | None:
-        """Return the first joint limit on the way through values of a driver, if they are kept.
+        """Return the first joint limit among values of a driver, if limits are kept.
 
         A joint that is beyond its limit from the start may come back, but go no further.
         """
@@ -228,7 +228,7 @@ class Jog:
         return None
 
     def _keep(self, tracker: PathTracker) -> State:
-        """Return where a point stands; the next move begins there if the motion is determined."""
+        """Return the tracker's state; the next move begins there if the motion is determined."""
         state = tracker.here.state(tracker.mechanism)
         with contextlib.suppress(SingularError):
             if tracker.checked_system(state).pivot >= FIRM:
@@ -248,7 +248,7 @@ class Jog:
             rows: samples to either side.
 
         Returns:
-            Least and greatest value [rad or m]; what is there, None where it goes on; and the
+            Least and greatest value [rad or m]; the stop at each, None without one; and the
             configurations from one end to the other, shape (N, nq).
         """
         home, span, now = self._home[name], self.span(name), self.value(name)
@@ -259,7 +259,7 @@ class Jog:
         return (lower[0], upper[0]), (lower[1], upper[1]), q
 
     def _path(self, name: str, end: float, rows: int) -> tuple[float, JogStop | None, Array]:
-        """Return how far a driver comes on the way to a value, what stops it, and the samples."""
+        """Return the value that a driver reaches towards `end`, its stop, and the samples."""
         start = float(self._regular.q[self._coordinates[name].q])
         values = np.linspace(start, end, rows)
         motion = self._followed(name, values)
@@ -317,7 +317,7 @@ def pulled(jog: Jog, grip: Grip) -> dict[str, float]:
     """Return the driver values [rad or m] at which a point is nearest to the pointer.
 
     Drivers without a slider, and all else that is held, stay where they are. Nothing is returned
-    where nothing better is found.
+    where no pose is better.
     """
     nearest = grasped = _reached(jog, jog.state, {"grip": grip})
     is_stuck = grasped is not None and len(jog.names) == 1 and (  # its link is at a dead centre

@@ -1,6 +1,6 @@
 """A page whose sliders move the drivers of a mechanism, which follows its branch.
 
-The page asks this process where everything is; see `ANSWERS` at the end for what it may ask.
+The page asks this process for the poses of all joints; `ANSWERS` at the end lists its questions.
 """
 
 from __future__ import annotations
@@ -71,13 +71,13 @@ class Dial(NamedTuple):
         return f"{self.name} = {number}{self.unit}"
 
     def stop(self, stop: JogStop) -> str:
-        """Return what is in the way, and where."""
+        """Return the obstacle in words, with its value."""
         of = f" of {stop.of}" if stop.of else ""
         return f"{STOPS[stop.kind]}{of}: {self.words(stop.value)}"
 
 
 class Desk:
-    """A mechanism with a slider for every driver, and what the page of the sliders is told.
+    """A mechanism with a slider for every driver, and the answers to its page.
 
     Questions are answered one at a time.
 
@@ -121,7 +121,7 @@ class Desk:
 
         Raises:
             ValueError: it is no question.
-            SpatialPinError: the mechanism does not do what is asked.
+            SpatialPinError: the mechanism cannot do it.
         """
         kind = question.get("ask") if isinstance(question, dict) else None
         if kind not in ANSWERS:
@@ -131,7 +131,7 @@ class Desk:
             return {"poses": self.poses(), "values": self.values(), "says": self.says(),
                     "points": self.points(), "signals": self.signals(), **answer}
 
-    # ------------------------------------------------------------ what is told with every answer
+    # ------------------------------------------------------------ parts of every answer
 
     def poses(self) -> list[tuple[str, list[float]]]:
         """Return the meshcat path and pose of everything that moves: x y z, x y z w, scales."""
@@ -173,17 +173,17 @@ class Desk:
         return [*texts, f"closure error {self.jog.state.closure_error:.1e}"]
 
     def points(self) -> list[list[float | None]]:
-        """Return what the place adds to the curves; nothing without any."""
+        """Return the points that the pose adds to the curves; nothing without any."""
         return points_now(_now(self.jog), self.curves) if self.curves else []
 
     def signals(self) -> list[float]:
-        """Return the coordinates, as the inspector of the page tells them."""
+        """Return the coordinates, as the inspector of the page shows them."""
         return [float(signal.values[0]) for signal in _signals(self.jog)]
 
-    # ------------------------------------------------------------ what is asked for
+    # ------------------------------------------------------------ answers
 
     def move(self, question: Mapping[str, Any]) -> Answer:
-        """Move a driver; tell what is in the way."""
+        """Move a driver; return the obstacle, if there is one."""
         name, value = question.get("driver"), question.get("value")
         dial = self.dials.get(name) if isinstance(name, str) else None
         if dial is None:
@@ -193,7 +193,7 @@ class Desk:
         return _stopped(dial, self.jog.move(dial.name, value * dial.size))
 
     def ranges(self, question: Mapping[str, Any]) -> Answer:
-        """Tell how far every slider goes."""
+        """Return the range of every slider."""
         ranges = {}
         for name, dial in self.dials.items():  # beyond its limits, and the marks of these
             ends, stops, _ = self.jog.reach(name, self.rows)
@@ -246,19 +246,19 @@ class Desk:
 
 
 def _now(jog: Jog) -> Motion:
-    """Return where a mechanism stands as a motion of one sample."""
+    """Return the pose of a mechanism as a motion of one sample."""
     return replace(as_motion(jog.state), driver_name=jog.names[0])
 
 
 def _signals(jog: Jog) -> list[Signal]:
-    """Return the coordinates where a mechanism stands."""
+    """Return the coordinates of the pose of a mechanism."""
     from spatial_pin.view.scene.anatomy import signals
 
     return signals(film(jog.state))
 
 
 def _stopped(dial: Dial, stop: JogStop | None) -> Answer:
-    """Return what is told of what is in the way."""
+    """Return the obstacle as plain data."""
     if stop is None:
         return {}
     answer = {"kind": stop.kind, "value": stop.value / dial.size, "text": dial.stop(stop)}
@@ -317,7 +317,7 @@ def _page(desk: Desk, token: str, title: str | None, look: Look | None) -> str:
     from spatial_pin.view.scene.meshcat_commands import scene
 
     drawn = scene(desk.film, look)
-    over = desk.jog.names[0] if len(desk.jog.names) == 1 else ""  # what curves are drawn over
+    over = desk.jog.names[0] if len(desk.jog.names) == 1 else ""  # the abscissa of curves
     abscissa = f"{over} [{desk.dials[over].unit.strip()}]" if over else "movements"
     curves = growing_curves(_now(desk.jog), desk.curves, abscissa)
     parts = parts_of(desk.film, drawn, title, curves, _signals(desk.jog))

@@ -1,4 +1,4 @@
-"""What a report says, one section after the other.
+"""The sections of a report.
 
 To add a section: a function from a `Subject` to HTML, or to None where it has nothing to say, and
 its line in SECTIONS. All text that comes from a mechanism goes through `html.escape`.
@@ -40,15 +40,15 @@ FIGURE_WIDTH, PANEL, LOWEST = 7.5, 1.4, 2.4  # of a figure, of each panel of it;
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """What a report is about.
+    """The subject of a report.
 
     Attributes:
         shown: the motion or state.
         motion: the motion; None for a state.
         state: the state, or a sample of the motion that is no special position.
-        outputs: names of what is drawn, as `Motion.output` takes them.
+        outputs: names of the drawn outputs, as `Motion.output` takes them.
         title: heading.
-        look: what is drawn besides the links; None for the usual.
+        look: extras of the picture; None for the usual.
     """
 
     shown: Motion | State
@@ -99,10 +99,10 @@ def _drawn(
 
 
 def _derived(subject: Subject, of_coordinate: str = "", of_position: str = "") -> list[str]:
-    """Return what follows from the outputs, where there is such a thing.
+    """Return ratios, velocities or accelerations of the outputs that have them.
 
     Args:
-        subject: what the report is about.
+        subject: of the report.
         of_coordinate: "ratio" or "acceleration" of outputs that are coordinates; "" for none.
         of_position: "velocity" or "acceleration" of outputs that are positions; "" for none.
     """
@@ -119,7 +119,7 @@ def _derived(subject: Subject, of_coordinate: str = "", of_position: str = "") -
 
 
 def _key(subject: Subject) -> str:
-    """Say the most important numbers."""
+    """Write the most important numbers."""
     mechanism, motion = subject.mechanism, subject.motion
     error = float(np.max(subject.shown.closure_error))
     facts = [("Characteristic length", number(mechanism.characteristic_length, "m"))]
@@ -146,7 +146,7 @@ def _key(subject: Subject) -> str:
 def _view(subject: Subject) -> str:
     """Show the mechanism in three dimensions."""
     text = page(subject.shown, subject.title, subject.look, subject.loads)
-    # paper has no 3-D: what is seen when printing begins is printed as a picture
+    # paper has no 3-D: the view is printed as a picture
     text = text.replace("</body>", template("freeze.html").rstrip())
     frame = f'<iframe title="3-D view" srcdoc="{html.escape(text)}"></iframe>'
     hint = "Drag to turn, scroll to come nearer, drag with the right button to move. "
@@ -157,7 +157,7 @@ def _view(subject: Subject) -> str:
 
 
 def _design(subject: Subject) -> str | None:
-    """Tell what was asked of a design, and how far it does that."""
+    """Write the goals of a design, and its errors."""
     if subject.look is None or subject.look.design is None:
         return None
     return section("Design", goals_page(subject.look.design, subject.motion))
@@ -190,7 +190,7 @@ def _accelerations(subject: Subject) -> str | None:
 
 
 def _ranges(subject: Subject) -> str | None:
-    """Tell between which values every coordinate moves, and where."""
+    """Write the range of every coordinate, and where its ends are."""
     motion = subject.motion
     if motion is None:
         return None
@@ -213,7 +213,7 @@ def _ranges(subject: Subject) -> str | None:
 
 
 def _coordinates(subject: Subject) -> str | None:
-    """Tell the coordinates of a state."""
+    """Write the coordinates of a state."""
     if subject.motion is not None:
         return None
     rows = []
@@ -226,7 +226,7 @@ def _coordinates(subject: Subject) -> str | None:
 
 
 def _events(subject: Subject) -> str | None:
-    """Tell the limits, dead centres and singular positions that were met."""
+    """Write limits, dead centres and singular positions of the motion."""
     motion = subject.motion
     if motion is None:
         return None
@@ -242,7 +242,7 @@ def _events(subject: Subject) -> str | None:
 
 
 def _efforts(subject: Subject) -> str | None:
-    """Draw what the drivers have to do."""
+    """Draw the efforts of the drivers."""
     if subject.loads is None:
         return None
     curves = [Output(values, f"{name} effort", EFFORTS[subject.mechanism.coordinate(name).unit])
@@ -256,7 +256,7 @@ def _efforts(subject: Subject) -> str | None:
 
 
 def _reactions(subject: Subject) -> str | None:
-    """Tell the largest reactions of all pairs, and the largest shaking wrench."""
+    """Write the largest reactions of all pairs, and the largest shaking wrench."""
     loads = subject.loads
     if loads is None:
         return None
@@ -271,7 +271,7 @@ def _reactions(subject: Subject) -> str | None:
 
 
 def _mobility(subject: Subject) -> str:
-    """Tell the freedoms, by formula, by rank and by finite motion."""
+    """Write the freedoms, by formula, by rank and by finite motion."""
     try:
         text = str(mobility(subject.mechanism, subject.state))
     except SpatialPinError as error:
@@ -285,7 +285,7 @@ def _mobility(subject: Subject) -> str:
 
 
 def _dimensions(subject: Subject) -> str | None:
-    """Tell the named dimensions."""
+    """Write the named dimensions."""
     dimensions = subject.mechanism.dimensions
     if not dimensions:
         return None
@@ -298,7 +298,7 @@ def _dimensions(subject: Subject) -> str | None:
 
 
 def _structure(subject: Subject) -> str:
-    """Tell joints, closures and drivers."""
+    """Write joints, closures and drivers."""
     mechanism = subject.mechanism
     facts = info(mechanism)
     joints = [(joint, pair, ", ".join(f"{c.name} [{c.unit}]"
@@ -315,7 +315,7 @@ def _structure(subject: Subject) -> str:
 
 
 def _accuracy(subject: Subject) -> str:
-    """Tell how exactly the loops are closed, and what that means in lengths."""
+    """Write the closure error, relative and in lengths."""
     error = np.atleast_1d(subject.shown.closure_error)
     worst, size = float(np.max(error)), subject.mechanism.characteristic_length
     where = ""

@@ -1,4 +1,4 @@
-"""What a page can tell of links and pairs: places, masses, and numbers sample by sample."""
+"""Links and pairs for the inspector of a page: poses, masses, and numbers at each sample."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ FORCES = (("force", "N", slice(0, 3)), ("moment", "N·m", slice(3, 6)))  # of a 
 
 
 class Signal(NamedTuple):
-    """A number of a film that its page can tell and draw.
+    """A number of a film that its page can show and draw.
 
     Attributes:
         name: of the quantity, as outputs are named.
-        unit: it is told in.
+        unit: of the values.
         pair: joint or closure that it belongs to.
         what: "value", "rate", "force" or "moment".
         values: in every sample, shape (N,).
@@ -63,7 +63,7 @@ def anatomy(mechanism: Mechanism) -> dict[str, Any]:
 
 
 def _short(values: Array) -> list[float]:
-    """Return values with the digits that a page tells, and two more."""
+    """Return values with the digits that a page shows, and two more."""
     return [float(f"{x:.8g}") for x in values]
 
 

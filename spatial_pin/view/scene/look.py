@@ -1,4 +1,4 @@
-"""What a picture shows besides the bodies."""
+"""Extras of a picture besides the bodies."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ class Look:
             picture of their own.
         shadow: whether there is a shadow on the ground; None: where it is drawn fast enough.
         curves: outputs drawn under the picture, as `spatial_pin.plot` takes them; without any, a
-            page has the usual ones behind a button; they grow in a page of `live`, and what
-            stands still has none.
-        pairs: whether a sign stands at every joint and closure that tells its kind; None: where
+            page has the usual ones behind a button; they grow in a page of `live`; a state has
+            none.
+        pairs: whether every joint and closure has a sign of its kind; None: where
             the model brings no picture of its own.
         axes: whether the axes of joints and closures are drawn.
         traces: points whose paths are drawn: links, frames, joints; `NAME.com` is a link's centre
@@ -99,13 +99,13 @@ class Look:
 def overlaid(
     given: Motion | State | Design | Designs, look: Look | None
 ) -> tuple[Motion | State, Look | None]:
-    """Return what is shown, and how; a motion or a state as they are.
+    """Return the motion or state to show, and its look; a motion or a state as they are.
 
     Of designs the best is shown, and of it the motion through the samples of its first goal.
     Samples that no motion joins are shown beside each other.
 
     Raises:
-        SpatialPinError: nothing was found.
+        SpatialPinError: there is no design.
     """
     from spatial_pin.synthesis.ranked_designs import (  # on use: a picture needs no search
         Design,
@@ -122,6 +122,6 @@ def overlaid(
     look = replace(look or Look(), design=given)
     try:
         return given.motion(), look
-    except SpatialPinError:  # its defects tell why
+    except SpatialPinError:  # for a reason among its defects
         first, *others = given.states
         return first, replace(look, ghosts=(*look.ghosts, *others))

@@ -1,4 +1,4 @@
-"""A sign at every joint and closure that tells its kind.
+"""Signs of joints and closures, one for each kind.
 
 To add the sign of a pair: a function from `Site` to `Piece`s, and its line in GLYPHS. Pieces are
 drawn in the pair's own axes, z along its axis, of frame 1 (`first`, the body that carries) or of
@@ -20,15 +20,15 @@ from spatial_pin.view.scene.stage import Item, Layer, Stage, rod_between
 
 UNIT, LEAST = 0.05, 0.012  # largest and least size of a sign relative to the size of the scene
 NEIGHBOUR = 0.35  # largest relative to the distance from the next pair of the same body
-SAME_PLACE = 1e-3  # by the size of the scene: pairs that are nearer stand at the same place
-CARRIES = (0.17, 0.19, 0.22, 1.0)  # colour of what is fixed to frame 1
+SAME_PLACE = 1e-3  # by the size of the scene: pairs that are nearer count as one
+CARRIES = (0.17, 0.19, 0.22, 1.0)  # colour of the parts on frame 1
 MOVES = (0.50, 0.53, 0.57, 1.0)  # and to frame 2
 THROUGH = 0.72  # opacity of signs that are seen through bodies
 MOST_THREAD_TURNS = 60.0  # of a thread that is drawn: more are a grey bar
 
 
 class Site(NamedTuple):
-    """Where a sign stands.
+    """The placement of a sign.
 
     Attributes:
         unit: its size [m].
@@ -53,7 +53,7 @@ class Piece(NamedTuple):
     """One solid of a sign.
 
     Attributes:
-        on: what it is fixed to: "first", "second" or "between".
+        on: the frame that carries it: "first", "second" or "between".
         solid: its shape.
         span: least and greatest z, and radius of it [m], where that is more than the sign's size.
         middle: x and y of where that is [m].
@@ -220,7 +220,7 @@ def _item(stage: Stage, pair: PairAxes, k: int, piece: Piece, through: bool) -> 
 
 
 def _held(stage: Stage, pair: PairAxes, piece: Piece) -> Array:
-    """Return what a picture must hold of a piece, shape (K, 3) [m]."""
+    """Return the points of a piece that a picture must hold, shape (K, 3) [m]."""
     (low, high, r), (x, y) = piece.span, piece.middle
     if piece.on == "between" or low == high == r == 0.0:
         return np.zeros((0, 3))

@@ -1,4 +1,4 @@
-"""What verbs have found of a motion, drawn over it: clearance, workspace, goals of a design."""
+"""Results of verbs drawn over a motion: clearance, workspace, goals of a design."""
 
 from __future__ import annotations
 
@@ -51,10 +51,10 @@ TURNS = (np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]], dtype=float),
 
 
 def clearances(stage: Stage, clearance: Clearance) -> Layer:
-    """Return links that touch in red, lines between nearest points, and what is to be said.
+    """Return links that touch in red, lines between nearest points, and alarms.
 
     Raises:
-        SpatialPinError: it was found over another motion.
+        SpatialPinError: it belongs to another motion.
     """
     film = stage.film
     if len(clearance.motion) <= int(film.rows[-1]) or not np.array_equal(
@@ -129,7 +129,7 @@ def workspaces(stage: Stage, workspace: Workspace) -> Layer:
     if shown_one != own:
         raise SpatialPinError(f"mechanism {shown_one!r}: the workspace is that of another one, "
                               f"{own!r}; ask sp.workspace of this one")
-    groups = []  # name, points, colour and words of what is drawn alike
+    groups = []  # name, points, colour and words of each group
     rows = np.flatnonzero(workspace.reached & ~np.isnan(workspace.dexterity))
     rows = rows[:: -(-len(rows) // MOST_BALLS) or 1]
     values = workspace.dexterity[rows]
@@ -166,7 +166,7 @@ def designs(stage: Stage, design: Design, drawn: tuple[str, ...]) -> Layer:
     """Return balls at target points, triads at target placements, and paths of their frames.
 
     Args:
-        stage: what is shown.
+        stage: the scene.
         design: whose goals are drawn.
         drawn: frames whose paths are drawn anyway.
 

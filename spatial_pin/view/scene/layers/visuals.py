@@ -48,11 +48,11 @@ def colour(visual: pin.GeometryObject) -> tuple[float, ...]:
 
 
 def link_of(visual: pin.GeometryObject, model: pin.Model) -> str:
-    """Return the link that a geometry object belongs to; the first of its joint if it tells none.
+    """Return the link of a geometry object; the first of its joint if it names none.
 
-    The sticks of a skeleton tell none.
+    The sticks of a skeleton name none.
     """
-    if visual.parentFrame < model.nframes:  # the largest number there is stands for none
+    if visual.parentFrame < model.nframes:  # the largest number means none
         own = model.frames[visual.parentFrame]
         if own.type == pin.FrameType.BODY and own.parentJoint == visual.parentJoint:
             return str(own.name)
@@ -88,18 +88,18 @@ def bodies(stage: Stage) -> Layer:
 
 
 def skeleton(model: pin.Model) -> pin.GeometryModel:
-    """Return a geometry model of sticks; a ball stands for a body without extent."""
+    """Return a geometry model of sticks; a body without extent is a ball."""
     return _sticks(model, range(model.njoints))
 
 
 def with_skeleton(
     model: pin.Model, geometry: pin.GeometryModel | None, wanted: bool | None
 ) -> list[pin.GeometryObject]:
-    """Return what a model brings to be drawn, and the sticks of its skeleton.
+    """Return the visuals of a model, and the sticks of its skeleton.
 
     Args:
         model: the model.
-        geometry: what it brings.
+        geometry: its visuals.
         wanted: whether bodies are drawn as sticks; None: those that bring nothing of their own. Of
             these a body without extent and mass is nothing to be seen, and so is the ground below
             bases that float: no pair joins it to them.
