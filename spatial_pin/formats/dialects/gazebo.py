@@ -13,8 +13,8 @@ axis is in the joint's frame unless `expressed_in` names another. The joint is a
 links in that pose.
 
 The pose of a link is in the axes of the model, which are those of the root link, or of the frame
-that `relative_to` names. The first joint between such a link and one of the tree becomes a joint of the
-tree, whose coordinate turns the joint's child against its parent; further joints are loops.
+that `relative_to` names. The first joint between such a link and one of the tree becomes a joint of
+the tree, whose coordinate turns the joint's child against its parent; further joints are loops.
 
 A plugin with `<joint>` and `<mimicJoint>` couples these two; where the joint has a `<mimic>` of
 its own, that is the same coupling. The plugin DetachableJoint holds `<child_link>` on
