@@ -16,7 +16,6 @@ import numpy as np
 from spatial_pin._support.checks import number_from_zero
 from spatial_pin.errors import MechanismFileError, Mistakes, suggestion, warn
 from spatial_pin.formats.checked_tables import TomlTable
-from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.file_access import (
     Trust,
     check_file,
@@ -25,7 +24,7 @@ from spatial_pin.formats.file_access import (
     read_text,
     shown,
 )
-from spatial_pin.formats.importers import IMPORTERS, Importer, Request, endings, importer_of
+from spatial_pin.formats.importers import IMPORTERS, Faults, Importer, Request, endings, importer_of
 from spatial_pin.formats.mechanism_file import MechanismSpec, mechanism_of
 from spatial_pin.formats.parsing import parse_toml, parse_urdf
 from spatial_pin.formats.urdf.validation import end_of
@@ -216,8 +215,9 @@ def load(
         raise TypeError(f"model is the name of one, not {model!r}")
     if not isinstance(without, list | tuple) or not all(isinstance(x, str) for x in without):
         raise TypeError(f"without is a list of names, not {without!r}")
-    request = Request(_find(source), parameters, trusted, _folders(packages or {}), model=model,
-                      without=tuple(without), free_flyer=free_flyer)
+    path, folders = _find(source), _folders(packages) if packages else {}
+    request = Request(path, parameters, trusted, folders, model=model, without=tuple(without),
+                      free_flyer=free_flyer)
     try:
         mechanism = _loaded(request)
     except MechanismFileError as error:

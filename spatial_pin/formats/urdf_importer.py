@@ -44,7 +44,7 @@ def read_urdf(request: Request, loops_file: Path | None = None) -> Imported:
         text = expand(request.path, request.parameters, request.trusted, request.packages)
     robot = parse_urdf(text, request.path)
     before = ET.tostring(robot, encoding="unicode")
-    notices = leave_out(robot, request.without, str(request.path))
+    notices = leave_out(robot, request.without, str(request.path)) if request.without else []
     if request.path.suffix != ".xacro" and (written := re.search(r"\$\{[^}]*\}", before)):
         notices.append(f"{written[0]} stands in it as it is written: xacro puts values in, where "
                        "the file's name ends in .urdf.xacro")

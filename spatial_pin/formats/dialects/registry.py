@@ -47,6 +47,7 @@ LEFT: dict[str, Reader] = {  # they stay in the URDF
     "transmission": urdf_loops.read_transmission,
     "ros2_control": urdf_loops.read_ros2_control,
 }
+TRUE = ("true", "1")  # values of the attribute `independent`
 BESIDE: tuple[tuple[Callable[[Path], Path | None], Callable[[Path], bool],
                     Callable[[Path, RobotReading], None]], ...] = (  # where is it, is it, read
     (yaml_loops.robot_file, yaml_loops.is_robot, yaml_loops.read_robot),
@@ -122,13 +123,16 @@ def read_dialects(reading: RobotReading, loops_file: Path | None = None) -> None
     """
     for element in reading.take(lambda e: local(e) == "joint" and is_prefixed(e)):
         drake.read_joint(element, reading)
-    gazebo.hang_links(reading)
+    if reading.robot.find("gazebo") is not None:
+        gazebo.hang_links(reading)
     for element in list(reading.robot):
         if isinstance(element.tag, str) and local(element) in LEFT:
             LEFT[local(element)](element, reading)
     for element in reading.take(lambda e: local(e) in ELEMENTS):
         ELEMENTS[local(element)](element, reading)
-    urdf_loops.read_independent(reading)
+    for name in [k for k, x in reading.joints.items() if x.get("independent", "").lower() in TRUE]:
+        reading.drive(name)
+        reading.all_driven = True
     urdf_loops.read_closing_frames(reading)
     for file_of, states, read in BESIDE:
         is_known = loops_file is not None and states(loops_file)
@@ -136,13 +140,8 @@ def read_dialects(reading: RobotReading, loops_file: Path | None = None) -> None
         if path is not None:
             read(path, reading)
     refuse_unread(reading)
-    copies = [name for name in sorted(reading.in_loops())
-              if reading.joints[name].find("mimic") is not None]
-    if copies:  # which viewers need for the loop
-        reading.notices.append(f"{', '.join(copies)}: moved by a loop, with a <mimic> too; where "
-                               "that only copies the loop, and not to the last digit, nothing can "
-                               "move: take the <mimic> out then")
-    if not reading.content.get("closures"):  # all joints of a tree drive it, motors or not
-        reading.content.pop("drivers", None)
-    elif not reading.all_driven:
+    if reading.content.get("closures"):
+        urdf_loops.note_copies(reading)
         urdf_loops.drive_the_rest(reading)
+    else:  # all joints of a tree drive it, motors or not
+        reading.content.pop("drivers", None)

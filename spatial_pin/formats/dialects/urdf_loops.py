@@ -91,14 +91,6 @@ def read_coupling(element: ET.Element, reading: RobotReading) -> None:
                              "source": "URDF+ <coupling>"})
 
 
-def read_independent(reading: RobotReading) -> None:
-    """Make drivers of the joints that are stated to be independent."""
-    for name, joint in reading.joints.items():
-        if joint.get("independent", "").lower() in ("true", "1"):
-            reading.drive(name)
-            reading.all_driven = True
-
-
 def _ends(element: ET.Element, reading: RobotReading) -> list[tuple[str, pin.SE3]]:
     ends = []
     for names in ENDS:
@@ -204,8 +196,20 @@ def read_ros2_control(element: ET.Element, reading: RobotReading) -> None:
             _drive(joint.get("name", ""), reading)
 
 
+def note_copies(reading: RobotReading) -> None:
+    """Note the <mimic> of joints in loops: viewers need it, the loop makes it redundant."""
+    copies = [name for name in sorted(reading.in_loops())
+              if reading.joints[name].find("mimic") is not None]
+    if copies:
+        reading.notices.append(f"{', '.join(copies)}: moved by a loop, with a <mimic> too; where "
+                               "that only copies the loop, and not to the last digit, nothing can "
+                               "move: take the <mimic> out then")
+
+
 def drive_the_rest(reading: RobotReading) -> None:
     """Make drivers of the joints that no loop moves, and of those that others follow."""
+    if reading.all_driven:
+        return
     coupled = {closure["joints"][1] for closure in reading.content["closures"]
                if "joints" in closure}
     in_loops = reading.in_loops() | coupled

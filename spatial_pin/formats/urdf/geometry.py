@@ -17,8 +17,8 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError, warn
-from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.file_access import Trust, shown
+from spatial_pin.formats.importers import Faults
 from spatial_pin.formats.mesh_files import mesh_colours, mesh_file, package_of, read_meshes
 from spatial_pin.formats.urdf.validation import numbers, placement
 from spatial_pin.numerics.linalg import Array

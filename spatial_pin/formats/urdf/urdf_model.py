@@ -21,8 +21,8 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError, Mistakes, suggestion
-from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.file_access import Trust
+from spatial_pin.formats.importers import Faults
 from spatial_pin.formats.parsing import parse_urdf
 from spatial_pin.formats.urdf.elements import UNBOUNDED, URDF_AXIS, numbers_text
 from spatial_pin.formats.urdf.geometry import geometry_of, take_shapes
@@ -149,30 +149,23 @@ def _plain(element: ET.Element) -> ET.Element:
         if part.tag in ("parent", "child"):
             joint.append(part)
         elif part.tag == "axis" and kind != "fixed":
-            joint.append(_normal(_scaled(part)))
+            values = np.array([float(word) for word in part.get("xyz", "").split()])
+            largest = float(np.abs(values).max(initial=0.0))
+            if largest >= LARGEST_AXIS:  # the URDF reader adds up squares
+                part = ET.Element("axis", xyz=numbers_text(values / largest))
+            joint.append(_normal(part))
         elif part.tag == "origin":
             joint.append(_normal(part))
     ET.SubElement(joint, "limit", lower="-1", upper="1", effort="1", velocity="1")
     return joint
 
 
-def _scaled(axis: ET.Element) -> ET.Element:
-    """Return an axis whose squares the URDF reader can add up."""
-    values = np.array([float(word) for word in axis.get("xyz", "").split()])
-    largest = float(np.abs(values).max(initial=0.0))
-    if largest < LARGEST_AXIS:
-        return axis
-    return ET.Element("axis", xyz=numbers_text(values / largest))
-
-
 def _normal(element: ET.Element) -> ET.Element:
-    """Return an element with its numbers as the URDF reader takes them: of no denormal size."""
-    def plain(word: str) -> str:
-        return "0" if abs(float(word)) < sys.float_info.min else word
-
+    """Return an element without denormal numbers, which the URDF reader refuses."""
+    least = sys.float_info.min
     return ET.Element(element.tag, {
-        key: " ".join(map(plain, text.split())) for key, text in element.items()
-        if key in NUMBERS})
+        key: " ".join(["0" if abs(float(word)) < least else word for word in text.split()])
+        for key, text in element.items() if key in NUMBERS})
 
 
 def _whole(inertial: ET.Element) -> ET.Element:

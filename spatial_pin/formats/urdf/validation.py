@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError, suggestion
-from spatial_pin.formats.faults import Faults
+from spatial_pin.formats.importers import Faults
 from spatial_pin.formats.urdf.elements import UNBOUNDED, finite_numbers, joint_element, local
 from spatial_pin.mechanism.inertia import inertia_as_given
 from spatial_pin.numerics.linalg import Array

@@ -90,10 +90,9 @@ def expand(
                 f"{path}: parameters {sorted(parameters)} given, but only .xacro files have any"
             )
         return read_text(path)
-    expansion = Expansion(path, trusted, packages)
-    mappings = _checked_parameters(expansion, parameters) if parameters else {}
+    mappings = _checked_parameters(path, parameters, trusted, packages) if parameters else {}
     if path.parent != library_folder():
-        return expansion.text(mappings)
+        return Expansion(path, trusted, packages).text(mappings)
     changed = max(file.stat().st_mtime_ns for file in path.parent.glob("*.xacro"))
     return _library_text(path, tuple(mappings.items()), changed)
 
@@ -127,12 +126,14 @@ def traced(
     return Expansion(path, trusted, packages, tape).text(mappings), tape
 
 
-def _checked_parameters(expansion: Expansion, parameters: Mapping[str, float]) -> dict[str, str]:
-    valid = arguments_of(expansion)
+def _checked_parameters(
+    path: Path, parameters: Mapping[str, float], trusted: bool, packages: Mapping[str, Path]
+) -> dict[str, str]:
+    valid = arguments_of(Expansion(path, trusted, packages))
     for name, value in parameters.items():
         if name not in valid:
             raise MechanismFileError(
-                f"{expansion.path}: no parameter {name!r}; {suggestion(name, valid)}")
+                f"{path}: no parameter {name!r}; {suggestion(name, valid)}")
         if isinstance(value, str):
             continue
         try:
