@@ -98,7 +98,7 @@ def drawn_tree(content: Mapping[str, Any], where: str) -> DrawnTree:
         MechanismFileError: a body, joint, point or number cannot be; says all of them.
     """
     drawing = DrawnFile(TomlTable(dict(content), where))
-    drawing.mistakes.tell()
+    drawing.mistakes.raise_all()
     rest = {key: x for key, x in content.items() if key not in OWN}
     tree = spanning_tree(drawing, rest, where)
     text = TreeText(drawing, str(content.get("name", "")))

@@ -15,10 +15,9 @@ import pinocchio as pin
 
 from spatial_pin.errors import MechanismFileError, Mistakes, suggestion
 from spatial_pin.formats.checked_tables import BELONGS, BETWEEN, TOP, TomlTable, belongs
-from spatial_pin.formats.faults import Faults
 from spatial_pin.formats.file_access import Trust, read_text
 from spatial_pin.formats.graph.urdf import without_loops
-from spatial_pin.formats.importers import Request
+from spatial_pin.formats.importers import Faults, Request
 from spatial_pin.formats.parsing import parse_urdf
 from spatial_pin.formats.urdf.elements import inertial
 from spatial_pin.formats.urdf.urdf_model import (
@@ -179,13 +178,13 @@ def mechanism_of(
                                  request.packages), top.where)
     spec = MechanismSpec(top, mistakes, trust)
     if not spec.is_whole["joints"]:
-        mistakes.tell()  # what the tree is, is not known
+        mistakes.raise_all()  # what the tree is, is not known
     with mistakes.each():
         if spec.masses:
             urdf = with_masses(urdf, spec.masses, file, top.where)
         cut = without_loops(urdf, top.content, spec.refinements, file, faults)
         if cut is not None:
-            mistakes.tell()
+            mistakes.raise_all()
             for notice in cut.notices:
                 faults.note(notice)
             urdf, top = cut.urdf, TomlTable(cut.content, top.where)
@@ -196,7 +195,7 @@ def mechanism_of(
         spec.parts["closures"] += mimics
         spec.parts["content"] = written
         return _build(top, tree, spec, file, request, faults, mistakes)
-    mistakes.tell()
+    mistakes.raise_all()
     raise AssertionError  # a mistake was kept
 
 
@@ -226,7 +225,7 @@ def _build(
         check_mechanism(mechanism, where, mistakes)
         if spec.is_whole["drivers"]:
             _check_guess(mechanism, where, mistakes)
-    mistakes.tell()
+    mistakes.raise_all()
     negative, lopsided = impossible_inertias(mechanism)
     for kind, links in (
         ("below zero, which no body has: motion is computed, forces are refused", negative),
