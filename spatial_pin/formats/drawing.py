@@ -138,7 +138,7 @@ class Drawing:
         title: a few words for pictures.
         source: where the numbers come from.
         density: of bars, which then have masses [kg/m³].
-        radius: of bars [m]; default a 25th of the root mean square distance of joints and points
+        radius: of bars [m]; default 3 % of the root mean square distance of joints and points
             from their mean.
 
     Raises:
