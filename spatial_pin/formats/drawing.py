@@ -182,8 +182,8 @@ class Drawing:
         """Declare a dimension, or give it another value."""
         if not isinstance(name, str) or not is_dimension_name(name):
             raise SpatialPinError(f"drawing {self.name!r}: {name!r} cannot be a dimension's name: "
-                                  "letters, digits and _ make one, which is no function of xacro "
-                                  "and no argument of load")
+                                  "letters, digits and _ make one that is no function and no "
+                                  "argument of load")
         if isinstance(value, Symbol):
             raise TypeError(f"drawing {self.name!r}: dimension {name!r} is a number, not the "
                             f"expression {value.text}; an expression is a variable of Python")

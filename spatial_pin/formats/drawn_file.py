@@ -24,9 +24,11 @@ from spatial_pin.numerics.linalg import Array
 
 GROUND = "ground"  # the body that stands still
 BAR_RADIUS = "bar_radius"  # a property of the xacro text
-# arguments of `load` and of `Drawing.mechanism`, which no dimension can be called
+# What no dimension can be called: arguments of `load` and of `Drawing.mechanism`, and what the text
+# of a drawing calls. Others of xacro's functions, such as e or gamma, give way to a dimension.
 RESERVED = ("source", "trusted", "free_flyer", "packages", "gap", "model", "without", "keep",
-            "density", BAR_RADIUS)
+            "density", BAR_RADIUS, "sqrt", "sin", "cos", "tan", "atan2", "hypot", "pi", "math",
+            "python", "range", "xacro")
 ROUNDED = 1e-6  # cosine, and part of an inertia, that numbers of a drawing are rounded to
 Number = float | str  # a constant, or an expression of dimensions
 Vector = Sequence[Number]
@@ -73,9 +75,9 @@ def is_varied(vector: Sequence[Number]) -> bool:
 
 
 def is_dimension_name(name: str) -> bool:
-    """Whether a dimension can be called so: no function of xacro, no argument of `load`."""
-    return name.isidentifier() and not keyword.iskeyword(name) and name not in GLOBALS and (
-        name not in RESERVED)
+    """Whether a dimension can be called so: no function of drawings, no argument of `load`."""
+    return name.isidentifier() and name.isascii() and not keyword.iskeyword(name) and (
+        name not in RESERVED and not name.startswith("_"))
 
 
 class DrawnNumbers:
@@ -89,8 +91,14 @@ class DrawnNumbers:
         self.dimensions: dict[str, float] = {}
         self._budget = Budget()
 
+    @property
+    def symbols(self) -> dict[str, float]:
+        """The dimensions by their names in expressions: not those of xacro's own symbols."""
+        return {f"dimension_{name}" if name in GLOBALS else name: x
+                for name, x in self.dimensions.items()}
+
     def _value(self, text: str) -> Any:
-        return evaluate(text, {**GLOBALS, **self.dimensions}, self._budget)
+        return evaluate(text, {**GLOBALS, **self.symbols, **self.dimensions}, self._budget)
 
     def values(self, vector: Sequence[Number]) -> Array:
         """Return numbers as they are drawn."""
@@ -118,7 +126,10 @@ class DrawnNumbers:
             table.fail(key, f"has {number}; a finite number{least} is needed")
         if text is None or not set(re.findall(r"\w+", text[1])) & self.dimensions.keys():
             return float(number)
-        return text[1].strip()
+        expression = text[1].strip()
+        for name in GLOBALS.keys() & self.dimensions.keys():
+            expression = re.sub(rf"(?<![.\w]){name}\b", f"dimension_{name}", expression)
+        return expression
 
     def vector(self, table: TomlTable, key: str) -> Vector:
         """Return three numbers."""
@@ -168,7 +179,7 @@ class DrawnFile:
                 with self.mistakes.each():
                     if not is_dimension_name(name):
                         table.fail(name, "cannot be a dimension's name: letters, digits and _ make "
-                                         "one that is no function of xacro and no argument of load")
+                                         "one that is no function and no argument of load")
                     self.numbers.dimensions[name] = table.number(name)
         self.bodies: dict[str, DrawnBody] = self._tables("bodies", self._body)
         self.joints: dict[str, DrawnJoint] = self._tables("joints", self._joint)

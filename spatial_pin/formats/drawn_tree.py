@@ -254,9 +254,11 @@ class TreeText:
     def write(self, tree: SpanningTree) -> None:
         """Write all of it."""
         drawing = self.drawing
-        for name, value in drawing.numbers.dimensions.items():
-            ET.SubElement(self._robot, "xacro:arg", name=name, default=repr(value))
-            ET.SubElement(self._robot, "xacro:property", name=name, value=f"$(arg {name})")
+        numbers = drawing.numbers
+        for name, symbol in zip(numbers.dimensions, numbers.symbols, strict=True):
+            default = repr(numbers.dimensions[name])
+            ET.SubElement(self._robot, "xacro:arg", name=name, default=default)
+            ET.SubElement(self._robot, "xacro:property", name=symbol, value=f"$(arg {name})")
         ET.SubElement(self._robot, "link", name=GROUND)
         shapes = DrawnShapes(drawing, self._robot)
         for k, name in enumerate(drawing.bodies):

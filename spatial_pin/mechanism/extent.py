@@ -69,7 +69,7 @@ def extent_of(model: pin.Model, joined: Collection[int], where: str) -> Extent:
     points /= unit
     away = np.linalg.norm(points, axis=1) > EPS  # bodies of a drawing have the world's frame
     own = np.array([i in joined or (f.parentJoint != 0 and (
-        away[i] or f.type != pin.FrameType.BODY)) for i, f in enumerate(model.frames)])
+        away[i] or f.type == pin.FrameType.JOINT)) for i, f in enumerate(model.frames)])
     near, centre = np.ones(len(points), dtype=bool), np.zeros(3)
     if own.any():
         size = diameter(points[own])
