@@ -4,15 +4,25 @@ from __future__ import annotations
 
 import numpy as np
 
-from spatial_pin.assembly.redundant_equations import allowed_from, clearly_above, gap_allowed
+from spatial_pin.assembly.redundant_equations import (
+    allowed_from,
+    clearly_above,
+    gap_allowed,
+    independent_along,
+)
+from spatial_pin.assembly.state import NO_ANGLES
 from spatial_pin.errors import LimitError, SingularError
+from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.motion.motion import AnyMotion, Event, first_samples
+from spatial_pin.numerics.linalg import Array
 from spatial_pin.settings import Accuracy
 
 # Samples of a motion that are looked at: so many over a turn miss the peak of a sine by 5e-6 of it,
 # far more than is reported.
 MOST_SAMPLES = 1000
 GAP = "gap"  # kind of event
+# Choices of independent equations that are made along a path: each reaches half a radian further.
+CHOICES = 8
 
 
 def within_gap(motion: AnyMotion, accuracy: Accuracy, on_limit: str) -> AnyMotion:
@@ -52,3 +62,28 @@ def within_gap(motion: AnyMotion, accuracy: Accuracy, on_limit: str) -> AnyMotio
             return motion
         before = row + 1
     return motion
+
+
+def with_independent(
+    motion: AnyMotion, accuracy: Accuracy, ahead: Array, end: Array | None = None
+) -> Mechanism:
+    """Return a mechanism whose equations are independent on a motion, and for some way ahead.
+
+    Args:
+        motion: of any mechanism.
+        accuracy: its settings.
+        ahead: (nv,) the direction in which it goes on.
+        end: (nq,) where it ends beyond its last sample.
+
+    Returns:
+        The motion's own mechanism where that is one, or of a rounded file no choice of equations
+        is better; else the same file's with others, on which the motion is to be made again.
+    """
+    mechanism = motion.mechanism
+    if mechanism.whole is None or not len(motion):
+        return mechanism
+    gap = allowed_from(motion.state(0), gap_allowed(mechanism, accuracy))
+    return independent_along(
+        mechanism, motion.q if end is None else np.vstack([motion.q, end]),
+        motion.angles[0] if motion.angles.size else NO_ANGLES,
+        ahead / mechanism.velocity_scale, gap)
