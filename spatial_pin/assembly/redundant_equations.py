@@ -82,8 +82,8 @@ STEP_TO_POSE = 0.1  # length of a step [rad, characteristic lengths]
 GAPS_TRIED = (1e-3, 1e-2, 2e-4, 5e-4, 2e-3, 5e-3)
 FEW_CHOICES = 300  # of equations, that are all looked at: in a fraction of a second
 # Samples from the guess on, in which sums of equations are to be independent where none are all
-# through: half a radian, one, one and a half, two.
-HORIZONS = (17, 13, 9, 5)
+# through: two radians, one and a half, one, half a radian; of ways ahead, none.
+HORIZONS = 17, 13, 9, 5, 1
 ROUNDS = 30  # of weights, after which the least independent sample gains no digit more
 # Weight of equations that are kept if they can, those of screws and couplings: no other is as well
 # conditioned as to outweigh it.
@@ -382,21 +382,26 @@ def _opens_nearby(whole: LoopEquations, reduced: Mechanism, first: Sample, gap: 
     return False
 
 
-def _dense(mechanism: Mechanism, q: Array) -> list[Array]:
-    """Return configurations (nq,) along a path of some (n, nq), none far from the one before."""
-    found, model = [q[0]], mechanism.model
-    for k, x in enumerate(q[1:], start=2):
-        way = pin.difference(model, found[-1], x)
+def _dense(mechanism: Mechanism, q: Array) -> Iterator[tuple[int, Array]]:
+    """Yield configurations (nq,) along a path of some (n, nq), none far from the one before.
+
+    Before each stands how many of those that are given come before it.
+    """
+    last, model = q[0], mechanism.model
+    yield 0, last
+    for k, x in enumerate(q[1:], start=1):
+        way = pin.difference(model, last, x)
         parts = float(np.abs(way / mechanism.velocity_scale).max()) / PART
-        if parts >= 0.5 or k == len(q):
-            n, first = max(1, math.ceil(parts)), found[-1]
-            found += [pin.integrate(model, first, way * (i / n)) for i in range(1, n)] + [x]
-    return found
+        if parts >= 0.5 or k + 1 == len(q):
+            for i in range(1, math.ceil(parts)):
+                yield k, pin.integrate(model, last, way * (i / math.ceil(parts)))
+            yield k, x
+            last = x
 
 
 def independent_along(
     mechanism: Mechanism, q: Array, angles: Array, ahead: Array, gap: float
-) -> Mechanism:
+) -> tuple[Mechanism, int]:
     """Return the mechanism of a rounded file with equations that are independent along a path.
 
     Those that are so near the guess may depend on each other elsewhere, at what seems a limit
@@ -411,27 +416,34 @@ def independent_along(
 
     Returns:
         The same one where its equations do, or no others do better; else one with equations that
-        are independent for some way ahead as well.
+        are independent for some way ahead as well. And how many configurations come before the
+        first at which the given ones are not.
     """
     whole, kept = mechanism.whole, mechanism.kept
     assert whole is not None and kept is not None
     rank, cut = sum(kept.counts()), min(GAPS_WIDE * gap, WIDEST_GAP)
     if not rank:
-        return mechanism
+        return mechanism, len(q)
     with loops_of(whole, carried_angles(mechanism, angles, whole)) as every, loops_of(
             mechanism, angles) as evaluation:
-        path, rows = [], []
-        for place in _dense(mechanism, q)[-MOST_LOOKED_AT:]:
+        path, rows, before = [], [], []
+        for k, place in list(_dense(mechanism, q))[-MOST_LOOKED_AT:]:
             every.update(place)
             evaluation.update(place)
             jacobian = every.jacobian[: every.constraints.n_closure].copy()
             path.append(Sample(place, jacobian, singular_values(jacobian), every.closure_error))
             rows.append(evaluation.jacobian[: evaluation.constraints.n_closure].copy())
+            before.append(k)
         path = list(takewhile(lambda x: _rank(x.s, CLEAR_OF_CUT * cut) == rank,
                               _oriented(path[0], path, rank)))
-        worth = _worth(np.array(rows[: len(path)]), [path])[1] if path else 1.0
+        if not path:
+            return mechanism, len(q)
+        found = _independence(np.array(rows[: len(path)]), path)
+        found *= np.sign(found[0])
+        bad = np.flatnonzero(found < USELESS)
+        n, worth = before[bad[0]] if bad.size else len(q), max(0.0, float(found.min()))
         if worth >= FAIR:
-            return mechanism
+            return mechanism, n
         for x in q[-2::-1]:
             way = pin.difference(whole.model, x, q[-1]) / whole.velocity_scale
             if np.abs(way).max() > TOLERANCES.half_precision:
@@ -439,16 +451,15 @@ def independent_along(
                 break
         beyond = _oriented(path[-1], list(_walk(
             whole, path[-1].q, ahead, LONGER_WAY * PARTS_OF_MOTION,
-            lambda place: _sample(every, place, cut, gap))))
-        found = [(max(USELESS, TWICE * worth), kept)]
-        for n in (*HORIZONS, 1):
-            chosen, better = _independent(whole, [], path + beyond[:n])
-            found.append((better, chosen))
-            if better >= FAIR:
+            lambda place: _sample(every, place, cut, gap)))) if ahead.any() else []
+        best = max(USELESS, TWICE * worth), kept
+        for some in HORIZONS:
+            chosen, better = _independent(whole, [], path + beyond[: some - 1])
+            best = max(best, (better, chosen), key=lambda x: x[0])
+            if better >= FAIR or not beyond:
                 break
-    _, chosen = max(found, key=lambda x: x[0])
-    return mechanism if chosen is kept else whole.with_equations(
-        chosen._replace(cut=kept.cut, opened=kept.opened))
+    return mechanism if best[1] is kept else whole.with_equations(
+        best[1]._replace(cut=kept.cut, opened=kept.opened)), n
 
 
 def _walk(
@@ -523,7 +534,7 @@ def _independent(
     everywhere = [x for path in paths for x in path]
     jacobians, labels = np.array([x.jacobian for x in everywhere]), list(constraints.labels)
     rows, worth = _choice(jacobians, paths, weights)
-    sums = np.eye(len(weights))[rows]
+    sums: Array = np.eye(len(weights))[rows]
     if worth[1] < GOOD and any(c.can_turn for c in mechanism.closures):
         evaluation = LoopEquations(mechanism.with_fields(
             closures=tuple(c.turned() for c in mechanism.closures if c.can_turn)))
@@ -533,7 +544,7 @@ def _independent(
             more.append(evaluation.jacobian[: len(evaluation.residual)].copy())
         wider, n = np.concatenate([jacobians, more], axis=1), len(weights)
         weights = np.concatenate([weights, np.ones(len(more[0]))])
-        sums = np.eye(n, len(weights))[rows]
+        sums = np.pad(sums, ((0, 0), (0, len(weights) - n)))
         rows, better = _choice(wider, paths, weights)
         if better > worth:
             sums, worth = np.eye(len(weights))[rows], better
@@ -543,7 +554,7 @@ def _independent(
            for turned in (False, True) for c in mechanism.closures]
     blocks = [x for x in own if len(x) and (weights[x] < KEPT).all()]
     if worth[1] < GOOD and blocks:
-        for some in (paths, *([path[:n] for path in near] for n in HORIZONS if near)):
+        for some in (paths, *([path[:n] for path in near] for n in HORIZONS[:-1] if near)):
             at = [k for k, x in enumerate(everywhere)
                   if any(x is y for path in some for y in path)]
             found = _sums(sums, jacobians[at], [everywhere[k] for k in at], blocks)
@@ -554,7 +565,9 @@ def _independent(
     return SelectedEquations(tuple(chosen[:n]), tuple(chosen[n:])), worth[1]
 
 
-def _sums(rows: Array, jacobians: Array, samples: list[Sample], blocks: list[Array]) -> Array:
+def _sums(
+    rows: Array, jacobians: Array, samples: list[Sample], blocks: list[NDArray[np.intp]]
+) -> Array:
     """Return rows (rank, n), of which those of blocks are sums that are independent at samples.
 
     Of one closure they span the mean of the spaces of Jacobians' columns, in the chordal distance
@@ -572,11 +585,11 @@ def _sums(rows: Array, jacobians: Array, samples: list[Sample], blocks: list[Arr
     weights, best, most = np.ones(len(samples)), rows, 0.0
     for _ in range(ROUNDS):
         for block in blocks:
-            mine = rows[:, block].any(axis=1)
-            count = int(np.count_nonzero(mine))
+            mine = np.flatnonzero(np.any(rows[:, block] != 0.0, axis=1))
+            count = len(mine)
             if not 0 < count < len(block):
                 continue
-            free = np.linalg.svd(rows[~mine] @ columns)[2][:, len(rows) - count :]
+            free = np.linalg.svd(np.delete(rows, mine, axis=0) @ columns)[2][:, len(rows) - count :]
             spanned = np.linalg.qr(columns[:, block] @ free.transpose(0, 2, 1))[0]
             mean = np.einsum("k,kij,klj->il", weights, spanned, spanned)
             rows = rows.copy()

@@ -44,7 +44,7 @@ from spatial_pin.mechanism.parts import Coordinate
 from spatial_pin.motion.joint_limit_events import joint_limit_events
 from spatial_pin.motion.motion import Event, Motion, made
 from spatial_pin.motion.rated_limits import velocity_limit_events
-from spatial_pin.motion.rounding import CHOICES, with_independent, within_gap
+from spatial_pin.motion.rounding import CHOICES, independent_on, within_gap
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.depending import depending_on
@@ -138,27 +138,27 @@ def sweep(
     speeds, accels = _rates_asked(speed, acceleration, values)
     coordinate = mechanism.prescribed_coordinate(driver)
     given, held = ({}, (hold,)) if isinstance(hold, str) else _told_to_hold(hold)
-    asked, rates = values, (speeds, accels)
+    asked, rates, good = values, (speeds, accels), None
     for _ in range(CHOICES):
         mechanism, found, still, events = _followed(
             mechanism, driver, coordinate, asked, guess, given, held, accuracy,
             on_crossing == "straight", progress)
         n, stop, values = found.done, found.stop, asked
         if n < len(values):
-            values = values[:n]
-            speeds, accels = (None if x is None else x[:n] for x in rates)
+            values, speeds = values[:n], rates[0][:n]
+            accels = None if rates[1] is None else rates[1][:n]
         motion = _motion(mechanism, found, driver, values, speeds, type(speed) is float, accels,
                          coordinate.unit if speed is None else "s", still, events)
         if mechanism.whole is None or not n:
             break
         onward = (asked.item(n) if n < len(asked) else values.item(0)) - values.item(-1)
-        other = with_independent(motion, accuracy, math.copysign(1.0, onward) *
-                                 found.samples.t[n - 1], None if stop is None else stop.q)
-        if other is mechanism:
+        chosen, good = independent_on(motion, accuracy, math.copysign(1.0, onward) *
+                                      found.samples.t[n - 1], None if stop is None else stop.q)
+        if chosen is mechanism:
             break
-        mechanism = other
-    motion = within_gap(motion, accuracy, on_limit)
-    if len(motion) < n:
+        mechanism = chosen
+    motion = within_gap(motion, accuracy, on_limit, good)
+    if len(motion) < n or good is not None:
         return motion
     if passed := [*joint_limit_events(motion), *velocity_limit_events(motion)]:
         motion.events += passed
