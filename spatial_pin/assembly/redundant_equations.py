@@ -530,6 +530,7 @@ def _independent(
     weights = np.ones(constraints.n_closure)
     weights[[x.equation for x in constraints.angles]] = KEPT
     weights[constraints.n_products :] = KEPT
+    near = [path for path in near if path]
     paths = [*near, samples]
     everywhere = [x for path in paths for x in path]
     jacobians, labels = np.array([x.jacobian for x in everywhere]), list(constraints.labels)
@@ -648,7 +649,7 @@ def _choice(
         paths: those near the guess; last, the motion all through.
         weights: of the equations.
     """
-    n, rank = len(weights), len(paths[0][0].rows)
+    n, rank = len(weights), len(paths[-1][0].rows)
     if comb(n, rank) <= FEW_CHOICES:
         choices = list(combinations(range(n), rank))
     else:
