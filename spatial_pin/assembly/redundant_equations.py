@@ -166,8 +166,8 @@ def gap_needed(mechanism: Mechanism) -> float | None:
     """Return a gap with which a mechanism that its loops hold would move, one digit; or None."""
     for gap in (Accuracy().gap, *GAPS_TRIED):
         if gap > gap_allowed(mechanism) and (found := rounded(mechanism, gap)) is not None:
-            assert found.kept is not None
-            less = clearly_above(max(open_by for _, open_by in found.kept.opened))
+            assert found.selection is not None
+            less = clearly_above(max(open_by for _, open_by in found.selection.opened))
             while less < gap and rounded(mechanism, less) is None:
                 less = clearly_above(less)
             return min(gap, less)
@@ -204,7 +204,7 @@ def allowed_from(state: State, gap: float) -> float:
 
 def rounding_of(mechanism: Mechanism) -> float:
     """Return what is round-off of a file, relative to 1: 0 for a mechanism that is whole."""
-    return 0.0 if mechanism.kept is None else mechanism.kept.cut
+    return 0.0 if mechanism.selection is None else mechanism.selection.cut
 
 
 def _kept(evaluation: LoopEquations, gap: float) -> SelectedEquations | None:
@@ -419,9 +419,9 @@ def independent_along(
         are independent for some way ahead as well. And how many configurations come before the
         first at which the given ones are not.
     """
-    whole, kept = mechanism.whole, mechanism.kept
-    assert whole is not None and kept is not None
-    rank, cut = sum(kept.counts()), min(GAPS_WIDE * gap, WIDEST_GAP)
+    whole, selection = mechanism.whole, mechanism.selection
+    assert whole is not None and selection is not None
+    rank, cut = sum(selection.counts()), min(GAPS_WIDE * gap, WIDEST_GAP)
     if not rank:
         return mechanism, len(q)
     with loops_of(whole, carried_angles(mechanism, angles, whole)) as every, loops_of(
@@ -452,14 +452,14 @@ def independent_along(
         beyond = _oriented(path[-1], list(_walk(
             whole, path[-1].q, ahead, LONGER_WAY * PARTS_OF_MOTION,
             lambda place: _sample(every, place, cut, gap)))) if ahead.any() else []
-        best = max(USELESS, TWICE * worth), kept
+        best = max(USELESS, TWICE * worth), selection
         for some in HORIZONS:
             chosen, better = _independent(whole, [], path + beyond[: some - 1])
             best = max(best, (better, chosen), key=lambda x: x[0])
             if better >= FAIR or not beyond:
                 break
-    return mechanism if best[1] is kept else whole.with_equations(
-        best[1]._replace(cut=kept.cut, opened=kept.opened)), n
+    return mechanism if best[1] is selection else whole.with_equations(
+        best[1]._replace(cut=selection.cut, opened=selection.opened)), n
 
 
 def _walk(
