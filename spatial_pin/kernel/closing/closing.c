@@ -368,10 +368,6 @@ static int make_room(Closer *c)
     return least_motion_create(k, c->n, k->nv, &c->whole);
 }
 
-/* Memory to close the loops of a kernel, freed with it.
-
-   rotations: (n_rotations) first equations of closures, then whether 1 or 3 of their axes agree;
-   pins: (n_pins, 4) see Pin, those of one joint side by side. */
 EXPORT int closer_create(Kernel *k, const Int *rotations, Int n_rotations, const Int *pins,
                          Int n_pins, Closer **out)
 {
