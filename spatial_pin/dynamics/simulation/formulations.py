@@ -270,7 +270,7 @@ class Independent:
         return State(self.problem.mechanism, q, v, closure_error=error, angles=angles)
 
     def _closed(self, t: float, y: Array) -> tuple[Array, Array, Array, float]:
-        closed = self.kernel.place(t, y)
+        closed = self.kernel.motion_at(t, y)
         if closed is None:
             raise Lost
         return closed
@@ -295,7 +295,7 @@ class Independent:
         """Whether other independent coordinates, or these begun anew, would be better."""
         if not self._is_linear and np.abs(y[: self.n]).max(initial=0.0) > COORDINATES_END:
             return True
-        if self.kernel.place(t, y) is None:
+        if self.kernel.motion_at(t, y) is None:
             return True
         return self.kernel.keep() > self.patience
 
