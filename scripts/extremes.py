@@ -86,10 +86,10 @@ def relative(got: Iterable[float], want: Iterable[Any]) -> float:
     return max(float(abs(mpf(float(g)) - w) / size) for g, w in zip(got, want, strict=True))
 
 
-def told(error: float, said: float) -> float:
+def honest(error: float, estimate: float) -> float:
     """Return an error that must be no larger than what the library said."""
-    if error > said:
-        raise Understated(f"error {error:.1e}, but it says {said:.1e}")
+    if error > estimate:
+        raise Understated(f"error {error:.1e}, but it says {estimate:.1e}")
     return error
 
 
@@ -246,7 +246,7 @@ def near_a_limit(position: bool) -> float:
             continue
         with mp.workdps(90):
             rate = mpm.diff(rocker, mpf(phi), h=mpf(10) ** -25)
-        worst = max(worst, told(far(got.rate / float(rate), 1), state.rate_error))
+        worst = max(worst, honest(far(got.rate / float(rate), 1), state.rate_error))
     return worst
 
 
@@ -335,7 +335,7 @@ def axis_that_hardly_leans() -> float:
     errors = []
     for lean in (1e-12, 1e-13, 1e-15):
         state = sp.assemble(plane_four_bar(lean=lean), {"crank": 1.0})
-        told(0.5 * lean, state.closure_error)
+        honest(0.5 * lean, state.closure_error)
         errors.append(state.closure_error)
     return max(errors)
 
@@ -372,7 +372,7 @@ def short_couplers() -> float:
         with mp.workdps(90):
             want = [mpm.diff(coupler, 0, k, h=mpf(10) ** -20) for k in (1, 2)]
         got = moved.coordinate("coupler_pin")[1:]
-        worst = max(worst, *(told(far(g / float(w), 1), moved.rate_error)
+        worst = max(worst, *(honest(far(g / float(w), 1), moved.rate_error)
                              for g, w in zip(got, want, strict=True)))
     return worst
 
@@ -547,8 +547,8 @@ def mass_ratios(size: float, density: float, inverse: bool) -> float:
             effort = sp.inverse_dynamics(mech, state).efforts["crank"]
             worst = max(worst, far(effort / float(torque), 1))
         else:
-            found = sp.forward_dynamics(mech, state)
-            worst = max(worst, told(relative(found.a, fall), found.error))
+            result = sp.forward_dynamics(mech, state)
+            worst = max(worst, honest(relative(result.a, fall), result.error))
     return worst
 
 
@@ -575,8 +575,8 @@ def pendulums(seconds: Iterable[float], bend: float) -> float:
     worst = 0.0
     for second in seconds:
         mech, state, want = double_pendulum(1.0, second, bend)
-        found = sp.forward_dynamics(mech, state)
-        worst = max(worst, told(relative(found.a, want), found.error))
+        result = sp.forward_dynamics(mech, state)
+        worst = max(worst, honest(relative(result.a, want), result.error))
     return worst
 
 
@@ -626,12 +626,12 @@ def far_away(rounded: bool) -> float:
         motion = sp.sweep(mech, "crank", np.linspace(0.0, 6.2, 63), speed=1.0)
         for row in range(0, 63, 7):
             want = forms.rates(partial(forms.four_bar, **dims), motion.driver[row], 1.0, 0.0)
-            found = [x[row] for x in motion.coordinate("c")]
+            row_values = [x[row] for x in motion.coordinate("c")]
             errors = [far(x, pose.coordinates["rocker_pin"], max(
                 abs(y) for y in pose.coordinates.values()))
-                for x, pose in zip(found, want, strict=True)]
+                for x, pose in zip(row_values, want, strict=True)]
             if not rounded:
-                told(max(errors[1:]), motion.state(row).rate_error)
+                honest(max(errors[1:]), motion.state(row).rate_error)
             worst = max(worst, *errors)
     return worst
 
@@ -644,7 +644,7 @@ def open_far_away() -> float:
         for crank in np.linspace(0.0, 6.0, 13):
             state = sp.assemble(mech, {"crank": float(crank)})
             end, eye = (state.placement(name).translation for name in ("end", "eye"))
-            told(float(np.abs(end - eye).max()) / mech.characteristic_length, state.closure_error)
+            honest(float(np.abs(end - eye).max()) / mech.characteristic_length, state.closure_error)
             worst = max(worst, state.closure_error)
     return worst
 
@@ -779,11 +779,11 @@ def measure(extreme: Extreme) -> float | Exception:
             return error
 
 
-def holds(extreme: Extreme, found: float | Exception) -> bool:
+def holds(extreme: Extreme, result: float | Exception) -> bool:
     """Whether a row came out as the table says."""
-    if isinstance(found, Exception):
-        return extreme.refusal is not None and isinstance(found, extreme.refusal)
-    return extreme.bound is not None and found <= extreme.bound
+    if isinstance(result, Exception):
+        return extreme.refusal is not None and isinstance(result, extreme.refusal)
+    return extreme.bound is not None and result <= extreme.bound
 
 
 def answer(extreme: Extreme) -> str:
@@ -807,16 +807,16 @@ def main() -> int:
             continue
         start = time.perf_counter()
         try:
-            found = measure(extreme)
+            result = measure(extreme)
         except Exception as error:  # whatever it is, the other rows are shown too
-            found = error
-        good = holds(extreme, found)
+            result = error
+        good = holds(extreme, result)
         failed += not good
         if options.markdown:
             print(f"| {extreme.name} | {extreme.tried} | {answer(extreme)} |")
             continue
-        text = f"{found:.1e}" if isinstance(found, float) else (
-            f"{type(found).__name__}: {str(found)[:100]}")
+        text = f"{result:.1e}" if isinstance(result, float) else (
+            f"{type(result).__name__}: {str(result)[:100]}")
         print(f"{'' if good else 'FAILED '}{extreme.name}: {extreme.tried}\n"
               f"    {answer(extreme)}: {text} ({time.perf_counter() - start:.1f} s)", flush=True)
     return failed

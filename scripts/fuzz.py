@@ -66,9 +66,9 @@ def _log(path):
 def _mechanisms(options, log):
     seeds = range(options.first, options.last)
     sums = Sums()
-    found = (_each(drawn_checks.judged, seeds, options.jobs) if options.drawn
+    results = (_each(drawn_checks.judged, seeds, options.jobs) if options.drawn
              else _each(_judged, [(s, options.only) for s in seeds], options.jobs))
-    for records in found:
+    for records in results:
         sums.add(records)
         for r in records:
             if r["end"] not in ("right", "skipped"):

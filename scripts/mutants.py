@@ -66,14 +66,14 @@ def read(path: Path = ROOT / "scripts" / "mutations.toml") -> list[Mutation]:
 
 def misfits(mutations: list[Mutation], root: Path = ROOT) -> list[str]:
     """Return what is wrong with a list of faults, in words."""
-    names, found = [m.name for m in mutations], []
+    names, wrong = [m.name for m in mutations], []
     for m in mutations:
         path = root / m.file
         count = path.read_text("utf-8").count(m.old) if path.is_file() else 0
         if count != 1 or m.old == m.new or names.count(m.name) > 1:
-            found.append(f"{m.name}: its old text must stand once in {m.file}, and stands {count} "
+            wrong.append(f"{m.name}: its old text must stand once in {m.file}, and stands {count} "
                          f"times; it must differ from the new one, and names from each other")
-    return found
+    return wrong
 
 
 def modules_of(root: Path, stems: tuple[str, ...]) -> list[str]:
@@ -84,8 +84,8 @@ def modules_of(root: Path, stems: tuple[str, ...]) -> list[str]:
 
 def failed(text: str) -> str:
     """Return the first test that failed, from what pytest prints, else its last words."""
-    found = re.search(r"^(?:FAILED|ERROR) (\S+?\.py(?:::[^\s\[]+)?)", text, re.MULTILINE)
-    return found[1] if found else (text.strip().splitlines() or ["nothing"])[-1][:200]
+    match = re.search(r"^(?:FAILED|ERROR) (\S+?\.py(?:::[^\s\[]+)?)", text, re.MULTILINE)
+    return match[1] if match else (text.strip().splitlines() or ["nothing"])[-1][:200]
 
 
 class Judge:
@@ -199,11 +199,11 @@ class Judge:
 
 def state_of_tests(root: Path) -> str:
     """Return a hash of the tests and of how they are configured."""
-    found = hashlib.sha256((root / "pyproject.toml").read_bytes())
+    digest = hashlib.sha256((root / "pyproject.toml").read_bytes())
     for path in sorted((root / "tests").rglob("*")):
         if path.is_file() and "__pycache__" not in path.parts:
-            found.update(str(path.relative_to(root)).encode() + b"\0" + path.read_bytes())
-    return found.hexdigest()
+            digest.update(str(path.relative_to(root)).encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
 
 
 def table(rows: list[dict[str, object]]) -> str:

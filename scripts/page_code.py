@@ -99,21 +99,21 @@ def fenced(text: str) -> Iterator[tuple[str, list[str], int, int, str]]:
 def block_of(kind: str, code: str, line: int, before: str) -> Block:
     """Return a piece of code with what the line before says of it."""
     file, remark = FILE.match(before), REMARK.match(before)
-    said = {remark["word"]: remark["what"]} if remark else {}
-    return Block(kind, code, line, why_not=said.get("not run", ""), file=file[1] if file else "",
-                 script=said.get("from", ""), status=int(said.get("ends with", 0)))
+    words = {remark["word"]: remark["what"]} if remark else {}
+    return Block(kind, code, line, why_not=words.get("not run", ""), file=file[1] if file else "",
+                 script=words.get("from", ""), status=int(words.get("ends with", 0)))
 
 
 def pieces(path: Path) -> list[Block]:
     """Return all code of a page; a `text` block right behind a piece is what it prints."""
-    found: list[Block] = []
+    blocks: list[Block] = []
     for kind, lines, first, _, before in fenced(path.read_text(encoding="utf-8")):
         code = "\n".join(lines)
-        if kind == "text" and found and not before and found[-1].kind != "text":
-            found[-1] = found[-1]._replace(shown=code)
+        if kind == "text" and blocks and not before and blocks[-1].kind != "text":
+            blocks[-1] = blocks[-1]._replace(shown=code)
         else:
-            found.append(block_of(kind, code, first + 1, before))
-    return found
+            blocks.append(block_of(kind, code, first + 1, before))
+    return blocks
 
 
 def blocks(path: Path) -> list[Block]:

@@ -110,7 +110,7 @@ def narrow(image: Image.Image) -> Image.Image:
     return image.resize(size, Image.Resampling.LANCZOS)
 
 
-def on_the_way(name: str) -> sp.State:
+def midway(name: str) -> sp.State:
     """Return a mechanism at a part of its usual motion, or as it is assembled."""
     shown = default_motion(sp.load(name))
     return shown if isinstance(shown, sp.State) else shown.state(int(PART * len(shown)))
@@ -119,18 +119,18 @@ def on_the_way(name: str) -> sp.State:
 def library_sheet(names: Sequence[str]) -> Image.Image:
     """Return mechanisms of the library on one sheet."""
     captions = [f"{name}: {sp.load(name).title}".rstrip(": ") for name in names]
-    return sheet(captions, list(shots(map(on_the_way, names))), 6)
+    return sheet(captions, list(shots(map(midway, names))), 6)
 
 
 def of_library(path: Path, _: Folders) -> None:
     """Write the picture of the library's mechanism of that name."""
-    (image,) = shots([on_the_way(path.stem)])
+    (image,) = shots([midway(path.stem)])
     save(image, path)
 
 
 def of_robot(path: Path, models: Folders) -> None:
     """Write the picture and the page of a robot, where its file is found."""
-    for robot, file in robots.found(models):
+    for robot, file in robots.present(models):
         if robot.name == path.stem:
             state = robot.posed(file)
             (image,) = shots([state])
@@ -141,9 +141,9 @@ def of_robot(path: Path, models: Folders) -> None:
 
 def of_robots(path: Path, models: Folders) -> None:
     """Write the sheet of the robots whose files are found."""
-    found = list(robots.found(models))
-    images = list(shots(robot.posed(file) for robot, file in found))
-    save(narrow(sheet([robot.caption for robot, _ in found], images, 3)), path, 75)
+    all_robots = list(robots.present(models))
+    images = list(shots(robot.posed(file) for robot, file in all_robots))
+    save(narrow(sheet([robot.caption for robot, _ in all_robots], images, 3)), path, 75)
 
 
 def animate(name: str, path: Path, traces: Sequence[str]) -> None:
@@ -173,7 +173,7 @@ def written_by(name: str, files: Sequence[str], *arguments: Path) -> list[Image.
 
 def of_example(path: Path, models: Folders) -> None:
     """Write the first picture of the example of that name, small; Cassie's with its meshes."""
-    meshes = [file for robot, file in robots.found(models) if robot.name == "cassie_mjcf"
+    meshes = [file for robot, file in robots.present(models) if robot.name == "cassie_mjcf"
               ] if path.stem == "cassie" else []
     (image,) = written_by(path.stem, [f"{path.stem}.png"], *meshes)
     image.thumbnail((SMALL, SMALL))

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from benchmark.case import TASKS
-from benchmark.workers import Failed, told
+from benchmark.workers import Failed, sentence
 
 
 class Effort(NamedTuple):
@@ -35,9 +35,9 @@ def rows_of(workers: Iterable[Any]) -> tuple[dict[str, tuple[Any, dict]], list[l
     cases: dict[str, tuple[Any, dict]] = {}
     absent: list[list[str]] = []
     for worker in workers:
-        found = worker.rows()
-        cases |= {key: (worker, row) for key, row in found["cases"].items()}
-        absent += found["absent"]
+        own = worker.rows()
+        cases |= {key: (worker, row) for key, row in own["cases"].items()}
+        absent += own["absent"]
     return cases, absent
 
 
@@ -119,4 +119,4 @@ def spread(few: int, many: int) -> Sequence[int]:
 
 def words(error: BaseException) -> str:
     """Return an error in one line."""
-    return str(error) if isinstance(error, Failed) else told(error)
+    return str(error) if isinstance(error, Failed) else sentence(error)

@@ -50,7 +50,7 @@ PEERS = (
 )
 
 
-def asked(peers: bool, bars: bool) -> tuple[Tool, ...]:
+def selected(peers: bool, bars: bool) -> tuple[Tool, ...]:
     """Return the peers to measure: all that are asked for, or those beside which a bar is."""
     return tuple(tool for tool in PEERS if (tool.bars if bars else peers))
 

@@ -48,9 +48,9 @@ class Worker:
     """Runs the cases of some modules in this process."""
 
     def __init__(self, modules: Sequence[str]) -> None:
-        found = [importlib.import_module(f"benchmark.{name}") for name in modules]
-        self.cases: dict[str, Case] = {c.key: c for m in found for c in m.CASES}
-        self.absent: list[Absent] = [a for m in found for a in getattr(m, "ABSENT", ())]
+        loaded = [importlib.import_module(f"benchmark.{name}") for name in modules]
+        self.cases: dict[str, Case] = {c.key: c for m in loaded for c in m.CASES}
+        self.absent: list[Absent] = [a for m in loaded for a in getattr(m, "ABSENT", ())]
         self._tools: dict[str, Any] = {}
         self._results: dict[str, Any] = {}
 
@@ -62,13 +62,13 @@ class Worker:
 
     def versions(self, packages: Sequence[str]) -> dict[str, str]:
         """Return the installed versions of packages, and that of Python."""
-        found = {}
+        versions = {}
         for name in packages:
             try:
-                found[name] = importlib.metadata.version(name)
+                versions[name] = importlib.metadata.version(name)
             except importlib.metadata.PackageNotFoundError:
                 continue
-        return found
+        return versions
 
     def setup(self, key: str) -> None:
         """Build what a case needs."""
@@ -167,7 +167,7 @@ class Remote:
             self._log.close()
 
 
-def told(error: BaseException) -> str:
+def sentence(error: BaseException) -> str:
     """Return an error as one line."""
     first = (str(error).strip().splitlines() or [""])[0]
     return f"{type(error).__name__}: {first}"[:200]
@@ -184,7 +184,7 @@ def serve(modules: Sequence[str]) -> None:
             worker = worker or Worker(modules)
             answer = {"is": getattr(worker, verb)(*args)}
         except Exception as error:
-            answer = {"failed": told(error)}
+            answer = {"failed": sentence(error)}
         channel.write(json.dumps(answer) + "\n")
         channel.flush()
 

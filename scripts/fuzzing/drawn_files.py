@@ -71,9 +71,9 @@ class Writer:
 
     def inertia(self, link):
         """Mass, centre (3,) and the six moments of a link, in its frame, as text."""
-        found, r = self.drawing.links[link], self.drawing.rotation(link)
-        tensor = r.T @ found.tensor @ r
-        return (self.figure(found.mass), self.lengths(self.local(link, found.com)),
+        own, r = self.drawing.links[link], self.drawing.rotation(link)
+        tensor = r.T @ own.tensor @ r
+        return (self.figure(own.mass), self.lengths(self.local(link, own.com)),
                 [self.figure(tensor[i, k]) for i, k in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2),
                                                         (2, 2))])
 

@@ -105,7 +105,7 @@ class Sums:
 
     def count(self, *ends):
         """How many checks ended in one of these ways."""
-        return sum(len(found.get(end, ())) for found in self.seeds.values() for end in ends)
+        return sum(len(seeds_of.get(end, ())) for seeds_of in self.seeds.values() for end in ends)
 
     @property
     def bad(self):
@@ -114,12 +114,12 @@ class Sums:
 
     def __str__(self):
         lines = []
-        for check, found in self.seeds.items():
+        for check, records in self.seeds.items():
             lines.append(f"{check:12} " + ", ".join(f"{len(s)} {end}" for end, s in sorted(
-                found.items(), key=lambda x: -len(x[1]))))
+                records.items(), key=lambda x: -len(x[1]))))
             lines += [f"{'':12} {end}: seeds {', '.join(map(str, s[:12]))}"
                       + (" ..." if len(s) > 12 else "")
-                      for end, s in found.items() if end in (*BAD, "refused?")]
+                      for end, s in records.items() if end in (*BAD, "refused?")]
         lines.append(f"wrong, crashed or hung: {self.bad}; refused though we found an answer: "
                      f"{self.count('refused?')} of {self.count('refused', 'refused?')} refusals")
         return "\n".join(lines)

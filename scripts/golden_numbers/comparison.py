@@ -51,30 +51,30 @@ class Difference(NamedTuple):
 
 def compare(old: Golden, new: Golden, tolerance: float) -> list[Difference]:
     """Return the differences of what both have, the largest relative to what is allowed first."""
-    found = []
-    for place in old.keys() & new.keys():
-        found += _of_answers(place, old[place], new[place], tolerance)
-    return sorted(found, key=lambda d: (-d.excess, d[:3]))
+    differences = []
+    for key in old.keys() & new.keys():
+        differences += _of_answers(key, old[key], new[key], tolerance)
+    return sorted(differences, key=lambda d: (-d.excess, d[:3]))
 
 
 def _of_answers(
-    place: tuple[str, str], old: Answer, new: Answer, tolerance: float
+    key: tuple[str, str], old: Answer, new: Answer, tolerance: float
 ) -> list[Difference]:
-    found = []
+    differences = []
     for name in sorted(old.keys() | new.keys()):
         a, b = old.get(name), new.get(name)
         if a is None or b is None:
             here = b if a is None else a
-            said = here if isinstance(here, str) else "numbers"
+            kind = here if isinstance(here, str) else "numbers"
             words = "is new" if a is None else "is missing"
-            difference = np.inf, tolerance, "", f"{words}: {said[:2 * TELL]}"
+            difference = np.inf, tolerance, "", f"{words}: {kind[:2 * TELL]}"
         elif isinstance(a, str) or isinstance(b, str):
             difference = _of_texts(a, b, tolerance)
         else:
             difference = _of_numbers(a, b, tolerance)
         if difference is not None:
-            found.append(Difference(*place, name, *difference))
-    return found
+            differences.append(Difference(*key, name, *difference))
+    return differences
 
 
 def _of_numbers(
@@ -113,8 +113,8 @@ def _of_texts(
     if old == new:
         return None
     if not isinstance(old, str) or not isinstance(new, str):
-        said = old if isinstance(old, str) else new
-        return np.inf, tolerance, "", f"numbers where there was a sentence, or back: {said}"
+        one = old if isinstance(old, str) else new
+        return np.inf, tolerance, "", f"numbers where there was a sentence, or back: {one}"
     words = [NUMBER.split(text) for text in (old, new)]
     values = [NUMBER.findall(text) for text in (old, new)]
     if words[0] == words[1] and all(map(_reads_alike, *values)):

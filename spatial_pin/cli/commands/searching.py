@@ -11,13 +11,13 @@ import spatial_pin as sp
 from spatial_pin._support.output_files import write_columns
 from spatial_pin.cli.goal_files import check_bounds, read_goals
 from spatial_pin.cli.mechanism_arguments import (
-    as_far_as_found,
     check_held,
     fitting,
     guess_of,
     held,
     in_units,
     loaded,
+    or_partial_result,
     unique,
     workers,
 )
@@ -64,32 +64,32 @@ def workspace(options: argparse.Namespace) -> None:
 
     def files() -> Iterator[Path | str]:
         if options.curves:
-            yield write_columns(Path(options.curves), curve_columns(found, found.curves()))
+            yield write_columns(Path(options.curves), curve_columns(result, result.curves()))
         if options.picture:
-            found.plot(options.picture, plane=options.plane, at=options.at)
+            result.plot(options.picture, plane=options.plane, at=options.at)
             yield options.picture
         if options.html:
-            state = sp.assemble(found.mechanism, {}, guess_of(options, found.mechanism))
-            yield sp.export_html(state, options.html, look=sp.Look(workspace=found))
+            state = sp.assemble(result.mechanism, {}, guess_of(options, result.mechanism))
+            yield sp.export_html(state, options.html, look=sp.Look(workspace=result))
 
     with workers(options.workers) as executor:
-        found = as_far_as_found(lambda: sp.workspace(
+        result = or_partial_result(lambda: sp.workspace(
             mechanism, options.frame, ranges, points=options.points,
             guess=guess_of(options, mechanism), hold=held(options), task=options.task,
             limits=options.limits, on_crossing=options.on_crossing, clearance=options.clearance,
             sheets=options.sheets, executor=executor, progress=True))
-    table = found.columns()
+    table = result.columns()
     columns = {name: column.tolist() for name, column in table.items()}
-    print_result(options, found, {"mechanism": mechanism.name, "frame": found.frame,
+    print_result(options, result, {"mechanism": mechanism.name, "frame": result.frame,
                                          "columns": columns}, table, files(),
-                 found.is_whole)
+                 result.is_whole)
 
 
 # ---------------------------------------------------------------- design
 
 
 def design(options: argparse.Namespace) -> None:
-    """Find dimensions with which it does what is asked."""
+    """Find dimensions that meet the goals."""
     mechanism = loaded(options)
     goals, bounds = read_goals(options.goals, mechanism)
     bounds |= dict(options.dimensions)
@@ -100,24 +100,24 @@ def design(options: argparse.Namespace) -> None:
     check_bounds(bounds)
 
     def files() -> Iterator[Path | str]:
-        if found and options.save:
-            yield found[0].mechanism.save(options.save)
-        if found and options.html:
-            yield sp.export_html(found, options.html)
-        if found and options.report:
-            yield sp.report(found, options.report)
+        if designs and options.save:
+            yield designs[0].mechanism.save(options.save)
+        if designs and options.html:
+            yield sp.export_html(designs, options.html)
+        if designs and options.report:
+            yield sp.report(designs, options.report)
 
     with workers(options.workers) as executor:
-        found = as_far_as_found(lambda: sp.design(
+        designs = or_partial_result(lambda: sp.design(
             mechanism, goals, bounds, guess=guess_of(options, mechanism), starts=options.starts,
             method=options.method, seed=options.seed, executor=executor, progress=True,
             resume=options.resume, most=options.most))
-    names = list(found[0].dimensions) if found else []
-    print_result(options, found, found.as_dict(),
-                 {"design": list(range(1, len(found) + 1)),
-                  "error": [float(x.error) for x in found],
-                  **{name: [float(x.dimensions[name]) for x in found] for name in names}},
-                 files(), found.is_whole)
+    names = list(designs[0].dimensions) if designs else []
+    print_result(options, designs, designs.as_dict(),
+                 {"design": list(range(1, len(designs) + 1)),
+                  "error": [float(x.error) for x in designs],
+                  **{name: [float(x.dimensions[name]) for x in designs] for name in names}},
+                 files(), designs.is_whole)
 
 
 # ---------------------------------------------------------------- calibrate
@@ -131,15 +131,15 @@ def calibrate(options: argparse.Namespace) -> None:
         options.usage_error("a dimension is named twice")
     check_sigma(mechanism, sigma)
     measurements = read_measurements(options.table, mechanism, options.read)
-    found = as_far_as_found(lambda: sp.calibrate(
+    result = or_partial_result(lambda: sp.calibrate(
         mechanism, measurements, dimensions, offsets=options.offset, base=options.base,
         sigma=sigma or None, loss=options.loss, margin=options.margin,
         guess=guess_of(options, mechanism)))
-    content: dict[str, Any] = found.as_dict()
+    content: dict[str, Any] = result.as_dict()
     residuals = content["residuals"]
     table = {key: [row[key] for row in residuals] for key in residuals[0]} if residuals else {}
-    files = [found.mechanism.save(options.folder)] if options.folder else []
-    print_result(options, found, content, table, files, found.is_whole)
+    files = [result.mechanism.save(options.folder)] if options.folder else []
+    print_result(options, result, content, table, files, result.is_whole)
 
 
 COMMANDS = {
