@@ -46,7 +46,7 @@ class _StartStruct(ctypes.Structure):
 class _DynamicsHead(ctypes.Structure):
     """The first fields of Dynamics in dynamics.h."""
 
-    _fields_ = [("evaluations", INT), ("passes", INT), ("pivot", REAL), ("held", POINTER),
+    _fields_ = [("evaluations", INT), ("crosses", INT), ("pivot", REAL), ("held", POINTER),
                 ("factorisations", POINTER)]
 
 
@@ -237,14 +237,14 @@ class KernelDynamics:
         n = self._library.dynamics_crossed(self.handle, first, last, address(out), len(out))
         return out[:n].tolist()
 
-    def keep(self) -> float:
-        """Keep the last configuration as one to restart from where closing from another fails.
+    def save_position(self) -> float:
+        """Save the last configuration, to restart from it where closing from another fails.
 
         Returns:
             The largest speed of another coordinate relative to the independent ones; infinite where
             others must be chosen.
         """
-        return float(self._library.dynamics_keep(self.handle))
+        return float(self._library.dynamics_save(self.handle))
 
     @property
     def evaluations(self) -> int:
@@ -258,5 +258,5 @@ class KernelDynamics:
 
     @property
     def pivot(self) -> float:
-        """Smallest over largest pivot at the last evaluation; 1 where branch points are passed."""
-        return 1.0 if self._head.passes else float(self._head.pivot)
+        """Smallest over largest pivot at the last evaluation; 1 where branch points are crossed."""
+        return 1.0 if self._head.crosses else float(self._head.pivot)
