@@ -132,7 +132,16 @@ def run_sweep(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion
     """
     task = sweep_task(options, mechanism)
     if getattr(options, "only", None):
-        mechanism, task["guess"] = _reduced(options, mechanism)
+        state = sp.assemble(mechanism, {options.driver: options.first}, task["guess"])
+        driven = mechanism.driven_coordinate(options.driver).name
+        others = [d for d in mechanism.drivers.values() if d.joint != driven]
+        outputs = [*options.only, *[driven] * (len(others) == len(mechanism.drivers))]
+        locked = {d.joint: state.coordinate(d.joint).value for d in others
+                  if not {d.joint, d.name} & set(options.only)}
+        reduced = sp.reduce(mechanism, outputs, lock=locked, guess=state)
+        if not on_screen(options):
+            say(reduced)
+        mechanism, task["guess"] = reduced, reduced.state(state)
     if getattr(options, "hold", None):
         task["hold"] = held(options)
     motion = sp.sweep(mechanism, progress=True, **task)
@@ -145,22 +154,6 @@ def run_sweep(options: argparse.Namespace, mechanism: sp.Mechanism) -> sp.Motion
                             limit=passed.value, motion=motion)
     part = sp.sweep(motion.mechanism, **{**task, "values": task["values"][: passed.row]})
     return replace(part, events=[*part.events, passed])
-
-
-def _reduced(
-    options: argparse.Namespace, mechanism: sp.Mechanism
-) -> tuple[sp.Reduced, sp.State]:
-    """The model that yields `--only`, the other drivers locked, and where the sweep begins."""
-    state = sp.assemble(mechanism, {options.driver: options.first}, guess_of(options, mechanism))
-    driven = mechanism.driven_coordinate(options.driver).name
-    others = {d.joint: state.coordinate(d.joint).value for d in mechanism.drivers.values()
-              if d.joint != driven and d.joint not in options.only and d.name not in options.only}
-    is_driver = driven in (d.joint for d in mechanism.drivers.values())
-    reduced = sp.reduce(mechanism, [*options.only, *[driven] * (not is_driver)], lock=others,
-                      guess=state)
-    if not on_screen(options):
-        say(reduced)
-    return reduced, reduced.state(state)
 
 
 def sweep(options: argparse.Namespace) -> None:
