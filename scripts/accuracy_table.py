@@ -82,7 +82,7 @@ def measured(task: str, names: Iterable[str], budget: float) -> list[Table]:
             continue
         try:
             rows.append(tradeoff(mechanism, task, settings=candidates(task), repeats=REPEATS,
-                                  budget=budget, progress=True).as_dict())
+                                 budget=budget, progress=True).as_dict())
         except sp.SpatialPinError as error:
             print(f"# {name} left out: {error}")
     return rows
@@ -160,7 +160,7 @@ def chosen(task: str, table: list[Entry]) -> list[tuple[float, sp.Accuracy]]:
 def literal(accuracy: sp.Accuracy) -> str:
     """Return the setting as Python text, without its defaults."""
     arguments = [f"{f.name}={getattr(accuracy, f.name)!r}" for f in fields(accuracy)
-            if getattr(accuracy, f.name) != f.default]
+                 if getattr(accuracy, f.name) != f.default]
     return f"Accuracy({', '.join(arguments)})".replace("'", '"')
 
 
