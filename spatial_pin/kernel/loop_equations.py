@@ -7,6 +7,7 @@ steps mean the same at every size.
 
 from __future__ import annotations
 
+import ctypes
 from functools import cached_property
 from typing import Any
 
@@ -19,7 +20,7 @@ from spatial_pin.constraints.kernel_tree import KernelTree
 from spatial_pin.constraints.opposite_axes import opposite_axes
 from spatial_pin.constraints.trees import Tree, tree_of
 from spatial_pin.constraints.workspaces import acquired
-from spatial_pin.kernel.kernel import Kernel, numbers
+from spatial_pin.kernel.kernel import EvaluationStruct, Kernel, numbers
 from spatial_pin.kernel.library import address
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.numerics.linalg import Array
@@ -54,17 +55,19 @@ class LoopEquations:
         self._rows = np.zeros((n + kernel.n_angles, kernel.nv))
         self.jacobian, self.angle_jacobian = self._rows[:n], self._rows[n:]
         self._is_placed = False
-        self._at = tuple(map(address, (self._own_q, self.angle_reference, self.residual,
-                                       self.angles, self._rows)))
+        self._at_q, self._at_reference, self._at_rows = map(
+            address, (self._own_q, self.angle_reference, self._rows))
+        self._task = EvaluationStruct(
+            1, self._at_q, reference=self._at_reference, residual=address(self.residual),
+            angle=address(self.angles))
+        self._evaluated = ctypes.byref(self._task)
 
     def update(self, q: Array, with_jacobian: bool = True) -> None:
         """Evaluate the equations at the configuration q (nq,), and `jacobian` if it is wanted."""
         self.q, self._is_placed = q, False
         self._own_q[:] = q
-        here, reference, residual, angles, rows = self._at
-        self._kernel.library.kernel_evaluate(
-            self._kernel.handle, here, None, reference, None, None, residual, angles,
-            rows if with_jacobian else None, None)
+        self._task.jacobian = self._at_rows if with_jacobian else None
+        self._kernel.library.kernel_evaluate(self._kernel.handle, self._evaluated)
 
     def bias(self, q: Array, v: Array) -> Array:
         """Return (n_closure + n_passive,) second derivatives at zero joint acceleration.
@@ -73,8 +76,8 @@ class LoopEquations:
         """
         self._own_q[:] = q
         v, bias = numbers(v, (self.model.nv,)), np.empty(len(self.jacobian))
-        self._kernel.library.kernel_evaluate(
-            self._kernel.handle, self._at[0], address(v), self._at[1], *[None] * 5, address(bias))
+        self._kernel.library.kernel_evaluate(self._kernel.handle, ctypes.byref(EvaluationStruct(
+            1, self._at_q, address(v), self._at_reference, bias=address(bias))))
         return bias
 
     @property

@@ -44,7 +44,7 @@ def step_beside(
         freedoms = numbers(freedoms, (len(freedoms), kernel.nv))
         chosen: NDArray[Any] = np.ascontiguousarray(rows, np.int64)
         there: Array = np.empty(kernel.nq)
-        code = kernel.library.regular_beside(
+        code = kernel.library.tangent_step(
             kernel.handle, address(q), address(reference), address(chosen), len(chosen),
             address(freedoms), len(freedoms), address(there))
     if code == BAD_ARRAYS:

@@ -17,6 +17,13 @@ def test_a_mechanism_has_its_selected_equations_by_their_old_name_too():
         assert mech.kept is mech.selection
 
 
+def test_a_measured_setting_has_its_note_by_its_old_name_too():
+    row = sp.tradeoff(sp.load("four_bar"), {"driver": "crank", "values": [0.0, 0.1]},
+                      settings=[sp.Accuracy()], repeats=1).rows[0]
+    with pytest.warns(DeprecationWarning, match="Measured.said is now Measured.note"):
+        assert row.said == row.note
+
+
 def test_a_look_takes_and_has_its_ghosts_side_by_side_by_the_old_name_too():
     with pytest.warns(DeprecationWarning, match="Look: beside is now side_by_side"):
         look = sp.Look(beside=True)

@@ -93,6 +93,25 @@ Int dense_lu(Int n, Real *a, Int *order)
     return singular;
 }
 
+static void divide_row(Int columns, Real pivot, Real *x)
+{
+    for (Int c = 0; c < columns; c++)
+        x[c] /= pivot;
+}
+
+/* x := U⁻¹ x, or U⁻ᵀ x, for the upper triangle of a (n, n) and x (n, columns). */
+static void solve_upper(Int n, const Real *a, Int transposed, Int columns, Real *x)
+{
+    for (Int i = n - 1; !transposed && i >= 0; i--) {
+        subtract_rows(n - 1 - i, a + i * n + i + 1, i + 1, columns, x, i);
+        divide_row(columns, a[i * n + i], x + i * columns);
+    }
+    for (Int i = 0; transposed && i < n; i++) {
+        divide_row(columns, a[i * n + i], x + i * columns);
+        spread_row(n - 1 - i, a + i * n + i + 1, i + 1, columns, x, i);
+    }
+}
+
 /* x := U⁻¹ L⁻¹ P x, for x (n, columns). */
 static void solve_plain(Int n, const Real *lu, const Int *order, Int columns, Real *x)
 {
@@ -101,13 +120,13 @@ static void solve_plain(Int n, const Real *lu, const Int *order, Int columns, Re
             swap_rows(columns, x + k * columns, x + order[k] * columns);
     for (Int i = 1; i < n; i++)
         subtract_rows(i, lu + i * n, 0, columns, x, i);
-    dense_upper_solve(n, lu, 0, columns, x);
+    solve_upper(n, lu, 0, columns, x);
 }
 
 /* x := Pᵀ L⁻ᵀ U⁻ᵀ x, for x (n, columns). */
 static void solve_transposed(Int n, const Real *lu, const Int *order, Int columns, Real *x)
 {
-    dense_upper_solve(n, lu, 1, columns, x);
+    solve_upper(n, lu, 1, columns, x);
     for (Int i = n - 1; i > 0; i--)
         spread_row(i, lu + i * n, 0, columns, x, i);
     for (Int k = n - 1; k >= 0; k--)
@@ -122,25 +141,6 @@ void dense_lu_solve(Int n, const Real *lu, const Int *order, Int transposed, Int
         solve_transposed(n, lu, order, columns, x);
     else
         solve_plain(n, lu, order, columns, x);
-}
-
-static void divide_row(Int columns, Real pivot, Real *x)
-{
-    for (Int c = 0; c < columns; c++)
-        x[c] /= pivot;
-}
-
-/* x := U⁻¹ x, or U⁻ᵀ x, for the upper triangle of a (n, n) and x (n, columns). */
-void dense_upper_solve(Int n, const Real *a, Int transposed, Int columns, Real *x)
-{
-    for (Int i = n - 1; !transposed && i >= 0; i--) {
-        subtract_rows(n - 1 - i, a + i * n + i + 1, i + 1, columns, x, i);
-        divide_row(columns, a[i * n + i], x + i * columns);
-    }
-    for (Int i = 0; transposed && i < n; i++) {
-        divide_row(columns, a[i * n + i], x + i * columns);
-        spread_row(n - 1 - i, a + i * n + i + 1, i + 1, columns, x, i);
-    }
 }
 
 /* x := signs of x; return whether any differs from those in `signs`, which are kept there. */

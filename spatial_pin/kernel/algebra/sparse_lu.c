@@ -7,9 +7,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "kernel.h"
+#include "memory.h"
 
-#define NOT_SMALL 0.1    /* of the largest entry of its row that a pivot must have [DuffErismanReid1986, 5.4] */
+/* Of the largest entry of its row that a pivot must have [DuffErismanReid1986, 5.4] */
+#define NOT_SMALL 0.1
 #define SEARCHED 4       /* rows of the smallest counts looked at for a pivot [Zlatev1980] */
 #define GROWN 100.0      /* of a pivot, that an entry of its row may be: 2 digits lost at most in a
                             step; 1 / NOT_SMALL = 10 when the order was chosen */
@@ -39,6 +40,38 @@ struct SparseLU {
     Int exponent;
     void *order, *memory;               /* of the pivots, and of all else */
 };
+
+/* ---- entries ---- */
+
+int entries_begin(Entries *e, Int room)
+{
+    e->n = 0;
+    if (room > e->room || !e->row) {
+        if (!widen((void **)&e->row, room, sizeof(Int)) ||
+            !widen((void **)&e->column, room, sizeof(Int)) ||
+            !widen((void **)&e->value, room, sizeof(Real)))
+            return 0;
+        e->room = room;
+    }
+    return 1;
+}
+
+void entries_put(Entries *e, Int row, Int column, Real value)
+{
+    const Int at = e->n++;
+    e->row[at] = row;
+    e->column[at] = column;
+    e->value[at] = value;
+}
+
+void entries_free(Entries *e)
+{
+    free(e->row);
+    free(e->column);
+    free(e->value);
+}
+
+/* ---- what is known of the factors ---- */
 
 SparseLU *lu_new(void) { return calloc(1, sizeof(SparseLU)); }
 

@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "least_motion.h"
+#include "memory.h"
 
 static Int smaller(Int a, Int b) { return a < b ? a : b; }
 

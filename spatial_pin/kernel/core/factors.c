@@ -8,6 +8,7 @@
 
 #include "dense.h"
 #include "factors.h"
+#include "memory.h"
 
 /* Unknowns up to which a full matrix is factored faster than a sparse one is put in order, and of
  * how many entries one is not zero where it is factored as a full one anyway. */
@@ -21,7 +22,7 @@ static int is_full(const Factors *f)
 
 Factors *factors_new(Kernel *k)
 {
-    if (!widen((void **)&k->factors, k->n_factors + 1, sizeof *k->factors))
+    if (!widen((void **)&k->memory.factors, k->memory.n_factors + 1, sizeof *k->memory.factors))
         return NULL;
     Factors *f = calloc(1, sizeof *f);
     if (f && !(f->lu = lu_new())) {
@@ -29,7 +30,7 @@ Factors *factors_new(Kernel *k)
         f = NULL;
     }
     if (f)
-        k->factors[k->n_factors++] = f;
+        k->memory.factors[k->memory.n_factors++] = f;
     return f;
 }
 

@@ -19,7 +19,7 @@
 static int reach_within(Path *path, Real target)
 {
     const Real first = smaller_of(fabs(target - path->here->s), longest_step(path));
-    const Real least = first * exp2(path->k->n_pins ? -PIN_HALVINGS : -MOST_HALVINGS);
+    const Real least = first * exp2(path->k->system.n_pins ? -PIN_HALVINGS : -MOST_HALVINGS);
     Real length = first;
     Int failed = 0;
     if (!(fabs(target - path->here->s) <= FARTHEST_VALUE * longest_step(path)))
@@ -132,9 +132,8 @@ static Int follow_between(Path *path, const Real *values, Int i, Int last, const
     return last - i + (put_row(path, rows, last) == DONE);
 }
 
-EXPORT Int path_follow(Path *path, const Real *values, Int n, const PathRows *rows, int *code)
+Int follow_values(Path *path, const Real *values, Int n, const PathRows *rows)
 {
-    *code = DONE;
     for (Int i = 0; i < n;) {
         const int may_skip = path->accuracy.between > 0.0 && path->has_before;
         const Int last = may_skip ? last_within(path, values, i, n) : i;
@@ -142,10 +141,7 @@ EXPORT Int path_follow(Path *path, const Real *values, Int n, const PathRows *ro
         i += done;
         if (done)
             continue;
-        *code = reach(path, values[i]);
-        if (*code == DONE)
-            *code = put_row(path, rows, i);
-        if (*code != DONE)
+        if (reach(path, values[i]) != DONE || put_row(path, rows, i) != DONE)
             return i;
         i++;
     }

@@ -48,7 +48,7 @@ static int cross(Dynamics *d, Passage *s, Real x, Real way)
     d->x[0] = x;
     if (independent_stand(d) != DONE)
         return LOST;
-    if (k->n_chosen < k->n_closure && /* what held before may be nearly dependent here */
+    if (k->system.n_chosen < k->n_closure && /* what held before may be nearly dependent here */
         (system_reselect(k) != DONE || independent_stand(d) != DONE))
         return LOST;
     return independent_settle(d, &x, OFF_CURVE * way);
@@ -64,13 +64,13 @@ static int is_accurate(Dynamics *d, Passage *s)
         Real worst;
         passage_place(d, s, 0, x);
         worst = equations_error(k);
-        if (!(worst < fmax(TOLERANCE_TIGHT, 2.0 * d->spare)))
+        if (!(worst < fmax(TOLERANCE_TIGHT, 2.0 * d->determinant.spare)))
             return 0;
         /* without the outermost node of one side */
         passage_weights(&fewer, 0, 2 * NODE - 1);
-        passage_interpolate(&fewer, 0, 2 * NODE - 1, s->q, k->nq, x, d->goal);
+        passage_interpolate(&fewer, 0, 2 * NODE - 1, s->q, k->nq, x, d->work.goal);
         for (Int i = 0; i < k->nq; i++)
-            if (i != d->held_q[0] && !(fabs(d->goal[i] - d->trial[i]) < TOLERANCE_CLOSED))
+            if (i != d->held_q[0] && !(fabs(d->work.goal[i] - d->work.trial[i]) < TOLERANCE_CLOSED))
                 return 0;
     }
     return 1;
@@ -125,9 +125,9 @@ static int build_at(Dynamics *d, Passage *s, Real about, Real sense, Real reach)
 static int is_known(const Dynamics *d, Real ahead)
 {
     const Real far = BRIDGED * fabs(ahead) + 0.02;
-    for (Int i = 0; i < d->n_passages; i++) {
-        const Passage *s = d->passages + i;
-        const Real shift = (Real)passage_turns(d, s, d->x[0] + ahead) * d->period;
+    for (Int i = 0; i < d->branches.n; i++) {
+        const Passage *s = d->branches.passages + i;
+        const Real shift = (Real)passage_turns(d, s, d->x[0] + ahead) * d->branches.period;
         for (Int c = 0; c < s->n_branch_points; c++) {
             const Real way = copysign(1.0, ahead) * (s->branch_point[c] + shift - d->x[0]);
             if (way > 0.0 && way < far)
@@ -141,35 +141,36 @@ static int is_known(const Dynamics *d, Real ahead)
 int passage_bridge(Dynamics *d, Real ahead)
 {
     const Real about = d->x[0] + ahead, sense = copysign(1.0, ahead);
-    for (Int i = 0; i < d->n_refused && i < MOST_PASSAGES; i++)
-        if (fabs(about - d->refused[i]) < REFUSED)
+    for (Int i = 0; i < d->branches.n_refused && i < MOST_PASSAGES; i++)
+        if (fabs(about - d->branches.refused[i]) < REFUSED)
             return LOST;
     if (is_known(d, ahead))
         return LOST;
-    Passage *s = d->passages + d->n_built % MOST_PASSAGES;
+    Passage *s = d->branches.passages + d->branches.n_built % MOST_PASSAGES;
     int code = LOST;
     const Real tolerance = d->tolerance;
-    independent_remember(d, &d->aside);
+    independent_remember(d, &d->work.aside);
     for (int i = 0; i < REACHES && code == LOST; i++) {
         d->tolerance = fmin(tolerance, 1e-14);
         code = build_at(d, s, about, sense, FIRST_REACH / (Real)(1 << i));
         d->tolerance = tolerance; /* what it stood on need not be closed better than it was */
-        if (independent_return(d, &d->aside) != DONE)
+        if (independent_return(d, &d->work.aside) != DONE)
             code = ASTRAY;
     }
     /* Once at a place: where it is told again at every step, with the equations that hold, five
        parallel cranks all but in a line take fifty times as long, and are given up. */
-    if (code == CHOSEN_ANEW && !(d->n_renewed && fabs(about - d->renewed) < REFUSED)) {
-        d->renewed = about;
-        d->n_renewed++;
-        d->distance = 0.0;
-        d->first_pivot = d->pivot;
+    if (code == CHOSEN_ANEW &&
+        !(d->branches.n_renewed && fabs(about - d->branches.renewed) < REFUSED)) {
+        d->branches.renewed = about;
+        d->branches.n_renewed++;
+        d->determinant.distance = 0.0;
+        d->determinant.first_pivot = d->pivot;
         return DONE;
     }
     if (code == DONE) {
-        d->n_built++;
-        d->n_passages = d->n_built < MOST_PASSAGES ? d->n_built : MOST_PASSAGES;
+        d->branches.n_built++;
+        d->branches.n = d->branches.n_built < MOST_PASSAGES ? d->branches.n_built : MOST_PASSAGES;
     } else
-        d->refused[d->n_refused++ % MOST_PASSAGES] = about;
+        d->branches.refused[d->branches.n_refused++ % MOST_PASSAGES] = about;
     return code == DONE ? DONE : LOST;
 }

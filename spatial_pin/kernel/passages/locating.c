@@ -8,7 +8,7 @@
 static int factor_at(Dynamics *d, const Passage *s, Real x)
 {
     passage_place(d, s, 0, x);
-    equations_jacobian(d->k, &d->k->system);
+    equations_jacobian(d->k, &d->k->equations.system);
     return system_factor(d->k);
 }
 
@@ -20,10 +20,10 @@ static Real inverse_solution(Dynamics *d, const Passage *s, Real x)
         return 0.0;
     Real sum = 0.0;
     for (Int i = 0; i < k->nv; i++)
-        d->solved[i] = i < k->n_chosen ? 1.0 + 0.37 * (Real)(i % 7) : 0.0;
-    system_solve(k, d->solved);
+        d->work.solved[i] = i < k->system.n_chosen ? 1.0 + 0.37 * (Real)(i % 7) : 0.0;
+    system_solve(k, d->work.solved);
     for (Int i = 0; i < k->nv; i++)
-        sum += (1.0 + 0.61 * (Real)(i % 5)) * d->solved[i];
+        sum += (1.0 + 0.61 * (Real)(i % 5)) * d->work.solved[i];
     return 1.0 / sum;
 }
 
@@ -31,13 +31,13 @@ static Real inverse_solution(Dynamics *d, const Passage *s, Real x)
 static int others_hold(Dynamics *d, const Passage *s, Real x)
 {
     Kernel *k = d->k;
-    memcpy(d->former, k->chosen, (size_t)k->n_chosen * sizeof *d->former);
+    memcpy(d->work.former, k->system.chosen, (size_t)k->system.n_chosen * sizeof *d->work.former);
     passage_place(d, s, 0, x);
     if (system_reselect(k) != DONE)
         return 0;
-    if (system_factor(k) == DONE && k->pivot_ratio > TOLERANCE_SINGULAR)
+    if (system_factor(k) == DONE && k->system.pivot_ratio > TOLERANCE_SINGULAR)
         return 1;
-    system_choose(k, d->former);
+    system_choose(k, d->work.former);
     return 0;
 }
 
@@ -50,7 +50,7 @@ static Real determinant(Dynamics *d, const Passage *s, Real x, Real *size)
     if (factor_at(d, s, x) != DONE)
         return 0.0;
     *size = determinant_size(k);
-    return k->sign;
+    return k->system.sign;
 }
 
 /* The zero between a and b, where the determinant changes its sign; the bisection's end is made
@@ -141,7 +141,8 @@ int passage_locate(Dynamics *d, Passage *s)
     const Kernel *k = d->k;
     s->n_branch_points = 0;
     look_for_zeros(d, s, s->low, s->high);
-    if (s->n_branch_points && k->n_chosen < k->n_closure && others_hold(d, s, s->branch_point[0]))
+    if (s->n_branch_points && k->system.n_chosen < k->n_closure &&
+        others_hold(d, s, s->branch_point[0]))
         return CHOSEN_ANEW;
     return s->n_branch_points ? DONE : LOST;
 }

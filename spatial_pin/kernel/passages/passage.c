@@ -37,31 +37,34 @@ void passage_interpolate(const Passage *s, Int first, Int count, const Real *row
 void passage_place(Dynamics *d, const Passage *s, Int turn, Real x)
 {
     Kernel *k = d->k;
-    const Real local = x - (Real)turn * d->period;
-    passage_interpolate(s, 0, 2 * NODE, s->q, k->nq, local, d->trial);
+    const Real local = x - (Real)turn * d->branches.period;
+    passage_interpolate(s, 0, 2 * NODE, s->q, k->nq, local, d->work.trial);
     passage_interpolate(s, 0, 2 * NODE, s->angles, k->n_angles, local, k->angle_reference);
     for (Int i = 0; turn && i < k->nq; i++)
-        d->trial[i] += (Real)turn * d->period_q[i];
+        d->work.trial[i] += (Real)turn * d->branches.period_q[i];
     for (Int i = 0; turn && i < k->n_angles; i++)
-        k->angle_reference[i] += (Real)turn * d->period_angle[i];
-    tree_normalize(k, d->trial);
-    d->trial[d->held_q[0]] = d->start[d->held_q[0]] + k->scale[d->held[0]] * x;
-    equations_values(k, d->trial);
+        k->angle_reference[i] += (Real)turn * d->branches.period_angle[i];
+    tree_normalize(k, d->work.trial);
+    d->work.trial[d->held_q[0]] = d->start[d->held_q[0]] + k->scale[d->held[0]] * x;
+    equations_values(k, d->work.trial);
 }
 
-int passage_repeats(const Dynamics *d) { return d->period != 0.0 && d->period_is_known >= 0; }
+int passage_repeats(const Dynamics *d)
+{
+    return d->branches.period != 0.0 && d->branches.period_is_known >= 0;
+}
 
 Int passage_turns(const Dynamics *d, const Passage *s, Real x)
 {
     if (!passage_repeats(d))
         return 0;
     const Real middle = 0.5 * (s->low + s->high);
-    return (Int)floor((x - middle) / d->period + 0.5);
+    return (Int)floor((x - middle) / d->branches.period + 0.5);
 }
 
 Real passage_distance(const Dynamics *d, Real sense)
 {
-    return d->distance * sense > 0.0 ? d->distance * sense : INFINITY;
+    return d->determinant.distance * sense > 0.0 ? d->determinant.distance * sense : INFINITY;
 }
 
 Real passage_pace(const Dynamics *d) { return largest(d->columns, d->k->nv); }

@@ -18,7 +18,7 @@ enum { CHOSEN_ANEW = 41 }; /* other equations keep their rank where the chosen o
 void passage_weights(Passage *s, Int first, Int count);
 void passage_interpolate(const Passage *s, Int first, Int count, const Real *rows, Int n, Real x,
                          Real *out);
-void passage_place(Dynamics *d, const Passage *s, Int turn, Real x); /* d->trial, evaluated */
+void passage_place(Dynamics *d, const Passage *s, Int turn, Real x); /* d->work.trial, evaluated */
 int passage_repeats(const Dynamics *d); /* whether it may be the same after whole turns */
 Int passage_turns(const Dynamics *d, const Passage *s, Real x); /* whole ones, to the one nearest x */
 Real passage_distance(const Dynamics *d, Real sense); /* to where equations lose rank ahead */

@@ -26,21 +26,21 @@ enum { FOUND = 40, LEFT = 43 };
 static void put(Dynamics *d, Int which, Int turn, Real x)
 {
     Kernel *k = d->k;
-    const Passage *s = d->passages + which;
-    const Real local = x - (Real)turn * d->period;
+    const Passage *s = d->branches.passages + which;
+    const Real local = x - (Real)turn * d->branches.period;
     passage_place(d, s, turn, x);
     tree_columns(k);
-    passage_interpolate(s, 0, 2 * NODE, s->t, k->nv, local, d->passage_t);
-    passage_interpolate(s, 0, 2 * NODE, s->c, k->nv, local, d->passage_c);
+    passage_interpolate(s, 0, 2 * NODE, s->t, k->nv, local, d->branches.t);
+    passage_interpolate(s, 0, 2 * NODE, s->c, k->nv, local, d->branches.c);
     for (Int v = 0; v < k->nv; v++)
-        d->columns[v] = d->passage_t[v] / k->scale[v];
-    memcpy(d->q, d->trial, (size_t)k->nq * sizeof *d->q);
+        d->columns[v] = d->branches.t[v] / k->scale[v];
+    memcpy(d->q, d->work.trial, (size_t)k->nq * sizeof *d->q);
     memcpy(d->turns, k->angle, (size_t)k->n_angles * sizeof *d->turns);
     d->x[0] = x;
     d->passage = which;
     d->turn = turn;
     d->has_bend = 0;
-    d->distance = 0.0;
+    d->determinant.distance = 0.0;
 }
 
 /* The node at an end. */
@@ -53,13 +53,13 @@ static Int end_node(const Passage *s, int high)
 static int leave(Dynamics *d, Int which, Int turn, int high)
 {
     Kernel *k = d->k;
-    const Passage *s = d->passages + which;
-    const Real x = s->x[end_node(s, high)] + (Real)turn * d->period;
+    const Passage *s = d->branches.passages + which;
+    const Real x = s->x[end_node(s, high)] + (Real)turn * d->branches.period;
     passage_place(d, s, turn, x);
-    memcpy(d->q, d->trial, (size_t)k->nq * sizeof *d->q);
+    memcpy(d->q, d->work.trial, (size_t)k->nq * sizeof *d->q);
     memcpy(d->turns, k->angle_reference, (size_t)k->n_angles * sizeof *d->turns);
     d->x[0] = x;
-    d->distance = 0.0;
+    d->determinant.distance = 0.0;
     return independent_stand(d);
 }
 
@@ -71,13 +71,14 @@ static Int nearest_passage(const Dynamics *d, Real x, Int *turn)
     const Real from = d->x[0], sense = x >= from ? 1.0 : -1.0;
     Int best = -1;
     Real least = INFINITY;
-    for (Int i = 0; i < d->n_passages; i++) {
-        const Passage *s = d->passages + i;
+    for (Int i = 0; i < d->branches.n; i++) {
+        const Passage *s = d->branches.passages + i;
         const Int first = passage_turns(d, s, from);
         for (Int n = first - 1; n <= first + 1; n++) {
             if (n != 0 && !passage_repeats(d))
                 continue;
-            const Real shift = (Real)n * d->period, low = s->low + shift, high = s->high + shift;
+            const Real shift = (Real)n * d->branches.period, low = s->low + shift,
+                       high = s->high + shift;
             const Real entry = sense > 0.0 ? low : high;
             const Real way = sense * (entry - from);
             const int ahead = way >= -1e-12 && sense * (x - entry) > 0.0;
@@ -96,11 +97,11 @@ static Int nearest_passage(const Dynamics *d, Real x, Int *turn)
 static int image_is_same(Dynamics *d, Int which, Int turn, Real x)
 {
     Kernel *k = d->k;
-    const Passage *s = d->passages + which;
-    if (turn == 0 || d->period_is_known > 0)
+    const Passage *s = d->branches.passages + which;
+    if (turn == 0 || d->branches.period_is_known > 0)
         return 1;
     const Int node = end_node(s, d->x[0] > x);
-    Real goal = s->x[node] + (Real)turn * d->period, worst = 0.0;
+    Real goal = s->x[node] + (Real)turn * d->branches.period, worst = 0.0;
     if (independent_follow(d, &goal) != DONE)
         return 0;
     for (Int j = 1; j < k->n_joints; j++)
@@ -109,16 +110,16 @@ static int image_is_same(Dynamics *d, Int which, Int turn, Real x)
             const int turns = k->kind[j] == TURN || k->kind[j] == SCREW;
             const Real whole = turns ? 2.0 * PI * nearbyint(change / (2.0 * PI)) : 0.0;
             worst = fmax(worst, fabs(change - whole));
-            d->period_q[i] = whole / (Real)turn;
+            d->branches.period_q[i] = whole / (Real)turn;
         }
     for (Int i = 0; i < k->n_angles; i++) {
         const Real change = d->turns[i] - s->angles[node * k->n_angles + i];
-        d->period_angle[i] = 2.0 * PI * nearbyint(change / (2.0 * PI)) / (Real)turn;
+        d->branches.period_angle[i] = 2.0 * PI * nearbyint(change / (2.0 * PI)) / (Real)turn;
     }
     for (Int v = 0; v < k->nv; v++)
         worst = fmax(worst, fabs(d->columns[v] - s->t[node * k->nv + v] / k->scale[v]));
-    d->period_is_known = worst < TOLERANCE_HALF_PRECISION ? 1 : -1;
-    return d->period_is_known > 0;
+    d->branches.period_is_known = worst < TOLERANCE_HALF_PRECISION ? 1 : -1;
+    return d->branches.period_is_known > 0;
 }
 
 /* ---- going ---- */
@@ -136,17 +137,17 @@ static int walk(Dynamics *d, Real x, int may_build)
             return LOST;
         const Real ahead = passage_distance(d, sense);
         if (may_build && ahead < 1.4 * fabs(goal - from) && ahead * passage_pace(d) < 1.0 &&
-            passage_bridge(d, d->distance) == DONE)
+            passage_bridge(d, d->determinant.distance) == DONE)
             return FOUND;
         if (independent_step(d, &goal) == DONE) {
             part *= 2.0;
             if (may_build && passage_distance(d, sense) * passage_pace(d) < AHEAD &&
-                passage_pace(d) <= FASTER * first && passage_bridge(d, d->distance) == DONE)
+                passage_pace(d) <= FASTER * first && passage_bridge(d, d->determinant.distance) == DONE)
                 return FOUND;
             continue;
         }
-        const int flipped = d->flipped && fabs(goal - from) * passage_pace(d) < SURE;
-        const Real after = d->k->pivot_ratio;
+        const int flipped = d->determinant.flipped && fabs(goal - from) * passage_pace(d) < SURE;
+        const Real after = d->k->system.pivot_ratio;
         if (independent_stand(d) != DONE)
             return LOST;
         if (flipped && passage_bridge(d, (goal - from) * before / (before + after)) == DONE)
@@ -161,8 +162,8 @@ static int walk(Dynamics *d, Real x, int may_build)
 /* Go on a passage to x, or to its end on the way there: it is LEFT then. */
 static int go_along(Dynamics *d, Int which, Int turn, Real x)
 {
-    const Passage *s = d->passages + which;
-    const Real shift = (Real)turn * d->period;
+    const Passage *s = d->branches.passages + which;
+    const Real shift = (Real)turn * d->branches.period;
     if (s->low + shift < x && x < s->high + shift) {
         put(d, which, turn, x);
         return DONE;
@@ -223,18 +224,18 @@ Int passing_crossed(const Dynamics *d, Real from, Real to, Real *x, Int n_most)
 {
     Int n = 0;
     const Real low = fmin(from, to), high = fmax(from, to);
-    for (Int i = 0; i < d->n_passages; i++)
-        for (Int c = 0; c < d->passages[i].n_branch_points; c++) {
-            const Real at = d->passages[i].branch_point[c];
-            if (d->period_is_known <= 0) {
+    for (Int i = 0; i < d->branches.n; i++)
+        for (Int c = 0; c < d->branches.passages[i].n_branch_points; c++) {
+            const Real at = d->branches.passages[i].branch_point[c];
+            if (d->branches.period_is_known <= 0) {
                 if (low < at && at <= high && n < n_most)
                     x[n++] = at;
                 continue;
             }
-            const Int first = (Int)floor((low - at) / d->period) + 1;
-            const Int last = (Int)floor((high - at) / d->period);
+            const Int first = (Int)floor((low - at) / d->branches.period) + 1;
+            const Int last = (Int)floor((high - at) / d->branches.period);
             for (Int turn = first; turn <= last && n < n_most; turn++)
-                x[n++] = at + (Real)turn * d->period;
+                x[n++] = at + (Real)turn * d->branches.period;
         }
     for (Int i = 1; i < n; i++) /* few: put in order by insertion */
         for (Int j = i; j > 0 && (to >= from ? x[j] < x[j - 1] : x[j] > x[j - 1]); j--) {

@@ -15,7 +15,7 @@
 
 #include "choosing.h"
 #include "factors.h"
-#include "reading.h"
+#include "memory.h"
 
 #define ROUNDING (128.0 * DBL_EPSILON) /* of an entry, with all that is added to it */
 #define PLACED (8.0 * DBL_EPSILON) /* of a place, by its distance: some joints, each rounded once */
@@ -339,27 +339,35 @@ static void forces_of(const Kernel *k, const Real *multipliers, Real *force)
         force[v] /= k->scale[v];
 }
 
-/* Evaluate at q, choose equations, factor and solve.
- *
- * mass: entries of M; force (nv): f - b. Returns accelerations (nv), joint forces (nv) and
- * multipliers (n_closure) of the closures, and facts (3): smallest over largest pivot, estimated
- * error of the accelerations, how many equations are chosen. */
-EXPORT int kkt_accelerations(Kkt *s, const Real *q, const Real *v, const Real *reference,
-                             const Real *mass, const Real *force, Real *a, Real *closures,
-                             Real *multipliers, Real *facts)
+/* Accelerations under joint forces at q, and what they follow from: as `_KktTask` in kkt.py. */
+typedef struct {
+    const Real *q, *v, *reference; /* (nq), (nv), (n_angles) from which angles of screws count */
+    const Real *mass, *force;      /* entries of M; (nv) f - b */
+    Real *a, *closures;            /* (nv) accelerations; joint forces of the closures */
+    Real *multipliers;             /* (n_closure) */
+    Real *entry;                   /* entries of J of all equations, for v / scale, row by row */
+    Int *chosen;                   /* (n_chosen) room for n_closure */
+    Real *facts;                   /* (3) smallest over largest pivot, estimated error of the
+                                      accelerations, how many equations are chosen */
+} KktTask;
+
+/* Evaluate at q, choose equations, factor and solve. */
+EXPORT int kkt_accelerations(Kkt *s, const KktTask *task)
 {
     Kernel *k = s->k;
-    equations_values_near(k, q, reference);
-    equations_jacobian(k, &k->all);
-    const int code = choose_and_factor(s, mass);
+    equations_values_near(k, task->q, task->reference);
+    equations_jacobian(k, &k->equations.all);
+    const int code = choose_and_factor(s, task->mass);
     if (code != DONE)
         return code;
-    equations_bias(k, &k->all, v);
-    solve(s, force, k->bias, a, multipliers);
-    forces_of(k, multipliers, closures);
-    facts[0] = s->matrix->pivot;
-    facts[1] = estimated_error(s);
-    facts[2] = (Real)s->n_chosen;
+    equations_bias(k, &k->equations.all, task->v);
+    solve(s, task->force, k->equations.bias, task->a, task->multipliers);
+    forces_of(k, task->multipliers, task->closures);
+    memcpy(task->entry, k->entry, (size_t)k->entry_start[k->n_closure] * sizeof(Real));
+    memcpy(task->chosen, s->chosen, (size_t)s->n_chosen * sizeof(Int));
+    task->facts[0] = s->matrix->pivot;
+    task->facts[1] = estimated_error(s);
+    task->facts[2] = (Real)s->n_chosen;
     return DONE;
 }
 
@@ -371,27 +379,4 @@ EXPORT void kkt_solve(Kkt *s, Int n, const Real *force, const Real *gamma, Real 
     const Int nv = s->k->nv, nc = s->k->n_closure;
     for (Int i = 0; i < n; i++)
         solve(s, force + i * nv, gamma + i * nc, a + i * nv, multipliers + i * nc);
-}
-
-/* Rows, columns and values of the entries of J of all equations, for v / scale, at the last place;
- * returns how many there are. Nothing is written where `row` is NULL. */
-EXPORT Int kkt_entries(const Kkt *s, Int *row, Int *column, Real *value)
-{
-    const Kernel *k = s->k;
-    const Int n = k->entry_start[k->n_closure];
-    for (Int i = 0; row && i < k->n_closure; i++)
-        for (Int e = k->entry_start[i]; e < k->entry_start[i + 1]; e++)
-            row[e] = i;
-    if (row) {
-        memcpy(column, k->entry_v, (size_t)n * sizeof *column);
-        memcpy(value, k->entry, (size_t)n * sizeof *value);
-    }
-    return n;
-}
-
-/* The chosen equations; returns how many. */
-EXPORT Int kkt_chosen(const Kkt *s, Int *out)
-{
-    memcpy(out, s->chosen, (size_t)s->n_chosen * sizeof *out);
-    return s->n_chosen;
 }
