@@ -303,7 +303,7 @@ COMMANDS = {
         *hold_option(SPRINGS_HELP),
         option("--only", action="append", default=[], metavar="NAME",
                help="sweep the smallest model that yields this coordinate, link or frame, "
-                    "and say what it leaves out"),
+                    "and name the parts that it leaves out"),
         *RESULT,
     )),
     "follow": Command(follow, (
@@ -311,7 +311,7 @@ COMMANDS = {
                "boom [deg], arm; then a line of numbers for every sample"),
         *hold_option(),
         option("--stop", action="store_true",
-               help="end before what cannot be reached instead of failing"),
+               help="end before an unreachable sample instead of failing"),
         *GUESS,
         *RESULT,
     )),
@@ -320,7 +320,7 @@ COMMANDS = {
         option("--rows", type=count, default=1001, help="number of rows (1001)"),
         *start_options("--speed"),
         option("--on-joint-limit", choices=("report", "stop", "ignore"), default="report",
-               help="where a joint passes a limit of the URDF (report)"),
+               help="action where a joint passes a limit of the URDF (report)"),
         option("--accuracy", choices=("draft", "engineering", "reference"),
                default="engineering", help="of the integrator (engineering)"),
         *GUESS,
@@ -334,7 +334,7 @@ COMMANDS = {
         option("--between", nargs=2, action="append", default=[], metavar=("LINK", "LINK"),
                help="only these two links, joined ones too"),
         option("--tolerance", type=value, default=0.0, metavar="DISTANCE",
-               help="links that are so near count as touching, as 2mm (0)"),
+               help="distance at which links count as touching, as 2mm (0)"),
         *data_options("the pairs of links", "the pairs of links"),
     )),
 }
@@ -347,9 +347,10 @@ PAGES = {
                help="move it by hand instead: a slider for every driver, or the one named"),
         option("--limits", action=argparse.BooleanOptionalAction,
                help="a joint limit of the URDF is a limit position too; --live keeps them "
-                    "at first unless it is told not to"),
+                    "at first, unless --no-limits is given"),
         option("--output", action="append", default=[], metavar="NAME",
-               help="what --live tells besides the drivers, as rocker_pin, coupler.position"),
+               help="outputs that --live shows besides the drivers, as rocker_pin, "
+                    "coupler.position"),
         *LOOK,
     )),
     "report": Command(report, (
@@ -357,7 +358,7 @@ PAGES = {
         *hold_option(SPRINGS_HELP),
         option("--html", metavar="F", required=True, help="the file to write"),
         option("--output", action="append", default=[], metavar="NAME",
-               help="what its figures show, as rocker_pin or coupler.com.position"),
+               help="outputs in its figures, as rocker_pin or coupler.com.position"),
         option("--title", help="heading (the mechanism's title)"),
         *data_options("the name of the file"),
     )),

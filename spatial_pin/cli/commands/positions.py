@@ -193,7 +193,7 @@ COMMANDS = {
         option("values", nargs="*", default=[], type=setting, metavar="DRIVER=VALUE",
                help=AT_HELP),
         option("--patience", type=count, default=1000,
-               help="go on until so many starts have found nothing new (1000)"),
+               help="number of starts without a new mode that end the search (1000)"),
         option("--copies", action="store_true",
                help="every reading of the coordinates, not one for each mode"),
         option("--limits", action="store_true",
