@@ -112,7 +112,7 @@ def options_of(words: Sequence[str]) -> argparse.Namespace:
 def _near(word: str, known: Iterable[str]) -> str:
     """Return the nearest of some words, else a pointer to --help."""
     near = suggestion(word, known)
-    return near if near.startswith("did you mean") else "--help says which there are"
+    return near if near.startswith("did you mean") else "--help lists them"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -532,7 +532,7 @@ def test_an_expression_in_a_plain_urdf_hints_at_xacro(text, tmp_path):
 
 def test_a_name_that_holds_an_expression_is_reported(tmp_path):
     text = chain().replace("rocker", "${side}_rocker")
-    with pytest.warns(sp.SpatialPinWarning, match=r"\$\{side\} stands in it as it is written"):
+    with pytest.warns(sp.SpatialPinWarning, match=r"\$\{side\} is in it as text"):
         assert "${side}_rocker" in sp.load(written(tmp_path, "m.urdf", text)).links
 
 

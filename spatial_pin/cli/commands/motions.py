@@ -227,7 +227,7 @@ def simulate(options: argparse.Namespace) -> None:
     write_followed(options, lambda: sp.simulate(
         mechanism, state, options.duration, efforts, times, sp.Accuracy.named(options.accuracy),
         on_joint_limit=options.on_joint_limit, progress=True), lambda motion: (
-            f"energy drift {motion.energy_drift:.1e} of what is exchanged; {motion.steps} steps "
+            f"energy drift {motion.energy_drift:.1e} of the exchanged energy; {motion.steps} steps "
             f"of the integrator in {', '.join(motion.coordinates)}"))
 
 

@@ -189,8 +189,8 @@ class SdfModel:
         weightless = [name for name, link in self.links.items()
                       if (link.findtext("gravity") or "1").strip().lower() not in TRUE]
         if weightless:
-            self.notices.append(f"gravity acts on {', '.join(weightless)}, too; the file says it "
-                                "does not")
+            self.notices.append(f"gravity acts on {', '.join(weightless)}, too; the file "
+                                "excludes it")
         if is_true(self.model, "static"):
             self.notices.append("the model is static: it is fixed to the world; its joints can "
                                 "move all the same")
