@@ -23,6 +23,7 @@ from spatial_pin.mechanism.equations import (
     ConstraintEquation,
     Cosine,
     Displacement,
+    Distance,
     FunctionOf,
     JointCoordinate,
     Quantity,
@@ -220,6 +221,10 @@ class Extended:
             return dot(r1 @ x.u.astype(Long), d)
         if isinstance(x, Cosine):
             return dot(r1 @ x.u.astype(Long), r2 @ x.w.astype(Long))
+        if isinstance(x, Distance):
+            n, along, change = np.sqrt((d[0] ** 2).sum(-1)), *dot(d, d)[1:]
+            rate = along / (2 * n)
+            return np.stack([n, rate, change / (2 * n) - rate**2 / n])
         if isinstance(x, Square):
             length = unit_length(self.mechanism, closure) if x.length is None else x.length
             return dot(d, d) / (2 * Long(length))

@@ -40,6 +40,8 @@ CLOSURES = {  # what an example of each kind says, what it needs, and keys besid
     "parallel": ("both axes stay parallel", FRAMES, "axis = [0, 0, 1]"),
     "perpendicular": ("an axis of frame 1 normal to one of frame 2", FRAMES,
                       "axis = [0, 0, 1]\naxis2 = [0, 0, 1]"),
+    "rope": ("over points without size: the sum of their distances is the length [m]", FRAMES,
+             "length = 0.5"),
     COUPLING: ("gears, rack and pinion: second = ratio * first + offset", JOINTS, "ratio = -2.0"),
 }
 WORD = 20  # letters of a column of names, at least

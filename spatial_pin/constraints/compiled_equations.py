@@ -33,6 +33,7 @@ from spatial_pin.mechanism.equations import (
     ConstraintEquation,
     Cosine,
     Displacement,
+    Distance,
     FunctionOf,
     JointCoordinate,
     Quantity,
@@ -42,6 +43,7 @@ from spatial_pin.mechanism.equations import (
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.parts import Closure, Coordinate
 from spatial_pin.numerics.linalg import Array
+from spatial_pin.numerics.piecewise import ROOT
 from spatial_pin.numerics.taylor import Taylor
 
 # Ratio of a coupling, of coordinates relative to their sizes, beyond which it is an equation of the
@@ -157,7 +159,7 @@ class Constraints:
         made = _Composing(self.mechanism, closure, products, at, len(self.angles))
         size, terms = self._size(closure, equation), []
         for weight, quantities in equation.terms:
-            lengths = sum(isinstance(x, Displacement | Square) for x in quantities)
+            lengths = sum(isinstance(x, Displacement | Square | Distance) for x in quantities)
             power = equation.is_length - lengths
             if weight or quantities:
                 terms.append((size * weight * self.scale**power,
@@ -237,13 +239,13 @@ class _Composing:
             self.products.append(self.all_products.add(product, self.closure) if self.products
                                  else self._first)
         if not isinstance(quantity, Angle):
-            return Factor("product", place)
+            return Factor("product", place, ROOT if isinstance(quantity, Distance) else None)
         self.angles.append((self._angles_before + len(self.angles), place))
         return Factor("angle", len(self.angles) - 1)
 
 
-def _products_of(quantity: Quantity) -> list[ScalarProduct]:
-    """Return the scalar products that a quantity is made of; of an angle sine and cosine."""
+def _products_of(quantity: Quantity) -> list[ScalarProduct | Distance]:
+    """Return the products that a quantity is made of; of an angle sine and cosine."""
     if isinstance(quantity, FunctionOf):
         return _products_of(quantity.argument)
     if isinstance(quantity, Angle):
@@ -252,7 +254,7 @@ def _products_of(quantity: Quantity) -> list[ScalarProduct]:
     return [] if isinstance(quantity, JointCoordinate) else [quantity]
 
 
-def _first_product(equation: ConstraintEquation) -> ScalarProduct | None:
+def _first_product(equation: ConstraintEquation) -> ScalarProduct | Distance | None:
     return next((p for _, factors in equation.terms for x in factors for p in _products_of(x)),
                 None)
 

@@ -11,6 +11,7 @@ the text with other numbers in the places of the traced ones.
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Container, Iterable, Mapping, Sequence
 from copy import deepcopy
@@ -117,7 +118,9 @@ def idle_dimensions(
             changes[name] = len(found) > 1
         except SpatialPinError:  # a value that it cannot have is a change
             changes[name] = True
-    return tuple(name for name in asked if not changes[name])
+    written = {word for c in mechanism.closures for text in c.written
+               for word in re.findall(r"\w+", text)}
+    return tuple(name for name in asked if not changes[name] and name not in written)
 
 
 def _near(own: float) -> list[float]:
@@ -233,7 +236,8 @@ class TracedTree:
     def __init__(self, mechanism: Mechanism, names: Iterable[str]) -> None:
         m, file = mechanism, mechanism.tree
         self.dimensions = {name: m.dimensions[name] for name in names}
-        if file is None or file.suffix != ".xacro" or not self.dimensions:
+        if file is None or file.suffix != ".xacro" or not self.dimensions or any(
+                c.written for c in m.closures):
             raise _Untraced
         text, self._tape = traced(file, m.parameters, self.dimensions, m.trusted, m.packages)
         self._mechanism, self._places = mechanism, [0]

@@ -21,7 +21,7 @@ BELONGS = {  # where in a file each key has its place
           "closures", "drivers", "springs", "passive", "frames", "guess"),
     "in [joints.NAME]": ("type", "axis", "axis2", "lead", *RESISTANCES, *LIMITS),
     "in [[closures]]": ("name", "type", "frames", "joints", *sorted(
-        {key.name for pair in PAIRS.values() for key in pair.keys}, reverse=True), "length",
+        {"length", *(key.name for pair in PAIRS.values() for key in pair.keys)}, reverse=True),
         BETWEEN, "equations", "axis", "axis2", "lead", "source"),
     "in [drivers.NAME]": ("joint",),
     "in [[springs]]": ("name", "frames", "joint", "stiffness", "damping", "free_length",
@@ -196,13 +196,14 @@ class CheckedValues:
             self.fail(key, f"has length {norm:.6g}; an axis is a unit vector")
         return unit(value)
 
-    def some_names(self, key: str, count: int) -> tuple[str, ...]:
-        """Return a list of some texts."""
+    def some_names(self, key: str, count: int, or_more: bool = False) -> tuple[str, ...]:
+        """Return a list of some texts, or more."""
         value = self.get(key)
-        if not (isinstance(value, list) and len(value) == count
-                and all(isinstance(x, str) for x in value)):
+        if not (isinstance(value, list) and all(isinstance(x, str) for x in value)
+                and (len(value) == count or (or_more and len(value) > count))):
             some = {2: "two", 3: "three", 4: "four"}.get(count, str(count))
-            self.fail(key, f"must be a list of {some} names, not {_said(value)}")
+            more = " or more" * or_more
+            self.fail(key, f"must be a list of {some}{more} names, not {_said(value)}")
         return tuple(value)
 
     def two_names(self, key: str) -> tuple[str, str]:

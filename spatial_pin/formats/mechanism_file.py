@@ -23,14 +23,14 @@ from spatial_pin.formats.urdf.urdf_model import (
     JointRefinement,
     tree_of,
 )
-from spatial_pin.formats.xacro.xacro_arguments import Values, dimensions
+from spatial_pin.formats.xacro.xacro_arguments import Values, dimensions, written_in
 from spatial_pin.mechanism.coordinates import check_guess
+from spatial_pin.mechanism.functions import function_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.mechanism_checks import check_mechanism, impossible_inertias
 from spatial_pin.mechanism.pairs import (
     JOINT_TYPES,
     PAIRS,
-    Key,
     Pair,
     PairGeometry,
     closure_geometry,
@@ -47,6 +47,7 @@ from spatial_pin.mechanism.parts import (
     drivers_of_tree,
 )
 
+NAMES = ("name", "type", "frames", "joints", BETWEEN, "source")  # of a closure, no numbers
 BUSHING = ("stiffness", "damping", "preload")  # keys of six numbers, or of 6 x 6
 
 
@@ -72,7 +73,7 @@ class MechanismSpec:
             self.gravity = top.vector("gravity") if "gravity" in top else None
         self.parts: dict[str, Any] = {
             "frames": self._frames(top), "title": "", "source": "", "guess": {},
-            "closures": self._array(top, "closures", _closure),
+            "closures": self._array(top, "closures", partial(_closure, trust)),
             "drivers": self._tables(top, "drivers",
                                     lambda key, table: Driver(key, table.text("joint"))),
             "springs": self._array(top, "springs", partial(_spring, trust)),
@@ -154,6 +155,9 @@ def mechanism_of(
     """Return the mechanism of the expanded URDF of `file` and the table of the file asked for."""
     mistakes = Mistakes(top.where)
     trust = Trust.of(file, request.packages, request.trusted)
+    written = dict[str, tuple[str, ...]]()
+    with mistakes.each():
+        top, written = _worked_out(top, file, request)
     spec = MechanismSpec(top, mistakes, trust)
     if not spec.is_whole["joints"]:
         mistakes.tell()  # what the tree is, is not known
@@ -168,10 +172,33 @@ def mechanism_of(
         tree, mimics = tree_of(urdf, file, spec.refinements, faults, trust, spec.order, top.where)
         if spec.gravity is not None:
             tree["model"].gravity.linear = spec.gravity
-        spec.parts["closures"] += mimics
+        spec.parts["closures"] = (*(
+            replace(c, written=written.get(c.name, ())) for c in spec.parts["closures"]), *mimics)
         return _build(top, tree, spec, file, request, faults, mistakes)
     mistakes.tell()
     raise AssertionError  # a mistake was kept
+
+
+def _worked_out(
+    top: TomlTable, file: Path, request: Request
+) -> tuple[TomlTable, dict[str, tuple[str, ...]]]:
+    """Return a table whose closures have numbers in the place of expressions of dimensions.
+
+    And these expressions, by the closures' names.
+    """
+    given, closures, written = top.content.get("closures"), list[Any](), dict[str, Any]()
+    for k, table in enumerate(given if isinstance(given, list) else ()):
+        closures.append(table)
+        numbers = {key: x for key, x in table.items() if key not in NAMES} if isinstance(
+            table, dict) else {}
+        texts = written_in(numbers)
+        if texts:
+            closures[k] = {**table, **Values(
+                numbers, request.path, f"closures[{k}]", file, dict(request.parameters),
+                request.trusted, request.packages)}
+            written[str(table.get("name"))] = tuple(texts)
+    return (TomlTable({**top.content, "closures": closures}, top.where), written) if written else (
+        top, {})
 
 
 def _build(
@@ -253,31 +280,64 @@ def _lead(table: TomlTable) -> float:
     return lead
 
 
-def _closure(table: TomlTable) -> Closure:
+def _closure(trust: Trust, table: TomlTable) -> Closure:
     name = table.text("name")
     table.where += f" ({name!r})"
     kind = table.choice("type", closure_types(), hint_at_type)
     pair, parts = PAIRS[kind], dict[str, Any](source=table.text("source", ""))
     if pair.n_frames:
-        parts["frames"] = table.some_names("frames", pair.n_frames)
+        more = pair.has_more
+        parts["frames"] = table.some_names("frames", pair.n_frames, more)
     if pair.n_joints:
-        parts["joints"] = table.some_names("joints", pair.n_joints)
-    numbers = {key.name: _number(table, key) for key in pair.keys}
-    closure = Closure(name, kind, numbers=numbers, geometry=_geometry(table, pair),
+        more = pair.has_more and not pair.n_frames
+        parts["joints"] = table.some_names("joints", pair.n_joints, more)
+    closure = Closure(name, kind, numbers=_numbers(table, pair, trust),
+                      geometry=_geometry(table, pair),
                       between=_between(table) if pair.uses_length else (), **parts)
+    fault = pair.fault(closure)
+    if fault:
+        table.fail(*fault)
     if pair.n_frames and "equations" in table:
         closure = replace(closure, equations=table.places("equations", closure.n_rows))
     return closure
 
 
-def _number(table: TomlTable, key: Key) -> Any:
-    """Return a number of a closure, or a list of numbers (n,)."""
-    if key.is_list:
-        return table.numbers(key.name)
-    value = table.number(key.name) if key.default is None else table.number(key.name, key.default)
-    if value == 0.0 and key.no_zero:
-        table.fail(key.name, f"is zero; {key.no_zero}")
-    return value
+def _numbers(table: TomlTable, pair: Pair, trust: Trust) -> dict[str, Any]:
+    """Return the numbers of a closure, lists of numbers (n,) and functions, by their keys."""
+    found: dict[str, Any] = {}
+    taken: dict[str, str] = {}  # keys that another one is in the place of
+    for key in pair.keys:
+        if key.name in taken:
+            if key.name in table:
+                table.fail(key.name, f"or {taken[key.name]}: a {table.get('type')} has one of the "
+                                     "two")
+            continue
+        if key.instead_of and key.name not in table:
+            continue
+        taken.update(dict.fromkeys(key.instead_of, key.name))
+        if key.is_function:
+            try:
+                found[key.name] = function_of(
+                    table.get(key.name), lambda name: rows_of(trust.checked(trust.home / name)))
+            except ValueError as error:
+                table.fail(key.name, str(error))
+        elif key.is_list:
+            found[key.name] = table.numbers(key.name)
+        else:
+            value = (table.number(key.name) if key.default is None
+                     else table.number(key.name, key.default))
+            if value == 0.0 and key.no_zero:
+                table.fail(key.name, f"is zero; {key.no_zero}")
+            found[key.name] = value
+    return found
+
+
+def rows_of(file: Path) -> list[list[float | None]]:
+    """Return the numbers of a table, row by row, without its heading; None for what is none."""
+    rows = [line.replace(";", ",").split(",") for line in read_text(file).splitlines()
+            if line.strip() and not line.lstrip().startswith("#")]
+    values = [[_as_number(x) for x in row] for row in rows]
+    return values[1:] if values and None in values[0] else values
 
 
 def _between(table: TomlTable) -> tuple[str, ...]:
@@ -312,12 +372,7 @@ def _law(table: TomlTable, trust: Trust) -> tuple[tuple[float, float], ...]:
     if ("points" in inner) == ("table" in inner):
         table.fail("law", 'is {points = [[0.0, 0.0], [0.01, 40.0]]} or {table = "gas.csv"}')
     if "table" in inner:
-        file = trust.checked(trust.home / inner.text("table"))
-        rows = [line.replace(";", ",").split(",") for line in read_text(file).splitlines()
-                if line.strip() and not line.lstrip().startswith("#")]
-        values: Any = [[_as_number(x) for x in row] for row in rows]
-        if values and None in values[0]:
-            del values[0]  # a heading
+        values: Any = rows_of(trust.checked(trust.home / inner.text("table")))
     else:
         values = inner.get("points")
     try:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 import shutil
 import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -34,12 +36,13 @@ STANDARD_GRAVITY = [0.0, 0.0, -9.81]  # m/s², of a tree whose file says nothing
 MESHES = "meshes"
 
 
-def save(mechanism: Mechanism, folder: str | Path) -> Path:
+def save(mechanism: Mechanism, folder: str | Path, tabulate: Any = None) -> Path:
     """Write a mechanism as a folder that can be moved: a mechanism file, a URDF and its meshes.
 
     Args:
         mechanism: the mechanism.
         folder: made where there is none; files are called as the mechanism is.
+        tabulate: of functions in code, see `Mechanism.save`.
 
     Returns:
         The mechanism file, for `load`.
@@ -50,6 +53,8 @@ def save(mechanism: Mechanism, folder: str | Path) -> Path:
     folder = named_folder(folder)
     stem = re.sub(r"[^\w.+-]+", "_", mechanism.name).strip("._") or "mechanism"
     urdf, toml = folder / f"{stem}.urdf", folder / f"{stem}.toml"
+    mechanism = mechanism.with_fields(closures=tuple(
+        _tabulated(mechanism, c, tabulate) for c in mechanism.closures))
     try:
         folder.mkdir(parents=True, exist_ok=True)
         text, meshes = _gathered(mechanism)
@@ -58,6 +63,24 @@ def save(mechanism: Mechanism, folder: str | Path) -> Path:
     except OSError as error:
         raise SpatialPinError(f"cannot write {error.filename}: {error.strerror}") from error
     return toml
+
+
+def _tabulated(mechanism: Mechanism, closure: Closure, tabulate: Any) -> Closure:
+    """Return a closure with a table in the place of a function in code."""
+    function = closure.numbers.get("function")
+    if function is None or function.form:
+        return closure
+    where = f"mechanism {mechanism.name!r}: closure {closure.name!r}"
+    values = tabulate.get(closure.name) if isinstance(tabulate, Mapping) else tabulate
+    if values is None:
+        raise SpatialPinError(
+            f"{where}: its function is code, which no file can have; save(..., tabulate=values) "
+            f"writes a table of it at values of {closure.joints[0]!r}")
+    try:
+        table = function.tabulated(values)
+    except (TypeError, ValueError) as error:
+        raise SpatialPinError(f"{where}: tabulate: {error}") from error
+    return replace(closure, numbers={**closure.numbers, "function": table})
 
 
 def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
@@ -74,6 +97,8 @@ def export_urdf(mechanism: Mechanism, path: str | Path) -> list[Path]:
         SpatialPinError: the target is a file of the mechanism itself, or cannot be written.
     """
     path = named_path(path)
+    for closure in mechanism.closures:
+        _tabulated(mechanism, closure, None)
     if path.suffix != ".urdf":
         raise SpatialPinError(f"{path}: the name of a plain URDF ends in .urdf")
     text, meshes = _gathered(mechanism, Trust.of(path))
@@ -293,7 +318,10 @@ def _closure(closure: Closure) -> dict[str, Any]:
     pair, geometry = closure.pair, closure.geometry
     names = {"frames": list(closure.frames), "joints": list(closure.joints)}
     table |= {key: value for key, value in names.items() if value}
-    table |= {key.name: np.asarray(closure.numbers[key.name]).tolist() for key in pair.keys}
+    for key in pair.keys:
+        if key.name in closure.numbers:
+            number = closure.numbers[key.name]
+            table[key.name] = dict(number.form) if key.is_function else np.asarray(number).tolist()
     table |= pair.told(geometry.axes1[:, 2], geometry.axes2[:, 2], geometry.lead, geometry.length)
     if closure.between:
         del table["length"]

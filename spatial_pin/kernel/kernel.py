@@ -56,6 +56,8 @@ class Kernel:
         check(self.library.kernel_create(
             address(ints), len(ints), address(reals), len(reals), ctypes.byref(handle)))
         self.handle = handle
+        for number, function in self.packed.called.items():
+            self.library.kernel_set_function(handle, number, function.address)
         self.kept: dict[Any, Any] = {}
         weakref.finalize(self, self.library.kernel_destroy, handle)
         self._q, self._angles = np.empty(self.nq), np.empty(self.n_angles)

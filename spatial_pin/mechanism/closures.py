@@ -20,8 +20,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from spatial_pin._support.checks import finite_number, positive_number, unit_vector
+from spatial_pin._support.checks import finite_array, finite_number, positive_number, unit_vector
 from spatial_pin.errors import ClosureTypeError, suggestion
+from spatial_pin.mechanism.functions import function_of
 from spatial_pin.mechanism.pairs import (
     COUPLING,
     PAIRS,
@@ -35,8 +36,8 @@ from spatial_pin.numerics.linalg import Array
 
 __all__ = [
     "coupling", "cylindrical", "distance", "fixed", "parallel", "perpendicular", "planar",
-    "point_on_line", "point_on_plane", "prismatic", "revolute", "screw", "spherical", "universal",
-    "weld",
+    "point_on_line", "point_on_plane", "prismatic", "revolute", "rope", "screw", "spherical",
+    "universal", "weld",
 ]
 FramePlace = str | tuple[str, pin.SE3]  # a frame by name, or as a placement on a link or joint
 NATIVE = {  # Pinocchio's constraints that hold two bodies together
@@ -89,17 +90,25 @@ def _name(name: str | None) -> str:
     return name or ""  # it is given one with the others
 
 
-def _two(frames: Sequence[FramePlace]) -> Any:
-    """Return two frames; what is no name becomes one where the mechanism is made."""
+def _frames(frames: Sequence[FramePlace]) -> Any:
+    """Return frames; what is no name becomes one where the mechanism is made."""
+    if isinstance(frames, str):
+        raise TypeError(f"frames are several, not {frames!r}")
     for frame in frames:
         is_place = (isinstance(frame, tuple | list) and len(frame) == 2
                     and isinstance(frame[0], str) and isinstance(frame[1], pin.SE3))
         if not is_place and not isinstance(frame, str):
             raise TypeError(f"a frame is given by its name, or as (link or joint, pin.SE3), not "
                             f"{str(frame)[:60]!r}")
-    if len(frames) != 2:
+    if len(frames) < 2:
         raise ValueError(f"two frames are needed, not {len(frames)}")
     return tuple(frames)
+
+
+def _two(frames: Sequence[FramePlace]) -> Any:
+    if len(frames) != 2:
+        raise ValueError(f"two frames are needed, not {len(frames)}")
+    return _frames(frames)
 
 
 def spherical(frame_1: FramePlace, frame_2: FramePlace, name: str | None = None, *,
@@ -426,33 +435,93 @@ def perpendicular(frame_1: FramePlace, frame_2: FramePlace, name: str | None = N
     return _closure("perpendicular", (frame_1, frame_2), name, None, axis, axis2)
 
 
-def coupling(joint_1: str, joint_2: str, ratio: float = 1.0, offset: float = 0.0,
-             name: str | None = None) -> Closure:
-    """Return coordinate 2 = ratio * coordinate 1 + offset: gears, a rack, a mimicking joint.
+def coupling(joint_1: str | None = None, joint_2: str | None = None, ratio: float | None = None,
+             offset: float = 0.0, name: str | None = None, *, joints: Sequence[str] | None = None,
+             ratios: ArrayLike | None = None, function: Any = None) -> Closure:
+    """Return an equation of joint coordinates: gears, a rack, a differential, a cam, a tendon.
+
+    By a ratio: coordinate 2 = ratio * coordinate 1 + offset. By ratios, of any number of
+    coordinates: the sum of ratios * coordinates + offset is zero, as of a planetary train
+    z_sun * sun + z_ring * ring - (z_sun + z_ring) * carrier = 0 [Willis]. By a function:
+    coordinate 2 = f(coordinate 1). Turns are counted.
 
     Args:
         joint_1: joint of one freedom, or coordinate, that leads.
         joint_2: the one that follows.
-        ratio: of their values: rad/rad, m/rad (a rack: the pinion's radius), ...; not zero.
-        offset: of coordinate 2 where coordinate 1 is zero [rad or m].
+        ratio: of their values: rad/rad, m/rad (a rack: the pinion's radius), ...; not zero;
+            default 1.
+        offset: of coordinate 2 where coordinate 1 is zero [rad or m]; of ratios, in the unit of
+            ratio times coordinate.
         name: for reports; default its type.
+        joints: instead of the first two: two of them, or as many as there are ratios.
+        ratios: (n,) one for each of the joints, none zero.
+        function: a -> (f, f', f'', f'''), rates by a; or, as in a mechanism file,
+            {"polynomial": [c0, c1, ...]} of ascending powers or {"points": [[a, b], ...],
+            "periodic": True}, a quintic spline.
 
     Raises:
-        ValueError: the ratio is zero, or a number not finite.
+        TypeError: a joint is no name, or none or too much is given.
+        ValueError: a ratio is zero, a number not finite, or the function none.
 
     Example:
         >>> teeth = sp.closures.coupling("left_pin", "right_pin", ratio=-1.0)  # equal gears
         >>> teeth.joints, teeth.ratio, teeth.offset
         (('left_pin', 'right_pin'), -1.0, 0.0)
+        >>> train = sp.closures.coupling(joints=["sun", "ring", "arm"], ratios=[20, 60, -80])
+        >>> train.ratios
+        (20.0, 60.0, -80.0)
+        >>> cam = sp.closures.coupling(joints=["cam", "rod"], function={"polynomial": [0, 0, 0.1]})
+        >>> print(cam.numbers["function"])
+        a polynomial of degree 2
     """
-    factor = finite_number(ratio, "ratio")
-    if factor == 0.0:
-        raise ValueError("ratio is zero; lock the joint instead")
-    for joint in (joint_1, joint_2):
+    if (joints is None) != isinstance(joint_1, str) or (joint_1 is None) != (joint_2 is None):
+        raise TypeError("a coupling joins two joints by name, or joints=[...], not "
+                        f"{joint_1!r}, {joint_2!r}, joints={joints!r}")
+    names = (joint_1, joint_2) if joints is None else tuple(joints)
+    for joint in names:
         if not isinstance(joint, str):
             raise TypeError(f"a coupling joins two joints by name, not {joint!r}")
-    return Closure(_name(name), COUPLING, joints=(joint_1, joint_2), numbers={
-        "ratio": factor, "offset": finite_number(offset, "offset")})
+    if sum(x is not None for x in (ratio, ratios, function)) > 1:
+        raise TypeError("a coupling has a ratio, ratios or a function: one of the three")
+    numbers: dict[str, Any] = {"offset": finite_number(offset, "offset")}
+    if function is not None:
+        if numbers.pop("offset"):
+            raise TypeError("offset is a part of the function")
+        numbers["function"] = function_of(function)
+    elif ratios is not None:
+        numbers["ratios"] = finite_array(ratios, (len(names),), "ratios")
+    else:
+        numbers["ratio"] = finite_number(1.0 if ratio is None else ratio, "ratio")
+        if numbers["ratio"] == 0.0:
+            raise ValueError("ratio is zero; lock the joint instead")
+    made = Closure(_name(name), COUPLING, joints=tuple(map(str, names)), numbers=numbers)
+    fault = made.pair.fault(made)
+    if fault:
+        raise ValueError(" ".join(fault))
+    return made
+
+
+def rope(frames: Sequence[FramePlace], length: float, name: str | None = None) -> Closure:
+    """Return a rope over points: the sum of the distances from each to the next is constant.
+
+    Pulleys have no size; the rope is taut, and would push if a force asked for it.
+
+    Args:
+        frames: two or more, in the order of the rope: names, or (link or joint, `pin.SE3` on it)
+            [m].
+        length: of the rope, positive [m].
+        name: for reports; default its type.
+
+    Raises:
+        TypeError: a frame is neither a name nor a placement.
+        ValueError: the length is not positive, or there are fewer than two frames.
+
+    Example:
+        >>> sp.closures.rope(["winch", "pulley", "hook"], 2.5).n_rows  # of 2.5 m
+        1
+    """
+    length = positive_number(length, "length")
+    return Closure(_name(name), "rope", frames=_frames(frames), numbers={"length": length})
 
 
 # ---------------------------------------------------------------- of Pinocchio

@@ -11,6 +11,7 @@ quantity          value       an equation of it
 Displacement      u . d       origin j lies in the plane through origin i normal to u
 Cosine            u . w       the angle between two directions is given
 Square            d . d / 2L  the origins are L apart, or as far as two other frames
+Distance          |d|         the lengths of several parts have a given sum
 ================  ==========  ====================================================
 
 d, u and w are linear in the entries of oMi and oMj, so that value, Jacobian and higher rates of
@@ -25,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from spatial_pin.numerics.linalg import Array
-from spatial_pin.numerics.piecewise import Piecewise
+from spatial_pin.numerics.piecewise import Function
 
 FIRST_TWO = (0, 1)  # frames of a closure that most quantities are of
 
@@ -78,14 +79,20 @@ class JointCoordinate(NamedTuple):
 
 
 class FunctionOf(NamedTuple):
-    """A piecewise polynomial of another quantity."""
+    """A function of another quantity."""
 
-    function: Piecewise
+    function: Function
     argument: Angle | JointCoordinate
 
 
+class Distance(NamedTuple):
+    """Distance [m] of two origins, which do not coincide."""
+
+    frames: tuple[int, int] = FIRST_TWO
+
+
 ScalarProduct = Displacement | Cosine | Square
-Quantity = ScalarProduct | Angle | JointCoordinate | FunctionOf
+Quantity = ScalarProduct | Angle | JointCoordinate | FunctionOf | Distance
 Term = tuple[float, tuple[Quantity, ...]]
 
 

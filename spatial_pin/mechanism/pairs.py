@@ -10,8 +10,9 @@ To add a pair, add one entry to `PAIRS`:
 4. `aligned`: which axes ("z", "xyz") must point the same way when closed: product equations have
    mirror roots, and assembly refuses them.
 5. `n_frames`, `n_joints`: how many frames it joins, two as a rule, and of how many joints it has
-   the coordinates.
-6. `keys`: its own numbers in a mechanism file, which a `Closure` has in `numbers`.
+   the coordinates; at least, if it `has_more` of them.
+6. `keys`: its own numbers in a mechanism file, which a `Closure` has in `numbers`, and `fault`: a
+   function of a `Closure` that returns a key and what is wrong there, or None.
 """
 
 from __future__ import annotations
@@ -28,6 +29,9 @@ import pinocchio as pin
 
 from spatial_pin.mechanism.equations import (
     ConstraintEquation,
+    Distance,
+    FunctionOf,
+    JointCoordinate,
     distance,
     dot,
     linear,
@@ -68,22 +72,34 @@ class ClosureData(Protocol):
     def numbers(self) -> Mapping[str, Any]:
         """Its numbers, or (n,) of lists, by their keys in a mechanism file."""
 
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Names of frames."""
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of joint coordinates."""
+
 
 @dataclass(frozen=True)
 class Key:
-    """A number, or a list of numbers, that closures of a kind have in a mechanism file.
+    """A number, or what else closures of a kind have in a mechanism file.
 
     Attributes:
         name: the key.
         default: where it is left out; None: it must be there.
         no_zero: what to do instead of zero; "": it may be zero.
         is_list: whether it is a list of numbers.
+        is_function: whether it is a function, see `spatial_pin.mechanism.functions`.
+        instead_of: keys that it takes the place of; it may be left out.
     """
 
     name: str
     default: float | None = None
     no_zero: str = ""
     is_list: bool = False
+    is_function: bool = False
+    instead_of: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -103,7 +119,9 @@ class Pair:
     native: pin.ContactType | None = None
     n_frames: int = 2
     n_joints: int = 0  # whose coordinates are in its equations
+    has_more: bool = False  # frames, or joints where it has no frames
     keys: tuple[Key, ...] = ()  # besides axes, length and lead
+    fault: Callable[[ClosureData], tuple[str, str] | None] = lambda _: None
 
     @cached_property
     def is_linear(self) -> bool:
@@ -226,7 +244,37 @@ def _screw(c: ClosureData) -> Rows:
 
 
 def _coupling(c: ClosureData) -> Rows:
+    """Equations of the unit of the last coordinate."""
+    if "function" in c.numbers:
+        of = FunctionOf(c.numbers["function"].curve, JointCoordinate(0))
+        return (ConstraintEquation(((1.0, (JointCoordinate(1),)), (-1.0, (of,)))),)
+    if "ratios" in c.numbers:
+        ratios = c.numbers["ratios"]
+        return (linear(ratios / ratios[-1], c.numbers["offset"] / ratios[-1]),)
     return (linear(np.array([-c.numbers["ratio"], 1.0]), -c.numbers["offset"]),)
+
+
+def _fault_of_coupling(c: ClosureData) -> tuple[str, str] | None:
+    n, ratios = len(c.joints), c.numbers.get("ratios")
+    if ratios is None:
+        one = "function" if "function" in c.numbers else "ratio"
+        return None if n == 2 else (
+            "joints", f"are {n}; a coupling by a {one} has two (more have ratios)")
+    if len(ratios) != n:
+        return "ratios", f"are {len(ratios)} for {n} joints; each joint has one"
+    if not np.all(ratios):
+        return "ratios", "has a zero; leave that joint out"
+    return None
+
+
+def _rope(c: ClosureData) -> Rows:
+    parts = ((1.0, (Distance((k, k + 1)),)) for k in range(len(c.frames) - 1))
+    return (ConstraintEquation((*parts, (-c.numbers["length"], ())), is_length=True),)
+
+
+def _fault_of_rope(c: ClosureData) -> tuple[str, str] | None:
+    return None if c.numbers["length"] > 0.0 else (
+        "length", f"is {c.numbers['length']} m; it must be positive")
 
 
 def _stack(*parts: Callable[[ClosureData], Rows]) -> Callable[[ClosureData], Rows]:
@@ -266,8 +314,14 @@ PAIRS: dict[str, Pair] = {
     "point_on_plane": Pair(5, _on_plane),
     "parallel": Pair(4, _parallel, aligned="z"),
     "perpendicular": Pair(5, _perpendicular, uses_axis2=True),
-    "coupling": Pair(5, _coupling, uses_axis=False, n_frames=0, n_joints=2, keys=(
-        Key("ratio", 1.0, "lock the joint instead"), Key("offset", 0.0))),
+    "rope": Pair(5, _rope, uses_axis=False, has_more=True, keys=(Key("length"),),
+                 fault=_fault_of_rope),
+    "coupling": Pair(
+        5, _coupling, uses_axis=False, n_frames=0, n_joints=2, has_more=True, keys=(
+            Key("function", is_function=True, instead_of=("ratio", "ratios", "offset")),
+            Key("ratios", is_list=True, instead_of=("ratio",)),
+            Key("ratio", 1.0, "lock the joint instead"), Key("offset", 0.0)),
+        fault=_fault_of_coupling),
 }
 
 COUPLING = "coupling"
@@ -280,8 +334,8 @@ def closure_types() -> tuple[str, ...]:
 
 
 # Other words for types, as files, books and other tools have them; of what is no type, what to do.
-TIES = ('gears, belts, ropes and racks tie two joints: [[closures]] with type = "coupling", joints '
-        '= ["a", "b"] and a ratio')
+TIES = ('gears, belts, racks and tendons tie joints: [[closures]] with type = "coupling", joints = '
+        '["a", "b"] and a ratio')
 SPRING = "springs and dampers have tables of their own: [[springs]]"
 CONTACT = ("contact between bodies is not modelled: `clearance` tells where links touch, and the "
            "page on other tools which of them model it")
@@ -300,7 +354,8 @@ OTHER_WORDS: dict[str, str] = {
     **dict.fromkeys(("rod", "tie_rod"), "distance"),
     "slot": "point_on_line",
     **dict.fromkeys(("gear", "gears", "gearbox", "belt", "chain", "pulley", "rack", "rack_pinion",
-                     "rack_and_pinion", "mimic", "differential", "rope", "cable"), TIES),
+                     "rack_and_pinion", "mimic", "differential", "tendon", "planetary"), TIES),
+    **dict.fromkeys(("cable", "string", "pulleys"), "rope"),
     **dict.fromkeys(("spring", "damper"), SPRING),
     **dict.fromkeys(("contact", "collision", "rolling", "wheel"), CONTACT),
     **dict.fromkeys(("cam", "cam_follower", "follower"), CAM),

@@ -64,6 +64,7 @@ class Closure:
         equations: the equations of the pair that are used, None for all; the others must follow
             from them (planar loops).
         source: where it is stated, if not as a closure of a mechanism file.
+        written: texts of its numbers that are expressions of dimensions.
 
     Example:
         >>> closure = sp.load("rssr").closures[0]
@@ -87,6 +88,7 @@ class Closure:
     between: tuple[str, ...] = ()
     source: str = ""
     numbers: Mapping[str, Any] = field(default_factory=dict)
+    written: tuple[str, ...] = ()
 
     @property
     def pair(self) -> Pair:
@@ -101,8 +103,18 @@ class Closure:
 
     @property
     def ratio(self) -> float:
-        """Of a coupling: coordinate `joints[1]` = ratio * `joints[0]` + offset."""
+        """Of a coupling by a ratio: coordinate `joints[1]` = ratio * `joints[0]` + offset."""
         return float(self.numbers.get("ratio", 1.0))
+
+    @property
+    def ratios(self) -> tuple[float, ...]:
+        """Of a coupling: the sum of ratios times `joints`, and the offset, is zero.
+
+        A coupling by a `ratio` has (ratio, -1), one by a function has none.
+        """
+        if "ratio" in self.numbers:
+            return self.ratio, -1.0
+        return tuple(map(float, self.numbers.get("ratios", ())))
 
     @property
     def offset(self) -> float:
@@ -111,8 +123,12 @@ class Closure:
 
     @property
     def joined(self) -> tuple[tuple[str, str], ...]:
-        """The pairs of frames that it joins, by name: the first with each other one."""
-        pairs = [(self.frames[0], other) for other in self.frames[1:]]
+        """The pairs of frames that it joins, by name: the first with each other one.
+
+        Of a rope each with the next.
+        """
+        pairs = (list(pairwise(self.frames)) if self.pair.has_more
+                 else [(self.frames[0], other) for other in self.frames[1:]])
         if self.between:
             pairs.append((self.between[0], self.between[1]))
         return tuple(pairs)

@@ -104,8 +104,8 @@ static void place_quantity(Kernel *k, Int i)
     const Real x = kind == OF_PRODUCT ? k->value[at] : kind == ANGLE ? k->angle[at] : k->q[at];
     k->quantity[i] = x;
     if (f >= 0)
-        piecewise_at(k->function_shape + SHAPE * f, k->function_number, x, k->quantity + i,
-                     k->quantity_slope + i, k->quantity_bend + i);
+        piecewise_at(k->function_shape + SHAPE * f, k->function_number, k->called[f], x,
+                     k->quantity + i, k->quantity_slope + i, k->quantity_bend + i);
 }
 
 static void rate_quantity(Kernel *k, Int i, const Real *v)

@@ -119,6 +119,7 @@ typedef struct Kernel {
     Int n_functions;
     const Int *function_shape; /* (4) see piecewise.h */
     const Real *function_number;
+    Called *called; /* functions of the caller, NULL of others */
     const Int *entry_start;    /* (n_equations + 1) pattern of the Jacobian, rows */
     const Int *entry_v;        /* ascending within a row */
 
@@ -173,6 +174,8 @@ typedef struct Kernel {
 /* ---- model.c ---- */
 EXPORT int kernel_create(const Int *ints, Int n_ints, const Real *reals, Int n_reals, Kernel **out);
 EXPORT int kernel_set_numbers(Kernel *k, const Real *reals, Int n_reals);
+/* Give one of its functions, which is one of the caller. */
+EXPORT void kernel_set_function(Kernel *k, Int i, Called function);
 EXPORT void kernel_destroy(Kernel *k);
 /* Memory that is freed with k, zeroed; NULL if there is none left. */
 void *kernel_memory(Kernel *k, Int count, size_t size);

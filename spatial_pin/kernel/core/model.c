@@ -231,6 +231,7 @@ static int make_room(Kernel *k)
     };
     for (size_t i = 0; i < sizeof fields / sizeof *fields; i++)
         *fields[i].to = kernel_reals(k, fields[i].count);
+    k->called = kernel_memory(k, k->n_functions, sizeof *k->called);
     k->plain = kernel_ints(k, n);
     k->moves = kernel_ints(k, n);
     k->chosen = kernel_ints(k, nv);
@@ -272,6 +273,12 @@ EXPORT int kernel_set_numbers(Kernel *k, const Real *reals, Int n_reals)
     if (code == DONE)
         equations_place_ground(k);
     return code;
+}
+
+EXPORT void kernel_set_function(Kernel *k, Int i, Called function)
+{
+    if (within(i, k->n_functions))
+        k->called[i] = function;
 }
 
 EXPORT void kernel_destroy(Kernel *k)

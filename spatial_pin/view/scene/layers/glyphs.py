@@ -167,6 +167,7 @@ GLYPHS: dict[str, Callable[[Site], list[Piece]]] = {
     "planar": _planar,
     "universal": _universal,
     "distance": _distance,
+    "rope": _distance,
     "point_on_line": _point_on_line,
     "point_on_plane": _point_on_plane,
     "parallel": _directions,
