@@ -23,7 +23,7 @@ from spatial_pin.mechanism.equations import (
     ConstraintEquation,
     Cosine,
     Displacement,
-    Distance,
+    PointDistance,
     FunctionOf,
     JointCoordinate,
     Quantity,
@@ -221,7 +221,7 @@ class Extended:
             return dot(r1 @ x.u.astype(Long), d)
         if isinstance(x, Cosine):
             return dot(r1 @ x.u.astype(Long), r2 @ x.w.astype(Long))
-        if isinstance(x, Distance):
+        if isinstance(x, PointDistance):
             n, along, change = np.sqrt((d[0] ** 2).sum(-1)), *dot(d, d)[1:]
             rate = along / (2 * n)
             return np.stack([n, rate, change / (2 * n) - rate**2 / n])

@@ -33,7 +33,7 @@ from spatial_pin.mechanism.equations import (
     ConstraintEquation,
     Cosine,
     Displacement,
-    Distance,
+    PointDistance,
     FunctionOf,
     JointCoordinate,
     Quantity,
@@ -159,7 +159,7 @@ class Constraints:
         made = _Composing(self.mechanism, closure, products, at, len(self.angles))
         size, terms = self._size(closure, equation), []
         for weight, quantities in equation.terms:
-            lengths = sum(isinstance(x, Displacement | Square | Distance) for x in quantities)
+            lengths = sum(isinstance(x, Displacement | Square | PointDistance) for x in quantities)
             power = equation.is_length - lengths
             if weight or quantities:
                 terms.append((size * weight * self.scale**power,
@@ -239,12 +239,12 @@ class _Composing:
             self.products.append(self.all_products.add(product, self.closure) if self.products
                                  else self._first)
         if not isinstance(quantity, Angle):
-            return Factor("product", place, ROOT if isinstance(quantity, Distance) else None)
+            return Factor("product", place, ROOT if isinstance(quantity, PointDistance) else None)
         self.angles.append((self._angles_before + len(self.angles), place))
         return Factor("angle", len(self.angles) - 1)
 
 
-def _products_of(quantity: Quantity) -> list[ScalarProduct | Distance]:
+def _products_of(quantity: Quantity) -> list[ScalarProduct | PointDistance]:
     """Return the products that a quantity is made of; of an angle sine and cosine."""
     if isinstance(quantity, FunctionOf):
         return _products_of(quantity.argument)
@@ -254,7 +254,7 @@ def _products_of(quantity: Quantity) -> list[ScalarProduct | Distance]:
     return [] if isinstance(quantity, JointCoordinate) else [quantity]
 
 
-def _first_product(equation: ConstraintEquation) -> ScalarProduct | Distance | None:
+def _first_product(equation: ConstraintEquation) -> ScalarProduct | PointDistance | None:
     return next((p for _, factors in equation.terms for x in factors for p in _products_of(x)),
                 None)
 

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from spatial_pin.mechanism.coordinates import joint_values, with_values
-from spatial_pin.mechanism.equations import Cosine, Displacement, Distance, ScalarProduct
+from spatial_pin.mechanism.equations import Cosine, Displacement, PointDistance, ScalarProduct
 from spatial_pin.mechanism.mechanism import Mechanism, point_on_body
 from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
@@ -92,7 +92,7 @@ class Products:
             self.supports[i, model.idx_vs[i] : model.idx_vs[i] + model.nvs[i]] = 1.0
 
     def add(
-        self, product: ScalarProduct | Distance, closure: Closure, constant: float = 0.0
+        self, product: ScalarProduct | PointDistance, closure: Closure, constant: float = 0.0
     ) -> int:
         """Add the product of two frames of a closure, less a constant; return its number.
 
@@ -108,7 +108,7 @@ class Products:
         if isinstance(product, Displacement):
             direction = one.direction(product.u, self.scale)
             return self._add(apart, (direction,), (two.origin(1.0),), constant, 1.0, sign)
-        if isinstance(product, Distance):
+        if isinstance(product, PointDistance):
             half = self.scale**2
         else:
             half = 0.5 * self.scale / (unit_length(self.mechanism, closure)

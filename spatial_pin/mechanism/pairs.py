@@ -29,7 +29,7 @@ import pinocchio as pin
 
 from spatial_pin.mechanism.equations import (
     ConstraintEquation,
-    Distance,
+    PointDistance,
     FunctionOf,
     JointCoordinate,
     distance,
@@ -268,7 +268,7 @@ def _fault_of_coupling(c: ClosureData) -> tuple[str, str] | None:
 
 
 def _rope(c: ClosureData) -> Rows:
-    parts = ((1.0, (Distance((k, k + 1)),)) for k in range(len(c.frames) - 1))
+    parts = ((1.0, (PointDistance((k, k + 1)),)) for k in range(len(c.frames) - 1))
     return (ConstraintEquation((*parts, (-c.numbers["length"], ())), is_length=True),)
 
 

@@ -77,6 +77,8 @@ class Closure:
         >>> gears = sp.load("geared_five_bar").closures[-1]
         >>> gears.type, gears.joints, gears.ratio, round(gears.offset, 6)  # offset [rad]
         ('coupling', ('left_pin', 'right_pin'), -2.0, 3.141593)
+        >>> gears.ratios
+        (-2.0, -1.0)
     """
 
     name: str
