@@ -22,8 +22,8 @@ from spatial_pin.rates.depending import Depending, depending_on
 from spatial_pin.rates.rates import check_not_held, prescribed_at
 from spatial_pin.settings import Accuracy
 
-# Arc length that a start on a limit of the driver is moved by: rates there are twenty times the
-# driver's, and no sample is missed, as the way back is followed too.
+# Arc length by which a start at a limit of the driver is moved away. Joints are twenty times
+# faster than the driver there, and no sample is missed since the path back is followed too.
 BESIDE_LIMIT = 0.05
 
 
@@ -49,10 +49,10 @@ def system_at(
     try:
         return _square(mechanism, driven, state, still), state, moved
     except SingularError as error:
-        beside = _beside(mechanism, driven, state, still)
-        if beside is None:
+        shifted = _shifted_state(mechanism, driven, state, still)
+        if shifted is None:
             raise error
-    return _square(mechanism, driven, beside, still), beside, moved
+    return _square(mechanism, driven, shifted, still), shifted, moved
 
 
 def _square(
@@ -65,7 +65,7 @@ def _square(
     return system
 
 
-def _beside(
+def _shifted_state(
     mechanism: Mechanism, driven: Sequence[Coordinate], state: State, still: Sequence[int]
 ) -> State | None:
     """Return a closed state a little further along the curve, found with another driver."""
@@ -102,7 +102,7 @@ def not_spinning(system: SquareSystem) -> list[int]:
     return [i for i in range(mechanism.model.njoints) if i not in spinning]
 
 
-def body_places(evaluation: LoopEquations, bodies: list[int]) -> Array:
+def body_placements(evaluation: LoopEquations, bodies: list[int]) -> Array:
     """Return the placements of bodies, lengths scaled."""
     scale = np.array([1.0, 1.0, 1.0, evaluation.mechanism.characteristic_length])[:, None]
     return evaluation.placements[bodies] / scale

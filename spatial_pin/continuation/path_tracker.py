@@ -41,9 +41,13 @@ from spatial_pin.numerics.tolerances import TOLERANCES
 from spatial_pin.rates.rates import check_not_held, prescribed_at, prescribed_first
 from spatial_pin.settings import Accuracy
 
-FARTHEST = 640e3  # rad, characteristic lengths, that joints move on the way to one value
-STRETCH = 64.0  # the same by pseudo-arclength, before the kernel is asked again
-UNBOUND = 300.0  # speed of a joint relative to the driver's at which that has come to its limit
+FARTHEST = 640e3  # rad, characteristic lengths: longest path to one value, 100,000 turns
+# Rad, characteristic lengths: longest path by pseudo-arclength before the kernel continues, ten
+# turns.
+STRETCH = 64.0
+# Speed of a joint, relative to the driver's, that shows a limit of the driver: see `FAST` of
+# sweeps.
+UNBOUND = 300.0
 
 
 class Stopped(Exception):
@@ -331,12 +335,12 @@ class PathTracker(Branch):
             ValueError: the driver is held.
         """
         mechanism = problem.mechanism
-        driven, still, places, moving = _prescribed(mechanism, names, hold)
+        driven, still, indices, moving = _prescribed(mechanism, names, hold)
         tracker = cls(mechanism, driven, still, accuracy, workspaces)
         tracker.moving_drivers = moving
         closer = workspaces.acquire(closer_of(mechanism))
         k = tracker.kernel = closer.kernel
-        tracker._path = path = path_of(closer, places, accuracy)
+        tracker._path = path = path_of(closer, indices, accuracy)
         if path is not None and closer.knows_mirrors:
             samples = tracker._samples = PathSamples.empty(n, k.nq, k.nv, k.n_angles)
             closer.set_task([problem.goal], problem.settings, problem.goal, problem.reference,
@@ -446,14 +450,14 @@ class PathTracker(Branch):
         What is driven is at its limit if joint rates per unit of its own grow without bound.
         """
         here, mechanism, scale = self.here, self.mechanism, self.mechanism.velocity_scale
-        asked = np.abs(self.leading.rates(here.s) / scale[[c.v for c in self.driven]]).max()
+        driver_speed = np.abs(self.leading.rates(here.s) / scale[[c.v for c in self.driven]]).max()
         for joint in {c.joint for c in self.driven if c.q < 0 and c.unit == "rad"}:
             vector = [coordinate_value(mechanism, c, here.q)
                       for c in mechanism.coordinate_table.values()
                       if c.joint == joint and c.unit == "rad"]
             if np.linalg.norm(vector) > np.pi - TOLERANCES.half_precision:
                 return Arrival("half turn", here.q, here.s)
-        is_fast = np.abs(here.t / scale).max() > UNBOUND * asked
+        is_fast = np.abs(here.t / scale).max() > UNBOUND * driver_speed
         return Arrival("limit" if is_fast else "lost", here.q, here.s)
 
     def _running_away(
@@ -529,8 +533,8 @@ def _prescribed(
     """Return what is driven, what stands still, both as C counts them, and drivers that move."""
     check_not_held(mechanism, [mechanism.prescribed_coordinate(names[0])], hold)
     driven, still = prescribed_first(mechanism, names, hold)
-    places = tuple(prescribed_places(mechanism.model.nv, driven, still))
-    return driven, still, places, _moving_drivers(mechanism, driven, still)
+    indices = tuple(prescribed_places(mechanism.model.nv, driven, still))
+    return driven, still, indices, _moving_drivers(mechanism, driven, still)
 
 
 def _moving_drivers(

@@ -19,9 +19,10 @@ from spatial_pin.mechanism.parts import Coordinate, VelocityEntry
 from spatial_pin.numerics.linalg import Array, decompose, determinant_sign_of, independent_rows
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-SMOOTH_POINTS = 8  # Chebyshev points that a law is smoothed by: as many as nodes on either side
+# Chebyshev points of a smoothed law: as many as nodes on each side of a branch point.
+SMOOTH_POINTS = 8
 
-NEAREST_STEPS = 4  # of Newton's method, each of which squares an error that is below 1e-4
+NEAREST_STEPS = 4  # Newton steps: each squares an error below 1e-4
 
 
 class OneDriver:
@@ -120,9 +121,9 @@ class DriversLaw(OneDriver):
         values = self.law(low + width * parts)[:, : self.n_moving]
         c = np.linalg.solve(np.vander(parts), values)
         c /= width ** np.arange(SMOOTH_POINTS - 1.0, -1.0, -1.0)[:, None]
-        found = PPoly(c[:, None, :], [low, low + width])
-        found.c[-1] += self.law(here)[: self.n_moving] - found(here)
-        return found
+        smoothed = PPoly(c[:, None, :], [low, low + width])
+        smoothed.c[-1] += self.law(here)[: self.n_moving] - smoothed(here)
+        return smoothed
 
     def prescribe(self, path: Path, s: float, still: Sequence[int]) -> None:
         """Let a path go on from a parameter, along the law.
@@ -146,12 +147,12 @@ def nearest(law: OneDriver, other: OneDriver, s: float) -> float:
     """
     if law is other:
         return s
-    k, found = law.n_moving, s
+    k, s_near = law.n_moving, s
     goal = other.values(s)[:k]
     for _ in range(NEAREST_STEPS):
-        rates = law.rates(found)[:k]
-        found += float((goal - law.values(found)[:k]) @ rates / (rates @ rates))
-    return found
+        rates = law.rates(s_near)[:k]
+        s_near += float((goal - law.values(s_near)[:k]) @ rates / (rates @ rates))
+    return s_near
 
 
 class Configurations:
@@ -223,7 +224,7 @@ class WithParameter(Configurations):
         self.scale = np.append(system.scale, unit)
         self.at = self.rate = -1
         self.drive = system.drive
-        self._places = [c.q for c in system.driven]
+        self._indices = [c.q for c in system.driven]
         self._sizes = np.array([system.scale[c.v] for c in system.driven])
 
     def of(self, q: Array, s: float) -> Array:
@@ -258,14 +259,14 @@ class WithParameter(Configurations):
 
     def completed(self, rows: Array, first: int, x: Array) -> Array:
         """Return equations (m, n) from those of configurations (m, nv), the driven from `first`."""
-        found = np.column_stack([rows, np.zeros(len(rows))])
-        found[first : first + len(self._sizes), -1] = (
+        extended = np.column_stack([rows, np.zeros(len(rows))])
+        extended[first : first + len(self._sizes), -1] = (
             -self.unit * self.law.rates(float(x[-1])) / self._sizes)
-        return found
+        return extended
 
     def gaps(self, x: Array) -> Array:
         """Return how far driven coordinates are from their values, relative to their sizes."""
-        return (x[self._places] - self.law.values(float(x[-1]))) / self._sizes
+        return (x[self._indices] - self.law.values(float(x[-1]))) / self._sizes
 
 
 class CurvePoint(NamedTuple):
@@ -401,9 +402,9 @@ def _ratio(s: Array, size: float) -> float:
     return float(s[-1] / np.hypot(s[0], size)) if s.size else 1.0
 
 
-def matrices(curve: SolutionCurve, places: Iterable[tuple[Array, Array]]) -> Array:
-    """Return matrices (k, m, m) of [independent equations; unit tangent] at places (x, t).
+def matrices(curve: SolutionCurve, points: Iterable[tuple[Array, Array]]) -> Array:
+    """Return matrices (k, m, m) of [independent equations; unit tangent] at points (x, t).
 
     Smooth functions of the place, singular where branches cross.
     """
-    return np.array([np.vstack([curve.equations(x), t / np.linalg.norm(t)]) for x, t in places])
+    return np.array([np.vstack([curve.equations(x), t / np.linalg.norm(t)]) for x, t in points])

@@ -160,11 +160,11 @@ def mechanism_of(
         top, written = _worked_out(top, file, request)
     spec = MechanismSpec(top, mistakes, trust)
     if not spec.is_whole["joints"]:
-        mistakes.tell()  # what the tree is, is not known
+        mistakes.raise_all()  # what the tree is, is not known
     with mistakes.each():
         cut = without_loops(urdf, top.content, spec.refinements, file, faults)
         if cut is not None:
-            mistakes.tell()
+            mistakes.raise_all()
             for notice in cut.notices:
                 faults.note(notice)
             urdf, top = cut.urdf, TomlTable(cut.content, top.where)
@@ -175,7 +175,7 @@ def mechanism_of(
         spec.parts["closures"] = (*(
             replace(c, written=written.get(c.name, ())) for c in spec.parts["closures"]), *mimics)
         return _build(top, tree, spec, file, request, faults, mistakes)
-    mistakes.tell()
+    mistakes.raise_all()
     raise AssertionError  # a mistake was kept
 
 
@@ -227,7 +227,7 @@ def _build(
         check_mechanism(mechanism, where, mistakes)
         if spec.is_whole["drivers"]:
             _check_guess(mechanism, where, mistakes)
-    mistakes.tell()
+    mistakes.raise_all()
     negative, lopsided = impossible_inertias(mechanism)
     for kind, links in (
         ("below zero, which no body has: motion is computed, forces are refused", negative),

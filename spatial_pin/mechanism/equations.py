@@ -11,7 +11,7 @@ quantity          value       an equation of it
 Displacement      u . d       origin j lies in the plane through origin i normal to u
 Cosine            u . w       the angle between two directions is given
 Square            d . d / 2L  the origins are L apart, or as far as two other frames
-PointDistance          |d|         the lengths of several parts have a given sum
+PointDistance     |d|         the lengths of several parts have a given sum
 ================  ==========  ====================================================
 
 d, u and w are linear in the entries of oMi and oMj, so that value, Jacobian and higher rates of
@@ -28,7 +28,7 @@ import numpy as np
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.piecewise import Function
 
-FIRST_TWO = (0, 1)  # frames of a closure that most quantities are of
+FIRST_TWO = (0, 1)  # the two frames of a closure that most quantities belong to
 
 
 class Displacement(NamedTuple):
@@ -86,7 +86,7 @@ class FunctionOf(NamedTuple):
 
 
 class PointDistance(NamedTuple):
-    """PointDistance [m] of two origins, which do not coincide."""
+    """Distance [m] of two origins, which do not coincide."""
 
     frames: tuple[int, int] = FIRST_TWO
 

@@ -29,9 +29,9 @@ import pinocchio as pin
 
 from spatial_pin.mechanism.equations import (
     ConstraintEquation,
-    PointDistance,
     FunctionOf,
     JointCoordinate,
+    PointDistance,
     distance,
     dot,
     linear,

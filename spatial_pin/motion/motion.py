@@ -121,8 +121,8 @@ class Output(NamedTuple):
         return f"Output({self.label!r}: {words(self.values, self.unit.removeprefix('1'))})"
 
 
-# Distance from a branch point [rad, characteristic lengths] up to which the path is continued
-# through it, not solved: that of the farthest node of its polynomial.
+# Distance from a branch point [rad, characteristic lengths] within which samples lie on the
+# polynomial through it. They are not solved. It is the distance of the polynomial's farthest node.
 ACROSS = 0.12
 SAMPLED = frozenset(("driver", "time", "q", "v", "a"))  # without which there is no sample
 SAVED = frozenset((  # arrays of a file
@@ -208,9 +208,9 @@ class Motion(Tabular):
         fields = {"events": self.events, **self.__dict__}
         return {k: x for k, x in fields.items() if k not in ("_bodies", "_look")}
 
-    def __setstate__(self, kept: dict[str, Any]) -> None:
+    def __setstate__(self, fields: dict[str, Any]) -> None:
         """Take over what was copied or sent."""
-        self.__dict__.update(kept)
+        self.__dict__.update(fields)
         self.__post_init__()
 
     def __len__(self) -> int:
@@ -583,8 +583,8 @@ def first_samples(motion: AnyMotion, n: int) -> AnyMotion:
             return {key: cut(value) for key, value in x.items()}
         return x[:n] if isinstance(x, np.ndarray) and len(x) == len(motion) else x
 
-    kept = {f.name: cut(getattr(motion, f.name)) for f in fields(motion)}
-    return replace(motion, **{**kept, "events": [e for e in motion.events if e.row < n]})
+    parts = {f.name: cut(getattr(motion, f.name)) for f in fields(motion)}
+    return replace(motion, **{**parts, "events": [e for e in motion.events if e.row < n]})
 
 
 def made(**fields: Any) -> Motion:

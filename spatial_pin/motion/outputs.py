@@ -50,12 +50,12 @@ def whole_com(motion: Motion) -> FrameMotion:
     Raises:
         SpatialPinError: they have no mass.
     """
-    found = [np.zeros((len(motion), 3)) for _ in range(3)]
+    sums = [np.zeros((len(motion), 3)) for _ in range(3)]
     for joint, share, lever in mass_shares(motion.mechanism):
         at = _at(motion, joint, pin.SE3(np.eye(3), lever))
-        for x, part in zip(found, (at.position, at.velocity, at.acceleration), strict=True):
+        for x, part in zip(sums, (at.position, at.velocity, at.acceleration), strict=True):
             x += share * part
-    position, velocity, acceleration = found
+    position, velocity, acceleration = sums
     still = np.zeros_like(position)
     return FrameMotion(position, np.repeat(np.eye(3)[None], len(motion), axis=0), velocity,
                        acceleration, still, still)
@@ -147,8 +147,8 @@ def quantities(
 ) -> dict[str, Quantity]:
     """Return time, driver, and outputs or all coordinates; see `Motion.quantities`."""
     if outputs is not None:
-        found = (motion.output(name) for name in names_of(outputs, "outputs"))
-        return {**abscissas(motion), **named(found)}
+        outputs_of = (motion.output(name) for name in names_of(outputs, "outputs"))
+        return {**abscissas(motion), **named(outputs_of)}
     table = abscissas(motion)
     for name in motion.mechanism.coordinates:
         unit = motion.mechanism.coordinate(name).unit
@@ -169,10 +169,10 @@ def is_force(spec: object) -> bool:
 
 def abscissas(motion: Motion) -> dict[str, Quantity]:
     """Return what samples are taken over: time, and the driver where one was swept."""
-    found = {} if motion.time is None else {"time": Quantity(motion.time, "s")}
+    columns = {} if motion.time is None else {"time": Quantity(motion.time, "s")}
     if motion.driver is not None:
-        found[motion.driver_name] = Quantity(motion.driver, motion.driver_unit)
-    return found
+        columns[motion.driver_name] = Quantity(motion.driver, motion.driver_unit)
+    return columns
 
 
 def named(outputs: Iterable[Output]) -> dict[str, Quantity]:

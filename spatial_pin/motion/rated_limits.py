@@ -125,14 +125,14 @@ def _stated(mechanism: Mechanism, values: Array) -> list[tuple[Coordinate, float
 
 def beyond(pairs: Iterable[tuple[RatedLimit, Array]]) -> list[BeyondLimit]:
     """Return which limits velocities or efforts (N,) are beyond, and where."""
-    found = []
+    exceeded = []
     for limit, values in pairs:
         excess = limit.excess(values)
         samples = np.flatnonzero(excess > 0.0)
         if samples.size:
             worst = int(np.argmax(excess))
-            found.append(BeyondLimit(limit, samples, worst, float(values[worst])))
-    return found
+            exceeded.append(BeyondLimit(limit, samples, worst, float(values[worst])))
+    return exceeded
 
 
 def velocities_beyond(motion: Motion) -> list[BeyondLimit]:

@@ -10,7 +10,7 @@ from spatial_pin.motion.motion import Motion
 from spatial_pin.numerics.linalg import Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-MOST_LINES = 12  # of a kind: with three kinds a summary fits on a screen
+MOST_LINES = 12  # lines per kind of event: a summary of three kinds fits on a screen
 EFFORTS = {"rad": "N·m", "m": "N"}  # units, by that of what they move
 
 

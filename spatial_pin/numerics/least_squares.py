@@ -22,25 +22,28 @@ from numpy.typing import NDArray
 from spatial_pin.numerics.linalg import Array, Triangular, decompose
 from spatial_pin.numerics.tolerances import TOLERANCES
 
-SLOW_STEPS = 2  # that leave more than half, after which Newton's are made: Gauss's creep
-# Damping where the first step did not help, relative to the square of the largest singular value;
-# least where a later one did not; and that with which nothing moves any more.
+# After this many steps that leave more than half of the residual, Newton's method replaces
+# Gauss's, which converges slowly there.
+SLOW_STEPS = 2
+# Damping relative to the square of the largest singular value: after a first step that failed, the
+# least after a later one, and one with which nothing moves any more.
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-6, 1e6
-HARDENING = 4.0  # of damping after a step that did not help
-# Gains of a step, of what it was to gain to first order [NocedalWright2006, 4.1]: with less than
-# the first it is damped more, with more than the second less.
+HARDENING = 4.0  # factor of the damping after a step that failed
+# Gains of a step, relative to the predicted gain [NocedalWright2006, 4.1]. Below the first the
+# damping grows, above the second it falls.
 POOR_GAIN, GOOD_GAIN = 0.25, 0.75
-NO_LONGER = 1e-9  # of the unknowns: how far off a least sum may be
-# By how much of the square of a Gauss step constraints may be off on the way: such a step itself
-# misses by its square, and the last ones are so short that all digits are kept.
+NO_LONGER = 1e-9  # largest step at a minimum, relative to the unknowns
+# Largest constraint residual between steps, relative to the square of a Gauss step. Such a step
+# itself misses by its square. The last steps are so short that all digits are right.
 OFF_ON_THE_WAY = 1e-3
-# Residuals that a step leaves where it goes to a dead centre, a double root: about a quarter.
+# A step to a double root (a dead centre) leaves a quarter of the residual; this range counts as
+# one.
 DOUBLE_ROOT = 0.15, 0.35
-# Part of the step to the vertex that is made, so that residuals keep a slope: what is left of them
-# is a quarter of a millionth.
+# Part of the step to the vertex that is made. Residuals keep a slope, and a quarter of a millionth
+# of them remains.
 NEARLY_THERE = 0.9995
-CURVATURE_STEP = 1e-6  # of one-sided differences: half of their digits are good
-GRADIENT_STEP = 1e-4  # of central ones: they leave 1e-9 to 1e-11
+CURVATURE_STEP = 1e-6  # step of one-sided differences: half of their digits are right
+GRADIENT_STEP = 1e-4  # step of central differences: their error is 1e-9 to 1e-11
 SLACK = TOLERANCES.closed  # beyond a bound that is not called so: what is corrected is known to it
 Bounds = dict[int, int]  # active ones, by unknown: 0 the lower, 1 the upper one
 
@@ -127,8 +130,8 @@ class LeastSquares(ABC):
 
     def pulled(self, x: Array, multipliers: Array, forces: Array) -> Array:
         """Return the sum (n,) of multipliers and forces times derivatives of both."""
-        found: Array = multipliers @ self.constraints(x) + forces @ self.jacobian(x)
-        return found
+        gradient: Array = multipliers @ self.constraints(x) + forces @ self.jacobian(x)
+        return gradient
 
     def free(self, active: Bounds) -> NDArray[np.bool_]:
         """Return which unknowns may move (n,) between active bounds."""
@@ -223,8 +226,8 @@ class Iterate:
     def predicted(self, step: Array) -> float:
         """Return the part of the sum that a step (n,) gains to first order."""
         residual, rows = self.model
-        left = residual + rows @ step
-        return float(residual @ residual - left @ left) / self.size**2
+        linear = residual + rows @ step
+        return float(residual @ residual - linear @ linear) / self.size**2
 
     def push(self, active: Bounds, k: int) -> float:
         """Return how far a free step goes beyond the bound that an unknown stands at."""
@@ -276,10 +279,10 @@ class Lagrangian:
         """
         tangents, parts = self.tangents, self._at.rows @ self.tangents.T
         here = self._at.problem.pulled(self._at.x, self._multipliers, self._at.residual)
-        bent = [tangents @ (self._pulled(CURVATURE_STEP * way) - here) for way in tangents]
-        found = np.reshape(bent, 2 * tangents.shape[:1]) / CURVATURE_STEP
-        sizes, ways = np.linalg.eigh(parts.T @ parts + 0.5 * (found + found.T))
-        return sizes, ways
+        bent = [tangents @ (self._pulled(CURVATURE_STEP * tangent) - here) for tangent in tangents]
+        bends = np.reshape(bent, 2 * tangents.shape[:1]) / CURVATURE_STEP
+        sizes, directions = np.linalg.eigh(parts.T @ parts + 0.5 * (bends + bends.T))
+        return sizes, directions
 
     def newton_step(self, damping: float) -> Array:
         """Return Newton's step (n,), which goes down where the curvature is negative too."""
@@ -297,12 +300,12 @@ class Lagrangian:
 
     def downward(self) -> Array | None:
         """Return the direction (n,) that it bends down most along; None where it does not."""
-        sizes, ways = self.curvature
+        sizes, directions = self.curvature
         size = np.abs(sizes).max(initial=self.least)
         if not len(sizes) or sizes[0] >= -TOLERANCES.half_precision * size:
             return None
-        way: Array = ways[:, 0] @ self.tangents
-        return way if way[np.argmax(np.abs(way))] > 0.0 else -way
+        direction: Array = directions[:, 0] @ self.tangents
+        return direction if direction[np.argmax(np.abs(direction))] > 0.0 else -direction
 
     def is_single(self) -> bool:
         """Whether it is clearly curved along all tangents, where the sum is least."""
@@ -310,17 +313,18 @@ class Lagrangian:
         sizes = np.abs(self.curvature[0])  # what residuals' bending cancels is known to 1e-6 of it
         return bool(np.all(sizes > TOLERANCES.regular * np.linalg.norm(parts) ** 2))
 
-    def changes(self, ways: Array) -> Array:
+    def changes(self, directions: Array) -> Array:
         """Return the second derivative (d, n), along the tangents, for directions (d, n).
 
         To 1e-9 and better.
         """
-        steps = [GRADIENT_STEP / max(float(np.linalg.norm(way)), TOLERANCES.zero) for way in ways]
-        bent = [(self._pulled(h * way) - self._pulled(-h * way)) / (2.0 * h)
-                for h, way in zip(steps, ways, strict=True)]
+        sizes = [float(np.linalg.norm(direction)) for direction in directions]
+        steps = [GRADIENT_STEP / max(size, TOLERANCES.zero) for size in sizes]
+        bent = [(self._pulled(h * direction) - self._pulled(-h * direction)) / (2.0 * h)
+                for h, direction in zip(steps, directions, strict=True)]
         rows = self._at.rows
-        return (ways @ rows.T @ rows + np.reshape(bent, ways.shape)) @ self.tangents.T @ (
-            self.tangents)
+        changed = directions @ rows.T @ rows + np.reshape(bent, directions.shape)
+        return changed @ self.tangents.T @ self.tangents
 
     def curved(self) -> tuple[Array, Array]:
         """Return sizes (k,) and directions (k, n) of the curvatures that are not zero."""
@@ -346,12 +350,12 @@ class Minimum(NamedTuple):
 def minimised(problem: LeastSquares, x: Array, active: Bounds) -> Minimum:
     """Go down from unknowns that meet the constraints, and the bounds that are active there."""
     for off in (OFF_ON_THE_WAY, 0.0):
-        found = Descent(problem, off).run(Iterate(problem, x), active)
-        end = found.at.x
-        met = problem.corrected(end, problem.free(found.active), 0.0)
+        result = Descent(problem, off).run(Iterate(problem, x), active)
+        end = result.at.x
+        met = problem.corrected(end, problem.free(result.active), 0.0)
         if met is not None:  # else it went where constraints cannot be met
-            return found if met is end else found._replace(at=Iterate(problem, met))
-    return found
+            return result if met is end else result._replace(at=Iterate(problem, met))
+    return result
 
 
 class Descent:
@@ -495,12 +499,12 @@ class Descent:
         known = before.known_lagrangian(free)
         if known is not None and known.downward() is None:
             return None
-        way = here.lagrangian(free).downward()
-        if way is None:
+        direction = here.lagrangian(free).downward()
+        if direction is None:
             return None
         best = here, active
         for side in (1.0, -1.0):
-            there = self._landed(here, side * TOLERANCES.trial_step * way, active)
+            there = self._landed(here, side * TOLERANCES.trial_step * direction, active)
             if there is not None and there[0].size < best[0].size * (1.0 - TOLERANCES.round_off):
                 best = there
         return None if best[0] is here else best

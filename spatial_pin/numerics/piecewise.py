@@ -40,20 +40,20 @@ class Piecewise:
         inner = self.breaks[1:-1]
         piece = np.searchsorted(inner, start - shift, side="right")
         local = x - (self.breaks[piece] + shift)
-        found = local * 0.0 + self.coefficients[piece, -1]
+        total = local * 0.0 + self.coefficients[piece, -1]
         for k in range(self.coefficients.shape[1] - 2, -1, -1):
-            found = found * local + self.coefficients[piece, k]
-        return found + self.rise * periods
+            total = total * local + self.coefficients[piece, k]
+        return total + self.rise * periods
 
 
 def composed(x: Taylor, start: Array, derivatives: Sequence[Any]) -> Taylor:
     """Return a function of a series from its derivatives 0, 1, ... near where it starts."""
     rest, power = x - start, None
-    found = 0.0 * rest + derivatives[0]
+    total = 0.0 * rest + derivatives[0]
     for k, derivative in enumerate(derivatives[1:], start=1):
         power = rest if power is None else power * rest
-        found = found + power * (derivative / math.factorial(k))
-    return found
+        total = total + power * (derivative / math.factorial(k))
+    return total
 
 
 class SquareRoot:
@@ -80,8 +80,8 @@ class CalledFunction:
     def __call__(self, x: Taylor) -> Taylor:
         """Return the function of a series of arrays."""
         start = np.asarray(x.values[0], float)
-        found = np.array([self.function(float(at)) for at in start.ravel()]).reshape(-1, 4).T
-        return composed(x, start, [row.reshape(start.shape) for row in found])
+        rows = np.array([self.function(float(at)) for at in start.ravel()]).reshape(-1, 4).T
+        return composed(x, start, [row.reshape(start.shape) for row in rows])
 
     @cached_property
     def callback(self) -> Any:
