@@ -25,7 +25,6 @@ from spatial_pin.formats.urdf.urdf_model import (
 )
 from spatial_pin.formats.xacro.xacro_arguments import Values, dimensions, written_in
 from spatial_pin.mechanism.coordinates import check_guess
-from spatial_pin.mechanism.functions import function_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.mechanism_checks import check_mechanism, impossible_inertias
 from spatial_pin.mechanism.pairs import (
@@ -312,12 +311,12 @@ def _numbers(table: TomlTable, pair: Pair, trust: Trust) -> dict[str, Any]:
                 table.fail(key.name, f"or {taken[key.name]}: a {table.get('type')} has one of the "
                                      "two")
             continue
-        if key.instead_of and key.name not in table:
+        if (key.instead_of or key.is_optional) and key.name not in table:
             continue
         taken.update(dict.fromkeys(key.instead_of, key.name))
-        if key.is_function:
+        if key.read is not None:
             try:
-                found[key.name] = function_of(
+                found[key.name] = key.read(
                     table.get(key.name), lambda name: rows_of(trust.checked(trust.home / name)))
             except ValueError as error:
                 table.fail(key.name, str(error))

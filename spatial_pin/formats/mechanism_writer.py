@@ -321,7 +321,7 @@ def _closure(closure: Closure) -> dict[str, Any]:
     for key in pair.keys:
         if key.name in closure.numbers:
             number = closure.numbers[key.name]
-            table[key.name] = dict(number.form) if key.is_function else np.asarray(number).tolist()
+            table[key.name] = dict(number.form) if key.read else np.asarray(number).tolist()
     table |= pair.told(geometry.axes1[:, 2], geometry.axes2[:, 2], geometry.lead, geometry.length)
     if closure.between:
         del table["length"]

@@ -12,7 +12,7 @@ Example:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 
 from spatial_pin._support.checks import finite_array, finite_number, positive_number, unit_vector
 from spatial_pin.errors import ClosureTypeError, suggestion
+from spatial_pin.mechanism.force_paths import strands_of, teeth_of
 from spatial_pin.mechanism.functions import function_of
 from spatial_pin.mechanism.pairs import (
     COUPLING,
@@ -437,7 +438,9 @@ def perpendicular(frame_1: FramePlace, frame_2: FramePlace, name: str | None = N
 
 def coupling(joint_1: str | None = None, joint_2: str | None = None, ratio: float | None = None,
              offset: float = 0.0, name: str | None = None, *, joints: Sequence[str] | None = None,
-             ratios: ArrayLike | None = None, function: Any = None) -> Closure:
+             ratios: ArrayLike | None = None, function: Any = None,
+             teeth: Mapping[str, Any] | None = None,
+             strands: Mapping[str, Any] | None = None) -> Closure:
     """Return an equation of joint coordinates: gears, a rack, a differential, a cam, a tendon.
 
     By a ratio: coordinate 2 = ratio * coordinate 1 + offset. By ratios, of any number of
@@ -458,10 +461,14 @@ def coupling(joint_1: str | None = None, joint_2: str | None = None, ratio: floa
         function: a -> (f, f', f'', f'''), rates by a; or, as in a mechanism file,
             {"polynomial": [c0, c1, ...]} of ascending powers or {"points": [[a, b], ...],
             "periodic": True}, a quintic spline.
+        teeth: where two gears touch, as in a mechanism file: `point` [m], `pressure_angle`,
+            `helix_angle` [rad], `pitch_line`, in the axes of `frame`. Reactions of their bearings
+            contain the tooth force then.
+        strands: where a belt pulls, likewise: `points` of its strands [m], `pretension` [N].
 
     Raises:
         TypeError: a joint is no name, or none or too much is given.
-        ValueError: a ratio is zero, a number not finite, or the function none.
+        ValueError: a ratio is zero, a number not finite, or the function, teeth or strands none.
 
     Example:
         >>> teeth = sp.closures.coupling("left_pin", "right_pin", ratio=-1.0)  # equal gears
@@ -481,6 +488,22 @@ def coupling(joint_1: str | None = None, joint_2: str | None = None, ratio: floa
     for joint in names:
         if not isinstance(joint, str):
             raise TypeError(f"a coupling joins two joints by name, not {joint!r}")
+    numbers = _coupling_numbers(len(names), ratio, ratios, offset, function)
+    for key, path, read in (("teeth", teeth, teeth_of), ("strands", strands, strands_of)):
+        if path is not None:
+            if function is not None or len(numbers) > 2:
+                raise TypeError("a coupling by ratios has teeth or strands, one of the two")
+            numbers[key] = read(path)
+    made = Closure(_name(name), COUPLING, joints=tuple(map(str, names)), numbers=numbers)
+    fault = made.pair.fault(made)
+    if fault:
+        raise ValueError(" ".join(fault))
+    return made
+
+
+def _coupling_numbers(
+    n: int, ratio: float | None, ratios: ArrayLike | None, offset: float, function: Any
+) -> dict[str, Any]:
     if sum(x is not None for x in (ratio, ratios, function)) > 1:
         raise TypeError("a coupling has a ratio, ratios or a function: one of the three")
     numbers: dict[str, Any] = {"offset": finite_number(offset, "offset")}
@@ -489,16 +512,12 @@ def coupling(joint_1: str | None = None, joint_2: str | None = None, ratio: floa
             raise TypeError("offset is a part of the function")
         numbers["function"] = function_of(function)
     elif ratios is not None:
-        numbers["ratios"] = finite_array(ratios, (len(names),), "ratios")
+        numbers["ratios"] = finite_array(ratios, (n,), "ratios")
     else:
         numbers["ratio"] = finite_number(1.0 if ratio is None else ratio, "ratio")
         if numbers["ratio"] == 0.0:
             raise ValueError("ratio is zero; lock the joint instead")
-    made = Closure(_name(name), COUPLING, joints=tuple(map(str, names)), numbers=numbers)
-    fault = made.pair.fault(made)
-    if fault:
-        raise ValueError(" ".join(fault))
-    return made
+    return numbers
 
 
 def rope(frames: Sequence[FramePlace], length: float, name: str | None = None) -> Closure:

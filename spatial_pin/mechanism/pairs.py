@@ -38,6 +38,8 @@ from spatial_pin.mechanism.equations import (
     point,
     screw,
 )
+from spatial_pin.mechanism.force_paths import strands_of, teeth_of
+from spatial_pin.mechanism.functions import function_of
 from spatial_pin.numerics.linalg import EPS, Array
 from spatial_pin.numerics.tolerances import TOLERANCES
 
@@ -90,16 +92,18 @@ class Key:
         default: where it is left out; None: it must be there.
         no_zero: what to do instead of zero; "": it may be zero.
         is_list: whether it is a list of numbers.
-        is_function: whether it is a function, see `spatial_pin.mechanism.functions`.
+        read: makes what it is from its table, which that has in `form`; None: numbers.
         instead_of: keys that it takes the place of; it may be left out.
+        is_optional: whether it may be left out anyway.
     """
 
     name: str
     default: float | None = None
     no_zero: str = ""
     is_list: bool = False
-    is_function: bool = False
+    read: Callable[[Any, Any], Any] | None = None
     instead_of: tuple[str, ...] = ()
+    is_optional: bool = False
 
 
 @dataclass(frozen=True)
@@ -318,9 +322,12 @@ PAIRS: dict[str, Pair] = {
                  fault=_fault_of_rope),
     "coupling": Pair(
         5, _coupling, uses_axis=False, n_frames=0, n_joints=2, has_more=True, keys=(
-            Key("function", is_function=True, instead_of=("ratio", "ratios", "offset")),
+            Key("function", read=function_of,
+                instead_of=("ratio", "ratios", "offset", "teeth", "strands")),
             Key("ratios", is_list=True, instead_of=("ratio",)),
-            Key("ratio", 1.0, "lock the joint instead"), Key("offset", 0.0)),
+            Key("ratio", 1.0, "lock the joint instead"), Key("offset", 0.0),
+            Key("teeth", read=teeth_of, instead_of=("strands",)),
+            Key("strands", read=strands_of, is_optional=True)),
         fault=_fault_of_coupling),
 }
 
