@@ -31,7 +31,7 @@ from spatial_pin.numerics.stacked import cross
 ROLLING = 1e-6  # part of the speed at a point that bodies may miss it by: rounded numbers of a file
 
 
-class Line(NamedTuple):
+class ForceLine(NamedTuple):
     """A line of force between two bodies, in the axes of the body that carries them.
 
     Attributes:
@@ -75,7 +75,7 @@ class CouplingForce(NamedTuple):
     bodies: tuple[int, int]
     last: int
     carrier: int
-    lines: tuple[Line, ...]
+    lines: tuple[ForceLine, ...]
 
     def effort(self, multipliers: Array) -> Array:
         """Return what it does about or along its last joint (...) [N·m or N]."""
@@ -138,7 +138,7 @@ def coupling_forces(mechanism: Mechanism) -> list[CouplingForce]:
 def _lines(
     mechanism: Mechanism, closure: Closure, path: Teeth | Strands, row: Array,
     bodies: tuple[int, int], carried: tuple[int, pin.SE3],
-) -> list[Line]:
+) -> list[ForceLine]:
     """Return the lines of force of teeth or strands, in the axes of the joint that carries them."""
     model, (carrier, place) = mechanism.centred_model, carried
     data = model.createData()
@@ -165,7 +165,7 @@ def _lines(
 
 def _tooth_line(
     where: str, teeth: Teeth, to_world: pin.SE3, moving: tuple[Array, Array], v: Array, row: Array
-) -> Line:
+) -> ForceLine:
     p = to_world.act(teeth.point)
     (v1, w1), (v2, w2) = ((_at(x, p) @ v, x[3:] @ v) for x in moving)
     speed = float(np.linalg.norm(v1))
@@ -197,17 +197,17 @@ def _tooth_line(
     hand = math.copysign(1.0, w1 @ g) if np.any(w1) else -math.copysign(1.0, w2 @ g)
     along = t - hand * math.tan(teeth.helix_angle) * g
     aside = math.tan(teeth.pressure_angle) / math.cos(teeth.helix_angle) * np.sign(side) * e
-    return Line(p, along, aside, _by_multiplier(where, p, t, moving, row))
+    return ForceLine(p, along, aside, _by_multiplier(where, p, t, moving, row))
 
 
 def _strand_lines(
     where: str, strands: Strands, to_world: pin.SE3, moving: tuple[Array, Array], row: Array
-) -> list[Line]:
+) -> list[ForceLine]:
     lines = []
     for one, two in strands.points:
         p1, p2 = to_world.act(one), to_world.act(two)
         u = (p1 - p2) / np.linalg.norm(p1 - p2)  # it pulls the second body towards the first
-        lines.append(Line(p2, u, np.zeros(3), _by_multiplier(where, p2, u, moving, row),
+        lines.append(ForceLine(p2, u, np.zeros(3), _by_multiplier(where, p2, u, moving, row),
                           strands.pretension if len(strands.points) == 2 else None))
     if len(lines) == 2 and lines[0].by_multiplier * lines[1].by_multiplier > 0.0:
         raise MechanismFileError(f"{where}: strands: both get tighter with the same torque; of a "
