@@ -30,6 +30,7 @@ from spatial_pin.constraints.vector_products import Products, matrix_of
 from spatial_pin.mechanism.equations import (
     FIRST_TWO,
     Angle,
+    Bearing,
     ConstraintEquation,
     Cosine,
     Displacement,
@@ -238,7 +239,7 @@ class _Composing:
                 self.elsewhere.append((len(self.products), product.frames))
             self.products.append(self.all_products.add(product, self.closure) if self.products
                                  else self._first)
-        if not isinstance(quantity, Angle):
+        if not isinstance(quantity, Angle | Bearing):
             return Factor("product", place, ROOT if isinstance(quantity, PointDistance) else None)
         self.angles.append((self._angles_before + len(self.angles), place))
         return Factor("angle", len(self.angles) - 1)
@@ -251,6 +252,9 @@ def _products_of(quantity: Quantity) -> list[ScalarProduct | PointDistance]:
     if isinstance(quantity, Angle):
         return [Cosine(u, quantity.axes2[:, 0], quantity.frames)
                 for u in (quantity.axes1[:, 1], quantity.axes1[:, 0])]
+    if isinstance(quantity, Bearing):
+        return [Displacement(u, quantity.frames, float(u @ quantity.centre))
+                for u in (quantity.axes[:, 1], quantity.axes[:, 0])]
     return [] if isinstance(quantity, JointCoordinate) else [quantity]
 
 
@@ -259,11 +263,11 @@ def _first_product(equation: ConstraintEquation) -> ScalarProduct | PointDistanc
                 None)
 
 
-def _angles_of(equation: ConstraintEquation) -> list[Angle]:
+def _angles_of(equation: ConstraintEquation) -> list[Angle | Bearing]:
     """Return the angles of an equation, in the order of its terms."""
     bare = [x.argument if isinstance(x, FunctionOf) else x
             for _, factors in equation.terms for x in factors]
-    return [x for x in bare if isinstance(x, Angle)]
+    return [x for x in bare if isinstance(x, Angle | Bearing)]
 
 
 def _plain_constant(equation: ConstraintEquation) -> float | None:

@@ -104,10 +104,13 @@ class Products:
         if isinstance(product, Cosine):
             along = two.direction(product.w)
             return self._add((along,), (one.direction(product.u),), (along,), constant, 0.0, sign)
-        apart, constant = (two.origin(1.0), one.origin(-1.0)), constant * self.scale
         if isinstance(product, Displacement):
-            direction = one.direction(product.u, self.scale)
-            return self._add(apart, (direction,), (two.origin(1.0),), constant, 1.0, sign)
+            constant += product.offset
+        apart, constant = (two.origin(1.0), one.origin(-1.0)), constant * self.scale
+        if isinstance(product, Displacement):  # its force acts where the direction is not fixed
+            of, at = (two, one) if product.of_second else (one, two)
+            direction = of.direction(product.u, self.scale)
+            return self._add(apart, (direction,), (at.origin(1.0),), constant, 1.0, sign)
         if isinstance(product, PointDistance):
             half = self.scale**2
         else:

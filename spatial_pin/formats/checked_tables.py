@@ -18,11 +18,12 @@ BETWEEN = "length_between"
 TOP = "at the top of the file, before the first [table]"
 BELONGS = {  # where in a file each key has its place
     TOP: ("name", "title", "source", "tree", "complete", "gravity", "gap", "order", "joints",
-          "closures", "drivers", "springs", "passive", "frames", "guess"),
+          "curves", "closures", "drivers", "springs", "passive", "frames", "guess"),
     "in [joints.NAME]": ("type", "axis", "axis2", "lead", *RESISTANCES, *LIMITS),
     "in [[closures]]": ("name", "type", "frames", "joints", *sorted(
         {"length", *(key.name for pair in PAIRS.values() for key in pair.keys)}, reverse=True),
         BETWEEN, "equations", "axis", "axis2", "lead", "source"),
+    "in [curves.NAME]": ("circle", "ellipse", "line", "helix", "points", "table", "closed"),
     "in [drivers.NAME]": ("joint",),
     "in [[springs]]": ("name", "frames", "joint", "stiffness", "damping", "free_length",
                        "free_angle", "law", "tension_only", "compression_only", "preload"),
@@ -30,9 +31,9 @@ BELONGS = {  # where in a file each key has its place
     "in [frames.NAME]": ("link", "xyz", "rpy"),
 }
 HEADINGS = {  # how what stands at the top of a file as tables is written
-    "joints": "[joints.{name}]", "closures": "[[closures]]", "drivers": "[drivers.{name}]",
-    "springs": "[[springs]]", "passive": "[passive.{name}]", "frames": "[frames.{name}]",
-    "guess": "[guess]"}
+    "joints": "[joints.{name}]", "curves": "[curves.{name}]", "closures": "[[closures]]",
+    "drivers": "[drivers.{name}]", "springs": "[[springs]]", "passive": "[passive.{name}]",
+    "frames": "[frames.{name}]", "guess": "[guess]"}
 SPRING = ("stiffness", "damping", "free_length", "free_angle")  # which no closure has
 TWO_NAMES = ["?", "?"]
 # What a table is read on with in the place of a value that is none.

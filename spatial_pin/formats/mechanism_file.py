@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,7 +24,9 @@ from spatial_pin.formats.urdf.urdf_model import (
     tree_of,
 )
 from spatial_pin.formats.xacro.xacro_arguments import Values, dimensions, written_in
+from spatial_pin.mechanism.contact_sides import sided
 from spatial_pin.mechanism.coordinates import check_guess
+from spatial_pin.mechanism.curves import Curve, curve_of
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.mechanism_checks import check_mechanism, impossible_inertias
 from spatial_pin.mechanism.pairs import (
@@ -72,7 +74,9 @@ class MechanismSpec:
             self.gravity = top.vector("gravity") if "gravity" in top else None
         self.parts: dict[str, Any] = {
             "frames": self._frames(top), "title": "", "source": "", "guess": {},
-            "closures": self._array(top, "closures", partial(_closure, trust)),
+            "closures": self._array(top, "closures", partial(_closure, Context(
+                lambda name: rows_of(trust.checked(trust.home / name)),
+                self._tables(top, "curves", partial(_curve, trust))))),
             "drivers": self._tables(top, "drivers",
                                     lambda key, table: Driver(key, table.text("joint"))),
             "springs": self._array(top, "springs", partial(_spring, trust)),
@@ -235,7 +239,7 @@ def _build(
     ):
         for link, words in links.items():
             faults.note(kind, f"link {link!r}: {words}")
-    return mechanism.with_fields(notices=faults.notices())
+    return sided(mechanism).with_fields(notices=faults.notices())
 
 
 def _check_guess(mechanism: Mechanism, where: str, mistakes: Mistakes) -> None:
@@ -279,7 +283,28 @@ def _lead(table: TomlTable) -> float:
     return lead
 
 
-def _closure(trust: Trust, table: TomlTable) -> Closure:
+class Context(NamedTuple):
+    """What functions and curves of closures are read with.
+
+    Attributes:
+        rows: from the name of a file to its rows.
+        curves: by name.
+    """
+
+    rows: Callable[[str], Any]
+    curves: dict[str, Curve]
+
+
+def _curve(trust: Trust, name: str, table: TomlTable) -> Curve:
+    table.known += table.content
+    try:
+        return curve_of(name, table.content,
+                        lambda file: rows_of(trust.checked(trust.home / file)))
+    except ValueError as error:
+        raise MechanismFileError(f"{table.where}: {error}") from error
+
+
+def _closure(context: Context, table: TomlTable) -> Closure:
     name = table.text("name")
     table.where += f" ({name!r})"
     kind = table.choice("type", closure_types(), hint_at_type)
@@ -290,7 +315,7 @@ def _closure(trust: Trust, table: TomlTable) -> Closure:
     if pair.n_joints:
         more = pair.has_more and not pair.n_frames
         parts["joints"] = table.some_names("joints", pair.n_joints, more)
-    closure = Closure(name, kind, numbers=_numbers(table, pair, trust),
+    closure = Closure(name, kind, numbers=_numbers(table, pair, context),
                       geometry=_geometry(table, pair),
                       between=_between(table) if pair.uses_length else (), **parts)
     fault = pair.fault(closure)
@@ -301,7 +326,7 @@ def _closure(trust: Trust, table: TomlTable) -> Closure:
     return closure
 
 
-def _numbers(table: TomlTable, pair: Pair, trust: Trust) -> dict[str, Any]:
+def _numbers(table: TomlTable, pair: Pair, context: Context) -> dict[str, Any]:
     """Return the numbers of a closure, lists of numbers (n,) and functions, by their keys."""
     found: dict[str, Any] = {}
     taken: dict[str, str] = {}  # keys that another one is in the place of
@@ -316,8 +341,7 @@ def _numbers(table: TomlTable, pair: Pair, trust: Trust) -> dict[str, Any]:
         taken.update(dict.fromkeys(key.instead_of, key.name))
         if key.read is not None:
             try:
-                found[key.name] = key.read(
-                    table.get(key.name), lambda name: rows_of(trust.checked(trust.home / name)))
+                found[key.name] = key.read(table.get(key.name), context)
             except ValueError as error:
                 table.fail(key.name, str(error))
         elif key.is_list:

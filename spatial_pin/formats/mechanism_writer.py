@@ -18,6 +18,7 @@ from spatial_pin.formats.dialects import RobotReading, read_dialects
 from spatial_pin.formats.file_access import Trust, is_file
 from spatial_pin.formats.parsing import toml_text
 from spatial_pin.formats.pinocchio_model.pair_tree import joint_axis
+from spatial_pin.formats.urdf.elements import fresh
 from spatial_pin.formats.urdf.urdf_model import (
     LIMITS,
     PAIR_OF_URDF_TYPE,
@@ -26,6 +27,7 @@ from spatial_pin.formats.urdf.urdf_model import (
     stated_limits,
     urdf_order,
 )
+from spatial_pin.mechanism.curves import Curve
 from spatial_pin.mechanism.mechanism import Mechanism
 from spatial_pin.mechanism.pairs import COUPLING, PAIRS
 from spatial_pin.mechanism.parts import Closure, Spring, drivers_of_tree
@@ -220,7 +222,7 @@ def robot_of(mechanism: Mechanism) -> ET.Element:
 def content_of(mechanism: Mechanism) -> dict[str, Any]:
     """Return what a mechanism file says of a mechanism, as `parse_toml` would read it."""
     robot = robot_of(mechanism)
-    moving = list(mechanism.model.names)[1:]
+    moving, closures = list(mechanism.model.names)[1:], _with_named_curves(mechanism.closures)
     content: dict[str, Any] = {
         "name": mechanism.name, "title": mechanism.title, "source": mechanism.source,
         "tree": f"{mechanism.name}.urdf", "gravity": mechanism.model.gravity.linear.tolist(),
@@ -228,7 +230,9 @@ def content_of(mechanism: Mechanism) -> dict[str, Any]:
         "order": moving if moving != [n for n in urdf_order(robot) if n in moving] else [],
         "joints": {joint.get("name", ""): table for joint in robot.findall("joint")
                    if (table := _joint(mechanism, joint))},
-        "closures": [_closure(c) for c in mechanism.closures],
+        "curves": {c.numbers["curve"].name: dict(c.numbers["curve"].form)
+                   for c in closures if "curve" in c.numbers},
+        "closures": [_closure(c) for c in closures],
         "drivers": {d.name: {"joint": d.joint} for d in mechanism.drivers.values()},
         "springs": [_spring(s) for s in mechanism.springs],
         "passive": {p.name: {"body": p.body, "axis": list(p.axis)} for p in mechanism.passives},
@@ -242,6 +246,20 @@ def content_of(mechanism: Mechanism) -> dict[str, Any]:
     is_said = list(unsaid.values()) != list(mechanism.drivers.values())
     return {key: value for key, value in content.items()
             if (is_said if key == "drivers" else value)}
+
+
+def _with_named_curves(closures: tuple[Closure, ...]) -> list[Closure]:
+    """Return closures whose curves have names, each its own."""
+    names: dict[int, str] = {}
+    found = []
+    for c in closures:
+        curve = c.numbers.get("curve")
+        if curve is not None:
+            name = names.setdefault(id(curve), fresh(curve.name or f"{c.name}_curve",
+                                                     set(names.values())))
+            c = replace(c, numbers={**c.numbers, "curve": replace(curve, name=name)})
+        found.append(c)
+    return found
 
 
 def _joint(mechanism: Mechanism, element: ET.Element) -> dict[str, Any]:
@@ -321,7 +339,8 @@ def _closure(closure: Closure) -> dict[str, Any]:
     for key in pair.keys:
         if key.name in closure.numbers:
             number = closure.numbers[key.name]
-            table[key.name] = dict(number.form) if key.read else np.asarray(number).tolist()
+            table[key.name] = number.name if isinstance(number, Curve) else dict(
+                number.form) if key.read else np.asarray(number).tolist()
     table |= pair.told(geometry.axes1[:, 2], geometry.axes2[:, 2], geometry.lead, geometry.length)
     if closure.between:
         del table["length"]

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 
 from spatial_pin._support.checks import finite_array, finite_number, positive_number, unit_vector
 from spatial_pin.errors import ClosureTypeError, suggestion
+from spatial_pin.mechanism.curves import Curve, follower_of
 from spatial_pin.mechanism.force_paths import strands_of, teeth_of
 from spatial_pin.mechanism.functions import function_of
 from spatial_pin.mechanism.pairs import (
@@ -36,9 +37,9 @@ from spatial_pin.mechanism.parts import Closure
 from spatial_pin.numerics.linalg import Array
 
 __all__ = [
-    "coupling", "cylindrical", "distance", "fixed", "parallel", "perpendicular", "planar",
-    "point_on_line", "point_on_plane", "prismatic", "revolute", "rope", "screw", "spherical",
-    "universal", "weld",
+    "cam", "coupling", "cylindrical", "distance", "fixed", "parallel", "perpendicular", "planar",
+    "point_on_curve", "point_on_line", "point_on_plane", "prismatic", "revolute", "rope", "screw",
+    "spherical", "universal", "weld",
 ]
 FramePlace = str | tuple[str, pin.SE3]  # a frame by name, or as a placement on a link or joint
 NATIVE = {  # Pinocchio's constraints that hold two bodies together
@@ -541,6 +542,70 @@ def rope(frames: Sequence[FramePlace], length: float, name: str | None = None) -
     """
     length = positive_number(length, "length")
     return Closure(_name(name), "rope", frames=_frames(frames), numbers={"length": length})
+
+
+def point_on_curve(frame_1: FramePlace, frame_2: FramePlace, curve: Curve,
+                   name: str | None = None) -> Closure:
+    """Return a point on a curve: origin 2 stays on a curve that frame 1 carries (2 equations).
+
+    Where it is on the curve is the coordinate `NAME.s` of states and motions, the arc length from
+    the curve's first point, counting turns [m].
+
+    Args:
+        frame_1: frame on the first body: its name, or (link or joint, `pin.SE3` on it) [m].
+        frame_2: frame on the second body, likewise.
+        curve: in the axes of frame 1, see `spatial_pin.curves`.
+        name: for reports; default its type.
+
+    Raises:
+        TypeError: a frame is neither a name nor a placement, or the curve is none.
+
+    Example:
+        >>> track = sp.curves.ellipse([0.4, 0.2])
+        >>> sp.closures.point_on_curve("ground", "slider", track).n_rows
+        2
+    """
+    return Closure(_name(name), "point_on_curve", frames=_two((frame_1, frame_2)),
+                   numbers={"curve": _curve(curve)})
+
+
+def cam(frame_1: FramePlace, frame_2: FramePlace, curve: Curve, follower: Mapping[str, Any],
+        name: str | None = None) -> Closure:
+    """Return a cam and its follower, which touch each other in the plane of the cam (1 equation).
+
+    The follower is on the side of the cam where the guess has it, a roller without a guess outside.
+    The place of contact is the coordinate `NAME.s`, as of `point_on_curve`.
+
+    Args:
+        frame_1: frame on the cam: its name, or (link or joint, `pin.SE3` on it) [m].
+        frame_2: frame on the follower, likewise.
+        curve: a closed one, in the axes of frame 1, see `spatial_pin.curves`.
+        follower: {"roller": radius}, its centre at the origin of frame 2 [m]; {"knife": True}; or
+            {"flat": (3,)}, normal in frame 2 of a face through its origin.
+        name: for reports; default its type.
+
+    Raises:
+        TypeError: a frame is neither a name nor a placement, or the curve is none.
+        ValueError: the follower is none, or does not fit the curve: a roller into a hollow, a face
+            on a curve that is not convex.
+
+    Example:
+        >>> profile = sp.curves.circle(0.03, centre=[0.01, 0.0, 0.0])
+        >>> sp.closures.cam("cam", "rod", profile, {"roller": 0.008}).n_rows
+        1
+    """
+    made = Closure(_name(name), "cam", frames=_two((frame_1, frame_2)), numbers={
+        "curve": _curve(curve), "follower": follower_of(follower)})
+    fault = made.pair.fault(made)
+    if fault:
+        raise ValueError(" ".join(fault))
+    return made
+
+
+def _curve(curve: Any) -> Curve:
+    if not isinstance(curve, Curve):
+        raise TypeError(f"a curve is made by sp.curves, not {str(curve)[:60]!r}")
+    return curve
 
 
 # ---------------------------------------------------------------- of Pinocchio

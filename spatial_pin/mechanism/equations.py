@@ -32,10 +32,15 @@ FIRST_TWO = (0, 1)  # the two frames of a closure that most quantities belong to
 
 
 class Displacement(NamedTuple):
-    """Component [m] of the vector between two origins along u (3,), in the axes of the first."""
+    """Component [m] of the vector between two origins along u (3,), in the axes of the first.
+
+    Less an offset [m]; or along a direction in the axes of the second, `of_second`.
+    """
 
     u: Array
     frames: tuple[int, int] = FIRST_TWO
+    offset: float = 0.0
+    of_second: bool = False
 
 
 class Cosine(NamedTuple):
@@ -72,6 +77,20 @@ class Angle(NamedTuple):
     frames: tuple[int, int] = FIRST_TWO
 
 
+class Bearing(NamedTuple):
+    """Angle [rad] at which the second frame's origin is seen from a point, counting turns.
+
+    Attributes:
+        axes: (3, 3) x, from which it counts, y, and z, about which it does, in the first frame.
+        centre: (3,) the point, in the first frame [m].
+        frames: which.
+    """
+
+    axes: Array
+    centre: Array
+    frames: tuple[int, int] = FIRST_TWO
+
+
 class JointCoordinate(NamedTuple):
     """A joint coordinate [rad or m]: which of the closure's `joints`."""
 
@@ -82,7 +101,7 @@ class FunctionOf(NamedTuple):
     """A function of another quantity."""
 
     function: Function
-    argument: Angle | JointCoordinate
+    argument: Angle | Bearing | JointCoordinate
 
 
 class PointDistance(NamedTuple):
@@ -92,7 +111,7 @@ class PointDistance(NamedTuple):
 
 
 ScalarProduct = Displacement | Cosine | Square
-Quantity = ScalarProduct | Angle | JointCoordinate | FunctionOf | PointDistance
+Quantity = ScalarProduct | Angle | Bearing | JointCoordinate | FunctionOf | PointDistance
 Term = tuple[float, tuple[Quantity, ...]]
 
 

@@ -116,14 +116,12 @@ def called(function: Callable[[float], Any]) -> CoordinateFunction:
     return CoordinateFunction(CalledFunction(function))
 
 
-def function_of(
-    given: Any, read: Callable[[str], Any] | None = None
-) -> CoordinateFunction:
+def function_of(given: Any, context: Any = None) -> CoordinateFunction:
     """Return a function from its table in a mechanism file, or from code.
 
     Args:
         given: see the module; or a callable.
-        read: from the name of a file to its rows (n, 2).
+        context: has `rows`, from the name of a file to its rows (n, 2).
 
     Raises:
         ValueError: it is none; says why.
@@ -143,9 +141,9 @@ def function_of(
         return polynomial(given[form])
     if form == "points":
         return through(given[form], periodic)
-    if read is None or not isinstance(given[form], str):
+    if context is None or not isinstance(given[form], str):
         raise ValueError(words)
-    return through(read(given[form]), periodic)
+    return through(context.rows(given[form]), periodic)
 
 
 def _numbers(values: Any, what: str, axes: int) -> Array:

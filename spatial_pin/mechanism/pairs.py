@@ -27,8 +27,13 @@ from typing import Any, Protocol
 import numpy as np
 import pinocchio as pin
 
+from spatial_pin.mechanism.curves import Curve, follower_of, named_curve
 from spatial_pin.mechanism.equations import (
+    Angle,
+    Bearing,
     ConstraintEquation,
+    Cosine,
+    Displacement,
     FunctionOf,
     JointCoordinate,
     PointDistance,
@@ -271,6 +276,63 @@ def _fault_of_coupling(c: ClosureData) -> tuple[str, str] | None:
     return None
 
 
+def _around(curve: Curve, offset: float = 0.0) -> ConstraintEquation:
+    """Origin 2 is on a plane closed curve, or outside of it: squares by the mean radius [m]."""
+    square, _ = curve.radial(offset)
+    x, y = (Displacement(u, offset=float(u @ curve.centre)) for u in curve.axes.T[:2])
+    number = 0.5 / math.sqrt(float(square.coefficients[:, 0].mean()))
+    return ConstraintEquation(((number, (x, x)), (number, (y, y)), (-number, (
+        FunctionOf(square, Bearing(curve.axes, curve.centre)),))), is_length=True)
+
+
+def _on_curve(c: ClosureData) -> Rows:
+    curve = c.numbers["curve"]
+    x, y, z = (Displacement(u, offset=float(u @ curve.centre)) for u in curve.axes.T)
+    if curve.at is not None:
+        return _around(curve), ConstraintEquation(((1.0, (z,)),), is_length=True)
+    if not curve.numbers:  # a line
+        return tuple(ConstraintEquation(((1.0, (u,)),), is_length=True) for u in (x, y))
+    radius, lead = curve.numbers
+    number = 0.5 / radius
+    around = (number, (x, x)), (number, (y, y)), (-0.5 * radius, ())
+    along = (1.0, (z,)), (-lead / (2.0 * np.pi), (Bearing(curve.axes, curve.centre),))
+    return (ConstraintEquation(around, is_length=True),
+            ConstraintEquation(along, is_length=True))
+
+
+def _cam(c: ClosureData) -> Rows:
+    curve, follower = c.numbers["curve"], c.numbers["follower"]
+    if follower.flat is None:
+        return (_around(curve, follower.side * follower.radius),)
+    n = follower.side * follower.flat  # away from the cam
+    distance, _ = curve.support()
+    # from origin 1 to the face, by its normal, less what the cam reaches towards it
+    terms: list[Any] = [(1.0, (Displacement(n, of_second=True),)),
+                        (-1.0, (FunctionOf(distance, _facing(curve, n)),))]
+    if np.any(curve.centre):
+        size = float(np.linalg.norm(curve.centre))
+        terms.append((-size, (Cosine(curve.centre / size, n),)))
+    return (ConstraintEquation(tuple(terms), is_length=True),)
+
+
+def _facing(curve: Curve, normal: Array) -> Angle:
+    """Return the angle of a direction of frame 2 in the plane of a curve."""
+    return Angle(curve.axes, np.column_stack([normal, axes_from_z(normal)[:, 0],
+                                              curve.axes[:, 2]]))
+
+
+def _fault_of_curve(c: ClosureData) -> tuple[str, str] | None:
+    """Whether a cam is a closed curve that its follower fits."""
+    try:
+        if "follower" in c.numbers:
+            if c.numbers["curve"].at is None:
+                return "curve", "of a cam is closed: a circle, an ellipse or points"
+            _cam(c)
+    except ValueError as error:
+        return "follower", str(error)
+    return None
+
+
 def _rope(c: ClosureData) -> Rows:
     parts = ((1.0, (PointDistance((k, k + 1)),)) for k in range(len(c.frames) - 1))
     return (ConstraintEquation((*parts, (-c.numbers["length"], ())), is_length=True),)
@@ -318,6 +380,9 @@ PAIRS: dict[str, Pair] = {
     "point_on_plane": Pair(5, _on_plane),
     "parallel": Pair(4, _parallel, aligned="z"),
     "perpendicular": Pair(5, _perpendicular, uses_axis2=True),
+    "point_on_curve": Pair(4, _on_curve, uses_axis=False, keys=(Key("curve", read=named_curve),)),
+    "cam": Pair(5, _cam, uses_axis=False, keys=(
+        Key("curve", read=named_curve), Key("follower", read=follower_of)), fault=_fault_of_curve),
     "rope": Pair(5, _rope, uses_axis=False, has_more=True, keys=(Key("length"),),
                  fault=_fault_of_rope),
     "coupling": Pair(
@@ -346,8 +411,6 @@ TIES = ('gears, belts, racks and tendons tie joints: [[closures]] with type = "c
 SPRING = "springs and dampers have tables of their own: [[springs]]"
 CONTACT = ("contact between bodies is not modelled: `clearance` tells where links touch, and the "
            "page on other tools which of them model it")
-CAM = ("a cam is not modelled: let a driver with a law, such as `cycloid`, move its follower; "
-       "`clearance` tells where links touch")
 OTHER_WORDS: dict[str, str] = {
     **dict.fromkeys(("hinge", "pin", "pivot", "continuous", "rotary", "rotational", "rotation",
                      "turning"), "revolute"),
@@ -365,7 +428,8 @@ OTHER_WORDS: dict[str, str] = {
     **dict.fromkeys(("cable", "string", "pulleys"), "rope"),
     **dict.fromkeys(("spring", "damper"), SPRING),
     **dict.fromkeys(("contact", "collision", "rolling", "wheel"), CONTACT),
-    **dict.fromkeys(("cam", "cam_follower", "follower"), CAM),
+    **dict.fromkeys(("cam_follower", "follower"), "cam"),
+    **dict.fromkeys(("track", "guide_curve"), "point_on_curve"),
 }
 
 

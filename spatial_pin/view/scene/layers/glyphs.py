@@ -167,6 +167,8 @@ GLYPHS: dict[str, Callable[[Site], list[Piece]]] = {
     "planar": _planar,
     "universal": _universal,
     "distance": _distance,
+    "point_on_curve": lambda site: [Piece("second", ball(0.4 * site.unit))],
+    "cam": lambda site: [Piece("second", ball(0.4 * site.unit))],
     "rope": _distance,
     "point_on_line": _point_on_line,
     "point_on_plane": _point_on_plane,
